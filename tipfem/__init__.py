@@ -1,0 +1,1 @@
+"""tipfem: two-phase incompressible flow by position-based PFEM."""
