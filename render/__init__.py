@@ -1,1 +1,12 @@
-"""Pictures and movies of tipfem results."""
+"""Pictures and movies of two-phase flow results.
+
+`animate` turns a results folder into PNG frames and a movie; `render_frame` draws one `Scene`, built from a
+results folder by `Results` or from plain arrays. The package reads results and never imports the solver.
+"""
+
+from .animation import Animation, animate
+from .renderer import Renderer, render_frame
+from .results import Results, ResultsError
+from .scene import Scene
+
+__all__ = ["Animation", "Renderer", "Results", "ResultsError", "Scene", "animate", "render_frame"]

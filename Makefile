@@ -1,0 +1,70 @@
+# make demo            the dam break, from nothing to a picture; make demo ARGS="--spacing 0.01" passes options on
+# make help            the other targets
+#
+# All runs in .venv, which is made with $(PYTHON) when it is missing: make demo PYTHON=python3.12
+
+PYTHON ?= python3
+ARGS ?=
+VENV := .venv
+RUN := $(VENV)/bin/python
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+# One environment serves all targets, and two pips must not write to it at once.
+.NOTPARALLEL:
+.PHONY: help demo test test-slow lint wheel clean
+
+help:
+	@echo "make demo       run demos/dam_break.py; options go in ARGS=\"...\""
+	@echo "make test       run the tests, without the slow ones; pytest's options go in ARGS"
+	@echo "make test-slow  run the slow tests"
+	@echo "make lint       ruff and mypy"
+	@echo "make wheel      build dist/tipfem-*.whl"
+	@echo "make clean      remove what was built and the caches; keeps $(VENV) and results"
+
+demo: $(VENV)/.installed-plot
+	$(RUN) demos/dam_break.py $(ARGS)
+
+test: $(VENV)/.installed-plot,test
+	$(RUN) -m pytest $(ARGS)
+
+test-slow: $(VENV)/.installed-plot,test
+	$(RUN) -m pytest -m slow $(ARGS)
+
+# Taichi's annotations are values, ti.types.ndarray(...), which mypy calls invalid types.
+lint: $(VENV)/.installed-lint
+	$(RUN) -m ruff check .
+	$(RUN) -m mypy --disable-error-code valid-type tipfem render
+
+# setuptools reuses build/, and would pack files that are gone from the tree.
+wheel: $(VENV)/.installed-lint
+	rm -rf build dist
+	$(RUN) -m build --wheel
+
+clean:
+	rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	find . -path ./$(VENV) -prune -o -type d -name __pycache__ -exec rm -rf {} +
+
+# $(call check_python,interpreter): stop with a plain sentence unless it is one that the package supports.
+define check_python
+@"$(1)" -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))' || { \
+  echo "error: tipfem needs Python 3.10 to 3.13, and $(1) is: $$("$(1)" --version 2>&1 | tail -n 1)" >&2; \
+  echo "error: name another one, for example: make $(firstword $(MAKECMDGOALS)) PYTHON=python3.12$(2)" >&2; \
+  exit 1; }
+endef
+
+$(VENV)/pyvenv.cfg:
+	$(call check_python,$(PYTHON))
+	@"$(PYTHON)" -m venv $(VENV) || { rm -f $@; \
+	  echo "error: $(PYTHON) cannot make a virtual environment (Debian and Ubuntu: install python3-venv)" >&2; \
+	  exit 1; }
+
+# One stamp a set of extras; an environment that has others, or that lacks pip, is completed. pip below 21.3 cannot
+# install in place from a pyproject.toml.
+$(VENV)/.installed-%: pyproject.toml $(VENV)/pyvenv.cfg
+	$(call check_python,$(RUN), after removing $(VENV))
+	@$(RUN) -m pip --version >/dev/null 2>&1 || $(RUN) -m ensurepip --upgrade >/dev/null
+	@echo "Installing tipfem[$*] in $(VENV) (minutes the first time)"
+	@$(RUN) -m pip install --quiet --disable-pip-version-check "pip>=21.3"
+	@$(RUN) -m pip install --quiet --disable-pip-version-check --editable ".[$*]"
+	@touch "$@"

@@ -1,0 +1,119 @@
+"""Draw all stored times of a results folder: PNG frames and movies."""
+
+import re
+import sys
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from PIL import Image
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from .movie import MovieWriter, check_movie_name
+from .renderer import Renderer
+from .results import Results
+from .scales import check_range, field_limits
+
+_MOST_SAMPLED = 24  # stored times that are read to find the range of a field
+
+
+class Animation(NamedTuple):
+    """What was written: the PNG files, the movies, the back end, the range of the field's colours."""
+
+    frames: list[Path]
+    movies: list[Path]
+    backend: str
+    field_range: tuple[float, float] | None
+
+
+def animate(out, field: str | None = None, frames: bool = True, movie: str | Iterable[str] | None = "animation.mp4",
+            playback_rate: float = 25.0, *, size=(1280, 720), field_range=None, mesh: bool = False,
+            particles: bool = False, backend: str = "auto",
+            fluid_colours: Mapping[str, str] | None = None) -> Animation:
+    """Draw every stored time of the results folder `out`, one picture each.
+
+    Frames go to out/frames/frame_0000.png, ..., movies to `out`. With a field its name is in theirs:
+    out/frames_pressure/, animation_pressure.mp4. Frames numbered beyond the last stored time, left by
+    an earlier and longer run, are removed.
+
+    movie: one or more file names ending in .mp4, .gif or .webp; None or empty for none.
+    playback_rate: pictures shown a second.
+    field_range: (low, high) of the colours; None takes it from up to 24 stored times, one range for all.
+    The rest as in `render_frame`.
+
+    Raises ValueError on bad arguments, ResultsError on a bad results folder, OSError where writing fails.
+    """
+    names = [movie] if isinstance(movie, str) else list(movie or [])
+    names = [check_movie_name(name) for name in names]
+    if not 0 < playback_rate <= 1000:
+        raise ValueError(f"playback rate {playback_rate:g}: expected pictures a second, above 0 and up to 1000")
+    if not (frames or names):
+        raise ValueError("nothing to write: neither frames nor a movie is asked for")
+    if field_range is not None:
+        if field is None:
+            raise ValueError("a field range is given, but no field to colour by")
+        field_range = check_range(field_range)
+    results = Results(out)
+    if field is not None:
+        results.scene(0).field_values(field)
+        if field_range is None:
+            field_range = field_limits(_sampled(results), field)
+
+    tail = f"_{field}" if field else ""
+    folder = results.folder / f"frames{tail}"
+    written = []
+    with ExitStack() as stack:
+        renderer = stack.enter_context(Renderer(size, backend, fluid_colours))
+        progress = stack.enter_context(_progress())
+        writers = []
+        stack.callback(lambda: [writer.discard() for writer in writers])
+        for name in names:
+            path = results.folder / f"{Path(name).stem}{tail}{Path(name).suffix}"
+            writers.append(MovieWriter(path, renderer.size, playback_rate))
+        if frames:
+            folder.mkdir(exist_ok=True)
+        for i in progress.track(range(len(results)), description="drawing"):
+            image = renderer.frame(results.scene(i), field, field_range, mesh, particles)
+            if frames:
+                written.append(_write_png(folder / f"frame_{i:04d}.png", image))
+            for writer in writers:
+                writer.append(image)
+        movies = [writer.finish() for writer in writers]
+        used = renderer.backend
+    if frames:
+        _remove_beyond(folder, len(results))
+    return Animation(written, movies, used, field_range)
+
+
+def _sampled(results):
+    """Scenes at evenly spaced stored times."""
+    count = min(len(results), _MOST_SAMPLED)
+    return (results.scene(int(i)) for i in np.linspace(0, len(results) - 1, count).round())
+
+
+def _write_png(path, image):
+    part = path.with_name(f".{path.name}.part")
+    try:
+        # Level 1 takes a third of the time of the default; such flat pictures are small at any level.
+        Image.fromarray(image).save(part, format="png", compress_level=1)
+        part.replace(path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+    return path
+
+
+def _remove_beyond(folder, count):
+    for path in folder.glob("frame_*.png"):
+        number = re.fullmatch(r"frame_(\d+)\.png", path.name)
+        if number and int(number[1]) >= count:
+            path.unlink()
+
+
+def _progress():
+    """A bar on a terminal, nothing elsewhere."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    return Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty())

@@ -1,0 +1,194 @@
+"""Text, ticks, legend and colour bar, painted on a finished picture at its own resolution."""
+
+from functools import lru_cache
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from . import colours
+from .layout import Layout
+from .picture import WALL_THICKNESS, is_signed
+from .scales import field_label, round_ticks, tick_labels
+from .scene import Scene
+
+SMALL, NORMAL, LARGE = 16, 19, 27  # text heights in design pixels
+
+
+@lru_cache(maxsize=32)
+def _font(height: float):
+    return ImageFont.load_default(size=max(9.0, height))
+
+
+def text_width(text: str, height: float) -> float:
+    """[px] of a text of that height [px]."""
+    return _font(height).getlength(text)
+
+
+def panel_width(scene: Scene, field) -> float:
+    """Width in design pixels that the panel needs beside the tank."""
+    names = [text_width(name, NORMAL) + 42 for name in scene.fluid_names]
+    return max([200.0, *names, text_width(field_label(field), NORMAL) if field else 0.0])
+
+
+class Annotator:
+    """Paints on one picture (H, W, 3) uint8."""
+
+    def __init__(self, image, layout: Layout):
+        self.image = Image.fromarray(image)
+        self.draw = ImageDraw.Draw(self.image)
+        self.layout = layout
+        self.unit = layout.unit
+
+    def text(self, at, text, height=NORMAL, colour=colours.TEXT, anchor="lt", limit=None):
+        """One line of text; limit: the most px it may take, beyond which it ends in dots."""
+        font = _font(height * self.unit)
+        if limit is not None:
+            whole = text
+            while text and font.getlength(text if text == whole else text + "...") > limit:
+                text = text[:-1]
+            text = text if text == whole else text + "..."
+        base, caret, power = text.partition("^")
+        if not caret:
+            self.draw.text(at, text, fill=colour, font=font, anchor=anchor)
+            return
+        # The built-in font has no superscript digits: set them smaller and higher.
+        raised, rest = power[0], power[1:]
+        small = _font(height * self.unit * 0.68)
+        total = font.getlength(base) + small.getlength(raised) + font.getlength(rest)
+        x = at[0] - {"l": 0, "m": total / 2, "r": total}[anchor[0]]
+        self.draw.text((x, at[1]), base, fill=colour, font=font, anchor="l" + anchor[1])
+        x += font.getlength(base)
+        self.draw.text((x, at[1] - 0.28 * height * self.unit), raised, fill=colour, font=small,
+                       anchor="l" + anchor[1])
+        self.draw.text((x + small.getlength(raised), at[1]), rest, fill=colour, font=font, anchor="l" + anchor[1])
+
+    def line(self, points, colour=colours.SUBTLE):
+        self.draw.line([tuple(p) for p in points], fill=colour, width=max(1, round(self.unit)))
+
+    def axes(self):
+        """Ticks and their labels in metres, left of the tank and below it."""
+        left, top, right, bottom = self.layout.box
+        u, lower, upper = self.unit, self.layout.lower, self.layout.upper
+        start, length = (WALL_THICKNESS + 3) * u, 6 * u
+
+        across = round_ticks(lower[0], upper[0], _most(right - left, 90 * u))
+        for value, label in zip(across, tick_labels(across), strict=True):
+            x = self.layout.pixels([value, lower[1]])[0]
+            self.line([(x, bottom + start), (x, bottom + start + length)])
+            self.text((x, bottom + start + length + 5 * u), label, SMALL, colours.SUBTLE, "mt")
+        upward = round_ticks(lower[1], upper[1], _most(bottom - top, 60 * u))
+        for value, label in zip(upward, tick_labels(upward), strict=True):
+            y = self.layout.pixels([lower[0], value])[1]
+            self.line([(left - start, y), (left - start - length, y)])
+            self.text((left - start - length - 5 * u, y), label, SMALL, colours.SUBTLE, "rm")
+        self.text(((left + right) / 2, bottom + start + length + 27 * u), "x [m]", SMALL, colours.SUBTLE, "mt")
+        self.text((left - start - length - 5 * u, top - 22 * u), "y [m]", SMALL, colours.SUBTLE, "rm")
+
+    def title(self, text):
+        left, top, _, _ = self.layout.box
+        room = self.layout.size[0] - left - 20 * self.unit
+        self.text((left, top - 44 * self.unit), text, 23, colours.TEXT, "lm", limit=room)
+
+    def panel(self, scene: Scene, fills, field, field_range):
+        """Time, legend and colour bar, stacked beside the tank or in a row below it."""
+        left, top, right, bottom = self.layout.panel
+        u = self.unit
+        clock = f"t = {scene.time:.3f} s"
+        if self.layout.beside:
+            self.text((left, top), clock, LARGE)
+            y = top + 58 * u
+            if field is None:
+                for name, fill in zip(scene.fluid_names, fills, strict=True):
+                    self.swatch((left, y), name, fill, right - left)
+                    y += 34 * u
+            else:
+                y = self.interface_key((left, y), scene)
+                self.text((left, y), field_label(field), NORMAL, limit=right - left)
+                self.upright_bar((left, y + 44 * u, left + 24 * u, bottom - 14 * u), field, field_range)
+            return
+        y = top + 20 * u
+        self.text((left, y), clock, LARGE)
+        x = left + text_width("t = 000.000 s", LARGE * u) + 40 * u
+        if field is None:
+            for name, fill in zip(scene.fluid_names, fills, strict=True):
+                self.swatch((x, y), name, fill, right - x)
+                x += text_width(name, NORMAL * u) + 72 * u
+        else:
+            self.text((x, y), field_label(field), NORMAL)
+            x += text_width(field_label(field), NORMAL * u) + 40 * u
+            self.level_bar((x, y, right - 20 * u, y + 20 * u), field, field_range)
+
+    def swatch(self, at, name, fill, room):
+        x, y, u = *at, self.unit
+        side = 22 * u
+        self.draw.rectangle([x, y, x + side, y + side], fill=_bytes(fill), outline=colours.WALL,
+                            width=max(1, round(1.2 * u)))
+        self.text((x + side + 12 * u, y + side / 2), name, NORMAL, anchor="lm", limit=room - side - 12 * u)
+
+    def interface_key(self, at, scene):
+        x, y, u = *at, self.unit
+        if len(scene.fluid_names) < 2:
+            return y
+        self.draw.line([(x, y + 10 * u), (x + 24 * u, y + 10 * u)], fill=colours.INTERFACE,
+                       width=max(1, round(1.8 * u)))
+        self.text((x + 34 * u, y + 10 * u), "interface", NORMAL, anchor="lm")
+        return y + 44 * u
+
+    def upright_bar(self, box, field, field_range):
+        """A colour bar from bottom to top; its pointed ends stand for values beyond the range."""
+        left, top, right, bottom = box
+        table = colours.colour_table(is_signed(field))
+        rows = max(2, round(bottom - top))
+        shades = table[np.rint(np.linspace(255, 0, rows)).astype(int)]
+        columns = max(2, round(right - left))
+        self._bar(np.repeat(shades[:, None], columns, axis=1), box)
+        tip, middle = (right - left) * 0.55, (left + right) / 2
+        self._end([(left, top), (middle, top - tip), (right, top)], table[-1])
+        if not (field == "speed" and field_range[0] == 0):
+            self._end([(left, bottom), (middle, bottom + tip), (right, bottom)], table[0])
+        ticks = round_ticks(*field_range, _most(bottom - top, 56 * self.unit))
+        for value, label in zip(ticks, tick_labels(ticks), strict=True):
+            y = bottom - (value - field_range[0]) / (field_range[1] - field_range[0]) * (bottom - top)
+            self.line([(right, y), (right + 6 * self.unit, y)])
+            self.text((right + 11 * self.unit, y), label, SMALL, anchor="lm")
+
+    def level_bar(self, box, field, field_range):
+        """The same from left to right."""
+        left, top, right, bottom = box
+        table = colours.colour_table(is_signed(field))
+        columns = max(2, round(right - left))
+        shades = table[np.rint(np.linspace(0, 255, columns)).astype(int)]
+        self._bar(np.repeat(shades[None], max(2, round(bottom - top)), axis=0), box)
+        tip, middle = (bottom - top) * 0.55, (top + bottom) / 2
+        self._end([(right, top), (right + tip, middle), (right, bottom)], table[-1])
+        if not (field == "speed" and field_range[0] == 0):
+            self._end([(left, top), (left - tip, middle), (left, bottom)], table[0])
+        ticks = round_ticks(*field_range, _most(right - left, 80 * self.unit))
+        for value, label in zip(ticks, tick_labels(ticks), strict=True):
+            x = left + (value - field_range[0]) / (field_range[1] - field_range[0]) * (right - left)
+            self.line([(x, bottom), (x, bottom + 6 * self.unit)])
+            self.text((x, bottom + 10 * self.unit), label, SMALL, anchor="mt")
+
+    def _bar(self, shades, box):
+        self.image.paste(Image.fromarray(np.rint(shades * 255).astype(np.uint8)), (round(box[0]), round(box[1])))
+
+    def _end(self, corners, colour):
+        self.draw.polygon([(round(x), round(y)) for x, y in corners], fill=_bytes(colour))
+
+
+def annotate(image, scene: Scene, layout: Layout, fills, field=None, field_range=None) -> np.ndarray:
+    """The picture (H, W, 3) uint8 with all its text."""
+    annotator = Annotator(image, layout)
+    annotator.axes()
+    if scene.title:
+        annotator.title(scene.title)
+    annotator.panel(scene, fills, field, field_range)
+    return np.asarray(annotator.image)
+
+
+def _most(length, each):
+    return max(2, int(length / each) + 1)
+
+
+def _bytes(colour):
+    return tuple(int(round(255 * channel)) for channel in colour)

@@ -1,0 +1,87 @@
+"""The command line: python -m tipfem.render OUT."""
+
+import argparse
+import re
+import sys
+from pathlib import Path
+
+from .animation import animate
+from .renderer import BACKENDS
+
+EPILOG = """\
+examples:
+  python -m tipfem.render out
+  python -m tipfem.render out --field pressure --range 0 3000
+  python -m tipfem.render out --mesh --particles --size 1920x1080
+  python -m tipfem.render out --movie animation.gif animation.webp --no-frames
+
+It reads what OUT/fields.pvd lists when it starts, so it can also be used while a run is under way.
+One stored time is one picture; the movie shows them evenly, at the playback rate.
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The parser of the command line."""
+    made = argparse.ArgumentParser(
+        prog="python -m tipfem.render", description="Draw the results folder of a run as pictures and a movie.",
+        epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("out", metavar="OUT", type=Path, help="results folder, with case.json and fields.pvd")
+    made.add_argument("--field", default="none", metavar="NAME",
+                      help="colour by speed [m/s], velocity_x [m/s], velocity_y [m/s], pressure [Pa], "
+                           "density [kg/m^3] or another scalar of the results; none shows the fluids (default)")
+    made.add_argument("--range", nargs=2, type=float, metavar=("LOW", "HIGH"), dest="field_range",
+                      help="values at the ends of the colours, in the field's unit "
+                           "(default: from the results, the same for all pictures)")
+    made.add_argument("--mesh", action="store_true", help="draw the edges of the cells")
+    made.add_argument("--particles", action="store_true", help="draw the particles as dots")
+    made.add_argument("--size", type=_size, default=(1280, 720), metavar="WIDTHxHEIGHT",
+                      help="size of the pictures in pixels, even numbers (default: 1280x720)")
+    made.add_argument("--backend", choices=BACKENDS, default="auto",
+                      help="ggui: Taichi's GGUI, offscreen, needs a Vulkan driver; raster: the built-in rasteriser; "
+                           "auto: ggui where there is a driver, else raster (default)")
+    made.add_argument("--movie", nargs="*", default=["animation.mp4"], metavar="FILE",
+                      help="movies to write in OUT, ending in .mp4, .gif or .webp; without a FILE, none "
+                           "(default: animation.mp4)")
+    made.add_argument("--playback-rate", type=float, default=25.0, metavar="RATE",
+                      help="pictures shown a second [1/s] (default: 25)")
+    made.add_argument("--no-frames", action="store_true", help="write no PNG files")
+    made.add_argument("--colour", action="append", default=[], type=_colour, metavar="FLUID=#RRGGBB",
+                      help="colour of a fluid; may be given several times")
+    return made
+
+
+def main(arguments=None) -> int:
+    """Run the command; returns the exit status: 0, or 2 after an error said in one line on stderr."""
+    given = parser().parse_args(arguments)
+    try:
+        done = animate(
+            given.out, None if given.field == "none" else given.field, not given.no_frames, given.movie,
+            given.playback_rate, size=given.size, field_range=given.field_range, mesh=given.mesh,
+            particles=given.particles, backend=given.backend, fluid_colours=dict(given.colour))
+    except (ValueError, OSError, RuntimeError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    if done.field_range is not None:
+        print(f"{given.field}: colours from {done.field_range[0]:g} to {done.field_range[1]:g}")
+    if done.frames:
+        print(f"{done.frames[0].parent}: {len(done.frames)} frames, drawn with {done.backend}")
+    for movie in done.movies:
+        print(movie)
+    return 0
+
+
+def _size(text):
+    match = re.fullmatch(r"(\d+)[xX](\d+)", text)
+    if not match:
+        raise argparse.ArgumentTypeError(f"{text!r}: expected WIDTHxHEIGHT in pixels, for example 1280x720")
+    return int(match[1]), int(match[2])
+
+
+def _colour(text):
+    name, equals, code = text.partition("=")
+    if not (name and equals):
+        raise argparse.ArgumentTypeError(f"{text!r}: expected FLUID=#RRGGBB, for example water=#0072b2")
+    return name, code

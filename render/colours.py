@@ -1,0 +1,85 @@
+"""Colours of the fluids and of the fields, as sRGB in [0, 1]."""
+
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+BACKGROUND = (1.0, 1.0, 1.0)
+TEXT = "#1f2630"
+SUBTLE = "#69717c"
+WALL = "#3d4653"
+INTERFACE = "#0b2239"
+HALO = "#ffffff"
+
+# Okabe and Ito's palette, told apart with every common colour vision: blue, orange, bluish green,
+# vermillion, reddish purple, yellow.
+LIQUIDS = ("#0072b2", "#e69f00", "#009e73", "#d55e00", "#cc79a7", "#f0e442")
+GASES = ("#e8f3fa", "#efe6f3", "#f4f1e1")
+GAS_DENSITY = 50.0  # [kg/m^3]: gases below, liquids above, near room conditions
+
+# viridis (S. van der Walt and N. Smith, 2015, CC0) at nine equal steps.
+VIRIDIS = ("#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30", "#fde725")
+# RdBu from C. Brewer's ColorBrewer, reversed: blue below, white in the middle, red above.
+BLUE_RED = ("#053061", "#2166ac", "#4393c3", "#92c5de", "#d1e5f0", "#f7f7f7",
+            "#fddbc7", "#f4a582", "#d6604d", "#b2182b", "#67001f")
+
+
+def rgb(code: str) -> np.ndarray:
+    """'#rrggbb' -> (3,) in [0, 1]."""
+    if not isinstance(code, str) or not re.fullmatch(r"#[0-9a-fA-F]{6}", code):
+        raise ValueError(f"colour {code!r}: expected '#rrggbb', for example '#0072b2'")
+    return np.array([int(code[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+
+
+def mix(colour, other, share: float) -> np.ndarray:
+    """`share` of the other colour in the first; both (..., 3)."""
+    return (1 - share) * np.asarray(colour) + share * np.asarray(other)
+
+
+def colour_table(signed: bool) -> np.ndarray:
+    """256 colours, (256, 3): viridis, or blue-white-red for a quantity with a sign."""
+    points = np.stack([rgb(code) for code in (BLUE_RED if signed else VIRIDIS)])
+    at, steps = np.linspace(0, 1, 256), np.linspace(0, 1, len(points))
+    return np.stack([np.interp(at, steps, channel) for channel in points.T], axis=1)
+
+
+def map_values(values, low: float, high: float, table) -> np.ndarray:
+    """Colours (N, 3) of values (N,); values outside [low, high] take the colour of the nearer end."""
+    share = np.clip((np.asarray(values) - low) / (high - low), 0, 1)
+    return table[np.rint(share * (len(table) - 1)).astype(np.int64)]
+
+
+def fluid_colours(names, densities=None, chosen: Mapping[str, str] | None = None) -> np.ndarray:
+    """Fill colours (F, 3), one a fluid.
+
+    Gases are near-white. Among the liquids, the one named water (else the heaviest) is blue; the others
+    take orange, green, ... from heavy to light. `chosen` maps a name to '#rrggbb' and wins.
+    Without densities the last of several fluids is taken as a gas.
+    """
+    chosen = dict(chosen or {})
+    for name in chosen:
+        if name not in names:
+            raise ValueError(f"colour given for {name!r}; the fluids are: {', '.join(names)}")
+    if densities is None:
+        densities = [1000.0 - k for k in range(len(names))]
+        if len(names) > 1:
+            densities[-1] = 1.0
+    by_density = sorted(range(len(names)), key=lambda k: -densities[k])
+    gases = [k for k in by_density if densities[k] < GAS_DENSITY]
+    liquids = [k for k in by_density if densities[k] >= GAS_DENSITY]
+    liquids.sort(key=lambda k: "water" not in names[k].lower())  # stable: the rest stay heavy to light
+    codes = {k: GASES[n % len(GASES)] for n, k in enumerate(gases)}
+    codes |= {k: LIQUIDS[n % len(LIQUIDS)] for n, k in enumerate(liquids)}
+    return np.stack([rgb(chosen.get(name, codes[k])) for k, name in enumerate(names)])
+
+
+def luminance(colour) -> np.ndarray:
+    """Rough lightness (...,) of colours (..., 3)."""
+    return np.asarray(colour) @ np.array([0.2126, 0.7152, 0.0722])
+
+
+def dot_colours(fills) -> np.ndarray:
+    """Colours (F, 3) of particle dots: the fill where it is strong, a darker tone of it where it is pale."""
+    pale = (luminance(fills) > 0.75)[:, None]
+    return np.where(pale, np.asarray(fills) * np.array([0.52, 0.64, 0.74]), fills)

@@ -1,0 +1,52 @@
+"""A drawing that every back end can paint: coloured triangles in painter's order, in pixels.
+
+Pixels are those of the finished picture: x to the right, y down, (0, 0) the corner of the top left pixel.
+Lines and dots become triangles here, so that the back ends agree on them.
+"""
+
+import numpy as np
+
+# A hexagon as a fan of four triangles.
+_ANGLES = np.deg2rad(60 * np.arange(6))
+_HEXAGON = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
+_FAN = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]])
+
+
+class Drawing:
+    """Triangles added in painter's order: later ones cover earlier ones."""
+
+    def __init__(self):
+        self._vertices = []
+        self._colours = []
+
+    def triangles(self, vertices, colours):
+        """Add triangles: vertices (T, 3, 2) [px]; colours (3,), (T, 3) or (T, 3, 3) for one a vertex."""
+        vertices = np.asarray(vertices, np.float32)
+        colours = np.asarray(colours, np.float32)
+        if colours.ndim == 2:
+            colours = colours[:, None, :]
+        self._vertices.append(vertices)
+        self._colours.append(np.broadcast_to(colours, (len(vertices), 3, 3)))
+
+    def lines(self, segments, width: float, colour, cap: float = 0.0):
+        """Add segments (S, 2, 2) [px] of a width [px], lengthened at both ends by `cap` [px]."""
+        segments = np.asarray(segments, np.float64)
+        start, end = segments[:, 0], segments[:, 1]
+        along = end - start
+        length = np.linalg.norm(along, axis=1, keepdims=True)
+        along = along / np.maximum(length, 1e-12)
+        aside = np.stack([-along[:, 1], along[:, 0]], axis=1) * (width / 2)
+        start, end = start - cap * along, end + cap * along
+        corners = np.stack([start - aside, end - aside, end + aside, start + aside], axis=1)
+        self.triangles(corners[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 2), colour)
+
+    def dots(self, centres, radius: float, colours):
+        """Add dots at centres (N, 2) [px] with a radius [px] and colours (N, 3)."""
+        corners = np.asarray(centres)[:, None, :] + radius * _HEXAGON
+        self.triangles(corners[:, _FAN].reshape(-1, 3, 2), np.repeat(colours, len(_FAN), axis=0))
+
+    def arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        """All triangles: vertices (T, 3, 2) [px] and colours (T, 3, 3), float32, in painter's order."""
+        if not self._vertices:
+            return np.empty((0, 3, 2), np.float32), np.empty((0, 3, 3), np.float32)
+        return np.concatenate(self._vertices), np.concatenate(self._colours)

@@ -1,0 +1,88 @@
+"""Where things stand in the picture: the tank, and the margin that carries time, legend and colour bar."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+SMALLEST = 160  # [px] a side
+LARGEST = 16384
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Places in pixels, y down.
+
+    unit: the size in px of one design pixel of a 1280x720 picture; text and lines scale with it.
+    box: left, top, right, bottom of the framed region `lower` to `upper`.
+    scale: [px/m]. beside: whether the panel stands right of the tank, else below it.
+    panel: left, top, right, bottom of the panel.
+    """
+
+    size: tuple[int, int]
+    unit: float
+    lower: np.ndarray
+    upper: np.ndarray
+    scale: float
+    box: tuple[float, float, float, float]
+    beside: bool
+    panel: tuple[float, float, float, float]
+
+    def pixels(self, points) -> np.ndarray:
+        """Points (..., 2) [m] -> (..., 2) [px]."""
+        points = np.asarray(points, np.float64)
+        left, _, _, bottom = self.box
+        x = left + (points[..., 0] - self.lower[0]) * self.scale
+        y = bottom - (points[..., 1] - self.lower[1]) * self.scale
+        return np.stack([x, y], axis=-1)
+
+
+def check_size(size) -> tuple[int, int]:
+    """The size (width, height) [px] as integers, or ValueError."""
+    try:
+        width, height = (int(n) for n in size)
+        if (width, height) != tuple(size):
+            raise ValueError
+    except (TypeError, ValueError):
+        raise ValueError(f"size {size!r}: expected two whole numbers of pixels, (width, height)") from None
+    if min(width, height) < SMALLEST or max(width, height) > LARGEST or width % 2 or height % 2:
+        raise ValueError(f"size {width}x{height}: expected even numbers of pixels, "
+                         f"{SMALLEST} to {LARGEST} a side")
+    return width, height
+
+
+def make_layout(size, lower, upper, title: bool, panel_width: float) -> Layout:
+    """Place the tank as large as it can be, with the panel beside it or below it.
+
+    title: whether a title stands above; panel_width: what the panel needs when beside, in design pixels.
+    """
+    width, height = size
+    unit = min(width / 1280, height / 720)
+    extent = np.asarray(upper) - np.asarray(lower)
+    pad, axis_left, axis_below, gap = 16 * unit, 72 * unit, 58 * unit, 44 * unit
+    head = (60 if title else 30) * unit
+    panel_width = min(panel_width * unit, 0.4 * width)
+    band = 84 * unit
+
+    room_beside = (width - 2 * pad - axis_left - gap - panel_width, height - 2 * pad - head - axis_below)
+    room_below = (width - 2 * pad - axis_left - 18 * unit, height - 2 * pad - head - axis_below - band)
+    scale_beside = min(room_beside[0] / extent[0], room_beside[1] / extent[1])
+    scale_below = min(room_below[0] / extent[0], room_below[1] / extent[1])
+    beside = scale_beside >= scale_below
+    scale = max(scale_beside, scale_below)
+    tank = extent * scale
+
+    if beside:
+        group = (axis_left + tank[0] + gap + panel_width, head + tank[1] + axis_below)
+        left = (width - group[0]) / 2 + axis_left
+        top = (height - group[1]) / 2 + head
+        panel = (left + tank[0] + gap, top, left + tank[0] + gap + panel_width, top + tank[1])
+    else:
+        group = (axis_left + tank[0] + 18 * unit, head + tank[1] + axis_below + band)
+        left = (width - group[0]) / 2 + axis_left
+        top = (height - group[1]) / 2 + head
+        panel_top = top + tank[1] + axis_below
+        panel = (left, panel_top, left + tank[0], panel_top + band)
+    # Whole pixels: the tank's straight walls then fall between pixel rows and stay crisp.
+    left, bottom = round(left), round(top + tank[1])
+    box = (left, bottom - tank[1], left + tank[0], bottom)
+    return Layout(tuple(size), unit, np.asarray(lower), np.asarray(upper), float(scale), box, beside, panel)

@@ -1,0 +1,109 @@
+"""Encode frames as a movie: .mp4 (H.264), .gif or .webp, with the ffmpeg that imageio-ffmpeg brings."""
+
+import contextlib
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+from PIL import Image
+
+# Players take untagged colours for one of two standards, by size: convert to BT.709 and say so.
+_BT709 = ["-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709", "-color_range", "tv"]
+_CODECS = {
+    ".mp4": dict(
+        codec="libx264",
+        pix_fmt_out="yuv420p",
+        output_params=["-preset", "veryfast", "-crf", "17", "-movflags", "+faststart",
+                       "-vf", "scale=out_color_matrix=bt709:out_range=tv", *_BT709],
+    ),
+    ".gif": dict(
+        codec="gif",
+        pix_fmt_out="pal8",
+        # A palette a frame: one for the whole movie would hold every frame in memory.
+        output_params=["-filter_complex",
+                       "split[a][b];[a]palettegen=stats_mode=single[p];"
+                       "[b][p]paletteuse=new=1:dither=bayer:bayer_scale=5:diff_mode=rectangle"],
+    ),
+    ".webp": dict(
+        codec="libwebp_anim",
+        pix_fmt_out="yuv420p",
+        output_params=["-loop", "0", "-compression_level", "2", "-quality", "88"],
+    ),
+}
+SUFFIXES = tuple(_CODECS)
+
+
+class MovieError(OSError):
+    """A movie that could not be written whole."""
+
+
+def check_movie_name(name) -> str:
+    """The name of a movie file if its ending is a known one, or ValueError."""
+    name = str(name)
+    if Path(name).name != name:
+        raise ValueError(f"movie {name!r}: expected a file name without folders")
+    if Path(name).suffix.lower() not in _CODECS:
+        raise ValueError(f"movie {name!r}: expected a name that ends in {', '.join(SUFFIXES)}")
+    return name
+
+
+class MovieWriter:
+    """Writes frames (H, W, 3) uint8 to a temporary file beside `path`; `finish()` checks and renames it."""
+
+    def __init__(self, path, size, frame_rate: float):
+        self.path = Path(path)
+        suffix = self.path.suffix.lower()
+        self.part = self.path.with_name(f".{self.path.stem}.part{suffix}")
+        self.count = 0
+        self.size = tuple(size)
+        # quality=None: the parameters above say it.
+        self._pipe = imageio_ffmpeg.write_frames(
+            str(self.part), self.size, fps=float(frame_rate), quality=None, macro_block_size=2,
+            ffmpeg_log_level="fatal", **{**_CODECS[suffix], "output_params": list(_CODECS[suffix]["output_params"])},
+        )
+        self._pipe.send(None)
+
+    def append(self, image: np.ndarray):
+        """Add one frame."""
+        try:
+            self._pipe.send(np.ascontiguousarray(image))
+        except OSError as error:
+            self.discard()
+            raise MovieError(f"{self.path}: writing the movie stopped at frame {self.count}; is the disk full? "
+                             f"({str(error).splitlines()[0]})") from None
+        self.count += 1
+
+    def finish(self) -> Path:
+        """Close, check that every frame is in the file, and give it its name."""
+        self._pipe.close()
+        try:
+            # The encoder says nothing when the disk is full: count what can be read back.
+            found = _count_frames(self.part)
+            if found != self.count:
+                raise MovieError(f"{self.path}: {found} of {self.count} frames can be read back; "
+                                 "is the disk full?")
+            self.part.replace(self.path)
+        except BaseException:
+            self.discard()
+            raise
+        return self.path
+
+    def discard(self):
+        """Stop and remove the unfinished file."""
+        with contextlib.suppress(OSError, RuntimeError):
+            self._pipe.close()
+        self.part.unlink(missing_ok=True)
+
+
+def _count_frames(path):
+    if not path.is_file() or path.stat().st_size == 0:
+        return 0
+    try:
+        if path.suffix.lower() == ".mp4":
+            return imageio_ffmpeg.count_frames_and_secs(str(path))[0] or 0
+        with Image.open(path) as image:
+            image.seek(image.n_frames - 1)
+            image.load()
+            return image.n_frames
+    except (RuntimeError, OSError, EOFError, ValueError):
+        return 0

@@ -1,0 +1,60 @@
+"""From a scene to the drawing of its tank: walls, fluids or a field, mesh, particles, interface."""
+
+
+from . import colours
+from .drawing import Drawing
+from .interface import fluid_regions, mesh_edges
+from .layout import Layout
+from .scene import Scene
+
+WALL_THICKNESS = 7.0  # in design pixels, like the widths below
+INTERFACE_WIDTH = 1.5
+HALO_WIDTH = 3.4
+MESH_WIDTH = 0.8
+
+
+def draw_scene(scene: Scene, layout: Layout, fills, *, field=None, field_range=None,
+               mesh=False, particles=False) -> Drawing:
+    """Drawing of one scene.
+
+    fills: (F, 3) colours of the fluids; field: a name in `scene.fields`, or None to show the fluids;
+    field_range: (low, high) of the colours, needed with a field.
+    """
+    drawing = Drawing()
+    unit = layout.unit
+    pixels = layout.pixels(scene.position)
+    regions = fluid_regions(scene.position, scene.cells, scene.fluid, scene.cell_fluid)
+    edges, on_boundary = mesh_edges(scene.cells)
+
+    # Walls are stroked on both sides of the mesh's boundary; the fluids painted next hide the inner half.
+    hull = edges[on_boundary & scene.wall[edges].all(axis=1)]
+    thick = WALL_THICKNESS * unit
+    drawing.lines(pixels[hull], 2 * thick, colours.rgb(colours.WALL), cap=thick)
+
+    if field is None:
+        shown = colours.mix(fills, 1.0, 0.62) if particles else fills
+        drawing.triangles(layout.pixels(regions.triangles), shown[regions.fluid])
+        line_colour = shown.min(axis=0) * 0.72
+    else:
+        table = colours.colour_table(is_signed(field))
+        at_particles = colours.map_values(scene.field_values(field), *field_range, table)
+        drawing.triangles(pixels[scene.cells], at_particles[scene.cells])
+        line_colour = colours.rgb("#20252c")
+
+    if mesh:
+        drawing.lines(pixels[edges], max(MESH_WIDTH * unit, 0.5), line_colour)
+    if particles:
+        radius = min(max(0.27 * scene.spacing * layout.scale, 0.9 * unit), 6 * unit)
+        drawing.dots(pixels, radius, colours.dot_colours(fills)[scene.fluid])
+
+    interface = layout.pixels(regions.segments)
+    if field is not None:
+        # A light line under the dark one: it stays visible on every colour of the table.
+        drawing.lines(interface, HALO_WIDTH * unit, colours.rgb(colours.HALO), cap=0.5 * unit)
+    drawing.lines(interface, INTERFACE_WIDTH * unit, colours.rgb(colours.INTERFACE), cap=0.3 * unit)
+    return drawing
+
+
+def is_signed(field: str) -> bool:
+    """Whether the field has a direction, and zero is the middle of its colours."""
+    return field.startswith("velocity_")

@@ -1,0 +1,141 @@
+"""Read a results folder: case.json, fields.pvd and the VTU files that it lists."""
+
+import contextlib
+import io
+import json
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import meshio
+import numpy as np
+
+from .scene import Scene
+
+FORMAT = 1
+
+
+class ResultsError(ValueError):
+    """A results folder that cannot be read; the message names the file and what is wrong."""
+
+
+class Results:
+    """The stored times of a results folder, in order of time.
+
+    `len(results)` is the number of stored times, `results.times` are these times [s], and
+    `results.scene(i)` reads one of them. Files listed in fields.pvd when the object is made are seen;
+    a run still under way may add more.
+    """
+
+    def __init__(self, out):
+        self.folder = Path(out)
+        if not self.folder.is_dir():
+            raise ResultsError(f"results folder {self.folder}: there is no such folder")
+        case = self._read_case()
+        try:
+            if case["format"] != FORMAT:
+                raise ResultsError(f"{self.folder / 'case.json'}: format {case['format']!r}, "
+                                   f"this version reads format {FORMAT}")
+            if case["dimension"] != 2:
+                raise ResultsError(f"{self.folder / 'case.json'}: dimension {case['dimension']}, "
+                                   "only results in 2 dimensions can be drawn")
+            self.fluid_names = tuple(fluid["name"] for fluid in case["fluids"])
+            self.fluid_densities = tuple(float(fluid["density"]) for fluid in case["fluids"])
+            self.lower = np.asarray(case["lower"], float)[:2]
+            self.upper = np.asarray(case["upper"], float)[:2]
+            self.spacing = float(case["spacing"])
+        except KeyError as error:
+            raise ResultsError(f"{self.folder / 'case.json'}: the entry {error} is missing") from None
+        except (TypeError, ValueError) as error:
+            if isinstance(error, ResultsError):
+                raise
+            raise ResultsError(f"{self.folder / 'case.json'}: {error}") from None
+        self.title = str(case.get("title") or "")
+        self.times, self.files = self._read_collection()
+
+    def __len__(self):
+        return len(self.times)
+
+    def scene(self, i: int) -> Scene:
+        """Read stored time i; negative i count from the last. Raises ResultsError on a bad file."""
+        if not -len(self) <= i < len(self):
+            raise IndexError(f"stored time {i}: there are {len(self)}, numbered from 0")
+        path = self.files[i]
+        mesh = _read_vtu(path)
+        data = mesh.point_data
+        if "fluid" not in data:
+            raise ResultsError(f"{path}: point data 'fluid' is missing; there are: {', '.join(sorted(data))}")
+        blocks = [k for k, block in enumerate(mesh.cells) if block.type == "triangle"]
+        cells = [mesh.cells[k].data for k in blocks]
+        cell_fluid = None
+        if "fluid" in mesh.cell_data and blocks:
+            cell_fluid = np.concatenate([np.ravel(mesh.cell_data["fluid"][k]) for k in blocks])
+        try:
+            return Scene(
+                position=mesh.points[:, :2],
+                cells=np.concatenate(cells) if cells else np.empty((0, 3), np.int64),
+                fluid=np.ravel(data["fluid"]),
+                wall=np.ravel(data["wall"]) if "wall" in data else None,
+                fields=_scalar_fields(data),
+                time=self.times[i],
+                fluid_names=self.fluid_names,
+                fluid_densities=self.fluid_densities,
+                lower=self.lower,
+                upper=self.upper,
+                cell_fluid=cell_fluid,
+                spacing=self.spacing,
+                title=self.title,
+            )
+        except ValueError as error:
+            raise ResultsError(f"{path}: {error}") from None
+
+    def _read_case(self):
+        path = self.folder / "case.json"
+        if not path.is_file():
+            raise ResultsError(f"{path}: there is no such file; is {self.folder} a results folder?")
+        try:
+            case = json.loads(path.read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise ResultsError(f"{path}: not valid JSON: {error}") from None
+        if not isinstance(case, dict):
+            raise ResultsError(f"{path}: expected a JSON object, got {type(case).__name__}")
+        return case
+
+    def _read_collection(self):
+        path = self.folder / "fields.pvd"
+        if not path.is_file():
+            raise ResultsError(f"{path}: there is no such file; no time has been written yet")
+        try:
+            sets = list(ElementTree.parse(path).iter("DataSet"))
+            listed = sorted((float(item.attrib["timestep"]), item.attrib["file"]) for item in sets)
+        except (ElementTree.ParseError, KeyError, ValueError) as error:
+            raise ResultsError(f"{path}: not a ParaView collection: {error}") from None
+        if not listed:
+            raise ResultsError(f"{path}: it lists no file; no time has been written yet")
+        return [time for time, _ in listed], [self.folder / name for _, name in listed]
+
+
+def _scalar_fields(data):
+    """Every quantity that can be drawn, name -> (N,): the scalars, the speed, the velocity's components."""
+    fields = {}
+    for name, values in data.items():
+        if name == "velocity":
+            fields["speed"] = np.linalg.norm(values, axis=1)
+            fields["velocity_x"], fields["velocity_y"] = values[:, 0], values[:, 1]
+        elif name not in ("fluid", "wall") and values.size == len(values):
+            fields[name] = np.ravel(values)
+    return fields
+
+
+def _read_vtu(path):
+    if not path.is_file():
+        raise ResultsError(f"{path}: listed in fields.pvd, but there is no such file")
+    said = io.StringIO()
+    try:
+        # meshio prints its complaint and ends the process on a bad file.
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            return meshio.read(path, file_format="vtu")
+    except SystemExit:
+        reason = " ".join(said.getvalue().split())
+    except Exception as error:  # a truncated file fails anywhere between the XML and zlib
+        reason = f"{type(error).__name__}: {error}"
+    raise ResultsError(f"{path}: not a readable VTU file (truncated?): {reason}")

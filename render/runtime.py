@@ -1,0 +1,25 @@
+"""Start Taichi for drawing, unless it already runs in this process."""
+
+import contextlib
+import os
+import tempfile
+
+# Both are read when Taichi is imported: no banner, and a writable place for its cache, without which
+# it ends the process.
+os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+_home = os.environ.get("HOME", "")
+if "XDG_CACHE_HOME" not in os.environ and not (_home and os.access(_home, os.W_OK)):
+    os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="tipfem-cache-")
+
+import taichi as ti  # noqa: E402  (the environment must be set before)
+
+
+def ensure_runtime():
+    """Start Taichi on the CPU if no runtime is up; a running one, a solver's perhaps, is used as it is.
+
+    Returns the running program: whoever keeps device memory compares it, since a restart frees that memory.
+    """
+    if ti.lang.impl.get_runtime().prog is None:
+        with contextlib.redirect_stdout(None):  # "Starting on arch" is a bare print
+            ti.init(arch=ti.cpu, log_level=ti.ERROR)
+    return ti.lang.impl.get_runtime().prog

@@ -1,0 +1,82 @@
+"""Ranges and ticks: round numbers, their labels, and the units of the fields."""
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from .picture import is_signed
+from .scene import Scene
+
+LABELS = {
+    "speed": ("speed", "m/s"),
+    "velocity_x": ("velocity x", "m/s"),
+    "velocity_y": ("velocity y", "m/s"),
+    "pressure": ("pressure", "Pa"),
+    "density": ("density", "kg/m^3"),
+}
+
+
+def field_label(field: str) -> str:
+    """'pressure' -> 'pressure [Pa]'; a field without known units keeps its name."""
+    name, unit = LABELS.get(field, (field.replace("_", " "), ""))
+    return f"{name} [{unit}]" if unit else name
+
+
+def round_ticks(low: float, high: float, most: int) -> np.ndarray:
+    """At most `most` round numbers in [low, high], in steps of 1, 2 or 5 times a power of ten."""
+    step = _round_step((high - low) / max(most - 1, 1))
+    while math.floor(high / step + 1e-9) - math.ceil(low / step - 1e-9) + 1 > most:
+        step = _round_step(step * 1.01)
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    return np.arange(first, last + 1) * step
+
+
+def tick_labels(ticks) -> list[str]:
+    """One label a tick, all with as many decimals as their step needs."""
+    ticks = np.asarray(ticks)
+    step = ticks[1] - ticks[0] if len(ticks) > 1 else abs(ticks[0]) if len(ticks) else 1.0
+    largest = np.abs(ticks).max(initial=0.0)
+    if largest >= 1e6 or (0 < largest < 1e-3):
+        return [f"{value + 0.0:.3g}" for value in np.where(np.abs(ticks) < 1e-9 * largest, 0, ticks)]
+    decimals = max(0, -math.floor(math.log10(step) + 1e-9)) if step > 0 else 0
+    return [f"{round(float(value), decimals) + 0.0:.{decimals}f}" for value in ticks]
+
+
+def field_limits(scenes: Iterable[Scene], field: str) -> tuple[float, float]:
+    """A round range (low, high) for a field over scenes.
+
+    The 0.5 % at either end are left out, so that a few extreme particles do not take all the colours;
+    a signed quantity gets a range symmetric about zero, and a speed starts at zero.
+    """
+    low, high = np.inf, -np.inf
+    for scene in scenes:
+        ends = np.percentile(scene.field_values(field), [0.5, 99.5])
+        low, high = min(low, ends[0]), max(high, ends[1])
+    if is_signed(field):
+        high = max(abs(low), abs(high))
+        low = -high
+    elif field == "speed":
+        low = 0.0
+    if not high > low:  # a uniform field: a range around its value
+        width = abs(high) * 0.1 or 1.0
+        return (0.0, width) if field == "speed" else (low - width, high + width)
+    step = _round_step((high - low) / 10)
+    return math.floor(low / step + 1e-9) * step, math.ceil(high / step - 1e-9) * step
+
+
+def check_range(field_range) -> tuple[float, float]:
+    """The range as two numbers, or ValueError."""
+    try:
+        low, high = (float(value) for value in field_range)
+    except (TypeError, ValueError):
+        raise ValueError(f"field range {field_range!r}: expected two numbers, low and high") from None
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise ValueError(f"field range {low:g} to {high:g}: expected low below high, both finite")
+    return low, high
+
+
+def _round_step(value):
+    """The smallest of 1, 2, 5 times a power of ten that is not below the value."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(step * power for step in (1, 2, 5, 10) if step * power >= value * (1 - 1e-9))

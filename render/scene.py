@@ -1,0 +1,116 @@
+"""What is drawn at one time: particles, the mesh between them, and fields on them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """One time of a two-dimensional multi-fluid flow, in SI units.
+
+    position: particle positions [m], shape (N, 2).
+    cells: triangles as particle indices, shape (M, 3); M may be 0.
+    fluid: the fluid of each particle, an index into `fluid_names`, shape (N,).
+    wall: 1 on wall particles, 0 elsewhere, shape (N,). Default: no walls.
+    fields: name -> values at the particles, shape (N,).
+    time: [s].
+    fluid_names: one name a fluid.
+    fluid_densities: one density a fluid [kg/m^3]; it only chooses the colours.
+        Default: the fluids are taken as listed from heavy to light.
+    lower, upper: corners of the box that is framed [m], shape (2,). Default: the particles' bounding box.
+    cell_fluid: the fluid of each cell, shape (M,). Where given, interfaces follow cell edges;
+        otherwise a cell whose particles carry different fluids is cut at the mid-points of its edges.
+    spacing: mean particle spacing [m]; it only sizes the dots. Default: from the area a particle has.
+    title: a line above the picture.
+
+    Raises ValueError naming the argument where a shape or a value is wrong.
+    """
+
+    position: np.ndarray
+    cells: np.ndarray
+    fluid: np.ndarray
+    wall: np.ndarray | None = None
+    fields: Mapping[str, np.ndarray] = field(default_factory=dict)
+    time: float = 0.0
+    fluid_names: tuple[str, ...] = ("fluid",)
+    fluid_densities: tuple[float, ...] | None = None
+    lower: np.ndarray | None = None
+    upper: np.ndarray | None = None
+    cell_fluid: np.ndarray | None = None
+    spacing: float | None = None
+    title: str = ""
+
+    def __post_init__(self):
+        position = np.asarray(self.position, np.float64)
+        if position.ndim != 2 or position.shape[1] != 2 or len(position) == 0:
+            raise ValueError(f"position: shape {position.shape}, expected (N, 2) with N > 0")
+        if not np.isfinite(position).all():
+            bad = np.flatnonzero(~np.isfinite(position).all(axis=1))
+            raise ValueError(f"position: {len(bad)} particles are not finite, the first is particle {bad[0]}")
+        count = len(position)
+        cells = np.asarray(self.cells, np.int64).reshape(-1, 3) if np.size(self.cells) == 0 \
+            else np.asarray(self.cells, np.int64)
+        if cells.ndim != 2 or cells.shape[1] != 3:
+            raise ValueError(f"cells: shape {cells.shape}, expected (M, 3)")
+        _check_index("cells", cells, count, "particles")
+
+        names = tuple(str(name) for name in self.fluid_names)
+        if self.fluid_densities is not None and len(self.fluid_densities) != len(names):
+            raise ValueError(f"fluid_densities: {len(self.fluid_densities)} values for {len(names)} fluid_names")
+        fluid = _integers("fluid", self.fluid, count)
+        _check_index("fluid", fluid, len(names), "fluid_names")
+        wall = np.zeros(count, bool) if self.wall is None else _integers("wall", self.wall, count) != 0
+        cell_fluid = self.cell_fluid
+        if cell_fluid is not None:
+            cell_fluid = _integers("cell_fluid", cell_fluid, len(cells))
+            _check_index("cell_fluid", cell_fluid, len(names), "fluid_names")
+
+        fields = {name: np.asarray(values, np.float64) for name, values in self.fields.items()}
+        for name, values in fields.items():
+            if values.shape != (count,):
+                raise ValueError(f"field {name!r}: shape {values.shape}, expected ({count},)")
+        lower = position.min(axis=0) if self.lower is None else np.asarray(self.lower, np.float64)
+        upper = position.max(axis=0) if self.upper is None else np.asarray(self.upper, np.float64)
+        if lower.shape != (2,) or upper.shape != (2,) or not np.all(upper > lower):
+            raise ValueError(f"lower, upper: {lower} and {upper}, expected two points with upper above lower")
+        spacing = self.spacing
+        if spacing is None:
+            spacing = float(np.sqrt(np.prod(upper - lower) / count))
+        if not spacing > 0:
+            raise ValueError(f"spacing: {spacing}, expected a length above 0 m")
+
+        values = dict(position=position, cells=cells, fluid=fluid, wall=wall, fields=fields,
+                      time=float(self.time), fluid_names=names, lower=lower, upper=upper,
+                      cell_fluid=cell_fluid, spacing=spacing)
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def field_values(self, name: str) -> np.ndarray:
+        """Values of the field at the particles, shape (N,).
+
+        Raises ValueError where the scene has no such field, or one that is not finite.
+        """
+        if name not in self.fields:
+            known = ", ".join(sorted(self.fields)) or "none"
+            raise ValueError(f"field {name!r} is not in the results; there are: {known}")
+        values = self.fields[name]
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad):
+            raise ValueError(f"field {name!r} at t = {self.time:g} s: {len(bad)} values are not finite, "
+                             f"the first at particle {bad[0]}")
+        return values
+
+
+def _integers(name, values, count):
+    values = np.asarray(values)
+    if values.shape != (count,):
+        raise ValueError(f"{name}: shape {values.shape}, expected ({count},)")
+    return values.astype(np.int64)
+
+
+def _check_index(name, values, count, of):
+    if values.size and (values.min() < 0 or values.max() >= count):
+        raise ValueError(f"{name}: indices from {values.min()} to {values.max()}, "
+                         f"expected 0 to {count - 1} ({of})")

@@ -1,0 +1,337 @@
+"""Kernels that assemble: residual, Jacobian-vector product, its blocks, Laplacian, lumped diagonal.
+
+Every kernel computes element vectors into a buffer and then gathers them per node over the CSR
+incidence, so that results are repeatable bit by bit and no atomics are needed. Vectors of unknowns
+are flat and interleaved: entry ``i * (d + 1) + k`` is displacement component k of particle i for
+k < d, and its pressure for k = d. ``scale`` multiplies the rows; it is zero for fixed unknowns.
+"""
+
+import taichi as ti
+
+from tipfem.element import (
+    cauchy_stress,
+    cofactor,
+    gradient,
+    reference_gradients,
+    row,
+    stabilisation_time,
+    volume_change,
+)
+
+
+def record_width(dim: int) -> int:
+    """Entries of an element's linearisation, see `residual`."""
+    return 4 * dim * dim + 2 * dim + 5
+
+
+@ti.func
+def unknown(x: ti.template(), i, dim: ti.template()):
+    """Displacement (dim,) of particle ``i`` in a vector of unknowns."""
+    return ti.Vector([x[i * (dim + 1) + k] for k in ti.static(range(dim))])
+
+
+@ti.func
+def put_matrix(record: ti.template(), e, start: ti.template(), a):
+    """Write a matrix into an element's record."""
+    for i in ti.static(range(a.n)):
+        for j in ti.static(range(a.n)):
+            record[e, start + i * a.n + j] = a[i, j]
+
+
+@ti.func
+def get_matrix(record: ti.template(), e, start: ti.template(), dim: ti.template()):
+    """Read a matrix (dim, dim) from an element's record."""
+    a = ti.Matrix.zero(float, dim, dim)
+    for i in ti.static(range(dim)):
+        for j in ti.static(range(dim)):
+            a[i, j] = record[e, start + i * dim + j]
+    return a
+
+
+@ti.func
+def get_vector(record: ti.template(), e, start: ti.template(), dim: ti.template()):
+    """Read a vector (dim,) from an element's record."""
+    return ti.Vector([record[e, start + k] for k in ti.static(range(dim))])
+
+
+@ti.func
+def gathered(local: ti.template(), corners: ti.template(), first, last, k, width: ti.template()):
+    """Sum of component ``k`` of the element vectors at the corners ``first`` to ``last``."""
+    total = 0.0
+    for c in range(first, last):
+        total += local[corners[c], k]
+    return total
+
+
+@ti.kernel
+def residual(
+    cells: ti.types.ndarray(), offsets: ti.types.ndarray(), corners: ti.types.ndarray(),
+    position: ti.types.ndarray(), velocity: ti.types.ndarray(), acceleration: ti.types.ndarray(),
+    density: ti.types.ndarray(), viscosity: ti.types.ndarray(), source: ti.types.ndarray(),
+    x: ti.types.ndarray(), scale: ti.types.ndarray(),
+    record: ti.types.ndarray(), local: ti.types.ndarray(), out: ti.types.ndarray(),
+    cm: float, cv: float, cf: float, dt: float, factor: float,
+    elements: ti.i32, nodes: ti.i32, dim: ti.template(),
+):  # fmt: skip
+    """Momentum and continuity residual at ``x``, scaled, and each element's linearisation.
+
+    velocity, acceleration (N, d): the part of v_alpha and of a_alpha - b that does not depend on
+    the step's displacement u; v_alpha = cv u + velocity, a_alpha - b = cm u + acceleration.
+    source (M,): prescribed volume growth s in J - 1 = s. local (M (d + 1), d + 1) is scratch.
+
+    Momentum, node a:   w sigma g_a + rho A / (d + 1) (a_alpha,a - b_a),  w = A J at the intermediate positions
+    Continuity, node a: A (J_{n+1} - 1 - s) / (d + 1) + A tau g_a . q,  q = mean(a_alpha - b) + J / rho grad p
+    (Carvalho & Sanches, eqs. 5 and 6; in eq. 6 both terms must carry the same sign.)
+    """
+    for e in range(elements):
+        big_g, area = reference_gradients(cells, e, position, dim)
+        h = ti.Matrix.zero(float, dim, dim)
+        l_ref = ti.Matrix.zero(float, dim, dim)
+        grad_p = ti.Vector.zero(float, dim)
+        inertia = ti.Vector.zero(float, dim)
+        mean_p = 0.0
+        for a in ti.static(range(dim + 1)):
+            i = cells[e, a]
+            u = unknown(x, i, dim)
+            g = gradient(big_g, a)
+            p = x[i * (dim + 1) + dim]
+            h += u.outer_product(g)
+            l_ref += (cv * u + row(velocity, i, dim)).outer_product(g)
+            inertia += (cm * u + row(acceleration, i, dim)) / (dim + 1)
+            grad_p += p * g
+            mean_p += p / (dim + 1)
+        unit = ti.Matrix.identity(float, dim)
+        f_inverse = (unit + cf * h).inverse()
+        jacobian = 1.0 + volume_change(cf * h)
+        w = area * jacobian
+        g_now = big_g @ f_inverse
+        l = l_ref @ f_inverse
+        grad_p = f_inverse.transpose() @ grad_p
+        sigma = cauchy_stress(l, mean_p, viscosity[e])
+        tau = stabilisation_time(area, density[e], viscosity[e], dt, factor, dim)
+        pressure_force = jacobian / density[e] * grad_p
+        q = inertia + pressure_force
+        mass = density[e] * area / (dim + 1)
+        growth = area * (volume_change(h) - source[e]) / (dim + 1)
+        for a in ti.static(range(dim + 1)):
+            i = cells[e, a]
+            g = gradient(g_now, a)
+            force = w * (sigma @ g) + mass * (cm * unknown(x, i, dim) + row(acceleration, i, dim))
+            for k in ti.static(range(dim)):
+                local[e * (dim + 1) + a, k] = force[k]
+            local[e * (dim + 1) + a, dim] = growth + area * tau * g.dot(q)
+        # (M^T with rows c_b = J_{n+1} grad_{n+1} phi_b)
+        put_matrix(record, e, 0, g_now)
+        put_matrix(record, e, ti.static(dim * dim), big_g @ cofactor(unit + h).transpose())
+        put_matrix(record, e, ti.static(2 * dim * dim), sigma)
+        put_matrix(record, e, ti.static(3 * dim * dim), l)
+        for k in ti.static(range(dim)):
+            record[e, 4 * dim * dim + k] = q[k]
+            record[e, 4 * dim * dim + dim + k] = pressure_force[k]
+        tail = ti.static(4 * dim * dim + 2 * dim)
+        record[e, tail] = w
+        record[e, tail + 1] = area
+        record[e, tail + 2] = area * tau
+        record[e, tail + 3] = jacobian / density[e]
+        record[e, tail + 4] = viscosity[e]
+    for i in range(nodes):
+        for k in ti.static(range(dim + 1)):
+            r = i * (dim + 1) + k
+            out[r] = scale[r] * gathered(local, corners, offsets[i], offsets[i + 1], k, dim + 1)
+
+
+@ti.kernel
+def jacobian_product(
+    cells: ti.types.ndarray(), offsets: ti.types.ndarray(), corners: ti.types.ndarray(),
+    density: ti.types.ndarray(), record: ti.types.ndarray(), scale: ti.types.ndarray(),
+    x: ti.types.ndarray(), local: ti.types.ndarray(), out: ti.types.ndarray(),
+    cm: float, cv: float, cf: float, elements: ti.i32, nodes: ti.i32, dim: ti.template(),
+):  # fmt: skip
+    """Exact derivative of the scaled residual along ``x``, from the elements' linearisation.
+
+    With L = cf sum_b du_b (x) g_b:  d(w sigma g_a) = w (tr L sigma + dsigma - sigma L^T) g_a,
+    dl = (cv / cf) L - l L,  d(g_a . q) = g_a . (dq - L q),  dJ_{n+1} = sum_b c_b . du_b.
+    """
+    for e in range(elements):
+        g_now = get_matrix(record, e, 0, dim)
+        c_next = get_matrix(record, e, ti.static(dim * dim), dim)
+        sigma = get_matrix(record, e, ti.static(2 * dim * dim), dim)
+        l = get_matrix(record, e, ti.static(3 * dim * dim), dim)
+        q = get_vector(record, e, ti.static(4 * dim * dim), dim)
+        pressure_force = get_vector(record, e, ti.static(4 * dim * dim + dim), dim)
+        tail = ti.static(4 * dim * dim + 2 * dim)
+        w = record[e, tail]
+        area = record[e, tail + 1]
+        h = ti.Matrix.zero(float, dim, dim)
+        grad_p = ti.Vector.zero(float, dim)
+        mean_u = ti.Vector.zero(float, dim)
+        mean_p = 0.0
+        growth = 0.0
+        for a in ti.static(range(dim + 1)):
+            i = cells[e, a]
+            u = unknown(x, i, dim)
+            p = x[i * (dim + 1) + dim]
+            g = gradient(g_now, a)
+            h += u.outer_product(g)
+            grad_p += p * g
+            mean_u += u / (dim + 1)
+            mean_p += p / (dim + 1)
+            growth += gradient(c_next, a).dot(u)
+        big_l = cf * h
+        stress = cauchy_stress(cv * h - l @ big_l, mean_p, record[e, tail + 4])
+        stress += big_l.trace() * sigma - sigma @ big_l.transpose()
+        dq = cm * mean_u + big_l.trace() * pressure_force + record[e, tail + 3] * grad_p
+        dq -= big_l.transpose() @ pressure_force + big_l @ q
+        mass = density[e] * area / (dim + 1) * cm
+        for a in ti.static(range(dim + 1)):
+            g = gradient(g_now, a)
+            force = w * (stress @ g) + mass * unknown(x, cells[e, a], dim)
+            for k in ti.static(range(dim)):
+                local[e * (dim + 1) + a, k] = force[k]
+            local[e * (dim + 1) + a, dim] = area / (dim + 1) * growth + record[e, tail + 2] * g.dot(dq)
+    for i in range(nodes):
+        for k in ti.static(range(dim + 1)):
+            r = i * (dim + 1) + k
+            out[r] = scale[r] * gathered(local, corners, offsets[i], offsets[i + 1], k, dim + 1)
+
+
+@ti.kernel
+def schur_right_side(
+    cells: ti.types.ndarray(), offsets: ti.types.ndarray(), corners: ti.types.ndarray(),
+    record: ti.types.ndarray(), scale: ti.types.ndarray(), r: ti.types.ndarray(),
+    local: ti.types.ndarray(), out: ti.types.ndarray(),
+    cm: float, elements: ti.i32, nodes: ti.i32, dim: ti.template(),
+):  # fmt: skip
+    """out (N,) = r_p - D z_u with z_u = diag(A)^-1 r_u, from the scaled residual ``r``.
+
+    Scaled by 1 / diag(A), the momentum rows of r are z_u already.
+    """
+    for e in range(elements):
+        g_now = get_matrix(record, e, 0, dim)
+        c_next = get_matrix(record, e, ti.static(dim * dim), dim)
+        tail = ti.static(4 * dim * dim + 2 * dim)
+        mean_u = ti.Vector.zero(float, dim)
+        growth = 0.0
+        for a in ti.static(range(dim + 1)):
+            u = unknown(r, cells[e, a], dim)
+            mean_u += u / (dim + 1)
+            growth += gradient(c_next, a).dot(u)
+        for a in ti.static(range(dim + 1)):
+            stabilisation = record[e, tail + 2] * cm * gradient(g_now, a).dot(mean_u)
+            local[e * (dim + 1) + a, dim] = record[e, tail + 1] / (dim + 1) * growth + stabilisation
+    for i in range(nodes):
+        p = i * (dim + 1) + dim
+        out[i] = r[p] / scale[p] - gathered(local, corners, offsets[i], offsets[i + 1], dim, dim + 1)
+
+
+@ti.kernel
+def pressure_correction(
+    cells: ti.types.ndarray(), offsets: ti.types.ndarray(), corners: ti.types.ndarray(),
+    record: ti.types.ndarray(), scale: ti.types.ndarray(), r: ti.types.ndarray(),
+    pressure: ti.types.ndarray(), out: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
+):  # fmt: skip
+    """out = (z_u + diag(A)^-1 G z_p, z_p), with z_u = r_u the scaled momentum rows and z_p (N,)."""
+    for i in range(nodes):
+        force = ti.Vector.zero(float, dim)
+        for c in range(offsets[i], offsets[i + 1]):
+            e = corners[c] // (dim + 1)
+            mean = 0.0
+            for b in ti.static(range(dim + 1)):
+                mean += pressure[cells[e, b]] / (dim + 1)
+            mean *= record[e, ti.static(4 * dim * dim + 2 * dim)]
+            for a in ti.static(range(dim + 1)):
+                if corners[c] % (dim + 1) == a:
+                    force += mean * gradient(get_matrix(record, e, 0, dim), a)
+        for k in ti.static(range(dim)):
+            r_k = i * (dim + 1) + k
+            out[r_k] = r[r_k] + scale[r_k] * force[k]
+        out[i * (dim + 1) + dim] = pressure[i]
+
+
+@ti.kernel
+def row_scale(
+    cells: ti.types.ndarray(), offsets: ti.types.ndarray(), corners: ti.types.ndarray(),
+    position: ti.types.ndarray(), density: ti.types.ndarray(), viscosity: ti.types.ndarray(),
+    fixed: ti.types.ndarray(), scale: ti.types.ndarray(),
+    cm: float, cv: float, spacing: float, nodes: ti.i32, dim: ti.template(),
+):  # fmt: skip
+    """scale: 1 / diag(A) in the momentum rows, h / V_a in the continuity rows; 0 where u is fixed.
+
+    So every scaled row is a length [m]: what its residual would move its particle by.
+    """
+    for i in range(nodes):
+        diagonal = ti.Vector.zero(float, dim)
+        volume = 0.0
+        for c in range(offsets[i], offsets[i + 1]):
+            e = corners[c] // (dim + 1)
+            big_g, area = reference_gradients(cells, e, position, dim)
+            volume += area / (dim + 1)
+            for a in ti.static(range(dim + 1)):
+                if corners[c] % (dim + 1) == a:
+                    g = gradient(big_g, a)
+                    diagonal += density[e] * area / (dim + 1) * cm
+                    diagonal += viscosity[e] * area * cv * (g.dot(g) + g * g)
+        for k in ti.static(range(dim)):
+            scale[i * (dim + 1) + k] = ti.select(fixed[i] != 0, 0.0, 1.0 / diagonal[k])
+        scale[i * (dim + 1) + dim] = spacing / volume
+
+
+@ti.kernel
+def pressure_laplacian(
+    cells: ti.types.ndarray(), offsets: ti.types.ndarray(), corners: ti.types.ndarray(),
+    position: ti.types.ndarray(), density: ti.types.ndarray(),
+    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
+    cm: float, nodes: ti.i32, dim: ti.template(),
+):  # fmt: skip
+    """P1 Laplacian sum_e A / (cm rho) g_a . g_b in CSR, the approximate pressure Schur complement."""
+    for i in range(nodes):
+        for s in range(row_offsets[i], row_offsets[i + 1]):
+            values[s] = 0.0
+        for c in range(offsets[i], offsets[i + 1]):
+            e = corners[c] // (dim + 1)
+            big_g, area = reference_gradients(cells, e, position, dim)
+            own = ti.Vector.zero(float, dim)
+            for a in ti.static(range(dim + 1)):
+                if corners[c] % (dim + 1) == a:
+                    own = gradient(big_g, a)
+            for b in ti.static(range(dim + 1)):
+                value = area / (cm * density[e]) * own.dot(gradient(big_g, b))
+                s = row_offsets[i]
+                while columns[s] != cells[e, b]:
+                    s += 1
+                values[s] += value
+
+
+@ti.kernel
+def step_limits(
+    cells: ti.types.ndarray(), position: ti.types.ndarray(), x: ti.types.ndarray(),
+    partial: ti.types.ndarray(), result: ti.types.ndarray(),
+    elements: ti.i32, nodes: ti.i32, chunks: ti.i32, dim: ti.template(),
+):  # fmt: skip
+    """result: smallest J_{n+1}, largest |u|^2, and how many entries of ``x`` are not finite."""
+    for c in range(chunks):
+        smallest = 1e30
+        largest = 0.0
+        bad = 0.0
+        size = (elements + chunks - 1) // chunks
+        for e in range(c * size, ti.min((c + 1) * size, elements)):
+            big_g, _area = reference_gradients(cells, e, position, dim)
+            h = ti.Matrix.zero(float, dim, dim)
+            for a in ti.static(range(dim + 1)):
+                h += unknown(x, cells[e, a], dim).outer_product(gradient(big_g, a))
+            smallest = ti.min(smallest, 1.0 + volume_change(h))
+        size = (nodes + chunks - 1) // chunks
+        for i in range(c * size, ti.min((c + 1) * size, nodes)):
+            u = unknown(x, i, dim)
+            largest = ti.max(largest, u.dot(u))
+            for k in ti.static(range(dim + 1)):
+                if ti.math.isnan(x[i * (dim + 1) + k]) or ti.math.isinf(x[i * (dim + 1) + k]):
+                    bad += 1.0
+        partial[c, 0] = smallest
+        partial[c, 1] = largest
+        partial[c, 2] = bad
+    ti.loop_config(serialize=True)
+    for c in range(chunks):
+        result[0] = ti.min(result[0], partial[c, 0])
+        result[1] = ti.max(result[1], partial[c, 1])
+        result[2] += partial[c, 2]

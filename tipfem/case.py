@@ -1,0 +1,164 @@
+"""Case: what is simulated - particles, fluids, forces - and by which numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from tipfem.fluid import Fluid
+from tipfem.geometry import Tank
+from tipfem.interface import InterpolatedInterface
+from tipfem.particles import Array, Particles
+from tipfem.relocation import RelocationRule
+
+INTERFACES = {"interpolated": InterpolatedInterface}
+
+
+@dataclass(frozen=True)
+class Numerics:
+    """The numbers of the method.
+
+    Attributes:
+        rho_inf: of generalized-alpha, 0 to 1.
+        stabilisation: c in tau = c dt^2 of the PSPG term, > 0.
+        volume_correction: part of a fluid's lost volume that the source in J - 1 = s gives back in a
+            step; 0 switches the source off.
+        volume_correction_limit: largest |s| of a step.
+        newton_tolerance: of the largest scaled residual, in spacings.
+        newton_iterations: after which a step is refused.
+        smallest_jacobian: a step in which an element's J falls below it is refused.
+        relocation: when particles are moved, and where to.
+
+    Raises:
+        ValueError: a number is out of range.
+    """
+
+    rho_inf: float = 0.0
+    stabilisation: float = 0.25
+    volume_correction: float = 0.1
+    volume_correction_limit: float = 2e-3
+    newton_tolerance: float = 1e-6
+    newton_iterations: int = 8
+    smallest_jacobian: float = 0.05
+    relocation: RelocationRule = field(default_factory=RelocationRule)
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("rho_inf", 0.0, 1.0),
+            ("stabilisation", 1e-6, 10.0),
+            ("volume_correction", 0.0, 1.0),
+            ("volume_correction_limit", 0.0, 0.1),
+            ("newton_tolerance", 1e-14, 1e-1),
+            ("newton_iterations", 1, 100),
+            ("smallest_jacobian", 0.0, 0.9),
+        ):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and low <= value <= high):
+                raise ValueError(f"Numerics: {name} is {value!r}; it must lie between {low:g} and {high:g}")
+
+
+@dataclass
+class Case:
+    """A flow to be simulated.
+
+    Attributes:
+        particles: the initial state, or a filled `Tank`.
+        fluids: the fluids that the particles' labels index; at least one.
+        gravity: (d,) acceleration [m/s^2].
+        body_force: function of positions (N, d) [m] and time [s] to further accelerations (N, d)
+            [m/s^2], or None.
+        interface: rule for elements between two fluids; "interpolated" is that of Carvalho & Sanches.
+        numerics: the method's numbers.
+        title: what pictures are headed with.
+
+    Raises:
+        ValueError: something does not fit together; the message names what, where and what would.
+    """
+
+    particles: Any
+    fluids: Sequence[Fluid]
+    gravity: Sequence[float]
+    body_force: Callable[[Array, float], Array] | None = None
+    interface: str = "interpolated"
+    numerics: Numerics = field(default_factory=Numerics)
+    title: str = ""
+
+    def __post_init__(self) -> None:
+        self.fluids = list(self.fluids)
+        if not self.fluids or not all(isinstance(f, Fluid) for f in self.fluids):
+            raise ValueError(f"Case: fluids is {self.fluids!r}; it must be a list of at least one Fluid")
+        names = [f.name for f in self.fluids]
+        if len(set(names)) < len(names):
+            raise ValueError(f"Case: fluids are named {names}; every fluid needs a name of its own")
+        if self.interface not in INTERFACES:
+            raise ValueError(f"Case: interface is {self.interface!r}; it must be one of {sorted(INTERFACES)}")
+        if isinstance(self.particles, Tank):
+            self.particles = self.particles.sample(self.fluids)
+        if not isinstance(self.particles, Particles):
+            raise ValueError(f"Case: particles is a {type(self.particles).__name__}; it must be a Particles or a tank")
+        self._check_particles(self.particles)
+
+    def _check_particles(self, particles: Particles) -> None:
+        gravity = np.asarray(self.gravity, dtype=float)
+        if gravity.shape != (particles.dimension,) or not np.isfinite(gravity).all():
+            raise ValueError(
+                f"Case: gravity is {self.gravity!r}; it must be {particles.dimension} finite accelerations in m/s^2"
+            )
+        self.gravity = gravity
+        bad = (particles.fluid < 0) | (particles.fluid >= len(self.fluids))
+        if bad.any():
+            i = int(np.argmax(bad))
+            raise ValueError(
+                f"Case: particle {i} has fluid {int(particles.fluid[i])}; with {len(self.fluids)} fluid(s) it "
+                f"must lie between 0 and {len(self.fluids) - 1}"
+            )
+        particles.require_distinct()
+        if (particles.velocity[particles.wall] != 0).any():
+            i = int(np.flatnonzero(particles.wall & (particles.velocity != 0).any(axis=1))[0])
+            raise ValueError(
+                f"Case: wall particle {i} has velocity {particles.velocity[i].tolist()} m/s; walls are fixed, "
+                "it must be zero"
+            )
+        if particles.wall.all():
+            raise ValueError("Case: all particles are wall particles; there is no fluid to move")
+        corner = ConvexHull((particles.position - particles.position.mean(axis=0)) / particles.spacing).vertices
+        outside = corner[~particles.wall[corner]]
+        if len(outside):
+            i = int(outside.min())
+            raise ValueError(
+                f"Case: particle {i} at {particles.position[i].tolist()} lies outside the walls (or on them); "
+                "wall particles must surround all others"
+            )
+
+    @property
+    def closed(self) -> bool:
+        """Whether walls surround the fluids on all sides, so that pressure is known up to a constant."""
+        return True
+
+    def acceleration(self, position: Array, time: float) -> Array:
+        """Gravity and body force (N, d) [m/s^2] at positions (N, d) [m] and a time [s].
+
+        Raises:
+            ValueError: the body force has the wrong shape or is not finite.
+        """
+        force = np.broadcast_to(np.asarray(self.gravity), position.shape).copy()
+        if self.body_force is not None:
+            extra = np.asarray(self.body_force(position, time), dtype=float)
+            if extra.shape != position.shape or not np.isfinite(extra).all():
+                raise ValueError(
+                    f"Case: body_force at t = {time:g} s gave shape {extra.shape}; it must be finite accelerations "
+                    f"of shape {position.shape}"
+                )
+            force += extra
+        return force
+
+    def pressure_reference(self) -> int:
+        """The wall particle at which a closed tank's pressure is zero: the highest, against gravity."""
+        wall = np.flatnonzero(self.particles.wall)
+        height = -self.particles.position[wall] @ np.asarray(self.gravity)
+        return int(wall[np.argmax(height)])

@@ -1,0 +1,159 @@
+"""Start Taichi, and keep its arrays.
+
+Taichi recompiles a kernel for every new field, but not for an ndarray of another length, and it
+never frees ndarrays of vectors. So all device arrays here are scalar ndarrays that grow and are
+used again; kernels are told how much of them is alive.
+"""
+
+import os
+import tempfile
+from typing import Any
+
+import numpy as np
+
+# Without a writable home, Taichi ends the process on import or at exit; a cache elsewhere cures it.
+_home = os.environ.get("HOME", "")
+if "XDG_CACHE_HOME" not in os.environ and not (_home and os.access(_home, os.W_OK)):
+    os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="tipfem-cache-")
+os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+
+import taichi as ti  # noqa: E402  (the environment must be set before)
+
+_ARCHES = {"cpu": ti.cpu, "cuda": ti.cuda}
+_PRECISIONS = {"f64": ti.f64, "f32": ti.f32}
+_running: dict[str, Any] = {}
+
+
+def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) -> None:
+    """Start Taichi; once a process.
+
+    Args:
+        arch: "cpu" or "cuda".
+        precision: "f64" (the default) or "f32", of all reals in the kernels.
+        threads: number of CPU threads; all cores by default.
+
+    Raises:
+        ValueError: an argument is not one of those.
+        RuntimeError: the device is not there, or Taichi already runs with other settings.
+    """
+    if arch not in _ARCHES:
+        raise ValueError(f"init: arch is {arch!r}; it must be one of {sorted(_ARCHES)}")
+    if precision not in _PRECISIONS:
+        raise ValueError(f"init: precision is {precision!r}; it must be one of {sorted(_PRECISIONS)}")
+    if threads is not None and threads < 1:
+        raise ValueError(f"init: threads is {threads!r}; it must be >= 1")
+    wanted = {"arch": arch, "precision": precision, "threads": threads}
+    if _running:
+        if _running != wanted:
+            raise RuntimeError(f"init: Taichi already runs with {_running}; one process has one runtime, not {wanted}")
+        return
+    options: dict[str, Any] = {"default_fp": _PRECISIONS[precision], "log_level": ti.ERROR}
+    if threads is not None:
+        options["cpu_max_num_threads"] = threads
+    # "Starting on arch" is a bare print of Taichi's, and a missing GPU must be an error, not a CPU run.
+    try:
+        with open(os.devnull, "w") as sink, _redirected(sink):
+            ti.init(arch=_ARCHES[arch], enable_fallback=False, **options)
+    except Exception as error:
+        raise RuntimeError(f"init: Taichi cannot start on {arch!r}: {error}") from error
+    _running.update(wanted)
+
+
+def require_init() -> None:
+    """Start Taichi on the CPU in f64 if it does not run yet."""
+    if not _running:
+        init()
+
+
+def settings() -> dict[str, Any]:
+    """How Taichi was started: arch, precision, threads; empty if it was not."""
+    return dict(_running)
+
+
+def real() -> Any:
+    """The NumPy type of the kernels' reals."""
+    return np.float32 if _running.get("precision") == "f32" else np.float64
+
+
+def chunks() -> int:
+    """Into how many parts reductions are split; a constant, so that sums are repeatable."""
+    return 4096 if _running.get("arch") == "cuda" else 32
+
+
+class Buffers:
+    """Device arrays by name, grown when needed and used again."""
+
+    def __init__(self) -> None:
+        self._arrays: dict[str, Any] = {}
+
+    def get(self, name: str, rows: int, columns: int = 0, *, integer: bool = False) -> Any:
+        """A device array with at least ``rows`` rows; what it holds is undefined.
+
+        Args:
+            name: the array's name; one name keeps one width and type.
+            rows: how many rows will be used.
+            columns: width of a two-dimensional array; 0 for a one-dimensional one.
+            integer: int32 instead of real.
+        """
+        array = self._arrays.get(name)
+        if array is None or array.shape[0] < rows or (columns and array.shape[1] != columns):
+            capacity = max(rows + rows // 8, 16)
+            if array is not None and array.shape[0] >= rows:
+                capacity = array.shape[0]
+            shape = (capacity, columns) if columns else (capacity,)
+            array = ti.ndarray(ti.i32 if integer else _PRECISIONS[_running["precision"]], shape)
+            self._arrays[name] = array
+        return array
+
+    def upload(self, name: str, values: np.ndarray) -> Any:
+        """Copy a NumPy array of one or two dimensions into the device array of that name."""
+        integer = values.dtype.kind in "iub"
+        values = np.ascontiguousarray(values, dtype=np.int32 if integer else real())
+        columns = values.shape[1] if values.ndim == 2 else 0
+        array = self.get(name, len(values), columns, integer=integer)
+        if len(values):
+            (_copy_rows if values.ndim == 2 else _copy)(values, array, len(values))
+        return array
+
+    def memory(self) -> int:
+        """Bytes held."""
+        return sum(int(np.prod(a.shape)) * (4 if a.dtype in (ti.i32, ti.f32) else 8) for a in self._arrays.values())
+
+
+def download(array: Any, rows: int) -> np.ndarray:
+    """The first ``rows`` rows of a device array, as a NumPy array."""
+    width = array.shape[1:]
+    values = np.empty((rows, *width), dtype=np.int32 if array.dtype == ti.i32 else real())
+    if rows:
+        (_copy_rows if width else _copy)(array, values, rows)
+    return values
+
+
+@ti.kernel
+def _copy(source: ti.types.ndarray(), target: ti.types.ndarray(), n: ti.i32):
+    for i in range(n):
+        target[i] = source[i]
+
+
+@ti.kernel
+def _copy_rows(source: ti.types.ndarray(), target: ti.types.ndarray(), n: ti.i32):
+    for i in range(n):
+        for k in range(source.shape[1]):
+            target[i, k] = source[i, k]
+
+
+class _redirected:
+    """Standard output sent to ``sink`` inside a with-block."""
+
+    def __init__(self, sink: Any) -> None:
+        self.sink = sink
+
+    def __enter__(self) -> None:
+        import sys
+
+        self.saved, sys.stdout = sys.stdout, self.sink
+
+    def __exit__(self, *_: Any) -> None:
+        import sys
+
+        sys.stdout = self.saved

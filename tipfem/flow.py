@@ -1,0 +1,213 @@
+"""FlowProblem: one time step's nonlinear problem, where the kernels and the solvers meet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tipfem import assembly, krylov
+from tipfem.device import Buffers, chunks, download
+from tipfem.mesh import Mesh
+from tipfem.multigrid import BackgroundMultigrid
+from tipfem.particles import Array, Particles
+from tipfem.time_integration import GeneralizedAlpha
+
+# Spacing of the finest background grid in particle spacings: 1.5 needs two thirds of the Krylov
+# iterations that 2 does, for a quarter more time per cycle.
+GRID_SPACING = 1.5
+
+
+@dataclass(frozen=True)
+class ElementProperties:
+    """What each of the M elements is made of.
+
+    Attributes:
+        density: (M,) [kg/m^3].
+        viscosity: (M,) [Pa s].
+        source: (M,) relative growth of volume in the step, s in J - 1 = s.
+    """
+
+    density: Array
+    viscosity: Array
+    source: Array
+
+
+class Workspace:
+    """What outlives a time step: device arrays, and the multigrid's hierarchy."""
+
+    def __init__(self) -> None:
+        self.buffers = Buffers()
+        self._multigrid: BackgroundMultigrid | None = None
+        self._box: Any = None
+
+    def multigrid(self, position: Array, spacing: float) -> BackgroundMultigrid:
+        """The hierarchy over the box of ``position`` (N, d), made anew only when the box changes."""
+        lower, upper = position.min(axis=0), position.max(axis=0)
+        box = (tuple(lower), tuple(upper), spacing)
+        if self._multigrid is None or self._box != box:
+            self._multigrid = BackgroundMultigrid(lower, upper, GRID_SPACING * spacing, self.buffers)
+            self._box = box
+        return self._multigrid
+
+
+@dataclass(frozen=True)
+class StepLimits:
+    """How far a solution moves things.
+
+    Attributes:
+        smallest_jacobian: smallest J_{n+1} of an element; the element is inverted when it is <= 0.
+        largest_displacement: of a particle [m].
+        finite: whether all unknowns are finite.
+    """
+
+    smallest_jacobian: float
+    largest_displacement: float
+    finite: bool
+
+
+class FlowProblem:
+    """Momentum and continuity of one step; unknowns are displacements [m] and pressures [Pa].
+
+    Args:
+        mesh: simplices on the positions at the step's start.
+        particles: the state there.
+        properties: of the elements.
+        scheme: generalized-alpha with the step's length.
+        body_force: (N, d) acceleration by gravity and the like [m/s^2], at the step's intermediate time.
+        stabilisation: c in tau = c dt^2.
+        workspace: what is used again from step to step.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        particles: Particles,
+        properties: ElementProperties,
+        scheme: GeneralizedAlpha,
+        body_force: Array,
+        stabilisation: float,
+        workspace: Workspace,
+    ) -> None:
+        self.mesh, self.particles, self.scheme = mesh, particles, scheme
+        self.stabilisation = stabilisation
+        self.dimension = d = mesh.dimension
+        self.nodes, self.elements = len(mesh.position), len(mesh.cells)
+        self.size = self.nodes * (d + 1)
+        self.buffers = buffers = workspace.buffers
+        put = buffers.upload
+        offsets, corners = mesh.incidence
+        self._topology = (put("cells", mesh.cells), put("offsets", offsets), put("corners", corners))
+        self._position = put("position", mesh.position)
+        self._density = put("density", properties.density)
+        self._viscosity = put("viscosity", properties.viscosity)
+        self._source = put("source", properties.source)
+        velocity, acceleration = scheme.history(particles)
+        velocity[particles.wall] = 0.0
+        acceleration = acceleration - body_force
+        self._velocity, self._acceleration = put("velocity", velocity), put("acceleration", acceleration)
+        self._local = buffers.get("local", self.elements * (d + 1), d + 1)
+        self._record = buffers.get("record", self.elements, assembly.record_width(d))
+        self._scale = buffers.get("scale", self.size)
+        self._r = buffers.get("residual", self.size)
+        self._dx = buffers.get("correction", self.size)
+        self._schur_b = buffers.get("schur_b", self.nodes)
+        self._schur_x = buffers.get("schur_x", self.nodes)
+        assembly.row_scale(
+            *self._topology, self._position, self._density, self._viscosity, put("fixed", particles.wall),
+            self._scale, scheme.cm, scheme.cv, particles.spacing, self.nodes, d,
+        )  # fmt: skip
+        self._multigrid = workspace.multigrid(mesh.position, particles.spacing)
+        self._build_preconditioner()
+
+    def _build_preconditioner(self) -> None:
+        """The pressure Laplacian and its coarse grids; they stay for all of the step's Newton iterations."""
+        row_offsets, columns = self.mesh.adjacency
+        row_offsets, columns, count = (
+            self.buffers.upload("row_offsets", row_offsets), self.buffers.upload("columns", columns), len(columns),
+        )  # fmt: skip
+        values = self.buffers.get("laplacian", count)
+        assembly.pressure_laplacian(
+            *self._topology, self._position, self._density, row_offsets, columns, values,
+            self.scheme.cm, self.nodes, self.dimension,
+        )  # fmt: skip
+        self._multigrid.build(self.mesh.position, row_offsets, columns, values)
+
+    def predict(self) -> Any:
+        """First iterate: constant acceleration and pressure, or no motion where that would invert an element."""
+        x = self.vector(self.scheme.predict(self.particles), self.particles.pressure)
+        if self.limits(x).smallest_jacobian < 0.3:
+            x = self.vector(np.zeros_like(self.mesh.position), self.particles.pressure)
+        return x
+
+    def vector(self, displacement: Array, pressure: Array) -> Any:
+        """Device vector of unknowns from (N, d) and (N,); displacements of wall particles are set to zero."""
+        moving = np.where(self.particles.wall[:, None], 0.0, displacement)
+        return self.buffers.upload("unknowns", np.concatenate([moving, pressure[:, None]], axis=1).ravel())
+
+    def split(self, x: Any) -> tuple[Array, Array]:
+        """Displacements (N, d) and pressures (N,) of a device vector of unknowns."""
+        values = download(x, self.size).astype(np.float64).reshape(self.nodes, self.dimension + 1)
+        return values[:, :-1].copy(), values[:, -1].copy()
+
+    def residual(self, x: Any) -> float:
+        """Evaluate the scaled residual at ``x`` and linearise; largest entry in spacings.
+
+        Every row is scaled to the length [m] by which it would move its particle.
+        """
+        s = self.scheme
+        assembly.residual(
+            *self._topology, self._position, self._velocity, self._acceleration, self._density,
+            self._viscosity, self._source, x, self._scale, self._record, self._local, self._r,
+            s.cm, s.cv, s.cf, s.dt, self.stabilisation, self.elements, self.nodes, self.dimension,
+        )  # fmt: skip
+        return krylov.largest(self._r, self.size, self.buffers) / self.particles.spacing
+
+    def residual_vector(self) -> Array:
+        """The last scaled residual (N, d + 1) [m]."""
+        return download(self._r, self.size).astype(np.float64).reshape(self.nodes, -1)
+
+    def product(self, v: Any, out: Any) -> None:
+        """out = K v, the derivative of the scaled residual at the last `residual` along ``v``."""
+        s = self.scheme
+        assembly.jacobian_product(
+            *self._topology, self._density, self._record, self._scale, v, self._local, out,
+            s.cm, s.cv, s.cf, self.elements, self.nodes, self.dimension,
+        )  # fmt: skip
+
+    def precondition(self, r: Any, z: Any) -> None:
+        """z ~ K^-1 r by the block factors of K with diag(A) and one V-cycle for the Schur complement.
+
+        z_u = A^-1 r_u;  z_p = S^-1 (r_p - D z_u);  z_u += A^-1 G z_p.
+        """
+        assembly.schur_right_side(
+            *self._topology, self._record, self._scale, r, self._local, self._schur_b,
+            self.scheme.cm, self.elements, self.nodes, self.dimension,
+        )  # fmt: skip
+        self._multigrid.apply(self._schur_b, self._schur_x)
+        assembly.pressure_correction(
+            *self._topology, self._record, self._scale, r, self._schur_x, z, self.nodes, self.dimension
+        )
+
+    def correct(self, x: Any, tolerance: float) -> krylov.KrylovResult:
+        """Solve K dx = -r by preconditioned FGMRES and add dx to ``x``."""
+        result = krylov.fgmres(
+            self.product, self.precondition, self._r, self._dx, self.size,
+            tolerance=tolerance, max_iterations=MAX_KRYLOV_ITERATIONS, buffers=self.buffers,
+        )  # fmt: skip
+        krylov.add(self._dx, x, -1.0, self.size)
+        return result
+
+    def limits(self, x: Any) -> StepLimits:
+        """Smallest J_{n+1} and largest displacement of ``x``."""
+        result = np.array([1e30, 0.0, 0.0])
+        parts = chunks()
+        assembly.step_limits(
+            self._topology[0], self._position, x, self.buffers.get("limits", parts, 3), result,
+            self.elements, self.nodes, parts, self.dimension,
+        )  # fmt: skip
+        return StepLimits(float(result[0]), float(np.sqrt(result[1])), result[2] == 0)
+
+
+MAX_KRYLOV_ITERATIONS = 80

@@ -1,0 +1,154 @@
+"""Output: a results folder with the history, the fields over time and a summary.
+
+    case.json       what was simulated: fluids, walls' box, spacing
+    history.csv     one row a step, SI units
+    fields.pvd      the fields over time, for ParaView; fields/step_*.vtu
+    summary.json    settings, versions, and figures of the whole run
+
+Every file but the history, which grows row by row, is written under another name and then renamed:
+a reader, or a full disk, never meets half a file.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Callable, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, TextIO
+
+import meshio
+import numpy as np
+
+from tipfem.case import Case
+from tipfem.mesh import Mesh
+from tipfem.particles import Array, Particles
+
+_OWN_FILES = ("fields/step_*.vtu", "fields.pvd", "history.csv", "summary.json", "case.json")
+
+
+class ResultsFolder:
+    """Writes the results of one run; what an earlier run left there is replaced.
+
+    Args:
+        path: the folder; made when it is not there.
+
+    Raises:
+        ValueError: the folder cannot be made or written to.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        try:
+            (self.path / "fields").mkdir(parents=True, exist_ok=True)
+            probe = self.path / ".writable"
+            probe.write_text("")
+            probe.unlink()
+            for pattern in _OWN_FILES:
+                for old in self.path.glob(pattern):
+                    old.unlink()
+        except OSError as error:
+            raise ValueError(
+                f"out is {str(path)!r}, which cannot be written to ({error.strerror}); name a folder that can"
+            ) from error
+        self._history: TextIO | None = None
+        self._columns: list[str] = []
+        self._times: list[tuple[float, str]] = []
+
+    def write_case(self, case: Case) -> None:
+        """Write case.json."""
+        position = case.particles.position[case.particles.wall]
+        self._write_json(
+            "case.json",
+            {
+                "format": 1,
+                "title": case.title,
+                "dimension": case.particles.dimension,
+                "fluids": [vars(f) for f in case.fluids],
+                "lower": position.min(axis=0).tolist(),
+                "upper": position.max(axis=0).tolist(),
+                "spacing": case.particles.spacing,
+                "gravity": np.asarray(case.gravity).tolist(),
+                "interface": case.interface,
+            },
+        )
+
+    def append_history(self, row: Mapping[str, float]) -> None:
+        """Add a step's row to history.csv; the first one decides on the columns."""
+        if self._history is None:
+            self._history = open(self.path / "history.csv", "w", encoding="utf-8")
+            self._columns = list(row)
+            self._history.write(",".join(self._columns) + "\n")
+        self._history.write(",".join(_number(row[name]) for name in self._columns) + "\n")
+        self._history.flush()
+
+    def write_fields(self, step: int, time: float, mesh: Mesh, particles: Particles, density: Array) -> None:
+        """Write the state as a VTU file and list it in fields.pvd.
+
+        Args:
+            step: number of the step, for the file's name.
+            time: [s].
+            mesh: simplices on the particles' positions.
+            particles: the state.
+            density: (N,) of each particle's fluid [kg/m^3].
+        """
+        name = f"fields/step_{step:06d}.vtu"
+        points, velocity = _three_dimensional(particles.position), _three_dimensional(particles.velocity)
+        content = meshio.Mesh(
+            points,
+            [("triangle" if particles.dimension == 2 else "tetra", mesh.cells)],
+            point_data={
+                "velocity": velocity,
+                "pressure": particles.pressure,
+                "fluid": particles.fluid.astype(np.int32),
+                "density": density,
+                "wall": particles.wall.astype(np.int32),
+            },
+        )
+        self._replace(name, lambda path: meshio.write(path, content, file_format="vtu"))
+        self._times.append((time, name))
+        entries = "\n".join(f'    <DataSet timestep="{t:.9g}" part="0" file="{file}"/>' for t, file in self._times)
+        text = (
+            '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n'
+            f"  <Collection>\n{entries}\n  </Collection>\n</VTKFile>\n"
+        )
+        self._replace("fields.pvd", lambda path: path.write_text(text, encoding="utf-8"))
+
+    def write_summary(self, content: Mapping[str, Any]) -> None:
+        """Write summary.json, with the versions of what the run was made with."""
+        packages = {name: version(name) for name in ("tipfem", "taichi", "numpy", "scipy", "meshio")}
+        self._write_json("summary.json", {**content, "versions": {"python": platform.python_version(), **packages}})
+
+    def close(self) -> None:
+        """Close the history."""
+        if self._history is not None:
+            self._history.close()
+            self._history = None
+
+    def _write_json(self, name: str, content: Mapping[str, Any]) -> None:
+        text = json.dumps(content, indent=2, default=_plain) + "\n"
+        self._replace(name, lambda path: path.write_text(text, encoding="utf-8"))
+
+    def _replace(self, name: str, write: Callable[[Path], Any]) -> None:
+        temporary = self.path / (name + ".part")
+        write(temporary)
+        os.replace(temporary, self.path / name)
+
+
+def _number(value: float) -> str:
+    return str(value) if isinstance(value, (int, np.integer)) else f"{value:.9g}"
+
+
+def _three_dimensional(vectors: Array) -> Array:
+    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
+
+
+def _plain(value: Any) -> Any:
+    """NumPy values as plain Python ones, for JSON."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} cannot be written to JSON")

@@ -1,0 +1,57 @@
+"""A progress bar for runs, shown only on a terminal."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+
+class RunProgress:
+    """Shows time, step length, Newton and Krylov iterations and the time left.
+
+    Args:
+        start: where the bar is empty [s].
+        end: where it is full [s].
+        enabled: show it at all; it stays quiet anyway when the error output is not a terminal.
+    """
+
+    def __init__(self, start: float, end: float, *, enabled: bool = True) -> None:
+        self._progress: Progress | None = None
+        if enabled and sys.stderr.isatty():
+            self._progress = Progress(
+                TextColumn("t = {task.fields[time]:.4f} s"),
+                BarColumn(),
+                TextColumn("{task.percentage:3.0f} %"),
+                TextColumn("dt {task.fields[dt]:.1e} s"),
+                TextColumn("Newton {task.fields[newton]}  Krylov {task.fields[krylov]}"),
+                TimeRemainingColumn(),
+                TextColumn("left"),
+                console=Console(stderr=True),
+            )
+            self._start = start
+            self._task = self._progress.add_task("run", total=end - start, time=start, dt=0.0, newton=0, krylov=0)
+
+    def __enter__(self) -> RunProgress:
+        if self._progress:
+            self._progress.start()
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        if self._progress:
+            self._progress.stop()
+
+    def update(self, time: float, row: Mapping[str, float]) -> None:
+        """Show the state after a step: its time [s] and its row of the history."""
+        if self._progress:
+            self._progress.update(
+                self._task,
+                completed=time - self._start,
+                time=time,
+                dt=row["time_step"],
+                newton=row["newton_iterations"],
+                krylov=row["krylov_iterations"],
+            )

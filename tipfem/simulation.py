@@ -1,0 +1,299 @@
+"""Simulation: the time step, and runs of it."""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tipfem import device, probes
+from tipfem.case import INTERFACES, Case
+from tipfem.flow import ElementProperties, FlowProblem, Workspace
+from tipfem.mesh import Mesh
+from tipfem.newton import NewtonResult, newton
+from tipfem.output import ResultsFolder
+from tipfem.particles import Array, Particles
+from tipfem.progress import RunProgress
+from tipfem.relocation import relocate
+from tipfem.time_integration import GeneralizedAlpha, StepControl
+from tipfem.triangulation import TriangulationError, triangulate, wall_fluid
+
+Probe = Callable[["Simulation"], float]
+
+
+class SimulationError(RuntimeError):
+    """A run cannot go on; what was computed up to there is kept and written."""
+
+
+class StepRefused(Exception):
+    """A step was not good enough; a shorter one may be."""
+
+
+class Simulation:
+    """A case in motion.
+
+    Args:
+        case: what is simulated.
+        out: folder for the results, or None to write none.
+        time_step: largest time step [s]; by default 0.05 sqrt(h / |g|), or 1e-3 s without gravity.
+        output_interval: time between fields written to disk [s]; by default only the first and the
+            last state of a run.
+        columns: further columns of the history, by name: functions of the simulation.
+
+    Attributes:
+        time: [s].
+        particles: the present state; position, velocity, pressure, fluid, wall are NumPy arrays.
+        mesh: simplices on the present positions.
+        history: one dict a step, as in history.csv.
+
+    Raises:
+        ValueError: an argument is out of range, or ``out`` cannot be written to.
+    """
+
+    def __init__(
+        self,
+        case: Case,
+        out: str | Path | None = None,
+        *,
+        time_step: float | None = None,
+        output_interval: float | None = None,
+        columns: Mapping[str, Probe] | None = None,
+    ) -> None:
+        if output_interval is not None and not output_interval > 0:
+            raise ValueError(f"Simulation: output_interval is {output_interval!r} s; it must be > 0")
+        device.require_init()
+        self.case = case
+        self.results = ResultsFolder(out) if out is not None else None
+        self.output_interval = output_interval
+        self.columns = dict(columns or {})
+        self.time = 0.0
+        self.step_number = 0
+        self.history: list[dict[str, float]] = []
+        self.interface = INTERFACES[case.interface]()
+        strength = float(np.linalg.norm(case.gravity))
+        natural = 0.05 * math.sqrt(case.particles.spacing / strength) if strength else 1e-3
+        self.control = StepControl(natural if time_step is None else time_step)
+        self._workspace = Workspace()
+        self._reference = case.pressure_reference()
+        self._started = clock.perf_counter()
+        self._outputs = 0
+        try:
+            self._take(case.particles.copy())
+        except TriangulationError as error:
+            raise ValueError(f"Simulation: the initial particles cannot be meshed: {error}") from error
+        self.initial_volume = self._volumes()
+        if self.results:
+            self.results.write_case(case)
+
+    def step(self, until: float = math.inf) -> None:
+        """Advance by one accepted time step: solve, accept, relocate, mesh.
+
+        Args:
+            until: time that must not be stepped over [s].
+
+        Raises:
+            ValueError: ``until`` is not later than the present time.
+            SimulationError: even the smallest time step was refused.
+        """
+        if not until > self.time:
+            raise ValueError(f"step: until is {until!r} s; it must be later than the present {self.time:g} s")
+        while True:
+            speed = float(np.sqrt((self.particles.velocity**2).sum(axis=1).max()))
+            dt = self.control.length(speed, self.particles.spacing, until - self.time)
+            try:
+                moved, result = self._solve(dt)
+                relocated, count = relocate(moved, self.mesh.cells, self.case.numerics.relocation)
+                self._take(relocated)
+                break
+            except (StepRefused, TriangulationError, FloatingPointError) as reason:
+                if not self.control.refuse(dt):
+                    raise SimulationError(
+                        f"the run stops at t = {self.time:.6g} s, step {self.step_number}: {reason}; "
+                        f"halving the time step down to {dt:.3g} s did not help"
+                    ) from reason
+        self.control.accept(dt)
+        self.time = until if abs(until - self.time - dt) < 1e-9 * dt else self.time + dt
+        self.step_number += 1
+        self._record(dt, result, count)
+
+    def run(self, until: float, *, progress: bool = True) -> None:
+        """Step until a time, writing history and fields on the way.
+
+        Args:
+            until: [s].
+            progress: show a progress bar when the error output is a terminal.
+
+        Raises:
+            ValueError: the time has passed already.
+            SimulationError: the run cannot go on; all up to there is on disk.
+        """
+        if not until > self.time:
+            raise ValueError(f"run: until is {until!r} s; it must be later than the present {self.time:g} s")
+        if self.step_number == 0:
+            self._write_fields()
+        bar = RunProgress(self.time, until, enabled=progress)
+        status = "stopped"
+        try:
+            with bar:
+                while self.time < until:
+                    self.step(min(until, self._next_output()))
+                    bar.update(self.time, self.history[-1])
+                    if self.time >= self._next_output() or self.time >= until:
+                        self._write_fields()
+            status = "complete"
+        except KeyboardInterrupt:
+            status = "interrupted"
+            raise
+        except SimulationError as error:
+            status = str(error)
+            raise
+        finally:
+            if status != "complete":
+                self._write_fields()
+            self.write_summary({"status": status})
+
+    def _solve(self, dt: float) -> tuple[Particles, NewtonResult]:
+        """The state after a step of length ``dt``, before relocation.
+
+        Raises:
+            StepRefused: Newton's method failed, an element would invert, or a particle would move too far.
+        """
+        numerics = self.case.numerics
+        scheme = GeneralizedAlpha(numerics.rho_inf, dt)
+        position = self.particles.position + scheme.cf * scheme.predict(self.particles)
+        force = self.case.acceleration(position, self.time + scheme.cf * dt)
+        problem = FlowProblem(
+            self.mesh, self.particles, self._properties(), scheme, force, numerics.stabilisation, self._workspace
+        )
+        result = newton(
+            problem,
+            problem.predict(),
+            tolerance=numerics.newton_tolerance,
+            max_iterations=numerics.newton_iterations,
+        )
+        if not result.converged:
+            raise StepRefused(
+                f"Newton's method did not converge in {result.iterations} iterations (residual {result.norm:.2e} h)"
+            )
+        limits = problem.limits(result.solution)
+        if not limits.finite:
+            raise StepRefused("the solution is not finite")
+        if limits.smallest_jacobian < numerics.smallest_jacobian:
+            raise StepRefused(f"an element would be inverted or crushed (J = {limits.smallest_jacobian:.3g})")
+        if limits.largest_displacement > self.control.reach * self.particles.spacing:
+            raise StepRefused(
+                f"a particle would move by {limits.largest_displacement / self.particles.spacing:.2f} spacings"
+            )
+        displacement, pressure = problem.split(result.solution)
+        return scheme.advance(self.particles, displacement, pressure - pressure[self._reference]), result
+
+    def _take(self, particles: Particles) -> None:
+        """Make ``particles`` the present state: mesh them, and give the walls their fluid."""
+        mesh = triangulate(particles.position, particles.wall, particles.spacing)
+        particles.fluid = wall_fluid(mesh, particles.fluid, particles.wall)
+        self.mesh, self.particles = mesh, particles
+
+    def _properties(self) -> ElementProperties:
+        density, viscosity = self.interface.element_properties(
+            self.mesh.cells, self.particles.fluid, self.case.fluids
+        )
+        return ElementProperties(density, viscosity, self._volume_source())
+
+    def _volume_source(self) -> Array:
+        """(M,) growth s of each element that gives the fluids back the volume they lost.
+
+        s_f = c (V0_f - V_f) / V_f, limited, with one c for all fluids: in a closed tank, where what one
+        fluid lost the others gained, the elements' total growth is zero.
+        """
+        numerics = self.case.numerics
+        count = len(self.case.fluids)
+        volumes = self._volumes()
+        lost = np.divide(self.initial_volume - volumes, volumes, out=np.zeros(count), where=volumes > 0)
+        worst = float(np.abs(lost).max())
+        if worst == 0 or numerics.volume_correction == 0:
+            return np.zeros(len(self.mesh.cells))
+        part = min(numerics.volume_correction, numerics.volume_correction_limit / worst)
+        fraction = self.interface.fluid_fraction(self.mesh.cells, self.particles.fluid, count)
+        growth = part * fraction @ lost
+        # A fluid that has vanished from the mesh cannot take part; keep the total growth at zero.
+        return growth - float(growth @ self.mesh.measure) / float(self.mesh.measure.sum())
+
+    def _volumes(self) -> Array:
+        return probes.fluid_volumes(self.mesh, self.particles.fluid, self.interface, len(self.case.fluids))
+
+    def fluid_index(self, name: str) -> int:
+        """Index of a fluid by its name.
+
+        Raises:
+            ValueError: there is no fluid of that name.
+        """
+        names = [f.name for f in self.case.fluids]
+        if name not in names:
+            raise ValueError(f"there is no fluid {name!r} in this case; it has {names}")
+        return names.index(name)
+
+    def volume(self, name: str) -> float:
+        """Volume of a fluid [m^2 in 2-D, m^3 in 3-D]; see `fluid_index` for errors."""
+        return float(self._volumes()[self.fluid_index(name)])
+
+    def energy(self) -> probes.Energy:
+        """Kinetic and potential energy [J, per metre of depth in 2-D]."""
+        density, _ = self.interface.element_properties(self.mesh.cells, self.particles.fluid, self.case.fluids)
+        return probes.energy(self.mesh, self.particles, density, np.asarray(self.case.gravity))
+
+    def write_summary(self, content: Mapping[str, Any] | None = None) -> None:
+        """Write summary.json with the run's settings and ``content``; nothing without a results folder."""
+        if not self.results:
+            return
+        numerics = {**vars(self.case.numerics), "relocation": vars(self.case.numerics.relocation)}
+        self.results.write_summary(
+            {
+                "time": self.time,
+                "steps": self.step_number,
+                "wall_seconds": clock.perf_counter() - self._started,
+                "particles": len(self.particles),
+                "spacing": self.particles.spacing,
+                "largest_time_step": self.control.largest,
+                **device.settings(),
+                "interface": self.case.interface,
+                "numerics": numerics,
+                "fluids": [vars(f) for f in self.case.fluids],
+                **(content or {}),
+            }
+        )
+
+    def _record(self, dt: float, result: NewtonResult, relocated: int) -> None:
+        """Add the step to the history, in memory and on disk."""
+        row: dict[str, float] = {
+            "step": self.step_number,
+            "time": self.time,
+            "time_step": dt,
+            "newton_iterations": result.iterations,
+            "krylov_iterations": result.krylov_iterations,
+            "relocated": relocated,
+            "max_speed": float(np.sqrt((self.particles.velocity**2).sum(axis=1).max())),
+            "kinetic_energy": self.energy().kinetic,
+        }
+        for fluid, volume in zip(self.case.fluids, self._volumes(), strict=True):
+            row[f"volume_{fluid.name}"] = float(volume)
+        for name, probe in self.columns.items():
+            row[name] = float(probe(self))
+        row["wall_seconds"] = clock.perf_counter() - self._started
+        self.history.append(row)
+        if self.results:
+            self.results.append_history(row)
+
+    def _next_output(self) -> float:
+        return math.inf if self.output_interval is None else self._outputs * self.output_interval
+
+    def _write_fields(self) -> None:
+        """Write the present state to disk, and set when the next one is due."""
+        if self.output_interval is not None:
+            self._outputs = math.floor(self.time / self.output_interval + 1e-9) + 1
+        if self.results:
+            density = np.array([f.density for f in self.case.fluids])[self.particles.fluid]
+            self.results.write_fields(self.step_number, self.time, self.mesh, self.particles, density)

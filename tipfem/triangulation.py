@@ -1,0 +1,88 @@
+"""Delaunay triangulation of the particles, by SciPy (Qhull)."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import Delaunay, QhullError
+
+from tipfem.mesh import Mesh, simplex_measure
+from tipfem.particles import Array
+
+# A simplex of wall particles alone with less than this part of a regular one's measure has no
+# area but for round-off: it lies in a straight wall.
+SLIVER = 1e-6
+
+
+class TriangulationError(RuntimeError):
+    """The particles could not be triangulated."""
+
+
+def triangulate(position: Array, wall: Array, spacing: float) -> Mesh:
+    """Delaunay mesh of all particles.
+
+    Args:
+        position: (N, d) [m].
+        wall: (N,) mask of the wall particles.
+        spacing: target distance h between particles [m], the scale of what counts as flat.
+
+    Returns:
+        The mesh, cells positively oriented, slivers along straight walls dropped.
+
+    Raises:
+        TriangulationError: Qhull gave up, left out a particle, or a flat simplex holds a
+            particle that is no wall particle.
+    """
+    # Qhull loses points silently when the cloud is far from the origin.
+    centred = (position - 0.5 * (position.min(axis=0) + position.max(axis=0))) / spacing
+    try:
+        cells = Delaunay(centred).simplices.astype(np.int32)
+    except QhullError as error:
+        raise TriangulationError(f"Qhull cannot triangulate the particles: {error}") from error
+    measure = simplex_measure(centred, cells)
+    flip = measure < 0
+    cells[flip, :2] = cells[flip, 1::-1]
+    flat = (np.abs(measure) < SLIVER) & wall[cells].all(axis=1)
+    cells = cells[~flat]
+    if (np.abs(measure[~flat]) <= 1e-14).any():
+        i = int(cells[np.argmin(np.abs(measure[~flat]))].max())
+        raise TriangulationError(f"a simplex at particle {i}, {position[i].tolist()}, has no area")
+    used = np.zeros(len(position), dtype=bool)
+    used[cells.ravel()] = True
+    if not used.all():
+        i = int(np.argmin(used))
+        raise TriangulationError(f"particle {i} at {position[i].tolist()} is in no simplex of the mesh")
+    return Mesh(position, cells)
+
+
+def wall_fluid(mesh: Mesh, fluid: Array, wall: Array) -> Array:
+    """Give every wall particle the fluid of the closest particle of the fluids connected to it.
+
+    A wall particle that is connected to wall particles alone (in a corner) takes the fluid of
+    the closest of those that has one already.
+
+    Args:
+        mesh: the mesh on N particles.
+        fluid: (N,) fluid of each particle; what stands at wall particles does not matter.
+        wall: (N,) mask of the wall particles.
+
+    Returns:
+        (N,) fluid of each particle, wall particles included.
+    """
+    fluid = fluid.copy()
+    known = ~wall
+    i, j = mesh.edges.T
+    at_wall = wall[i] | wall[j]
+    i, j = i[at_wall], j[at_wall]
+    length = np.linalg.norm(mesh.position[i] - mesh.position[j], axis=1)
+    one, other = np.concatenate([i, j]), np.concatenate([j, i])
+    length = np.concatenate([length, length])
+    order = np.lexsort((other, length, one))
+    one, other = one[order], other[order]
+    while not known.all():
+        usable = ~known[one] & known[other]
+        if not usable.any():
+            break
+        target, first = np.unique(one[usable], return_index=True)
+        fluid[target] = fluid[other[usable][first]]
+        known[target] = True
+    return fluid
