@@ -1,3 +1,5 @@
+"""python -m tipfem.render"""
+
 import sys
 
 from .cli import main

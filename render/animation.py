@@ -29,10 +29,10 @@ class Animation(NamedTuple):
     field_range: tuple[float, float] | None
 
 
-def animate(out, field: str | None = None, frames: bool = True, movie: str | Iterable[str] | None = "animation.mp4",
-            playback_rate: float = 25.0, *, size=(1280, 720), field_range=None, mesh: bool = False,
-            particles: bool = False, backend: str = "auto",
-            fluid_colours: Mapping[str, str] | None = None) -> Animation:
+def animate(out, field: str | None = None, frames: bool = True,
+            movie: str | Iterable[str] | None = "animation.mp4", playback_rate: float = 25.0, *,
+            size=(1280, 720), field_range=None, mesh: bool = False, particles: bool = False,
+            backend: str = "auto", fluid_colours: Mapping[str, str] | None = None) -> Animation:
     """Draw every stored time of the results folder `out`, one picture each.
 
     Frames go to out/frames/frame_0000.png, ..., movies to `out`. With a field its name is in theirs:
@@ -49,7 +49,8 @@ def animate(out, field: str | None = None, frames: bool = True, movie: str | Ite
     names = [movie] if isinstance(movie, str) else list(movie or [])
     names = [check_movie_name(name) for name in names]
     if not 0 < playback_rate <= 1000:
-        raise ValueError(f"playback rate {playback_rate:g}: expected pictures a second, above 0 and up to 1000")
+        raise ValueError(f"playback rate {playback_rate:g}: expected pictures a second, "
+                         "above 0 and up to 1000")
     if not (frames or names):
         raise ValueError("nothing to write: neither frames nor a movie is asked for")
     if field_range is not None:
@@ -97,12 +98,13 @@ def _sampled(results):
 def _write_png(path, image):
     part = path.with_name(f".{path.name}.part")
     try:
-        # Level 1 takes a third of the time of the default; such flat pictures are small at any level.
+        # Level 1 takes half the time of the default, and such flat pictures are small at any level.
         Image.fromarray(image).save(part, format="png", compress_level=1)
         part.replace(path)
-    except BaseException:
+    except OSError as error:
+        raise OSError(f"{path}: the frame could not be written: {error}") from None
+    finally:
         part.unlink(missing_ok=True)
-        raise
     return path
 
 

@@ -16,7 +16,7 @@ SMALL, NORMAL, LARGE = 16, 19, 27  # text heights in design pixels
 
 @lru_cache(maxsize=32)
 def _font(height: float):
-    return ImageFont.load_default(size=max(9.0, height))
+    return ImageFont.load_default(size=height)
 
 
 def text_width(text: str, height: float) -> float:
@@ -56,13 +56,14 @@ class Annotator:
         small = _font(height * self.unit * 0.68)
         total = font.getlength(base) + small.getlength(raised) + font.getlength(rest)
         x = at[0] - {"l": 0, "m": total / 2, "r": total}[anchor[0]]
-        self.draw.text((x, at[1]), base, fill=colour, font=font, anchor="l" + anchor[1])
-        x += font.getlength(base)
-        self.draw.text((x, at[1] - 0.28 * height * self.unit), raised, fill=colour, font=small,
-                       anchor="l" + anchor[1])
-        self.draw.text((x + small.getlength(raised), at[1]), rest, fill=colour, font=font, anchor="l" + anchor[1])
+        y, anchor = at[1], "l" + anchor[1]
+        higher = y - 0.28 * height * self.unit
+        for part, part_font, part_y in ((base, font, y), (raised, small, higher), (rest, font, y)):
+            self.draw.text((x, part_y), part, fill=colour, font=part_font, anchor=anchor)
+            x += part_font.getlength(part)
 
     def line(self, points, colour=colours.SUBTLE):
+        """A thin line through points [px]."""
         self.draw.line([tuple(p) for p in points], fill=colour, width=max(1, round(self.unit)))
 
     def axes(self):
@@ -81,10 +82,12 @@ class Annotator:
             y = self.layout.pixels([lower[0], value])[1]
             self.line([(left - start, y), (left - start - length, y)])
             self.text((left - start - length - 5 * u, y), label, SMALL, colours.SUBTLE, "rm")
-        self.text(((left + right) / 2, bottom + start + length + 27 * u), "x [m]", SMALL, colours.SUBTLE, "mt")
+        below = bottom + start + length + 27 * u
+        self.text(((left + right) / 2, below), "x [m]", SMALL, colours.SUBTLE, "mt")
         self.text((left - start - length - 5 * u, top - 22 * u), "y [m]", SMALL, colours.SUBTLE, "rm")
 
     def title(self, text):
+        """The title above the tank, cut where the picture ends."""
         left, top, _, _ = self.layout.box
         room = self.layout.size[0] - left - 20 * self.unit
         self.text((left, top - 44 * self.unit), text, 23, colours.TEXT, "lm", limit=room)
@@ -116,9 +119,12 @@ class Annotator:
         else:
             self.text((x, y), field_label(field), NORMAL)
             x += text_width(field_label(field), NORMAL * u) + 40 * u
-            self.level_bar((x, y, right - 20 * u, y + 20 * u), field, field_range)
+            if self.layout.narrow:
+                x, y = left + 12 * u, y + 42 * u
+            self.level_bar((x, y, right - 12 * u, y + 20 * u), field, field_range)
 
     def swatch(self, at, name, fill, room):
+        """A fluid's colour and its name; `room` [px] is what both may take."""
         x, y, u = *at, self.unit
         side = 22 * u
         self.draw.rectangle([x, y, x + side, y + side], fill=_bytes(fill), outline=colours.WALL,
@@ -126,6 +132,7 @@ class Annotator:
         self.text((x + side + 12 * u, y + side / 2), name, NORMAL, anchor="lm", limit=room - side - 12 * u)
 
     def interface_key(self, at, scene):
+        """What the line over a field means, where there are two fluids; returns the y [px] below it."""
         x, y, u = *at, self.unit
         if len(scene.fluid_names) < 2:
             return y
@@ -163,14 +170,15 @@ class Annotator:
         self._end([(right, top), (right + tip, middle), (right, bottom)], table[-1])
         if not (field == "speed" and field_range[0] == 0):
             self._end([(left, top), (left - tip, middle), (left, bottom)], table[0])
-        ticks = round_ticks(*field_range, _most(right - left, 80 * self.unit))
+        ticks = round_ticks(*field_range, _most(right - left, 70 * self.unit))
         for value, label in zip(ticks, tick_labels(ticks), strict=True):
             x = left + (value - field_range[0]) / (field_range[1] - field_range[0]) * (right - left)
             self.line([(x, bottom), (x, bottom + 6 * self.unit)])
             self.text((x, bottom + 10 * self.unit), label, SMALL, anchor="mt")
 
     def _bar(self, shades, box):
-        self.image.paste(Image.fromarray(np.rint(shades * 255).astype(np.uint8)), (round(box[0]), round(box[1])))
+        bar = Image.fromarray(np.rint(shades * 255).astype(np.uint8))
+        self.image.paste(bar, (round(box[0]), round(box[1])))
 
     def _end(self, corners, colour):
         self.draw.polygon([(round(x), round(y)) for x, y in corners], fill=_bytes(colour))
@@ -191,4 +199,4 @@ def _most(length, each):
 
 
 def _bytes(colour):
-    return tuple(int(round(255 * channel)) for channel in colour)
+    return tuple(round(255 * float(channel)) for channel in colour)

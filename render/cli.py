@@ -23,12 +23,14 @@ One stored time is one picture; the movie shows them evenly, at the playback rat
 def parser() -> argparse.ArgumentParser:
     """The parser of the command line."""
     made = argparse.ArgumentParser(
-        prog="python -m tipfem.render", description="Draw the results folder of a run as pictures and a movie.",
+        prog="python -m tipfem.render",
+        description="Draw the results folder of a run as pictures and a movie.",
         epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter)
     made.add_argument("out", metavar="OUT", type=Path, help="results folder, with case.json and fields.pvd")
     made.add_argument("--field", default="none", metavar="NAME",
                       help="colour by speed [m/s], velocity_x [m/s], velocity_y [m/s], pressure [Pa], "
-                           "density [kg/m^3] or another scalar of the results; none shows the fluids (default)")
+                           "density [kg/m^3] or another scalar of the results; none shows the fluids "
+                           "(default)")
     made.add_argument("--range", nargs=2, type=float, metavar=("LOW", "HIGH"), dest="field_range",
                       help="values at the ends of the colours, in the field's unit "
                            "(default: from the results, the same for all pictures)")
@@ -37,7 +39,8 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--size", type=_size, default=(1280, 720), metavar="WIDTHxHEIGHT",
                       help="size of the pictures in pixels, even numbers (default: 1280x720)")
     made.add_argument("--backend", choices=BACKENDS, default="auto",
-                      help="ggui: Taichi's GGUI, offscreen, needs a Vulkan driver; raster: the built-in rasteriser; "
+                      help="ggui: Taichi's GGUI, offscreen, needs a Vulkan driver; "
+                           "raster: Taichi kernels alone; "
                            "auto: ggui where there is a driver, else raster (default)")
     made.add_argument("--movie", nargs="*", default=["animation.mp4"], metavar="FILE",
                       help="movies to write in OUT, ending in .mp4, .gif or .webp; without a FILE, none "

@@ -79,7 +79,21 @@ def luminance(colour) -> np.ndarray:
     return np.asarray(colour) @ np.array([0.2126, 0.7152, 0.0722])
 
 
+def _pale(fills):
+    return (luminance(fills) > 0.75)[:, None]
+
+
+def tone(fills) -> np.ndarray:
+    """Colours (F, 3) of fine lines on the fills: darker on pale ones, lighter on dark ones."""
+    dark = (luminance(fills) < 0.45)[:, None]
+    return np.where(dark, mix(fills, 1.0, 0.38), mix(fills, rgb(WALL), 0.38))
+
+
+def dot_colours_on_field(fills) -> np.ndarray:
+    """Colours (F, 3) of particle dots over a field: pale fluids near-white, the others dark."""
+    return np.where(_pale(fills), mix(fills, 1.0, 0.5), 0.45 * np.asarray(fills))
+
+
 def dot_colours(fills) -> np.ndarray:
     """Colours (F, 3) of particle dots: the fill where it is strong, a darker tone of it where it is pale."""
-    pale = (luminance(fills) > 0.75)[:, None]
-    return np.where(pale, np.asarray(fills) * np.array([0.52, 0.64, 0.74]), fills)
+    return np.where(_pale(fills), np.asarray(fills) * np.array([0.52, 0.64, 0.74]), fills)

@@ -29,7 +29,10 @@ class Drawing:
         self._colours.append(np.broadcast_to(colours, (len(vertices), 3, 3)))
 
     def lines(self, segments, width: float, colour, cap: float = 0.0):
-        """Add segments (S, 2, 2) [px] of a width [px], lengthened at both ends by `cap` [px]."""
+        """Add segments (S, 2, 2) [px] of a width [px], lengthened at both ends by `cap` [px].
+
+        colour: (3,), or (S, 3) for one a segment.
+        """
         segments = np.asarray(segments, np.float64)
         start, end = segments[:, 0], segments[:, 1]
         along = end - start
@@ -38,6 +41,9 @@ class Drawing:
         aside = np.stack([-along[:, 1], along[:, 0]], axis=1) * (width / 2)
         start, end = start - cap * along, end + cap * along
         corners = np.stack([start - aside, end - aside, end + aside, start + aside], axis=1)
+        colour = np.asarray(colour)
+        if colour.ndim == 2:
+            colour = np.repeat(colour, 2, axis=0)
         self.triangles(corners[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 2), colour)
 
     def dots(self, centres, radius: float, colours):

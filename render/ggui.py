@@ -48,7 +48,7 @@ class _Window:
             try:
                 self.window = ti.ui.Window("tipfem", size, show_window=False)
             except RuntimeError as error:
-                raise DriverError(" ".join([str(error), *said()])) from None
+                raise DriverError(", ".join([str(error), *said()])) from None
         self.canvas = self.window.get_canvas()
         self.capacity = 0
         self._tree = None
@@ -106,8 +106,8 @@ class GGUICanvas:
     def __init__(self, size):
         self.size = size
         if max(size) * SAMPLES > _LARGEST:
-            raise ValueError(f"size {size[0]}x{size[1]}: GGUI draws up to {_LARGEST // SAMPLES} pixels a side; "
-                             "the backend 'raster' draws larger pictures")
+            raise ValueError(f"size {size[0]}x{size[1]}: GGUI draws up to {_LARGEST // SAMPLES} pixels "
+                             "a side; the backend 'raster' draws larger pictures")
         with _no_settings_file():
             _window((size[0] * SAMPLES, size[1] * SAMPLES))
 
@@ -158,7 +158,7 @@ def _quiet_driver():
 
         def said():
             held.seek(0)
-            return held.read().decode(errors="replace").split("\n")[:3]
+            return [line.strip() for line in held.read().decode(errors="replace").splitlines()[:3]]
 
         try:
             yield said

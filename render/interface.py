@@ -74,7 +74,7 @@ def _unique_edges(cells):
     halves = np.concatenate([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]])
     halves = np.sort(halves, axis=1)
     base = int(halves.max()) + 1 if len(halves) else 1
-    keys, inverse, count = np.unique(halves[:, 0] * base + halves[:, 1], return_inverse=True, return_counts=True)
+    keys, inverse, count = np.unique(halves @ [base, 1], return_inverse=True, return_counts=True)
     return np.stack([keys // base, keys % base], axis=1), inverse, count
 
 

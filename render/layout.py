@@ -4,8 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-SMALLEST = 160  # [px] a side
+SMALLEST = (320, 240)  # [px] width, height
 LARGEST = 16384
+SMALLEST_UNIT = 0.5625  # below it the smallest text, 16 design pixels, can no longer be read
+
+_NARROW = 900  # [design pixels] below this width a panel below the tank takes two rows
 
 
 @dataclass(frozen=True)
@@ -27,6 +30,11 @@ class Layout:
     beside: bool
     panel: tuple[float, float, float, float]
 
+    @property
+    def narrow(self) -> bool:
+        """Whether a panel below the tank takes two rows."""
+        return self.size[0] < _NARROW * self.unit
+
     def pixels(self, points) -> np.ndarray:
         """Points (..., 2) [m] -> (..., 2) [px]."""
         points = np.asarray(points, np.float64)
@@ -44,9 +52,10 @@ def check_size(size) -> tuple[int, int]:
             raise ValueError
     except (TypeError, ValueError):
         raise ValueError(f"size {size!r}: expected two whole numbers of pixels, (width, height)") from None
-    if min(width, height) < SMALLEST or max(width, height) > LARGEST or width % 2 or height % 2:
-        raise ValueError(f"size {width}x{height}: expected even numbers of pixels, "
-                         f"{SMALLEST} to {LARGEST} a side")
+    small = width < SMALLEST[0] or height < SMALLEST[1]
+    if small or max(width, height) > LARGEST or width % 2 or height % 2:
+        raise ValueError(f"size {width}x{height}: expected even numbers of pixels, from "
+                         f"{SMALLEST[0]}x{SMALLEST[1]} to {LARGEST}x{LARGEST}")
     return width, height
 
 
@@ -56,12 +65,12 @@ def make_layout(size, lower, upper, title: bool, panel_width: float) -> Layout:
     title: whether a title stands above; panel_width: what the panel needs when beside, in design pixels.
     """
     width, height = size
-    unit = min(width / 1280, height / 720)
+    unit = max(SMALLEST_UNIT, min((width * height / (1280 * 720)) ** 0.5, width / 480, height / 360))
     extent = np.asarray(upper) - np.asarray(lower)
     pad, axis_left, axis_below, gap = 16 * unit, 72 * unit, 58 * unit, 44 * unit
     head = (60 if title else 30) * unit
     panel_width = min(panel_width * unit, 0.4 * width)
-    band = 84 * unit
+    band = (118 if width < _NARROW * unit else 84) * unit
 
     room_beside = (width - 2 * pad - axis_left - gap - panel_width, height - 2 * pad - head - axis_below)
     room_below = (width - 2 * pad - axis_left - 18 * unit, height - 2 * pad - head - axis_below - band)

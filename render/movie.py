@@ -59,7 +59,7 @@ class MovieWriter:
         # quality=None: the parameters above say it.
         self._pipe = imageio_ffmpeg.write_frames(
             str(self.part), self.size, fps=float(frame_rate), quality=None, macro_block_size=2,
-            ffmpeg_log_level="fatal", **{**_CODECS[suffix], "output_params": list(_CODECS[suffix]["output_params"])},
+            ffmpeg_log_level="fatal", **_CODECS[suffix],
         )
         self._pipe.send(None)
 
@@ -69,8 +69,8 @@ class MovieWriter:
             self._pipe.send(np.ascontiguousarray(image))
         except OSError as error:
             self.discard()
-            raise MovieError(f"{self.path}: writing the movie stopped at frame {self.count}; is the disk full? "
-                             f"({str(error).splitlines()[0]})") from None
+            raise MovieError(f"{self.path}: writing the movie stopped at frame {self.count}; "
+                             f"is the disk full? ({str(error).splitlines()[0]})") from None
         self.count += 1
 
     def finish(self) -> Path:

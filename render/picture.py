@@ -34,18 +34,20 @@ def draw_scene(scene: Scene, layout: Layout, fills, *, field=None, field_range=N
     if field is None:
         shown = colours.mix(fills, 1.0, 0.62) if particles else fills
         drawing.triangles(layout.pixels(regions.triangles), shown[regions.fluid])
-        line_colour = shown.min(axis=0) * 0.72
+        edge_colours = colours.tone(shown)[scene.fluid[edges]].mean(axis=1)
+        dots = colours.dot_colours(fills)
     else:
         table = colours.colour_table(is_signed(field))
         at_particles = colours.map_values(scene.field_values(field), *field_range, table)
         drawing.triangles(pixels[scene.cells], at_particles[scene.cells])
-        line_colour = colours.rgb("#20252c")
+        edge_colours = 0.6 * at_particles[edges].mean(axis=1)
+        dots = colours.dot_colours_on_field(fills)
 
     if mesh:
-        drawing.lines(pixels[edges], max(MESH_WIDTH * unit, 0.5), line_colour)
+        drawing.lines(pixels[edges], max(MESH_WIDTH * unit, 0.5), edge_colours)
     if particles:
         radius = min(max(0.27 * scene.spacing * layout.scale, 0.9 * unit), 6 * unit)
-        drawing.dots(pixels, radius, colours.dot_colours(fills)[scene.fluid])
+        drawing.dots(pixels, radius, dots[scene.fluid])
 
     interface = layout.pixels(regions.segments)
     if field is not None:

@@ -44,7 +44,8 @@ class Renderer:
             scene.field_values(field)
             field_range = field_limits([scene], field) if field_range is None else check_range(field_range)
         fills = colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours)
-        layout = make_layout(self.size, scene.lower, scene.upper, bool(scene.title), panel_width(scene, field))
+        layout = make_layout(self.size, scene.lower, scene.upper, bool(scene.title),
+                             panel_width(scene, field))
         drawing = draw_scene(scene, layout, fills, field=field, field_range=field_range,
                              mesh=mesh, particles=particles)
         image = self._canvas.paint(*drawing.arrays(), colours.BACKGROUND)
@@ -88,5 +89,5 @@ def _canvas(size, backend):
                                "libvulkan1 and mesa-vulkan-drivers) or choose backend 'raster'") from None
     if not _told:
         _told = True
-        print("tipfem.render: no Vulkan driver for GGUI, drawing with the built-in rasteriser", file=sys.stderr)
+        print("tipfem.render: no Vulkan driver for GGUI, drawing with the rasteriser", file=sys.stderr)
     return Rasterizer(size)

@@ -50,15 +50,17 @@ class Scene:
             bad = np.flatnonzero(~np.isfinite(position).all(axis=1))
             raise ValueError(f"position: {len(bad)} particles are not finite, the first is particle {bad[0]}")
         count = len(position)
-        cells = np.asarray(self.cells, np.int64).reshape(-1, 3) if np.size(self.cells) == 0 \
-            else np.asarray(self.cells, np.int64)
+        cells = np.asarray(self.cells, np.int64)
+        if cells.size == 0:
+            cells = cells.reshape(0, 3)
         if cells.ndim != 2 or cells.shape[1] != 3:
             raise ValueError(f"cells: shape {cells.shape}, expected (M, 3)")
         _check_index("cells", cells, count, "particles")
 
         names = tuple(str(name) for name in self.fluid_names)
         if self.fluid_densities is not None and len(self.fluid_densities) != len(names):
-            raise ValueError(f"fluid_densities: {len(self.fluid_densities)} values for {len(names)} fluid_names")
+            raise ValueError(f"fluid_densities: {len(self.fluid_densities)} values, "
+                             f"expected {len(names)}, one for each of fluid_names")
         fluid = _integers("fluid", self.fluid, count)
         _check_index("fluid", fluid, len(names), "fluid_names")
         wall = np.zeros(count, bool) if self.wall is None else _integers("wall", self.wall, count) != 0

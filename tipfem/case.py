@@ -26,9 +26,9 @@ class Numerics:
     Attributes:
         rho_inf: of generalized-alpha, 0 to 1.
         stabilisation: c in tau = c dt^2 of the PSPG term, > 0.
-        volume_correction: part of a fluid's lost volume that the source in J - 1 = s gives back in a
-            step; 0 switches the source off.
-        volume_correction_limit: largest |s| of a step.
+        volume_correction: rate at which the source in J - 1 = s gives lost volume back to a fluid, in
+            units of sqrt(|g| / h); 0 switches the source off. It is a rate, not a part a step: short
+            steps would otherwise turn the noise of remeshing into violent motion.
         newton_tolerance: of the largest scaled residual, in spacings.
         newton_iterations: after which a step is refused.
         smallest_jacobian: a step in which an element's J falls below it is refused.
@@ -40,8 +40,7 @@ class Numerics:
 
     rho_inf: float = 0.0
     stabilisation: float = 0.25
-    volume_correction: float = 0.1
-    volume_correction_limit: float = 2e-3
+    volume_correction: float = 2.0
     newton_tolerance: float = 1e-6
     newton_iterations: int = 8
     smallest_jacobian: float = 0.05
@@ -51,8 +50,7 @@ class Numerics:
         for name, low, high in (
             ("rho_inf", 0.0, 1.0),
             ("stabilisation", 1e-6, 10.0),
-            ("volume_correction", 0.0, 1.0),
-            ("volume_correction_limit", 0.0, 0.1),
+            ("volume_correction", 0.0, 100.0),
             ("newton_tolerance", 1e-14, 1e-1),
             ("newton_iterations", 1, 100),
             ("smallest_jacobian", 0.0, 0.9),

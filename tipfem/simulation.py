@@ -167,7 +167,7 @@ class Simulation:
         position = self.particles.position + scheme.cf * scheme.predict(self.particles)
         force = self.case.acceleration(position, self.time + scheme.cf * dt)
         problem = FlowProblem(
-            self.mesh, self.particles, self._properties(), scheme, force, numerics.stabilisation, self._workspace
+            self.mesh, self.particles, self._properties(dt), scheme, force, numerics.stabilisation, self._workspace
         )
         result = newton(
             problem,
@@ -197,28 +197,25 @@ class Simulation:
         particles.fluid = wall_fluid(mesh, particles.fluid, particles.wall)
         self.mesh, self.particles = mesh, particles
 
-    def _properties(self) -> ElementProperties:
+    def _properties(self, dt: float) -> ElementProperties:
         density, viscosity = self.interface.element_properties(
             self.mesh.cells, self.particles.fluid, self.case.fluids
         )
-        return ElementProperties(density, viscosity, self._volume_source())
+        return ElementProperties(density, viscosity, self._volume_source(dt))
 
-    def _volume_source(self) -> Array:
+    def _volume_source(self, dt: float) -> Array:
         """(M,) growth s of each element that gives the fluids back the volume they lost.
 
-        s_f = c (V0_f - V_f) / V_f, limited, with one c for all fluids: in a closed tank, where what one
-        fluid lost the others gained, the elements' total growth is zero.
+        s_f = dt r (V0_f - V_f) / V_f with one rate r for all fluids: in a closed tank, where what one fluid
+        lost the others gained, the elements' total growth is zero.
         """
-        numerics = self.case.numerics
+        strength = float(np.linalg.norm(self.case.gravity))
+        rate = self.case.numerics.volume_correction * math.sqrt(strength / self.particles.spacing)
         count = len(self.case.fluids)
         volumes = self._volumes()
         lost = np.divide(self.initial_volume - volumes, volumes, out=np.zeros(count), where=volumes > 0)
-        worst = float(np.abs(lost).max())
-        if worst == 0 or numerics.volume_correction == 0:
-            return np.zeros(len(self.mesh.cells))
-        part = min(numerics.volume_correction, numerics.volume_correction_limit / worst)
         fraction = self.interface.fluid_fraction(self.mesh.cells, self.particles.fluid, count)
-        growth = part * fraction @ lost
+        growth = min(dt * rate, 0.5) * fraction @ lost
         # A fluid that has vanished from the mesh cannot take part; keep the total growth at zero.
         return growth - float(growth @ self.mesh.measure) / float(self.mesh.measure.sum())
 

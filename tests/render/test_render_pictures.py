@@ -1,0 +1,155 @@
+"""Scenes, colours, layout and whole pictures with the rasteriser."""
+
+import numpy as np
+import pytest
+from render_results import SIDE, tank
+from tipfem.render import Renderer, Scene, render_frame
+from tipfem.render.annotation import panel_width
+from tipfem.render.colours import colour_table, fluid_colours, luminance, map_values, rgb
+from tipfem.render.layout import make_layout
+from tipfem.render.scales import field_limits, round_ticks, tick_labels
+
+
+def made_scene(**changes):
+    points, cells, fluid, wall = tank(0.0)
+    given = dict(position=points, cells=cells, fluid=fluid, wall=wall, fluid_names=("water", "air"),
+                 fields={"pressure": 1000 * points[:, 1], "velocity_x": points[:, 0] - 0.1},
+                 lower=(0, 0), upper=(SIDE, SIDE))
+    return Scene(**(given | changes))
+
+
+def pixel_at(scene, size, x, y, field=None):
+    layout = make_layout(size, scene.lower, scene.upper, bool(scene.title), panel_width(scene, field))
+    column, row = layout.pixels([x, y]).astype(int)
+    return row, column
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (640, 480), (400, 640)])
+def test_fluids_have_their_colours(size):
+    scene = made_scene()
+    image = render_frame(scene, size, backend="raster")
+    assert image.shape == (size[1], size[0], 3)
+    assert image.dtype == np.uint8
+    assert image[pixel_at(scene, size, 0.3, 0.1)] == pytest.approx(255 * rgb("#0072b2"), abs=1)
+    assert image[pixel_at(scene, size, 0.1, 0.4)] == pytest.approx(255 * rgb("#e8f3fa"), abs=1)
+    assert (image[:2] == 255).all()
+    assert (image[-2:] == 255).all()
+
+
+def test_chosen_colour_wins():
+    scene = made_scene()
+    image = render_frame(scene, (640, 480), backend="raster", fluid_colours={"water": "#804020"})
+    assert image[pixel_at(scene, (640, 480), 0.3, 0.1)].tolist() == [0x80, 0x40, 0x20]
+
+
+def test_field_has_the_colours_of_its_table():
+    scene = made_scene()
+    size = (640, 480)
+    image = render_frame(scene, size, field="pressure", field_range=(0, 500), backend="raster")
+    expected = map_values([100.0], 0, 500, colour_table(False))[0] * 255
+    assert image[pixel_at(scene, size, 0.25, 0.1, "pressure")] == pytest.approx(expected, abs=6)
+
+
+def test_options_change_the_tank_and_not_the_frame():
+    scene = made_scene()
+    with Renderer((640, 480), backend="raster") as renderer:
+        plain = renderer.frame(scene)
+        for options in ({"mesh": True}, {"particles": True}, {"mesh": True, "particles": True}):
+            image = renderer.frame(scene, **options)
+            assert 0.02 < (image != plain).any(axis=2).mean() < 0.6
+            assert (renderer.frame(scene) == plain).all()
+
+
+def test_three_fluids_and_no_cells():
+    points, cells, fluid, _ = tank(0.0)
+    fluid[:40] = 2
+    names = ("water", "air", "glycerin")
+    scene = Scene(position=points, cells=cells, fluid=fluid, fluid_names=names)
+    render_frame(scene, (400, 300), backend="raster")
+    bare = Scene(position=points, cells=[], fluid=np.zeros(len(points)))
+    render_frame(bare, (400, 300), particles=True, mesh=True, backend="raster")
+
+
+def test_colours_of_fluids():
+    fills = fluid_colours(("glycerin", "air", "water"), (1261, 1.2, 998))
+    assert fills[2] == pytest.approx(rgb("#0072b2"))
+    assert fills[0] == pytest.approx(rgb("#e69f00"))
+    assert luminance(fills[1]) > 0.9
+    assert fluid_colours(("oil",), (900,))[0] == pytest.approx(rgb("#0072b2"))
+
+
+def test_lightness_of_the_field_colours_grows_steadily():
+    steps = np.diff(luminance(colour_table(False)))
+    assert (steps > 0).all()
+
+
+def test_tank_fits_and_keeps_its_shape():
+    for size in [(1280, 720), (320, 240), (720, 1280), (3840, 2160)]:
+        for upper in [(1.0, 1.0), (3.2, 1.0), (0.2, 2.0), (100.0, 1.0)]:
+            layout = make_layout(size, (0, 0), upper, True, 200)
+            left, top, right, bottom = layout.box
+            assert 0 < left < right < size[0]
+            assert 0 < top < bottom < size[1]
+            assert (right - left) / (bottom - top) == pytest.approx(upper[0] / upper[1])
+            assert layout.panel[3] <= size[1] + 1
+            assert layout.panel[2] <= size[0]
+
+
+def test_ticks_are_round():
+    assert round_ticks(0, 0.584, 7) == pytest.approx([0, 0.1, 0.2, 0.3, 0.4, 0.5])
+    assert tick_labels([0, 0.1, 0.2]) == ["0.0", "0.1", "0.2"]
+    assert tick_labels([-500.0, 0.0, 500.0]) == ["-500", "0", "500"]
+    assert tick_labels([0.0, 2.5e-5, 5e-5]) == ["0", "2.5e-05", "5e-05"]
+
+
+def test_automatic_range():
+    scene = made_scene()
+    assert field_limits([scene], "pressure") == (0, 500)
+    low, high = field_limits([scene], "velocity_x")
+    assert low == -high
+    flat = made_scene(fields={"pressure": np.full(len(scene.position), 7.0)})
+    low, high = field_limits([flat], "pressure")
+    assert low < 7 < high
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"position": np.zeros((3, 3))}, "position"),
+        ({"cells": [[0, 1, 10**6]]}, "cells"),
+        ({"fluid": [0, 1]}, "fluid"),
+        ({"fluid_names": ("water",)}, "fluid"),
+        ({"fields": {"pressure": np.zeros(3)}}, "pressure"),
+        ({"upper": (-1, 1)}, "upper"),
+        ({"fluid_densities": (1.0,)}, "fluid_densities"),
+        ({"spacing": 0}, "spacing"),
+    ],
+)
+def test_bad_scenes_are_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        made_scene(**changes)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"size": (641, 480)}, "641x480"),
+        ({"size": (64, 48)}, "64x48"),
+        ({"size": "large"}, "large"),
+        ({"backend": "opengl"}, "opengl"),
+        ({"field": "vorticity"}, "vorticity.*pressure"),
+        ({"field": "pressure", "field_range": (5, 5)}, "5 to 5"),
+        ({"fluid_colours": {"oil": "#123456"}}, "oil"),
+        ({"fluid_colours": {"air": "blue"}}, "blue"),
+    ],
+)
+def test_bad_options_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        render_frame(made_scene(), **({"backend": "raster", "size": (640, 480)} | options))
+
+
+def test_value_that_is_not_finite_is_named():
+    scene = made_scene()
+    scene.fields["pressure"][5] = np.nan
+    with pytest.raises(ValueError, match="particle 5"):
+        render_frame(scene, field="pressure", backend="raster")

@@ -1,0 +1,182 @@
+"""A results folder to frames and movies, from Python and from the command line."""
+
+import subprocess
+import sys
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+from PIL import Image
+from render_results import write_results
+from tipfem.render import Results, ResultsError, animate
+from tipfem.render.movie import MovieError, MovieWriter
+
+SIZE = (480, 320)
+
+
+@pytest.fixture
+def out(tmp_path):
+    return write_results(tmp_path / "out")
+
+
+def command(*arguments):
+    line = [sys.executable, "-m", "tipfem.render", *map(str, arguments)]
+    return subprocess.run(line, capture_output=True, text=True, timeout=120)
+
+
+def test_results_are_read(out):
+    results = Results(out)
+    assert len(results) == 3
+    assert results.times == [0.0, 0.1, 0.2]
+    scene = results.scene(-1)
+    assert scene.time == 0.2
+    assert scene.fluid_names == ("water", "air")
+    assert set(scene.fields) == {"speed", "velocity_x", "velocity_y", "pressure", "density"}
+    assert scene.fields["speed"] == pytest.approx(np.linalg.norm(scene.position, axis=1))
+    assert scene.wall.sum() == 4 * 24
+
+
+def test_frames_and_mp4(out):
+    (out / "frames").mkdir()
+    (out / "frames" / "frame_0007.png").touch()
+    (out / "frames" / "notes.txt").touch()
+    done = animate(out, size=SIZE, backend="raster")
+    assert [path.name for path in done.frames] == ["frame_0000.png", "frame_0001.png", "frame_0002.png"]
+    assert sorted(path.name for path in (out / "frames").iterdir()) == [
+        "frame_0000.png", "frame_0001.png", "frame_0002.png", "notes.txt"]
+    movie = imageio.imread(out / "animation.mp4", plugin="FFMPEG")
+    assert movie.shape == (3, SIZE[1], SIZE[0], 3)
+    frame = np.asarray(Image.open(done.frames[1])).astype(int)
+    assert np.abs(frame - movie[1]).mean() < 3
+    water = (frame == [0x00, 0x72, 0xB2]).all(axis=2)
+    assert water.mean() > 0.1
+    assert np.median(np.abs(movie[1][water] - frame[water]), axis=0).max() <= 4
+    assert (np.asarray(Image.open(done.frames[0])) != np.asarray(Image.open(done.frames[2]))).any()
+
+
+def test_gif_and_webp_of_a_field(out):
+    done = animate(out, "pressure", False, ["slosh.gif", "slosh.webp"], 10, size=SIZE, backend="raster")
+    assert [path.name for path in done.movies] == ["slosh_pressure.gif", "slosh_pressure.webp"]
+    for path in done.movies:
+        with Image.open(path) as image:
+            assert image.n_frames == 3
+            assert image.size == SIZE
+            image.load()
+            assert image.info["duration"] == 100
+    assert done.frames == []
+    assert done.field_range[0] == 0
+    assert not (out / "frames_pressure").exists()
+    assert not list(out.glob(".*"))
+
+
+def test_unfinished_movie_is_an_error_and_leaves_nothing(out):
+    writer = MovieWriter(out / "short.mp4", SIZE, 25)
+    for _ in range(2):
+        writer.append(np.zeros((SIZE[1], SIZE[0], 3), np.uint8))
+    writer.count += 1
+    with pytest.raises(MovieError, match=r"short\.mp4: 2 of 3 frames"):
+        writer.finish()
+    assert not list(out.glob("*short*"))
+    assert not list(out.glob(".*"))
+
+
+def test_failure_midway_leaves_no_movie(out):
+    (out / "fields" / "step_000002.vtu").write_text("<VTKFile")
+    with pytest.raises(ResultsError, match="step_000002"):
+        animate(out, size=SIZE, backend="raster")
+    assert not list(out.glob("*.mp4"))
+    assert not list(out.glob(".*"))
+
+
+def test_command_line(out):
+    done = command(out, "--field", "speed", "--range", "0", "0.5", "--mesh", "--particles", "--size",
+                   "480x320", "--backend", "raster", "--movie", "a.mp4", "--colour", "water=#005588")
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert "[Taichi]" not in done.stdout
+    assert len(list((out / "frames_speed").glob("frame_*.png"))) == 3
+    assert (out / "a_speed.mp4").is_file()
+
+
+def test_command_line_errors_are_one_line(tmp_path):
+    done = command(tmp_path / "nowhere")
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: ")
+    assert "nowhere" in done.stderr
+    assert done.stderr.count("\n") == 1
+    done = command(tmp_path, "--size", "640")
+    assert done.returncode == 2
+    assert "'640': expected WIDTHxHEIGHT" in done.stderr
+
+
+def test_bad_folders(out, tmp_path):
+    with pytest.raises(ResultsError, match="no such folder"):
+        Results(tmp_path / "nowhere")
+    with pytest.raises(ResultsError, match=r"case\.json: there is no such file"):
+        Results(tmp_path)
+    pvd = (out / "fields.pvd").read_text()
+    (out / "fields.pvd").write_text(pvd[: len(pvd) // 2])
+    with pytest.raises(ResultsError, match=r"fields\.pvd: not a ParaView collection"):
+        Results(out)
+    (out / "fields.pvd").unlink()
+    with pytest.raises(ResultsError, match="no time has been written"):
+        Results(out)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"format": 1', '"format": 9', "format 9"),
+        ('"dimension": 2', '"dimension": 3', "dimension 3"),
+        ('"spacing"', '"gap"', "'spacing' is missing"),
+        ('"fluids": [', '"fluids": [[], ', r"case\.json"),
+        ("{", "", "not valid JSON"),
+    ],
+)
+def test_bad_case(out, old, new, message):
+    case = (out / "case.json").read_text()
+    (out / "case.json").write_text(case.replace(old, new, 1))
+    with pytest.raises(ResultsError, match=message):
+        Results(out)
+
+
+@pytest.mark.parametrize("keep", [0.0, 0.1, 0.5, 0.99])
+def test_truncated_step(out, keep):
+    path = out / "fields" / "step_000001.vtu"
+    data = path.read_bytes()
+    path.write_bytes(data[: int(keep * len(data))])
+    with pytest.raises(ResultsError, match=r"step_000001\.vtu"):
+        Results(out).scene(1)
+
+
+def test_missing_step_and_index(out):
+    (out / "fields" / "step_000001.vtu").unlink()
+    with pytest.raises(ResultsError, match="there is no such file"):
+        Results(out).scene(1)
+    with pytest.raises(IndexError, match="there are 3"):
+        Results(out).scene(3)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"movie": "animation.avi"}, r"animation\.avi.*\.mp4"),
+        ({"movie": "../animation.mp4"}, "without folders"),
+        ({"movie": None, "frames": False}, "nothing to write"),
+        ({"playback_rate": 0}, "playback rate 0"),
+        ({"field": "vorticity"}, "vorticity"),
+        ({"field_range": (0, 1)}, "no field"),
+        ({"field": "pressure", "field_range": (1, 0)}, "low below high"),
+        ({"size": (481, 320)}, "481x320"),
+    ],
+)
+def test_bad_requests(out, options, message):
+    with pytest.raises(ValueError, match=message):
+        animate(out, **({"backend": "raster"} | options))
+    assert not list(out.glob(".*"))
+
+
+def test_frame_that_cannot_be_written_is_named(out):
+    (out / "frames" / "frame_0001.png").mkdir(parents=True)
+    with pytest.raises(OSError, match=r"frame_0001\.png: the frame could not be written"):
+        animate(out, size=SIZE, movie=None, backend="raster")
