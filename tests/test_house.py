@@ -26,6 +26,8 @@ ORDER = [
     "device",
     "element",
     "assembly",
+    "block_kernels",
+    "grid_kernels",
     "multigrid",
     "krylov",
     "newton",
@@ -33,12 +35,14 @@ ORDER = [
     "flow",
     "case",
     "probes",
+    "volume_source",
     "output",
+    "progress",
     "simulation",
     "cli",
 ]
 ENTRANCES = {"__init__", "__main__"}  # may import any of ORDER, and are imported by none
-TAICHI = {"device", "element", "assembly", "multigrid", "krylov"}  # the only files of tipfem/ that import it
+TAICHI = {"device", "element", "assembly", "block_kernels", "grid_kernels", "krylov"}  # the only files of tipfem/ that import it
 RENDER_TAICHI = {"ggui", "rasterizer"}  # and of render/, beside at most one file that starts it
 RENDER_START_LINES = 100  # that file stays small
 RENDER_USERS = {"cli"}  # the only files of tipfem/ that may open render/

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tipfem import assembly, krylov
+from tipfem import assembly, block_kernels, krylov
 from tipfem.device import Buffers, chunks, download
 from tipfem.mesh import Mesh
 from tipfem.multigrid import BackgroundMultigrid
@@ -114,7 +114,7 @@ class FlowProblem:
         self._dx = buffers.get("correction", self.size)
         self._schur_b = buffers.get("schur_b", self.nodes)
         self._schur_x = buffers.get("schur_x", self.nodes)
-        assembly.row_scale(
+        block_kernels.row_scale(
             *self._topology, self._position, self._density, self._viscosity, put("fixed", particles.wall),
             self._scale, scheme.cm, scheme.cv, particles.spacing, self.nodes, d,
         )  # fmt: skip
@@ -128,7 +128,7 @@ class FlowProblem:
             self.buffers.upload("row_offsets", row_offsets), self.buffers.upload("columns", columns), len(columns),
         )  # fmt: skip
         values = self.buffers.get("laplacian", count)
-        assembly.pressure_laplacian(
+        block_kernels.pressure_laplacian(
             *self._topology, self._position, self._density, row_offsets, columns, values,
             self.scheme.cm, self.nodes, self.dimension,
         )  # fmt: skip
@@ -181,12 +181,12 @@ class FlowProblem:
 
         z_u = A^-1 r_u;  z_p = S^-1 (r_p - D z_u);  z_u += A^-1 G z_p.
         """
-        assembly.schur_right_side(
+        block_kernels.schur_right_side(
             *self._topology, self._record, self._scale, r, self._local, self._schur_b,
             self.scheme.cm, self.elements, self.nodes, self.dimension,
         )  # fmt: skip
         self._multigrid.apply(self._schur_b, self._schur_x)
-        assembly.pressure_correction(
+        block_kernels.pressure_correction(
             *self._topology, self._record, self._scale, r, self._schur_x, z, self.nodes, self.dimension
         )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -159,7 +160,7 @@ class Tank:
                 )
             edges.append(face)
         pieces = []
-        for lower, upper in zip(edges[:-1], edges[1:], strict=True):
+        for lower, upper in itertools.pairwise(edges):
             # A wall particle stands on the wall itself; at a face the nearest line is half a step away.
             margins = (0.0 if lower == 0.0 else 0.5) + (0.0 if upper == length else 0.5)
             steps = max(1, round((upper - lower) / h - margins))

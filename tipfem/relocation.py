@@ -78,7 +78,7 @@ def relocate(particles: Particles, cells: Array, rule: RelocationRule) -> tuple[
         return particles, 0
     moved = particles.copy()
     count = 0
-    edge_of_corner, room = _room_at_edges(mesh, particles.wall, height, rule, h)
+    room = _room_at_edges(mesh, particles.wall, height, rule, h)
     for fluid in np.unique(particles.fluid[crowded]):
         own = crowded[particles.fluid[crowded] == fluid]
         own = own[np.argsort(crowd[own], kind="stable")]
@@ -134,22 +134,18 @@ def _crowding(mesh: Mesh, wall: Array, height: Array, rule: RelocationRule, h: f
     return crowd
 
 
-def _room_at_edges(
-    mesh: Mesh, wall: Array, height: Array, rule: RelocationRule, h: float
-) -> tuple[Array, Array]:
-    """Which edge each pair of corners is, and (E,) whether the middle of an edge is free.
+def _room_at_edges(mesh: Mesh, wall: Array, height: Array, rule: RelocationRule, h: float) -> Array:
+    """(E,) whether the middle of each edge is free to take a particle.
 
     It is free when no opposite particle is too close to it and it is high enough over the wall.
     """
     corners = mesh.cells.shape[1]
     number = mesh.edges[:, 0].astype(np.int64) * len(mesh.position) + mesh.edges[:, 1]
     room = np.ones(len(mesh.edges), dtype=bool)
-    edge_of_corner = np.empty((len(mesh.cells), corners, corners), dtype=np.int64)
     for a in range(corners):
         for b in range(a + 1, corners):
             pair = np.sort(mesh.cells[:, [a, b]], axis=1).astype(np.int64)
             edge = np.searchsorted(number, pair[:, 0] * len(mesh.position) + pair[:, 1])
-            edge_of_corner[:, a, b] = edge_of_corner[:, b, a] = edge
             middle = 0.5 * (mesh.position[pair[:, 0]] + mesh.position[pair[:, 1]])
             blocked = 0.5 * height < rule.too_close_to_wall * h
             blocked &= wall[pair].any(axis=1)
@@ -157,7 +153,7 @@ def _room_at_edges(
                 opposite = mesh.position[mesh.cells[:, c]]
                 blocked |= ((middle - opposite) ** 2).sum(axis=1) < (rule.too_close * h) ** 2
             room[edge[blocked]] = False
-    return edge_of_corner, room
+    return room
 
 
 def _targets(

@@ -13,7 +13,6 @@ import numpy as np
 from tipfem import device, probes
 from tipfem.case import INTERFACES, Case
 from tipfem.flow import ElementProperties, FlowProblem, Workspace
-from tipfem.mesh import Mesh
 from tipfem.newton import NewtonResult, newton
 from tipfem.output import ResultsFolder
 from tipfem.particles import Array, Particles
@@ -21,6 +20,7 @@ from tipfem.progress import RunProgress
 from tipfem.relocation import relocate
 from tipfem.time_integration import GeneralizedAlpha, StepControl
 from tipfem.triangulation import TriangulationError, triangulate, wall_fluid
+from tipfem.volume_source import volume_source
 
 Probe = Callable[["Simulation"], float]
 
@@ -201,23 +201,11 @@ class Simulation:
         density, viscosity = self.interface.element_properties(
             self.mesh.cells, self.particles.fluid, self.case.fluids
         )
-        return ElementProperties(density, viscosity, self._volume_source(dt))
-
-    def _volume_source(self, dt: float) -> Array:
-        """(M,) growth s of each element that gives the fluids back the volume they lost.
-
-        s_f = dt r (V0_f - V_f) / V_f with one rate r for all fluids: in a closed tank, where what one fluid
-        lost the others gained, the elements' total growth is zero.
-        """
         strength = float(np.linalg.norm(self.case.gravity))
         rate = self.case.numerics.volume_correction * math.sqrt(strength / self.particles.spacing)
-        count = len(self.case.fluids)
-        volumes = self._volumes()
-        lost = np.divide(self.initial_volume - volumes, volumes, out=np.zeros(count), where=volumes > 0)
-        fraction = self.interface.fluid_fraction(self.mesh.cells, self.particles.fluid, count)
-        growth = min(dt * rate, 0.5) * fraction @ lost
-        # A fluid that has vanished from the mesh cannot take part; keep the total growth at zero.
-        return growth - float(growth @ self.mesh.measure) / float(self.mesh.measure.sum())
+        fraction = self.interface.fluid_fraction(self.mesh.cells, self.particles.fluid, len(self.case.fluids))
+        source = volume_source(self.mesh, fraction, self.initial_volume, min(rate * dt, 0.5))
+        return ElementProperties(density, viscosity, source)
 
     def _volumes(self) -> Array:
         return probes.fluid_volumes(self.mesh, self.particles.fluid, self.interface, len(self.case.fluids))

@@ -1,0 +1,30 @@
+"""The source that gives each fluid back the volume that remeshing and relocation took from it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tipfem.mesh import Mesh
+from tipfem.particles import Array
+
+
+def volume_source(mesh: Mesh, fraction: Array, initial_volume: Array, part: float) -> Array:
+    """Growth s of each element in the constraint J = 1 + s.
+
+    s_f = part (V0_f - V_f) / V_f with one part for all fluids: in a closed tank, where what one fluid
+    lost the others gained, the elements' total growth is zero.
+
+    Args:
+        mesh: M elements.
+        fraction: (M, F) part of each element that each fluid fills.
+        initial_volume: (F,) volume that each fluid should have [m^2, or m^3 in 3-D].
+        part: of the missing volume that is to come back in this step.
+
+    Returns:
+        (M,) relative growth of each element; the total growth, weighted by measure, is zero.
+    """
+    volume = mesh.measure @ fraction
+    missing = np.divide(initial_volume - volume, volume, out=np.zeros(len(volume)), where=volume > 0)
+    growth = part * fraction @ missing
+    # A fluid that has vanished from the mesh cannot take part; the total must still be zero.
+    return growth - float(growth @ mesh.measure) / float(mesh.measure.sum())
