@@ -42,7 +42,8 @@ ORDER = [
     "cli",
 ]
 ENTRANCES = {"__init__", "__main__"}  # may import any of ORDER, and are imported by none
-TAICHI = {"device", "element", "assembly", "block_kernels", "grid_kernels", "krylov"}  # the only files of tipfem/ that import it
+# The only files of tipfem/ that import Taichi.
+TAICHI = {"device", "element", "assembly", "block_kernels", "grid_kernels", "krylov"}
 RENDER_TAICHI = {"ggui", "rasterizer"}  # and of render/, beside at most one file that starts it
 RENDER_START_LINES = 100  # that file stays small
 RENDER_USERS = {"cli"}  # the only files of tipfem/ that may open render/

@@ -29,7 +29,11 @@ class Numerics:
         volume_correction: rate at which the source in J - 1 = s gives lost volume back to a fluid, in
             units of sqrt(|g| / h); 0 switches the source off. It is a rate, not a part a step: short
             steps would otherwise turn the noise of remeshing into violent motion.
-        newton_tolerance: of the largest scaled residual, in spacings.
+        momentum_transfer: whether a particle that a remeshing made heavier takes on the velocity of the
+            neighbours its new mass came from (see `tipfem.transfer`). The paper's method does not.
+        newton_tolerance: of the largest scaled residual, in spacings: how far it would move its particle.
+        acceleration_tolerance: of the same residual as an acceleration, relative to gravity; the
+            tighter of both holds. Without it, short steps and large spacings would leave pressure loose.
         newton_iterations: after which a step is refused.
         smallest_jacobian: a step in which an element's J falls below it is refused.
         relocation: when particles are moved, and where to.
@@ -41,7 +45,9 @@ class Numerics:
     rho_inf: float = 0.0
     stabilisation: float = 0.25
     volume_correction: float = 2.0
+    momentum_transfer: bool = True
     newton_tolerance: float = 1e-6
+    acceleration_tolerance: float = 2e-4
     newton_iterations: int = 8
     smallest_jacobian: float = 0.05
     relocation: RelocationRule = field(default_factory=RelocationRule)
@@ -52,6 +58,7 @@ class Numerics:
             ("stabilisation", 1e-6, 10.0),
             ("volume_correction", 0.0, 100.0),
             ("newton_tolerance", 1e-14, 1e-1),
+            ("acceleration_tolerance", 1e-12, 1.0),
             ("newton_iterations", 1, 100),
             ("smallest_jacobian", 0.0, 0.9),
         ):

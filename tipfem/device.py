@@ -75,6 +75,11 @@ def real() -> Any:
     return np.float32 if _running.get("precision") == "f32" else np.float64
 
 
+def round_off() -> float:
+    """Displacement in spacings below which a residual is noise, with a light fluid under a heavy one's pressure."""
+    return 1e-4 if _running.get("precision") == "f32" else 1e-13
+
+
 def chunks() -> int:
     """Into how many parts reductions are split; a constant, so that sums are repeatable."""
     return 4096 if _running.get("arch") == "cuda" else 32

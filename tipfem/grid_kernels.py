@@ -2,7 +2,7 @@
 
 Levels lie one behind the other in flat arrays; ``offset[level]`` is a level's first row and
 ``shape[level, k]`` its number of grid nodes along axis k. A row of ``stencil`` holds the operator's
-entries to all grid nodes within `REACH`, row-major. Sums are gathered, never scattered with atomics.
+entries to all grid nodes within `REACH`. Sums are gathered, never scattered with atomics.
 """
 
 import itertools
@@ -89,21 +89,13 @@ def assemble_first(
                         j = columns[s]
                         a = w_i * values[s]
                         shift = ti.Vector([cell[j, k] for k in ti.static(range(dim))]) - i_cell
-                        near = True
-                        for k in ti.static(range(dim)):
-                            near = near and shift[k] >= -1 and shift[k] <= 1
-                        if near:
-                            for other in ti.static(_corners(dim)):
-                                place = 0
-                                for k in ti.static(range(dim)):
-                                    place = place * (2 * REACH + 1) + shift[k] + other[k] - corner[k] + REACH
-                                stencil[g, place] += a * _weight(fraction, j, other, dim)
-                        else:
-                            for other in ti.static(_corners(dim)):
-                                place = 0
-                                for k in ti.static(range(dim)):
-                                    place = place * (2 * REACH + 1) + other[k] - corner[k] + REACH
-                                stencil[g, place] += a * _weight(fraction, i, other, dim)
+                        if shift.max() > 1 or shift.min() < -1:
+                            shift, j = 0 * shift, i
+                        for other in ti.static(_corners(dim)):
+                            place = 0
+                            for k in ti.static(range(dim)):
+                                place = place * (2 * REACH + 1) + shift[k] + other[k] - corner[k] + REACH
+                            stencil[g, place] += a * _weight(fraction, j, other, dim)
 
 
 @ti.kernel
@@ -150,11 +142,11 @@ def _stencil_product(
     total = 0.0
     if ti.static(dim == 2):
         first = ti.max(at[1] - REACH, 0)
-        last = ti.min(at[1] + REACH, shape[level, 1] - 1)
+        last = ti.min(at[1] + REACH, shape[level, 1] - 1) + 1
         for i in range(ti.max(at[0] - REACH, 0), ti.min(at[0] + REACH, shape[level, 0] - 1) + 1):
             line = start + i * shape[level, 1]
             place = (i - at[0] + REACH) * (2 * REACH + 1) + REACH - at[1]
-            for j in range(first, last + 1):
+            for j in range(first, last):
                 total += stencil[start + g, place + j] * x[line + j]
     else:
         for place in range((2 * REACH + 1) ** 3):
@@ -190,7 +182,8 @@ def _jacobi(residual, diagonal):
 
 @ti.kernel
 def down_mesh(
-    b: ti.types.ndarray(), x: ti.types.ndarray(), residual: ti.types.ndarray(), row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
+    b: ti.types.ndarray(), x: ti.types.ndarray(), residual: ti.types.ndarray(),
+    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
     fraction: ti.types.ndarray(), order: ti.types.ndarray(), start: ti.types.ndarray(),
     grid_b: ti.types.ndarray(), shape: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
 ):  # fmt: skip
@@ -285,7 +278,8 @@ def up_grid(
 
 @ti.kernel
 def up_mesh(
-    b: ti.types.ndarray(), x: ti.types.ndarray(), residual: ti.types.ndarray(), row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
+    b: ti.types.ndarray(), x: ti.types.ndarray(), residual: ti.types.ndarray(),
+    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
     cell: ti.types.ndarray(), fraction: ti.types.ndarray(), grid_x: ti.types.ndarray(),
     shape: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
 ):  # fmt: skip

@@ -19,6 +19,7 @@ from tipfem.particles import Array, Particles
 from tipfem.progress import RunProgress
 from tipfem.relocation import relocate
 from tipfem.time_integration import GeneralizedAlpha, StepControl
+from tipfem.transfer import nodal_density, transfer_momentum
 from tipfem.triangulation import TriangulationError, triangulate, wall_fluid
 from tipfem.volume_source import volume_source
 
@@ -107,7 +108,8 @@ class Simulation:
             try:
                 moved, result = self._solve(dt)
                 relocated, count = relocate(moved, self.mesh.cells, self.case.numerics.relocation)
-                self._take(relocated)
+                still = (relocated.position == moved.position).all(axis=1)
+                self._take(relocated, np.where(still, self._nodal_density, np.nan))
                 break
             except (StepRefused, TriangulationError, FloatingPointError) as reason:
                 if not self.control.refuse(dt):
@@ -172,7 +174,7 @@ class Simulation:
         result = newton(
             problem,
             problem.predict(),
-            tolerance=numerics.newton_tolerance,
+            tolerance=self._newton_tolerance(scheme, force),
             max_iterations=numerics.newton_iterations,
         )
         if not result.converged:
@@ -191,10 +193,27 @@ class Simulation:
         displacement, pressure = problem.split(result.solution)
         return scheme.advance(self.particles, displacement, pressure - pressure[self._reference]), result
 
-    def _take(self, particles: Particles) -> None:
-        """Make ``particles`` the present state: mesh them, and give the walls their fluid."""
+    def _newton_tolerance(self, scheme: GeneralizedAlpha, force: Array) -> float:
+        """Largest scaled residual that counts as solved, in spacings."""
+        numerics = self.case.numerics
+        strength = float(np.sqrt((force**2).sum(axis=1).max()))
+        tolerance = numerics.newton_tolerance
+        if strength > 0:
+            by_force = numerics.acceleration_tolerance * strength / (scheme.cm * self.particles.spacing)
+            tolerance = min(tolerance, by_force)
+        return max(tolerance, device.round_off())
+
+    def _take(self, particles: Particles, before: Array | None = None) -> None:
+        """Make ``particles`` the present state: mesh them, and give the walls their fluid.
+
+        before (N,) is the density around each particle on the old mesh; NaN for those that were relocated.
+        """
         mesh = triangulate(particles.position, particles.wall, particles.spacing)
         particles.fluid = wall_fluid(mesh, particles.fluid, particles.wall)
+        density, _ = self.interface.element_properties(mesh.cells, particles.fluid, self.case.fluids)
+        self._nodal_density = nodal_density(mesh, density)
+        if before is not None and self.case.numerics.momentum_transfer:
+            particles = transfer_momentum(particles, mesh, before, self._nodal_density)
         self.mesh, self.particles = mesh, particles
 
     def _properties(self, dt: float) -> ElementProperties:

@@ -1,0 +1,99 @@
+"""What all demos share on the command line: their arguments, and drawing their results."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from tipfem.simulation import Simulation, SimulationError
+
+
+def demo_arguments(
+    description: str,
+    *,
+    spacing: float,
+    end_time: float,
+    time_step: float,
+    out: str,
+    frames_per_second: float,
+    arguments: Sequence[str] | None = None,
+) -> argparse.Namespace:
+    """Read a demo's command line; bad values end the program with one line that says what is wrong.
+
+    Args:
+        description: what --help starts with.
+        spacing: default distance between particles [m].
+        end_time: default end of the run [s].
+        time_step: default largest time step [s].
+        out: default results folder.
+        frames_per_second: default number of pictures per second of simulated time [1/s].
+        arguments: the words to read; those of the process by default.
+
+    Returns:
+        A namespace with spacing, end_time, time_step, arch, out, frames_per_second and frames.
+    """
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    add = parser.add_argument
+    add("--spacing", type=_positive, default=spacing, metavar="H", help="distance between particles [m]")
+    add("--end-time", type=_positive, default=end_time, metavar="T", help="simulated time to run to [s]")
+    add("--time-step", type=_positive, default=time_step, metavar="DT", help="largest time step [s]; it adapts below")
+    add("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run")
+    add("--out", type=Path, default=Path(out), metavar="FOLDER", help="folder for the results")
+    add(
+        "--frames-per-second", type=_positive, default=frames_per_second, metavar="F",
+        help="states written, and pictures drawn, per second of simulated time [1/s]; movies show 25 of them a second",
+    )  # fmt: skip
+    add("--no-frames", dest="frames", action="store_false", default=True, help="draw no pictures and no movie")
+    return parser.parse_args(arguments)
+
+
+def run_demo(simulation: Simulation, until: float) -> None:
+    """Run a demo's simulation; one that cannot go on says why and ends the program.
+
+    Args:
+        simulation: the simulation, at its start.
+        until: end of the run [s].
+    """
+    try:
+        simulation.run(until)
+    except SimulationError as error:
+        stop(f"{error}\nthe results up to there are in {_place(simulation)}")
+    except KeyboardInterrupt:
+        stop(f"interrupted at t = {simulation.time:g} s; the results up to there are in {_place(simulation)}")
+
+
+def draw(out: Path) -> None:
+    """Draw frames and movie of a results folder, in a process of its own: a graphics driver that fails
+    cannot take the results with it.
+
+    Raises:
+        SystemExit: drawing failed; the results themselves are safe.
+    """
+    done = subprocess.run([sys.executable, "-m", "tipfem.render", str(out)], check=False)
+    if done.returncode:
+        stop(f"the pictures could not be drawn (see above); the results are in {out}")
+
+
+def stop(message: str) -> NoReturn:
+    """End the program with one message on the error output."""
+    print(f"error: {message}", file=sys.stderr)
+    raise SystemExit(1)
+
+
+def _place(simulation: Simulation) -> str:
+    return str(simulation.results.path) if simulation.results else "memory only: no folder was given"
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value > 0):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number > 0")
+    return value
