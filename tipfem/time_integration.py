@@ -122,7 +122,7 @@ class StepControl:
         dt = self.current
         if speed > 0:
             dt = min(dt, self.target * spacing / speed)
-        dt = max(dt, 2 * self.smallest)
+        dt = max(dt, self.smallest)
         if math.isfinite(remaining):
             dt = remaining / max(1, math.ceil(remaining / dt - 1e-9))
         return dt

@@ -1,0 +1,128 @@
+"""The dam break demo, as its user runs it, coarse."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+
+DEMOS = Path(__file__).resolve().parents[1] / "demos"
+
+
+@pytest.fixture(scope="module")
+def demo():
+    """The demo as a module."""
+    sys.path.insert(0, str(DEMOS))
+    yield importlib.import_module("dam_break")
+    sys.path.remove(str(DEMOS))
+
+
+def test_ten_millimetres_against_the_experiments(tmp_path):
+    """The command a user types leaves every file it promises, passes its own check, in under 90 s."""
+    out = tmp_path / "results"
+    started = time.perf_counter()
+    words = ["--spacing", "0.01", "--end-time", "0.3", "--frames-per-second", "50", "--out", str(out)]
+    done = subprocess.run(
+        [sys.executable, str(DEMOS / "dam_break.py"), *words], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert time.perf_counter() - started < 90
+    assert "check: passed" in done.stdout
+    assert str(out) in done.stdout
+    summary = json.loads((out / "summary.json").read_text())
+    figures = summary["validation"]
+    assert figures["front_rms"] <= 0.05
+    assert abs(figures["front_shift"]) <= 0.3
+    assert figures["front_slope"] == pytest.approx(1.32, rel=0.12)
+    assert figures["height_rms"] <= 0.05
+    assert figures["volume_error"] <= 0.02
+    assert len(list((out / "frames").glob("*.png"))) == 16
+    movie = iio.imread(out / "animation.mp4")
+    assert movie.shape == (16, 720, 1280, 3)
+    assert iio.imread(out / "front.png").std() > 5
+    header = (out / "history.csv").read_text().splitlines()[0]
+    assert header == (
+        "step,time,time_step,newton_iterations,krylov_iterations,relocated,max_speed,kinetic_energy,"
+        "volume_water,volume_air,front,column_height,wall_seconds"
+    )
+
+
+@pytest.mark.slow
+def test_five_millimetres_against_the_experiments(tmp_path):
+    """The default run, in under 8 minutes."""
+    out = tmp_path / "results"
+    done = subprocess.run(
+        [sys.executable, str(DEMOS / "dam_break.py"), "--out", str(out)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["wall_seconds"] < 480
+    assert summary["validation"]["front_rms"] <= 0.04
+
+
+def test_check_finds_what_is_wrong(demo):
+    """The demo's own check can fail, figure by figure."""
+    good = {"front_rms": 0.02, "front_slope": 1.25, "height_rms": 0.03, "volume_error": 0.005}
+    assert demo.check(good, 0.005) == []
+    for name, value in (("front_rms", 0.045), ("front_slope", 1.1), ("height_rms", 0.06), ("volume_error", 0.03)):
+        missed = demo.check({**good, name: value}, 0.005)
+        assert len(missed) == 1
+        assert missed[0].startswith(f"{name} is ")
+    assert demo.check({**good, "front_rms": 0.045}, 0.01) == []
+
+
+def test_validate_needs_no_long_run(demo):
+    """A run too short to compare still reports its volume."""
+    rows = [{"time": t, "front": 0.146, "column_height": 0.292, "volume_water": 0.0426} for t in (0.01, 0.02)]
+    assert list(demo.validate(rows)) == ["volume_error"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--spacing", "-1"], "--spacing: '-1' is not a number > 0"),
+        (["--spacing", "1.0"], "spacing is 1 m, too large for a tank"),
+        (["--arch", "abacus"], "invalid choice: 'abacus'"),
+        (["--time-step", "soon"], "'soon' is not a number > 0"),
+    ],
+)
+def test_bad_options_end_with_one_line(words, message, tmp_path):
+    """No traceback, no work done."""
+    done = subprocess.run(
+        [sys.executable, str(DEMOS / "dam_break.py"), "--out", str(tmp_path / "out"), *words],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode != 0
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_help_names_units():
+    """--help explains every argument."""
+    done = subprocess.run(
+        [sys.executable, str(DEMOS / "dam_break.py"), "--help"], capture_output=True, text=True, check=True
+    )
+    for option in ("--spacing", "--end-time", "--time-step", "--arch", "--out", "--frames-per-second", "--no-frames"):
+        assert option in done.stdout
+    assert "[m]" in done.stdout
+    assert "[s]" in done.stdout
+
+
+def test_initial_column_is_the_one_asked_for(demo):
+    """Width, height and volume of the water at the start, at two spacings."""
+    import tipfem as tp
+
+    for spacing in (0.01, 0.02):
+        simulation = tp.Simulation(demo.build(spacing), time_step=1e-3)
+        assert demo.front(simulation) == pytest.approx(0.146, abs=0.02 * spacing)
+        assert demo.column_height(simulation) == pytest.approx(0.292, abs=0.02 * spacing)
+        assert simulation.volume("water") == pytest.approx(0.146 * 0.292, rel=1e-3)
+        assert np.isnan(simulation.particles.position).sum() == 0

@@ -1,0 +1,44 @@
+"""Two layers at rest: pressure is hydrostatic, and stays so."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tipfem as tp
+from tipfem import probes
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.2])
+@pytest.mark.parametrize("pair", ["water under air", "glycerin under water"])
+def test_pressure_is_hydrostatic(pair, jitter, water, air, glycerin):
+    """Within 2 % of the largest pressure after 20 steps; so is the jump of its gradient at the interface."""
+    lower, upper = (water, air) if pair == "water under air" else (glycerin, water)
+    size = 0.1
+    filled = tp.tank((size, size), size / 20, jitter=jitter).fill(upper).fill(lower, box=((0, 0), (size, size / 2)))
+    simulation = tp.Simulation(tp.Case(filled, [lower, upper], (0, -9.81)), time_step=1e-3)
+    height = simulation.particles.position[:, 1]
+    for _ in range(20):
+        simulation.step()
+        particles = simulation.particles
+        height = particles.position[:, 1]
+        exact = probes.hydrostatic_pressure(height, [(lower, size / 2), (upper, size / 2)])
+        assert np.abs(particles.pressure - exact).max() < 0.02 * exact.max()
+    # The density that the pressure's gradient shows, away from the interface.
+    for fluid, band in ((lower, (0.0, 0.35)), (upper, (0.65, 1.0))):
+        inside = (height > band[0] * size) & (height < band[1] * size)
+        gradient = np.polyfit(height[inside], particles.pressure[inside], 1)[0]
+        assert gradient == pytest.approx(-fluid.density * 9.81, rel=0.02, abs=0.02 * exact.max() / size)
+
+
+def test_one_fluid_at_rest_is_exact(water):
+    """Linear pressure is in the space of the elements: one fluid stays at rest to round-off."""
+    case = tp.Case(tp.tank((0.1, 0.1), 0.01, jitter=0.2).fill(water), [water], (0, -9.81))
+    simulation = tp.Simulation(case, time_step=1e-3)
+    for _ in range(5):
+        simulation.step()
+    particles = simulation.particles
+    exact = probes.hydrostatic_pressure(particles.position[:, 1], [(water, 0.1)])
+    # The accuracy that the solver is asked for, not that of the elements, is what is left.
+    assert np.abs(particles.pressure - exact).max() < 1e-3 * exact.max()
+    assert np.abs(particles.velocity).max() < 1e-5

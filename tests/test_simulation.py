@@ -1,0 +1,199 @@
+"""Simulation: the step, its refusals, runs and what they leave behind."""
+
+from __future__ import annotations
+
+import csv
+import gc
+import json
+import resource
+
+import meshio
+import numpy as np
+import pytest
+
+import tipfem as tp
+from tipfem.simulation import StepRefused
+
+
+def dam_break(water, air, spacing=0.02, **options):
+    """A coarse dam break."""
+    filled = tp.tank((0.584, 0.584), spacing).fill(air).fill(water, box=((0, 0), (0.146, 0.292)))
+    return tp.Case(filled, [water, air], (0, -9.81), **options)
+
+
+def test_state_is_readable_and_consistent_at_every_step(water, air):
+    """Numbers of particles of each fluid constant, no inverted element, walls at rest, mesh of the present state."""
+    simulation = tp.Simulation(dam_break(water, air), time_step=2e-3)
+    wall = simulation.particles.wall.copy()
+    before = np.bincount(simulation.particles.fluid[~wall])
+    walls = simulation.particles.position[wall]
+    relocated = 0
+    while simulation.time < 0.3:
+        simulation.step()
+        p = simulation.particles
+        np.testing.assert_array_equal(np.bincount(p.fluid[~wall]), before)
+        np.testing.assert_array_equal(p.position[wall], walls)
+        assert not p.velocity[wall].any()
+        np.testing.assert_array_equal(simulation.mesh.position, p.position)
+        assert simulation.mesh.measure.min() > 0
+        assert simulation.mesh.measure.sum() == pytest.approx(0.584**2, rel=1e-12)
+        assert np.isfinite(p.pressure).all()
+        relocated += simulation.history[-1]["relocated"]
+    assert relocated > 50
+    assert simulation.volume("water") == pytest.approx(0.146 * 0.292, rel=0.03)
+    assert simulation.volume("water") + simulation.volume("air") == pytest.approx(0.584**2, rel=1e-12)
+    with pytest.raises(ValueError, match=r"no fluid 'oil'.*\['water', 'air'\]"):
+        simulation.volume("oil")
+
+
+def test_falling_column_turns_potential_into_kinetic_energy(water, air):
+    """Before the front reaches the wall no energy is gained, and little is lost."""
+    simulation = tp.Simulation(dam_break(water, air), time_step=1e-3)
+    start = sum(simulation.energy())
+    largest = start
+    while simulation.time < 0.2:
+        simulation.step()
+        largest = max(largest, sum(simulation.energy()))
+    kinetic, potential = simulation.energy()
+    assert kinetic > 15
+    assert largest < start + 0.02 * kinetic
+    assert start - (kinetic + potential) < 0.35 * kinetic
+
+
+def test_a_refused_step_is_halved_and_leaves_the_state_alone(water, air, monkeypatch):
+    """A refusal costs nothing but time; the step grows back."""
+    simulation = tp.Simulation(dam_break(water, air), time_step=1e-3)
+    real, refusals = simulation._solve, []
+
+    def solve(dt):
+        if len(refusals) < 2:
+            refusals.append(dt)
+            raise StepRefused("for the test")
+        return real(dt)
+
+    monkeypatch.setattr(simulation, "_solve", solve)
+    simulation.step()
+    assert refusals == [1e-3, 5e-4]
+    assert simulation.time == 2.5e-4
+    assert simulation.step_number == 1
+    for _ in range(12):
+        simulation.step()
+    assert simulation.history[-1]["time_step"] == 1e-3
+
+
+def test_fast_particles_shorten_the_step(water, air):
+    """No particle moves by more than half a spacing in a step, however long a step is allowed."""
+    simulation = tp.Simulation(dam_break(water, air), time_step=0.02)
+    while simulation.time < 0.15:
+        before = simulation.particles.position
+        simulation.step()
+        if simulation.history[-1]["relocated"] == 0:
+            moved = np.linalg.norm(simulation.particles.position - before, axis=1).max()
+            assert moved <= 0.5 * 0.02 * (1 + 1e-9)
+    assert min(row["time_step"] for row in simulation.history) < 0.01
+
+
+def test_a_run_that_cannot_go_on_says_why_and_keeps_what_it_has(water, air, tmp_path, monkeypatch):
+    """All up to the failure is on disk, and the message names time, reason and what was tried."""
+    simulation = tp.Simulation(dam_break(water, air), tmp_path, time_step=1e-3, output_interval=2e-3)
+    real = simulation._solve
+
+    def solve(dt):
+        if simulation.time > 4.5e-3:
+            raise StepRefused("an element would be inverted")
+        return real(dt)
+
+    monkeypatch.setattr(simulation, "_solve", solve)
+    with pytest.raises(tp.SimulationError, match=r"stops at t = 0.005 s.*an element would be inverted.*halving"):
+        simulation.run(0.02, progress=False)
+    rows = list(csv.DictReader((tmp_path / "history.csv").open()))
+    assert [float(row["time"]) for row in rows] == pytest.approx([1e-3, 2e-3, 3e-3, 4e-3, 5e-3])
+    assert len(list((tmp_path / "fields").glob("*.vtu"))) == 4  # 0, 2, 4 ms, and where it stopped
+    assert "inverted" in json.loads((tmp_path / "summary.json").read_text())["status"]
+
+
+def test_a_run_leaves_history_fields_and_summary(water, air, tmp_path, capfd):
+    """The files are complete, at the times asked for, and nothing is printed when there is no terminal."""
+    columns = {"doubled": lambda s: 2 * s.time}
+    simulation = tp.Simulation(dam_break(water, air), tmp_path, time_step=1e-3, output_interval=4e-3, columns=columns)
+    simulation.run(0.01)
+    assert capfd.readouterr() == ("", "")
+    rows = list(csv.DictReader((tmp_path / "history.csv").open()))
+    assert list(rows[0]) == (
+        "step,time,time_step,newton_iterations,krylov_iterations,relocated,max_speed,kinetic_energy,"
+        "volume_water,volume_air,doubled,wall_seconds"
+    ).split(",")
+    assert float(rows[-1]["time"]) == 0.01
+    files = sorted((tmp_path / "fields").glob("*.vtu"))
+    assert len(files) == 4
+    text = (tmp_path / "fields.pvd").read_text()
+    assert [f'timestep="{t}"' in text for t in ("0", "0.004", "0.008", "0.01")] == [True] * 4
+    last = meshio.read(files[-1])
+    np.testing.assert_allclose(last.points[:, :2], simulation.particles.position)
+    np.testing.assert_allclose(last.point_data["velocity"][:, :2], simulation.particles.velocity)
+    np.testing.assert_allclose(last.point_data["density"][simulation.particles.fluid == 0], 998.2)
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["status"] == "complete"
+    assert summary["arch"] == "cpu"
+    assert summary["steps"] == len(rows)
+
+
+def test_results_are_repeatable_bit_by_bit(water, air):
+    """Two runs of the same case give the same numbers to the last digit."""
+    states = []
+    for _ in range(2):
+        simulation = tp.Simulation(dam_break(water, air), time_step=2e-3)
+        for _ in range(40):
+            simulation.step()
+        states.append(simulation.particles)
+    np.testing.assert_array_equal(states[0].position, states[1].position)
+    np.testing.assert_array_equal(states[0].pressure, states[1].pressure)
+
+
+def test_memory_is_flat_over_500_steps(water, air):
+    """Device arrays and the process's memory stop growing."""
+    filled = tp.tank((0.2, 0.2), 0.02).fill(air).fill(water, box=((0, 0), (0.1, 0.1)))
+    simulation = tp.Simulation(tp.Case(filled, [water, air], (0, -9.81)), time_step=1e-3)
+
+    def resident():
+        gc.collect()
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+    for _ in range(100):
+        simulation.step()
+    held, before = simulation._workspace.buffers.memory(), resident()
+    for _ in range(500):
+        simulation.step()
+    assert simulation._workspace.buffers.memory() < 1.3 * held
+    assert resident() - before < 20  # MiB
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"time_step": 0.0}, "time step is 0.0 s; it must be > 0"),
+        ({"time_step": float("nan")}, "time step is nan s"),
+        ({"output_interval": -1.0}, "output_interval is -1.0 s; it must be > 0"),
+    ],
+)
+def test_bad_arguments_are_refused(water, air, arguments, message):
+    """One clear error, before any work."""
+    with pytest.raises(ValueError, match=message):
+        tp.Simulation(dam_break(water, air), **arguments)
+
+
+def test_going_back_in_time_is_refused(water, air):
+    """Neither a step nor a run ends before the present time."""
+    simulation = tp.Simulation(dam_break(water, air), time_step=1e-3)
+    simulation.step()
+    with pytest.raises(ValueError, match=r"later than the present 0.001 s"):
+        simulation.run(0.0005)
+    with pytest.raises(ValueError, match=r"later than the present 0.001 s"):
+        simulation.step(0.001)
+
+
+def test_a_body_force_of_wrong_shape_is_refused(water):
+    """The error says what was wanted."""
+    case = tp.Case(tp.tank((1, 1), 0.1).fill(water), [water], (0, 0), body_force=lambda x, t: x[:, 0])
+    with pytest.raises(ValueError, match=r"body_force at t = .* gave shape \(121,\).*\(121, 2\)"):
+        tp.Simulation(case, time_step=1e-3).step()
