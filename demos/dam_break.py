@@ -39,8 +39,8 @@ TANK = (0.584, 0.584)  # [m]
 COLUMN = (0.146, 0.292)  # width and height [m]
 GRAVITY = 9.81  # [m/s^2]
 # Where the column's height is read off, from the left wall [m]. No-slip walls keep a film of water
-# one particle wide; this is far enough from it.
-GAUGE = 0.1 * COLUMN[0]
+# a particle wide and drops that stick to it; this is far enough from them, and the surface is flat there.
+GAUGE = 0.15 * COLUMN[0]
 
 # Check: the largest figures that a run may show. The coarser the mesh, the wider the margin.
 LARGEST_RMS = 0.04  # of dZ/Z against Martin & Moyce, up to 5 mm; 0.05 above

@@ -40,8 +40,8 @@ def test_ten_millimetres_against_the_experiments(tmp_path):
     figures = summary["validation"]
     assert figures["front_rms"] <= 0.05
     assert abs(figures["front_shift"]) <= 0.3
-    assert figures["front_slope"] == pytest.approx(1.32, rel=0.12)
-    assert figures["height_rms"] <= 0.05
+    assert figures["front_slope"] == pytest.approx(1.32, rel=0.15)
+    assert figures["height_rms"] <= 0.08
     assert figures["volume_error"] <= 0.02
     assert len(list((out / "frames").glob("*.png"))) == 16
     movie = iio.imread(out / "animation.mp4")

@@ -36,6 +36,13 @@ def test_a_fluid_keeps_what_it_is_given_and_is_a_value():
         (("oil", 900.0, NAN), ["'oil'", "viscosity", "nan"]),
         (("", 900.0, 1.0), ["name", "''"]),
         ((3, 900.0, 1.0), ["name", "3"]),
+        (("w", None, 1), ["'w'", "density", "None", "> 0"]),
+        (("w", "1000", 1), ["'w'", "density", "'1000'"]),
+        (("w", True, 1), ["'w'", "density", "True"]),
+        (("w", 10**400, 1), ["'w'", "density"]),
+        (("w", 1, [1]), ["'w'", "viscosity", "[1]"]),
+        ((None, 1, 1), ["name", "None"]),
+        ((np.ones(2), 1, 1), ["name"]),
     ],
 )
 def test_a_fluid_refuses_impossible_properties(arguments, words):
@@ -112,6 +119,15 @@ def test_a_copy_is_independent_and_takes_changes():
         ({"spacing": -0.1}, ["spacing", "-0.1", "> 0"]),
         ({"spacing": NAN}, ["spacing", "nan"]),
         ({"spacing": INF}, ["spacing", "inf"]),
+        ({"spacing": "a"}, ["spacing", "'a'", "> 0"]),
+        ({"position": "here"}, ["position", "numbers"]),
+        ({"position": [[0, 0], [1]]}, ["position", "numbers"]),
+        ({"fluid": ["a", "b", "c", "d"]}, ["fluid", "(4,)", "numbers"]),
+        ({"fluid": [0, 0.7, 0, 0]}, ["fluid of particle 1", "0.7", "whole number"]),
+        ({"fluid": [0, 0, NAN, 0]}, ["fluid of particle 2", "nan", "whole number"]),
+        ({"fluid": [0, 0, 0, 2**31]}, ["fluid of particle 3", "whole number"]),
+        ({"wall": [1, 0, 2, 1]}, ["wall of particle 2", "True or False"]),
+        ({"pressure": [None] * 4}, ["pressure", "numbers"]),
     ],
 )
 def test_wrong_shapes_and_spacings_are_refused(changes, words):
@@ -134,12 +150,25 @@ def test_duplicates_are_refused_with_both_numbers_and_the_place():
     with pytest.raises(ValueError, match=r"2 and 4 are duplicates at \[0\.1, 0\.1") as refusal:
         tp.Particles(x, np.zeros(5, int), np.zeros(5, bool))
     assert "place of its own" in str(refusal.value)
-    given = tp.Particles(x, np.zeros(5, int), np.zeros(5, bool), spacing=0.1)
     with pytest.raises(ValueError, match="2 and 4 are duplicates"):
-        given.require_distinct()
+        tp.Particles(x, np.zeros(5, int), np.zeros(5, bool), spacing=0.1)
     x[4, 1] += 1e-6
     close = tp.Particles(x, np.zeros(5, int), np.zeros(5, bool), spacing=0.1)
-    close.require_distinct()  # 1e-5 spacings apart: close, but two places
+    assert 0 < close.require_distinct() <= 0.1  # 1e-5 spacings apart: close, but two places
+    # A copy is a step of a run, in which particles may meet; relocation parts them.
+    x[4] = x[2]
+    with pytest.raises(ValueError, match="2 and 4 are duplicates"):
+        close.copy(position=x).require_distinct()
+
+
+def test_a_copy_refuses_what_is_no_part_of_a_state():
+    p = square()
+    with pytest.raises(TypeError, match="there is no colour"):
+        p.copy(colour=1)
+    with pytest.raises(ValueError, match=r"spacing is 0\.0"):
+        p.copy(spacing=0.0)
+    with pytest.raises(ValueError, match=r"velocity of particle 1 is .*finite"):
+        p.copy(velocity=[[0, 0], [0, NAN], [0, 0], [0, 0]])
 
 
 def test_all_on_one_place_and_a_single_particle_have_no_spacing():
@@ -147,3 +176,4 @@ def test_all_on_one_place_and_a_single_particle_have_no_spacing():
         tp.Particles(np.zeros((4, 2)), np.zeros(4, int), np.zeros(4, bool))
     with pytest.raises(ValueError, match="one particle alone"):
         tp.Particles(np.zeros((1, 2)), [0], [False])
+    assert tp.Particles(np.zeros((1, 2)), [0], [False], spacing=0.1).spacing == 0.1

@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 # Top first: a file of tipfem/ imports only from the files above it in this list.
 ORDER = [
     "errors",
+    "validation",
     "fluid",
     "particles",
     "geometry",
@@ -23,6 +24,7 @@ ORDER = [
     "triangulation",
     "interface",
     "relocation",
+    "transfer",
     "device",
     "element",
     "assembly",

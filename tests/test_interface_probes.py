@@ -15,11 +15,6 @@ from tipfem.volume_source import volume_source
 RULE = InterpolatedInterface()
 
 
-def known(reason: str):
-    """Mark of a defect that is known; when it is cured the test says so by failing, and the mark can go."""
-    return pytest.mark.xfail(strict=True, reason=reason)
-
-
 def random_mesh(dimension: int, seed: int, fluids: int = 2) -> tuple[tp.Particles, Mesh]:
     """A jittered unit tank with random labels, and its mesh."""
     water = tp.Fluid("water", 1000.0, 1e-3)
@@ -227,7 +222,6 @@ def test_depth_by_hand():
     assert probes.depth(halves, np.array([0, 0, 1, 1, 1, 0]), 0, 1.0) == 0.5
 
 
-@known("no triangle has a corner left of the left wall, so the line along it meets none")
 def test_depth_along_the_left_wall_is_that_just_beside_it():
     p, mesh = random_mesh(2, 4)
     assert probes.depth(mesh, p.fluid, 1, 0.0) == pytest.approx(probes.depth(mesh, p.fluid, 1, 1e-12), abs=1e-9)

@@ -13,6 +13,7 @@ import pytest
 
 import tipfem as tp
 from tipfem.simulation import StepRefused
+from tipfem.volume_source import volume_source
 
 
 def dam_break(water, air, spacing=0.02, **options):
@@ -173,6 +174,8 @@ def test_memory_is_flat_over_500_steps(water, air):
     [
         ({"time_step": 0.0}, "time step is 0.0 s; it must be > 0"),
         ({"time_step": float("nan")}, "time step is nan s"),
+        ({"time_step": "a"}, "time step is 'a' s; it must be > 0"),
+        ({"output_interval": "a"}, "output_interval is 'a' s; it must be > 0"),
         ({"output_interval": -1.0}, "output_interval is -1.0 s; it must be > 0"),
     ],
 )
@@ -197,3 +200,44 @@ def test_a_body_force_of_wrong_shape_is_refused(water):
     case = tp.Case(tp.tank((1, 1), 0.1).fill(water), [water], (0, 0), body_force=lambda x, t: x[:, 0])
     with pytest.raises(ValueError, match=r"body_force at t = .* gave shape \(121,\).*\(121, 2\)"):
         tp.Simulation(case, time_step=1e-3).step()
+
+
+def test_a_column_that_fails_leaves_its_row_and_says_which(water, air, tmp_path):
+    """The step is accepted, so its row is there, with NaN for what could not be had."""
+    def front(simulation):
+        if simulation.step_number == 2:
+            raise ZeroDivisionError("no front")
+        return 1.0
+
+    columns = {"front": front, "after": lambda s: 2 * s.time}
+    simulation = tp.Simulation(dam_break(water, air, 0.05), tmp_path, time_step=1e-3, columns=columns)
+    with pytest.raises(tp.SimulationError, match=r"t = 0.002 s, step 2: column 'front' .*no front") as caught:
+        simulation.run(0.01, progress=False)
+    assert isinstance(caught.value.__cause__, ZeroDivisionError)
+    rows = list(csv.DictReader((tmp_path / "history.csv").open()))
+    assert [row["front"] for row in rows] == ["1", "nan"]
+    assert [float(row["after"]) for row in rows] == pytest.approx([2e-3, 4e-3])
+    assert len(simulation.history) == simulation.step_number == 2
+    assert "'front'" in json.loads((tmp_path / "summary.json").read_text())["status"]
+    simulation.run(4e-3, progress=False)  # the history was closed, and goes on
+    assert [row["step"] for row in csv.DictReader((tmp_path / "history.csv").open())] == ["1", "2", "3", "4"]
+
+
+def test_the_volume_source_of_a_nearly_vanished_fluid_is_bounded(water, air):
+    """One factor for all fluids: the balance stays zero."""
+    simulation = tp.Simulation(dam_break(water, air, 0.05))
+    mesh, p = simulation.mesh, simulation.particles
+    fraction = simulation.interface.fluid_fraction(mesh.cells, p.fluid, 2)
+    volume = mesh.measure @ fraction
+    wanted = np.array([5 * volume[0], volume[1] - 4 * volume[0]])
+    growth = volume_source(mesh, fraction, wanted, 0.5)
+    assert growth.max() == pytest.approx(0.05)
+    assert growth.min() >= -0.05
+    assert abs(growth @ mesh.measure) < 1e-12
+    missing = (wanted - volume) / volume
+    np.testing.assert_allclose(growth, fraction @ missing * 0.05 / np.abs(missing).max(), atol=1e-12)
+    # Below the bound nothing changes.
+    lost = np.array([1e-3, -1e-3])
+    np.testing.assert_allclose(
+        volume_source(mesh, fraction, volume + lost, 0.1), 0.1 * fraction @ (lost / volume), atol=1e-12
+    )

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, QhullError
 
 from tipfem.fluid import Fluid
 from tipfem.geometry import Tank
 from tipfem.interface import InterpolatedInterface
 from tipfem.particles import Array, Particles
 from tipfem.relocation import RelocationRule
+from tipfem.validation import is_number, numbers
 
 INTERFACES = {"interpolated": InterpolatedInterface}
 
@@ -39,7 +39,7 @@ class Numerics:
         relocation: when particles are moved, and where to.
 
     Raises:
-        ValueError: a number is out of range.
+        ValueError: a number is out of range or none, or ``relocation`` is no RelocationRule.
     """
 
     rho_inf: float = 0.0
@@ -63,8 +63,12 @@ class Numerics:
             ("smallest_jacobian", 0.0, 0.9),
         ):
             value = getattr(self, name)
-            if not (math.isfinite(value) and low <= value <= high):
+            if not (is_number(value) and low <= value <= high):
                 raise ValueError(f"Numerics: {name} is {value!r}; it must lie between {low:g} and {high:g}")
+        if self.newton_iterations != int(self.newton_iterations):
+            raise ValueError(f"Numerics: newton_iterations is {self.newton_iterations!r}; it must be a whole number")
+        if not isinstance(self.relocation, RelocationRule):
+            raise ValueError(f"Numerics: relocation is {self.relocation!r}; it must be a RelocationRule")
 
 
 @dataclass
@@ -87,21 +91,26 @@ class Case:
 
     particles: Any
     fluids: Sequence[Fluid]
-    gravity: Sequence[float]
+    gravity: Sequence[float] | Array
     body_force: Callable[[Array, float], Array] | None = None
     interface: str = "interpolated"
     numerics: Numerics = field(default_factory=Numerics)
     title: str = ""
 
     def __post_init__(self) -> None:
-        self.fluids = list(self.fluids)
+        given = self.fluids
+        self.fluids = list(given) if isinstance(given, Sequence) else []
         if not self.fluids or not all(isinstance(f, Fluid) for f in self.fluids):
-            raise ValueError(f"Case: fluids is {self.fluids!r}; it must be a list of at least one Fluid")
+            raise ValueError(f"Case: fluids is {given!r}; it must be a list of at least one Fluid")
         names = [f.name for f in self.fluids]
         if len(set(names)) < len(names):
             raise ValueError(f"Case: fluids are named {names}; every fluid needs a name of its own")
-        if self.interface not in INTERFACES:
+        if not isinstance(self.interface, str) or self.interface not in INTERFACES:
             raise ValueError(f"Case: interface is {self.interface!r}; it must be one of {sorted(INTERFACES)}")
+        if self.body_force is not None and not callable(self.body_force):
+            raise ValueError(f"Case: body_force is {self.body_force!r}; it must be a function of positions and time")
+        if not isinstance(self.numerics, Numerics):
+            raise ValueError(f"Case: numerics is {self.numerics!r}; it must be a Numerics")
         if isinstance(self.particles, Tank):
             self.particles = self.particles.sample(self.fluids)
         if not isinstance(self.particles, Particles):
@@ -109,7 +118,7 @@ class Case:
         self._check_particles(self.particles)
 
     def _check_particles(self, particles: Particles) -> None:
-        gravity = np.asarray(self.gravity, dtype=float)
+        gravity = numbers(self.gravity)
         if gravity.shape != (particles.dimension,) or not np.isfinite(gravity).all():
             raise ValueError(
                 f"Case: gravity is {self.gravity!r}; it must be {particles.dimension} finite accelerations in m/s^2"
@@ -122,7 +131,12 @@ class Case:
                 f"Case: particle {i} has fluid {int(particles.fluid[i])}; with {len(self.fluids)} fluid(s) it "
                 f"must lie between 0 and {len(self.fluids) - 1}"
             )
-        particles.require_distinct()
+        median = particles.require_distinct()
+        if not 0.1 <= particles.spacing / median <= 10:
+            raise ValueError(
+                f"Case: spacing is {particles.spacing:g} m, but the particles stand {median:g} m apart (median); "
+                "the two may differ by a factor of 10 at most"
+            )
         if (particles.velocity[particles.wall] != 0).any():
             i = int(np.flatnonzero(particles.wall & (particles.velocity != 0).any(axis=1))[0])
             raise ValueError(
@@ -131,10 +145,25 @@ class Case:
             )
         if particles.wall.all():
             raise ValueError("Case: all particles are wall particles; there is no fluid to move")
-        corner = ConvexHull((particles.position - particles.position.mean(axis=0)) / particles.spacing).vertices
-        outside = corner[~particles.wall[corner]]
-        if len(outside):
-            i = int(outside.min())
+        self._check_walls_surround(particles)
+
+    def _check_walls_surround(self, particles: Particles) -> None:
+        centred = (particles.position - particles.position.mean(axis=0)) / particles.spacing
+        try:
+            facets = ConvexHull(centred).equations
+        except QhullError as error:
+            raise ValueError(
+                f"Case: the {len(particles)} particles enclose no space; {particles.dimension + 1} or more are "
+                "needed, not all on one line or in one plane"
+            ) from error
+        # Facets of one straight wall share their equation but for round-off; one of them will do.
+        facets = facets[np.unique(facets.round(12), axis=0, return_index=True)[1]]
+        fluid = np.flatnonzero(~particles.wall)
+        beyond = np.zeros(len(fluid), dtype=bool)
+        for facet in facets:  # one by one: all at once would take facets x particles of memory
+            beyond |= centred[fluid] @ facet[:-1] + facet[-1] > -1e-9
+        if beyond.any():
+            i = int(fluid[np.argmax(beyond)])
             raise ValueError(
                 f"Case: particle {i} at {particles.position[i].tolist()} lies outside the walls (or on them); "
                 "wall particles must surround all others"

@@ -105,7 +105,8 @@ class FlowProblem:
         self._source = put("source", properties.source)
         velocity, acceleration = scheme.history(particles)
         velocity[particles.wall] = 0.0
-        acceleration = acceleration - body_force
+        acceleration[particles.wall] = 0.0
+        acceleration -= body_force
         self._velocity, self._acceleration = put("velocity", velocity), put("acceleration", acceleration)
         self._local = buffers.get("local", self.elements * (d + 1), d + 1)
         self._record = buffers.get("record", self.elements, assembly.record_width(d))

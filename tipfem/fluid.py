@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+
+from tipfem.validation import is_number
 
 
 @dataclass(frozen=True)
@@ -16,7 +17,7 @@ class Fluid:
         viscosity: dynamic viscosity [Pa s], >= 0.
 
     Raises:
-        ValueError: the name is empty, or a property is out of range or not finite.
+        ValueError: the name is empty or no text, or a property is out of range or no finite number.
     """
 
     name: str
@@ -24,9 +25,9 @@ class Fluid:
     viscosity: float
 
     def __post_init__(self) -> None:
-        if not self.name or not isinstance(self.name, str):
+        if not isinstance(self.name, str) or not self.name:
             raise ValueError(f"Fluid: name is {self.name!r}; it must be a non-empty string")
-        if not (math.isfinite(self.density) and self.density > 0):
+        if not (is_number(self.density) and self.density > 0):
             raise ValueError(f"Fluid {self.name!r}: density is {self.density!r} kg/m^3; it must be > 0")
-        if not (math.isfinite(self.viscosity) and self.viscosity >= 0):
+        if not (is_number(self.viscosity) and self.viscosity >= 0):
             raise ValueError(f"Fluid {self.name!r}: viscosity is {self.viscosity!r} Pa s; it must be >= 0")

@@ -11,13 +11,18 @@ import numpy as np
 
 from tipfem.fluid import Fluid
 from tipfem.particles import Array, Particles
+from tipfem.validation import is_number, numbers
+
+# Lines closer than this, in spacings, would be crowded from the start: relocation moves such particles.
+CLOSEST = 0.6
 
 
 @dataclass
 class _Region:
-    """A part of the tank: which fluid is in it, and which points belong to it."""
+    """A part of the tank: which fluid is in it, what the user called it, and which points belong to it."""
 
     fluid: Fluid
+    part: str
     contains: Callable[[Array], Array]
     box: Array | None = None
 
@@ -26,18 +31,22 @@ class _Region:
 class Tank:
     """A closed box with one row of fixed ghost particles as walls, to be filled with fluids.
 
-    Particles stand on a rectilinear lattice. Its lines are shifted a little, so that every
-    face of a filled box that lies inside the tank runs midway between two of them: that is
-    where the interface of two fluids is, and so the volumes are those asked for.
+    Particles stand on a rectilinear lattice. Every face of a filled box that lies inside the tank
+    runs midway between two of its lines: that is where the interface of two fluids is, and so the
+    volumes of layers are those asked for. Between faces the lines are evenly spaced, on each side
+    of a face by a little more or less than ``spacing``. A layer between two faces can be one line.
 
     Attributes:
         size: (d,) edge lengths [m]; one corner is the origin.
         spacing: target distance between particles [m].
-        jitter: random displacement of the particles off the walls, in spacings (0 to 0.4).
+        jitter: random displacement of the particles off the walls, in spacings (0 to 0.4). A tank
+            in 3-D needs some, 0.1 for instance: the cubes of a regular lattice have no unique
+            Delaunay mesh, and would be cut into simplices without volume.
         seed: of the random displacement.
 
     Raises:
-        ValueError: a size or the spacing is not positive, or the spacing exceeds half an edge.
+        ValueError: a size or the spacing is no positive number, the spacing exceeds half an edge, or
+            the jitter is out of range.
     """
 
     size: Sequence[float]
@@ -47,17 +56,17 @@ class Tank:
     _regions: list[_Region] = field(default_factory=list, repr=False)
 
     def __post_init__(self) -> None:
-        size = np.asarray(self.size, dtype=float)
+        size = numbers(self.size)
         if size.ndim != 1 or len(size) not in (2, 3) or not (np.isfinite(size).all() and (size > 0).all()):
             raise ValueError(f"tank: size is {self.size!r}; it must be 2 or 3 lengths > 0 in metres")
-        if not (np.isfinite(self.spacing) and self.spacing > 0):
+        if not (is_number(self.spacing) and self.spacing > 0):
             raise ValueError(f"tank: spacing is {self.spacing!r} m; it must be > 0")
         if self.spacing > size.min() / 2:
             raise ValueError(
                 f"tank: spacing is {self.spacing:g} m, too large for a tank of {size.tolist()} m; "
                 f"it must be at most half the smallest edge, {size.min() / 2:g} m"
             )
-        if not 0 <= self.jitter <= 0.4:
+        if not (is_number(self.jitter) and 0 <= self.jitter <= 0.4):
             raise ValueError(f"tank: jitter is {self.jitter!r}; it must lie between 0 and 0.4 spacings")
 
     def fill(
@@ -80,13 +89,15 @@ class Tank:
             The tank itself, so that calls can be chained.
 
         Raises:
-            ValueError: the part has the wrong shape or lies outside the tank.
+            ValueError: ``fluid`` is no Fluid, or the part has the wrong shape or lies outside the tank.
         """
+        if not isinstance(fluid, Fluid):
+            raise ValueError(f"fill: fluid is {fluid!r}; it must be a Fluid")
         if sum(part is not None for part in (box, disc, where)) > 1:
             raise ValueError("fill: give one of box, disc and where, not several")
         size = np.asarray(self.size, dtype=float)
         if box is not None:
-            corners = np.asarray(box, dtype=float)
+            corners = numbers(box)
             if corners.shape != (2, len(size)) or not (corners[0] < corners[1]).all():
                 raise ValueError(
                     f"fill {fluid.name!r}: box is {box!r}; it must be (lower, upper), two corners of "
@@ -95,17 +106,24 @@ class Tank:
             if (corners[1] <= 0).any() or (corners[0] >= size).any():
                 raise ValueError(f"fill {fluid.name!r}: box {box!r} lies outside the tank of {size.tolist()} m")
             corners = np.clip(corners, 0.0, size)
-            self._regions.append(_Region(fluid, lambda x: _in_box(x, corners, size), corners))
+            self._regions.append(_Region(fluid, f"box {box!r}", lambda x: _in_box(x, corners, size), corners))
         elif disc is not None:
-            centre, radius = np.asarray(disc[0], dtype=float), float(disc[1])
-            if centre.shape != size.shape or not radius > 0:
+            given, radius = disc if isinstance(disc, Sequence) and len(disc) == 2 else (None, None)
+            centre = numbers(given)
+            if centre.shape != size.shape or not np.isfinite(centre).all() or not is_number(radius) or not radius > 0:
                 raise ValueError(
                     f"fill {fluid.name!r}: disc is {disc!r}; it must be (centre, radius) with a centre of "
                     f"{len(size)} coordinates and a radius > 0"
                 )
-            self._regions.append(_Region(fluid, lambda x: ((x - centre) ** 2).sum(axis=1) < radius**2))
+            self._regions.append(
+                _Region(fluid, f"disc {disc!r}", lambda x: ((x - centre) ** 2).sum(axis=1) < radius**2)
+            )
+        elif where is not None:
+            if not callable(where):
+                raise ValueError(f"fill {fluid.name!r}: where is {where!r}; it must be a function of positions")
+            self._regions.append(_Region(fluid, "where", where))
         else:
-            self._regions.append(_Region(fluid, where if where is not None else _everywhere))
+            self._regions.append(_Region(fluid, "tank", _everywhere))
         return self
 
     def sample(self, fluids: Sequence[Fluid]) -> Particles:
@@ -118,8 +136,15 @@ class Tank:
             Particles with N of about prod(size / spacing + 1).
 
         Raises:
-            ValueError: a part of the tank is empty, or holds a fluid that is not in the list.
+            ValueError: a part of the tank is empty, too thin, or holds a fluid that is not in the list; a
+                filled part holds no particle off the walls; a ``where`` gave no mask; or a tank in 3-D
+                has no jitter.
         """
+        if len(self.size) == 3 and not self.jitter:
+            raise ValueError(
+                "tank: jitter is 0; a regular lattice in 3-D cannot be meshed, its cubes are cut into simplices "
+                "without volume; set jitter, to 0.1 for instance"
+            )
         lines = [self._lines(axis) for axis in range(len(self.size))]
         position = np.stack([x.ravel() for x in np.meshgrid(*lines, indexing="ij")], axis=1)
         size = np.asarray(self.size, dtype=float)
@@ -131,7 +156,7 @@ class Tank:
                     f"tank is filled with {region.fluid.name!r}, which is not among the case's fluids "
                     f"{[f.name for f in fluids]}"
                 )
-            fluid[np.asarray(region.contains(position), dtype=bool)] = list(fluids).index(region.fluid)
+            fluid[self._mask(region, position, wall)] = list(fluids).index(region.fluid)
         if (fluid < 0).any():
             i = int(np.argmax(fluid < 0))
             raise ValueError(
@@ -142,6 +167,22 @@ class Tank:
             position[~wall] += shift[~wall]
         return Particles(position, fluid, wall, spacing=self.spacing)
 
+    def _mask(self, region: _Region, position: Array, wall: Array) -> Array:
+        """Mask (N,) of the lattice points in a region; see `sample` for errors."""
+        inside = np.asarray(region.contains(position.copy()))  # a copy: a user's function may work in place
+        if inside.shape != wall.shape or inside.dtype != bool:
+            raise ValueError(
+                f"fill {region.fluid.name!r}: {region.part} gave {inside.dtype} of shape {inside.shape}; it must be a "
+                f"mask, bool of shape {wall.shape}"
+            )
+        # Wall particles take the fluid of their neighbours, so those alone would be lost without a word.
+        if not (inside & ~wall).any():
+            raise ValueError(
+                f"fill {region.fluid.name!r}: {region.part} holds no particle; it lies outside the tank, or is too "
+                f"small for a spacing of {self.spacing:g} m"
+            )
+        return inside
+
     def _lines(self, axis: int) -> Array:
         """Coordinates (n,) of the lattice lines along one axis [m]."""
         length, h = float(self.size[axis]), self.spacing
@@ -150,26 +191,43 @@ class Tank:
             if region.box is not None:
                 faces.update(float(x) for x in region.box[:, axis])
         edges = [0.0]
-        for face in sorted(faces)[1:]:
+        # A face that is on a wall but for round-off is no face inside the tank.
+        inner = [face for face in faces if 1e-9 * length < face < length - 1e-9 * length]
+        for face in [*sorted(inner), length]:
             if face - edges[-1] < 1e-9 * length:
                 continue
-            if face - edges[-1] < 0.75 * h:
-                raise ValueError(
-                    f"tank: along axis {axis}, the part between {edges[-1]:g} m and {face:g} m is thinner than "
-                    f"the spacing of {h:g} m; choose a smaller spacing"
-                )
+            # On a wall stands a line of its own, which the layer's first must keep off.
+            limit = CLOSEST * (1.0 if edges[-1] > 0 and face < length else 1.5)
+            if face - edges[-1] < limit * h * (1 - 1e-9):
+                raise self._thin(axis, edges[-1], face, f"{limit:g} spacings ({limit * h:g} m), the least for one line")
             edges.append(face)
+        # First every layer by itself: a wall's line stands on the wall, the others half a step off the faces.
+        layers = list(itertools.pairwise(edges))
+        margins = [(0.0 if a == 0.0 else 0.5) + (0.0 if b == length else 0.5) for a, b in layers]
+        counts = [max(int(m < 1), round((b - a) / h - m)) for (a, b), m in zip(layers, margins, strict=True)]
+        steps = [(b - a) / (n + m) for (a, b), n, m in zip(layers, counts, margins, strict=True)]
+        # Both sides of a face then take the same half gap: that of the smaller step crowds neither.
+        half = [0.0, *(0.5 * min(s) for s in itertools.pairwise(steps)), 0.0]
+        for k, n in enumerate(counts):
+            if n == 0:  # a line alone stands in the middle of its layer
+                half[k] = half[k + 1] = 0.5 * steps[k]
         pieces = []
-        for lower, upper in itertools.pairwise(edges):
-            # A wall particle stands on the wall itself; at a face the nearest line is half a step away.
-            margins = (0.0 if lower == 0.0 else 0.5) + (0.0 if upper == length else 0.5)
-            steps = max(1, round((upper - lower) / h - margins))
-            step = (upper - lower) / (steps + margins)
-            first = lower if lower == 0.0 else lower + 0.5 * step
-            pieces.append(first + step * np.arange(steps + 1))
+        for k, (lower, upper) in enumerate(layers):
+            first, last = lower + half[k], upper - half[k + 1]
+            single = counts[k] == 0 and abs(last - first) < 1e-9 * h
+            n = 0 if single else max(1, round((last - first) / h))
+            if last - first < CLOSEST * n * h * (1 - 1e-9):
+                raise self._thin(axis, lower, upper, f"its neighbours let it be ({CLOSEST:g} spacings between lines)")
+            pieces.append(np.linspace(first, last, n + 1))
         lines = np.concatenate(pieces)
         lines[-1] = length
         return lines
+
+    def _thin(self, axis: int, lower: float, upper: float, limit: str) -> ValueError:
+        return ValueError(
+            f"tank: along axis {axis}, the part between {lower:g} m and {upper:g} m is thinner than {limit}; "
+            f"choose a smaller spacing than {self.spacing:g} m"
+        )
 
 
 def tank(size: Sequence[float], spacing: float, *, jitter: float = 0.0, seed: int = 0) -> Tank:

@@ -125,8 +125,8 @@ def _orthogonalise(basis: list[Any], size: int, parts: int, buffers: Buffers) ->
             column[start : start + len(group)] += out[: len(group)]
             before = max(before, out[GROUP])
             after = out[GROUP + 1]
-        # Cancellation by more than a factor of 10 costs digits of orthogonality: project again.
-        if after > 1e-2 * before:
+        # What cancellation to less than a third leaves is not orthogonal enough: project again.
+        if after > 0.1 * before:
             break
     column[-1] = np.sqrt(after)
     if column[-1] > 0:

@@ -33,15 +33,21 @@ class Mesh:
         """(M,) signed area [m^2] or volume [m^3] of each simplex."""
         return simplex_measure(self.position, self.cells)
 
+    def moved(self, position: Array) -> Mesh:
+        """The same simplices at other positions (N, d); shares what depends on the connectivity alone."""
+        mesh = Mesh(position, self.cells)
+        for name in ("edges", "incidence", "adjacency"):
+            if name in self.__dict__:
+                mesh.__dict__[name] = self.__dict__[name]
+        return mesh
+
     @cached_property
     def edges(self) -> Array:
-        """(E, 2) particles at the ends of each edge, lower index first."""
-        corners = self.cells.shape[1]
-        first, second = np.triu_indices(corners, k=1)
-        pairs = np.stack([self.cells[:, first].ravel(), self.cells[:, second].ravel()], axis=1)
-        pairs.sort(axis=1)
-        key = np.unique(pairs[:, 0].astype(np.int64) * len(self.position) + pairs[:, 1])
-        return np.stack(np.divmod(key, len(self.position)), axis=1).astype(np.int32)
+        """(E, 2) particles at the ends of each edge, lower index first; in lexicographic order."""
+        offsets, columns = self.adjacency
+        rows = np.repeat(np.arange(len(self.position), dtype=np.int32), np.diff(offsets))
+        upper = columns > rows
+        return np.stack([rows[upper], columns[upper]], axis=1)
 
     @cached_property
     def incidence(self) -> tuple[Array, Array]:
@@ -54,11 +60,10 @@ class Mesh:
     @cached_property
     def adjacency(self) -> tuple[Array, Array]:
         """Particles that share a simplex with each particle, itself included, in CSR (offsets, columns)."""
-        n = len(self.position)
-        i, j = self.edges.T
-        ends = np.concatenate([i, j, np.arange(n, dtype=np.int32)])
-        others = np.concatenate([j, i, np.arange(n, dtype=np.int32)])
-        graph = sparse.csr_matrix((np.ones(len(ends), dtype=np.int8), (ends, others)), shape=(n, n))
+        n, (m, corners) = len(self.position), self.cells.shape
+        starts = np.arange(0, m * corners + 1, corners)
+        member = sparse.csr_matrix((np.ones(m * corners, np.int32), self.cells.ravel(), starts), shape=(m, n))
+        graph = (member.T @ member).tocsr()
         graph.sort_indices()
         return graph.indptr.astype(np.int32), graph.indices.astype(np.int32)
 

@@ -11,6 +11,7 @@ a reader, or a full disk, never meets half a file.
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import platform
@@ -47,7 +48,8 @@ class ResultsFolder:
             probe.write_text("")
             probe.unlink()
             for pattern in _OWN_FILES:
-                for old in self.path.glob(pattern):
+                # The .part of a run that was killed is ours too.
+                for old in [*self.path.glob(pattern), *self.path.glob(pattern + ".part")]:
                     old.unlink()
         except OSError as error:
             raise ValueError(
@@ -55,7 +57,7 @@ class ResultsFolder:
             ) from error
         self._history: TextIO | None = None
         self._columns: list[str] = []
-        self._times: list[tuple[float, str]] = []
+        self._times: dict[str, float] = {}
 
     def write_case(self, case: Case) -> None:
         """Write case.json."""
@@ -76,16 +78,22 @@ class ResultsFolder:
         )
 
     def append_history(self, row: Mapping[str, float]) -> None:
-        """Add a step's row to history.csv; the first one decides on the columns."""
+        """Add a step's row to history.csv; the first one decides on the columns.
+
+        After `close` the file is opened again and goes on.
+        """
         if self._history is None:
-            self._history = open(self.path / "history.csv", "w", encoding="utf-8")
+            # No newline is translated: the csv module writes them itself, those within a name too.
+            self._history = open(self.path / "history.csv", "a", encoding="utf-8", newline="")
+        lines = csv.writer(self._history, lineterminator="\n")
+        if not self._columns:
             self._columns = list(row)
-            self._history.write(",".join(self._columns) + "\n")
-        self._history.write(",".join(_number(row[name]) for name in self._columns) + "\n")
+            lines.writerow(self._columns)
+        lines.writerow([_number(row[name]) for name in self._columns])
         self._history.flush()
 
     def write_fields(self, step: int, time: float, mesh: Mesh, particles: Particles, density: Array) -> None:
-        """Write the state as a VTU file and list it in fields.pvd.
+        """Write the state as a VTU file and list it in fields.pvd; a step written again replaces the earlier one.
 
         Args:
             step: number of the step, for the file's name.
@@ -108,8 +116,10 @@ class ResultsFolder:
             },
         )
         self._replace(name, lambda path: meshio.write(path, content, file_format="vtu"))
-        self._times.append((time, name))
-        entries = "\n".join(f'    <DataSet timestep="{t:.9g}" part="0" file="{file}"/>' for t, file in self._times)
+        self._times[name] = time
+        entries = "\n".join(
+            f'    <DataSet timestep="{t:.9g}" part="0" file="{file}"/>' for file, t in self._times.items()
+        )
         text = (
             '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n'
             f"  <Collection>\n{entries}\n  </Collection>\n</VTKFile>\n"
@@ -133,8 +143,34 @@ class ResultsFolder:
 
     def _replace(self, name: str, write: Callable[[Path], Any]) -> None:
         temporary = self.path / (name + ".part")
-        write(temporary)
-        os.replace(temporary, self.path / name)
+        try:
+            write(temporary)
+            os.replace(temporary, self.path / name)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+
+
+def fill_columns(row: dict[str, float], columns: Mapping[str, Callable[[Any], float]], source: Any) -> Exception | None:
+    """Put the values of further columns into a row of the history, as far as they can be had.
+
+    Args:
+        row: the row; a column that fails stays as it is.
+        columns: functions of ``source``, by name.
+        source: what they are evaluated on.
+
+    Returns:
+        None, or an error that names the first column that failed, with its own error as the cause.
+    """
+    failure: Exception | None = None
+    for name, column in columns.items():
+        try:
+            row[name] = float(column(source))
+        except Exception as error:  # whatever a user's function raises
+            if failure is None:
+                failure = ValueError(f"column {name!r} of the history failed: {error!r}")
+                failure.__cause__ = error
+    return failure
 
 
 def _number(value: float) -> str:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+import copy
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
+
+from tipfem.validation import is_number, numbers
 
 Array = np.ndarray
 
@@ -26,8 +29,8 @@ class Particles:
             from a particle to its nearest neighbour.
 
     Raises:
-        ValueError: an array has the wrong shape, a value is not finite, or two particles
-            stand on the same place.
+        ValueError: an array has the wrong shape or no numbers, a value is not finite, a label is no
+            whole number, or two particles are closer than 1e-6 spacings.
     """
 
     position: Array
@@ -39,10 +42,23 @@ class Particles:
     spacing: float = field(default=0.0)
 
     def __post_init__(self) -> None:
-        self.position = np.array(self.position, dtype=np.float64)
-        if self.position.ndim != 2 or self.position.shape[1] not in (2, 3) or not len(self.position):
-            raise ValueError(f"Particles: position has shape {self.position.shape}; it must be (N, 2) or (N, 3)")
-        n, d = self.position.shape
+        self._own_arrays()
+        if not self.spacing:
+            self.spacing = self.require_distinct()
+        elif not (is_number(self.spacing) and self.spacing > 0):
+            raise ValueError(f"Particles: spacing is {self.spacing!r} m; it must be > 0")
+        else:
+            self.require_distinct()
+
+    def _own_arrays(self) -> None:
+        """Replace the arrays by copies of the right type; see the class for errors."""
+        position = numbers(self.position)
+        if position.ndim != 2 or position.shape[1] not in (2, 3) or not len(position):
+            raise ValueError(
+                f"Particles: position has shape {position.shape}; it must be (N, 2) or (N, 3), of numbers"
+            )
+        self.position = position
+        n, d = position.shape
         self.fluid = _shaped("fluid", self.fluid, (n,), np.int32)
         self.wall = _shaped("wall", self.wall, (n,), bool)
         self.velocity = _shaped("velocity", self.velocity, (n, d), np.float64)
@@ -50,10 +66,6 @@ class Particles:
         self.pressure = _shaped("pressure", self.pressure, (n,), np.float64)
         for name in ("position", "velocity", "acceleration", "pressure"):
             _require_finite(name, getattr(self, name))
-        if not self.spacing:
-            self.spacing = self._require_distinct()
-        if not (np.isfinite(self.spacing) and self.spacing > 0):
-            raise ValueError(f"Particles: spacing is {self.spacing!r} m; it must be > 0")
 
     @property
     def dimension(self) -> int:
@@ -64,45 +76,68 @@ class Particles:
         return len(self.position)
 
     def copy(self, **changes: Any) -> Particles:
-        """A new state with copies of all arrays, and ``changes`` in place of some of them."""
-        arrays = {
-            name: np.array(getattr(self, name))
-            for name in ("position", "fluid", "wall", "velocity", "acceleration", "pressure")
-        }
-        return replace(self, **{**arrays, **changes})
+        """A new state with copies of all arrays, and ``changes`` in place of some of them.
 
-    def require_distinct(self) -> None:
-        """Check that no two particles coincide.
+        Checked like a new one but for distances: a step makes several copies, and particles that came
+        too close in it are relocated.
 
         Raises:
-            ValueError: two particles are closer than 1e-6 spacings.
+            TypeError: there is no attribute of that name.
+            ValueError: as for a new state, see above.
         """
-        self._require_distinct()
+        unknown = set(changes) - set(vars(self))
+        if unknown:
+            raise TypeError(f"Particles: there is no {', '.join(sorted(unknown))} to change")
+        new = copy.copy(self)
+        vars(new).update(changes)
+        if not (is_number(new.spacing) and new.spacing > 0):
+            raise ValueError(f"Particles: spacing is {new.spacing!r} m; it must be > 0")
+        new._own_arrays()
+        return new
 
-    def _require_distinct(self) -> float:
-        """Check for duplicates and return the median distance to the nearest neighbour [m]."""
+    def require_distinct(self) -> float:
+        """Check that no two particles coincide.
+
+        Returns:
+            The median distance from a particle to its nearest neighbour [m]; of one particle alone,
+            its spacing.
+
+        Raises:
+            ValueError: there is one particle alone and no spacing, or two are closer than 1e-6 spacings,
+                or than 1e-6 of that median if it is smaller.
+        """
         if len(self) < 2:
-            raise ValueError("Particles: one particle alone has no spacing; give at least two")
+            if not self.spacing:
+                raise ValueError("Particles: one particle alone has no spacing; give at least two")
+            return self.spacing
         distance, neighbour = cKDTree(self.position).query(self.position, k=2)
-        spacing = self.spacing or float(np.median(distance[:, 1]))
+        median = float(np.median(distance[:, 1]))
         i = int(np.argmin(distance[:, 1]))
-        if not distance[i, 1] > 1e-6 * spacing:
+        # A spacing that is far too large must not make all particles duplicates.
+        if not distance[i, 1] > 1e-6 * min(self.spacing or median, median):
             j = int(neighbour[i, 1] if neighbour[i, 1] != i else neighbour[i, 0])
             raise ValueError(
                 f"Particles: {min(i, j)} and {max(i, j)} are duplicates at {self.position[i].tolist()}; "
                 "every particle needs a place of its own"
             )
-        return spacing
+        return median
 
 
 def _shaped(name: str, values: Any, shape: tuple[int, ...], dtype: Any) -> Array:
-    """``values`` as an array of the given shape; zeros for None."""
+    """``values`` as a new array of the given shape and type; zeros for None."""
     if values is None:
         return np.zeros(shape, dtype)
-    array = np.asarray(values)
-    if array.shape != shape:
-        raise ValueError(f"Particles: {name} has shape {array.shape}; for these positions it must be {shape}")
-    return np.array(array, dtype=dtype)
+    given = numbers(values)
+    if given.shape != shape:
+        raise ValueError(
+            f"Particles: {name} has shape {given.shape}; for these positions it must be {shape}, of numbers"
+        )
+    with np.errstate(invalid="ignore"):  # NaN has no whole number; the comparison below finds it
+        array = given.astype(dtype, copy=False)
+    if array.dtype.kind != "f" and (array != given).any():
+        i, kind = int(np.argmax(array != given)), "True or False" if dtype is bool else "a whole number"
+        raise ValueError(f"Particles: {name} of particle {i} is {given[i]}; it must be {kind}")
+    return array
 
 
 def _require_finite(name: str, values: Array) -> None:

@@ -57,15 +57,19 @@ def extent(mesh: Mesh, fluid: Array, index: int, axis: int) -> float:
 def depth(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
     """Length of a fluid along the vertical line x = ``place`` of a 2-D mesh [m].
 
-    The interface is taken at the middle of the edges: of the crossings of the line with the edges,
-    the stretch between two neighbours belongs to the particle that is nearest to its middle within
-    the element.
+    Elements between fluids are cut through the middle of their edges: three triangles at the corners, and a
+    fourth between them that belongs to the fluid of most corners (in an element of three fluids, of the first).
+
+    Raises:
+        ValueError: the line does not cross the mesh.
     """
-    x, y = mesh.position[:, 0] - place, mesh.position[:, 1]
+    left, right = float(mesh.position[:, 0].min()), float(mesh.position[:, 0].max())
+    if not left <= place <= right:
+        raise ValueError(f"depth: the line x = {place:g} m does not cross the mesh of {left:g} to {right:g} m")
+    # A line along the left wall would be in no element's interior.
+    line = max(place, left + 1e-9 * (right - left))
+    x, y = mesh.position[:, 0] - line, mesh.position[:, 1]
     cells = mesh.cells[(x[mesh.cells].min(axis=1) < 0) & (x[mesh.cells].max(axis=1) >= 0)]
-    if not len(cells):
-        raise ValueError(f"depth: the line x = {place:g} m does not cross the mesh")
-    # Cut each element by the sub-triangles of the mid-edge rule: corner, and what is left.
     total = 0.0
     for triangle, label in _mid_edge_pieces(cells, fluid):
         px = np.stack([x[a] / 2 + x[b] / 2 for a, b in triangle], axis=1)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from tipfem.mesh import Mesh
 from tipfem.particles import Array, Particles
@@ -45,10 +46,15 @@ class RelocationRule:
                 f"RelocationRule: long_edge {self.long_edge:g} is below twice too_close {self.too_close:g}; "
                 "a particle set into such an edge would be moved again at once"
             )
+        if self.long_mixed_edge < 3 * self.too_close - 1e-12:
+            raise ValueError(
+                f"RelocationRule: long_mixed_edge {self.long_mixed_edge:g} is below three times too_close "
+                f"{self.too_close:g}; a particle set at a third of such an edge would be moved again at once"
+            )
 
 
 @dataclass(frozen=True)
-class _Targets:
+class _Places:
     """Places that can take a particle: between ``start`` and ``end``, at ``weight`` from the start."""
 
     start: Array
@@ -56,13 +62,21 @@ class _Targets:
     weight: Array
     length: Array
 
+    def interpolate(self, values: Array) -> Array:
+        """Values of the particles (N, ...), linearly interpolated at the places (K, ...)."""
+        w = self.weight.reshape((-1,) + (1,) * (values.ndim - 1))
+        return (1 - w) * values[self.start] + w * values[self.end]
 
-def relocate(particles: Particles, cells: Array, rule: RelocationRule) -> tuple[Particles, int]:
+    def __getitem__(self, index: Array) -> _Places:
+        return _Places(self.start[index], self.end[index], self.weight[index], self.length[index])
+
+
+def relocate(particles: Particles, mesh: Mesh, rule: RelocationRule) -> tuple[Particles, int]:
     """Move crowded particles into long edges of their own fluid.
 
     Args:
         particles: the state on N particles, after the step's motion.
-        cells: (M, d + 1) simplices of the step, none inverted.
+        mesh: of the step; its simplices must not be inverted at the particles' positions.
         rule: the lengths that decide.
 
     Returns:
@@ -70,121 +84,178 @@ def relocate(particles: Particles, cells: Array, rule: RelocationRule) -> tuple[
         acceleration and pressure from the two ends of its edge, by linear interpolation.
     """
     h = particles.spacing
-    mesh = Mesh(particles.position, cells)
-    height = _height_over_wall(mesh, particles.wall)
-    crowd = _crowding(mesh, particles.wall, height, rule, h)
-    crowded = np.flatnonzero(np.isfinite(crowd))
-    if not len(crowded):
-        return particles, 0
-    moved = particles.copy()
-    count = 0
-    room = _room_at_edges(mesh, particles.wall, height, rule, h)
+    mesh = mesh.moved(particles.position)
+    on_wall, height = _cells_on_walls(mesh, particles.wall)
+    wall_height = _height_of_edges(mesh, particles.wall, on_wall, height)
+    moved, gone, stuck = particles, np.zeros(len(particles), dtype=bool), np.zeros(len(particles), dtype=bool)
+    # Of a close pair one is asked to move; if its fluid has no place for it, then the other.
+    for _ in range(2):
+        crowd = _crowding(mesh, particles.wall, on_wall, height, gone, stuck, rule, h)
+        crowded = np.isfinite(crowd)
+        if not crowded.any():
+            break
+        moved, now_gone, ends = _move(particles, moved, mesh, crowd, gone, wall_height, rule)
+        gone |= now_gone
+        stuck |= (crowded & ~now_gone) | ends
+    return (moved, int(gone.sum())) if gone.any() else (particles, 0)
+
+
+def _move(
+    particles: Particles, moved: Particles, mesh: Mesh, crowd: Array, gone: Array, wall_height: Array,
+    rule: RelocationRule,
+) -> tuple[Particles, Array, Array]:
+    """Set crowded particles into places of their own fluid, the most crowded into the longest edges.
+
+    Args:
+        particles: the state before relocation.
+        moved: the same with what was relocated already, (N,) ``gone``.
+        mesh: of the state before relocation.
+        crowd: (N,) finite for particles that are to move.
+        wall_height: (E,) see `_height_of_edges`.
+        rule: the lengths that decide.
+
+    Returns:
+        The new state, which particles (N,) this call moved, and which are the ends of the edges they are in.
+    """
+    h = particles.spacing
+    crowded = np.isfinite(crowd)
+    moved = moved.copy()
+    now_gone, ends = np.zeros(len(particles), dtype=bool), np.zeros(len(particles), dtype=bool)
+    tree = cKDTree(particles.position)
     for fluid in np.unique(particles.fluid[crowded]):
-        own = crowded[particles.fluid[crowded] == fluid]
+        own = np.flatnonzero(crowded & (particles.fluid == fluid))
         own = own[np.argsort(crowd[own], kind="stable")]
-        targets = _targets(mesh, particles, crowd, int(fluid), room, rule, h)
-        k = min(len(own), len(targets.start))
-        keep = (targets.length[:k] > rule.long_edge * h) | (crowd[own[:k]] < rule.urgent * h)
-        own, start, end = own[:k][keep], targets.start[:k][keep], targets.end[:k][keep]
-        weight = targets.weight[:k][keep]
+        places = _places(mesh, particles, int(fluid), crowded | gone, wall_height, rule, h)
+        places = _with_room(places, particles.position, tree, moved.position[gone | now_gone], rule, h)
+        k = min(len(own), len(places.start))
+        # Ordinary particles need a long edge; urgent ones take what there is.
+        keep = (places.length[:k] > rule.long_edge * h) | (crowd[own[:k]] < rule.urgent * h)
+        own, places = own[:k][keep], places[np.flatnonzero(keep)]
         for name in ("position", "velocity", "acceleration", "pressure"):
-            old, new = getattr(particles, name), getattr(moved, name)
-            w = weight.reshape((-1,) + (1,) * (old.ndim - 1))
-            new[own] = (1 - w) * old[start] + w * old[end]
-        count += len(own)
-    return (moved, count) if count else (particles, 0)
+            getattr(moved, name)[own] = places.interpolate(getattr(particles, name))
+        now_gone[own] = ends[places.start] = ends[places.end] = True
+    return moved, now_gone, ends
 
 
-def _height_over_wall(mesh: Mesh, wall: Array) -> Array:
-    """(M,) height of the one fluid particle over the wall face of its simplex; inf in others."""
+def _cells_on_walls(mesh: Mesh, wall: Array) -> tuple[Array, Array]:
+    """Cells (K,) of one fluid particle over a face of the wall, and the particle's height (K,) over it [m].
+
+    A face of wall particles that two cells share runs across the fluid (in a corner) and is no wall.
+    """
     d = mesh.dimension
-    at_wall = wall[mesh.cells]
-    height = np.full(len(mesh.cells), np.inf)
-    on_face = np.flatnonzero(at_wall.sum(axis=1) == d)
-    if len(on_face):
-        # Put the fluid particle first; the others make the face.
-        order = np.argsort(at_wall[on_face], axis=1, kind="stable")
-        corner = mesh.position[np.take_along_axis(mesh.cells[on_face], order, axis=1)]
-        side = corner[:, 2:] - corner[:, 1:2]
-        area = np.linalg.norm(side[:, 0], axis=1) if d == 2 else 0.5 * np.linalg.norm(
-            np.cross(side[:, 0], side[:, 1]), axis=1
-        )
-        height[on_face] = d * mesh.measure[on_face] / area
-    return height
+    near = np.flatnonzero(wall[mesh.cells].sum(axis=1) >= d)
+    if not len(near):
+        return near, np.zeros(0)
+    corners = mesh.cells[near]
+    facet = np.concatenate([np.sort(np.delete(corners, c, axis=1), axis=1) for c in range(d + 1)])
+    opposite = np.concatenate([corners[:, c] for c in range(d + 1)])
+    cell = np.tile(near, d + 1)
+    of_wall = wall[facet].all(axis=1)
+    facet, opposite, cell = facet[of_wall], opposite[of_wall], cell[of_wall]
+    _, number, count = np.unique(facet, axis=0, return_inverse=True, return_counts=True)
+    face = (count[number.ravel()] == 1) & ~wall[opposite]
+    facet, cell = mesh.position[facet[face]], cell[face]
+    side = facet[:, 1:] - facet[:, :1]
+    if d == 2:
+        area = np.linalg.norm(side[:, 0], axis=1)
+    else:
+        area = 0.5 * np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1)
+    return cell, d * mesh.measure[cell] / area
 
 
-def _crowding(mesh: Mesh, wall: Array, height: Array, rule: RelocationRule, h: float) -> Array:
+def _crowding(
+    mesh: Mesh, wall: Array, on_wall: Array, height: Array, gone: Array, stuck: Array, rule: RelocationRule, h: float
+) -> Array:
     """(N,) distance that makes a particle one to move [m]; inf for those that stay.
 
-    Of two particles that are close to each other only one moves.
+    Of two particles that are close to each other only one moves: not one that is ``stuck`` (N,) because its
+    fluid has no place for it or another was set beside it, and none if one of them is ``gone`` (N,) already.
     """
     i, j = mesh.edges.T
     length = np.linalg.norm(mesh.position[i] - mesh.position[j], axis=1)
-    close = (length < rule.too_close * h) & ~(wall[i] & wall[j])
+    bound = wall | stuck
+    close = (length < rule.too_close * h) & ~(gone[i] | gone[j]) & ~(bound[i] & bound[j])
     i, j, length = i[close], j[close], length[close]
     crowd = np.full(len(mesh.position), np.inf)
-    np.minimum.at(crowd, np.where(wall[j], i, j), length)
+    np.minimum.at(crowd, np.where(bound[j], i, j), length)
     # Height over a wall counts on the scale of distances, so that both can be compared.
-    low = np.flatnonzero(height < rule.too_close_to_wall * h)
-    apex = mesh.cells[low][np.arange(len(low)), np.argmin(wall[mesh.cells[low]], axis=1)]
-    np.minimum.at(crowd, apex, height[low] * (rule.too_close / rule.too_close_to_wall))
+    apex = _apex(mesh, wall, on_wall)
+    low = (height < rule.too_close_to_wall * h) & ~(gone | stuck)[apex]
+    np.minimum.at(crowd, apex[low], height[low] * (rule.too_close / rule.too_close_to_wall))
     both = np.isfinite(crowd[i]) & np.isfinite(crowd[j])
     i, j = i[both], j[both]
     crowd[np.where(crowd[i] <= crowd[j], j, i)] = np.inf
     return crowd
 
 
-def _room_at_edges(mesh: Mesh, wall: Array, height: Array, rule: RelocationRule, h: float) -> Array:
-    """(E,) whether the middle of each edge is free to take a particle.
+def _apex(mesh: Mesh, wall: Array, cells: Array) -> Array:
+    """The one particle (K,) of each of the cells (K,) that is no wall particle."""
+    corners = mesh.cells[cells]
+    return corners[np.arange(len(cells)), np.argmin(wall[corners], axis=1)]
 
-    It is free when no opposite particle is too close to it and it is high enough over the wall.
+
+def _height_of_edges(mesh: Mesh, wall: Array, on_wall: Array, height: Array) -> Array:
+    """(E,) height of the fluid's end of an edge over the wall that its other end is in [m]; inf for others."""
+    n = len(mesh.position)
+    number = mesh.edges[:, 0].astype(np.int64) * n + mesh.edges[:, 1]
+    result = np.full(len(number), np.inf)
+    apex = _apex(mesh, wall, on_wall).astype(np.int64)
+    for c in range(mesh.dimension + 1):
+        foot = mesh.cells[on_wall, c].astype(np.int64)
+        joined = foot != apex
+        key = np.minimum(foot, apex)[joined] * n + np.maximum(foot, apex)[joined]
+        np.minimum.at(result, np.searchsorted(number, key), height[joined])
+    return result
+
+
+def _places(
+    mesh: Mesh, particles: Particles, fluid: int, crowded: Array, wall_height: Array, rule: RelocationRule, h: float
+) -> _Places:
+    """Places for particles of a fluid in edges, high enough over the walls; the longest edges first.
+
+    Edges of crowded particles (N,) take none: those particles may be gone the next moment.
     """
-    corners = mesh.cells.shape[1]
-    number = mesh.edges[:, 0].astype(np.int64) * len(mesh.position) + mesh.edges[:, 1]
-    room = np.ones(len(mesh.edges), dtype=bool)
-    for a in range(corners):
-        for b in range(a + 1, corners):
-            pair = np.sort(mesh.cells[:, [a, b]], axis=1).astype(np.int64)
-            edge = np.searchsorted(number, pair[:, 0] * len(mesh.position) + pair[:, 1])
-            middle = 0.5 * (mesh.position[pair[:, 0]] + mesh.position[pair[:, 1]])
-            blocked = 0.5 * height < rule.too_close_to_wall * h
-            blocked &= wall[pair].any(axis=1)
-            for c in set(range(corners)) - {a, b}:
-                opposite = mesh.position[mesh.cells[:, c]]
-                blocked |= ((middle - opposite) ** 2).sum(axis=1) < (rule.too_close * h) ** 2
-            room[edge[blocked]] = False
-    return room
-
-
-def _targets(
-    mesh: Mesh, particles: Particles, crowd: Array, fluid: int, room: Array, rule: RelocationRule, h: float
-) -> _Targets:
-    """Edges that can take a particle of a fluid, the longest first; no two share an end."""
     i, j = mesh.edges.T
     length = np.linalg.norm(mesh.position[i] - mesh.position[j], axis=1)
     own_i, own_j = particles.fluid[i] == fluid, particles.fluid[j] == fluid
-    long_enough = np.where(own_i & own_j, length > h, length > rule.long_mixed_edge * h)
-    free = room & long_enough & (own_i | own_j) & ~(particles.wall[i] & particles.wall[j])
-    free &= ~np.isfinite(crowd[i]) & ~np.isfinite(crowd[j])
-    edge = np.flatnonzero(free)
-    chosen: list[Array] = []
-    taken = np.zeros(len(particles), dtype=bool)
-    while len(edge):
-        best = np.zeros(len(particles))
-        np.maximum.at(best, i[edge], length[edge])
-        np.maximum.at(best, j[edge], length[edge])
-        longest = edge[(length[edge] == best[i[edge]]) & (length[edge] == best[j[edge]])]
-        # Edges of exactly the same length can still share an end; the first one keeps it.
-        first = np.full(len(particles), len(length))
-        np.minimum.at(first, i[longest], longest)
-        np.minimum.at(first, j[longest], longest)
-        longest = longest[(first[i[longest]] == longest) & (first[j[longest]] == longest)]
-        chosen.append(longest)
-        taken[i[longest]] = taken[j[longest]] = True
-        edge = edge[~(taken[i[edge]] | taken[j[edge]])]
-    pick = np.concatenate(chosen) if chosen else edge
-    pick = pick[np.argsort(-length[pick], kind="stable")]
-    mixed = ~(own_i & own_j)[pick]
-    start = np.where(own_i[pick], i[pick], j[pick])
-    end = np.where(own_i[pick], j[pick], i[pick])
-    return _Targets(start, end, np.where(mixed, 1 / 3, 0.5), length[pick])
+    mixed = own_i != own_j
+    long_enough = length > np.where(mixed, rule.long_mixed_edge, 1.0) * h
+    stays = ~(crowded[i] | crowded[j]) & ~(particles.wall[i] & particles.wall[j])
+    edge = np.flatnonzero(long_enough & (own_i | own_j) & stays)
+    edge = edge[np.argsort(-length[edge], kind="stable")]
+    start, end = np.where(own_i, i, j)[edge], np.where(own_i, j, i)[edge]
+    weight = np.where(mixed[edge], 1 / 3, 0.5)
+    over_wall = np.where(particles.wall[start], weight, 1 - weight) * wall_height[edge]
+    high = over_wall >= rule.too_close_to_wall * h
+    return _Places(start, end, weight, length[edge])[np.flatnonzero(high)]
+
+
+def _with_room(
+    places: _Places, position: Array, tree: cKDTree, taken: Array, rule: RelocationRule, h: float
+) -> _Places:
+    """Those of the places that are far enough from all particles, from ``taken`` (K, d), and from each other.
+
+    Of two that are too close to each other the first stays, the one in the longer edge.
+    """
+    if not len(places.start):
+        return places
+    point = places.interpolate(position)
+    # An urgent particle may stand half a spacing from the ends of its edge; that is what its edge decides.
+    reach = np.minimum(rule.too_close * h, np.minimum(places.weight, 1 - places.weight) * places.length)
+    free = tree.query(point)[0] >= (1 - 1e-9) * reach
+    if len(taken):
+        free &= cKDTree(taken).query(point)[0] >= rule.too_close * h
+    places, point = places[np.flatnonzero(free)], point[free]
+    if not len(point):
+        return places
+    first, second = np.sort(cKDTree(point).query_pairs(rule.too_close * h, output_type="ndarray"), axis=1).T
+    undecided, chosen = np.ones(len(point), dtype=bool), np.zeros(len(point), dtype=bool)
+    while undecided.any():
+        # A place is chosen when no undecided one before it is too close; then those too close to it are out.
+        live = undecided[first] & undecided[second]
+        winner = undecided.copy()
+        winner[second[live]] = False
+        chosen |= winner
+        undecided &= ~winner
+        undecided[second[winner[first]]] = False
+    return places[np.flatnonzero(chosen)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable, Mapping
+from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -12,26 +13,20 @@ import numpy as np
 
 from tipfem import device, probes
 from tipfem.case import INTERFACES, Case
+from tipfem.errors import SimulationError, StepRefused
 from tipfem.flow import ElementProperties, FlowProblem, Workspace
 from tipfem.newton import NewtonResult, newton
-from tipfem.output import ResultsFolder
+from tipfem.output import ResultsFolder, fill_columns
 from tipfem.particles import Array, Particles
 from tipfem.progress import RunProgress
 from tipfem.relocation import relocate
 from tipfem.time_integration import GeneralizedAlpha, StepControl
 from tipfem.transfer import nodal_density, transfer_momentum
 from tipfem.triangulation import TriangulationError, triangulate, wall_fluid
+from tipfem.validation import is_number
 from tipfem.volume_source import volume_source
 
 Probe = Callable[["Simulation"], float]
-
-
-class SimulationError(RuntimeError):
-    """A run cannot go on; what was computed up to there is kept and written."""
-
-
-class StepRefused(Exception):
-    """A step was not good enough; a shorter one may be."""
 
 
 class Simulation:
@@ -64,11 +59,11 @@ class Simulation:
         output_interval: float | None = None,
         columns: Mapping[str, Probe] | None = None,
     ) -> None:
-        if output_interval is not None and not output_interval > 0:
-            raise ValueError(f"Simulation: output_interval is {output_interval!r} s; it must be > 0")
+        for name, value in (("time step", time_step), ("output_interval", output_interval)):
+            if value is not None and not (is_number(value) and value > 0):
+                raise ValueError(f"Simulation: {name} is {value!r} s; it must be > 0")
         device.require_init()
         self.case = case
-        self.results = ResultsFolder(out) if out is not None else None
         self.output_interval = output_interval
         self.columns = dict(columns or {})
         self.time = 0.0
@@ -87,6 +82,8 @@ class Simulation:
         except TriangulationError as error:
             raise ValueError(f"Simulation: the initial particles cannot be meshed: {error}") from error
         self.initial_volume = self._volumes()
+        # Last of all: it removes what an earlier run left, which a refused simulation must not do.
+        self.results = ResultsFolder(out) if out is not None else None
         if self.results:
             self.results.write_case(case)
 
@@ -98,7 +95,8 @@ class Simulation:
 
         Raises:
             ValueError: ``until`` is not later than the present time.
-            SimulationError: even the smallest time step was refused.
+            SimulationError: even the smallest time step was refused; or the step was accepted, but a
+                function in ``columns`` failed, and its value in the history is NaN.
         """
         if not until > self.time:
             raise ValueError(f"step: until is {until!r} s; it must be later than the present {self.time:g} s")
@@ -107,7 +105,7 @@ class Simulation:
             dt = self.control.length(speed, self.particles.spacing, until - self.time)
             try:
                 moved, result = self._solve(dt)
-                relocated, count = relocate(moved, self.mesh.cells, self.case.numerics.relocation)
+                relocated, count = relocate(moved, self.mesh, self.case.numerics.relocation)
                 still = (relocated.position == moved.position).all(axis=1)
                 self._take(relocated, np.where(still, self._nodal_density, np.nan))
                 break
@@ -140,7 +138,7 @@ class Simulation:
         bar = RunProgress(self.time, until, enabled=progress)
         status = "stopped"
         try:
-            with bar:
+            with bar, closing(self.results) if self.results else nullcontext():
                 while self.time < until:
                     self.step(min(until, self._next_output()))
                     bar.update(self.time, self.history[-1])
@@ -171,12 +169,8 @@ class Simulation:
         problem = FlowProblem(
             self.mesh, self.particles, self._properties(dt), scheme, force, numerics.stabilisation, self._workspace
         )
-        result = newton(
-            problem,
-            problem.predict(),
-            tolerance=self._newton_tolerance(scheme, force),
-            max_iterations=numerics.newton_iterations,
-        )
+        tolerance = self._newton_tolerance(scheme, force)
+        result = newton(problem, problem.predict(), tolerance=tolerance, max_iterations=numerics.newton_iterations)
         if not result.converged:
             raise StepRefused(
                 f"Newton's method did not converge in {result.iterations} iterations (residual {result.norm:.2e} h)"
@@ -186,10 +180,9 @@ class Simulation:
             raise StepRefused("the solution is not finite")
         if limits.smallest_jacobian < numerics.smallest_jacobian:
             raise StepRefused(f"an element would be inverted or crushed (J = {limits.smallest_jacobian:.3g})")
-        if limits.largest_displacement > self.control.reach * self.particles.spacing:
-            raise StepRefused(
-                f"a particle would move by {limits.largest_displacement / self.particles.spacing:.2f} spacings"
-            )
+        moved = limits.largest_displacement / self.particles.spacing
+        if moved > self.control.reach:
+            raise StepRefused(f"a particle would move by {moved:.2f} spacings")
         displacement, pressure = problem.split(result.solution)
         return scheme.advance(self.particles, displacement, pressure - pressure[self._reference]), result
 
@@ -217,12 +210,11 @@ class Simulation:
         self.mesh, self.particles = mesh, particles
 
     def _properties(self, dt: float) -> ElementProperties:
-        density, viscosity = self.interface.element_properties(
-            self.mesh.cells, self.particles.fluid, self.case.fluids
-        )
+        cells, fluid, fluids = self.mesh.cells, self.particles.fluid, self.case.fluids
+        density, viscosity = self.interface.element_properties(cells, fluid, fluids)
         strength = float(np.linalg.norm(self.case.gravity))
         rate = self.case.numerics.volume_correction * math.sqrt(strength / self.particles.spacing)
-        fraction = self.interface.fluid_fraction(self.mesh.cells, self.particles.fluid, len(self.case.fluids))
+        fraction = self.interface.fluid_fraction(cells, fluid, len(fluids))
         source = volume_source(self.mesh, fraction, self.initial_volume, min(rate * dt, 0.5))
         return ElementProperties(density, viscosity, source)
 
@@ -284,12 +276,15 @@ class Simulation:
         }
         for fluid, volume in zip(self.case.fluids, self._volumes(), strict=True):
             row[f"volume_{fluid.name}"] = float(volume)
-        for name, probe in self.columns.items():
-            row[name] = float(probe(self))
-        row["wall_seconds"] = clock.perf_counter() - self._started
-        self.history.append(row)
-        if self.results:
-            self.results.append_history(row)
+        row.update(dict.fromkeys(self.columns, math.nan), wall_seconds=clock.perf_counter() - self._started)
+        try:
+            failure = fill_columns(row, self.columns, self)
+        finally:  # also when interrupted: an accepted step has its row
+            self.history.append(row)
+            if self.results:
+                self.results.append_history(row)
+        if failure:
+            raise SimulationError(f"t = {self.time:.6g} s, step {self.step_number}: {failure}") from failure.__cause__
 
     def _next_output(self) -> float:
         return math.inf if self.output_interval is None else self._outputs * self.output_interval

@@ -32,7 +32,7 @@ def transfer_momentum(particles: Particles, mesh: Mesh, before: Array, after: Ar
 
     v_i = (rho_i v_i + (rho'_i - rho_i) vbar_i) / rho'_i, with vbar_i the mean over the neighbours that were
     heavier, weighted by how much heavier they were; the same for the acceleration. Within one fluid
-    nothing changes.
+    nothing changes. Wall particles give nothing: they stand still for the fluid's sake, not as its part.
 
     Args:
         particles: the state on N particles.
@@ -48,7 +48,7 @@ def transfer_momentum(particles: Particles, mesh: Mesh, before: Array, after: Ar
         return particles
     i, j = mesh.edges.T
     one, other = np.concatenate([i, j]), np.concatenate([j, i])
-    donor = risen[one] & (before[other] > (1 + RISE) * before[one])
+    donor = risen[one] & (before[other] > (1 + RISE) * before[one]) & ~particles.wall[other]
     one, other = one[donor], other[donor]
     weight = before[other] - before[one]
     total = np.bincount(one, weights=weight, minlength=len(particles))

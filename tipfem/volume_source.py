@@ -7,12 +7,17 @@ import numpy as np
 from tipfem.mesh import Mesh
 from tipfem.particles import Array
 
+# Largest |s_f| of a step. A fluid of which next to nothing is left would otherwise be told to grow many
+# times over in one step, and the elements around it to shrink below zero.
+LARGEST_GROWTH = 0.05
+
 
 def volume_source(mesh: Mesh, fraction: Array, initial_volume: Array, part: float) -> Array:
     """Growth s of each element in the constraint J = 1 + s.
 
     s_f = part (V0_f - V_f) / V_f with one part for all fluids: in a closed tank, where what one fluid
-    lost the others gained, the elements' total growth is zero.
+    lost the others gained, the elements' total growth is zero. Where an |s_f| would exceed 0.05, the
+    part is reduced, again for all fluids alike.
 
     Args:
         mesh: M elements.
@@ -25,6 +30,9 @@ def volume_source(mesh: Mesh, fraction: Array, initial_volume: Array, part: floa
     """
     volume = mesh.measure @ fraction
     missing = np.divide(initial_volume - volume, volume, out=np.zeros(len(volume)), where=volume > 0)
+    largest = part * float(np.abs(missing).max())
+    if largest > LARGEST_GROWTH:
+        part *= LARGEST_GROWTH / largest
     growth = part * fraction @ missing
     # A fluid that has vanished from the mesh cannot take part; the total must still be zero.
     return growth - float(growth @ mesh.measure) / float(mesh.measure.sum())

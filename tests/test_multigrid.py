@@ -1,0 +1,246 @@
+"""Multigrid on the background grid, and the preconditioner made with it."""
+
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import numpy_twin as twin
+import pytest
+from scipy import sparse
+
+import tipfem as tp
+from tipfem.device import Buffers, download
+from tipfem.flow import ElementProperties, FlowProblem, Workspace
+from tipfem.multigrid import BackgroundMultigrid
+from tipfem.time_integration import GeneralizedAlpha
+from tipfem.triangulation import triangulate
+
+WATER = tp.Fluid("water", density=998.0, viscosity=1e-3)
+AIR = tp.Fluid("air", density=1.2, viscosity=1.8e-5)
+
+
+def two_fluids(size, spacing):
+    """Particles, mesh, element densities: a column of water 998 in air 1.2, nodes shaken by 0.2 spacings."""
+    upper = np.array(size) * 0.5
+    filled = tp.tank(size, spacing, jitter=0.2, seed=1).fill(AIR).fill(WATER, box=(np.zeros(len(size)), upper))
+    particles = filled.sample([WATER, AIR])
+    mesh = triangulate(particles.position, particles.wall, spacing)
+    density = np.array([998.0, 1.2])[particles.fluid][mesh.cells].mean(axis=1)
+    return particles, mesh, density
+
+
+def hierarchy(position, matrix, grid_spacing):
+    """The multigrid of a SciPy matrix in CSR on its nodes."""
+    buffers = Buffers()
+    matrix.sort_indices()
+    grid = BackgroundMultigrid(position.min(axis=0), position.max(axis=0), grid_spacing, buffers)
+    grid.build(
+        position,
+        buffers.upload("rows", matrix.indptr.astype(np.int32)),
+        buffers.upload("columns", matrix.indices.astype(np.int32)),
+        buffers.upload("values", matrix.data),
+    )
+    return grid, buffers
+
+
+def level_matrix(grid, level):
+    """A level's operator as a dense matrix, from its stencils; entries that leave the grid must be zero."""
+    shape = tuple(grid.shapes[level])
+    first, last = grid.offsets[level], grid.offsets[level + 1]
+    stencil = download(grid._stencil, last)[first:]
+    shifts = np.array(list(itertools.product(range(-2, 3), repeat=len(shape))))
+    nodes = np.stack(np.unravel_index(np.arange(last - first), shape), axis=1)
+    target = nodes[:, None, :] + shifts
+    inside = ((target >= 0) & (target < shape)).all(axis=2)
+    assert (stencil[~inside] == 0).all()
+    matrix = np.zeros((last - first, last - first))
+    row = np.repeat(np.arange(last - first)[:, None], len(shifts), axis=1)
+    np.add.at(matrix, (row[inside], np.ravel_multi_index(tuple(target[inside].T), shape)), stencil[inside])
+    return matrix
+
+
+CLOUDS = pytest.mark.parametrize(
+    ("size", "spacing", "grid_spacing"),
+    [((1.0, 0.7), 0.05, 0.1), ((1.3, 0.9), 0.06, 0.09), ((0.3, 2.0), 0.05, 0.1), ((1.0, 0.9, 0.8), 0.2, 0.4)],
+    ids=["even", "coarser by 1.5", "narrow", "3-D"],
+)
+
+
+@CLOUDS
+def test_coarse_operators_are_galerkin_products(size, spacing, grid_spacing):
+    """P^T A P from the mesh to the finest grid, and from grid to grid, P assembled by SciPy from hat functions."""
+    particles, mesh, density = two_fluids(size, spacing)
+    matrix = twin.laplacian(mesh.position, mesh.cells, 1 / density)
+    grid, _ = hierarchy(particles.position, matrix, grid_spacing)
+    expected, points = matrix, (particles.position - particles.position.min(axis=0)) / grid_spacing
+    for level in range(grid.levels):
+        shape = tuple(int(n) for n in grid.shapes[level])
+        p = twin.hats(points, shape)
+        np.testing.assert_allclose(p.sum(axis=1), 1.0, rtol=1e-12)
+        expected = p.T @ expected @ p
+        got = level_matrix(grid, level)
+        largest_entry = abs(expected).max()
+        assert abs(got - expected).max() < 1e-12 * largest_entry
+        assert abs(got.sum(axis=1)).max() < 1e-12 * largest_entry
+        points = np.stack(np.unravel_index(np.arange(np.prod(shape)), shape), axis=1) / 2
+    assert grid.shapes[-1].max() <= 5
+    if max(size) / grid_spacing > 5:
+        assert grid.levels > 1
+
+
+def test_edges_beyond_the_stencil_keep_rows_at_zero_and_symmetry():
+    """A grid finer than the mesh: long edges are left out, and rows still sum to zero on every level."""
+    particles, mesh, density = two_fluids((1.0, 0.7), 0.1)
+    matrix = twin.laplacian(mesh.position, mesh.cells, 1 / density)
+    grid, _ = hierarchy(particles.position, matrix, 0.08)
+    p = twin.hats((particles.position - particles.position.min(axis=0)) / 0.08, grid.shapes[0])
+    whole = p.T @ matrix @ p
+    assert abs(level_matrix(grid, 0) - whole).max() > 1e-3 * abs(whole).max()  # some are left out
+    for level in range(grid.levels):
+        got = level_matrix(grid, level)
+        assert abs(got).max() > 0.1 * abs(whole).max()
+        assert abs(got.sum(axis=1)).max() < 1e-12 * abs(got).max()
+        assert abs(got - got.T).max() < 1e-12 * abs(got).max()
+        assert np.linalg.eigvalsh(got).min() > -1e-12 * abs(got).max()
+
+
+def cg_iterations(matrix, b, apply, limit=60):
+    """Iterations of preconditioned conjugate gradients to a residual of 1e-8."""
+    x, r = np.zeros_like(b), b.copy()
+    z = apply(r)
+    p, rz = z, r @ z
+    for k in range(1, limit + 1):
+        q = matrix @ p
+        step = rz / (p @ q)
+        x, r = x + step * p, r - step * q
+        if np.linalg.norm(r) <= 1e-8 * np.linalg.norm(b):
+            assert np.linalg.norm(matrix @ x - b) < 2e-8 * np.linalg.norm(b)
+            return k
+        z = apply(r)
+        p, rz = z + r @ z / rz * p, r @ z
+    return math.inf
+
+
+def v_cycle(grid, buffers, count):
+    """One cycle of the hierarchy as a function on NumPy vectors."""
+
+    def apply(r):
+        z = buffers.get("test.z", count)
+        grid.apply(buffers.upload("test.r", r), z)
+        return download(z, count)
+
+    return apply
+
+
+@pytest.mark.parametrize(
+    ("steps", "most"),
+    [((60, 120), 14), ((58, 118), 20)],
+    ids=["interface on grid lines", "interface between grid lines"],
+)
+def test_a_cycle_in_conjugate_gradients_takes_few_iterations_on_any_mesh(steps, most):
+    """Pressure Laplacian of water and air, 998 : 1.2, to 1e-8: hardly more iterations on finer meshes.
+
+    A jump of the density that no coarse grid line follows costs iterations, whatever the mesh.
+    """
+    counts = []
+    for n in steps:
+        particles, mesh, density = two_fluids((1.0, 1.0), 1 / n)
+        matrix = twin.laplacian(mesh.position, mesh.cells, 1 / density)
+        grid, buffers = hierarchy(particles.position, matrix, 1.5 / n)
+        b = np.random.default_rng(0).standard_normal(len(particles))
+        counts.append(cg_iterations(matrix, b - b.mean(), v_cycle(grid, buffers, len(particles))))
+    assert len(particles) > 13_500
+    assert max(counts) <= most
+    assert counts[1] <= counts[0] + 3
+
+
+def test_a_cycle_is_linear_and_repeatable():
+    particles, mesh, density = two_fluids((1.0, 0.7), 0.05)
+    matrix = twin.laplacian(mesh.position, mesh.cells, 1 / density)
+    grid, buffers = hierarchy(particles.position, matrix, 0.1)
+    apply = v_cycle(grid, buffers, len(particles))
+    a, b = np.random.default_rng(1).standard_normal((2, len(particles)))
+    combined = apply(2 * a - 3 * b)
+    np.testing.assert_allclose(combined, 2 * apply(a) - 3 * apply(b), atol=1e-11 * abs(combined).max())
+    np.testing.assert_array_equal(apply(a), apply(a))
+
+
+@pytest.mark.parametrize("size", [(1.0, 0.8), (1.0, 1.0, 0.75)], ids=["2-D", "3-D"])
+def test_the_pressure_laplacian_is_the_stiffness_matrix(size):
+    particles, mesh, density = two_fluids(size, 0.1 if len(size) == 2 else 0.25)
+    scheme = GeneralizedAlpha(0.5, 2e-3)
+    nothing = np.zeros(len(mesh.cells))
+    problem = FlowProblem(
+        mesh, particles, ElementProperties(density, nothing, nothing), scheme, np.zeros_like(mesh.position), 0.25,
+        Workspace(),
+    )  # fmt: skip
+    offsets, columns = mesh.adjacency
+    values = download(problem.buffers.get("laplacian", len(columns)), len(columns))
+    got = sparse.csr_matrix((values, columns, offsets))
+    cm = (1 - scheme.alpha_m) / (scheme.beta * scheme.dt**2)
+    expected = twin.laplacian(mesh.position, mesh.cells, 1 / (density * cm))
+    assert abs(got - expected).max() < 1e-12 * abs(expected).max()
+    assert abs(np.asarray(got.sum(axis=1))).max() < 1e-12 * abs(expected).max()
+
+
+@pytest.mark.parametrize("size", [(1.0, 0.8), (1.0, 1.0, 0.75)], ids=["2-D", "3-D"])
+def test_the_preconditioner_is_made_of_the_blocks_of_the_derivative(size):
+    """z_p = S (r_p - D r_u) with S one cycle, z_u = r_u + G z_p, rows scaled by diag(A)^-1; D and -G from K's product.
+
+    At rest without forces, where the parts of D that the preconditioner leaves out vanish.
+    """
+    particles, mesh, density = two_fluids(size, 0.1 if len(size) == 2 else 0.25)
+    nothing, still = np.zeros(len(mesh.cells)), np.zeros_like(mesh.position)
+    problem = FlowProblem(
+        mesh, particles, ElementProperties(density, nothing + 1e-3, nothing), GeneralizedAlpha(0.5, 1e-3), still,
+        0.25, Workspace(),
+    )  # fmt: skip
+    n, width = len(particles), len(size) + 1
+    problem.residual(problem.vector(still, np.zeros(n)))
+    r = np.random.default_rng(3).uniform(-1, 1, (n, width))
+    r[particles.wall, :-1] = 0.0
+    out = problem.buffers.get("test.out", problem.size)
+
+    def product(values):
+        problem.product(problem.buffers.upload("test.in", values.ravel()), out)
+        return download(out, problem.size).reshape(n, width)
+
+    problem.precondition(problem.buffers.upload("test.r", r.ravel()), out)
+    z = download(out, problem.size).reshape(n, width)
+    only_u, only_p = r.copy(), z.copy()
+    only_u[:, -1] = 0.0
+    only_p[:, :-1] = 0.0
+    coupling = product(only_p)[:, :-1]
+    assert abs(coupling).max() > 1e-3 * abs(r).max()
+    np.testing.assert_allclose(z[:, :-1], r[:, :-1] - coupling, atol=1e-12 * abs(z[:, :-1]).max())
+    volume = np.bincount(mesh.cells.ravel(), np.repeat(mesh.measure / width, width), n)
+    schur = (r - product(only_u))[:, -1] * volume / particles.spacing
+    pressure = problem.buffers.get("test.z", n)
+    problem._multigrid.apply(problem.buffers.upload("test.schur", schur), pressure)
+    np.testing.assert_allclose(z[:, -1], download(pressure, n), atol=1e-11 * abs(z[:, -1]).max())
+
+
+@pytest.mark.parametrize(("size", "most"), [((1.0, 0.8), 20), ((1.0, 1.0, 0.75), 45)], ids=["2-D", "3-D"])
+def test_a_correction_solves_the_linearised_step(size, most):
+    """K dx = -r to the tolerance asked for; flat tetrahedra cost iterations in 3-D."""
+    particles, mesh, density = two_fluids(size, 0.1 if len(size) == 2 else 0.25)
+    nothing = np.zeros(len(mesh.cells))
+    body_force = np.tile([0.0, -9.81, 0.0][: len(size)], (len(particles), 1))
+    problem = FlowProblem(
+        mesh, particles, ElementProperties(density, nothing + 1e-3, nothing), GeneralizedAlpha(0.0, 1e-3), body_force,
+        0.25, Workspace(),
+    )  # fmt: skip
+    x = problem.predict()
+    before = problem.residual(x)
+    r = problem.residual_vector().ravel()
+    old = download(x, problem.size)
+    result = problem.correct(x, 1e-8)
+    assert result.converged
+    assert result.iterations <= most
+    out = problem.buffers.get("test.product", problem.size)
+    problem.product(problem.buffers.upload("test.dx", download(x, problem.size) - old), out)
+    assert np.linalg.norm(download(out, problem.size) + r) <= 1.01e-8 * np.linalg.norm(r)
+    assert problem.residual(x) < 1e-3 * before
