@@ -31,10 +31,9 @@ test: $(VENV)/.installed-plot,test
 test-slow: $(VENV)/.installed-plot,test
 	$(RUN) -m pytest -m slow $(ARGS)
 
-# Taichi's annotations are values, ti.types.ndarray(...), which mypy calls invalid types.
 lint: $(VENV)/.installed-lint
 	$(RUN) -m ruff check .
-	$(RUN) -m mypy --disable-error-code valid-type tipfem render
+	$(RUN) -m mypy tipfem render
 
 # setuptools reuses build/, and would pack files that are gone from the tree.
 wheel: $(VENV)/.installed-lint

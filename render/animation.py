@@ -69,7 +69,7 @@ def animate(out, field: str | None = None, frames: bool = True,
     with ExitStack() as stack:
         renderer = stack.enter_context(Renderer(size, backend, fluid_colours))
         progress = stack.enter_context(_progress())
-        writers = []
+        writers: list[MovieWriter] = []
         stack.callback(lambda: [writer.discard() for writer in writers])
         for name in names:
             path = results.folder / f"{Path(name).stem}{tail}{Path(name).suffix}"

@@ -125,7 +125,7 @@ class Annotator:
 
     def swatch(self, at, name, fill, room):
         """A fluid's colour and its name; `room` [px] is what both may take."""
-        x, y, u = *at, self.unit
+        (x, y), u = at, self.unit
         side = 22 * u
         self.draw.rectangle([x, y, x + side, y + side], fill=_bytes(fill), outline=colours.WALL,
                             width=max(1, round(1.2 * u)))
@@ -133,7 +133,7 @@ class Annotator:
 
     def interface_key(self, at, scene):
         """What the line over a field means, where there are two fluids; returns the y [px] below it."""
-        x, y, u = *at, self.unit
+        (x, y), u = at, self.unit
         if len(scene.fluid_names) < 2:
             return y
         self.draw.line([(x, y + 10 * u), (x + 24 * u, y + 10 * u)], fill=colours.INTERFACE,

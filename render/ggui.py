@@ -119,7 +119,7 @@ class GGUICanvas:
             window.reserve(len(vertices))
             # GGUI draws whole fields: the unused end is triangles without area.
             corners = np.zeros((3 * window.capacity, 2), np.float32)
-            corners[: 3 * len(vertices)] = vertices.reshape(-1, 2) / np.float32([width, height])
+            corners[: 3 * len(vertices)] = vertices.reshape(-1, 2) / np.array([width, height], np.float32)
             corners[:, 1] = 1 - corners[:, 1]
             shades = np.zeros((3 * window.capacity, 3), np.float32)
             shades[: 3 * len(vertices)] = colours.reshape(-1, 3)

@@ -1,5 +1,6 @@
 """From a scene to the drawing of its tank: walls, fluids or a field, mesh, particles, interface."""
 
+import numpy as np
 
 from . import colours
 from .drawing import Drawing
@@ -13,13 +14,17 @@ HALO_WIDTH = 3.4
 MESH_WIDTH = 0.8
 
 
-def draw_scene(scene: Scene, layout: Layout, fills, *, field=None, field_range=None,
-               mesh=False, particles=False) -> Drawing:
+def draw_scene(
+    scene: Scene, layout: Layout, fills: np.ndarray, *, field: str | None = None,
+    field_range: tuple[float, float] = (0.0, 1.0), mesh: bool = False, particles: bool = False,
+) -> Drawing:  # fmt: skip
     """Drawing of one scene.
 
     fills: (F, 3) colours of the fluids; field: a name in `scene.fields`, or None to show the fluids;
     field_range: (low, high) of the colours, needed with a field.
     """
+    assert scene.wall is not None, "a Scene fills in what was left out"
+    assert scene.spacing is not None, "a Scene fills in what was left out"
     drawing = Drawing()
     unit = layout.unit
     pixels = layout.pixels(scene.position)
