@@ -29,7 +29,8 @@ ORDER = [
     "element",
     "assembly",
     "block_kernels",
-    "grid_kernels",
+    "background_grid",
+    "cycle_kernels",
     "multigrid",
     "krylov",
     "newton",
@@ -45,7 +46,7 @@ ORDER = [
 ]
 ENTRANCES = {"__init__", "__main__"}  # may import any of ORDER, and are imported by none
 # The only files of tipfem/ that import Taichi.
-TAICHI = {"device", "element", "assembly", "block_kernels", "grid_kernels", "krylov"}
+TAICHI = {"device", "element", "assembly", "block_kernels", "background_grid", "cycle_kernels", "krylov"}
 RENDER_TAICHI = {"ggui", "rasterizer"}  # and of render/, beside at most one file that starts it
 RENDER_START_LINES = 100  # that file stays small
 RENDER_USERS = {"cli"}  # the only files of tipfem/ that may open render/

@@ -42,23 +42,24 @@ def schur_right_side(
 def pressure_correction(
     cells: ti.types.ndarray(), offsets: ti.types.ndarray(), corners: ti.types.ndarray(),
     record: ti.types.ndarray(), scale: ti.types.ndarray(), r: ti.types.ndarray(),
-    pressure: ti.types.ndarray(), out: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
+    pressure: ti.types.ndarray(), local: ti.types.ndarray(), out: ti.types.ndarray(),
+    elements: ti.i32, nodes: ti.i32, dim: ti.template(),
 ):  # fmt: skip
     """out = (z_u + diag(A)^-1 G z_p, z_p), with z_u = r_u the scaled momentum rows and z_p (N,)."""
+    for e in range(elements):
+        g_now = get_matrix(record, e, 0, dim)
+        mean = 0.0
+        for b in ti.static(range(dim + 1)):
+            mean += pressure[cells[e, b]] / (dim + 1)
+        mean *= record[e, ti.static(4 * dim * dim + 2 * dim)]
+        for a in ti.static(range(dim + 1)):
+            g = gradient(g_now, a)
+            for k in ti.static(range(dim)):
+                local[e * (dim + 1) + a, k] = mean * g[k]
     for i in range(nodes):
-        force = ti.Vector.zero(float, dim)
-        for c in range(offsets[i], offsets[i + 1]):
-            e = corners[c] // (dim + 1)
-            mean = 0.0
-            for b in ti.static(range(dim + 1)):
-                mean += pressure[cells[e, b]] / (dim + 1)
-            mean *= record[e, ti.static(4 * dim * dim + 2 * dim)]
-            for a in ti.static(range(dim + 1)):
-                if corners[c] % (dim + 1) == a:
-                    force += mean * gradient(get_matrix(record, e, 0, dim), a)
         for k in ti.static(range(dim)):
-            r_k = i * (dim + 1) + k
-            out[r_k] = r[r_k] + scale[r_k] * force[k]
+            row = i * (dim + 1) + k
+            out[row] = r[row] + scale[row] * gathered(local, corners, offsets[i], offsets[i + 1], k, dim + 1)
         out[i * (dim + 1) + dim] = pressure[i]
 
 

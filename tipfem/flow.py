@@ -188,8 +188,9 @@ class FlowProblem:
         )  # fmt: skip
         self._multigrid.apply(self._schur_b, self._schur_x)
         block_kernels.pressure_correction(
-            *self._topology, self._record, self._scale, r, self._schur_x, z, self.nodes, self.dimension
-        )
+            *self._topology, self._record, self._scale, r, self._schur_x, self._local, z,
+            self.elements, self.nodes, self.dimension,
+        )  # fmt: skip
 
     def correct(self, x: Any, tolerance: float) -> krylov.KrylovResult:
         """Solve K dx = -r by preconditioned FGMRES and add dx to ``x``."""

@@ -10,19 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.device import Buffers
-from tipfem.grid_kernels import (
-    REACH,
-    assemble_first,
-    coarsen,
+from tipfem.background_grid import REACH, assemble_first, coarsen
+from tipfem.cycle_kernels import (
+    coarse_cycle,
+    damped_inverse_diagonal,
     down_grid,
     down_mesh,
-    solve_coarsest,
     up_grid,
     up_mesh,
 )
+from tipfem.device import Buffers, settings
 
 COARSEST_SWEEPS = 20
+# On the CPU, levels of at most this many grid nodes are handled together by one thread in one launch.
+SERIAL_SIZE = 600
 
 
 class BackgroundMultigrid:
@@ -55,6 +56,8 @@ class BackgroundMultigrid:
         self._b = buffers.get("mg.b", total)
         self._r = buffers.get("mg.r", total)
         self._nodes = 0
+        small = np.flatnonzero(sizes <= (SERIAL_SIZE if settings().get("arch") == "cpu" else 0))
+        self._serial_from = int(small[0]) if len(small) else self.levels - 1
 
     def build(self, position: np.ndarray, row_offsets: Any, columns: Any, values: Any) -> None:
         """Take over a Laplacian in CSR on the nodes ``position`` (N, d), and form the coarse operators.
@@ -75,6 +78,8 @@ class BackgroundMultigrid:
         self._cell, self._order, self._start = put("mg.cell", cell), put("mg.order", order), put("mg.start", start)
         self._fraction = put("mg.fraction", scaled - cell)
         self._residual = self.buffers.get("mg.residual", n)
+        self._relax = self.buffers.get("mg.relax", n)
+        damped_inverse_diagonal(*self._matrix, self._relax, n)
         assemble_first(
             self._cell, self._fraction, self._order, self._start, *self._matrix, self._stencil, self._shape,
             self.dimension,
@@ -83,17 +88,19 @@ class BackgroundMultigrid:
             coarsen(self._stencil, self._shape, self._offset, level, self.dimension)
 
     def apply(self, b: Any, x: Any) -> None:
-        """One V-cycle from zero: x (N,) approximates the solution of the Laplacian for b (N,), of zero mean."""
+        """One V(1,1)-cycle from zero: x (N,) approximates the solution of the Laplacian for b (N,)."""
         matrix, grid, dim = self._matrix, (self._shape, self._offset), self.dimension
+        levels = (self._stencil, self._x, self._b, self._r)
         down_mesh(
-            b, x, self._residual, *matrix, self._fraction, self._order, self._start, self._b, self._shape,
-            self._nodes, dim,
+            b, x, self._residual, self._relax, *matrix, self._fraction, self._order, self._start, self._b,
+            self._shape, self._nodes, dim,
         )  # fmt: skip
-        for level in range(self.levels - 1):
-            down_grid(self._stencil, self._x, self._b, self._r, *grid, level, dim)
-        solve_coarsest(self._stencil, self._x, self._b, *grid, self.levels - 1, COARSEST_SWEEPS, dim)
-        for level in range(self.levels - 2, -1, -1):
-            up_grid(self._stencil, self._x, self._b, self._r, *grid, level, dim)
+        for level in range(self._serial_from):
+            down_grid(*levels, *grid, level, dim)
+        coarse_cycle(*levels, *grid, self._serial_from, self.levels, COARSEST_SWEEPS, dim)
+        for level in range(self._serial_from - 1, -1, -1):
+            up_grid(*levels, *grid, level, dim)
         up_mesh(
-            b, x, self._residual, *matrix, self._cell, self._fraction, self._x, self._shape, self._nodes, dim
+            b, x, self._residual, self._relax, *matrix, self._cell, self._fraction, self._x, self._shape,
+            self._nodes, dim,
         )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,9 +19,9 @@ class Energy(NamedTuple):
     potential: float
 
 
-def fluid_volumes(mesh: Mesh, fluid: Array, interface: Any, count: int) -> Array:
-    """Volume of each fluid (count,) [m^2 in 2-D, m^3 in 3-D], elements shared as the interface rule says."""
-    return mesh.measure @ interface.fluid_fraction(mesh.cells, fluid, count)
+def fluid_volumes(mesh: Mesh, fraction: Array) -> Array:
+    """Volume of each of F fluids (F,) [m^2 in 2-D, m^3 in 3-D], from their parts of the elements (M, F)."""
+    return mesh.measure @ fraction
 
 
 def nodal_mass(mesh: Mesh, density: Array) -> Array:

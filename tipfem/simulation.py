@@ -203,23 +203,23 @@ class Simulation:
         """
         mesh = triangulate(particles.position, particles.wall, particles.spacing)
         particles.fluid = wall_fluid(mesh, particles.fluid, particles.wall)
-        density, _ = self.interface.element_properties(mesh.cells, particles.fluid, self.case.fluids)
-        self._nodal_density = nodal_density(mesh, density)
+        fluid, fluids = particles.fluid, self.case.fluids
+        density, viscosity = self.interface.element_properties(mesh.cells, fluid, fluids)
+        around = nodal_density(mesh, density)
         if before is not None and self.case.numerics.momentum_transfer:
-            particles = transfer_momentum(particles, mesh, before, self._nodal_density)
+            particles = transfer_momentum(particles, mesh, before, around)
         self.mesh, self.particles = mesh, particles
+        self._density, self._viscosity, self._nodal_density = density, viscosity, around
+        self._fraction = self.interface.fluid_fraction(mesh.cells, fluid, len(fluids))
 
     def _properties(self, dt: float) -> ElementProperties:
-        cells, fluid, fluids = self.mesh.cells, self.particles.fluid, self.case.fluids
-        density, viscosity = self.interface.element_properties(cells, fluid, fluids)
         strength = float(np.linalg.norm(self.case.gravity))
         rate = self.case.numerics.volume_correction * math.sqrt(strength / self.particles.spacing)
-        fraction = self.interface.fluid_fraction(cells, fluid, len(fluids))
-        source = volume_source(self.mesh, fraction, self.initial_volume, min(rate * dt, 0.5))
-        return ElementProperties(density, viscosity, source)
+        source = volume_source(self.mesh, self._fraction, self.initial_volume, min(rate * dt, 0.5))
+        return ElementProperties(self._density, self._viscosity, source)
 
     def _volumes(self) -> Array:
-        return probes.fluid_volumes(self.mesh, self.particles.fluid, self.interface, len(self.case.fluids))
+        return probes.fluid_volumes(self.mesh, self._fraction)
 
     def fluid_index(self, name: str) -> int:
         """Index of a fluid by its name.
@@ -238,8 +238,7 @@ class Simulation:
 
     def energy(self) -> probes.Energy:
         """Kinetic and potential energy [J, per metre of depth in 2-D]."""
-        density, _ = self.interface.element_properties(self.mesh.cells, self.particles.fluid, self.case.fluids)
-        return probes.energy(self.mesh, self.particles, density, np.asarray(self.case.gravity))
+        return probes.energy(self.mesh, self.particles, self._density, np.asarray(self.case.gravity))
 
     def write_summary(self, content: Mapping[str, Any] | None = None) -> None:
         """Write summary.json with the run's settings and ``content``; nothing without a results folder."""
