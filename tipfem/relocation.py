@@ -125,11 +125,13 @@ def _move(
     for fluid in np.unique(particles.fluid[crowded]):
         own = np.flatnonzero(crowded & (particles.fluid == fluid))
         own = own[np.argsort(crowd[own], kind="stable")]
-        places = _places(mesh, particles, int(fluid), crowded | gone, wall_height, rule, h)
+        # Ordinary particles need a long edge; urgent ones take what there is.
+        urgent = crowd[own] < rule.urgent * h
+        shortest = h if urgent.any() else rule.long_edge * h
+        places = _places(mesh, particles, int(fluid), crowded | gone, wall_height, shortest, rule)
         places = _with_room(places, particles.position, tree, moved.position[gone | now_gone], rule, h)
         k = min(len(own), len(places.start))
-        # Ordinary particles need a long edge; urgent ones take what there is.
-        keep = (places.length[:k] > rule.long_edge * h) | (crowd[own[:k]] < rule.urgent * h)
+        keep = (places.length[:k] > rule.long_edge * h) | urgent[:k]
         own, places = own[:k][keep], places[np.flatnonzero(keep)]
         for name in ("position", "velocity", "acceleration", "pressure"):
             getattr(moved, name)[own] = places.interpolate(getattr(particles, name))
@@ -209,24 +211,26 @@ def _height_of_edges(mesh: Mesh, wall: Array, on_wall: Array, height: Array) -> 
 
 
 def _places(
-    mesh: Mesh, particles: Particles, fluid: int, crowded: Array, wall_height: Array, rule: RelocationRule, h: float
-) -> _Places:
+    mesh: Mesh, particles: Particles, fluid: int, crowded: Array, wall_height: Array, shortest: float,
+    rule: RelocationRule,
+) -> _Places:  # fmt: skip
     """Places for particles of a fluid in edges, high enough over the walls; the longest edges first.
 
-    Edges of crowded particles (N,) take none: those particles may be gone the next moment.
+    Edges within the fluid that are not longer than ``shortest`` [m] take none, nor do those of crowded particles
+    (N,): they may be gone the next moment.
     """
     i, j = mesh.edges.T
     length = np.linalg.norm(mesh.position[i] - mesh.position[j], axis=1)
     own_i, own_j = particles.fluid[i] == fluid, particles.fluid[j] == fluid
     mixed = own_i != own_j
-    long_enough = length > np.where(mixed, rule.long_mixed_edge, 1.0) * h
+    long_enough = length > np.where(mixed, rule.long_mixed_edge * particles.spacing, shortest)
     stays = ~(crowded[i] | crowded[j]) & ~(particles.wall[i] & particles.wall[j])
     edge = np.flatnonzero(long_enough & (own_i | own_j) & stays)
     edge = edge[np.argsort(-length[edge], kind="stable")]
     start, end = np.where(own_i, i, j)[edge], np.where(own_i, j, i)[edge]
     weight = np.where(mixed[edge], 1 / 3, 0.5)
     over_wall = np.where(particles.wall[start], weight, 1 - weight) * wall_height[edge]
-    high = over_wall >= rule.too_close_to_wall * h
+    high = over_wall >= rule.too_close_to_wall * particles.spacing
     return _Places(start, end, weight, length[edge])[np.flatnonzero(high)]
 
 
