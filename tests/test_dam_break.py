@@ -78,6 +78,15 @@ def test_check_finds_what_is_wrong(demo):
     assert demo.check({**good, "front_rms": 0.045}, 0.01) == []
 
 
+def test_front_slope_is_that_of_a_line(demo):
+    """All steps in the window count, none outside it; a run that ends early has none."""
+    clock = np.sqrt(2 * demo.GRAVITY / demo.COLUMN[0])
+    scaled = np.linspace(0, 3.3, 400)
+    z = np.where((scaled > 1.42) & (scaled < 3.01), 1.25 * scaled + 0.4, 7.0)
+    assert demo.front_slope(scaled / clock, z * demo.COLUMN[0]) == pytest.approx(1.25)
+    assert np.isnan(demo.front_slope(scaled[:300] / clock, z[:300] * demo.COLUMN[0]))
+
+
 def test_validate_needs_no_long_run(demo):
     """A run too short to compare still reports its volume."""
     rows = [{"time": t, "front": 0.146, "column_height": 0.292, "volume_water": 0.0426} for t in (0.01, 0.02)]
