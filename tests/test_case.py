@@ -278,7 +278,7 @@ def test_a_simulation_leaves_the_case_s_particles_alone(case, particles):
 
 def test_a_fluid_is_found_by_name_and_an_unknown_one_refused(case):
     simulation = tp.Simulation(case())
-    assert simulation.fluid_index("air") == 1
+    assert simulation.case.fluid_index("air") == 1
     assert simulation.volume("water") == pytest.approx(0.5, rel=1e-12)
     refusal(ValueError, lambda: simulation.volume("oil"), "'oil'", "['water', 'air']")
 

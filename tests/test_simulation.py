@@ -113,6 +113,23 @@ def test_a_run_that_cannot_go_on_says_why_and_keeps_what_it_has(water, air, tmp_
     assert "inverted" in json.loads((tmp_path / "summary.json").read_text())["status"]
 
 
+def test_a_full_disk_is_one_clear_error(water, air, tmp_path, monkeypatch):
+    """It names the reason, and what is on disk already stays."""
+    simulation = tp.Simulation(dam_break(water, air), tmp_path, time_step=1e-3, output_interval=2e-3)
+    real = simulation.results.write_fields
+
+    def write_fields(step, *rest):
+        if step >= 4:
+            raise OSError(28, "No space left on device")
+        real(step, *rest)
+
+    monkeypatch.setattr(simulation.results, "write_fields", write_fields)
+    with pytest.raises(tp.SimulationError, match=r"cannot be written at t = 0.004 s: .*No space left on device"):
+        simulation.run(0.01, progress=False)
+    assert len(list((tmp_path / "fields").glob("*.vtu"))) == 2
+    assert len((tmp_path / "history.csv").read_text().splitlines()) == 5
+
+
 def test_a_run_leaves_history_fields_and_summary(water, air, tmp_path, capfd):
     """The files are complete, at the times asked for, and nothing is printed when there is no terminal."""
     columns = {"doubled": lambda s: 2 * s.time}
@@ -176,6 +193,7 @@ def test_memory_is_flat_over_500_steps(water, air):
         ({"time_step": float("nan")}, "time step is nan s"),
         ({"time_step": "a"}, "time step is 'a' s; it must be > 0"),
         ({"output_interval": "a"}, "output_interval is 'a' s; it must be > 0"),
+        ({"time_step": 1e-3, "output_interval": 1e-9}, "output_interval is 1e-09 s, far below the time step"),
         ({"output_interval": -1.0}, "output_interval is -1.0 s; it must be > 0"),
     ],
 )

@@ -27,8 +27,8 @@ class Numerics:
         rho_inf: of generalized-alpha, 0 to 1.
         stabilisation: c in tau = c dt^2 of the PSPG term, > 0.
         volume_correction: rate at which the source in J - 1 = s gives lost volume back to a fluid, in
-            units of sqrt(|g| / h); 0 switches the source off. It is a rate, not a part a step: short
-            steps would otherwise turn the noise of remeshing into violent motion.
+            units of sqrt(|b| / h) with the largest acceleration b by gravity and body force at the start; 0
+            switches the source off. The higher, the smaller the error of volume and the noisier the pressure.
         momentum_transfer: whether a particle that a remeshing made heavier takes on the velocity of the
             neighbours its new mass came from (see `tipfem.transfer`). The paper's method does not.
         newton_tolerance: of the largest scaled residual, in spacings: how far it would move its particle.
@@ -44,7 +44,7 @@ class Numerics:
 
     rho_inf: float = 0.0
     stabilisation: float = 0.25
-    volume_correction: float = 2.0
+    volume_correction: float = 1.0
     momentum_transfer: bool = True
     newton_tolerance: float = 1e-6
     acceleration_tolerance: float = 2e-4
@@ -69,6 +69,19 @@ class Numerics:
             raise ValueError(f"Numerics: newton_iterations is {self.newton_iterations!r}; it must be a whole number")
         if not isinstance(self.relocation, RelocationRule):
             raise ValueError(f"Numerics: relocation is {self.relocation!r}; it must be a RelocationRule")
+
+    def tolerance(self, force: Array, cm: float, spacing: float, smallest: float) -> float:
+        """Largest scaled residual that counts as solved [spacings].
+
+        Args:
+            force: (N, d) gravity and body force [m/s^2].
+            cm: d a / d u of the time integration [1/s^2].
+            spacing: of the particles [m].
+            smallest: what round-off leaves of a residual [spacings].
+        """
+        strength = float(np.sqrt((force**2).sum(axis=1).max()))
+        by_force = self.acceleration_tolerance * strength / (cm * spacing) if strength > 0 else float("inf")
+        return max(min(self.newton_tolerance, by_force), smallest)
 
 
 @dataclass
@@ -169,6 +182,17 @@ class Case:
                 "wall particles must surround all others"
             )
 
+    def fluid_index(self, name: str) -> int:
+        """Index of a fluid by its name.
+
+        Raises:
+            ValueError: there is no fluid of that name.
+        """
+        names = [f.name for f in self.fluids]
+        if name not in names:
+            raise ValueError(f"there is no fluid {name!r} in this case; it has {names}")
+        return names.index(name)
+
     @property
     def closed(self) -> bool:
         """Whether walls surround the fluids on all sides, so that pressure is known up to a constant."""
@@ -192,7 +216,7 @@ class Case:
         return force
 
     def pressure_reference(self) -> int:
-        """The wall particle at which a closed tank's pressure is zero: the highest, against gravity."""
+        """The wall particle at which a closed tank's pressure is zero: the highest, against gravity and body force."""
         wall = np.flatnonzero(self.particles.wall)
-        height = -self.particles.position[wall] @ np.asarray(self.gravity)
+        height = -self.particles.position[wall] @ self.acceleration(self.particles.position, 0.0).mean(axis=0)
         return int(wall[np.argmax(height)])

@@ -48,7 +48,8 @@ def demo_arguments(
         "--frames-per-second", type=_positive, default=frames_per_second, metavar="F",
         help="states written, and pictures drawn, per second of simulated time [1/s]; movies show 25 of them a second",
     )  # fmt: skip
-    add("--no-frames", dest="frames", action="store_false", default=True, help="draw no pictures and no movie")
+    parser.set_defaults(frames=True)
+    add("--no-frames", dest="frames", action="store_false", default=argparse.SUPPRESS, help="draw no pictures")
     return parser.parse_args(arguments)
 
 
@@ -74,7 +75,10 @@ def draw(out: Path) -> None:
     Raises:
         SystemExit: drawing failed; the results themselves are safe.
     """
-    done = subprocess.run([sys.executable, "-m", "tipfem.render", str(out)], check=False)
+    try:
+        done = subprocess.run([sys.executable, "-m", "tipfem.render", str(out)], check=False)
+    except KeyboardInterrupt:
+        stop(f"interrupted while drawing; the results are in {out}")
     if done.returncode:
         stop(f"the pictures could not be drawn (see above); the results are in {out}")
 

@@ -27,7 +27,11 @@ from tipfem.case import Case
 from tipfem.mesh import Mesh
 from tipfem.particles import Array, Particles
 
-_OWN_FILES = ("fields/step_*.vtu", "fields.pvd", "history.csv", "summary.json", "case.json")
+# What an earlier run left, pictures drawn of it included: they would tell of another run than the numbers.
+_OWN_FILES = (
+    "fields/step_*.vtu", "fields.pvd", "history.csv", "summary.json", "case.json",
+    "frames*/frame_*.png", "animation*.*", "front.png",
+)  # fmt: skip
 
 
 class ResultsFolder:

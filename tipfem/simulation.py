@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable, Mapping
-from contextlib import closing, nullcontext
+from contextlib import closing, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from tipfem.time_integration import GeneralizedAlpha, StepControl
 from tipfem.transfer import nodal_density, transfer_momentum
 from tipfem.triangulation import TriangulationError, triangulate, wall_fluid
 from tipfem.validation import is_number
-from tipfem.volume_source import volume_source
+from tipfem.volume_source import VolumeControl
 
 Probe = Callable[["Simulation"], float]
 
@@ -35,9 +35,10 @@ class Simulation:
     Args:
         case: what is simulated.
         out: folder for the results, or None to write none.
-        time_step: largest time step [s]; by default 0.05 sqrt(h / |g|), or 1e-3 s without gravity.
-        output_interval: time between fields written to disk [s]; by default only the first and the
-            last state of a run.
+        time_step: largest time step [s]; by default 0.05 sqrt(h / |b|) with the largest acceleration b
+            by gravity and body force at the start, or 1e-3 s without any.
+        output_interval: time between fields written to disk by `run` [s]; steps are shortened to end at
+            these times. By default only the first and the last state of a run.
         columns: further columns of the history, by name: functions of the simulation.
 
     Attributes:
@@ -62,6 +63,13 @@ class Simulation:
         for name, value in (("time step", time_step), ("output_interval", output_interval)):
             if value is not None and not (is_number(value) and value > 0):
                 raise ValueError(f"Simulation: {name} is {value!r} s; it must be > 0")
+        if not isinstance(case, Case):
+            raise ValueError(f"Simulation: case is a {type(case).__name__}; it must be a Case")
+        if output_interval is not None and time_step is not None and output_interval < 0.1 * time_step:
+            raise ValueError(
+                f"Simulation: output_interval is {output_interval:g} s, far below the time step of {time_step:g} s; "
+                "every output shortens steps to end at it"
+            )
         device.require_init()
         self.case = case
         self.output_interval = output_interval
@@ -70,8 +78,9 @@ class Simulation:
         self.step_number = 0
         self.history: list[dict[str, float]] = []
         self.interface = INTERFACES[case.interface]()
-        strength = float(np.linalg.norm(case.gravity))
-        natural = 0.05 * math.sqrt(case.particles.spacing / strength) if strength else 1e-3
+        force = case.acceleration(case.particles.position, 0.0)
+        frequency = math.sqrt(float(np.linalg.norm(force, axis=1).max()) / case.particles.spacing)
+        natural = 0.05 / frequency if frequency else 1e-3
         self.control = StepControl(natural if time_step is None else time_step)
         self._workspace = Workspace()
         self._reference = case.pressure_reference()
@@ -81,7 +90,7 @@ class Simulation:
             self._take(case.particles.copy())
         except TriangulationError as error:
             raise ValueError(f"Simulation: the initial particles cannot be meshed: {error}") from error
-        self.initial_volume = self._volumes()
+        self.volume_control = VolumeControl(self._volumes(), case.numerics.volume_correction * frequency)
         # Last of all: it removes what an earlier run left, which a refused simulation must not do.
         self.results = ResultsFolder(out) if out is not None else None
         if self.results:
@@ -116,6 +125,7 @@ class Simulation:
                         f"halving the time step down to {dt:.3g} s did not help"
                     ) from reason
         self.control.accept(dt)
+        self.volume_control.observe(self._volumes(), dt)
         self.time = until if abs(until - self.time - dt) < 1e-9 * dt else self.time + dt
         self.step_number += 1
         self._record(dt, result, count)
@@ -151,10 +161,14 @@ class Simulation:
         except SimulationError as error:
             status = str(error)
             raise
+        except OSError as error:
+            raise SimulationError(f"the results cannot be written at t = {self.time:.6g} s: {error}") from error
         finally:
-            if status != "complete":
-                self._write_fields()
-            self.write_summary({"status": status})
+            # On a disk that is full neither can be written; what stopped the run is the better message.
+            with nullcontext() if status == "complete" else suppress(OSError):
+                if status != "complete":
+                    self._write_fields()
+                self.write_summary({"status": status})
 
     def _solve(self, dt: float) -> tuple[Particles, NewtonResult]:
         """The state after a step of length ``dt``, before relocation.
@@ -169,7 +183,7 @@ class Simulation:
         problem = FlowProblem(
             self.mesh, self.particles, self._properties(dt), scheme, force, numerics.stabilisation, self._workspace
         )
-        tolerance = self._newton_tolerance(scheme, force)
+        tolerance = numerics.tolerance(force, scheme.cm, self.particles.spacing, device.round_off())
         result = newton(problem, problem.predict(), tolerance=tolerance, max_iterations=numerics.newton_iterations)
         if not result.converged:
             raise StepRefused(
@@ -185,16 +199,6 @@ class Simulation:
             raise StepRefused(f"a particle would move by {moved:.2f} spacings")
         displacement, pressure = problem.split(result.solution)
         return scheme.advance(self.particles, displacement, pressure - pressure[self._reference]), result
-
-    def _newton_tolerance(self, scheme: GeneralizedAlpha, force: Array) -> float:
-        """Largest scaled residual that counts as solved, in spacings."""
-        numerics = self.case.numerics
-        strength = float(np.sqrt((force**2).sum(axis=1).max()))
-        tolerance = numerics.newton_tolerance
-        if strength > 0:
-            by_force = numerics.acceleration_tolerance * strength / (scheme.cm * self.particles.spacing)
-            tolerance = min(tolerance, by_force)
-        return max(tolerance, device.round_off())
 
     def _take(self, particles: Particles, before: Array | None = None) -> None:
         """Make ``particles`` the present state: mesh them, and give the walls their fluid.
@@ -213,28 +217,15 @@ class Simulation:
         self._fraction = self.interface.fluid_fraction(mesh.cells, fluid, len(fluids))
 
     def _properties(self, dt: float) -> ElementProperties:
-        strength = float(np.linalg.norm(self.case.gravity))
-        rate = self.case.numerics.volume_correction * math.sqrt(strength / self.particles.spacing)
-        source = volume_source(self.mesh, self._fraction, self.initial_volume, min(rate * dt, 0.5))
+        source = self.volume_control.source(self.mesh, self._fraction, dt)
         return ElementProperties(self._density, self._viscosity, source)
 
     def _volumes(self) -> Array:
         return probes.fluid_volumes(self.mesh, self._fraction)
 
-    def fluid_index(self, name: str) -> int:
-        """Index of a fluid by its name.
-
-        Raises:
-            ValueError: there is no fluid of that name.
-        """
-        names = [f.name for f in self.case.fluids]
-        if name not in names:
-            raise ValueError(f"there is no fluid {name!r} in this case; it has {names}")
-        return names.index(name)
-
     def volume(self, name: str) -> float:
-        """Volume of a fluid [m^2 in 2-D, m^3 in 3-D]; see `fluid_index` for errors."""
-        return float(self._volumes()[self.fluid_index(name)])
+        """Volume of a fluid [m^2 in 2-D, m^3 in 3-D]; see `Case.fluid_index` for errors."""
+        return float(self._volumes()[self.case.fluid_index(name)])
 
     def energy(self) -> probes.Energy:
         """Kinetic and potential energy [J, per metre of depth in 2-D]."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from tipfem.mesh import Mesh
@@ -10,6 +12,30 @@ from tipfem.particles import Array
 # Largest |s_f| of a step. A fluid of which next to nothing is left would otherwise be told to grow many
 # times over in one step, and the elements around it to shrink below zero.
 LARGEST_GROWTH = 0.05
+
+
+class VolumeControl:
+    """Gives each fluid back what it lost, smoothly: jumps of the source would be jumps of the pressure.
+
+    A remeshing changes volumes by jumps, back and forth. What counts as missing therefore follows the measured
+    loss with a delay of 1 / (4 rate): with the source, a critically damped loop that forgets a loss at 2 rate.
+
+    Args:
+        wanted: (F,) volume that each fluid should have [m^2, or m^3 in 3-D].
+        rate: part of the missing volume that comes back per time [1/s].
+    """
+
+    def __init__(self, wanted: Array, rate: float) -> None:
+        self.wanted, self.rate = wanted, rate
+        self.missing = np.zeros(len(wanted))
+
+    def observe(self, volume: Array, dt: float) -> None:
+        """Take note of the volumes (F,) after a step of length ``dt`` [s]."""
+        self.missing += (1 - math.exp(-4 * self.rate * dt)) * (self.wanted - volume - self.missing)
+
+    def source(self, mesh: Mesh, fraction: Array, dt: float) -> Array:
+        """Growth s (M,) of the elements in a step of length ``dt`` [s]; see `volume_source`."""
+        return volume_source(mesh, fraction, mesh.measure @ fraction + self.missing, min(self.rate * dt, 0.5))
 
 
 def volume_source(mesh: Mesh, fraction: Array, initial_volume: Array, part: float) -> Array:
