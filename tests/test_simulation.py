@@ -203,6 +203,14 @@ def test_bad_arguments_are_refused(water, air, arguments, message):
         tp.Simulation(dam_break(water, air), **arguments)
 
 
+def test_an_empty_name_for_the_results_is_refused(water, air, tmp_path, monkeypatch):
+    """It would fill the present folder."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match="out is '', which would be the present folder"):
+        tp.Simulation(dam_break(water, air), out="")
+    assert not list(tmp_path.iterdir())
+
+
 def test_going_back_in_time_is_refused(water, air):
     """Neither a step nor a run ends before the present time."""
     simulation = tp.Simulation(dam_break(water, air), time_step=1e-3)

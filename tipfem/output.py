@@ -45,6 +45,8 @@ class ResultsFolder:
     """
 
     def __init__(self, path: str | Path) -> None:
+        if not str(path):
+            raise ValueError("out is '', which would be the present folder; name a folder for the results")
         self.path = Path(path)
         try:
             (self.path / "fields").mkdir(parents=True, exist_ok=True)
