@@ -51,7 +51,7 @@ def fgmres(
         FloatingPointError: a norm is not finite.
     """
     parts = chunks()
-    basis = [buffers.get(f"krylov.v{0}", size)]
+    basis = [buffers.get("krylov.v0", size)]
     directions: list[Any] = []
     partial = buffers.get("krylov.partial", parts, 1)
     out = np.zeros(1)

@@ -45,10 +45,13 @@ class Particles:
         self._own_arrays()
         if not self.spacing:
             self.spacing = self.require_distinct()
-        elif not (is_number(self.spacing) and self.spacing > 0):
-            raise ValueError(f"Particles: spacing is {self.spacing!r} m; it must be > 0")
         else:
+            self._require_spacing()
             self.require_distinct()
+
+    def _require_spacing(self) -> None:
+        if not (is_number(self.spacing) and self.spacing > 0):
+            raise ValueError(f"Particles: spacing is {self.spacing!r} m; it must be > 0")
 
     def _own_arrays(self) -> None:
         """Replace the arrays by copies of the right type; see the class for errors."""
@@ -72,6 +75,11 @@ class Particles:
         """Number of space dimensions d."""
         return int(self.position.shape[1])
 
+    @property
+    def max_speed(self) -> float:
+        """Largest speed of a particle [m/s]."""
+        return float(np.sqrt((self.velocity**2).sum(axis=1).max()))
+
     def __len__(self) -> int:
         return len(self.position)
 
@@ -90,8 +98,7 @@ class Particles:
             raise TypeError(f"Particles: there is no {', '.join(sorted(unknown))} to change")
         new = copy.copy(self)
         vars(new).update(changes)
-        if not (is_number(new.spacing) and new.spacing > 0):
-            raise ValueError(f"Particles: spacing is {new.spacing!r} m; it must be > 0")
+        new._require_spacing()
         new._own_arrays()
         return new
 

@@ -110,8 +110,7 @@ class Simulation:
         if not until > self.time:
             raise ValueError(f"step: until is {until!r} s; it must be later than the present {self.time:g} s")
         while True:
-            speed = float(np.sqrt((self.particles.velocity**2).sum(axis=1).max()))
-            dt = self.control.length(speed, self.particles.spacing, until - self.time)
+            dt = self.control.length(self.particles.max_speed, self.particles.spacing, until - self.time)
             try:
                 moved, result = self._solve(dt)
                 relocated, count = relocate(moved, self.mesh, self.case.numerics.relocation)
@@ -261,7 +260,7 @@ class Simulation:
             "newton_iterations": result.iterations,
             "krylov_iterations": result.krylov_iterations,
             "relocated": relocated,
-            "max_speed": float(np.sqrt((self.particles.velocity**2).sum(axis=1).max())),
+            "max_speed": self.particles.max_speed,
             "kinetic_energy": self.energy().kinetic,
         }
         for fluid, volume in zip(self.case.fluids, self._volumes(), strict=True):
