@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from tipfem.fitted import FittedRule
 from tipfem.fluid import Fluid
 from tipfem.geometry import Tank
-from tipfem.interface import InterpolatedInterface
+from tipfem.interface import InterpolatedInterface, SharpInterface
 from tipfem.particles import Array, Particles
 from tipfem.relocation import RelocationRule
 from tipfem.validation import is_number, numbers
 
-INTERFACES = {"interpolated": InterpolatedInterface}
+INTERFACES = {"interpolated": InterpolatedInterface, "sharp": SharpInterface}
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,8 @@ class Numerics:
             tighter of both holds. Without it, short steps and large spacings would leave pressure loose.
         newton_iterations: after which a step is refused.
         smallest_jacobian: a step in which an element's J falls below it is refused.
-        relocation: when particles are moved, and where to.
+        relocation: when particles are moved, and where to, with the interpolated interface.
+        fitting: when the triangulation is changed, with the sharp interface.
 
     Raises:
         ValueError: a number is out of range or none, or ``relocation`` is no RelocationRule.
@@ -51,6 +53,7 @@ class Numerics:
     newton_iterations: int = 8
     smallest_jacobian: float = 0.05
     relocation: RelocationRule = field(default_factory=RelocationRule)
+    fitting: FittedRule = field(default_factory=FittedRule)
 
     def __post_init__(self) -> None:
         for name, low, high in (
@@ -69,6 +72,8 @@ class Numerics:
             raise ValueError(f"Numerics: newton_iterations is {self.newton_iterations!r}; it must be a whole number")
         if not isinstance(self.relocation, RelocationRule):
             raise ValueError(f"Numerics: relocation is {self.relocation!r}; it must be a RelocationRule")
+        if not isinstance(self.fitting, FittedRule):
+            raise ValueError(f"Numerics: fitting is {self.fitting!r}; it must be a FittedRule")
 
     def tolerance(self, force: Array, cm: float, spacing: float, smallest: float) -> float:
         """Largest scaled residual that counts as solved [spacings].
@@ -125,7 +130,7 @@ class Case:
         if not isinstance(self.numerics, Numerics):
             raise ValueError(f"Case: numerics is {self.numerics!r}; it must be a Numerics")
         if isinstance(self.particles, Tank):
-            self.particles = self.particles.sample(self.fluids)
+            self.particles = self.particles.sample(self.fluids, fitted=self.interface == "sharp")
         if not isinstance(self.particles, Particles):
             raise ValueError(f"Case: particles is a {type(self.particles).__name__}; it must be a Particles or a tank")
         self._check_particles(self.particles)

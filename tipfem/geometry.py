@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tipfem.faces import heaviest_beside, snap_to_faces
 from tipfem.fluid import Fluid
 from tipfem.particles import Array, Particles
 from tipfem.validation import is_number, numbers
@@ -126,26 +127,30 @@ class Tank:
             self._regions.append(_Region(fluid, "tank", _everywhere))
         return self
 
-    def sample(self, fluids: Sequence[Fluid]) -> Particles:
+    def sample(self, fluids: Sequence[Fluid], *, fitted: bool = False) -> Particles:
         """Particles of the filled tank, walls included.
 
         Args:
             fluids: the case's fluids; ``Particles.fluid`` indexes this list.
+            fitted: put particles on the faces between two fluids, instead of on both sides of them, and let
+                them have the heavier one; in 2-D only. That is what the sharp interface starts from.
 
         Returns:
             Particles with N of about prod(size / spacing + 1).
 
         Raises:
             ValueError: a part of the tank is empty, too thin, or holds a fluid that is not in the list; a
-                filled part holds no particle off the walls; a ``where`` gave no mask; or a tank in 3-D
-                has no jitter.
+                filled part holds no particle off the walls; a ``where`` gave no mask; a tank in 3-D
+                has no jitter, or is to be fitted.
         """
+        if fitted and len(self.size) == 3:
+            raise ValueError("tank: particles can be fitted to the faces of fluids in 2-D only; this tank is 3-D")
         if len(self.size) == 3 and not self.jitter:
             raise ValueError(
                 "tank: jitter is 0; a regular lattice in 3-D cannot be meshed, its cubes are cut into simplices "
                 "without volume; set jitter, to 0.1 for instance"
             )
-        lines = [self._lines(axis) for axis in range(len(self.size))]
+        lines = [self._fitted_lines(axis) if fitted else self._lines(axis) for axis in range(len(self.size))]
         position = np.stack([x.ravel() for x in np.meshgrid(*lines, indexing="ij")], axis=1)
         size = np.asarray(self.size, dtype=float)
         wall = ((position == 0.0) | (position == size)).any(axis=1)
@@ -162,9 +167,23 @@ class Tank:
             raise ValueError(
                 f"tank: no fluid at {position[i].tolist()}; fill the whole tank first, then parts of it"
             )
+        free = ~wall
+        if fitted:
+            numbers_of = [list(fluids).index(region.fluid) for region in self._regions]
+
+            def fluid_at(x: Array) -> Array:
+                label = np.zeros(len(x), dtype=np.int32)
+                for region, number in zip(self._regions, numbers_of, strict=True):
+                    label[np.asarray(region.contains(x.copy()))] = number
+                return label
+
+            position, on_face = snap_to_faces(position, (len(lines[0]), len(lines[1])), size, fluid_at)
+            density = np.array([f.density for f in fluids])
+            fluid[on_face] = heaviest_beside(position[on_face], size, self.spacing, fluid_at, density)
+            free &= ~on_face
         if self.jitter:
             shift = np.random.default_rng(self.seed).uniform(-1, 1, position.shape) * self.jitter * self.spacing
-            position[~wall] += shift[~wall]
+            position[free] += shift[free]
         return Particles(position, fluid, wall, spacing=self.spacing)
 
     def _mask(self, region: _Region, position: Array, wall: Array) -> Array:
@@ -183,8 +202,11 @@ class Tank:
             )
         return inside
 
-    def _lines(self, axis: int) -> Array:
-        """Coordinates (n,) of the lattice lines along one axis [m]."""
+    def _edges(self, axis: int, limit: Callable[[float, float], tuple[float, str]]) -> list[float]:
+        """Coordinates of walls and faces along one axis, ascending [m].
+
+        limit: from two of them that follow each other to the least distance, in spacings, and what it is for.
+        """
         length, h = float(self.size[axis]), self.spacing
         faces = {0.0, length}
         for region in self._regions:
@@ -196,11 +218,29 @@ class Tank:
         for face in [*sorted(inner), length]:
             if face - edges[-1] < 1e-9 * length:
                 continue
-            # On a wall stands a line of its own, which the layer's first must keep off.
-            limit = CLOSEST * (1.0 if edges[-1] > 0 and face < length else 1.5)
-            if face - edges[-1] < limit * h * (1 - 1e-9):
-                raise self._thin(axis, edges[-1], face, f"{limit:g} spacings ({limit * h:g} m), the least for one line")
+            least, purpose = limit(edges[-1], face)
+            if face - edges[-1] < least * h * (1 - 1e-9):
+                raise self._thin(axis, edges[-1], face, f"{least:g} spacings ({least * h:g} m), the least for {purpose}")
             edges.append(face)
+        return edges
+
+    def _fitted_lines(self, axis: int) -> Array:
+        """Coordinates (n,) of the lattice lines along one axis, with one on every face [m]."""
+        # A layer of two lines has a particle inside; with one, all would be shared with its neighbours.
+        edges = self._edges(axis, lambda lower, upper: (2 * CLOSEST, "two lines"))
+        pieces = [np.zeros(1)]
+        for lower, upper in itertools.pairwise(edges):
+            n = max(2, round((upper - lower) / self.spacing))
+            pieces.append(np.linspace(lower, upper, n + 1)[1:])
+        return np.concatenate(pieces)
+
+    def _lines(self, axis: int) -> Array:
+        """Coordinates (n,) of the lattice lines along one axis [m]."""
+        length, h = float(self.size[axis]), self.spacing
+        # On a wall stands a line of its own, which the layer's first must keep off.
+        edges = self._edges(
+            axis, lambda lower, upper: (CLOSEST * (1.0 if lower > 0 and upper < length else 1.5), "one line")
+        )
         # First every layer by itself: a wall's line stands on the wall, the others half a step off the faces.
         layers = list(itertools.pairwise(edges))
         margins = [(0.0 if a == 0.0 else 0.5) + (0.0 if b == length else 0.5) for a, b in layers]

@@ -1,7 +1,8 @@
-"""The interface rule: what an element that joins particles of several fluids is made of.
+"""Interface rules: what an element that joins particles of several fluids is made of.
 
 The rule of Carvalho & Sanches: particles carry the fluid's properties, the shape functions
 interpolate them, and the interface runs through the mid-points of the edges between two fluids.
+The sharp rule: every element belongs to one fluid, and the interface is a chain of edges.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tipfem.fluid import Fluid
+from tipfem.mesh import Mesh
 from tipfem.particles import Array
 
 
@@ -25,23 +27,21 @@ class InterpolatedInterface:
 
     name: str = "interpolated"
 
-    def element_properties(
-        self, cells: Array, fluid: Array, fluids: Sequence[Fluid]
-    ) -> tuple[Array, Array]:
-        """Density (M,) [kg/m^3] and viscosity (M,) [Pa s] of the elements ``cells`` (M, d + 1)."""
+    def element_properties(self, mesh: Mesh, fluid: Array, fluids: Sequence[Fluid]) -> tuple[Array, Array]:
+        """Density (M,) [kg/m^3] and viscosity (M,) [Pa s] of a mesh's elements, from the particles' ``fluid`` (N,)."""
         density = np.array([f.density for f in fluids])
         viscosity = np.array([f.viscosity for f in fluids])
-        at_corner = fluid[cells]
+        at_corner = fluid[mesh.cells]
         return density[at_corner].mean(axis=1), viscosity[at_corner].mean(axis=1)
 
-    def fluid_fraction(self, cells: Array, fluid: Array, count: int) -> Array:
+    def fluid_fraction(self, mesh: Mesh, fluid: Array, count: int) -> Array:
         """Part of each element that each fluid fills, (M, count).
 
         In 2-D the interface through the mid-edges cuts off a quarter of the element at a corner
         that is alone; in 3-D an eighth, and a half when two corners face two. An element of three
         fluids is shared evenly among its corners, an even cut through the centroid.
         """
-        corners = cells.shape[1]
+        cells, corners = mesh.cells, mesh.cells.shape[1]
         number = np.stack([(fluid[cells] == f).sum(axis=1) for f in range(count)], axis=1)
         if corners == 3:
             share = np.array([0.0, 0.25, 0.75, 1.0])
@@ -49,3 +49,24 @@ class InterpolatedInterface:
             share = np.array([0.0, 0.125, 0.5, 0.875, 1.0])
         several = (number > 0).sum(axis=1) > 2
         return np.where(several[:, None], number / corners, share[number])
+
+
+@dataclass(frozen=True)
+class SharpInterface:
+    """Every element belongs to one fluid; the interface runs along edges.
+
+    The kink of the linear pressure then stands exactly where density jumps: a flat interface is in
+    balance on any mesh, and fluids at rest stay at rest. The mesh must know the fluid of its elements.
+    """
+
+    name: str = "sharp"
+
+    def element_properties(self, mesh: Mesh, fluid: Array, fluids: Sequence[Fluid]) -> tuple[Array, Array]:
+        """Density (M,) [kg/m^3] and viscosity (M,) [Pa s] of a mesh's elements; the particles' ``fluid`` has no say."""
+        density = np.array([f.density for f in fluids])
+        viscosity = np.array([f.viscosity for f in fluids])
+        return density[mesh.fluid], viscosity[mesh.fluid]
+
+    def fluid_fraction(self, mesh: Mesh, fluid: Array, count: int) -> Array:
+        """Part of each element that each fluid fills, (M, count): all or nothing."""
+        return np.asarray(mesh.fluid)[:, None] == np.arange(count)

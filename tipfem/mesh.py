@@ -18,10 +18,13 @@ class Mesh:
     Attributes:
         position: (N, d) [m].
         cells: (M, d + 1) particles of each simplex, positively oriented, int32.
+        fluid: (M,) fluid of each simplex where interfaces run along facets, int32; None where they cut
+            through simplices.
     """
 
     position: Array
     cells: Array
+    fluid: Array | None = None
 
     @property
     def dimension(self) -> int:
@@ -35,8 +38,8 @@ class Mesh:
 
     def moved(self, position: Array) -> Mesh:
         """The same simplices at other positions (N, d); shares what depends on the connectivity alone."""
-        mesh = Mesh(position, self.cells)
-        for name in ("edges", "incidence", "adjacency"):
+        mesh = Mesh(position, self.cells, self.fluid)
+        for name in ("edges", "incidence", "adjacency", "across"):
             if name in self.__dict__:
                 mesh.__dict__[name] = self.__dict__[name]
         return mesh
@@ -48,6 +51,16 @@ class Mesh:
         rows = np.repeat(np.arange(len(self.position), dtype=np.int32), np.diff(offsets))
         upper = columns > rows
         return np.stack([rows[upper], columns[upper]], axis=1)
+
+    @cached_property
+    def across(self) -> Array:
+        """(M, 3) the triangle beyond the edge opposite each corner, -1 beyond the hull, int32; in 2-D only."""
+        start, end = self.cells[:, [1, 2, 0]].ravel().astype(np.int64), self.cells[:, [2, 0, 1]].ravel()
+        count = len(self.position)
+        one, other = start * count + end, end * np.int64(count) + start
+        order = np.argsort(one)
+        found = order[np.minimum(np.searchsorted(one, other, sorter=order), len(order) - 1)]
+        return np.where(one[found] == other, found // 3, -1).astype(np.int32).reshape(self.cells.shape)
 
     @cached_property
     def incidence(self) -> tuple[Array, Array]:

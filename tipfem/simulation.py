@@ -19,10 +19,10 @@ from tipfem.newton import NewtonResult, newton
 from tipfem.output import ResultsFolder, fill_columns
 from tipfem.particles import Array, Particles
 from tipfem.progress import RunProgress
-from tipfem.relocation import relocate
+from tipfem.remeshing import DelaunayRemesher, FittedRemesher, Remeshed, Remesher
 from tipfem.time_integration import GeneralizedAlpha, StepControl
 from tipfem.transfer import nodal_density, transfer_momentum
-from tipfem.triangulation import TriangulationError, triangulate, wall_fluid
+from tipfem.triangulation import TriangulationError
 from tipfem.validation import is_number
 from tipfem.volume_source import VolumeControl
 
@@ -84,10 +84,11 @@ class Simulation:
         self.control = StepControl(natural if time_step is None else time_step)
         self._workspace = Workspace()
         self._reference = case.pressure_reference()
+        self.remesher = self._remesher()
         self._started = clock.perf_counter()
         self._outputs = 0
         try:
-            self._take(case.particles.copy())
+            self._take(self.remesher.start(case.particles.copy()))
         except TriangulationError as error:
             raise ValueError(f"Simulation: the initial particles cannot be meshed: {error}") from error
         self.volume_control = VolumeControl(self._volumes(), case.numerics.volume_correction * frequency)
@@ -113,9 +114,8 @@ class Simulation:
             dt = self.control.length(self.particles.max_speed, self.particles.spacing, until - self.time)
             try:
                 moved, result = self._solve(dt)
-                relocated, count = relocate(moved, self.mesh, self.case.numerics.relocation)
-                still = (relocated.position == moved.position).all(axis=1)
-                self._take(relocated, np.where(still, self._nodal_density, np.nan))
+                remeshed = self.remesher.remesh(moved, self.mesh)
+                self._take(remeshed, self._nodal_density)
                 break
             except (StepRefused, TriangulationError, FloatingPointError) as reason:
                 if not self.control.refuse(dt):
@@ -127,7 +127,7 @@ class Simulation:
         self.volume_control.observe(self._volumes(), dt)
         self.time = until if abs(until - self.time - dt) < 1e-9 * dt else self.time + dt
         self.step_number += 1
-        self._record(dt, result, count)
+        self._record(dt, result, int(remeshed.relocated.sum()))
 
     def run(self, until: float, *, progress: bool = True) -> None:
         """Step until a time, writing history and fields on the way.
@@ -199,21 +199,23 @@ class Simulation:
         displacement, pressure = problem.split(result.solution)
         return scheme.advance(self.particles, displacement, pressure - pressure[self._reference]), result
 
-    def _take(self, particles: Particles, before: Array | None = None) -> None:
-        """Make ``particles`` the present state: mesh them, and give the walls their fluid.
-
-        before (N,) is the density around each particle on the old mesh; NaN for those that were relocated.
-        """
-        mesh = triangulate(particles.position, particles.wall, particles.spacing)
-        particles.fluid = wall_fluid(mesh, particles.fluid, particles.wall)
+    def _take(self, remeshed: Remeshed, before: Array | None = None) -> None:
+        """Make particles on a new mesh the present state; before (N,) is the density around each on the old mesh."""
+        particles, mesh, relocated = remeshed
         fluid, fluids = particles.fluid, self.case.fluids
-        density, viscosity = self.interface.element_properties(mesh.cells, fluid, fluids)
+        density, viscosity = self.interface.element_properties(mesh, fluid, fluids)
         around = nodal_density(mesh, density)
         if before is not None and self.case.numerics.momentum_transfer:
-            particles = transfer_momentum(particles, mesh, before, around)
+            particles = transfer_momentum(particles, mesh, np.where(relocated, np.nan, before), around)
         self.mesh, self.particles = mesh, particles
         self._density, self._viscosity, self._nodal_density = density, viscosity, around
-        self._fraction = self.interface.fluid_fraction(mesh.cells, fluid, len(fluids))
+        self._fraction = self.interface.fluid_fraction(mesh, fluid, len(fluids))
+
+    def _remesher(self) -> Remesher:
+        numerics = self.case.numerics
+        if self.case.interface == "sharp":
+            return FittedRemesher(self.case.fluids, [self._reference], numerics.fitting)
+        return DelaunayRemesher(numerics.relocation)
 
     def _properties(self, dt: float) -> ElementProperties:
         source = self.volume_control.source(self.mesh, self._fraction, dt)

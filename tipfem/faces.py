@@ -1,0 +1,86 @@
+"""Particles on the faces of a tank's parts: where interfaces that run along edges begin."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from tipfem.particles import Array
+
+# Halvings of an edge between two parts: to round-off.
+BISECTIONS = 52
+# How far beside a face to look for what is there, in spacings.
+BESIDE = 1e-4
+
+
+def snap_to_faces(
+    position: Array, shape: tuple[int, int], size: Array, part: Callable[[Array], Array]
+) -> tuple[Array, Array]:
+    """Move lattice points onto the faces between parts of a tank.
+
+    On every edge of the lattice, diagonals included, that joins two parts, the end that is closer to the face
+    moves there, along the edge; a point that could go to several places goes to the closest (Labelle & Shewchuk,
+    "Isosurface stuffing", 2007). Then no edge crosses a straight face but where walls are in the way.
+    Points on a wall stay on it, and the corners of the tank where they are.
+
+    Args:
+        position: (N, 2) lattice points [m], the second axis running fastest.
+        shape: points along each axis.
+        size: (2,) of the tank [m].
+        part: from positions (K, 2) to the number (K,) of the part that each lies in.
+
+    Returns:
+        The points (N, 2), and the mask (N,) of those on a face.
+    """
+    index = np.arange(len(position)).reshape(shape)
+    pairs = [(index[:-1], index[1:]), (index[:, :-1], index[:, 1:])]
+    pairs += [(index[:-1, :-1], index[1:, 1:]), (index[:-1, 1:], index[1:, :-1])]
+    one, other = (np.concatenate([pair[k].ravel() for pair in pairs]) for k in (0, 1))
+    label = part(position)
+    mixed = label[one] != label[other]
+    one, other = one[mixed], other[mixed]
+    start, edge = position[one], position[other] - position[one]
+    low, high = np.zeros(len(one)), np.ones(len(one))
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        same = part(start + middle[:, None] * edge) == label[one]
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    place = 0.5 * (low + high)
+    # A face that a lattice line stands on is met at its end, to the last digit.
+    place = np.where(place < 1e-12, 0.0, np.where(place > 1 - 1e-12, 1.0, place))
+    crossing = start + place[:, None] * edge
+    mover = np.where(place <= 0.5, one, other)
+    on_wall = (position == 0.0) | (position == size)
+    crossing = np.where(on_wall[mover] & (on_wall[one] & on_wall[other]), position[mover], crossing)
+    leaves = (on_wall[mover] & (crossing != position[mover])).any(axis=1)
+    mover, crossing = mover[~leaves], crossing[~leaves]
+    way = np.linalg.norm(crossing - position[mover], axis=1)
+    order = np.lexsort((way, mover))
+    mover, first = np.unique(mover[order], return_index=True)
+    snapped = position.copy()
+    snapped[mover] = crossing[order][first]
+    on_face = np.zeros(len(position), dtype=bool)
+    on_face[mover] = True
+    return snapped, on_face
+
+
+def heaviest_beside(
+    position: Array, size: Array, spacing: float, fluid: Callable[[Array], Array], density: Array
+) -> Array:
+    """The heaviest fluid (K,) that touches each of the points (K, 2).
+
+    Args:
+        position: points on faces [m].
+        size: (2,) of the tank [m].
+        spacing: of its particles [m].
+        fluid: from positions to fluids.
+        density: of the fluids [kg/m^3].
+    """
+    best = fluid(position)
+    for x in (-1, 1):
+        for y in (-1, 1):
+            near = np.clip(position + BESIDE * spacing * np.array([x, y]), 0.0, size)
+            other = fluid(near)
+            best = np.where(density[other] > density[best], other, best)
+    return best

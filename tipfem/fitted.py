@@ -1,0 +1,254 @@
+"""Remeshing with interfaces along edges: the triangulation moves with the particles and is repaired in place.
+
+Every triangle belongs to one fluid for good; flips, collapses and splits of edges hand that on. So a
+remeshing moves no volume from one fluid to another but where an interface is made coarser, slides
+along a wall, or a film breaks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tipfem import remeshing_kernels as kernels
+from tipfem.mesh import Mesh, simplex_measure
+from tipfem.particles import Array, Particles
+from tipfem.surgery import STAR
+from tipfem.triangulation import TriangulationError
+
+
+@dataclass(frozen=True)
+class FittedRule:
+    """When the triangulation is changed; all lengths in particle spacings.
+
+    Attributes:
+        close: particles inside a fluid closer than this to another crowd it, and one goes.
+        edge: the same for the distance to an edge of an interface or a wall.
+        chain: the same along interfaces and walls.
+        long: edges longer than this are split before any others; those of interfaces and walls
+            count 1.3 times.
+        film: a film thinner than this breaks.
+        reach: how far an interface's end on a wall may be from the foot of the next particle on it.
+        slack: how far a particle may be inside a circumcircle before an edge is flipped; relative, see
+            `surgery.in_circle`. Not zero: a flip that gains nothing disturbs fluids at rest.
+    """
+
+    close: float = 0.6
+    edge: float = 0.4
+    chain: float = 0.55
+    long: float = 1.7
+    film: float = 0.3
+    reach: float = 0.8
+    slack: float = 1e-3
+
+
+@dataclass
+class Triangulation:
+    """A triangulation that can be changed in place; the arrays are those of `surgery`."""
+
+    state: Array
+    cells: Array
+    across: Array
+    fluid: Array
+    corner: Array
+
+    @classmethod
+    def of(cls, particles: Particles, mesh: Mesh) -> Triangulation:
+        """A copy of ``mesh``, moved to where ``particles`` are; mesh.fluid must be known."""
+        assert mesh.fluid is not None
+        state = np.concatenate(
+            [particles.position, particles.velocity, particles.acceleration, particles.pressure[:, None]], axis=1
+        )
+        corner = np.full(len(state), -1, dtype=np.int32)
+        corner[mesh.cells.ravel()] = np.arange(mesh.cells.size, dtype=np.int32) // 3
+        return cls(state, mesh.cells.copy(), mesh.across.copy(), mesh.fluid.copy(), corner)
+
+    def make_delaunay(self, slack: float) -> int:
+        """Flip what is not Delaunay; how many flips it took.
+
+        Raises:
+            TriangulationError: the flips did not come to an end.
+        """
+        count = np.zeros(3, dtype=np.int32)
+        stack = np.empty(max(8 * len(self.cells), 64), dtype=np.int32)
+        while True:
+            count[2] = 0
+            kernels.make_delaunay(
+                self.state, self.cells, self.across, self.fluid, self.corner, stack,
+                np.empty(len(self.cells), dtype=np.int32), count, len(self.cells), slack,
+            )  # fmt: skip
+            if count[1]:
+                raise TriangulationError(f"flipping edges does not come to an end ({count[0]} flips)")
+            if not count[2]:
+                return int(count[0])
+
+    def marks(self) -> Array:
+        """(N,) 1 for particles on an interface, 2 for those on the hull, 3 for both, 0 for others."""
+        mark = np.zeros(len(self.state), dtype=np.int32)
+        kernels.mark_particles(self.cells, self.across, self.fluid, mark, len(self.cells))
+        return mark
+
+    def compact(self) -> None:
+        """Drop the cells that are gone."""
+        alive = self.fluid >= 0
+        if alive.all():
+            return
+        number = np.cumsum(alive, dtype=np.int32) - 1
+        self.cells, self.fluid = self.cells[alive], self.fluid[alive]
+        across = self.across[alive]
+        self.across = np.where(across >= 0, number[across], -1).astype(np.int32)
+        self.corner = np.where(self.corner >= 0, number[self.corner], -1).astype(np.int32)
+
+    def longest_edges(self, border: float) -> tuple[Array, Array]:
+        """Edges as 3 * cell + opposite corner, longest first, and their lengths [m]; those of interfaces
+        and hull count ``border`` times."""
+        x, cells, across = self.state[:, :2], self.cells, self.across
+        number = np.arange(len(cells))[:, None]
+        length = np.linalg.norm(x[cells[:, [1, 2, 0]]] - x[cells[:, [2, 0, 1]]], axis=2)
+        length[(across < 0) | (self.fluid[across] != self.fluid[:, None])] *= border
+        once = (self.fluid[:, None] >= 0) & ((across < 0) | (across > number))
+        edges = np.flatnonzero(once.ravel())
+        length = length.ravel()[edges]
+        order = np.argsort(-length, kind="stable")
+        return edges[order].astype(np.int32), length[order]
+
+
+def recover_triangulation(mesh: Mesh, particles: Particles, density: Array) -> Mesh:
+    """Give each triangle of a first mesh its fluid: the lightest of its particles' fluids.
+
+    So interfaces run along edges through the outermost particles of the heavier fluid.
+
+    Args:
+        mesh: Delaunay triangles.
+        particles: their particles, walls with a fluid too.
+        density: (F,) of the fluids [kg/m^3].
+    """
+    lightest_first = np.argsort(density, kind="stable")
+    rank = np.empty(len(density), dtype=np.int32)
+    rank[lightest_first] = np.arange(len(density))
+    fluid = lightest_first[rank[particles.fluid[mesh.cells]].min(axis=1)].astype(np.int32)
+    return Mesh(mesh.position, mesh.cells, fluid)
+
+
+def particle_fluid(mesh: Mesh, count: int, density: Array) -> Array:
+    """(N,) the heaviest fluid at each of ``count`` particles."""
+    assert mesh.fluid is not None
+    fluid = np.zeros(count, dtype=np.int32)
+    for f in np.argsort(density, kind="stable"):
+        fluid[mesh.cells[mesh.fluid == f].ravel()] = f
+    return fluid
+
+
+def hull_corners(mesh: Mesh) -> Array:
+    """(N,) mask of the particles at which the hull turns."""
+    cell, i = np.nonzero(mesh.across < 0)
+    a, b = mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]
+    direction = mesh.position[b] - mesh.position[a]
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    total = np.zeros_like(mesh.position)
+    np.add.at(total, a, direction)
+    np.add.at(total, b, direction)
+    on = np.zeros(len(mesh.position), dtype=bool)
+    on[a] = True
+    return on & (np.linalg.norm(total, axis=1) < 2 - 1e-9)
+
+
+def repair(particles: Particles, mesh: Mesh, fixed: Array, rule: FittedRule) -> tuple[Particles, Mesh, Array]:
+    """Remesh particles that have moved.
+
+    Args:
+        particles: the moved state on N particles; which are walls may change, see Returns.
+        mesh: the triangles they moved with, none inverted.
+        fixed: (N,) particles that must keep their place, as the corners of the tank.
+        rule: when to change what.
+
+    Returns:
+        The state, where some particles have a new place (N stays the same); the mesh; and (N,) a mask of
+        those particles.
+
+    Raises:
+        TriangulationError: the repair did not come to an end, or left a triangle without area.
+    """
+    h = particles.spacing
+    t = Triangulation.of(particles, mesh)
+    held = fixed.astype(np.int32)
+    wall = particles.wall.astype(np.int32)
+    star = np.empty(2 * (STAR + 1) + 2, dtype=np.int32)
+    least = 0.02 * h * h
+    flips = t.make_delaunay(rule.slack)
+    mark = t.marks()
+    count = np.zeros(2, dtype=np.int32)
+    flag = np.empty(max(len(t.cells), len(t.state)), dtype=np.int32)
+    kernels.slide_contacts(
+        t.state, t.cells, t.across, t.fluid, t.corner, held, mark, star, len(t.state), rule.reach * h, 0.35 * h, least,
+    )  # fmt: skip
+    kernels.break_films(
+        t.state, t.cells, t.across, t.fluid, mark, flag, count, len(t.cells), rule.film * h,
+    )  # fmt: skip
+    broken = int(count[0])
+    freed = np.empty(len(t.state), dtype=np.int32)
+    gone = _coarsen(t, held, star, flag, freed, 0, rule.close * h, rule, h, len(freed))
+    changed = np.zeros(len(t.state), dtype=bool)
+    placed = 0
+    for attempt in range(6):
+        edges, length = t.longest_edges(1.3)
+        needed = int((length > rule.long * h).sum())
+        if needed > gone - placed and attempt < 3:
+            # Nothing that crowds is left to take: take from where particles stand closest.
+            gone = _coarsen(t, held, star, flag, freed, gone, (0.7, 0.8, 0.9)[attempt] * h, rule, h, gone + needed)
+            edges, length = t.longest_edges(1.3)
+        if placed == gone:
+            break
+        placed = _refine(t, wall, edges, freed, placed, gone, (0.6, 0.5, 0.4, 0.3, 0.2, 0.1)[attempt] * h)
+        flips += t.make_delaunay(rule.slack)
+    if placed < gone:
+        raise TriangulationError(f"{gone - placed} particles that crowded others find no room elsewhere")
+    changed[freed[:gone]] = True
+    if not (flips or gone or broken or (t.state[:, :2] != particles.position).any()):
+        return particles, mesh.moved(particles.position), changed
+    t.compact()
+    position = np.ascontiguousarray(t.state[:, :2])
+    if (simplex_measure(position, t.cells) <= 0).any():
+        cell = int(np.argmin(simplex_measure(position, t.cells)))
+        raise TriangulationError(f"the triangle at {position[t.cells[cell, 0]].tolist()} has no area after the repair")
+    state = particles.copy(
+        position=position, velocity=t.state[:, 2:4], acceleration=t.state[:, 4:6], pressure=t.state[:, 6],
+        wall=wall.astype(bool),
+    )  # fmt: skip
+    repaired = Mesh(position, t.cells, t.fluid)
+    repaired.__dict__["across"] = t.across
+    return state, repaired, changed
+
+
+def _coarsen(
+    t: Triangulation, held: Array, star: Array, flag: Array, freed: Array, gone: int, close: float,
+    rule: FittedRule, h: float, most: int,
+) -> int:  # fmt: skip
+    count = np.array([gone, 0], dtype=np.int32)
+    kernels.coarsen(
+        t.state, t.cells, t.across, t.fluid, t.corner, held, star, flag, freed, count, len(t.cells), len(t.state),
+        close, rule.chain * h, rule.edge * h, 0.02 * h * h, most, 1,
+    )  # fmt: skip
+    return int(count[0])
+
+
+def _refine(
+    t: Triangulation, wall: Array, edges: Array, freed: Array, placed: int, gone: int, room: float
+) -> int:
+    """Put the particles freed[placed:gone] on the longest edges; how many are placed now."""
+    free = np.flatnonzero(t.fluid < 0).astype(np.int32)
+    short = 2 * (gone - placed) + 1 - len(free)
+    if short > 0:  # hull edges have one cell, others two: collapses may have left too few
+        first = len(t.cells)
+        t.cells = np.concatenate([t.cells, np.zeros((short, 3), dtype=np.int32)])
+        t.across = np.concatenate([t.across, np.full((short, 3), -1, dtype=np.int32)])
+        t.fluid = np.concatenate([t.fluid, np.full(short, -1, dtype=np.int32)])
+        free = np.concatenate([free, np.arange(first, first + short, dtype=np.int32)])
+    count = np.array([placed, 0], dtype=np.int32)
+    candidates = edges[: 8 * (gone - placed) + 32]
+    kernels.refine(
+        t.state, t.cells, t.across, t.fluid, t.corner, wall, np.zeros(len(t.cells), dtype=np.int32), candidates,
+        len(candidates), free, freed, count, room, gone,
+    )  # fmt: skip
+    return int(count[0])

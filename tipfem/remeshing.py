@@ -1,0 +1,99 @@
+"""Remeshers: from particles that have moved to the mesh of the next step, one for each interface rule."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from tipfem.fitted import FittedRule, hull_corners, particle_fluid, recover_triangulation, repair
+from tipfem.fluid import Fluid
+from tipfem.mesh import Mesh
+from tipfem.particles import Array, Particles
+from tipfem.relocation import RelocationRule, relocate
+from tipfem.triangulation import triangulate, wall_fluid
+
+
+class Remeshed(NamedTuple):
+    """Particles on a new mesh, and (N,) which of them were given another place by relocation."""
+
+    particles: Particles
+    mesh: Mesh
+    relocated: Array
+
+
+class Remesher(Protocol):
+    """What a simulation asks of a remesher."""
+
+    def start(self, particles: Particles) -> Remeshed:
+        """The first mesh.
+
+        Raises:
+            TriangulationError: the particles cannot be meshed.
+        """
+
+    def remesh(self, particles: Particles, mesh: Mesh) -> Remeshed:
+        """The mesh after a step, in which ``particles`` moved with ``mesh``.
+
+        Raises:
+            TriangulationError: the particles cannot be meshed.
+        """
+
+
+class DelaunayRemesher:
+    """Relocation fluid by fluid, and a new Delaunay triangulation (Carvalho & Sanches).
+
+    Args:
+        rule: of relocation.
+    """
+
+    def __init__(self, rule: RelocationRule) -> None:
+        self.rule = rule
+
+    def start(self, particles: Particles) -> Remeshed:
+        """See `Remesher.start`."""
+        return self._mesh(particles, np.zeros(len(particles), dtype=bool))
+
+    def remesh(self, particles: Particles, mesh: Mesh) -> Remeshed:
+        """See `Remesher.remesh`."""
+        state, _count = relocate(particles, mesh, self.rule)
+        return self._mesh(state, (state.position != particles.position).any(axis=1))
+
+    def _mesh(self, particles: Particles, relocated: Array) -> Remeshed:
+        mesh = triangulate(particles.position, particles.wall, particles.spacing)
+        particles.fluid = wall_fluid(mesh, particles.fluid, particles.wall)
+        return Remeshed(particles, mesh, relocated)
+
+
+class FittedRemesher:
+    """Triangles that keep their fluid, repaired in place; see `fitted`.
+
+    Args:
+        fluids: of the case.
+        fixed: indices of particles that must keep their place, as that of the pressure's reference.
+        rule: when the triangulation is changed.
+    """
+
+    def __init__(self, fluids: Sequence[Fluid], fixed: Sequence[int], rule: FittedRule) -> None:
+        self.density = np.array([f.density for f in fluids])
+        self.rule = rule
+        self._fixed_particles = list(fixed)
+        self._fixed = np.zeros(0, dtype=bool)
+
+    def start(self, particles: Particles) -> Remeshed:
+        """See `Remesher.start`; a triangle belongs to the lightest fluid among its particles'."""
+        mesh = triangulate(particles.position, particles.wall, particles.spacing)
+        particles.fluid = wall_fluid(mesh, particles.fluid, particles.wall)
+        mesh = recover_triangulation(mesh, particles, self.density)
+        self._fixed = hull_corners(mesh)
+        self._fixed[self._fixed_particles] = True
+        return self._labelled(particles, mesh, np.zeros(len(particles), dtype=bool))
+
+    def remesh(self, particles: Particles, mesh: Mesh) -> Remeshed:
+        """See `Remesher.remesh`."""
+        return self._labelled(*repair(particles, mesh, self._fixed, self.rule))
+
+    def _labelled(self, particles: Particles, mesh: Mesh, relocated: Array) -> Remeshed:
+        particles.fluid = particle_fluid(mesh, len(particles), self.density)
+        return Remeshed(particles, mesh, relocated)
