@@ -50,10 +50,10 @@ LARGEST_HEIGHT_ERROR = 0.05
 LARGEST_VOLUME_ERROR = 0.02  # up to 10 mm; 0.05 above
 
 
-def build(spacing: float = SPACING) -> tp.Case:
-    """The case with particles at a distance of ``spacing`` [m]."""
+def build(spacing: float = SPACING, **options: Any) -> tp.Case:
+    """The case with particles at a distance of ``spacing`` [m]; further options are those of `tipfem.Case`."""
     particles = tp.tank(size=TANK, spacing=spacing).fill(AIR).fill(WATER, box=((0, 0), COLUMN))
-    return tp.Case(particles, fluids=[WATER, AIR], gravity=(0, -GRAVITY), title="Dam break of water in air")
+    return tp.Case(particles, fluids=[WATER, AIR], gravity=(0, -GRAVITY), title="Dam break of water in air", **options)
 
 
 def front(simulation: tp.Simulation) -> float:
@@ -70,7 +70,7 @@ def simulate(arguments: argparse.Namespace) -> tp.Simulation:
     """Build the case, and run it to the end."""
     tp.init(arch=arguments.arch)
     simulation = tp.Simulation(
-        build(arguments.spacing),
+        build(arguments.spacing, interface=arguments.interface),
         out=arguments.out,
         time_step=arguments.time_step,
         output_interval=1.0 / arguments.frames_per_second,

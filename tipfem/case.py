@@ -18,6 +18,7 @@ from tipfem.relocation import RelocationRule
 from tipfem.validation import is_number, numbers
 
 INTERFACES = {"interpolated": InterpolatedInterface, "sharp": SharpInterface}
+DEFAULT_INTERFACE = "interpolated"
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ class Case:
     fluids: Sequence[Fluid]
     gravity: Sequence[float] | Array
     body_force: Callable[[Array, float], Array] | None = None
-    interface: str = "interpolated"
+    interface: str = DEFAULT_INTERFACE
     numerics: Numerics = field(default_factory=Numerics)
     title: str = ""
 

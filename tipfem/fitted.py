@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tipfem import remeshing_kernels as kernels
+from tipfem.conservation import bodies, inherit, move_interfaces, share_out
 from tipfem.mesh import Mesh, simplex_measure
 from tipfem.particles import Array, Particles
 from tipfem.surgery import STAR
@@ -154,7 +155,9 @@ def hull_corners(mesh: Mesh) -> Array:
     return on & (np.linalg.norm(total, axis=1) < 2 - 1e-9)
 
 
-def repair(particles: Particles, mesh: Mesh, fixed: Array, rule: FittedRule) -> tuple[Particles, Mesh, Array]:
+def repair(
+    particles: Particles, mesh: Mesh, fixed: Array, rule: FittedRule, total: Array | None = None
+) -> tuple[Particles, Mesh, Array]:
     """Remesh particles that have moved.
 
     Args:
@@ -162,6 +165,8 @@ def repair(particles: Particles, mesh: Mesh, fixed: Array, rule: FittedRule) -> 
         mesh: the triangles they moved with, none inverted.
         fixed: (N,) particles that must keep their place, as the corners of the tank.
         rule: when to change what.
+        total: (F,) volume that each fluid is to have afterwards [m^2]; by default the solve's changes of volume
+            stay, and only those of the remeshing are undone.
 
     Returns:
         The state, where some particles have a new place (N stays the same); the mesh; and (N,) a mask of
@@ -205,9 +210,10 @@ def repair(particles: Particles, mesh: Mesh, fixed: Array, rule: FittedRule) -> 
     if placed < gone:
         raise TriangulationError(f"{gone - placed} particles that crowded others find no room elsewhere")
     changed[freed[:gone]] = True
+    t.compact()
+    t.state[:, :2] = restored(t, particles, mesh, total, 0.05 * h)
     if not (flips or gone or broken or (t.state[:, :2] != particles.position).any()):
         return particles, mesh.moved(particles.position), changed
-    t.compact()
     position = np.ascontiguousarray(t.state[:, :2])
     if (simplex_measure(position, t.cells) <= 0).any():
         cell = int(np.argmin(simplex_measure(position, t.cells)))
@@ -219,6 +225,35 @@ def repair(particles: Particles, mesh: Mesh, fixed: Array, rule: FittedRule) -> 
     repaired = Mesh(position, t.cells, t.fluid)
     repaired.__dict__["across"] = t.across
     return state, repaired, changed
+
+
+def restored(t: Triangulation, particles: Particles, mesh: Mesh, total: Array | None, limit: float) -> Array:
+    """Positions (N, 2) at which the volumes are right, see `conservation`.
+
+    Args:
+        t: the new triangulation.
+        particles: the state before it was made.
+        mesh: the mesh of the step, at its start.
+        total: as in `repair`.
+        limit: of a particle's shift [m].
+    """
+    assert mesh.fluid is not None
+    before, after = bodies(mesh.across, mesh.fluid), bodies(t.across, t.fluid)
+    moved = np.bincount(before, weights=simplex_measure(particles.position, mesh.cells))
+    loss = np.zeros_like(moved)
+    if total is None:
+        fluid_before = np.zeros(len(moved), dtype=np.int32)
+        fluid_before[before] = mesh.fluid
+        total = np.bincount(fluid_before, weights=moved)
+    else:
+        loss = np.bincount(before, weights=mesh.measure) - moved
+    loss = inherit((mesh.cells, mesh.fluid, before), (t.cells, t.fluid, after), loss, len(particles))
+    position = np.ascontiguousarray(t.state[:, :2])
+    volume = np.bincount(after, weights=simplex_measure(position, t.cells))
+    fluid = np.zeros(len(volume), dtype=np.int32)
+    fluid[after] = t.fluid
+    wanted = share_out(volume, loss, fluid, np.pad(total, (0, max(0, fluid.max() + 1 - len(total)))))
+    return move_interfaces(position, t.cells, after, t.marks() == 1, wanted, limit)
 
 
 def _coarsen(

@@ -220,7 +220,8 @@ class Tank:
                 continue
             least, purpose = limit(edges[-1], face)
             if face - edges[-1] < least * h * (1 - 1e-9):
-                raise self._thin(axis, edges[-1], face, f"{least:g} spacings ({least * h:g} m), the least for {purpose}")
+                why = f"{least:g} spacings ({least * h:g} m), the least for {purpose}"
+                raise self._thin(axis, edges[-1], face, why)
             edges.append(face)
         return edges
 

@@ -38,7 +38,9 @@ class NewtonResult:
     converged: bool
 
 
-def newton(problem: Problem, x: Any, *, tolerance: float, max_iterations: int) -> NewtonResult:
+def newton(
+    problem: Problem, x: Any, *, tolerance: float, max_iterations: int, noise: float = math.inf
+) -> NewtonResult:
     """Inexact Newton iteration from ``x`` until the residual's norm is within ``tolerance``.
 
     The linear tolerance follows Eisenstat & Walker (1996), choice 2 with gamma = 0.5, alpha = 2:
@@ -50,12 +52,17 @@ def newton(problem: Problem, x: Any, *, tolerance: float, max_iterations: int) -
         x: first iterate, overwritten.
         tolerance: of the residual's norm, absolute.
         max_iterations: when to give up.
+        noise: a first residual above it is corrected once even if it is within the tolerance. A flow that is
+            about to come to rest would otherwise drift on at the speed that the tolerance lets pass.
     """
     forcing = FIRST_FORCING
     norm = problem.residual(x)
     iterations = krylov_iterations = 0
-    while norm > tolerance and iterations < max_iterations and math.isfinite(norm):
-        enough = 0.3 * tolerance / norm
+    within = norm <= tolerance
+    while (norm > tolerance or (iterations == 0 and norm > noise)) and iterations < max_iterations:
+        if not math.isfinite(norm):
+            break
+        enough = POLISH if within else 0.3 * tolerance / norm
         result = problem.correct(x, max(forcing, enough, SMALLEST_FORCING))
         iterations += 1
         krylov_iterations += result.iterations
@@ -67,4 +74,5 @@ def newton(problem: Problem, x: Any, *, tolerance: float, max_iterations: int) -
 
 
 FIRST_FORCING = 1e-3
+POLISH = 1e-2  # linear tolerance where the residual is within the tolerance already
 SMALLEST_FORCING = 1e-10

@@ -110,6 +110,8 @@ class ResultsFolder:
         """
         name = f"fields/step_{step:06d}.vtu"
         points, velocity = _three_dimensional(particles.position), _three_dimensional(particles.velocity)
+        # Where interfaces run along edges, every triangle has its fluid, too.
+        cell_data = {} if mesh.fluid is None else {"fluid": [mesh.fluid.astype(np.int32)]}
         content = meshio.Mesh(
             points,
             [("triangle" if particles.dimension == 2 else "tetra", mesh.cells)],
@@ -120,6 +122,7 @@ class ResultsFolder:
                 "density": density,
                 "wall": particles.wall.astype(np.int32),
             },
+            cell_data=cell_data,
         )
         self._replace(name, lambda path: meshio.write(path, content, file_format="vtu"))
         self._times[name] = time

@@ -41,9 +41,12 @@ def energy(mesh: Mesh, particles: Particles, density: Array, gravity: Array) -> 
 def extent(mesh: Mesh, fluid: Array, index: int, axis: int) -> float:
     """Largest coordinate that a fluid reaches along an axis [m].
 
-    The fluid reaches to the middle of the edges that join it to another one. NaN without particles
-    of that fluid.
+    Where elements have a fluid each, that is the end of the fluid's elements. Otherwise the fluid reaches to
+    the middle of the edges that join it to another one. NaN without any of that fluid.
     """
+    if mesh.fluid is not None:
+        cells = mesh.cells[mesh.fluid == index]
+        return float(mesh.position[cells, axis].max()) if len(cells) else float("nan")
     own = fluid == index
     if not own.any():
         return float("nan")
@@ -57,8 +60,9 @@ def extent(mesh: Mesh, fluid: Array, index: int, axis: int) -> float:
 def depth(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
     """Length of a fluid along the vertical line x = ``place`` of a 2-D mesh [m].
 
-    Elements between fluids are cut through the middle of their edges: three triangles at the corners, and a
-    fourth between them that belongs to the fluid of most corners (in an element of three fluids, of the first).
+    Elements that have a fluid each are taken whole. Others, between fluids, are cut through the middle of their
+    edges: three triangles at the corners, and a fourth between them that belongs to the fluid of most corners
+    (in an element of three fluids, of the first).
 
     Raises:
         ValueError: the line does not cross the mesh.
@@ -69,7 +73,10 @@ def depth(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
     # A line along the left wall would be in no element's interior.
     line = max(place, left + 1e-9 * (right - left))
     x, y = mesh.position[:, 0] - line, mesh.position[:, 1]
-    cells = mesh.cells[(x[mesh.cells].min(axis=1) < 0) & (x[mesh.cells].max(axis=1) >= 0)]
+    crossed = (x[mesh.cells].min(axis=1) < 0) & (x[mesh.cells].max(axis=1) >= 0)
+    cells = mesh.cells[crossed]
+    if mesh.fluid is not None:
+        return float(_chord(x[cells], y[cells])[mesh.fluid[crossed] == index].sum())
     total = 0.0
     for triangle, label in _mid_edge_pieces(cells, fluid):
         px = np.stack([x[a] / 2 + x[b] / 2 for a, b in triangle], axis=1)

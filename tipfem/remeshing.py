@@ -73,13 +73,17 @@ class FittedRemesher:
         fluids: of the case.
         fixed: indices of particles that must keep their place, as that of the pressure's reference.
         rule: when the triangulation is changed.
+        keep: whether every remeshing gives the fluids back the volumes they started with, not only those that
+            it found.
     """
 
-    def __init__(self, fluids: Sequence[Fluid], fixed: Sequence[int], rule: FittedRule) -> None:
+    def __init__(self, fluids: Sequence[Fluid], fixed: Sequence[int], rule: FittedRule, *, keep: bool) -> None:
         self.density = np.array([f.density for f in fluids])
         self.rule = rule
         self._fixed_particles = list(fixed)
         self._fixed = np.zeros(0, dtype=bool)
+        self._keep = keep
+        self._volumes: Array | None = None
 
     def start(self, particles: Particles) -> Remeshed:
         """See `Remesher.start`; a triangle belongs to the lightest fluid among its particles'."""
@@ -88,11 +92,13 @@ class FittedRemesher:
         mesh = recover_triangulation(mesh, particles, self.density)
         self._fixed = hull_corners(mesh)
         self._fixed[self._fixed_particles] = True
+        if self._keep:
+            self._volumes = np.bincount(mesh.fluid, weights=mesh.measure, minlength=len(self.density))
         return self._labelled(particles, mesh, np.zeros(len(particles), dtype=bool))
 
     def remesh(self, particles: Particles, mesh: Mesh) -> Remeshed:
         """See `Remesher.remesh`."""
-        return self._labelled(*repair(particles, mesh, self._fixed, self.rule))
+        return self._labelled(*repair(particles, mesh, self._fixed, self.rule, self._volumes))
 
     def _labelled(self, particles: Particles, mesh: Mesh, relocated: Array) -> Remeshed:
         particles.fluid = particle_fluid(mesh, len(particles), self.density)

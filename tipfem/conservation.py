@@ -1,0 +1,122 @@
+"""Volumes of fluids whose interfaces run along edges: each connected body of a fluid keeps its own.
+
+The constraint J = 1 holds at particles, for the elements around them together. At an interface these
+belong to two fluids, and what one loses the other gains: nothing in the equations tells them apart,
+no source can. So the loss is measured after every step, body by body, and undone by moving the interface.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from tipfem.mesh import simplex_measure
+from tipfem.particles import Array
+
+
+def bodies(across: Array, fluid: Array) -> Array:
+    """Number (M,) of the connected body of one fluid that each triangle belongs to, from 0.
+
+    Args:
+        across: (M, 3) neighbours, -1 for none.
+        fluid: (M,) of each triangle.
+    """
+    cell, i = np.nonzero(across > np.arange(len(across))[:, None])
+    other = across[cell, i]
+    same = fluid[cell] == fluid[other]
+    cell, other = cell[same], other[same]
+    graph = sparse.coo_matrix((np.ones(len(cell), dtype=np.int8), (cell, other)), shape=(len(fluid),) * 2)
+    return np.asarray(connected_components(graph, directed=False)[1])
+
+
+def inherit(
+    old: tuple[Array, Array, Array], new: tuple[Array, Array, Array], loss: Array, particles: int
+) -> Array:
+    """What bodies of a new mesh have to make good of the losses of those of the old one.
+
+    A body hands its loss on in equal parts with its particles: so bodies may merge and split.
+
+    Args:
+        old: cells (M, 3), fluid (M,) and body (M,) of each triangle.
+        new: the same after remeshing.
+        loss: (K,) of the old bodies [m^2].
+        particles: their number N.
+
+    Returns:
+        (K',) loss of the new bodies [m^2]; that of a body which is gone is in none.
+    """
+    fluids = int(max(old[1].max(), new[1].max())) + 1
+    body_at = []
+    for cells, fluid, body in (old, new):
+        at = np.full((fluids, particles), -1)
+        at[fluid[:, None], cells] = body[:, None]
+        body_at.append(at.ravel())
+    parts = np.bincount(body_at[0][body_at[0] >= 0], minlength=len(loss))
+    both = (body_at[0] >= 0) & (body_at[1] >= 0)
+    share = (loss / np.maximum(parts, 1))[body_at[0][both]]
+    return np.bincount(body_at[1][both], weights=share, minlength=int(new[2].max()) + 1)
+
+
+def share_out(volume: Array, loss: Array, fluid: Array, total: Array) -> Array:
+    """Volumes (K,) that bodies are to have: each its own loss back, and what a fluid still lacks by size.
+
+    Args:
+        volume: (K,) that the bodies have [m^2].
+        loss: (K,) of the bodies [m^2].
+        fluid: (K,) of the bodies.
+        total: (F,) that each fluid is to have [m^2].
+    """
+    wanted = np.maximum(volume + loss, 0.5 * volume)
+    has = np.bincount(fluid, weights=wanted, minlength=len(total))
+    lack = np.where(has > 0, total - has, 0.0)
+    # A fluid that is gone cannot get its volume back; the others must still fill the tank.
+    lack -= (lack.sum() + wanted.sum() - volume.sum()) * has / has.sum()
+    return wanted + lack[fluid] * wanted / np.maximum(has[fluid], 1e-300)
+
+
+def move_interfaces(
+    position: Array, cells: Array, body: Array, movable: Array, wanted: Array, limit: float
+) -> Array:
+    """Where particles go so that bodies get the volumes wanted.
+
+    Every movable particle shifts by sum_k lambda_k dV_k / dx, with the factors lambda that give the volumes; two
+    rounds, for volumes are quadratic in positions.
+
+    Args:
+        position: (N, 2) [m].
+        cells: (M, 3) triangles.
+        body: (M,) of each.
+        movable: (N,) mask of the particles that may move: those of interfaces, off the walls.
+        wanted: (K,) volumes [m^2].
+        limit: of a particle's shift in one round [m].
+
+    Returns:
+        (N, 2) new positions.
+    """
+    nodes = np.flatnonzero(movable)
+    if not len(nodes):
+        return position
+    x = position.copy()
+    place = np.full(len(x), -1)
+    place[nodes] = np.arange(len(nodes))
+    around = np.flatnonzero(movable[cells].any(axis=1))
+    near, owner = cells[around], body[around]
+    rows, columns = np.repeat(owner, 3), place[near].ravel()
+    on = columns >= 0
+    for _ in range(2):
+        missing = wanted - np.bincount(body, weights=simplex_measure(x, cells), minlength=len(wanted))
+        if np.abs(missing).max() <= 1e-14 * wanted.sum():
+            break
+        side = x[near[:, [2, 0, 1]]] - x[near[:, [1, 2, 0]]]
+        entries = 0.5 * np.stack([-side[..., 1], side[..., 0]], axis=-1).reshape(-1, 2)
+        shape = (len(wanted), len(nodes))
+        gradient = sparse.hstack(
+            [sparse.csr_matrix((entries[on, k], (rows[on], columns[on])), shape=shape) for k in (0, 1)]
+        ).tocsr()
+        # The volumes' sum is that of the tank: one combination of the factors moves nothing.
+        factor = np.linalg.lstsq((gradient @ gradient.T).toarray(), missing, rcond=1e-10)[0]
+        shift = (gradient.T @ factor).reshape(2, -1).T
+        length = np.linalg.norm(shift, axis=1, keepdims=True)
+        x[nodes] += shift * np.minimum(1.0, limit / np.maximum(length, 1e-300))
+    return x
