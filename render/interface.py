@@ -1,9 +1,11 @@
 """Cut the mesh where fluids meet.
 
-Where the particles carry the fluid, a cell whose particles differ is cut at the mid-points of its edges:
-the single particle keeps the corner triangle (a quarter of the area), the other two the quadrilateral.
-With three fluids the cuts run from the mid-points to the centroid, a third of the area each. The line drawn
-between two colours is thus the interface of the method itself, not a contour through it.
+Where every cell has its fluid, nothing is cut: a cell is of one fluid as a whole, and the interface is the
+edges between cells of different fluids. Where the particles carry the fluid, a cell whose particles differ is
+cut at the mid-points of its edges: the single particle keeps the corner triangle (a quarter of the area), the
+other two the quadrilateral. With three fluids the cuts run from the mid-points to the centroid, a third of the
+area each. The line drawn between two colours is thus the interface of the method itself, not a contour
+through it.
 """
 
 from typing import NamedTuple
@@ -59,15 +61,40 @@ def mesh_edges(cells) -> tuple[np.ndarray, np.ndarray]:
     return pairs, count == 1
 
 
+def edge_means(cells, corners) -> np.ndarray:
+    """Mean (E, K) on each edge of `mesh_edges`, over the cells that share it, of values at the cells' corners.
+
+    cells: (M, 3); corners: (M, 3, K).
+    """
+    _, inverse, count = _unique_edges(cells)
+    halves = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]).mean(axis=1)
+    total = np.zeros((len(count), corners.shape[2]))
+    np.add.at(total, inverse, halves)
+    return total / count[:, None]
+
+
+def particle_fluids(cells, fluid, cell_fluid) -> tuple[np.ndarray, np.ndarray]:
+    """The fluid of each particle by its cells, (N,), and whether it lies between several fluids, (N,) bool.
+
+    cells: (M, 3); cell_fluid: (M,). A particle between fluids, or in no cell, keeps what `fluid` (N,) says.
+    """
+    lowest, highest = _extremes(cells.ravel(), np.repeat(cell_fluid, 3), len(fluid))
+    return np.where(lowest == highest, lowest, fluid), lowest < highest
+
+
 def _edges_between(cells, cell_fluid):
     """Edges (S, 2) whose two cells belong to different fluids."""
     pairs, inverse, _ = _unique_edges(cells)
-    owner = np.tile(cell_fluid, 3)
-    lowest = np.full(len(pairs), np.iinfo(np.int64).max)
-    highest = np.full(len(pairs), -1)
-    np.minimum.at(lowest, inverse, owner)
-    np.maximum.at(highest, inverse, owner)
+    lowest, highest = _extremes(inverse, np.tile(cell_fluid, 3), len(pairs))
     return pairs[lowest != highest]
+
+
+def _extremes(index, values, count):
+    """Lowest and highest of the values of each index, both (count,); without a value, highest is -1."""
+    lowest, highest = np.full(count, np.iinfo(np.int64).max), np.full(count, -1)
+    np.minimum.at(lowest, index, values)
+    np.maximum.at(highest, index, values)
+    return lowest, highest
 
 
 def _unique_edges(cells):

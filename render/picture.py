@@ -4,7 +4,7 @@ import numpy as np
 
 from . import colours
 from .drawing import Drawing
-from .interface import fluid_regions, mesh_edges
+from .interface import edge_means, fluid_regions, mesh_edges, particle_fluids
 from .layout import Layout
 from .scene import Scene
 
@@ -39,27 +39,43 @@ def draw_scene(
     if field is None:
         shown = colours.mix(fills, 1.0, 0.62) if particles else fills
         drawing.triangles(layout.pixels(regions.triangles), shown[regions.fluid])
-        edge_colours = colours.tone(shown)[scene.fluid[edges]].mean(axis=1)
+        tones = colours.tone(shown)[_corner_fluids(scene)]
         dots = colours.dot_colours(fills)
     else:
         table = colours.colour_table(is_signed(field))
-        at_particles = colours.map_values(scene.field_values(field), *field_range, table)
-        drawing.triangles(pixels[scene.cells], at_particles[scene.cells])
-        edge_colours = 0.6 * at_particles[edges].mean(axis=1)
+        at_corners = colours.map_values(scene.corner_values(field), *field_range, table)
+        drawing.triangles(pixels[scene.cells], at_corners)
+        tones = 0.6 * at_corners
         dots = colours.dot_colours_on_field(fills)
 
     if mesh:
-        drawing.lines(pixels[edges], max(MESH_WIDTH * unit, 0.5), edge_colours)
+        drawing.lines(pixels[edges], max(MESH_WIDTH * unit, 0.5), edge_means(scene.cells, tones))
+    radius = min(max(0.27 * scene.spacing * layout.scale, 0.9 * unit), 6 * unit)
+    beads = pixels[:0]
     if particles:
-        radius = min(max(0.27 * scene.spacing * layout.scale, 0.9 * unit), 6 * unit)
-        drawing.dots(pixels, radius, dots[scene.fluid])
+        fluid, between = scene.fluid, np.zeros(len(pixels), bool)
+        if scene.cell_fluid is not None:
+            fluid, between = particle_fluids(scene.cells, fluid, scene.cell_fluid)
+        drawing.dots(pixels[~between], radius, dots[fluid[~between]])
+        beads = pixels[between]
 
     interface = layout.pixels(regions.segments)
+    light, dark = colours.rgb(colours.HALO), colours.rgb(colours.INTERFACE)
     if field is not None:
         # A light line under the dark one: it stays visible on every colour of the table.
-        drawing.lines(interface, HALO_WIDTH * unit, colours.rgb(colours.HALO), cap=0.5 * unit)
-    drawing.lines(interface, INTERFACE_WIDTH * unit, colours.rgb(colours.INTERFACE), cap=0.3 * unit)
+        drawing.lines(interface, HALO_WIDTH * unit, light, cap=0.5 * unit)
+        drawing.dots(beads, radius + (HALO_WIDTH - INTERFACE_WIDTH) / 2 * unit, np.tile(light, (len(beads), 1)))
+    drawing.lines(interface, INTERFACE_WIDTH * unit, dark, cap=0.3 * unit)
+    # Particles on the interface are of both fluids: they have its colour.
+    drawing.dots(beads, radius, np.tile(dark, (len(beads), 1)))
     return drawing
+
+
+def _corner_fluids(scene):
+    """The fluid at the corners of each cell, (M, 3): the cell's, else the particles'."""
+    if scene.cell_fluid is None:
+        return scene.fluid[scene.cells]
+    return np.repeat(scene.cell_fluid[:, None], 3, axis=1)
 
 
 def is_signed(field: str) -> bool:

@@ -66,9 +66,12 @@ class Results:
             raise ResultsError(f"{path}: point data 'fluid' is missing; there are: {', '.join(sorted(data))}")
         blocks = [k for k, block in enumerate(mesh.cells) if block.type == "triangle"]
         cells = [mesh.cells[k].data for k in blocks]
-        cell_fluid = None
+        cell_fluid, cell_fields = None, {}
         if "fluid" in mesh.cell_data and blocks:
-            cell_fluid = np.concatenate([np.ravel(mesh.cell_data["fluid"][k]) for k in blocks])
+            owners = [np.ravel(mesh.cell_data["fluid"][k]) for k in blocks]
+            cell_fluid = np.concatenate(owners).astype(np.int64)
+            if "density" in data:  # that of a particle on an interface holds on one side only
+                cell_fields["density"] = np.take(self.fluid_densities, cell_fluid, mode="clip")
         try:
             return Scene(
                 position=mesh.points[:, :2],
@@ -76,6 +79,7 @@ class Results:
                 fluid=np.ravel(data["fluid"]),
                 wall=np.ravel(data["wall"]) if "wall" in data else None,
                 fields=_scalar_fields(data),
+                cell_fields=cell_fields,
                 time=self.times[i],
                 fluid_names=self.fluid_names,
                 fluid_densities=self.fluid_densities,

@@ -15,13 +15,16 @@ class Scene:
     fluid: the fluid of each particle, an index into `fluid_names`, shape (N,).
     wall: 1 on wall particles, 0 elsewhere, shape (N,). Default: no walls.
     fields: name -> values at the particles, shape (N,).
+    cell_fields: name -> values of the cells, shape (M,), for those of `fields` that jump from cell to cell.
+        They colour the cells in place of the particles' values.
     time: [s].
     fluid_names: one name a fluid.
     fluid_densities: one density a fluid [kg/m^3]; it only chooses the colours.
         Default: the fluids are taken as listed from heavy to light.
     lower, upper: corners of the box that is framed [m], shape (2,). Default: the particles' bounding box.
-    cell_fluid: the fluid of each cell, shape (M,). Where given, interfaces follow cell edges;
-        otherwise a cell whose particles carry different fluids is cut at the mid-points of its edges.
+    cell_fluid: the fluid of each cell, shape (M,). Where given, interfaces follow cell edges, and the
+        particles on them belong to both sides; otherwise a cell whose particles carry different fluids
+        is cut at the mid-points of its edges.
     spacing: mean particle spacing [m]; it only sizes the dots. Default: from the area a particle has.
     title: a line above the picture.
 
@@ -33,6 +36,7 @@ class Scene:
     fluid: np.ndarray
     wall: np.ndarray | None = None
     fields: Mapping[str, np.ndarray] = field(default_factory=dict)
+    cell_fields: Mapping[str, np.ndarray] = field(default_factory=dict)
     time: float = 0.0
     fluid_names: tuple[str, ...] = ("fluid",)
     fluid_densities: tuple[float, ...] | None = None
@@ -73,6 +77,12 @@ class Scene:
         for name, values in fields.items():
             if values.shape != (count,):
                 raise ValueError(f"field {name!r}: shape {values.shape}, expected ({count},)")
+        cell_fields = {name: np.asarray(values, np.float64) for name, values in self.cell_fields.items()}
+        for name, values in cell_fields.items():
+            if name not in fields:
+                raise ValueError(f"cell_fields: {name!r} is not among fields")
+            if values.shape != (len(cells),):
+                raise ValueError(f"cell_fields {name!r}: shape {values.shape}, expected ({len(cells)},)")
         lower = position.min(axis=0) if self.lower is None else np.asarray(self.lower, np.float64)
         upper = position.max(axis=0) if self.upper is None else np.asarray(self.upper, np.float64)
         if lower.shape != (2,) or upper.shape != (2,) or not np.all(upper > lower):
@@ -84,7 +94,7 @@ class Scene:
             raise ValueError(f"spacing: {spacing}, expected a length above 0 m")
 
         values = dict(position=position, cells=cells, fluid=fluid, wall=wall, fields=fields,
-                      time=float(self.time), fluid_names=names, lower=lower, upper=upper,
+                      cell_fields=cell_fields, time=float(self.time), fluid_names=names, lower=lower, upper=upper,
                       cell_fluid=cell_fluid, spacing=spacing)
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -97,11 +107,23 @@ class Scene:
         if name not in self.fields:
             known = ", ".join(sorted(self.fields)) or "none"
             raise ValueError(f"field {name!r} is not in the results; there are: {known}")
-        values = self.fields[name]
+        return self._finite(name, self.fields[name], "particle")
+
+    def corner_values(self, name: str) -> np.ndarray:
+        """Values of the field at the corners of the cells, shape (M, 3): the cell's own, else the particles'.
+
+        Raises as `field_values` does.
+        """
+        values = self.field_values(name)
+        if name not in self.cell_fields:
+            return values[self.cells]
+        return np.repeat(self._finite(name, self.cell_fields[name], "cell")[:, None], 3, axis=1)
+
+    def _finite(self, name, values, of):
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
             raise ValueError(f"field {name!r} at t = {self.time:g} s: {len(bad)} values are not finite, "
-                             f"the first at particle {bad[0]}")
+                             f"the first at {of} {bad[0]}")
         return values
 
 

@@ -17,7 +17,7 @@ def volumes(particles: tp.Particles, count: int) -> np.ndarray:
     """Volume of each fluid on the mesh of the particles, walls labelled by their neighbours."""
     mesh = triangulate(particles.position, particles.wall, particles.spacing)
     fluid = wall_fluid(mesh, particles.fluid, particles.wall)
-    return fluid_volumes(mesh, InterpolatedInterface().fluid_fraction(mesh.cells, fluid, count))
+    return fluid_volumes(mesh, InterpolatedInterface().fluid_fraction(mesh, fluid, count))
 
 
 def on_the_boundary(position: np.ndarray, size) -> np.ndarray:

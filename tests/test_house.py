@@ -19,13 +19,20 @@ ORDER = [
     "validation",
     "fluid",
     "particles",
+    "faces",
     "geometry",
     "mesh",
     "triangulation",
     "interface",
     "relocation",
     "transfer",
+    "conservation",
+    "fitting",
     "device",
+    "surgery",
+    "remeshing_kernels",
+    "fitted",
+    "remeshing",
     "element",
     "assembly",
     "block_kernels",
@@ -46,7 +53,10 @@ ORDER = [
 ]
 ENTRANCES = {"__init__", "__main__"}  # may import any of ORDER, and are imported by none
 # The only files of tipfem/ that import Taichi.
-TAICHI = {"device", "element", "assembly", "block_kernels", "background_grid", "cycle_kernels", "krylov"}
+TAICHI = {
+    "device", "surgery", "remeshing_kernels", "element", "assembly", "block_kernels", "background_grid",
+    "cycle_kernels", "krylov",
+}  # fmt: skip
 RENDER_TAICHI = {"ggui", "rasterizer"}  # and of render/, beside at most one file that starts it
 RENDER_START_LINES = 100  # that file stays small
 RENDER_USERS = {"cli"}  # the only files of tipfem/ that may open render/

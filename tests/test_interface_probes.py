@@ -17,7 +17,7 @@ RULE = InterpolatedInterface()
 
 def volumes_of(mesh, fluid, count):
     """Volume of each fluid by the mid-edge rule."""
-    return probes.fluid_volumes(mesh, RULE.fluid_fraction(mesh.cells, fluid, count))
+    return probes.fluid_volumes(mesh, RULE.fluid_fraction(mesh, fluid, count))
 
 
 def random_mesh(dimension: int, seed: int, fluids: int = 2) -> tuple[tp.Particles, Mesh]:
@@ -44,6 +44,11 @@ def nearest_corner_share(corner: np.ndarray, label: np.ndarray, points: int = 40
     return np.array([1 - one, one])
 
 
+def one_cell(corners):
+    """A mesh of one simplex, wherever."""
+    return Mesh(np.zeros((corners, corners - 1)), np.arange(corners, dtype=np.int32)[None])
+
+
 @pytest.mark.parametrize(
     ("label", "share"),
     [
@@ -59,8 +64,8 @@ def nearest_corner_share(corner: np.ndarray, label: np.ndarray, points: int = 40
     ],
 )
 def test_shares_of_two_fluids_are_those_of_the_cut_through_the_mid_edges(label, share):
-    cells, label = np.arange(len(label), dtype=np.int32)[None], np.array(label)
-    np.testing.assert_array_equal(RULE.fluid_fraction(cells, label, 2), [share])
+    mesh, label = one_cell(len(label)), np.array(label)
+    np.testing.assert_array_equal(RULE.fluid_fraction(mesh, label, 2), [share])
     corner = np.random.default_rng(1).normal(size=(len(label), len(label) - 1))
     np.testing.assert_allclose(nearest_corner_share(corner, label), share, atol=0.01)
 
@@ -76,15 +81,14 @@ def test_shares_of_two_fluids_are_those_of_the_cut_through_the_mid_edges(label, 
     ],
 )
 def test_three_fluids_share_an_element_evenly_among_its_corners(label, share):
-    cells = np.arange(len(label), dtype=np.int32)[None]
-    np.testing.assert_allclose(RULE.fluid_fraction(cells, np.array(label), 4), [share], rtol=1e-15)
+    np.testing.assert_allclose(RULE.fluid_fraction(one_cell(len(label)), np.array(label), 4), [share], rtol=1e-15)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("fluids", [1, 2, 3])
 def test_shares_sum_to_one_and_volumes_to_the_tank(dimension, fluids):
     p, mesh = random_mesh(dimension, 3, fluids)
-    fraction = RULE.fluid_fraction(mesh.cells, p.fluid, fluids)
+    fraction = RULE.fluid_fraction(mesh, p.fluid, fluids)
     assert fraction.shape == (len(mesh.cells), fluids)
     np.testing.assert_allclose(fraction.sum(axis=1), 1.0, rtol=1e-15)
     volumes = volumes_of(mesh, p.fluid, fluids)
@@ -103,7 +107,7 @@ def test_volumes_of_a_square_by_hand():
 def test_an_element_takes_the_mean_of_its_particles(water, air, glycerin):
     fluids = [water, air, glycerin]
     p, mesh = random_mesh(2, 5, 3)
-    density, viscosity = RULE.element_properties(mesh.cells, p.fluid, fluids)
+    density, viscosity = RULE.element_properties(mesh, p.fluid, fluids)
     for m, cell in enumerate(mesh.cells):
         assert density[m] == pytest.approx(np.mean([fluids[k].density for k in p.fluid[cell]]), rel=1e-14)
         assert viscosity[m] == pytest.approx(np.mean([fluids[k].viscosity for k in p.fluid[cell]]), rel=1e-14)
@@ -256,7 +260,7 @@ def test_hydrostatic_pressure_of_layers(water, air, glycerin):
 def fractions(seed: int, fluids: int) -> tuple[Mesh, np.ndarray, np.ndarray]:
     """A random mesh, its fractions and its volumes."""
     p, mesh = random_mesh(2, seed, fluids)
-    fraction = RULE.fluid_fraction(mesh.cells, p.fluid, fluids)
+    fraction = RULE.fluid_fraction(mesh, p.fluid, fluids)
     return mesh, fraction, mesh.measure @ fraction
 
 

@@ -253,7 +253,7 @@ def test_the_volume_source_of_a_nearly_vanished_fluid_is_bounded(water, air):
     """One factor for all fluids: the balance stays zero."""
     simulation = tp.Simulation(dam_break(water, air, 0.05))
     mesh, p = simulation.mesh, simulation.particles
-    fraction = simulation.interface.fluid_fraction(mesh.cells, p.fluid, 2)
+    fraction = simulation.interface.fluid_fraction(mesh, p.fluid, 2)
     volume = mesh.measure @ fraction
     wanted = np.array([5 * volume[0], volume[1] - 4 * volume[0]])
     growth = volume_source(mesh, fraction, wanted, 0.5)

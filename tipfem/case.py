@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from tipfem.fitted import FittedRule
+from tipfem.fitting import FittedRule
 from tipfem.fluid import Fluid
 from tipfem.geometry import Tank
-from tipfem.interface import InterpolatedInterface, SharpInterface
+from tipfem.interface import InterfaceRule, InterpolatedInterface, SharpInterface
 from tipfem.particles import Array, Particles
 from tipfem.relocation import RelocationRule
 from tipfem.validation import is_number, numbers
 
-INTERFACES = {"interpolated": InterpolatedInterface, "sharp": SharpInterface}
+INTERFACES: dict[str, type[InterfaceRule]] = {"interpolated": InterpolatedInterface, "sharp": SharpInterface}
 DEFAULT_INTERFACE = "interpolated"
 
 

@@ -13,35 +13,11 @@ import numpy as np
 
 from tipfem import remeshing_kernels as kernels
 from tipfem.conservation import bodies, inherit, move_interfaces, share_out
+from tipfem.fitting import FittedRule
 from tipfem.mesh import Mesh, simplex_measure
 from tipfem.particles import Array, Particles
 from tipfem.surgery import STAR
 from tipfem.triangulation import TriangulationError
-
-
-@dataclass(frozen=True)
-class FittedRule:
-    """When the triangulation is changed; all lengths in particle spacings.
-
-    Attributes:
-        close: particles inside a fluid closer than this to another crowd it, and one goes.
-        edge: the same for the distance to an edge of an interface or a wall.
-        chain: the same along interfaces and walls.
-        long: edges longer than this are split before any others; those of interfaces and walls
-            count 1.3 times.
-        film: a film thinner than this breaks.
-        reach: how far an interface's end on a wall may be from the foot of the next particle on it.
-        slack: how far a particle may be inside a circumcircle before an edge is flipped; relative, see
-            `surgery.in_circle`. Not zero: a flip that gains nothing disturbs fluids at rest.
-    """
-
-    close: float = 0.6
-    edge: float = 0.4
-    chain: float = 0.55
-    long: float = 1.7
-    film: float = 0.3
-    reach: float = 0.8
-    slack: float = 1e-3
 
 
 @dataclass
@@ -113,46 +89,6 @@ class Triangulation:
         length = length.ravel()[edges]
         order = np.argsort(-length, kind="stable")
         return edges[order].astype(np.int32), length[order]
-
-
-def recover_triangulation(mesh: Mesh, particles: Particles, density: Array) -> Mesh:
-    """Give each triangle of a first mesh its fluid: the lightest of its particles' fluids.
-
-    So interfaces run along edges through the outermost particles of the heavier fluid.
-
-    Args:
-        mesh: Delaunay triangles.
-        particles: their particles, walls with a fluid too.
-        density: (F,) of the fluids [kg/m^3].
-    """
-    lightest_first = np.argsort(density, kind="stable")
-    rank = np.empty(len(density), dtype=np.int32)
-    rank[lightest_first] = np.arange(len(density))
-    fluid = lightest_first[rank[particles.fluid[mesh.cells]].min(axis=1)].astype(np.int32)
-    return Mesh(mesh.position, mesh.cells, fluid)
-
-
-def particle_fluid(mesh: Mesh, count: int, density: Array) -> Array:
-    """(N,) the heaviest fluid at each of ``count`` particles."""
-    assert mesh.fluid is not None
-    fluid = np.zeros(count, dtype=np.int32)
-    for f in np.argsort(density, kind="stable"):
-        fluid[mesh.cells[mesh.fluid == f].ravel()] = f
-    return fluid
-
-
-def hull_corners(mesh: Mesh) -> Array:
-    """(N,) mask of the particles at which the hull turns."""
-    cell, i = np.nonzero(mesh.across < 0)
-    a, b = mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]
-    direction = mesh.position[b] - mesh.position[a]
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    total = np.zeros_like(mesh.position)
-    np.add.at(total, a, direction)
-    np.add.at(total, b, direction)
-    on = np.zeros(len(mesh.position), dtype=bool)
-    on[a] = True
-    return on & (np.linalg.norm(total, axis=1) < 2 - 1e-9)
 
 
 def repair(

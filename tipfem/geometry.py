@@ -238,6 +238,7 @@ class Tank:
     def _lines(self, axis: int) -> Array:
         """Coordinates (n,) of the lattice lines along one axis [m]."""
         length, h = float(self.size[axis]), self.spacing
+        length, h = float(self.size[axis]), self.spacing
         # On a wall stands a line of its own, which the layer's first must keep off.
         edges = self._edges(
             axis, lambda lower, upper: (CLOSEST * (1.0 if lower > 0 and upper < length else 1.5), "one line")

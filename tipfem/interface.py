@@ -9,12 +9,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from tipfem.fluid import Fluid
 from tipfem.mesh import Mesh
 from tipfem.particles import Array
+
+
+class InterfaceRule(Protocol):
+    """What a simulation asks of a rule."""
+
+    def element_properties(self, mesh: Mesh, fluid: Array, fluids: Sequence[Fluid]) -> tuple[Array, Array]:
+        """Density (M,) [kg/m^3] and viscosity (M,) [Pa s] of a mesh's elements, from the particles' ``fluid`` (N,)."""
+
+    def fluid_fraction(self, mesh: Mesh, fluid: Array, count: int) -> Array:
+        """Part of each element that each of ``count`` fluids fills, (M, count)."""
 
 
 @dataclass(frozen=True)

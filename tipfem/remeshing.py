@@ -7,7 +7,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from tipfem.fitted import FittedRule, hull_corners, particle_fluid, recover_triangulation, repair
+from tipfem.fitted import repair
+from tipfem.fitting import FittedRule, hull_corners, particle_fluid, with_fluids
 from tipfem.fluid import Fluid
 from tipfem.mesh import Mesh
 from tipfem.particles import Array, Particles
@@ -89,11 +90,11 @@ class FittedRemesher:
         """See `Remesher.start`; a triangle belongs to the lightest fluid among its particles'."""
         mesh = triangulate(particles.position, particles.wall, particles.spacing)
         particles.fluid = wall_fluid(mesh, particles.fluid, particles.wall)
-        mesh = recover_triangulation(mesh, particles, self.density)
+        mesh = with_fluids(mesh, particles, self.density)
         self._fixed = hull_corners(mesh)
         self._fixed[self._fixed_particles] = True
         if self._keep:
-            self._volumes = np.bincount(mesh.fluid, weights=mesh.measure, minlength=len(self.density))
+            self._volumes = np.bincount(np.asarray(mesh.fluid), weights=mesh.measure, minlength=len(self.density))
         return self._labelled(particles, mesh, np.zeros(len(particles), dtype=bool))
 
     def remesh(self, particles: Particles, mesh: Mesh) -> Remeshed:

@@ -222,7 +222,8 @@ class Simulation:
     def _remesher(self) -> Remesher:
         numerics = self.case.numerics
         if self.case.interface == "sharp":
-            return FittedRemesher(self.case.fluids, [self._reference], numerics.fitting, keep=numerics.volume_correction > 0)
+            keep = numerics.volume_correction > 0
+            return FittedRemesher(self.case.fluids, [self._reference], numerics.fitting, keep=keep)
         return DelaunayRemesher(numerics.relocation)
 
     def _properties(self, dt: float) -> ElementProperties:
