@@ -77,18 +77,20 @@ class Triangulation:
         self.across = np.where(across >= 0, number[across], -1).astype(np.int32)
         self.corner = np.where(self.corner >= 0, number[self.corner], -1).astype(np.int32)
 
-    def longest_edges(self, border: float) -> tuple[Array, Array]:
-        """Edges as 3 * cell + opposite corner, longest first, and their lengths [m]; those of interfaces
-        and hull count ``border`` times."""
+    def longest_edges(self, long: float) -> tuple[Array, int]:
+        """Edges as 3 * cell + opposite corner, longest first, but those of interfaces and walls longer than ``long``
+        [m] before all others; and how many these are."""
         x, cells, across = self.state[:, :2], self.cells, self.across
         number = np.arange(len(cells))[:, None]
         length = np.linalg.norm(x[cells[:, [1, 2, 0]]] - x[cells[:, [2, 0, 1]]], axis=2)
-        length[(across < 0) | (self.fluid[across] != self.fluid[:, None])] *= border
+        border = (across < 0) | (self.fluid[across] != self.fluid[:, None])
+        first = border & (length > long)
+        length[first] += 1e3 * long
         once = (self.fluid[:, None] >= 0) & ((across < 0) | (across > number))
         edges = np.flatnonzero(once.ravel())
         length = length.ravel()[edges]
         order = np.argsort(-length, kind="stable")
-        return edges[order].astype(np.int32), length[order]
+        return edges[order].astype(np.int32), int(first.ravel()[edges].sum())
 
 
 def repair(
@@ -133,12 +135,11 @@ def repair(
     changed = np.zeros(len(t.state), dtype=bool)
     placed = 0
     for attempt in range(6):
-        edges, length = t.longest_edges(1.3)
-        needed = int((length > rule.long * h).sum())
-        if needed > gone - placed and attempt < 3:
+        edges, needed = t.longest_edges(rule.long * h)
+        if needed > gone - placed and attempt == 0:
             # Nothing that crowds is left to take: take from where particles stand closest.
-            gone = _coarsen(t, held, star, flag, freed, gone, (0.7, 0.8, 0.9)[attempt] * h, rule, h, gone + needed)
-            edges, length = t.longest_edges(1.3)
+            gone = _coarsen(t, held, star, flag, freed, gone, rule.spare * h, rule, h, needed + placed)
+            edges, needed = t.longest_edges(rule.long * h)
         if placed == gone:
             break
         placed = _refine(t, wall, edges, freed, placed, gone, (0.6, 0.5, 0.4, 0.3, 0.2, 0.1)[attempt] * h)

@@ -19,8 +19,9 @@ class FittedRule:
         close: particles inside a fluid closer than this to another crowd it, and one goes.
         edge: the same for the distance to an edge of an interface or a wall.
         chain: the same along interfaces and walls.
-        long: edges longer than this are split before any others; those of interfaces and walls
-            count 1.3 times.
+        long: edges of interfaces and walls longer than this are split before any others.
+        spare: particles inside a fluid closer than this to another are taken where such edges are too many
+            for the particles that crowd others.
         film: a film thinner than this breaks.
         reach: how far an interface's end on a wall may be from the foot of the next particle on it.
         slack: how far a particle may be inside a circumcircle before an edge is flipped; relative, see
@@ -33,7 +34,8 @@ class FittedRule:
     close: float = 0.6
     edge: float = 0.4
     chain: float = 0.55
-    long: float = 1.7
+    long: float = 1.5
+    spare: float = 0.75
     film: float = 0.3
     reach: float = 0.8
     slack: float = 1e-3
@@ -44,6 +46,7 @@ class FittedRule:
             ("edge", 0.05, 0.8),
             ("chain", 0.1, 0.95),
             ("long", 1.2, 5.0),
+            ("spare", 0.1, 0.95),
             ("film", 0.0, 0.8),
             ("reach", 0.0, 3.0),
             ("slack", 0.0, 0.2),

@@ -213,7 +213,9 @@ class Simulation:
         fluid, fluids = particles.fluid, self.case.fluids
         density, viscosity = self.interface.element_properties(mesh, fluid, fluids)
         around = nodal_density(mesh, density)
-        if before is not None and self.case.numerics.momentum_transfer:
+        # Where interfaces run along edges, no particle changes its weight much with the mesh.
+        transfer = self.case.numerics.momentum_transfer and mesh.fluid is None
+        if before is not None and transfer:
             particles = transfer_momentum(particles, mesh, np.where(relocated, np.nan, before), around)
         self.mesh, self.particles = mesh, particles
         self._density, self._viscosity, self._nodal_density = density, viscosity, around
