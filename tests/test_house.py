@@ -29,6 +29,7 @@ ORDER = [
     "element",
     "assembly",
     "block_kernels",
+    "balance_kernels",
     "background_grid",
     "cycle_kernels",
     "multigrid",
@@ -38,6 +39,7 @@ ORDER = [
     "flow",
     "case",
     "probes",
+    "budget",
     "volume_source",
     "output",
     "progress",
@@ -46,7 +48,9 @@ ORDER = [
 ]
 ENTRANCES = {"__init__", "__main__"}  # may import any of ORDER, and are imported by none
 # The only files of tipfem/ that import Taichi.
-TAICHI = {"device", "element", "assembly", "block_kernels", "background_grid", "cycle_kernels", "krylov"}
+TAICHI = {
+    "device", "element", "assembly", "block_kernels", "balance_kernels", "background_grid", "cycle_kernels", "krylov",
+}  # fmt: skip
 RENDER_TAICHI = {"ggui", "rasterizer"}  # and of render/, beside at most one file that starts it
 RENDER_START_LINES = 100  # that file stays small
 RENDER_USERS = {"cli"}  # the only files of tipfem/ that may open render/
