@@ -23,6 +23,19 @@ from tipfem.probes import nodal_mass
 AXES = "xyz"
 
 
+# By einsum, which no threads share: a sum by BLAS would depend on their number, and wait for them.
+
+
+def summed(weight: Array, values: Array) -> Array:
+    """Sum over K of weights (K,) times values (K, n): (n,)."""
+    return np.einsum("k,kn->n", weight, values)
+
+
+def product(weight: Array, one: Array, other: Array) -> float:
+    """Sum over K of weights (K,) times the inner products of vectors (K, d)."""
+    return float(np.einsum("k,kd,kd->", weight, one, other))
+
+
 @dataclass(frozen=True)
 class Totals:
     """What all particles together have.
@@ -49,9 +62,8 @@ class Totals:
     @staticmethod
     def of(mass: Array, particles: Particles, gravity: Array, volume: Array) -> Totals:
         """Sums over the particles with masses (N,) and volumes of the fluids (F,)."""
-        v = particles.velocity
-        kinetic = 0.5 * float(mass @ (v**2).sum(axis=1))
-        return Totals(mass, kinetic, -float(mass @ (particles.position @ gravity)), mass @ v, volume)
+        v, place = particles.velocity, summed(mass, particles.position)
+        return Totals(mass, 0.5 * product(mass, v, v), -float((place * gravity).sum()), summed(mass, v), volume)
 
 
 @dataclass(frozen=True)
@@ -112,12 +124,12 @@ class Budget:
         """
         before, scheme, mesh = self._present, problem.scheme, problem.mesh
         mass, work, u = before.mass, problem.work(solution), displacement
-        volume = mesh.moved(moved.position).measure @ self._fraction
+        volume = summed(mesh.moved(moved.position).measure, self._fraction)
         after = Totals.of(mass, moved, self._gravity, volume)
         old, new = problem.particles.acceleration, moved.acceleration
-        inertia = float(mass @ ((1 - scheme.alpha_m) * new * u + scheme.alpha_m * old * u).sum(axis=1))
+        inertia = (1 - scheme.alpha_m) * product(mass, new, u) + scheme.alpha_m * product(mass, old, u)
         # Exactly what generalized-alpha conserves: dt a_alpha is the change of v + (1/2 - alpha_f) dt a.
-        impulse = after.momentum - before.momentum + (0.5 - scheme.alpha_f) * scheme.dt * (mass @ (new - old))
+        impulse = after.momentum - before.momentum + (0.5 - scheme.alpha_f) * scheme.dt * summed(mass, new - old)
         self._step = SolveBalance(
             after=after,
             viscous=work.viscous_dissipation,
@@ -125,15 +137,15 @@ class Budget:
             geometry=-work.geometry,
             stabilisation=work.stabilisation,
             source=-work.source,
-            external=float(mass @ ((force - self._gravity) * u).sum(axis=1)) + work.walls,
+            external=product(mass, force - self._gravity, u) + work.walls,
             wall_force=work.wall_force,
-            momentum_residual=impulse - scheme.dt * (mass @ force + work.wall_force),
-            source_volume=(problem.properties.source * mesh.measure) @ self._fraction,
+            momentum_residual=impulse - scheme.dt * (summed(mass, force) + work.wall_force),
+            source_volume=summed(problem.properties.source * mesh.measure, self._fraction),
         )
 
     def remeshed(self, mesh: Mesh, particles: Particles, density: Array, fraction: Array) -> None:
         """Take note of the state on a new mesh: M elements' densities (M,) and parts of the fluids (M, F)."""
-        now = Totals.of(nodal_mass(mesh, density), particles, self._gravity, mesh.measure @ fraction)
+        now = Totals.of(nodal_mass(mesh, density), particles, self._gravity, summed(mesh.measure, fraction))
         self._before, self._present, self._fraction = self._present, now, fraction
 
     def row(self) -> dict[str, float]:

@@ -201,8 +201,8 @@ class FlowProblem:
             self.buffers.get("work", parts, len(result)), result, self.scheme.cf, self.scheme.dt,
             self.elements, self.nodes, parts, self.dimension,
         )  # fmt: skip
-        works = result.tolist()[: balance_kernels.WORKS]
-        return StepWork(*works, result[balance_kernels.WORKS :])
+        viscous_dissipation, viscous, geometry, stabilisation, source, walls, *force = result.tolist()
+        return StepWork(viscous_dissipation, viscous, geometry, stabilisation, source, walls, np.array(force))
 
     def product(self, v: Any, out: Any) -> None:
         """out = K v, the derivative of the scaled residual at the last `residual` along ``v``."""
