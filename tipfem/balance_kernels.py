@@ -29,8 +29,8 @@ def step_work(
     5: work of what holds the rows with ``scale`` 0 (walls), R . u;  6 ... 5 + d: its force, sum of R [N]
     """
     for c in range(chunks):
-        for k in range(ti.static(WORKS + dim)):
-            partial[c, k] = 0.0
+        works = ti.Vector.zero(float, WORKS)
+        holding = ti.Vector.zero(float, dim)
         size = (elements + chunks - 1) // chunks
         for e in range(c * size, ti.min((c + 1) * size, elements)):
             g_now = get_matrix(record, e, 0, dim)
@@ -53,19 +53,23 @@ def step_work(
             growth = (2.0 * cf - 1.0) * second
             if ti.static(dim == 3):
                 growth += (3.0 * cf * cf - 1.0) * h.determinant()
-            partial[c, 0] += dt * w * (stress * l).sum()
-            partial[c, 1] += w * (stress * big_l).sum()
-            partial[c, 2] += area * mean_p * growth
-            partial[c, 3] += record[e, tail + 2] * pressure_force.dot(q) / record[e, tail + 3]
-            partial[c, 4] += area * mean_p * source[e]
+            works[0] += dt * w * (stress * l).sum()
+            works[1] += w * (stress * big_l).sum()
+            works[2] += area * mean_p * growth
+            works[3] += record[e, tail + 2] * pressure_force.dot(q) / record[e, tail + 3]
+            works[4] += area * mean_p * source[e]
         size = (nodes + chunks - 1) // chunks
         for i in range(c * size, ti.min((c + 1) * size, nodes)):
             for k in ti.static(range(dim)):
                 r = i * (dim + 1) + k
                 if scale[r] == 0.0:
                     force = gathered(local, corners, offsets[i], offsets[i + 1], k, dim + 1)
-                    partial[c, 5] += force * x[r]
-                    partial[c, ti.static(WORKS + k)] += force
+                    works[5] += force * x[r]
+                    holding[k] += force
+        for k in ti.static(range(WORKS)):
+            partial[c, k] = works[k]
+        for k in ti.static(range(dim)):
+            partial[c, WORKS + k] = holding[k]
     ti.loop_config(serialize=True)
     for c in range(chunks):
         for k in range(ti.static(WORKS + dim)):
