@@ -15,7 +15,7 @@ WORKS = 6  # sums of `step_work` before the force of the walls
 def step_work(
     cells: ti.types.ndarray(), offsets: ti.types.ndarray(), corners: ti.types.ndarray(),
     record: ti.types.ndarray(), source: ti.types.ndarray(), local: ti.types.ndarray(),
-    scale: ti.types.ndarray(), x: ti.types.ndarray(), partial: ti.types.ndarray(), result: ti.types.ndarray(),
+    wall: ti.types.ndarray(), x: ti.types.ndarray(), partial: ti.types.ndarray(), result: ti.types.ndarray(),
     cf: float, dt: float, elements: ti.i32, nodes: ti.i32, chunks: ti.i32, dim: ti.template(),
 ):  # fmt: skip
     """Work of the terms of the residual at ``x`` when it is tested with the displacements u and pressures p in ``x``.
@@ -26,7 +26,7 @@ def step_work(
     0: dt w tau : l, viscous dissipation;  1: w tau : L, work against the viscous stress
     2: A pbar ((2 cf - 1) I2 + (3 cf^2 - 1) I3) = pbar (w tr L - A (J_{n+1} - 1))  (without I3 in 2-D)
     3: A tau_s grad p . q, stabilisation;  4: A pbar s, volume source
-    5: work of what holds the rows with ``scale`` 0 (walls), R . u;  6 ... 5 + d: its force, sum of R [N]
+    5: work of the walls, R . u of their particles;  6 ... 5 + d: the force of the walls, sum of R [N]
     """
     for c in range(chunks):
         works = ti.Vector.zero(float, WORKS)
@@ -60,11 +60,10 @@ def step_work(
             works[4] += area * mean_p * source[e]
         size = (nodes + chunks - 1) // chunks
         for i in range(c * size, ti.min((c + 1) * size, nodes)):
-            for k in ti.static(range(dim)):
-                r = i * (dim + 1) + k
-                if scale[r] == 0.0:
+            if wall[i] != 0:
+                for k in ti.static(range(dim)):
                     force = gathered(local, corners, offsets[i], offsets[i + 1], k, dim + 1)
-                    works[5] += force * x[r]
+                    works[5] += force * x[i * (dim + 1) + k]
                     holding[k] += force
         for k in ti.static(range(WORKS)):
             partial[c, k] = works[k]

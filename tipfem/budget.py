@@ -78,9 +78,10 @@ class SolveBalance:
         geometry: work of pressure on volume that changes between the intermediate and the last positions.
         stabilisation: of the stabilisation of pressure.
         source: of the volume source; usually a gain or a loss by turns.
-        external: work of the body force (gravity excepted) and of moving walls; positive when energy is gained.
+        external: work of the body force (gravity excepted) and of the walls; positive when energy is gained.
         wall_force: (d,) of the walls on the fluids, at the intermediate time [N].
-        momentum_residual: (d,) change of sum m (v + (1/2 - alpha_f) dt a) that no force accounts for [N s].
+        momentum_residual: (d,) change of sum m (v + (1/2 - alpha_f) dt a) that no force accounts for [N s]; wall
+            particles, whose state is prescribed, enter with dt a_alpha.
         source_volume: (F,) growth that the volume source prescribed [m^3].
     """
 
@@ -126,20 +127,21 @@ class Budget:
         mass, work, u = before.mass, problem.work(solution), displacement
         volume = summed(mesh.moved(moved.position).measure, self._fraction)
         after = Totals.of(mass, moved, self._gravity, volume)
-        old, new = problem.particles.acceleration, moved.acceleration
-        inertia = (1 - scheme.alpha_m) * product(mass, new, u) + scheme.alpha_m * product(mass, old, u)
-        # Exactly what generalized-alpha conserves: dt a_alpha is the change of v + (1/2 - alpha_f) dt a.
-        impulse = after.momentum - before.momentum + (0.5 - scheme.alpha_f) * scheme.dt * summed(mass, new - old)
+        inertia = problem.acceleration(u) + force
+        # dt a_alpha is the change of v + (1/2 - alpha_f) dt a, but at walls, where the state is prescribed.
+        old, shift = problem.particles, (0.5 - scheme.alpha_f) * scheme.dt
+        change = moved.velocity - old.velocity + shift * (moved.acceleration - old.acceleration)
+        change = np.where(old.wall[:, None], scheme.dt * inertia, change)
         self._step = SolveBalance(
             after=after,
             viscous=work.viscous_dissipation,
-            time=inertia - (after.kinetic - before.kinetic) + work.viscous - work.viscous_dissipation,
+            time=product(mass, inertia, u) - (after.kinetic - before.kinetic) + work.viscous - work.viscous_dissipation,
             geometry=-work.geometry,
             stabilisation=work.stabilisation,
             source=-work.source,
             external=product(mass, force - self._gravity, u) + work.walls,
             wall_force=work.wall_force,
-            momentum_residual=impulse - scheme.dt * (summed(mass, force) + work.wall_force),
+            momentum_residual=summed(mass, change) - scheme.dt * (summed(mass, force) + work.wall_force),
             source_volume=summed(problem.properties.source * mesh.measure, self._fraction),
         )
 

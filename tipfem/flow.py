@@ -77,7 +77,7 @@ class StepWork:
         geometry: work of pressure on the change of volume from the intermediate to the last positions.
         stabilisation: loss by the stabilisation of pressure.
         source: work of pressure on the prescribed growth.
-        walls: work of the forces that hold or move the walls.
+        walls: work of the walls' forces on the fluids.
         wall_force: (d,) these forces together [N], on the fluids.
     """
 
@@ -131,6 +131,7 @@ class FlowProblem:
         acceleration[particles.wall] = 0.0
         acceleration -= body_force
         self._velocity, self._acceleration = put("velocity", velocity), put("acceleration", acceleration)
+        self._wall, self._relative = put("wall", particles.wall), acceleration
         self._local = buffers.get("local", self.elements * (d + 1), d + 1)
         self._record = buffers.get("record", self.elements, assembly.record_width(d))
         self._scale = buffers.get("scale", self.size)
@@ -192,12 +193,16 @@ class FlowProblem:
         """The last scaled residual (N, d + 1) [m]."""
         return download(self._r, self.size).astype(np.float64).reshape(self.nodes, -1)
 
+    def acceleration(self, displacement: Array) -> Array:
+        """a_alpha - b (N, d) [m/s^2] at displacements (N, d): what inertia and body forces together are made of."""
+        return self.scheme.cm * displacement + self._relative
+
     def work(self, x: Any) -> StepWork:
         """Work of each term at ``x``, where the last `residual` was; no `product` may come between."""
         result = np.zeros(balance_kernels.WORKS + self.dimension)
         parts = chunks()
         balance_kernels.step_work(
-            *self._topology, self._record, self._source, self._local, self._scale, x,
+            *self._topology, self._record, self._source, self._local, self._wall, x,
             self.buffers.get("work", parts, len(result)), result, self.scheme.cf, self.scheme.dt,
             self.elements, self.nodes, parts, self.dimension,
         )  # fmt: skip
