@@ -36,6 +36,7 @@ ORDER = [
     "element",
     "assembly",
     "block_kernels",
+    "balance_kernels",
     "background_grid",
     "cycle_kernels",
     "multigrid",
@@ -45,6 +46,7 @@ ORDER = [
     "flow",
     "case",
     "probes",
+    "budget",
     "volume_source",
     "output",
     "progress",
@@ -54,8 +56,8 @@ ORDER = [
 ENTRANCES = {"__init__", "__main__"}  # may import any of ORDER, and are imported by none
 # The only files of tipfem/ that import Taichi.
 TAICHI = {
-    "device", "surgery", "remeshing_kernels", "element", "assembly", "block_kernels", "background_grid",
-    "cycle_kernels", "krylov",
+    "device", "surgery", "remeshing_kernels", "element", "assembly", "block_kernels", "balance_kernels",
+    "background_grid", "cycle_kernels", "krylov",
 }  # fmt: skip
 RENDER_TAICHI = {"ggui", "rasterizer"}  # and of render/, beside at most one file that starts it
 RENDER_START_LINES = 100  # that file stays small

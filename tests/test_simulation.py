@@ -138,8 +138,15 @@ def test_a_run_leaves_history_fields_and_summary(water, air, tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
     rows = list(csv.DictReader((tmp_path / "history.csv").open()))
     assert list(rows[0]) == (
-        "step,time,time_step,newton_iterations,krylov_iterations,relocated,max_speed,kinetic_energy,"
-        "volume_water,volume_air,doubled,wall_seconds"
+        "step,time,time_step,newton_iterations,krylov_iterations,relocated,max_speed,"
+        "kinetic_energy,potential_energy,viscous_dissipation,numerical_dissipation,"
+        "time_dissipation,geometry_dissipation,stabilisation_dissipation,source_dissipation,"
+        "remeshing_dissipation,remeshing_potential_energy,external_work,energy_residual,"
+        "momentum_x,momentum_y,wall_force_x,wall_force_y,"
+        "remeshing_momentum_x,remeshing_momentum_y,momentum_residual_x,momentum_residual_y,"
+        "volume_water,volume_air,solve_volume_water,solve_volume_air,"
+        "source_volume_water,source_volume_air,remeshing_volume_water,remeshing_volume_air,"
+        "doubled,wall_seconds"
     ).split(",")
     assert float(rows[-1]["time"]) == 0.01
     files = sorted((tmp_path / "fields").glob("*.vtu"))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tipfem import assembly, block_kernels, krylov
+from tipfem import assembly, balance_kernels, block_kernels, krylov
 from tipfem.device import Buffers, chunks, download
 from tipfem.mesh import Mesh
 from tipfem.multigrid import BackgroundMultigrid
@@ -67,6 +67,29 @@ class StepLimits:
     finite: bool
 
 
+@dataclass(frozen=True)
+class StepWork:
+    """What the terms of the residual do when it is tested with displacements and pressures: see `step_work`.
+
+    Attributes:
+        viscous_dissipation: dt int 2 mu d : d [J, per metre of depth in 2-D, as all others].
+        viscous: work against the viscous stress.
+        geometry: work of pressure on the change of volume from the intermediate to the last positions.
+        stabilisation: loss by the stabilisation of pressure.
+        source: work of pressure on the prescribed growth.
+        walls: work of the walls' forces on the fluids.
+        wall_force: (d,) these forces together [N], on the fluids.
+    """
+
+    viscous_dissipation: float
+    viscous: float
+    geometry: float
+    stabilisation: float
+    source: float
+    walls: float
+    wall_force: Array
+
+
 class FlowProblem:
     """Momentum and continuity of one step; unknowns are displacements [m] and pressures [Pa].
 
@@ -90,7 +113,7 @@ class FlowProblem:
         stabilisation: float,
         workspace: Workspace,
     ) -> None:
-        self.mesh, self.particles, self.scheme = mesh, particles, scheme
+        self.mesh, self.particles, self.scheme, self.properties = mesh, particles, scheme, properties
         self.stabilisation = stabilisation
         self.dimension = d = mesh.dimension
         self.nodes, self.elements = len(mesh.position), len(mesh.cells)
@@ -108,6 +131,7 @@ class FlowProblem:
         acceleration[particles.wall] = 0.0
         acceleration -= body_force
         self._velocity, self._acceleration = put("velocity", velocity), put("acceleration", acceleration)
+        self._wall, self._relative = put("wall", particles.wall), acceleration
         self._local = buffers.get("local", self.elements * (d + 1), d + 1)
         self._record = buffers.get("record", self.elements, assembly.record_width(d))
         self._scale = buffers.get("scale", self.size)
@@ -168,6 +192,22 @@ class FlowProblem:
     def residual_vector(self) -> Array:
         """The last scaled residual (N, d + 1) [m]."""
         return download(self._r, self.size).astype(np.float64).reshape(self.nodes, -1)
+
+    def acceleration(self, displacement: Array) -> Array:
+        """a_alpha - b (N, d) [m/s^2] at displacements (N, d): what inertia and body forces together are made of."""
+        return self.scheme.cm * displacement + self._relative
+
+    def work(self, x: Any) -> StepWork:
+        """Work of each term at ``x``, where the last `residual` was; no `product` may come between."""
+        result = np.zeros(balance_kernels.WORKS + self.dimension)
+        parts = chunks()
+        balance_kernels.step_work(
+            *self._topology, self._record, self._source, self._local, self._wall, x,
+            self.buffers.get("work", parts, len(result)), result, self.scheme.cf, self.scheme.dt,
+            self.elements, self.nodes, parts, self.dimension,
+        )  # fmt: skip
+        viscous_dissipation, viscous, geometry, stabilisation, source, walls, *force = result.tolist()
+        return StepWork(viscous_dissipation, viscous, geometry, stabilisation, source, walls, np.array(force))
 
     def product(self, v: Any, out: Any) -> None:
         """out = K v, the derivative of the scaled residual at the last `residual` along ``v``."""

@@ -80,4 +80,4 @@ class SharpInterface:
 
     def fluid_fraction(self, mesh: Mesh, fluid: Array, count: int) -> Array:
         """Part of each element that each fluid fills, (M, count): all or nothing."""
-        return np.asarray(mesh.fluid)[:, None] == np.arange(count)
+        return (np.asarray(mesh.fluid)[:, None] == np.arange(count)).astype(float)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tipfem import device, probes
+from tipfem.budget import Budget
 from tipfem.case import INTERFACES, Case
 from tipfem.errors import SimulationError, StepRefused
 from tipfem.flow import ElementProperties, FlowProblem, Workspace
@@ -83,6 +84,7 @@ class Simulation:
         frequency = math.sqrt(float(np.linalg.norm(force, axis=1).max()) / case.particles.spacing)
         natural = 0.05 / frequency if frequency else 1e-3
         self.control = StepControl(natural if time_step is None else time_step)
+        self.budget = Budget(case)
         self._workspace = Workspace()
         self._reference = case.pressure_reference()
         self.remesher = self._remesher()
@@ -205,7 +207,9 @@ class Simulation:
         if moved > self.control.reach:
             raise StepRefused(f"a particle would move by {moved:.2f} spacings")
         displacement, pressure = problem.split(result.solution)
-        return scheme.advance(self.particles, displacement, pressure - pressure[self._reference]), result
+        after = scheme.advance(self.particles, displacement, pressure - pressure[self._reference])
+        self.budget.solved(problem, result.solution, displacement, after, force)
+        return after, result
 
     def _take(self, remeshed: Remeshed, before: Array | None = None) -> None:
         """Make particles on a new mesh the present state; before (N,) is the density around each on the old mesh."""
@@ -220,6 +224,7 @@ class Simulation:
         self.mesh, self.particles = mesh, particles
         self._density, self._viscosity, self._nodal_density = density, viscosity, around
         self._fraction = self.interface.fluid_fraction(mesh, fluid, len(fluids))
+        self.budget.remeshed(mesh, particles, density, self._fraction)
 
     def _remesher(self) -> Remesher:
         numerics = self.case.numerics
@@ -274,10 +279,8 @@ class Simulation:
             "krylov_iterations": result.krylov_iterations,
             "relocated": relocated,
             "max_speed": self.particles.max_speed,
-            "kinetic_energy": self.energy().kinetic,
+            **self.budget.row(),
         }
-        for fluid, volume in zip(self.case.fluids, self._volumes(), strict=True):
-            row[f"volume_{fluid.name}"] = float(volume)
         row.update(dict.fromkeys(self.columns, math.nan), wall_seconds=clock.perf_counter() - self._started)
         try:
             failure = fill_columns(row, self.columns, self)
