@@ -19,6 +19,7 @@ ORDER = [
     "validation",
     "fluid",
     "particles",
+    "walls",
     "geometry",
     "mesh",
     "triangulation",
@@ -29,12 +30,18 @@ ORDER = [
     "element",
     "assembly",
     "block_kernels",
+    "wall_kernels",
     "background_grid",
     "cycle_kernels",
     "multigrid",
     "krylov",
     "newton",
     "time_integration",
+    "boundary",
+    "wall_motion",
+    "wall_spacing",
+    "wall_step",
+    "wall_rows",
     "flow",
     "case",
     "probes",
@@ -46,7 +53,9 @@ ORDER = [
 ]
 ENTRANCES = {"__init__", "__main__"}  # may import any of ORDER, and are imported by none
 # The only files of tipfem/ that import Taichi.
-TAICHI = {"device", "element", "assembly", "block_kernels", "background_grid", "cycle_kernels", "krylov"}
+TAICHI = {
+    "device", "element", "assembly", "block_kernels", "wall_kernels", "background_grid", "cycle_kernels", "krylov",
+}  # fmt: skip
 RENDER_TAICHI = {"ggui", "rasterizer"}  # and of render/, beside at most one file that starts it
 RENDER_START_LINES = 100  # that file stays small
 RENDER_USERS = {"cli"}  # the only files of tipfem/ that may open render/

@@ -12,7 +12,10 @@ import numpy as np
 from tipfem.fluid import Fluid
 from tipfem.particles import Array, Particles
 from tipfem.validation import is_number, numbers
+from tipfem.walls import Wall
 
+# The walls of a tank by their names: axis, and whether it is the one at the upper end.
+SIDES = {name: (k // 2, k % 2 == 1) for k, name in enumerate(["left", "right", "bottom", "top", "back", "front"])}
 # Lines closer than this, in spacings, would be crowded from the start: relocation moves such particles.
 CLOSEST = 0.6
 
@@ -54,6 +57,7 @@ class Tank:
     jitter: float = 0.0
     seed: int = 0
     _regions: list[_Region] = field(default_factory=list, repr=False)
+    _walls: dict[str, dict[str, Any]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         size = numbers(self.size)
@@ -125,6 +129,40 @@ class Tank:
         else:
             self._regions.append(_Region(fluid, "tank", _everywhere))
         return self
+
+    def wall(self, side: str, **what: Any) -> Tank:
+        """Let a wall slip, slide or move: ``wall("top", velocity=(1, 0))``, ``wall("left", slip=True)``.
+
+        Args:
+            side: left, right, bottom or top; back or front (low and high z) too in 3-D.
+            what: slip, slip_length, velocity or motion, see `Wall`.
+
+        Returns:
+            The tank itself, so that calls can be chained.
+
+        Raises:
+            ValueError: there is no such wall, it has been said already, or see `Wall`.
+        """
+        sides = [name for name, (axis, _) in SIDES.items() if axis < len(self.size)]
+        if side not in sides:
+            raise ValueError(f"wall: {side!r} is no wall of this tank; it has {', '.join(sides)}")
+        if side in self._walls:
+            raise ValueError(f"wall {side!r} is described twice; say all about it in one call")
+        options = {"slip", "slip_length", "velocity", "motion"}
+        if not what or set(what) - options:
+            raise ValueError(f"wall {side!r}: {sorted(what)} given; it takes one or more of {sorted(options)}")
+        Wall(side, particles=[], **what)  # refuses bad values here
+        self._walls[side] = what
+        return self
+
+    def walls(self, particles: Particles) -> list[Wall]:
+        """The walls described by `wall`, on the tank's own particles as `sample` gives them."""
+        result = []
+        for name, what in self._walls.items():
+            axis, upper = SIDES[name]
+            place = float(self.size[axis]) if upper else 0.0
+            result.append(Wall(name, particles=particles.wall & (particles.position[:, axis] == place), **what))
+        return result
 
     def sample(self, fluids: Sequence[Fluid]) -> Particles:
         """Particles of the filled tank, walls included.

@@ -25,6 +25,8 @@ from tipfem.transfer import nodal_density, transfer_momentum
 from tipfem.triangulation import TriangulationError, triangulate, wall_fluid
 from tipfem.validation import is_number
 from tipfem.volume_source import VolumeControl
+from tipfem.wall_motion import set_off
+from tipfem.wall_step import WallStep, walls_in_step
 
 Probe = Callable[["Simulation"], float]
 
@@ -83,11 +85,12 @@ class Simulation:
         natural = 0.05 / frequency if frequency else 1e-3
         self.control = StepControl(natural if time_step is None else time_step)
         self._workspace = Workspace()
+        self._walls: WallStep | None = None
         self._reference = case.pressure_reference()
         self._started = clock.perf_counter()
         self._outputs = 0
         try:
-            self._take(case.particles.copy())
+            self._take(set_off(case.boundary, case.particles.copy(), 0.25 * self.control.largest))
         except TriangulationError as error:
             raise ValueError(f"Simulation: the initial particles cannot be meshed: {error}") from error
         self.volume_control = VolumeControl(self._volumes(), case.numerics.volume_correction * frequency)
@@ -110,10 +113,12 @@ class Simulation:
         if not until > self.time:
             raise ValueError(f"step: until is {until!r} s; it must be later than the present {self.time:g} s")
         while True:
-            dt = self.control.length(self.particles.max_speed, self.particles.spacing, until - self.time)
+            speed = self.case.boundary.largest_speed(self.particles, self.time, self.control.current)
+            dt = self.control.length(speed, self.particles.spacing, until - self.time)
             try:
                 moved, result = self._solve(dt)
                 relocated, count = relocate(moved, self.mesh, self.case.numerics.relocation)
+                relocated, of_walls = self._walls.space(relocated) if self._walls else (relocated, 0)
                 still = (relocated.position == moved.position).all(axis=1)
                 self._take(relocated, np.where(still, self._nodal_density, np.nan))
                 break
@@ -127,7 +132,7 @@ class Simulation:
         self.volume_control.observe(self._volumes(), dt)
         self.time = until if abs(until - self.time - dt) < 1e-9 * dt else self.time + dt
         self.step_number += 1
-        self._record(dt, result, count)
+        self._record(dt, result, count + of_walls)
 
     def run(self, until: float, *, progress: bool = True) -> None:
         """Step until a time, writing history and fields on the way.
@@ -179,8 +184,10 @@ class Simulation:
         scheme = GeneralizedAlpha(numerics.rho_inf, dt)
         position = self.particles.position + scheme.cf * scheme.predict(self.particles)
         force = self.case.acceleration(position, self.time + scheme.cf * dt)
+        before, material = self.particles, self._properties(dt)
+        self._walls = walls_in_step(self.case.boundary, self.mesh, before, material.viscosity, scheme, self.time)
         problem = FlowProblem(
-            self.mesh, self.particles, self._properties(dt), scheme, force, numerics.stabilisation, self._workspace
+            self.mesh, before, material, scheme, force, numerics.stabilisation, self._workspace, self._walls
         )
         tolerance = numerics.tolerance(force, scheme.cm, self.particles.spacing, device.round_off())
         result = newton(problem, problem.predict(), tolerance=tolerance, max_iterations=numerics.newton_iterations)
@@ -197,7 +204,8 @@ class Simulation:
         if moved > self.control.reach:
             raise StepRefused(f"a particle would move by {moved:.2f} spacings")
         displacement, pressure = problem.split(result.solution)
-        return scheme.advance(self.particles, displacement, pressure - pressure[self._reference]), result
+        after = scheme.advance(before, displacement, pressure - pressure[self._reference])
+        return self._walls.finish(before, displacement, after) if self._walls else after, result
 
     def _take(self, particles: Particles, before: Array | None = None) -> None:
         """Make ``particles`` the present state: mesh them, and give the walls their fluid.
@@ -210,7 +218,8 @@ class Simulation:
         density, viscosity = self.interface.element_properties(mesh.cells, fluid, fluids)
         around = nodal_density(mesh, density)
         if before is not None and self.case.numerics.momentum_transfer:
-            particles = transfer_momentum(particles, mesh, before, around)
+            particles = transfer_momentum(particles, mesh, before, around, self.case.boundary.still)
+            particles = self._walls.impose(particles) if self._walls else particles
         self.mesh, self.particles = mesh, particles
         self._density, self._viscosity, self._nodal_density = density, viscosity, around
         self._fraction = self.interface.fluid_fraction(mesh.cells, fluid, len(fluids))
