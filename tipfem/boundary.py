@@ -40,8 +40,8 @@ class Boundary:
         side: (W, d) number of the side that each row belongs to.
         free: (W, d, d) projector on the directions in which the particle slides with the fluid.
         sliding: (W,) the wall whose velocity the particle has; -1 for those that have none.
-        pieces: rows of particles along a side, ends included, whose spacing is looked after (2-D), each with
-            whether it slips.
+        pieces: rows of particles along a side, ends included, whose spacing is looked after (2-D), each with their
+            places along it, 0 at one end and 1 at the other; None for those that slip.
         slides: (K,) places in `index` of the particles that slide.
         still: (N,) mask of the wall particles that do not slide.
         stays: (N,) mask of those that are not set elsewhere either.
@@ -54,7 +54,7 @@ class Boundary:
     def __init__(self, particles: Particles, walls: Sequence[Wall], motion: Motion | None) -> None:
         self.walls, self.motion, self.dimension = tuple(walls), motion, particles.dimension
         self.active = bool(self.walls) or motion is not None
-        self.pieces: list[tuple[Array, bool]] = []
+        self.pieces: list[tuple[Array, Array | None]] = []
         self.stays: Array = particles.wall.copy()
         self.still: Array = particles.wall.copy()
         if not self.active:
@@ -184,7 +184,8 @@ class Boundary:
             self._find_pieces(pinned, slips, owner)
 
     def _find_pieces(self, pinned: Array, slips: Array, owner: Array) -> None:
-        """Rows between pinned particles that slip, or that a moving wall shortens and lengthens at an end."""
+        """Rows between pinned particles that slip or slide, or that a moving wall shortens and lengthens at an end."""
+        slide = np.array([wall.velocity is not None for wall in self.walls] + [False])
         for side in range(len(self.offset)):
             row = np.flatnonzero(self.on_side[:, side])
             row = row[np.argsort(self._y[row] @ self._tangent(side))]
@@ -194,8 +195,10 @@ class Boundary:
                 at_ends: Array = np.asarray(self.on_side[piece[[0, -1]]].any(axis=0))
                 at_ends[side] = False
                 slippery = bool(slips[owner[piece[1:-1], side]].all())
-                if len(piece) > 2 and (slippery or (self.mover[at_ends] >= 0).any()):
-                    self.pieces.append((self.index[piece], slippery))
+                if len(piece) > 2 and (slippery or slide[owner[piece[1], side]] or (self.mover[at_ends] >= 0).any()):
+                    along = self._y[piece] @ self._tangent(side)
+                    places = (along - along[0]) / (along[-1] - along[0])
+                    self.pieces.append((self.index[piece], None if slippery else places))
                     self.stays[self.index[piece[1:-1]]] = False
 
     def _check_start(self, particles: Particles) -> None:

@@ -12,9 +12,7 @@ class WallMotion:
     """Velocities and accelerations that the walls prescribe at a time.
 
     They are the derivatives of the prescribed functions, not what generalized-alpha makes of
-    displacements, which would ring. A wall that slides along itself has a velocity but no displacement: other
-    material of the wall takes the place of what has gone on, and as that motion has no normal part, no volume
-    moves with it and the constraint J = 1 does not notice.
+    displacements, which would ring.
 
     Args:
         boundary: of the case.
@@ -25,6 +23,7 @@ class WallMotion:
         pose: where the tank is.
         displacement: (S,) of the sides along their normals [m].
         free: (W, d, d) projectors on the directions in which the wall particles slide, in space.
+        sliding: (W, d) velocity of walls that slide along themselves, in the tank's frame [m/s].
 
     Raises:
         ValueError: a function of time gives what it must not.
@@ -35,10 +34,11 @@ class WallMotion:
         self.pose = b.pose(time, step)
         self.displacement, *speeds = b.displacements(time, step)
         self._own, own_rate = b.sliding_velocities(time, step)
+        self.sliding = self._own[b.sliding]
         turn = self.pose.turn
         self.free = turn @ b.free @ turn.T
         across, across_rate = (np.einsum("wik,wk->wi", b.inverse, speed[b.side]) for speed in speeds)
-        self._relative = (across + self._own[b.sliding]) @ turn.T
+        self._relative = (across + self.sliding) @ turn.T
         self._relative_rate = (across_rate + own_rate[b.sliding]) @ turn.T
 
     def place(self, y: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Spacing of the particles along straight walls that slip, or that moving walls shorten and lengthen."""
+"""Spacing of the particles along straight walls that slip, slide, or that moving walls shorten and lengthen."""
 
 from __future__ import annotations
 
@@ -29,19 +29,22 @@ def space_sliding(particles: Particles, piece: Array) -> int:
     return len(moves)
 
 
-def space_evenly(particles: Particles, piece: Array) -> None:
-    """Space the particles of a no-slip wall evenly between its ends, in place.
+def space_back(particles: Particles, piece: Array, places: Array) -> None:
+    """Set the particles of a no-slip wall to their places between its ends, in place.
 
     Nothing is lost by that: their velocity is the wall's, and pressure has no history.
+
+    Args:
+        particles: the state on N particles.
+        piece: (K,) those along a straight line, in order; the first and the last stay.
+        places: (K,) along it, 0 for the first and 1 for the last.
     """
-    order, along = _along(particles.position, piece)
-    even = np.linspace(0.0, 1.0, len(piece))[1:-1]
-    inner = order[1:-1]
+    _, along = _along(particles.position, piece)
     for name in FIELDS:
         values = getattr(particles, name)
-        rows = values[order].reshape(len(order), -1)
-        new = np.stack([np.interp(even, along, rows[:, k]) for k in range(rows.shape[1])], axis=1)
-        values[inner] = new.reshape(len(inner), *values.shape[1:])
+        rows = values[piece].reshape(len(piece), -1)
+        new = np.stack([np.interp(places, along, rows[:, k]) for k in range(rows.shape[1])], axis=1)
+        values[piece[1:-1]] = new[1:-1].reshape(len(piece) - 2, *values.shape[1:])
 
 
 def crowded_moves(position: Array, piece: Array) -> list[tuple[int, int, int]]:

@@ -11,7 +11,7 @@ from tipfem.mesh import Mesh
 from tipfem.particles import Array, Particles
 from tipfem.time_integration import GeneralizedAlpha
 from tipfem.wall_motion import WallMotion
-from tipfem.wall_spacing import space_evenly, space_sliding
+from tipfem.wall_spacing import space_back, space_sliding
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,10 @@ class WallStep:
     A particle that is fixed has P = 0. One that slides along a wall with the normal n at the step's end has
     P = I - n n^T and w = (c - n . x_n) n: it ends exactly on the wall's line. Its momentum row is projected with
     the wall's direction at the intermediate time, where the forces are.
+
+    The particles of a no-slip wall that slides along itself go with it in the step, and are set back after it: other
+    material of the wall takes their place. Were they held instead, the flow between the wall and the next
+    particles would be missing from J, and a flow without net volume would have one of U h / 2.
 
     Args:
         boundary: of the case.
@@ -75,7 +79,9 @@ class WallStep:
         moving = boundary.motion is not None
         self.frame = self._before.pose.origin(x) if moving else x
         self.carried = self._after.pose.place(self.frame) - x if moving else None
-        w = self._after.held(self._after.place(self.frame[index]) - x[index])
+        self._home = self._after.place(self.frame[index])
+        slid = 0.5 * scheme.dt * (self._before.sliding + self._after.sliding)
+        w = self._after.held(self._home + slid @ self._after.pose.turn.T - x[index])
         self.displacement = np.zeros_like(x)
         self.displacement[index] = w
         self.sliding = index[slides]
@@ -163,19 +169,23 @@ class WallStep:
         return done
 
     def space(self, particles: Particles) -> tuple[Particles, int]:
-        """Space the particles along the walls that slip, or that moving walls shorten and lengthen.
+        """Space the particles along the walls that slip, slide, or that moving walls shorten and lengthen.
 
         Returns:
             The state, and how many particles were set elsewhere.
         """
-        if not self.boundary.pieces:
+        slides = self.boundary.sliding >= 0
+        if not self.boundary.pieces and not slides.any():
             return particles, 0
         spaced, count = particles.copy(), 0
-        for piece, slips in self.boundary.pieces:
-            if slips:
+        for piece, places in self.boundary.pieces:
+            if places is None:
                 count += space_sliding(spaced, piece)
             else:
-                space_evenly(spaced, piece)
+                space_back(spaced, piece, places)
+        if particles.dimension == 3:
+            slides[self.boundary.slides] = False
+            spaced.position[self.boundary.index[slides]] = self._home[slides]
         self._after.impose(spaced)
         return spaced, count
 
