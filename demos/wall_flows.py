@@ -5,8 +5,8 @@ What `wall_study.py` runs. Sources:
     Taylor-Green vortex: G. I. Taylor and A. E. Green, Proc. R. Soc. A 158 (1937) 499-521; here one cell of it, with
         free slip on all four sides.
     Navier's slip: C. L. M. H. Navier, Mem. Acad. R. Sci. Inst. France 6 (1823) 389-440.
-    Fluid in a tank that turns: the streamfunction psi relative to the tank has lap psi = 2 omega, psi = 0 on the walls (H. Lamb,
-        Hydrodynamics, 6th ed., 1932, art. 72); the series is that of the torsion of a square bar.
+    Fluid in a tank that turns: the streamfunction psi relative to the tank has lap psi = 2 omega, psi = 0 on the
+        walls (H. Lamb, Hydrodynamics, 6th ed., 1932, art. 72); the series is that of the torsion of a square bar.
 """
 
 from __future__ import annotations

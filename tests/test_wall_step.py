@@ -98,8 +98,8 @@ def test_residual_equals_the_numpy_twin(dimension, rho_inf):
     u = walls.constrain(setting.u)
     step = twin.Step(
         setting.mesh.position, setting.mesh.cells, walls.fixed, setting.v, setting.a,
-        np.tile((0.0, -9.81, 0.0)[:d], (len(u), 1)), *(vars(setting.material)[k] for k in ("density", "viscosity", "source")),
-        twin.Alpha(rho_inf, s.dt), 0.3, setting.particles.spacing,
+        np.tile((0.0, -9.81, 0.0)[:d], (len(u), 1)), setting.material.density, setting.material.viscosity,
+        setting.material.source, twin.Alpha(rho_inf, s.dt), 0.3, setting.particles.spacing,
     )  # fmt: skip
     rows, _ = twin.residual(step, u, setting.p)
     scale = twin.row_scale(step)
@@ -148,9 +148,7 @@ def test_fixed_no_slip_walls_change_nothing(dimension):
 @DIMENSIONS
 def test_a_step_ends_exactly_on_walls_that_move(dimension):
     """After any solution wall particles are on the lines that the pose gives, and as fast along their normals."""
-    motion = tp.Motion(
-        translation=lambda t: np.array([t**2, -0.3 * t, t])[:dimension], angle=lambda t: 0.4 * t, pivot=(0.1,) * dimension
-    )
+    motion = tp.Motion(lambda t: np.array([t**2, -0.3 * t, t])[:dimension], lambda t: 0.4 * t, (0.1,) * dimension)
     setting = Setting(dimension, motion=motion, time=0.5, dt=0.01)
     _, walls = setting.pose()
     u = setting.u

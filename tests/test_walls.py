@@ -43,7 +43,7 @@ def floor(**what):
         (lambda t: t.wall("left", motion=0.1), "motion is 0.1; it must be a function of time"),
         (lambda t: tp.Wall("w", slip=True), "wall 'w': give either its ends, between, or its particles"),
         (lambda t: tp.Wall("", between=((0, 0), (1, 0))), "name is ''; it must be a text"),
-        (lambda t: tp.Wall("w", between=((0, 0), (0, 0))), "between is ((0, 0), (0, 0)); it must be two different points"),
+        (lambda t: tp.Wall("w", between=((0, 0), (0, 0))), "between is ((0, 0), (0, 0)); it must be two"),
         (lambda t: tp.Motion(), "neither translation nor angle"),
         (lambda t: tp.Motion(angle=1.0), "angle is 1.0; it must be a function of time"),
         (lambda t: tp.Motion(angle=lambda t: t, pivot="a"), "pivot is 'a'; it must be a point in m"),
@@ -87,7 +87,7 @@ def test_a_motion_that_compresses_later_stops_the_run(water):
     """What the first look at the functions does not show is seen at the step that would do it."""
     late = tp.tank((1, 0.6), 0.1).fill(water).wall("left", motion=lambda t: max(t - 2.0, 0.0) ** 3)
     simulation = tp.Simulation(tp.Case(late, [water], (0, 0)), time_step=0.3)
-    with pytest.raises(tp.SimulationError, match="at t = 2.1 s the walls' motions change the volume of the closed tank"):
+    with pytest.raises(tp.SimulationError, match=r"at t = 2\.1 s .* change the volume of the closed tank"):
         simulation.run(3.0, progress=False)
     assert simulation.time == pytest.approx(1.8)
 

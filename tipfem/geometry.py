@@ -202,7 +202,10 @@ class Tank:
             )
         if self.jitter:
             shift = np.random.default_rng(self.seed).uniform(-1, 1, position.shape) * self.jitter * self.spacing
-            position[~wall] += shift[~wall]
+            # In 3-D four wall particles of a lattice can be in one plane across an edge of the tank. What is cut
+            # away between them does no harm as long as they are fixed; particles of walls that slip feel it.
+            held = (position == 0.0) | (position == size) if len(size) == 3 and self._walls else wall[:, None]
+            position += np.where(held, 0.0, shift)
         return Particles(position, fluid, wall, spacing=self.spacing)
 
     def _mask(self, region: _Region, position: Array, wall: Array) -> Array:
