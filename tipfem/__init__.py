@@ -7,18 +7,21 @@ from tipfem.geometry import Tank, tank
 from tipfem.particles import Particles
 from tipfem.relocation import RelocationRule
 from tipfem.simulation import Simulation, SimulationError
+from tipfem.walls import Motion, Wall
 
 __version__ = "0.1.0"
 
 __all__ = [
     "Case",
     "Fluid",
+    "Motion",
     "Numerics",
     "Particles",
     "RelocationRule",
     "Simulation",
     "SimulationError",
     "Tank",
+    "Wall",
     "init",
     "tank",
 ]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from tipfem.boundary import Boundary
 from tipfem.fitting import FittedRule
 from tipfem.fluid import Fluid
 from tipfem.geometry import Tank
@@ -16,6 +17,7 @@ from tipfem.interface import InterfaceRule, InterpolatedInterface, SharpInterfac
 from tipfem.particles import Array, Particles
 from tipfem.relocation import RelocationRule
 from tipfem.validation import is_number, numbers
+from tipfem.walls import Motion, Wall
 
 INTERFACES: dict[str, type[InterfaceRule]] = {"interpolated": InterpolatedInterface, "sharp": SharpInterface}
 DEFAULT_INTERFACE = "interpolated"
@@ -103,6 +105,9 @@ class Case:
         interface: rule for elements between two fluids; "interpolated" is that of Carvalho & Sanches.
         numerics: the method's numbers.
         title: what pictures are headed with.
+        walls: those that slip, slide or move, beside what a tank says of its own; all others are fixed
+            and no-slip.
+        tank_motion: rigid motion of all walls together, or None.
 
     Raises:
         ValueError: something does not fit together; the message names what, where and what would.
@@ -115,6 +120,8 @@ class Case:
     interface: str = DEFAULT_INTERFACE
     numerics: Numerics = field(default_factory=Numerics)
     title: str = ""
+    walls: Sequence[Wall] = ()
+    tank_motion: Motion | None = None
 
     def __post_init__(self) -> None:
         given = self.fluids
@@ -130,11 +137,18 @@ class Case:
             raise ValueError(f"Case: body_force is {self.body_force!r}; it must be a function of positions and time")
         if not isinstance(self.numerics, Numerics):
             raise ValueError(f"Case: numerics is {self.numerics!r}; it must be a Numerics")
+        if not (isinstance(self.walls, Sequence) and all(isinstance(wall, Wall) for wall in self.walls)):
+            raise ValueError(f"Case: walls is {self.walls!r}; it must be a list of Wall")
+        if not (self.tank_motion is None or isinstance(self.tank_motion, Motion)):
+            raise ValueError(f"Case: tank_motion is {self.tank_motion!r}; it must be a Motion")
         if isinstance(self.particles, Tank):
-            self.particles = self.particles.sample(self.fluids, fitted=self.interface == "sharp")
+            filled = self.particles
+            self.particles = filled.sample(self.fluids, fitted=self.interface == "sharp")
+            self.walls = [*filled.walls(self.particles), *self.walls]
         if not isinstance(self.particles, Particles):
             raise ValueError(f"Case: particles is a {type(self.particles).__name__}; it must be a Particles or a tank")
         self._check_particles(self.particles)
+        self.boundary = Boundary(self.particles, self.walls, self.tank_motion)
 
     def _check_particles(self, particles: Particles) -> None:
         gravity = numbers(self.gravity)
@@ -156,7 +170,7 @@ class Case:
                 f"Case: spacing is {particles.spacing:g} m, but the particles stand {median:g} m apart (median); "
                 "the two may differ by a factor of 10 at most"
             )
-        if (particles.velocity[particles.wall] != 0).any():
+        if not self.walls and self.tank_motion is None and (particles.velocity[particles.wall] != 0).any():
             i = int(np.flatnonzero(particles.wall & (particles.velocity != 0).any(axis=1))[0])
             raise ValueError(
                 f"Case: wall particle {i} has velocity {particles.velocity[i].tolist()} m/s; walls are fixed, "
@@ -223,6 +237,7 @@ class Case:
 
     def pressure_reference(self) -> int:
         """The wall particle at which a closed tank's pressure is zero: the highest, against gravity and body force."""
-        wall = np.flatnonzero(self.particles.wall)
+        # Not one that slides or is set elsewhere; corners never are.
+        wall = np.flatnonzero(self.boundary.stays)
         height = -self.particles.position[wall] @ self.acceleration(self.particles.position, 0.0).mean(axis=0)
         return int(wall[np.argmax(height)])

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tipfem import remeshing_kernels as kernels
+from tipfem import interface_kernels, remeshing_kernels
 from tipfem.conservation import bodies, inherit, move_interfaces, share_out
 from tipfem.fitting import FittedRule
 from tipfem.mesh import Mesh, simplex_measure
 from tipfem.particles import Array, Particles
+from tipfem.probes import nodal_mass
 from tipfem.surgery import STAR
 from tipfem.triangulation import TriangulationError
 
@@ -29,17 +30,22 @@ class Triangulation:
     across: Array
     fluid: Array
     corner: Array
+    wall: Array
+    density: Array
 
     @classmethod
-    def of(cls, particles: Particles, mesh: Mesh) -> Triangulation:
-        """A copy of ``mesh``, moved to where ``particles`` are; mesh.fluid must be known."""
+    def of(cls, particles: Particles, mesh: Mesh, density: Array) -> Triangulation:
+        """A copy of ``mesh``, which must know its fluids of ``density`` (F,), moved to where ``particles`` are."""
         assert mesh.fluid is not None
-        state = np.concatenate(
-            [particles.position, particles.velocity, particles.acceleration, particles.pressure[:, None]], axis=1
+        # The mass of the step's solution: volumes change in a step by round-off and errors of volume only.
+        mass = nodal_mass(mesh, density[mesh.fluid])
+        state = np.column_stack(
+            [particles.position, particles.velocity, particles.acceleration, particles.pressure, mass]
         )
         corner = np.full(len(state), -1, dtype=np.int32)
         corner[mesh.cells.ravel()] = np.arange(mesh.cells.size, dtype=np.int32) // 3
-        return cls(state, mesh.cells.copy(), mesh.across.copy(), mesh.fluid.copy(), corner)
+        wall = particles.wall.astype(np.int32)
+        return cls(state, mesh.cells.copy(), mesh.across.copy(), mesh.fluid.copy(), corner, wall, density)
 
     def make_delaunay(self, slack: float) -> int:
         """Flip what is not Delaunay; how many flips it took.
@@ -51,9 +57,9 @@ class Triangulation:
         stack = np.empty(max(8 * len(self.cells), 64), dtype=np.int32)
         while True:
             count[2] = 0
-            kernels.make_delaunay(
-                self.state, self.cells, self.across, self.fluid, self.corner, stack,
-                np.empty(len(self.cells), dtype=np.int32), count, len(self.cells), slack,
+            remeshing_kernels.make_delaunay(
+                self.state, self.cells, self.across, self.fluid, self.corner, self.wall, self.density, stack,
+                np.empty(len(self.cells), dtype=np.int32), np.empty(4, dtype=np.int32), count, len(self.cells), slack,
             )  # fmt: skip
             if count[1]:
                 raise TriangulationError(f"flipping edges does not come to an end ({count[0]} flips)")
@@ -63,7 +69,7 @@ class Triangulation:
     def marks(self) -> Array:
         """(N,) 1 for particles on an interface, 2 for those on the hull, 3 for both, 0 for others."""
         mark = np.zeros(len(self.state), dtype=np.int32)
-        kernels.mark_particles(self.cells, self.across, self.fluid, mark, len(self.cells))
+        interface_kernels.mark_particles(self.cells, self.across, self.fluid, mark, len(self.cells))
         return mark
 
     def compact(self) -> None:
@@ -94,13 +100,14 @@ class Triangulation:
 
 
 def repair(
-    particles: Particles, mesh: Mesh, fixed: Array, rule: FittedRule, total: Array | None = None
+    particles: Particles, mesh: Mesh, density: Array, fixed: Array, rule: FittedRule, total: Array | None = None
 ) -> tuple[Particles, Mesh, Array]:
     """Remesh particles that have moved.
 
     Args:
         particles: the moved state on N particles; which are walls may change, see Returns.
         mesh: the triangles they moved with, none inverted.
+        density: (F,) of the fluids [kg/m^3].
         fixed: (N,) particles that must keep their place, as the corners of the tank.
         rule: when to change what.
         total: (F,) volume that each fluid is to have afterwards [m^2]; by default the solve's changes of volume
@@ -114,20 +121,20 @@ def repair(
         TriangulationError: the repair did not come to an end, or left a triangle without area.
     """
     h = particles.spacing
-    t = Triangulation.of(particles, mesh)
+    t = Triangulation.of(particles, mesh, density)
     held = fixed.astype(np.int32)
-    wall = particles.wall.astype(np.int32)
-    star = np.empty(2 * (STAR + 1) + 2, dtype=np.int32)
+    star = np.empty(4 * (STAR + 1), dtype=np.int32)
     least = 0.02 * h * h
     flips = t.make_delaunay(rule.slack)
     mark = t.marks()
     count = np.zeros(2, dtype=np.int32)
     flag = np.empty(max(len(t.cells), len(t.state)), dtype=np.int32)
-    kernels.slide_contacts(
-        t.state, t.cells, t.across, t.fluid, t.corner, held, mark, star, len(t.state), rule.reach * h, 0.35 * h, least,
+    interface_kernels.slide_contacts(
+        t.state, t.cells, t.across, t.fluid, t.corner, held, t.wall, density, mark, star, len(t.state),
+        rule.reach * h, 0.35 * h, least,
     )  # fmt: skip
-    kernels.break_films(
-        t.state, t.cells, t.across, t.fluid, mark, flag, count, len(t.cells), rule.film * h,
+    interface_kernels.break_films(
+        t.state, t.cells, t.across, t.fluid, mark, density, flag, count, len(t.cells), rule.film * h,
     )  # fmt: skip
     broken = int(count[0])
     freed = np.empty(len(t.state), dtype=np.int32)
@@ -142,7 +149,7 @@ def repair(
             edges, needed = t.longest_edges(rule.long * h)
         if placed == gone:
             break
-        placed = _refine(t, wall, edges, freed, placed, gone, (0.6, 0.5, 0.4, 0.3, 0.2, 0.1)[attempt] * h)
+        placed = _refine(t, edges, freed, placed, gone, (0.6, 0.5, 0.4, 0.3, 0.2, 0.1)[attempt] * h)
         flips += t.make_delaunay(rule.slack)
     if placed < gone:
         raise TriangulationError(f"{gone - placed} particles that crowded others find no room elsewhere")
@@ -157,7 +164,7 @@ def repair(
         raise TriangulationError(f"the triangle at {position[t.cells[cell, 0]].tolist()} has no area after the repair")
     state = particles.copy(
         position=position, velocity=t.state[:, 2:4], acceleration=t.state[:, 4:6], pressure=t.state[:, 6],
-        wall=wall.astype(bool),
+        wall=t.wall.astype(bool),
     )  # fmt: skip
     repaired = Mesh(position, t.cells, t.fluid)
     repaired.__dict__["across"] = t.across
@@ -198,15 +205,15 @@ def _coarsen(
     rule: FittedRule, h: float, most: int,
 ) -> int:  # fmt: skip
     count = np.array([gone, 0], dtype=np.int32)
-    kernels.coarsen(
-        t.state, t.cells, t.across, t.fluid, t.corner, held, star, flag, freed, count, len(t.cells), len(t.state),
-        close, rule.chain * h, rule.edge * h, 0.02 * h * h, most, 1,
+    remeshing_kernels.coarsen(
+        t.state, t.cells, t.across, t.fluid, t.corner, held, t.wall, t.density, star, flag, freed, count,
+        len(t.cells), len(t.state), close, rule.chain * h, rule.edge * h, 0.02 * h * h, most,
     )  # fmt: skip
     return int(count[0])
 
 
 def _refine(
-    t: Triangulation, wall: Array, edges: Array, freed: Array, placed: int, gone: int, room: float
+    t: Triangulation, edges: Array, freed: Array, placed: int, gone: int, room: float
 ) -> int:
     """Put the particles freed[placed:gone] on the longest edges; how many are placed now."""
     free = np.flatnonzero(t.fluid < 0).astype(np.int32)
@@ -219,8 +226,8 @@ def _refine(
         free = np.concatenate([free, np.arange(first, first + short, dtype=np.int32)])
     count = np.array([placed, 0], dtype=np.int32)
     candidates = edges[: 8 * (gone - placed) + 32]
-    kernels.refine(
-        t.state, t.cells, t.across, t.fluid, t.corner, wall, np.zeros(len(t.cells), dtype=np.int32), candidates,
-        len(candidates), free, freed, count, room, gone,
+    remeshing_kernels.refine(
+        t.state, t.cells, t.across, t.fluid, t.corner, t.wall, t.density,
+        np.zeros(len(t.cells), dtype=np.int32), candidates, len(candidates), free, freed, count, room, gone,
     )  # fmt: skip
     return int(count[0])

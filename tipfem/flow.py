@@ -9,10 +9,13 @@ import numpy as np
 
 from tipfem import assembly, balance_kernels, block_kernels, krylov
 from tipfem.device import Buffers, chunks, download
+from tipfem.errors import StepRefused
 from tipfem.mesh import Mesh
 from tipfem.multigrid import BackgroundMultigrid
 from tipfem.particles import Array, Particles
 from tipfem.time_integration import GeneralizedAlpha
+from tipfem.wall_rows import WallRows
+from tipfem.wall_step import WallStep
 
 # Spacing of the finest background grid in particle spacings: 1.5 needs two thirds of the Krylov
 # iterations that 2 does, for a quarter more time per cycle.
@@ -43,12 +46,19 @@ class Workspace:
         self._box: Any = None
 
     def multigrid(self, position: Array, spacing: float) -> BackgroundMultigrid:
-        """The hierarchy over the box of ``position`` (N, d), made anew only when the box changes."""
+        """The hierarchy over a box around ``position`` (N, d), made anew when they leave it or half of it."""
         lower, upper = position.min(axis=0), position.max(axis=0)
-        box = (tuple(lower), tuple(upper), spacing)
-        if self._multigrid is None or self._box != box:
-            self._multigrid = BackgroundMultigrid(lower, upper, GRID_SPACING * spacing, self.buffers)
-            self._box = box
+        if self._multigrid is not None:
+            old_lower, old_upper = self._box
+            slack = 1e-6 * spacing  # round-off of a tank that moves
+            inside = (lower > old_lower - slack).all() and (upper < old_upper + slack).all()
+            if inside and np.prod(upper - lower) > 0.5 * np.prod(old_upper - old_lower):
+                return self._multigrid
+            # Walls that have moved go on: leave them some room on the sides they have passed.
+            lower = np.where(lower < old_lower - slack, lower - 4 * spacing, lower)
+            upper = np.where(upper > old_upper + slack, upper + 4 * spacing, upper)
+        self._multigrid = BackgroundMultigrid(lower, upper, GRID_SPACING * spacing, self.buffers)
+        self._box = (lower, upper)
         return self._multigrid
 
 
@@ -65,6 +75,15 @@ class StepLimits:
     smallest_jacobian: float
     largest_displacement: float
     finite: bool
+
+    def require(self, smallest_jacobian: float, reach: float) -> None:
+        """Raises StepRefused unless all is finite, J >= ``smallest_jacobian``, and no way longer than ``reach`` [m]."""
+        if not self.finite:
+            raise StepRefused("the solution is not finite")
+        if self.smallest_jacobian < smallest_jacobian:
+            raise StepRefused(f"an element would be inverted or crushed (J = {self.smallest_jacobian:.3g})")
+        if self.largest_displacement > reach:
+            raise StepRefused(f"a particle would move by {self.largest_displacement:g} m, more than {reach:g} m")
 
 
 @dataclass(frozen=True)
@@ -101,6 +120,7 @@ class FlowProblem:
         body_force: (N, d) acceleration by gravity and the like [m/s^2], at the step's intermediate time.
         stabilisation: c in tau = c dt^2.
         workspace: what is used again from step to step.
+        walls: what walls that slip or move make of the step; None if all are fixed and no-slip.
     """
 
     def __init__(
@@ -112,8 +132,10 @@ class FlowProblem:
         body_force: Array,
         stabilisation: float,
         workspace: Workspace,
+        walls: WallStep | None = None,
     ) -> None:
         self.mesh, self.particles, self.scheme, self.properties = mesh, particles, scheme, properties
+        self.walls = walls
         self.stabilisation = stabilisation
         self.dimension = d = mesh.dimension
         self.nodes, self.elements = len(mesh.position), len(mesh.cells)
@@ -127,8 +149,11 @@ class FlowProblem:
         self._viscosity = put("viscosity", properties.viscosity)
         self._source = put("source", properties.source)
         velocity, acceleration = scheme.history(particles)
-        velocity[particles.wall] = 0.0
-        acceleration[particles.wall] = 0.0
+        if walls is None:
+            velocity[particles.wall] = 0.0
+            acceleration[particles.wall] = 0.0
+        else:
+            velocity, acceleration = walls.histories(velocity, acceleration)
         acceleration -= body_force
         self._velocity, self._acceleration = put("velocity", velocity), put("acceleration", acceleration)
         self._wall, self._relative = put("wall", particles.wall), acceleration
@@ -139,11 +164,15 @@ class FlowProblem:
         self._dx = buffers.get("correction", self.size)
         self._schur_b = buffers.get("schur_b", self.nodes)
         self._schur_x = buffers.get("schur_x", self.nodes)
+        fixed = particles.wall if walls is None else walls.fixed
         block_kernels.row_scale(
-            *self._topology, self._position, self._density, self._viscosity, put("fixed", particles.wall),
+            *self._topology, self._position, self._density, self._viscosity, put("fixed", fixed),
             self._scale, scheme.cm, scheme.cv, particles.spacing, self.nodes, d,
         )  # fmt: skip
-        self._multigrid = workspace.multigrid(mesh.position, particles.spacing)
+        self._walls = None if walls is None else WallRows(walls, d, self._scale, buffers)
+        # A tank that moves stands still in its own frame, and so does the grid; the Laplacian is the same there.
+        self._frame = mesh.position if walls is None else walls.frame
+        self._multigrid = workspace.multigrid(self._frame, particles.spacing)
         self._build_preconditioner()
 
     def _build_preconditioner(self) -> None:
@@ -157,7 +186,7 @@ class FlowProblem:
             *self._topology, self._position, self._density, row_offsets, columns, values,
             self.scheme.cm, self.nodes, self.dimension,
         )  # fmt: skip
-        self._multigrid.build(self.mesh.position, row_offsets, columns, values)
+        self._multigrid.build(self._frame, row_offsets, columns, values)
 
     def predict(self) -> Any:
         """First iterate: constant acceleration and pressure, or no motion where that would invert an element."""
@@ -167,8 +196,11 @@ class FlowProblem:
         return x
 
     def vector(self, displacement: Array, pressure: Array) -> Any:
-        """Device vector of unknowns from (N, d) and (N,); displacements of wall particles are set to zero."""
-        moving = np.where(self.particles.wall[:, None], 0.0, displacement)
+        """Device vector of unknowns from (N, d) and (N,); wall particles are displaced as their walls want it."""
+        if self.walls is None:
+            moving = np.where(self.particles.wall[:, None], 0.0, displacement)
+        else:
+            moving = self.walls.constrain(displacement)
         return self.buffers.upload("unknowns", np.concatenate([moving, pressure[:, None]], axis=1).ravel())
 
     def split(self, x: Any) -> tuple[Array, Array]:
@@ -187,6 +219,8 @@ class FlowProblem:
             self._viscosity, self._source, x, self._scale, self._record, self._local, self._r,
             s.cm, s.cv, s.cf, s.dt, self.stabilisation, self.elements, self.nodes, self.dimension,
         )  # fmt: skip
+        if self._walls:
+            self._walls.residual(self._position, self._velocity, x, self._scale, self._r)
         return krylov.largest(self._r, self.size, self.buffers) / self.particles.spacing
 
     def residual_vector(self) -> Array:
@@ -216,6 +250,8 @@ class FlowProblem:
             *self._topology, self._density, self._record, self._scale, v, self._local, out,
             s.cm, s.cv, s.cf, self.elements, self.nodes, self.dimension,
         )  # fmt: skip
+        if self._walls:
+            self._walls.product(v, self._scale, out)
 
     def precondition(self, r: Any, z: Any) -> None:
         """z ~ K^-1 r by the block factors of K with diag(A) and one V-cycle for the Schur complement.
@@ -231,6 +267,8 @@ class FlowProblem:
             *self._topology, self._record, self._scale, r, self._schur_x, self._local, z,
             self.elements, self.nodes, self.dimension,
         )  # fmt: skip
+        if self._walls:
+            self._walls.project(z)
 
     def correct(self, x: Any, tolerance: float) -> krylov.KrylovResult:
         """Solve K dx = -r by preconditioned FGMRES and add dx to ``x``."""
@@ -242,13 +280,15 @@ class FlowProblem:
         return result
 
     def limits(self, x: Any) -> StepLimits:
-        """Smallest J_{n+1} and largest displacement of ``x``."""
+        """Smallest J_{n+1} and largest displacement of ``x``, relative to the tank's motion."""
         result = np.array([1e30, 0.0, 0.0])
         parts = chunks()
         assembly.step_limits(
             self._topology[0], self._position, x, self.buffers.get("limits", parts, 3), result,
             self.elements, self.nodes, parts, self.dimension,
         )  # fmt: skip
+        if self.walls is not None and self.walls.carried is not None:
+            result[1] = ((self.split(x)[0] - self.walls.carried) ** 2).sum(axis=1).max()
         return StepLimits(float(result[0]), float(np.sqrt(result[1])), result[2] == 0)
 
 

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from tipfem import lattice
 from tipfem.faces import heaviest_beside, snap_to_faces
 from tipfem.fluid import Fluid
 from tipfem.particles import Array, Particles
 from tipfem.validation import is_number, numbers
+from tipfem.walls import Wall
 
-# Lines closer than this, in spacings, would be crowded from the start: relocation moves such particles.
-CLOSEST = 0.6
-
-
+# The walls of a tank by their names: axis, and whether it is the one at the upper end.
+SIDES = {name: (k // 2, k % 2 == 1) for k, name in enumerate(["left", "right", "bottom", "top", "back", "front"])}
 @dataclass
 class _Region:
     """A part of the tank: which fluid is in it, what the user called it, and which points belong to it."""
@@ -55,6 +54,7 @@ class Tank:
     jitter: float = 0.0
     seed: int = 0
     _regions: list[_Region] = field(default_factory=list, repr=False)
+    _walls: dict[str, dict[str, Any]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         size = numbers(self.size)
@@ -127,6 +127,40 @@ class Tank:
             self._regions.append(_Region(fluid, "tank", _everywhere))
         return self
 
+    def wall(self, side: str, **what: Any) -> Tank:
+        """Let a wall slip, slide or move: ``wall("top", velocity=(1, 0))``, ``wall("left", slip=True)``.
+
+        Args:
+            side: left, right, bottom or top; back or front (low and high z) too in 3-D.
+            what: slip, slip_length, velocity or motion, see `Wall`.
+
+        Returns:
+            The tank itself, so that calls can be chained.
+
+        Raises:
+            ValueError: there is no such wall, it has been said already, or see `Wall`.
+        """
+        sides = [name for name, (axis, _) in SIDES.items() if axis < len(self.size)]
+        if side not in sides:
+            raise ValueError(f"wall: {side!r} is no wall of this tank; it has {', '.join(sides)}")
+        if side in self._walls:
+            raise ValueError(f"wall {side!r} is described twice; say all about it in one call")
+        options = {"slip", "slip_length", "velocity", "motion"}
+        if not what or set(what) - options:
+            raise ValueError(f"wall {side!r}: {sorted(what)} given; it takes one or more of {sorted(options)}")
+        Wall(side, particles=[], **what)  # refuses bad values here
+        self._walls[side] = what
+        return self
+
+    def walls(self, particles: Particles) -> list[Wall]:
+        """The walls described by `wall`, on the tank's own particles as `sample` gives them."""
+        result = []
+        for name, what in self._walls.items():
+            axis, upper = SIDES[name]
+            place = float(self.size[axis]) if upper else 0.0
+            result.append(Wall(name, particles=particles.wall & (particles.position[:, axis] == place), **what))
+        return result
+
     def sample(self, fluids: Sequence[Fluid], *, fitted: bool = False) -> Particles:
         """Particles of the filled tank, walls included.
 
@@ -150,7 +184,12 @@ class Tank:
                 "tank: jitter is 0; a regular lattice in 3-D cannot be meshed, its cubes are cut into simplices "
                 "without volume; set jitter, to 0.1 for instance"
             )
-        lines = [self._fitted_lines(axis) if fitted else self._lines(axis) for axis in range(len(self.size))]
+        lines = [
+            (lattice.fitted_lines if fitted else lattice.lines)(
+                axis, float(self.size[axis]), self.spacing, self._faces(axis)
+            )
+            for axis in range(len(self.size))
+        ]
         position = np.stack([x.ravel() for x in np.meshgrid(*lines, indexing="ij")], axis=1)
         size = np.asarray(self.size, dtype=float)
         wall = ((position == 0.0) | (position == size)).any(axis=1)
@@ -183,7 +222,10 @@ class Tank:
             free &= ~on_face
         if self.jitter:
             shift = np.random.default_rng(self.seed).uniform(-1, 1, position.shape) * self.jitter * self.spacing
-            position[free] += shift[free]
+            # In 3-D four wall particles of a lattice can be in one plane across an edge of the tank. What is cut
+            # away between them does no harm as long as they are fixed; particles of walls that slip feel it.
+            held = (position == 0.0) | (position == size) if len(size) == 3 and self._walls else ~free[:, None]
+            position += np.where(held, 0.0, shift)
         return Particles(position, fluid, wall, spacing=self.spacing)
 
     def _mask(self, region: _Region, position: Array, wall: Array) -> Array:
@@ -202,74 +244,10 @@ class Tank:
             )
         return inside
 
-    def _edges(self, axis: int, limit: Callable[[float, float], tuple[float, str]]) -> list[float]:
-        """Coordinates of walls and faces along one axis, ascending [m].
-
-        limit: from two of them that follow each other to the least distance, in spacings, and what it is for.
-        """
-        length, h = float(self.size[axis]), self.spacing
-        faces = {0.0, length}
-        for region in self._regions:
-            if region.box is not None:
-                faces.update(float(x) for x in region.box[:, axis])
-        edges = [0.0]
-        # A face that is on a wall but for round-off is no face inside the tank.
-        inner = [face for face in faces if 1e-9 * length < face < length - 1e-9 * length]
-        for face in [*sorted(inner), length]:
-            if face - edges[-1] < 1e-9 * length:
-                continue
-            least, purpose = limit(edges[-1], face)
-            if face - edges[-1] < least * h * (1 - 1e-9):
-                why = f"{least:g} spacings ({least * h:g} m), the least for {purpose}"
-                raise self._thin(axis, edges[-1], face, why)
-            edges.append(face)
-        return edges
-
-    def _fitted_lines(self, axis: int) -> Array:
-        """Coordinates (n,) of the lattice lines along one axis, with one on every face [m]."""
-        # A layer of two lines has a particle inside; with one, all would be shared with its neighbours.
-        edges = self._edges(axis, lambda lower, upper: (2 * CLOSEST, "two lines"))
-        pieces = [np.zeros(1)]
-        for lower, upper in itertools.pairwise(edges):
-            n = max(2, round((upper - lower) / self.spacing))
-            pieces.append(np.linspace(lower, upper, n + 1)[1:])
-        return np.concatenate(pieces)
-
-    def _lines(self, axis: int) -> Array:
-        """Coordinates (n,) of the lattice lines along one axis [m]."""
-        length, h = float(self.size[axis]), self.spacing
-        length, h = float(self.size[axis]), self.spacing
-        # On a wall stands a line of its own, which the layer's first must keep off.
-        edges = self._edges(
-            axis, lambda lower, upper: (CLOSEST * (1.0 if lower > 0 and upper < length else 1.5), "one line")
-        )
-        # First every layer by itself: a wall's line stands on the wall, the others half a step off the faces.
-        layers = list(itertools.pairwise(edges))
-        margins = [(0.0 if a == 0.0 else 0.5) + (0.0 if b == length else 0.5) for a, b in layers]
-        counts = [max(int(m < 1), round((b - a) / h - m)) for (a, b), m in zip(layers, margins, strict=True)]
-        steps = [(b - a) / (n + m) for (a, b), n, m in zip(layers, counts, margins, strict=True)]
-        # Both sides of a face then take the same half gap: that of the smaller step crowds neither.
-        half = [0.0, *(0.5 * min(s) for s in itertools.pairwise(steps)), 0.0]
-        for k, n in enumerate(counts):
-            if n == 0:  # a line alone stands in the middle of its layer
-                half[k] = half[k + 1] = 0.5 * steps[k]
-        pieces = []
-        for k, (lower, upper) in enumerate(layers):
-            first, last = lower + half[k], upper - half[k + 1]
-            single = counts[k] == 0 and abs(last - first) < 1e-9 * h
-            n = 0 if single else max(1, round((last - first) / h))
-            if last - first < CLOSEST * n * h * (1 - 1e-9):
-                raise self._thin(axis, lower, upper, f"its neighbours let it be ({CLOSEST:g} spacings between lines)")
-            pieces.append(np.linspace(first, last, n + 1))
-        lines = np.concatenate(pieces)
-        lines[-1] = length
-        return lines
-
-    def _thin(self, axis: int, lower: float, upper: float, limit: str) -> ValueError:
-        return ValueError(
-            f"tank: along axis {axis}, the part between {lower:g} m and {upper:g} m is thinner than {limit}; "
-            f"choose a smaller spacing than {self.spacing:g} m"
-        )
+    def _faces(self, axis: int) -> set[float]:
+        """Coordinates of the faces of filled boxes along one axis [m]."""
+        boxes = [region.box for region in self._regions if region.box is not None]
+        return {float(x) for box in boxes for x in box[:, axis]}
 
 
 def tank(size: Sequence[float], spacing: float, *, jitter: float = 0.0, seed: int = 0) -> Tank:

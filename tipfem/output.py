@@ -64,24 +64,32 @@ class ResultsFolder:
         self._history: TextIO | None = None
         self._columns: list[str] = []
         self._times: dict[str, float] = {}
+        self._case: dict[str, Any] = {}
 
     def write_case(self, case: Case) -> None:
         """Write case.json."""
         position = case.particles.position[case.particles.wall]
-        self._write_json(
-            "case.json",
-            {
-                "format": 1,
-                "title": case.title,
-                "dimension": case.particles.dimension,
-                "fluids": [vars(f) for f in case.fluids],
-                "lower": position.min(axis=0).tolist(),
-                "upper": position.max(axis=0).tolist(),
-                "spacing": case.particles.spacing,
-                "gravity": np.asarray(case.gravity).tolist(),
-                "interface": case.interface,
-            },
-        )
+        self._case = {
+            "format": 1,
+            "title": case.title,
+            "dimension": case.particles.dimension,
+            "fluids": [vars(f) for f in case.fluids],
+            "lower": position.min(axis=0).tolist(),
+            "upper": position.max(axis=0).tolist(),
+            "spacing": case.particles.spacing,
+            "gravity": np.asarray(case.gravity).tolist(),
+            "interface": case.interface,
+        }
+        self._write_json("case.json", self._case)
+
+    def _widen_case(self, position: Array) -> None:
+        """Let the box in case.json, which pictures show, hold walls that have moved out of it; position (N, d)."""
+        lower, upper = np.array(self._case["lower"]), np.array(self._case["upper"])
+        low, high = position.min(axis=0), position.max(axis=0)
+        slack = 1e-6 * self._case["spacing"]
+        if (low < lower - slack).any() or (high > upper + slack).any():
+            self._case |= {"lower": np.minimum(low, lower).tolist(), "upper": np.maximum(high, upper).tolist()}
+            self._write_json("case.json", self._case)
 
     def append_history(self, row: Mapping[str, float]) -> None:
         """Add a step's row to history.csv; the first one decides on the columns.
@@ -108,6 +116,8 @@ class ResultsFolder:
             particles: the state.
             density: (N,) of each particle's fluid [kg/m^3].
         """
+        if self._case:
+            self._widen_case(particles.position)
         name = f"fields/step_{step:06d}.vtu"
         points, velocity = _three_dimensional(particles.position), _three_dimensional(particles.velocity)
         # Where interfaces run along edges, every triangle has its fluid, too.

@@ -7,6 +7,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from tipfem.case import Numerics
 from tipfem.fitted import repair
 from tipfem.fitting import FittedRule, hull_corners, particle_fluid, with_fluids
 from tipfem.fluid import Fluid
@@ -14,14 +15,16 @@ from tipfem.mesh import Mesh
 from tipfem.particles import Array, Particles
 from tipfem.relocation import RelocationRule, relocate
 from tipfem.triangulation import triangulate, wall_fluid
+from tipfem.wall_step import WallStep
 
 
 class Remeshed(NamedTuple):
-    """Particles on a new mesh, and (N,) which of them were given another place by relocation."""
+    """Particles on a new mesh; (N,) which of them were set elsewhere, and how many of those crowded others."""
 
     particles: Particles
     mesh: Mesh
     relocated: Array
+    number: int
 
 
 class Remesher(Protocol):
@@ -34,8 +37,8 @@ class Remesher(Protocol):
             TriangulationError: the particles cannot be meshed.
         """
 
-    def remesh(self, particles: Particles, mesh: Mesh) -> Remeshed:
-        """The mesh after a step, in which ``particles`` moved with ``mesh``.
+    def remesh(self, particles: Particles, mesh: Mesh, walls: WallStep | None) -> Remeshed:
+        """The mesh after a step, in which ``particles`` moved with ``mesh`` between ``walls``.
 
         Raises:
             TriangulationError: the particles cannot be meshed.
@@ -54,17 +57,18 @@ class DelaunayRemesher:
 
     def start(self, particles: Particles) -> Remeshed:
         """See `Remesher.start`."""
-        return self._mesh(particles, np.zeros(len(particles), dtype=bool))
+        return self._mesh(particles, np.zeros(len(particles), dtype=bool), 0)
 
-    def remesh(self, particles: Particles, mesh: Mesh) -> Remeshed:
+    def remesh(self, particles: Particles, mesh: Mesh, walls: WallStep | None) -> Remeshed:
         """See `Remesher.remesh`."""
-        state, _count = relocate(particles, mesh, self.rule)
-        return self._mesh(state, (state.position != particles.position).any(axis=1))
+        state, count = relocate(particles, mesh, self.rule)
+        state, of_walls = walls.space(state) if walls else (state, 0)
+        return self._mesh(state, (state.position != particles.position).any(axis=1), count + of_walls)
 
-    def _mesh(self, particles: Particles, relocated: Array) -> Remeshed:
+    def _mesh(self, particles: Particles, relocated: Array, count: int) -> Remeshed:
         mesh = triangulate(particles.position, particles.wall, particles.spacing)
         particles.fluid = wall_fluid(mesh, particles.fluid, particles.wall)
-        return Remeshed(particles, mesh, relocated)
+        return Remeshed(particles, mesh, relocated, count)
 
 
 class FittedRemesher:
@@ -97,10 +101,24 @@ class FittedRemesher:
             self._volumes = np.bincount(np.asarray(mesh.fluid), weights=mesh.measure, minlength=len(self.density))
         return self._labelled(particles, mesh, np.zeros(len(particles), dtype=bool))
 
-    def remesh(self, particles: Particles, mesh: Mesh) -> Remeshed:
+    def remesh(self, particles: Particles, mesh: Mesh, walls: WallStep | None) -> Remeshed:
         """See `Remesher.remesh`."""
-        return self._labelled(*repair(particles, mesh, self._fixed, self.rule, self._volumes))
+        return self._labelled(*repair(particles, mesh, self.density, self._fixed, self.rule, self._volumes))
 
     def _labelled(self, particles: Particles, mesh: Mesh, relocated: Array) -> Remeshed:
         particles.fluid = particle_fluid(mesh, len(particles), self.density)
-        return Remeshed(particles, mesh, relocated)
+        return Remeshed(particles, mesh, relocated, int(relocated.sum()))
+
+
+def remesher_for(interface: str, fluids: Sequence[Fluid], numerics: Numerics, reference: int) -> Remesher:
+    """The remesher of an interface rule.
+
+    Args:
+        interface: name of the rule.
+        fluids: of the case.
+        numerics: the case's.
+        reference: the particle at which pressure is fixed.
+    """
+    if interface == "sharp":
+        return FittedRemesher(fluids, [reference], numerics.fitting, keep=numerics.volume_correction > 0)
+    return DelaunayRemesher(numerics.relocation)

@@ -1,8 +1,9 @@
 """Kernels that keep a triangulation good while its particles move: each works on the arrays of `surgery`, in place.
 
 A look at all cells runs in parallel and flags what needs attention; the few changes that follow run in one thread.
-``state`` (N, 7) holds position, velocity, acceleration and pressure. Edges between cells of two
-fluids, the interface, are never flipped; nor is the hull.
+``state`` (N, 8) holds position, velocity, acceleration, pressure and lumped mass. Edges between cells of
+two fluids, the interface, are never flipped; nor is the hull. A change that would change momentum, for it
+deals out masses anew, gives the difference back to the particles around that no wall holds.
 """
 
 import taichi as ti
@@ -15,23 +16,28 @@ from tipfem.surgery import (
     distance,
     double_area,
     flip,
+    give,
+    interface_edges,
+    momentum,
     place,
     ring,
     should_flip,
     split,
+    weigh,
 )
 
 
 @ti.kernel
 def make_delaunay(
     x: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
-    corner: ti.types.ndarray(), stack: ti.types.ndarray(), flag: ti.types.ndarray(), count: ti.types.ndarray(),
-    elements: ti.i32, slack: ti.f64,
+    corner: ti.types.ndarray(), wall: ti.types.ndarray(), density: ti.types.ndarray(), stack: ti.types.ndarray(),
+    flag: ti.types.ndarray(), star: ti.types.ndarray(), count: ti.types.ndarray(), elements: ti.i32, slack: ti.f64,
 ):  # fmt: skip
     """Lawson's flips until every edge but interfaces and hull is Delaunay.
 
-    ``stack`` (S,) and ``flag`` (M,) are scratch. count: [0] flips made, [1] set to 1 if the flips did not come to an
-    end, [2] set to 1 if the stack was full, so that the kernel must run again.
+    ``x`` is the state; density (F,) of the fluids. ``stack`` (S,), ``flag`` (M,) and ``star`` are scratch.
+    count: [0] flips made, [1] set to 1 if the flips did not come to an end, [2] set to 1 if the stack was full,
+    so that the kernel must run again.
     """
     for t in range(elements):
         found = 0
@@ -50,7 +56,16 @@ def make_delaunay(
                 s, i = stack[height] // 3, stack[height] % 3
                 if should_flip(x, cells, across, fluid, s, i, slack):
                     o = across[s, i]
+                    for k in ti.static(range(3)):
+                        star[k] = cells[s, k]
+                    star[3] = cells[o, place(across, o, s)]
+                    before = momentum(x, star, 0, 4)
+                    weigh(x, cells, fluid, density, s, -1)
+                    weigh(x, cells, fluid, density, o, -1)
                     flip(cells, across, corner, s, i)
+                    weigh(x, cells, fluid, density, s, 1)
+                    weigh(x, cells, fluid, density, o, 1)
+                    give(x, wall, star, 0, 4, before - momentum(x, star, 0, 4))
                     count[0] += 1
                     if height + 4 > stack.shape[0]:
                         count[2] = 1
@@ -66,85 +81,12 @@ def make_delaunay(
                         height = 0
 
 
-@ti.kernel
-def mark_particles(
-    cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(), mark: ti.types.ndarray(),
-    elements: ti.i32,
-):  # fmt: skip
-    """Set bit 1 of ``mark`` at particles on an interface, bit 2 at those on the hull; ``mark`` starts at zero."""
-    for t in range(elements):
-        if fluid[t] >= 0:
-            for i in ti.static(range(3)):
-                o = across[t, i]
-                bit = 0
-                if o < 0:
-                    bit = 2
-                elif fluid[o] != fluid[t]:
-                    bit = 1
-                if bit > 0:
-                    ti.atomic_or(mark[cells[t, (i + 1) % 3]], bit)
-                    ti.atomic_or(mark[cells[t, (i + 2) % 3]], bit)
-
-
-@ti.kernel
-def break_films(
-    x: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
-    mark: ti.types.ndarray(), flag: ti.types.ndarray(), count: ti.types.ndarray(), elements: ti.i32, thin: ti.f64,
-):  # fmt: skip
-    """Give films to the fluid beside them: cells with no particle inside their fluid, lower than ``thin`` [m].
-
-    A film that thin is about to let two surfaces meet, or a filament to break. Its cells go to the fluid
-    beyond their longest edge at an interface. count[0]: how many.
-    """
-    for t in range(elements):
-        flag[t] = 0
-        if fluid[t] >= 0:
-            a, b, c = cells[t, 0], cells[t, 1], cells[t, 2]
-            if mark[a] > 0 and mark[b] > 0 and mark[c] > 0:
-                longest = ti.max(distance(x, a, b), distance(x, b, c), distance(x, c, a))
-                if double_area(x, a, b, c) < thin * longest:
-                    flag[t] = 1
-    ti.loop_config(serialize=True)
-    for t in range(elements):
-        if flag[t] > 0:
-            best, taker = 0.0, -1
-            for i in ti.static(range(3)):
-                o = across[t, i]
-                if o >= 0:
-                    length = distance(x, cells[t, (i + 1) % 3], cells[t, (i + 2) % 3])
-                    if fluid[o] != fluid[t] and length > best:
-                        best, taker = length, fluid[o]
-            if taker >= 0:
-                fluid[t] = taker
-                count[0] += 1
-
-
-@ti.func
-def changes(
-    cells: ti.template(), fluid: ti.template(), star: ti.template(), base, count, closed, p,
-):  # fmt: skip
-    """How many interface edges leave particle p, and the far ends of the first two."""
-    number, first, second = 0, -1, -1
-    for m in range(1 - closed, count):
-        before = star[base + (m + count - 1) % count]
-        if fluid[before] != fluid[star[base + m]]:
-            end = ring(cells, star, base, count, p, m)
-            if number == 0:
-                first = end
-            else:
-                second = end
-            number += 1
-    return number, first, second
-
-
 @ti.func
 def keep_area(
-    state: ti.template(), cells: ti.template(), star: ti.template(), a, p, q, b, count, base, least,
+    state: ti.template(), cells: ti.template(), fluid: ti.template(), density: ti.template(), star: ti.template(),
+    a, p, q, b, count, base, least,
 ):  # fmt: skip
-    """Move q between p and q, where the interface a-q-b encloses what a-p-q-b did; not if it spoils a cell.
-
-    q takes the mean of the states of p and q.
-    """
+    """Move q between p and q, where the interface a-q-b encloses what a-p-q-b did; not if it spoils a cell."""
     ex, ey = state[b, 0] - state[a, 0], state[b, 1] - state[a, 1]
     wanted = double_area(state, a, p, q) + double_area(state, a, q, b)
     mx, my = 0.5 * (state[p, 0] + state[q, 0]), 0.5 * (state[p, 1] + state[q, 1])
@@ -152,32 +94,33 @@ def keep_area(
     # double_area(a, x, b) = (x - a) x (b - a) = -e x (x - a)
     shift = (wanted + has) / (ex * ex + ey * ey)
     old = ti.Vector([state[q, 0], state[q, 1]])
+    for m in range(count):
+        weigh(state, cells, fluid, density, star[base + m], -1)
     state[q, 0], state[q, 1] = mx + shift * ey, my - shift * ex
     good = True
     for m in range(count):
         t = star[base + m]
         if double_area(state, cells[t, 0], cells[t, 1], cells[t, 2]) < least:
             good = False
-    if good:
-        for k in range(2, 7):
-            state[q, k] = 0.5 * (state[q, k] + state[p, k])
-    else:
+    if not good:
         state[q, 0], state[q, 1] = old[0], old[1]
+    for m in range(count):
+        weigh(state, cells, fluid, density, star[base + m], 1)
 
 
 @ti.kernel
 def coarsen(
     state: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
-    corner: ti.types.ndarray(), fixed: ti.types.ndarray(), star: ti.types.ndarray(), flag: ti.types.ndarray(),
-    freed: ti.types.ndarray(), count: ti.types.ndarray(), elements: ti.i32, particles: ti.i32,
-    close: ti.f64, chain: ti.f64, edge: ti.f64, least: ti.f64, most: ti.i32, interfaces: ti.i32,
+    corner: ti.types.ndarray(), fixed: ti.types.ndarray(), wall: ti.types.ndarray(), density: ti.types.ndarray(),
+    star: ti.types.ndarray(), flag: ti.types.ndarray(), freed: ti.types.ndarray(), count: ti.types.ndarray(),
+    elements: ti.i32, particles: ti.i32, close: ti.f64, chain: ti.f64, edge: ti.f64, least: ti.f64, most: ti.i32,
 ):  # fmt: skip
     """Take out particles that crowd others: by collapsing the edge to a neighbour.
 
     Off interfaces and walls: closer than ``close`` [m] to another, or than ``edge`` to an edge of interface or wall.
-    On an interface: closer than ``chain`` to the next on it, if ``interfaces``; the area enclosed is kept. On
-    a wall, where no interface meets it: closer than ``chain`` to the next on it. ``fixed`` (N,) stay. No cell
-    is left with less than twice the area ``least``; at most ``most`` go. freed[:count[0]]: who went.
+    On an interface: closer than ``chain`` to the next on it; the area enclosed is kept. On a wall, where no
+    interface meets it: closer than ``chain`` to the next on it. ``fixed`` (N,) stay. No cell is left with
+    less than twice the area ``least``; at most ``most`` go. freed[:count[0]]: who went. ``star`` is scratch.
     """
     for i in range(particles):
         flag[i] = 0
@@ -200,7 +143,7 @@ def coarsen(
         if flag[p] > 0 and fixed[p] == 0 and corner[p] >= 0 and count[0] < most:
             n, closed = collect_star(cells, across, corner, p, star, 0)
             if n > 1:
-                number, first, second = changes(cells, fluid, star, 0, n, closed, p)
+                number, first, second = interface_edges(cells, fluid, star, 0, n, closed, p)
                 q, gap = -1, 1e30
                 along = False
                 if closed == 0 and number == 0:
@@ -208,7 +151,7 @@ def coarsen(
                     q = one if distance(state, p, one) < distance(state, p, other) else other
                     if distance(state, p, q) >= chain:
                         q = -1
-                elif closed == 1 and number == 2 and interfaces == 1:
+                elif closed == 1 and number == 2:
                     q = first if distance(state, p, first) < distance(state, p, second) else second
                     if distance(state, p, q) >= chain or first == second:
                         q = -1
@@ -223,30 +166,45 @@ def coarsen(
                 if q >= 0:
                     if can_collapse(state, cells, star, 0, n, p, q, least):
                         a = second if q == first else first
+                        base = 2 * (STAR + 1)
+                        around = n + 1 - closed
+                        for m in range(around):
+                            star[base + m] = ring(cells, star, 0, n, p, m)
+                        star[base + around] = p
+                        before = momentum(state, star, base, around + 1)
+                        for m in range(n):
+                            weigh(state, cells, fluid, density, star[m], -1)
                         collapse(cells, across, corner, fluid, star, 0, n, p, q)
+                        for m in range(n):
+                            weigh(state, cells, fluid, density, star[m], 1)
+                        give(state, wall, star, base, around, before - momentum(state, star, base, around))
+                        state[p, 7] = 0.0
                         freed[count[0]] = p
                         count[0] += 1
-                        if along and fixed[q] == 0:
+                        if along and wall[q] == 0 and fixed[q] == 0:
                             n2, closed2 = collect_star(cells, across, corner, q, star, STAR + 1)
                             if n2 > 0 and closed2 == 1:
-                                number2, c1, c2 = changes(cells, fluid, star, STAR + 1, n2, closed2, q)
+                                number2, c1, c2 = interface_edges(cells, fluid, star, STAR + 1, n2, closed2, q)
                                 if number2 == 2 and (c1 == a or c2 == a) and c1 != c2:
                                     b = c2 if c1 == a else c1
-                                    keep_area(state, cells, star, a, p, q, b, n2, STAR + 1, least)
+                                    keep_area(
+                                        state, cells, fluid, density, star, a, p, q, b, n2, STAR + 1, least
+                                    )
 
 
 @ti.kernel
 def refine(
     state: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
-    corner: ti.types.ndarray(), wall: ti.types.ndarray(), touched: ti.types.ndarray(), edges: ti.types.ndarray(),
-    candidates: ti.i32, free: ti.types.ndarray(), freed: ti.types.ndarray(), count: ti.types.ndarray(),
-    room: ti.f64, wanted: ti.i32,
+    corner: ti.types.ndarray(), wall: ti.types.ndarray(), density: ti.types.ndarray(), touched: ti.types.ndarray(),
+    edges: ti.types.ndarray(), candidates: ti.i32, free: ti.types.ndarray(), freed: ti.types.ndarray(),
+    count: ti.types.ndarray(), room: ti.f64, wanted: ti.i32,
 ):  # fmt: skip
     """Put the particles freed[count[0]:wanted] on the middle of edges, in the order given.
 
     edges (K,): 3 * cell + corner opposite. An edge is passed over if a cell beside it was changed already or if a
     particle stands closer than ``room`` [m] to its middle. ``free``: cells that are gone; count[1] of
-    them are used. A new particle takes the mean of the two states, and stands on the wall if both do there.
+    them are used. A new particle takes the mean of the two states, which changes no momentum; on the edge of a
+    wall it belongs to the wall.
     """
     ti.loop_config(serialize=True)
     for k in range(candidates):
@@ -266,7 +224,15 @@ def refine(
                     usable = usable and distance(state, n, cells[o, place(across, o, t)]) > room
             if usable:
                 t2, o2 = free[count[1]], free[count[1] + 1]
+                weigh(state, cells, fluid, density, t, -1)
+                if o >= 0:
+                    weigh(state, cells, fluid, density, o, -1)
                 split(cells, across, corner, fluid, t, i, n, t2, o2)
+                weigh(state, cells, fluid, density, t, 1)
+                weigh(state, cells, fluid, density, t2, 1)
+                if o >= 0:
+                    weigh(state, cells, fluid, density, o, 1)
+                    weigh(state, cells, fluid, density, o2, 1)
                 touched[t] = 1
                 touched[t2] = 1
                 count[1] += 1
@@ -277,60 +243,3 @@ def refine(
                     touched[o2] = 1
                     count[1] += 1
                 count[0] += 1
-
-
-@ti.kernel
-def slide_contacts(
-    state: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
-    corner: ti.types.ndarray(), fixed: ti.types.ndarray(), mark: ti.types.ndarray(), star: ti.types.ndarray(),
-    particles: ti.i32, reach: ti.f64, gap: ti.f64, least: ti.f64,
-):  # fmt: skip
-    """Let an interface meet the wall where it points to: its particle on the wall slides along it.
-
-    The line through the last two particles of the interface off the wall, A and B, is carried on to the wall, at
-    most ``reach`` [m] from the foot of A. The particle stays ``gap`` away from the next ones on the wall, and no
-    cell is left with less than twice the area ``least``.
-    """
-    ti.loop_config(serialize=True)
-    for w in range(particles):
-        if mark[w] == 3 and fixed[w] == 0 and corner[w] >= 0:
-            n, closed = collect_star(cells, across, corner, w, star, 0)
-            if n > 1 and closed == 0:
-                number, a, _none = changes(cells, fluid, star, 0, n, closed, w)
-                if number == 1 and mark[a] == 1:
-                    n2, closed2 = collect_star(cells, across, corner, a, star, STAR + 1)
-                    number2, c1, c2 = changes(cells, fluid, star, STAR + 1, n2, closed2, a)
-                    one, other = ring(cells, star, 0, n, w, 0), ring(cells, star, 0, n, w, n)
-                    # The wall's direction; the fluid is on its left.
-                    length = distance(state, one, other)
-                    tx, ty = (state[one, 0] - state[other, 0]) / length, (state[one, 1] - state[other, 1]) / length
-                    wx, wy = state[w, 0], state[w, 1]
-                    ax, ay = state[a, 0] - wx, state[a, 1] - wy
-                    foot = ax * tx + ay * ty
-                    height = ti.abs(ax * ty - ay * tx)
-                    target = ti.max(foot - reach, ti.min(foot + reach, 0.0))
-                    if n2 > 0 and number2 == 2:
-                        b = c2 if c1 == w else c1
-                        bx, by = state[b, 0] - wx, state[b, 1] - wy
-                        above = ti.abs(bx * ty - by * tx)
-                        if above > 1.05 * height:
-                            target = foot + (foot - bx * tx - by * ty) * height / (above - height)
-                            target = ti.max(foot - reach, ti.min(foot + reach, target))
-                    # ``one`` lies ahead (in the direction of t), ``other`` behind.
-                    ahead = distance(state, w, one) - gap
-                    behind = distance(state, w, other) - gap
-                    target = ti.max(-ti.max(behind, 0.0), ti.min(ti.max(ahead, 0.0), target))
-                    tries = 0
-                    while tries < 3:
-                        state[w, 0], state[w, 1] = wx + target * tx, wy + target * ty
-                        good = True
-                        for m in range(n):
-                            t = star[m]
-                            if double_area(state, cells[t, 0], cells[t, 1], cells[t, 2]) < least:
-                                good = False
-                        tries += 1
-                        if good:
-                            tries = 10
-                        else:
-                            target *= 0.3
-                            state[w, 0], state[w, 1] = wx, wy

@@ -21,12 +21,14 @@ from tipfem.newton import NewtonResult, newton
 from tipfem.output import ResultsFolder, fill_columns
 from tipfem.particles import Array, Particles
 from tipfem.progress import RunProgress
-from tipfem.remeshing import DelaunayRemesher, FittedRemesher, Remeshed, Remesher
+from tipfem.remeshing import Remeshed, remesher_for
 from tipfem.time_integration import GeneralizedAlpha, StepControl
 from tipfem.transfer import nodal_density, transfer_momentum
 from tipfem.triangulation import TriangulationError
 from tipfem.validation import is_number
 from tipfem.volume_source import VolumeControl
+from tipfem.wall_motion import set_off
+from tipfem.wall_step import WallStep, walls_in_step
 
 Probe = Callable[["Simulation"], float]
 
@@ -86,12 +88,13 @@ class Simulation:
         self.control = StepControl(natural if time_step is None else time_step)
         self.budget = Budget(case)
         self._workspace = Workspace()
+        self._walls: WallStep | None = None
         self._reference = case.pressure_reference()
-        self.remesher = self._remesher()
+        self.remesher = remesher_for(case.interface, case.fluids, case.numerics, self._reference)
         self._started = clock.perf_counter()
         self._outputs = 0
         try:
-            self._take(self.remesher.start(case.particles.copy()))
+            self._take(self.remesher.start(set_off(case.boundary, case.particles.copy(), 0.25 * self.control.largest)))
         except TriangulationError as error:
             raise ValueError(f"Simulation: the initial particles cannot be meshed: {error}") from error
         # With a sharp interface the remesher keeps the volumes, and without jumps of pressure.
@@ -116,10 +119,11 @@ class Simulation:
         if not until > self.time:
             raise ValueError(f"step: until is {until!r} s; it must be later than the present {self.time:g} s")
         while True:
-            dt = self.control.length(self.particles.max_speed, self.particles.spacing, until - self.time)
+            speed = self.case.boundary.largest_speed(self.particles, self.time, self.control.current)
+            dt = self.control.length(speed, self.particles.spacing, until - self.time)
             try:
                 moved, result = self._solve(dt)
-                remeshed = self.remesher.remesh(moved, self.mesh)
+                remeshed = self.remesher.remesh(moved, self.mesh, self._walls)
                 self._take(remeshed, self._nodal_density)
                 break
             except (StepRefused, TriangulationError, FloatingPointError) as reason:
@@ -132,7 +136,7 @@ class Simulation:
         self.volume_control.observe(self._volumes(), dt)
         self.time = until if abs(until - self.time - dt) < 1e-9 * dt else self.time + dt
         self.step_number += 1
-        self._record(dt, result, int(remeshed.relocated.sum()))
+        self._record(dt, result, remeshed.number)
 
     def run(self, until: float, *, progress: bool = True) -> None:
         """Step until a time, writing history and fields on the way.
@@ -184,8 +188,10 @@ class Simulation:
         scheme = GeneralizedAlpha(numerics.rho_inf, dt)
         position = self.particles.position + scheme.cf * scheme.predict(self.particles)
         force = self.case.acceleration(position, self.time + scheme.cf * dt)
+        before, material = self.particles, self._properties(dt)
+        self._walls = walls_in_step(self.case.boundary, self.mesh, before, material.viscosity, scheme, self.time)
         problem = FlowProblem(
-            self.mesh, self.particles, self._properties(dt), scheme, force, numerics.stabilisation, self._workspace
+            self.mesh, before, material, scheme, force, numerics.stabilisation, self._workspace, self._walls
         )
         tolerance = numerics.tolerance(force, scheme.cm, self.particles.spacing, device.round_off())
         if self.step_number == 0:  # what the first step leaves of pressure's error would slosh for long
@@ -199,39 +205,29 @@ class Simulation:
                 f"Newton's method did not converge in {result.iterations} iterations (residual {result.norm:.2e} h)"
             )
         limits = problem.limits(result.solution)
-        if not limits.finite:
-            raise StepRefused("the solution is not finite")
-        if limits.smallest_jacobian < numerics.smallest_jacobian:
-            raise StepRefused(f"an element would be inverted or crushed (J = {limits.smallest_jacobian:.3g})")
-        moved = limits.largest_displacement / self.particles.spacing
-        if moved > self.control.reach:
-            raise StepRefused(f"a particle would move by {moved:.2f} spacings")
+        limits.require(numerics.smallest_jacobian, self.control.reach * self.particles.spacing)
         displacement, pressure = problem.split(result.solution)
-        after = scheme.advance(self.particles, displacement, pressure - pressure[self._reference])
+        after = scheme.advance(before, displacement, pressure - pressure[self._reference])
+        after = self._walls.finish(before, displacement, after) if self._walls else after
         self.budget.solved(problem, result.solution, displacement, after, force)
         return after, result
 
     def _take(self, remeshed: Remeshed, before: Array | None = None) -> None:
         """Make particles on a new mesh the present state; before (N,) is the density around each on the old mesh."""
-        particles, mesh, relocated = remeshed
+        particles, mesh, relocated, _count = remeshed
         fluid, fluids = particles.fluid, self.case.fluids
         density, viscosity = self.interface.element_properties(mesh, fluid, fluids)
         around = nodal_density(mesh, density)
         # Where interfaces run along edges, no particle changes its weight much with the mesh.
         transfer = self.case.numerics.momentum_transfer and mesh.fluid is None
         if before is not None and transfer:
-            particles = transfer_momentum(particles, mesh, np.where(relocated, np.nan, before), around)
+            before = np.where(relocated, np.nan, before)
+            particles = transfer_momentum(particles, mesh, before, around, self.case.boundary.still)
+        particles = self._walls.impose(particles) if self._walls else particles
         self.mesh, self.particles = mesh, particles
         self._density, self._viscosity, self._nodal_density = density, viscosity, around
         self._fraction = self.interface.fluid_fraction(mesh, fluid, len(fluids))
         self.budget.remeshed(mesh, particles, density, self._fraction)
-
-    def _remesher(self) -> Remesher:
-        numerics = self.case.numerics
-        if self.case.interface == "sharp":
-            keep = numerics.volume_correction > 0
-            return FittedRemesher(self.case.fluids, [self._reference], numerics.fitting, keep=keep)
-        return DelaunayRemesher(numerics.relocation)
 
     def _properties(self, dt: float) -> ElementProperties:
         source = self.volume_control.source(self.mesh, self._fraction, dt)

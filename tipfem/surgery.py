@@ -158,6 +158,24 @@ def ring(cells: ti.template(), star: ti.template(), base, count, p, m):
 
 
 @ti.func
+def interface_edges(
+    cells: ti.template(), fluid: ti.template(), star: ti.template(), base, count, closed, p,
+):  # fmt: skip
+    """How many interface edges leave particle p, and the far ends of the first two."""
+    number, first, second = 0, -1, -1
+    for m in range(1 - closed, count):
+        before = star[base + (m + count - 1) % count]
+        if fluid[before] != fluid[star[base + m]]:
+            end = ring(cells, star, base, count, p, m)
+            if number == 0:
+                first = end
+            else:
+                second = end
+            number += 1
+    return number, first, second
+
+
+@ti.func
 def can_collapse(x: ti.template(), cells: ti.template(), star: ti.template(), base, count, p, q, least):
     """Whether p can be moved into its neighbour q: all cells around it keep twice an area of ``least``."""
     result = True
@@ -191,3 +209,40 @@ def collapse(
             for k in ti.static(range(3)):
                 corner[cells[t, k]] = t
     corner[p] = -1
+
+
+@ti.func
+def weigh(x: ti.template(), cells: ti.template(), fluid: ti.template(), density: ti.template(), t, sign):
+    """Add (sign 1) or take away (-1) a cell's mass at its particles, a third each; column 7 of ``x`` has the masses."""
+    if fluid[t] >= 0:
+        share = sign * density[fluid[t]] * double_area(x, cells[t, 0], cells[t, 1], cells[t, 2]) / 6.0
+        for k in ti.static(range(3)):
+            x[cells[t, k], 7] += share
+
+
+@ti.func
+def momentum(x: ti.template(), nodes: ti.template(), base, count):
+    """Momentum (2,) of the particles ``nodes[base:base + count]``; columns 2 and 3 of ``x`` have the velocities."""
+    total = ti.Vector([0.0, 0.0])
+    for m in range(count):
+        i = nodes[base + m]
+        total += x[i, 7] * ti.Vector([x[i, 2], x[i, 3]])
+    return total
+
+
+@ti.func
+def give(x: ti.template(), wall: ti.template(), nodes: ti.template(), base, count, lost):
+    """Give ``lost`` momentum (2,) back to those of some particles that are no wall's: one velocity for them all."""
+    mass = 0.0
+    walls = 0
+    for m in range(count):
+        if wall[nodes[base + m]] == 0:
+            mass += x[nodes[base + m], 7]
+        else:
+            walls += 1
+    if mass > 0 and walls == 0:
+        for m in range(count):
+            i = nodes[base + m]
+            if wall[i] == 0:
+                x[i, 2] += lost[0] / mass
+                x[i, 3] += lost[1] / mass

@@ -27,7 +27,9 @@ def nodal_density(mesh: Mesh, density: Array) -> Array:
     return mass / np.bincount(flat, weights=measure, minlength=len(mesh.position))
 
 
-def transfer_momentum(particles: Particles, mesh: Mesh, before: Array, after: Array) -> Particles:
+def transfer_momentum(
+    particles: Particles, mesh: Mesh, before: Array, after: Array, still: Array | None = None
+) -> Particles:
     """Give what became heavier the velocity and acceleration of the neighbours its mass came from.
 
     v_i = (rho_i v_i + (rho'_i - rho_i) vbar_i) / rho'_i, with vbar_i the mean over the neighbours that were
@@ -39,16 +41,18 @@ def transfer_momentum(particles: Particles, mesh: Mesh, before: Array, after: Ar
         mesh: the new mesh.
         before: (N,) density around each particle on the old mesh [kg/m^3].
         after: (N,) the same on the new one.
+        still: (N,) mask of the particles that stand still; by default all wall particles.
 
     Returns:
         The state, with new velocities and accelerations where density rose.
     """
-    risen = (after > (1 + RISE) * before) & ~particles.wall
+    still = particles.wall if still is None else still
+    risen = (after > (1 + RISE) * before) & ~still
     if not risen.any():
         return particles
     i, j = mesh.edges.T
     one, other = np.concatenate([i, j]), np.concatenate([j, i])
-    donor = risen[one] & (before[other] > (1 + RISE) * before[one]) & ~particles.wall[other]
+    donor = risen[one] & (before[other] > (1 + RISE) * before[one]) & ~still[other]
     one, other = one[donor], other[donor]
     weight = before[other] - before[one]
     total = np.bincount(one, weights=weight, minlength=len(particles))

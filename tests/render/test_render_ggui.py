@@ -3,10 +3,11 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from render_results import SIDE, tank, write_results
+from render_results import SIDE, sharp_tank, tank, write_results
 from tipfem.render import Renderer, Scene, render_frame
 from tipfem.render.annotation import panel_width
 from tipfem.render.colours import fluid_colours
@@ -48,10 +49,14 @@ def test_pixels_inside_a_fluid_have_its_colour(scene):
 
 @pytest.mark.vulkan
 @pytest.mark.usefixtures("driver")
+@pytest.mark.parametrize("sharp", [False, True], ids=["cut", "sharp"])
 @pytest.mark.parametrize(
     "options", [{}, {"field": "pressure"}, {"mesh": True, "particles": True}], ids=["fluids", "field", "mesh"]
 )
-def test_both_back_ends_draw_the_same_picture(scene, options):
+def test_both_back_ends_draw_the_same_picture(scene, options, sharp):
+    if sharp:
+        _, _, fluid, cell_fluid, _ = sharp_tank(0.0)
+        scene = replace(scene, fluid=fluid, cell_fluid=cell_fluid)
     pictures = [render_frame(scene, SIZE, backend=name, **options).astype(int) for name in ("ggui", "raster")]
     different = np.abs(pictures[0] - pictures[1]).max(axis=2)
     assert (different > 10).mean() < 0.005

@@ -1,9 +1,9 @@
-"""The mid-edge cut: shares of the area, and where the interface runs."""
+"""The mid-edge cut and the edges between cells of two fluids: areas, and where the interface runs."""
 
 import numpy as np
 import pytest
-from render_results import tank
-from tipfem.render.interface import fluid_regions, mesh_edges
+from render_results import sharp_tank, tank
+from tipfem.render.interface import edge_means, fluid_regions, mesh_edges, particle_fluids
 
 TRIANGLE = np.array([[0.0, 0.0], [2.0, 0.3], [0.4, 1.7]])
 
@@ -62,6 +62,57 @@ def test_cells_that_own_a_fluid_are_not_cut():
     assert regions.segments == pytest.approx(points[[[0, 2]]])
 
 
+def test_cells_keep_their_fluid_whatever_their_particles_carry():
+    points, cells, fluid, cell_fluid, _ = sharp_tank(0.0)
+    assert (fluid[cells] == 0).all(axis=1)[cell_fluid == 1].any()  # the bubble, which its particles do not show
+    regions = fluid_regions(points, cells, fluid, cell_fluid)
+    expected = np.bincount(cell_fluid, np.abs(area(points[cells])))
+    assert np.bincount(regions.fluid, np.abs(area(regions.triangles))) == pytest.approx(expected)
+    assert (regions.fluid[:, None] == cell_fluid[:, None]).all()
+
+
+def test_interface_is_the_edges_between_cells_of_two_fluids():
+    points, cells, fluid, cell_fluid, wall = sharp_tank(0.0)
+    owners = {}
+    for cell, owner in zip(cells.tolist(), cell_fluid.tolist(), strict=True):
+        for a, b in ((0, 1), (1, 2), (2, 0)):
+            owners.setdefault(frozenset((cell[a], cell[b])), set()).add(owner)
+    expected = {edge for edge, found in owners.items() if len(found) == 2}
+    segments = fluid_regions(points, cells, fluid, cell_fluid).segments
+    number = {tuple(point): k for k, point in enumerate(points.tolist())}
+    ends = [[number[tuple(point)] for point in segment] for segment in segments.tolist()]
+    assert {frozenset(pair) for pair in ends} == expected
+    assert len(ends) == len(expected)
+    # It ends at walls only.
+    odd = np.bincount(np.ravel(ends), minlength=len(points)) % 2 == 1
+    assert odd.sum() == 2
+    assert wall[odd].all()
+
+
+def test_particles_take_the_fluid_of_their_cells():
+    points, cells, fluid, cell_fluid, _ = sharp_tank(0.0)
+    sides = [np.isin(np.arange(len(points)), cells[cell_fluid == k]) for k in range(2)]
+    said = 1 - fluid  # wrong everywhere: only where the cells do not decide does it count
+    found, between = particle_fluids(cells, said, cell_fluid)
+    assert (between == (sides[0] & sides[1])).all()
+    assert between.sum() > 24
+    assert (found[~between] == sides[1][~between]).all()
+    assert (found[between] == said[between]).all()
+    found, between = particle_fluids(cells[:1], said, cell_fluid[:1])
+    assert not between.any()
+    outside = np.setdiff1d(np.arange(len(points)), cells[0])
+    assert (found[outside] == said[outside]).all()
+
+
+def test_means_on_edges_are_over_the_cells_that_share_them():
+    cells = np.array([[0, 1, 2], [0, 2, 3]])
+    assert mesh_edges(cells)[0].tolist() == [[0, 1], [0, 2], [0, 3], [1, 2], [2, 3]]
+    of_cells = np.repeat([[[1.0, 10.0]], [[3.0, 50.0]]], 3, axis=1)
+    assert edge_means(cells, of_cells).tolist() == [[1, 10], [2, 30], [3, 50], [1, 10], [3, 50]]
+    at_particles = np.array([[1.0], [2.0], [4.0], [8.0]])
+    assert edge_means(cells, at_particles[cells]).ravel().tolist() == [1.5, 2.5, 4.5, 3, 6]
+
+
 def test_edges_of_two_cells():
     edges, on_boundary = mesh_edges(np.array([[0, 1, 2], [0, 2, 3]]))
     assert edges.tolist() == [[0, 1], [0, 2], [0, 3], [1, 2], [2, 3]]
@@ -69,6 +120,9 @@ def test_edges_of_two_cells():
 
 
 def test_no_cells():
-    regions = fluid_regions(TRIANGLE, np.empty((0, 3), int), np.zeros(3, int))
-    assert regions.triangles.shape == (0, 3, 2)
-    assert regions.segments.shape == (0, 2, 2)
+    none = np.empty((0, 3), int)
+    for cell_fluid in (None, np.empty(0, int)):
+        regions = fluid_regions(TRIANGLE, none, np.zeros(3, int), cell_fluid)
+        assert regions.triangles.shape == (0, 3, 2)
+        assert regions.segments.shape == (0, 2, 2)
+    assert edge_means(none, np.empty((0, 3, 3))).shape == (0, 3)

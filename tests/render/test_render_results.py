@@ -4,10 +4,11 @@ import subprocess
 import sys
 
 import imageio.v3 as imageio
+import meshio
 import numpy as np
 import pytest
 from PIL import Image
-from render_results import write_results
+from render_results import sharp_tank, write_results
 from tipfem.render import Results, ResultsError, animate
 from tipfem.render.movie import MovieError, MovieWriter
 
@@ -34,6 +35,30 @@ def test_results_are_read(out):
     assert set(scene.fields) == {"speed", "velocity_x", "velocity_y", "pressure", "density"}
     assert scene.fields["speed"] == pytest.approx(np.linalg.norm(scene.position, axis=1))
     assert scene.wall.sum() == 4 * 24
+
+
+def test_fluid_of_the_cells_is_read(tmp_path, out):
+    folder = write_results(tmp_path / "sharp", sharp=True)
+    scene = Results(folder).scene(1)
+    _, cells, _, cell_fluid, _ = sharp_tank(0.1)
+    assert (scene.cells == cells).all()
+    assert (scene.cell_fluid == cell_fluid).all()
+    # Each fluid has its own density up to the interface, whatever stands at the particles on it.
+    assert (scene.cell_fields["density"] == np.array([998.2, 1.204])[cell_fluid]).all()
+    assert list(scene.cell_fields) == ["density"]
+    plain = Results(out).scene(1)
+    assert plain.cell_fluid is None
+    assert not plain.cell_fields
+
+
+def test_bad_fluid_of_a_cell_is_named(tmp_path):
+    folder = write_results(tmp_path / "sharp", sharp=True)
+    path = folder / "fields" / "step_000001.vtu"
+    mesh = meshio.read(path)
+    mesh.cell_data["fluid"][0][7] = 2
+    mesh.write(path)
+    with pytest.raises(ResultsError, match=r"step_000001\.vtu: cell_fluid: indices from 0 to 2"):
+        Results(folder).scene(1)
 
 
 def test_frames_and_mp4(out):

@@ -1,0 +1,173 @@
+"""tipfem/conservation.py: bodies against a flood fill, and volumes that come back."""
+
+import numpy as np
+import pytest
+from test_surgery import cloud, delaunay
+
+from tipfem.conservation import bodies, inherit, move_interfaces, share_out
+from tipfem.mesh import Mesh, simplex_measure
+
+
+def flood(across, fluid) -> list[set[int]]:
+    """Connected cells of one fluid, cell by cell."""
+    left, found = set(range(len(fluid))), []
+    while left:
+        body, front = set(), [min(left)]
+        while front:
+            t = front.pop()
+            if t not in body:
+                body.add(t)
+                front += [o for o in across[t] if o >= 0 and fluid[o] == fluid[t]]
+        left -= body
+        found.append(body)
+    return found
+
+
+def test_bodies_are_those_of_a_flood_fill():
+    for seed in range(30):
+        x = cloud("random", seed)
+        mesh = Mesh(x, delaunay(x))
+        for fluids in (1, 2, 4):
+            fluid = np.random.default_rng(seed).integers(0, fluids, len(mesh.cells))
+            body = bodies(mesh.across, fluid)
+            found = [set(np.flatnonzero(body == k).tolist()) for k in range(body.max() + 1)]
+            assert sorted(map(sorted, found)) == sorted(map(sorted, flood(mesh.across, fluid)))
+
+
+# A strip of eight triangles, four squares in a row: particles 0 to 4 below, 5 to 9 above.
+STRIP = np.array([[k, k + 1, k + 6] for k in range(4)] + [[k, k + 6, k + 5] for k in range(4)])
+SQUARE = np.tile(np.arange(4), 2)
+
+
+def strip(*fluid: int):
+    """Cells, fluids and bodies where the squares have these fluids."""
+    fluids = np.array(fluid)[SQUARE]
+    mesh = Mesh(np.stack([np.arange(10) % 5, np.arange(10) // 5], axis=1).astype(float), STRIP)
+    return STRIP, fluids, bodies(mesh.across, fluids)
+
+
+def test_a_loss_stays_with_its_body():
+    old = strip(0, 0, 1, 1)
+    loss = np.array([0.0, 0.0])
+    loss[old[2][0]], loss[old[2][2]] = 3.0, -2.0
+    np.testing.assert_allclose(inherit(old, old, loss, 10), loss, rtol=1e-14)
+    # The same cells in another order: bodies have other numbers then.
+    turned = np.arange(8)[::-1]
+    mesh = Mesh(np.stack([np.arange(10) % 5, np.arange(10) // 5], axis=1).astype(float), STRIP[turned])
+    new = (STRIP[turned], old[1][turned], bodies(mesh.across, old[1][turned]))
+    np.testing.assert_allclose(inherit(old, new, loss, 10)[new[2][turned]], loss[old[2]], rtol=1e-14)
+
+
+def test_bodies_that_merge_add_their_losses():
+    old, new = strip(0, 1, 1, 0), strip(0, 0, 0, 0)
+    loss = np.zeros(3)
+    loss[old[2][0]], loss[old[2][3]] = 3.0, 5.0  # of the two bodies of fluid 0
+    np.testing.assert_allclose(inherit(old, new, loss, 10), [8.0], rtol=1e-14)
+
+
+def test_a_body_that_splits_shares_its_loss_by_particles():
+    old, new = strip(0, 0, 0, 0), strip(0, 0, 1, 0)  # six particles go left, four right
+    shares = inherit(old, new, np.array([10.0]), 10)
+    assert shares[new[2][0]] == pytest.approx(6.0, rel=1e-14)
+    assert shares[new[2][3]] == pytest.approx(4.0, rel=1e-14)
+    assert shares[new[2][2]] == 0.0
+
+
+def test_what_a_vanished_body_lost_is_in_none():
+    old, new = strip(0, 0, 1, 1), strip(0, 0, 0, 0)
+    loss = np.zeros(2)
+    loss[old[2][3]] = 7.0
+    np.testing.assert_array_equal(inherit(old, new, loss, 10), [0.0])
+
+
+def test_shares_fill_the_tank_and_give_each_fluid_its_total():
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        fluid = rng.permutation(np.concatenate([np.arange(3), rng.integers(0, 3, 4)]))
+        volume = rng.uniform(0.5, 1.0, 7)
+        loss = rng.uniform(-0.1, 0.1, 7)
+        total = rng.uniform(0.9, 1.1, 3) * np.bincount(fluid, weights=volume)
+        total *= volume.sum() / total.sum()
+        wanted = share_out(volume, loss, fluid, total)
+        np.testing.assert_allclose(np.bincount(fluid, weights=wanted), total, rtol=1e-12)
+        ratio = wanted / (volume + loss)  # beyond its own loss, a body takes part by its size
+        for f in range(3):
+            np.testing.assert_allclose(ratio[fluid == f], ratio[fluid == f][0], rtol=1e-12)
+
+
+def test_losses_that_add_up_come_back_to_the_last_bit():
+    volume, fluid = np.array([0.3, 0.2, 0.5]), np.array([0, 0, 1])
+    loss = np.array([0.01, 0.0, -0.01])
+    np.testing.assert_allclose(share_out(volume, loss, fluid, np.array([0.51, 0.49])), volume + loss, rtol=1e-14)
+
+
+def test_no_body_is_asked_to_vanish_and_a_fluid_that_is_gone_leaves_a_full_tank():
+    volume, fluid = np.array([0.4, 0.6]), np.array([0, 2])
+    wanted = share_out(volume, np.array([-0.7, 0.7]), fluid, np.array([0.4, 0.0, 0.6]))
+    assert (wanted > 0.1).all()
+    wanted = share_out(volume, np.zeros(2), fluid, np.array([0.4, 0.1, 0.5]))
+    np.testing.assert_allclose(wanted, [0.44, 0.56], rtol=1e-12)  # 0.1 is left, for both by size
+
+
+def discs():
+    """A mesh with three bodies of fluid 1 in fluid 0: position, mesh, bodies, and who may move."""
+    n = 25
+    x = np.stack(np.meshgrid(np.arange(n), np.arange(n)), axis=-1).reshape(-1, 2) / (n - 1)
+    inside = (x > 0).all(axis=1) & (x < 1).all(axis=1)
+    x[inside] += np.random.default_rng(5).uniform(-0.2, 0.2, (inside.sum(), 2)) / (n - 1)
+    mesh = Mesh(x, delaunay(x))
+    middle = x[mesh.cells].mean(axis=1)
+    fluid = np.zeros(len(middle), dtype=int)
+    for centre, radius in (((0.25, 0.3), 0.15), ((0.7, 0.7), 0.2), ((1.0, 0.2), 0.17)):
+        fluid[np.linalg.norm(middle - centre, axis=1) < radius] = 1
+    body = bodies(mesh.across, fluid)
+    edge, i = np.nonzero((mesh.across >= 0) & (fluid[mesh.across] != fluid[:, None]))
+    on = np.zeros(len(x), dtype=bool)
+    on[mesh.cells[edge, (i + 1) % 3]] = True
+    return x, mesh, body, on & inside
+
+
+def test_interfaces_move_until_every_body_has_its_volume():
+    x, mesh, body, movable = discs()
+    volume = np.bincount(body, weights=mesh.measure)
+    assert len(volume) == 4
+    rng = np.random.default_rng(6)
+    for size, tolerance in ((1e-4, 1e-12), (2e-2, 1e-6)):  # two rounds of Newton's method
+        factor = 1 + size * rng.uniform(-1, 1, 4)
+        main = int(np.argmax(volume))
+        wanted = volume * factor
+        wanted[main] = 1.0 - np.delete(wanted, main).sum()
+        y = move_interfaces(x, mesh.cells, body, movable, wanted, 0.01)
+        has = np.bincount(body, weights=simplex_measure(y, mesh.cells))
+        np.testing.assert_allclose(has, wanted, rtol=tolerance)
+        np.testing.assert_array_equal(y[~movable], x[~movable])
+        assert not np.array_equal(y[movable], x[movable])
+        assert np.linalg.norm(y - x, axis=1).max() < 10 * size * 0.2
+
+
+def test_a_body_alone_that_grows_moves_its_own_surface_most():
+    x, mesh, body, movable = discs()
+    volume = np.bincount(body, weights=mesh.measure)
+    small = int(np.argmin(np.abs(volume - np.pi * 0.15**2)))
+    wanted = volume.copy()
+    wanted[small] *= 1.01
+    wanted[np.argmax(volume)] -= wanted.sum() - 1.0
+    shift = np.linalg.norm(move_interfaces(x, mesh.cells, body, movable, wanted, 0.01) - x, axis=1)
+    own = np.zeros(len(x), dtype=bool)
+    own[mesh.cells[body == small]] = True
+    assert shift[own].max() > 1e-4
+    assert shift[~own].max() < 1e-10
+
+
+def test_no_particle_goes_further_than_the_limit():
+    x, mesh, body, movable = discs()
+    volume = np.bincount(body, weights=mesh.measure)
+    wanted = 0.5 * volume
+    wanted[np.argmax(volume)] += 0.5
+    shift = np.linalg.norm(move_interfaces(x, mesh.cells, body, movable, wanted, 1e-3) - x, axis=1)
+    assert 1e-3 < shift.max() <= 2e-3 * (1 + 1e-12)
+
+
+def test_where_nothing_may_move_nothing_does():
+    x, mesh, body, movable = discs()
+    assert move_interfaces(x, mesh.cells, body, movable & False, np.ones(4), 1.0) is x

@@ -1,0 +1,140 @@
+"""Kernels for interfaces that run along edges: where they are, films that break, and where they meet walls.
+
+Arrays are those of `remeshing_kernels`.
+"""
+
+import taichi as ti
+
+from tipfem.surgery import (
+    STAR,
+    collect_star,
+    distance,
+    double_area,
+    give,
+    interface_edges,
+    momentum,
+    ring,
+    weigh,
+)
+
+
+@ti.kernel
+def mark_particles(
+    cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(), mark: ti.types.ndarray(),
+    elements: ti.i32,
+):  # fmt: skip
+    """Set bit 1 of ``mark`` at particles on an interface, bit 2 at those on the hull; ``mark`` starts at zero."""
+    for t in range(elements):
+        if fluid[t] >= 0:
+            for i in ti.static(range(3)):
+                o = across[t, i]
+                bit = 0
+                if o < 0:
+                    bit = 2
+                elif fluid[o] != fluid[t]:
+                    bit = 1
+                if bit > 0:
+                    ti.atomic_or(mark[cells[t, (i + 1) % 3]], bit)
+                    ti.atomic_or(mark[cells[t, (i + 2) % 3]], bit)
+
+
+@ti.kernel
+def break_films(
+    x: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
+    mark: ti.types.ndarray(), density: ti.types.ndarray(), flag: ti.types.ndarray(), count: ti.types.ndarray(),
+    elements: ti.i32, thin: ti.f64,
+):  # fmt: skip
+    """Give films to the fluid beside them: cells with no particle inside their fluid, lower than ``thin`` [m].
+
+    A film that thin is about to let two surfaces meet, or a filament to break. Its cells go to the fluid
+    beyond their longest edge at an interface. count[0]: how many.
+    """
+    for t in range(elements):
+        flag[t] = 0
+        if fluid[t] >= 0:
+            a, b, c = cells[t, 0], cells[t, 1], cells[t, 2]
+            if mark[a] > 0 and mark[b] > 0 and mark[c] > 0:
+                longest = ti.max(distance(x, a, b), distance(x, b, c), distance(x, c, a))
+                if double_area(x, a, b, c) < thin * longest:
+                    flag[t] = 1
+    ti.loop_config(serialize=True)
+    for t in range(elements):
+        if flag[t] > 0:
+            best, taker = 0.0, -1
+            for i in ti.static(range(3)):
+                o = across[t, i]
+                if o >= 0:
+                    length = distance(x, cells[t, (i + 1) % 3], cells[t, (i + 2) % 3])
+                    if fluid[o] != fluid[t] and length > best:
+                        best, taker = length, fluid[o]
+            if taker >= 0:
+                weigh(x, cells, fluid, density, t, -1)
+                fluid[t] = taker
+                weigh(x, cells, fluid, density, t, 1)
+                count[0] += 1
+
+
+@ti.kernel
+def slide_contacts(
+    state: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
+    corner: ti.types.ndarray(), fixed: ti.types.ndarray(), wall: ti.types.ndarray(), density: ti.types.ndarray(),
+    mark: ti.types.ndarray(), star: ti.types.ndarray(), particles: ti.i32, reach: ti.f64, gap: ti.f64, least: ti.f64,
+):  # fmt: skip
+    """Let an interface meet the wall where it points to: its particle on the wall slides along it.
+
+    The line through the last two particles of the interface off the wall, A and B, is carried on to the wall, at
+    most ``reach`` [m] from the foot of A. The particle stays ``gap`` away from the next ones on the wall, and no
+    cell is left with less than twice the area ``least``.
+    """
+    ti.loop_config(serialize=True)
+    for w in range(particles):
+        if mark[w] == 3 and fixed[w] == 0 and corner[w] >= 0:
+            n, closed = collect_star(cells, across, corner, w, star, 0)
+            if n > 1 and closed == 0:
+                number, a, _none = interface_edges(cells, fluid, star, 0, n, closed, w)
+                if number == 1 and mark[a] == 1:
+                    n2, closed2 = collect_star(cells, across, corner, a, star, STAR + 1)
+                    number2, c1, c2 = interface_edges(cells, fluid, star, STAR + 1, n2, closed2, a)
+                    one, other = ring(cells, star, 0, n, w, 0), ring(cells, star, 0, n, w, n)
+                    # The wall's direction; the fluid is on its left.
+                    length = distance(state, one, other)
+                    tx, ty = (state[one, 0] - state[other, 0]) / length, (state[one, 1] - state[other, 1]) / length
+                    wx, wy = state[w, 0], state[w, 1]
+                    ax, ay = state[a, 0] - wx, state[a, 1] - wy
+                    foot = ax * tx + ay * ty
+                    height = ti.abs(ax * ty - ay * tx)
+                    target = ti.max(foot - reach, ti.min(foot + reach, 0.0))
+                    if n2 > 0 and number2 == 2:
+                        b = c2 if c1 == w else c1
+                        bx, by = state[b, 0] - wx, state[b, 1] - wy
+                        above = ti.abs(bx * ty - by * tx)
+                        if above > 1.05 * height:
+                            target = foot + (foot - bx * tx - by * ty) * height / (above - height)
+                            target = ti.max(foot - reach, ti.min(foot + reach, target))
+                    # ``one`` lies ahead (in the direction of t), ``other`` behind.
+                    ahead = distance(state, w, one) - gap
+                    behind = distance(state, w, other) - gap
+                    target = ti.max(-ti.max(behind, 0.0), ti.min(ti.max(ahead, 0.0), target))
+                    for m in range(n):
+                        star[STAR + 1 + m] = ring(cells, star, 0, n, w, m)
+                    star[STAR + 1 + n] = other
+                    before = momentum(state, star, STAR + 1, n + 1)
+                    for m in range(n):
+                        weigh(state, cells, fluid, density, star[m], -1)
+                    tries = 0
+                    while tries < 3:
+                        state[w, 0], state[w, 1] = wx + target * tx, wy + target * ty
+                        good = True
+                        for m in range(n):
+                            t = star[m]
+                            if double_area(state, cells[t, 0], cells[t, 1], cells[t, 2]) < least:
+                                good = False
+                        tries += 1
+                        if good:
+                            tries = 10
+                        else:
+                            target *= 0.3
+                            state[w, 0], state[w, 1] = wx, wy
+                    for m in range(n):
+                        weigh(state, cells, fluid, density, star[m], 1)
+                    give(state, wall, star, STAR + 1, n + 1, before - momentum(state, star, STAR + 1, n + 1))
