@@ -47,6 +47,7 @@ ORDER = [
     "newton",
     "time_integration",
     "boundary",
+    "boundary_update",
     "wall_motion",
     "wall_spacing",
     "wall_step",

@@ -45,6 +45,7 @@ class Boundary:
         slides: (K,) places in `index` of the particles that slide.
         still: (N,) mask of the wall particles that do not slide.
         stays: (N,) mask of those that are not set elsewhere either.
+        pinned: (W,) mask of those at corners and at the ends of walls.
 
     Raises:
         ValueError: a wall has no particles, is not straight, or contradicts another; the tank would change
@@ -57,6 +58,9 @@ class Boundary:
         self.pieces: list[tuple[Array, Array | None]] = []
         self.stays: Array = particles.wall.copy()
         self.still: Array = particles.wall.copy()
+        self.index = np.flatnonzero(particles.wall)
+        self.pinned: Array = np.zeros(len(self.index), dtype=bool)
+        self.slides: Array = np.zeros(0, dtype=np.int64)
         if not self.active:
             return
         if motion is not None:
@@ -64,7 +68,6 @@ class Boundary:
         names = [wall.name for wall in self.walls]
         if len(set(names)) < len(names):
             raise ValueError(f"Case: walls are named {names}; every wall needs a name of its own")
-        self.index = np.flatnonzero(particles.wall)
         self._y = particles.position[self.index]
         self._h = particles.spacing
         self._find_sides(particles)
@@ -157,7 +160,7 @@ class Boundary:
         """What each particle is free to do, and which rows of them are kept evenly spaced."""
         count, d = len(self.index), self.dimension
         owner = np.full((count, len(self.offset)), -1)
-        pinned: Array = np.asarray(self.normal[:, 1].any(axis=1))
+        self.pinned = pinned = np.asarray(self.normal[:, 1].any(axis=1))
         self.mover = np.full(len(self.offset), -1)
         for number, (side, found) in enumerate(self.members):
             inner = found[1:-1] if d == 2 else found

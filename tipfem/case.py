@@ -164,6 +164,8 @@ class Case:
                 f"Case: particle {i} has fluid {int(particles.fluid[i])}; with {len(self.fluids)} fluid(s) it "
                 f"must lie between 0 and {len(self.fluids) - 1}"
             )
+        if self.interface == "sharp" and particles.dimension != 2:
+            raise ValueError("Case: interface is 'sharp', which is for 2-D only, and the particles are in 3-D")
         median = particles.require_distinct()
         if not 0.1 <= particles.spacing / median <= 10:
             raise ValueError(

@@ -31,7 +31,7 @@ def bodies(across: Array, fluid: Array) -> Array:
 
 
 def inherit(
-    old: tuple[Array, Array, Array], new: tuple[Array, Array, Array], loss: Array, particles: int
+    old: tuple[Array, Array, Array], new: tuple[Array, Array, Array], loss: Array, moved: Array
 ) -> Array:
     """What bodies of a new mesh have to make good of the losses of those of the old one.
 
@@ -41,7 +41,7 @@ def inherit(
         old: cells (M, 3), fluid (M,) and body (M,) of each triangle.
         new: the same after remeshing.
         loss: (K,) of the old bodies [m^2].
-        particles: their number N.
+        moved: (N,) mask of particles that were set elsewhere; they hand on nothing.
 
     Returns:
         (K',) loss of the new bodies [m^2]; that of a body which is gone is in none.
@@ -49,16 +49,17 @@ def inherit(
     fluids = int(max(old[1].max(), new[1].max())) + 1
     body_at = []
     for cells, fluid, body in (old, new):
-        at = np.full((fluids, particles), -1)
+        at = np.full((fluids, len(moved)), -1)
         at[fluid[:, None], cells] = body[:, None]
+        at[:, moved] = -1
         body_at.append(at.ravel())
-    parts = np.bincount(body_at[0][body_at[0] >= 0], minlength=len(loss))
     both = (body_at[0] >= 0) & (body_at[1] >= 0)
+    parts = np.bincount(body_at[0][both], minlength=len(loss))
     share = (loss / np.maximum(parts, 1))[body_at[0][both]]
     return np.bincount(body_at[1][both], weights=share, minlength=int(new[2].max()) + 1)
 
 
-def share_out(volume: Array, loss: Array, fluid: Array, total: Array) -> Array:
+def share_out(volume: Array, loss: Array, fluid: Array, total: Array, free: Array) -> Array:
     """Volumes (K,) that bodies are to have: each its own loss back, and what a fluid still lacks by size.
 
     Args:
@@ -66,13 +67,17 @@ def share_out(volume: Array, loss: Array, fluid: Array, total: Array) -> Array:
         loss: (K,) of the bodies [m^2].
         fluid: (K,) of the bodies.
         total: (F,) that each fluid is to have [m^2].
+        free: (K,) whether the body's surface can move; others keep what they have.
     """
-    wanted = np.maximum(volume + loss, 0.5 * volume)
+    wanted = np.where(free, np.maximum(volume + loss, 0.5 * volume), volume)
     has = np.bincount(fluid, weights=wanted, minlength=len(total))
-    lack = np.where(has > 0, total - has, 0.0)
+    part = np.bincount(fluid, weights=wanted * free, minlength=len(total))
+    if not part.any():
+        return wanted
+    lack = np.where(part > 0, total - has, 0.0)
     # A fluid that is gone cannot get its volume back; the others must still fill the tank.
-    lack -= (lack.sum() + wanted.sum() - volume.sum()) * has / has.sum()
-    return wanted + lack[fluid] * wanted / np.maximum(has[fluid], 1e-300)
+    lack -= (lack.sum() + wanted.sum() - volume.sum()) * part / part.sum()
+    return np.asarray(wanted + lack[fluid] * wanted * free / np.maximum(part[fluid], 1e-300))
 
 
 def move_interfaces(
@@ -80,7 +85,7 @@ def move_interfaces(
 ) -> Array:
     """Where particles go so that bodies get the volumes wanted.
 
-    Every movable particle shifts by sum_k lambda_k dV_k / dx, with the factors lambda that give the volumes; two
+    Every movable particle shifts by sum_k lambda_k dV_k / dx, with the factors lambda that give the volumes; a few
     rounds, for volumes are quadratic in positions.
 
     Args:
@@ -104,7 +109,7 @@ def move_interfaces(
     near, owner = cells[around], body[around]
     rows, columns = np.repeat(owner, 3), place[near].ravel()
     on = columns >= 0
-    for _ in range(2):
+    for _ in range(4):
         missing = wanted - np.bincount(body, weights=simplex_measure(x, cells), minlength=len(wanted))
         if np.abs(missing).max() <= 1e-14 * wanted.sum():
             break
@@ -118,5 +123,24 @@ def move_interfaces(
         factor = np.linalg.lstsq((gradient @ gradient.T).toarray(), missing, rcond=1e-10)[0]
         shift = (gradient.T @ factor).reshape(2, -1).T
         length = np.linalg.norm(shift, axis=1, keepdims=True)
-        x[nodes] += shift * np.minimum(1.0, limit / np.maximum(length, 1e-300))
+        shift *= np.minimum(1.0, limit / np.maximum(length, 1e-300))
+        if not _keep_shape(x, near, nodes, shift, place):
+            break
     return x
+
+
+def _keep_shape(x: Array, near: Array, nodes: Array, shift: Array, place: Array) -> bool:
+    """Shift x[nodes] in place, but none at a triangle of ``near`` that would lose more than half of its area.
+
+    Returns whether anything was moved. ``shift`` is changed; place (N,) is the number of a particle among ``nodes``.
+    """
+    start, area = x[nodes].copy(), simplex_measure(x, near)
+    for _ in range(4):
+        x[nodes] = start + shift
+        bad = simplex_measure(x, near) < 0.5 * area
+        if not bad.any():
+            return bool(shift.any())
+        held = place[near[bad]].ravel()
+        shift[held[held >= 0]] = 0.0
+    x[nodes] = start
+    return False

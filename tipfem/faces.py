@@ -47,8 +47,8 @@ def snap_to_faces(
         same = part(start + middle[:, None] * edge) == label[one]
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     place = 0.5 * (low + high)
-    # A face that a lattice line stands on is met at its end, to the last digit.
-    place = np.where(place < 1e-12, 0.0, np.where(place > 1 - 1e-12, 1.0, place))
+    # A face that a lattice line stands on is met at its end, to the last digit; parts overlap by round-off.
+    place = np.where(place < 1e-7, 0.0, np.where(place > 1 - 1e-7, 1.0, place))
     crossing = start + place[:, None] * edge
     mover = np.where(place <= 0.5, one, other)
     on_wall = (position == 0.0) | (position == size)

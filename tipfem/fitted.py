@@ -85,7 +85,7 @@ class Triangulation:
 
     def longest_edges(self, long: float) -> tuple[Array, int]:
         """Edges as 3 * cell + opposite corner, longest first, but those of interfaces and walls longer than ``long``
-        [m] before all others; and how many these are."""
+        [m] before all others; and how many are longer, of those inside a fluid than 1.4 times that."""
         x, cells, across = self.state[:, :2], self.cells, self.across
         number = np.arange(len(cells))[:, None]
         length = np.linalg.norm(x[cells[:, [1, 2, 0]]] - x[cells[:, [2, 0, 1]]], axis=2)
@@ -96,11 +96,12 @@ class Triangulation:
         edges = np.flatnonzero(once.ravel())
         length = length.ravel()[edges]
         order = np.argsort(-length, kind="stable")
-        return edges[order].astype(np.int32), int(first.ravel()[edges].sum())
+        return edges[order].astype(np.int32), int((length > 1.4 * long).sum())
 
 
 def repair(
-    particles: Particles, mesh: Mesh, density: Array, fixed: Array, rule: FittedRule, total: Array | None = None
+    particles: Particles, mesh: Mesh, density: Array, fixed: Array, rule: FittedRule,
+    *, slippery: Array | None = None, total: Array | None = None,
 ) -> tuple[Particles, Mesh, Array]:
     """Remesh particles that have moved.
 
@@ -110,6 +111,7 @@ def repair(
         density: (F,) of the fluids [kg/m^3].
         fixed: (N,) particles that must keep their place, as the corners of the tank.
         rule: when to change what.
+        slippery: (N,) wall particles that slide with the fluid; where interfaces meet walls there, they do so, too.
         total: (F,) volume that each fluid is to have afterwards [m^2]; by default the solve's changes of volume
             stay, and only those of the remeshing are undone.
 
@@ -122,6 +124,8 @@ def repair(
     """
     h = particles.spacing
     t = Triangulation.of(particles, mesh, density)
+    if (simplex_measure(particles.position, mesh.cells) <= 0).any():
+        raise TriangulationError("a triangle was inverted before it could be repaired")
     held = fixed.astype(np.int32)
     star = np.empty(4 * (STAR + 1), dtype=np.int32)
     least = 0.02 * h * h
@@ -130,7 +134,8 @@ def repair(
     count = np.zeros(2, dtype=np.int32)
     flag = np.empty(max(len(t.cells), len(t.state)), dtype=np.int32)
     interface_kernels.slide_contacts(
-        t.state, t.cells, t.across, t.fluid, t.corner, held, t.wall, density, mark, star, len(t.state),
+        t.state, t.cells, t.across, t.fluid, t.corner, held if slippery is None else held | slippery, t.wall, density,
+        mark, star, len(t.state),
         rule.reach * h, 0.35 * h, least,
     )  # fmt: skip
     interface_kernels.break_films(
@@ -155,7 +160,7 @@ def repair(
         raise TriangulationError(f"{gone - placed} particles that crowded others find no room elsewhere")
     changed[freed[:gone]] = True
     t.compact()
-    t.state[:, :2] = restored(t, particles, mesh, total, 0.05 * h)
+    t.state[:, :2] = restored(t, particles, mesh, changed, total, 0.05 * h)
     if not (flips or gone or broken or (t.state[:, :2] != particles.position).any()):
         return particles, mesh.moved(particles.position), changed
     position = np.ascontiguousarray(t.state[:, :2])
@@ -171,13 +176,16 @@ def repair(
     return state, repaired, changed
 
 
-def restored(t: Triangulation, particles: Particles, mesh: Mesh, total: Array | None, limit: float) -> Array:
+def restored(
+    t: Triangulation, particles: Particles, mesh: Mesh, relocated: Array, total: Array | None, limit: float
+) -> Array:
     """Positions (N, 2) at which the volumes are right, see `conservation`.
 
     Args:
         t: the new triangulation.
         particles: the state before it was made.
         mesh: the mesh of the step, at its start.
+        relocated: (N,) mask of the particles that were set elsewhere.
         total: as in `repair`.
         limit: of a particle's shift [m].
     """
@@ -191,13 +199,15 @@ def restored(t: Triangulation, particles: Particles, mesh: Mesh, total: Array | 
         total = np.bincount(fluid_before, weights=moved)
     else:
         loss = np.bincount(before, weights=mesh.measure) - moved
-    loss = inherit((mesh.cells, mesh.fluid, before), (t.cells, t.fluid, after), loss, len(particles))
+    loss = inherit((mesh.cells, mesh.fluid, before), (t.cells, t.fluid, after), loss, relocated)
     position = np.ascontiguousarray(t.state[:, :2])
     volume = np.bincount(after, weights=simplex_measure(position, t.cells))
     fluid = np.zeros(len(volume), dtype=np.int32)
     fluid[after] = t.fluid
-    wanted = share_out(volume, loss, fluid, np.pad(total, (0, max(0, fluid.max() + 1 - len(total)))))
-    return move_interfaces(position, t.cells, after, t.marks() == 1, wanted, limit)
+    movable = t.marks() == 1
+    free = np.bincount(after, weights=movable[t.cells].any(axis=1)) > 0
+    wanted = share_out(volume, loss, fluid, np.pad(total, (0, max(0, fluid.max() + 1 - len(total)))), free)
+    return move_interfaces(position, t.cells, after, movable, wanted, limit)
 
 
 def _coarsen(
@@ -207,7 +217,8 @@ def _coarsen(
     count = np.array([gone, 0], dtype=np.int32)
     remeshing_kernels.coarsen(
         t.state, t.cells, t.across, t.fluid, t.corner, held, t.wall, t.density, star, flag, freed, count,
-        len(t.cells), len(t.state), close, rule.chain * h, rule.edge * h, 0.02 * h * h, most,
+        len(t.cells), len(t.state), close, rule.chain * h, rule.edge * h, rule.film * h,
+        0.02 * h * h, most,
     )  # fmt: skip
     return int(count[0])
 

@@ -14,7 +14,7 @@ from tipfem.fluid import Fluid
 from tipfem.mesh import Mesh
 from tipfem.particles import Array, Particles
 from tipfem.relocation import RelocationRule, relocate
-from tipfem.triangulation import triangulate, wall_fluid
+from tipfem.triangulation import TriangulationError, triangulate, wall_fluid
 from tipfem.wall_step import WallStep
 
 
@@ -84,6 +84,7 @@ class FittedRemesher:
 
     def __init__(self, fluids: Sequence[Fluid], fixed: Sequence[int], rule: FittedRule, *, keep: bool) -> None:
         self.density = np.array([f.density for f in fluids])
+        self._names = [f.name for f in fluids]
         self.rule = rule
         self._fixed_particles = list(fixed)
         self._fixed = np.zeros(0, dtype=bool)
@@ -95,6 +96,12 @@ class FittedRemesher:
         mesh = triangulate(particles.position, particles.wall, particles.spacing)
         particles.fluid = wall_fluid(mesh, particles.fluid, particles.wall)
         mesh = with_fluids(mesh, particles, self.density)
+        absent = np.setdiff1d(np.arange(len(self.density)), np.asarray(mesh.fluid))
+        if len(absent):
+            raise TriangulationError(
+                f"fluid {self._names[absent[0]]!r} fills no triangle; it is not in the tank, or its part is too small "
+                f"for a spacing of {particles.spacing:g} m"
+            )
         self._fixed = hull_corners(mesh)
         self._fixed[self._fixed_particles] = True
         if self._keep:
@@ -103,7 +110,18 @@ class FittedRemesher:
 
     def remesh(self, particles: Particles, mesh: Mesh, walls: WallStep | None) -> Remeshed:
         """See `Remesher.remesh`."""
-        return self._labelled(*repair(particles, mesh, self.density, self._fixed, self.rule, self._volumes))
+        fixed, slippery = self._fixed, None
+        if walls:
+            particles = walls.set_back(particles)
+            boundary = walls.boundary
+            fixed = fixed.copy()
+            fixed[boundary.index[boundary.pinned]] = True
+            slippery = np.zeros(len(fixed), dtype=np.int32)
+            slippery[boundary.index[boundary.slides]] = 1
+        state, mesh, relocated = repair(
+            particles, mesh, self.density, fixed, self.rule, slippery=slippery, total=self._volumes
+        )
+        return self._labelled(state, mesh, relocated)
 
     def _labelled(self, particles: Particles, mesh: Mesh, relocated: Array) -> Remeshed:
         particles.fluid = particle_fluid(mesh, len(particles), self.density)

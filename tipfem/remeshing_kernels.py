@@ -113,13 +113,15 @@ def coarsen(
     state: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
     corner: ti.types.ndarray(), fixed: ti.types.ndarray(), wall: ti.types.ndarray(), density: ti.types.ndarray(),
     star: ti.types.ndarray(), flag: ti.types.ndarray(), freed: ti.types.ndarray(), count: ti.types.ndarray(),
-    elements: ti.i32, particles: ti.i32, close: ti.f64, chain: ti.f64, edge: ti.f64, least: ti.f64, most: ti.i32,
+    elements: ti.i32, particles: ti.i32, close: ti.f64, chain: ti.f64, edge: ti.f64, film: ti.f64, least: ti.f64,
+    most: ti.i32,
 ):  # fmt: skip
     """Take out particles that crowd others: by collapsing the edge to a neighbour.
 
     Off interfaces and walls: closer than ``close`` [m] to another, or than ``edge`` to an edge of interface or wall.
-    On an interface: closer than ``chain`` to the next on it; the area enclosed is kept. On a wall, where no
-    interface meets it: closer than ``chain`` to the next on it. ``fixed`` (N,) stay. No cell is left with
+    On an interface: closer than ``chain`` to the next on it, and the area enclosed is kept; or closer than
+    ``film`` to a wall, which the interface then meets. On a wall, where no interface meets it: closer than
+    ``chain`` to the next on it. ``fixed`` (N,) stay. No cell is left with
     less than twice the area ``least``; at most ``most`` go. freed[:count[0]]: who went. ``star`` is scratch.
     """
     for i in range(particles):
@@ -138,6 +140,8 @@ def coarsen(
                     border = fluid[o] != fluid[t]
                 if border and double_area(state, cells[t, 0], cells[t, 1], cells[t, 2]) < edge * length:
                     ti.atomic_or(flag[cells[t, i]], 2)
+                if o < 0 and double_area(state, cells[t, 0], cells[t, 1], cells[t, 2]) < film * length:
+                    ti.atomic_or(flag[cells[t, i]], 4)
     ti.loop_config(serialize=True)
     for p in range(particles):
         if flag[p] > 0 and fixed[p] == 0 and corner[p] >= 0 and count[0] < most:
@@ -155,7 +159,14 @@ def coarsen(
                     q = first if distance(state, p, first) < distance(state, p, second) else second
                     if distance(state, p, q) >= chain or first == second:
                         q = -1
-                    along = True
+                    along = q >= 0
+                    if q < 0 and flag[p] >= 4:
+                        for m in range(n):
+                            r = ring(cells, star, 0, n, p, m)
+                            length = distance(state, p, r)
+                            nearer = wall[r] == 1 and r != first and r != second and length < gap
+                            if nearer and can_collapse(state, cells, star, 0, n, p, r, least):
+                                q, gap = r, length
                 elif closed == 1 and number == 0:
                     for m in range(n):
                         r = ring(cells, star, 0, n, p, m)
@@ -181,6 +192,7 @@ def coarsen(
                         state[p, 7] = 0.0
                         freed[count[0]] = p
                         count[0] += 1
+                        flag[q] = 0  # it has room now; without this, whole rows would follow
                         if along and wall[q] == 0 and fixed[q] == 0:
                             n2, closed2 = collect_star(cells, across, corner, q, star, STAR + 1)
                             if n2 > 0 and closed2 == 1:

@@ -89,12 +89,14 @@ class Simulation:
         self.budget = Budget(case)
         self._workspace = Workspace()
         self._walls: WallStep | None = None
+        self.boundary = case.boundary
         self._reference = case.pressure_reference()
         self.remesher = remesher_for(case.interface, case.fluids, case.numerics, self._reference)
         self._started = clock.perf_counter()
         self._outputs = 0
         try:
-            self._take(self.remesher.start(set_off(case.boundary, case.particles.copy(), 0.25 * self.control.largest)))
+            initial = set_off(case.boundary, case.particles.copy(), 0.25 * self.control.largest)
+            self._take(self.remesher.start(initial))
         except TriangulationError as error:
             raise ValueError(f"Simulation: the initial particles cannot be meshed: {error}") from error
         # With a sharp interface the remesher keeps the volumes, and without jumps of pressure.
@@ -119,7 +121,7 @@ class Simulation:
         if not until > self.time:
             raise ValueError(f"step: until is {until!r} s; it must be later than the present {self.time:g} s")
         while True:
-            speed = self.case.boundary.largest_speed(self.particles, self.time, self.control.current)
+            speed = self.boundary.largest_speed(self.particles, self.time, self.control.current)
             dt = self.control.length(speed, self.particles.spacing, until - self.time)
             try:
                 moved, result = self._solve(dt)
@@ -189,7 +191,7 @@ class Simulation:
         position = self.particles.position + scheme.cf * scheme.predict(self.particles)
         force = self.case.acceleration(position, self.time + scheme.cf * dt)
         before, material = self.particles, self._properties(dt)
-        self._walls = walls_in_step(self.case.boundary, self.mesh, before, material.viscosity, scheme, self.time)
+        self._walls = walls_in_step(self.boundary, self.mesh, before, material.viscosity, scheme, self.time)
         problem = FlowProblem(
             self.mesh, before, material, scheme, force, numerics.stabilisation, self._workspace, self._walls
         )
@@ -222,8 +224,11 @@ class Simulation:
         transfer = self.case.numerics.momentum_transfer and mesh.fluid is None
         if before is not None and transfer:
             before = np.where(relocated, np.nan, before)
-            particles = transfer_momentum(particles, mesh, before, around, self.case.boundary.still)
-        particles = self._walls.impose(particles) if self._walls else particles
+            particles = transfer_momentum(particles, mesh, before, around, self.boundary.still)
+        if self._walls and mesh.fluid is not None:
+            self.boundary = self._walls.reassign(particles)
+        elif self._walls:
+            particles = self._walls.impose(particles)
         self.mesh, self.particles = mesh, particles
         self._density, self._viscosity, self._nodal_density = density, viscosity, around
         self._fraction = self.interface.fluid_fraction(mesh, fluid, len(fluids))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tipfem.boundary import Boundary
+from tipfem.boundary_update import reassigned
 from tipfem.mesh import Mesh
 from tipfem.particles import Array, Particles
 from tipfem.time_integration import GeneralizedAlpha
@@ -70,7 +71,7 @@ class WallStep:
         self, boundary: Boundary, mesh: Mesh, particles: Particles, viscosity: Array, scheme: GeneralizedAlpha,
         time: float,
     ) -> None:  # fmt: skip
-        self.boundary, self.scheme = boundary, scheme
+        self.boundary, self.scheme, self._time = boundary, scheme, time
         boundary.require_volume(time + scheme.dt)
         part = 0.25 * scheme.dt
         self._before, self._after = WallMotion(boundary, time, part), WallMotion(boundary, time + scheme.dt, part)
@@ -184,10 +185,25 @@ class WallStep:
             else:
                 space_back(spaced, piece, places)
         if particles.dimension == 3:
-            slides[self.boundary.slides] = False
-            spaced.position[self.boundary.index[slides]] = self._home[slides]
+            spaced = self.set_back(spaced)
         self._after.impose(spaced)
         return spaced, count
+
+    def set_back(self, particles: Particles) -> Particles:
+        """The state with the particles of no-slip walls that slide along themselves where they were in the tank."""
+        slides = self.boundary.sliding >= 0
+        slides[self.boundary.slides] = False
+        if not slides.any():
+            return particles
+        back = particles.copy()
+        back.position[self.boundary.index[slides]] = self._home[slides]
+        return back
+
+    def reassign(self, particles: Particles) -> Boundary:
+        """The boundary at t_{n+1} of remeshed particles, in 2-D; imposes the walls' rates on them, in place."""
+        boundary = reassigned(self.boundary, particles, self._after.pose, self._after.displacement)
+        WallMotion(boundary, self._time + self.scheme.dt, 0.25 * self.scheme.dt).impose(particles)
+        return boundary
 
     def impose(self, particles: Particles) -> Particles:
         """The state at t_{n+1}, changed in place to the velocities and accelerations that the walls prescribe."""
