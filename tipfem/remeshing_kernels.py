@@ -120,8 +120,8 @@ def coarsen(
 
     Off interfaces and walls: closer than ``close`` [m] to another, or than ``edge`` to an edge of interface or wall.
     On an interface: closer than ``chain`` to the next on it, and the area enclosed is kept; or closer than
-    ``film`` to a wall, which the interface then meets. On a wall, where no interface meets it: closer than
-    ``chain`` to the next on it. ``fixed`` (N,) stay. No cell is left with
+    ``film`` to a wall, which the interface then meets. On a wall: closer than ``chain`` to the next on
+    it, or than ``film`` where an interface meets the wall. ``fixed`` (N,) stay. No cell is left with
     less than twice the area ``least``; at most ``most`` go. freed[:count[0]]: who went. ``star`` is scratch.
     """
     for i in range(particles):
@@ -150,10 +150,10 @@ def coarsen(
                 number, first, second = interface_edges(cells, fluid, star, 0, n, closed, p)
                 q, gap = -1, 1e30
                 along = False
-                if closed == 0 and number == 0:
+                if closed == 0 and number <= 1:
                     one, other = ring(cells, star, 0, n, p, 0), ring(cells, star, 0, n, p, n)
                     q = one if distance(state, p, one) < distance(state, p, other) else other
-                    if distance(state, p, q) >= chain:
+                    if distance(state, p, q) >= (chain if number == 0 else film):
                         q = -1
                 elif closed == 1 and number == 2:
                     q = first if distance(state, p, first) < distance(state, p, second) else second
