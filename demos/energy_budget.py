@@ -17,7 +17,6 @@ import argparse
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -60,8 +59,7 @@ def measure(
         ValueError: an argument is out of range.
         SimulationError: the run cannot go on.
     """
-    case = dam_break.build(spacing)
-    case = replace(case, interface=interface, numerics=tp.Numerics(rho_inf=rho_inf, **numerics))
+    case = dam_break.build(spacing, interface=interface, numerics=tp.Numerics(rho_inf=rho_inf, **numerics))
     simulation = tp.Simulation(case, out, time_step=time_step)
     start = simulation.energy()
     simulation.run(end_time)

@@ -20,7 +20,7 @@ from tipfem.validation import is_number, numbers
 from tipfem.walls import Motion, Wall
 
 INTERFACES: dict[str, type[InterfaceRule]] = {"interpolated": InterpolatedInterface, "sharp": SharpInterface}
-DEFAULT_INTERFACE = "interpolated"
+DEFAULT_INTERFACE = "sharp"
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,8 @@ class Case:
         gravity: (d,) acceleration [m/s^2].
         body_force: function of positions (N, d) [m] and time [s] to further accelerations (N, d)
             [m/s^2], or None.
-        interface: rule for elements between two fluids; "interpolated" is that of Carvalho & Sanches.
+        interface: "sharp", by default: every element belongs to one fluid, and interfaces run along edges (2-D
+            only); or "interpolated", the rule of Carvalho & Sanches.
         numerics: the method's numbers.
         title: what pictures are headed with.
         walls: those that slip, slide or move, beside what a tank says of its own; all others are fixed
@@ -165,7 +166,10 @@ class Case:
                 f"must lie between 0 and {len(self.fluids) - 1}"
             )
         if self.interface == "sharp" and particles.dimension != 2:
-            raise ValueError("Case: interface is 'sharp', which is for 2-D only, and the particles are in 3-D")
+            raise ValueError(
+                "Case: interface is 'sharp' (the default), which is for 2-D only; for these particles in 3-D it must "
+                "be 'interpolated'"
+            )
         median = particles.require_distinct()
         if not 0.1 <= particles.spacing / median <= 10:
             raise ValueError(

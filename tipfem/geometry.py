@@ -178,7 +178,9 @@ class Tank:
                 has no jitter, or is to be fitted.
         """
         if fitted and len(self.size) == 3:
-            raise ValueError("tank: particles can be fitted to the faces of fluids in 2-D only; this tank is 3-D")
+            raise ValueError(
+                "tank: the sharp interface (the default) is for 2-D only; for a tank in 3-D say interface='interpolated'"
+            )
         if len(self.size) == 3 and not self.jitter:
             raise ValueError(
                 "tank: jitter is 0; a regular lattice in 3-D cannot be meshed, its cubes are cut into simplices "
