@@ -118,6 +118,18 @@ def test_a_fluid_without_friction_keeps_its_vorticity_of_zero_in_a_tank_that_rol
     assert errors[1] < 0.5 * errors[0]
 
 
+def test_waves_between_two_layers_in_a_tank_that_sways_follow_linear_theory():
+    """The lower layer's first moment, through its largest swing and back."""
+    simulation, rows = flows.sloshed(16), []
+    while simulation.time < 2.8:
+        simulation.step(2.8)
+        rows.append((simulation.time, flows.first_moment(simulation)))
+    time, moment = np.array(rows).T
+    linear = flows.linear_moment(time)
+    assert np.sqrt(((moment - linear) ** 2).mean()) < 0.08 * np.abs(linear).max()
+    assert np.ptp(moment) == pytest.approx(np.ptp(linear), rel=0.15)
+
+
 @pytest.mark.parametrize("slip", [False, True])
 def test_two_pistons_push_the_fluid_along(slip):
     """Walls that move together: the stroke times the depth passes every section, floors cope with both ends."""
