@@ -158,8 +158,8 @@ def first_moment(simulation: tp.Simulation) -> float:
 def linear_moment(time: Array, terms: int = 40) -> Array:
     """The same (K,) by linear theory: waves cos kx on the interface, forced by the tank's acceleration a.
 
-    eta'' + w_k^2 eta = w_k^2 4 a / (g k^2) for k = pi, 3 pi ..., from rest, with w_k^2 = (rho_1 - rho_2) g k tanh(k / 2)
-    / (rho_1 + rho_2) (Lamb, Hydrodynamics, art. 231); the integral of x cos kx is -2 / k^2.
+    eta'' + w_k^2 eta = w_k^2 4 a / (g k^2) for k = pi, 3 pi ..., from rest, with (Lamb, Hydrodynamics, art. 231)
+    w_k^2 = (rho_1 - rho_2) g k tanh(k / 2) / (rho_1 + rho_2); the integral of x cos kx is -2 / k^2.
     """
     time, (size, w) = np.asarray(time)[:, None], SWAY
     k = np.pi * np.arange(1, terms, 2)
