@@ -37,7 +37,7 @@ FINE = {"vortex": (16, 32, 64), "long": 16, "driven": {100: 40, 400: 56}, "dam":
         "rolled": (16, 32), "pistons": 10}  # fmt: skip
 SHORT = {"vortex": (12, 24), "long": 10, "driven": {100: 20}, "dam": 0.02, "sloshed": 16,
          "rolled": (12, 24), "pistons": 8}  # fmt: skip
-DRIVEN_END = {100: 10.0, 400: 26.0}  # [s], by which the flow is steady; --short goes a third of the way
+DRIVEN_END = {100: 10.0, 400: 20.0}  # [s], by which the flow is steady; --short goes a third of the way
 DAM_END = 0.24  # [s]; T = 2.8
 
 # Fluids and geometry: in wall_flows.py and dam_break.py.
