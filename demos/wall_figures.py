@@ -83,6 +83,21 @@ def cavity(path: Path, curves: Mapping[int, Sequence[tuple[Array, Array, Array]]
     figure.savefig(path)
 
 
+def slosh(path: Path, simulation: tp.Simulation, time: Array, moment: Array, linear: Array) -> None:
+    """The two layers in a tank that sways, and the lower one's first moments (K,) [m^3] over time (K,) [s]."""
+    figure, (left, right) = _figure(2)
+    mesh, fluid = simulation.mesh, simulation.particles.fluid
+    left.tripcolor(*mesh.position.T, mesh.cells, fluid[mesh.cells].mean(axis=1), cmap="cividis_r", linewidth=0)
+    left.set_aspect("equal")
+    _label(left, f"Two layers in a tank that sways, t = {simulation.time:g} s", "x [m]", "y [m]")
+    right.plot(time, linear, "k-", linewidth=1.2, label="linear theory")
+    every = max(len(time) // 30, 1)
+    right.plot(time[::every], moment[::every], "o", color=COLOURS[1], mfc="none", label="tipfem")
+    _label(right, "First moment of the lower layer", "t [s]", "m³ per metre")
+    right.legend(fontsize=11)
+    figure.savefig(path)
+
+
 def arrows(path: Path, position: Array, velocity: Array, exact: Array) -> None:
     """Velocities (N, 2) at positions (N, 2) [m] in a rolled tank, over those in closed form."""
     figure, axes = _figure(1, 6.5)
@@ -91,7 +106,7 @@ def arrows(path: Path, position: Array, velocity: Array, exact: Array) -> None:
         axes[0].quiver(*position.T, *values.T, color=colour, width=width, scale=4.0, label=label)
     axes[0].set_aspect("equal")
     _label(axes[0], "Rolled tank, free slip", "x [m]", "y [m]")
-    axes[0].legend(fontsize=11, loc="upper right")
+    figure.legend(fontsize=11, loc="outside lower center", ncols=2)
     figure.savefig(path)
 
 

@@ -133,6 +133,42 @@ def swayed(cells: int, *, slip: bool) -> tuple[tp.Simulation, Callable[[float], 
     return tp.Simulation(tp.Case(tank, [fluid], (0, -9.81), tank_motion=motion), time_step=0.005), rates
 
 
+SWAY = (0.34, 1.2)  # amplitude [m] and frequency [rad/s]
+LAYERS = (1000.0, 700.0)  # densities of the lower and the upper half [kg/m^3]
+
+
+def sloshed(cells: int) -> tp.Simulation:
+    """Two layers of little viscosity in a square tank of 1 m with walls of free slip, which sways."""
+    lower, upper = tp.Fluid("lower", LAYERS[0], 0.02), tp.Fluid("upper", LAYERS[1], 0.02)
+    tank = tp.tank((1, 1), 1 / cells).fill(upper).fill(lower, box=((0, 0), (1, 0.5)))
+    for side in SIDES:
+        tank.wall(side, slip=True)
+    motion = tp.Motion(translation=lambda t: (SWAY[0] * (1 - np.cos(SWAY[1] * t)), 0.0))
+    return tp.Simulation(tp.Case(tank, [lower, upper], (0, -9.81), tank_motion=motion), time_step=0.24 / cells)
+
+
+def first_moment(simulation: tp.Simulation) -> float:
+    """Integral of x over the lower fluid of `sloshed`, from the tank's centre [m^3, per metre of depth]."""
+    mesh = simulation.mesh
+    part = simulation.interface.fluid_fraction(mesh.cells, simulation.particles.fluid, 2)[:, 0]
+    centre = 0.5 + SWAY[0] * (1 - np.cos(SWAY[1] * simulation.time))
+    return float((mesh.measure * part) @ (mesh.position[mesh.cells, 0].mean(axis=1) - centre))
+
+
+def linear_moment(time: Array, terms: int = 40) -> Array:
+    """The same (K,) by linear theory: waves cos kx on the interface, forced by the tank's acceleration a.
+
+    eta'' + w_k^2 eta = w_k^2 4 a / (g k^2) for k = pi, 3 pi ..., from rest, with (Lamb, Hydrodynamics, art. 231)
+    w_k^2 = (rho_1 - rho_2) g k tanh(k / 2) / (rho_1 + rho_2); the integral of x cos kx is -2 / k^2.
+    """
+    time, (size, w) = np.asarray(time)[:, None], SWAY
+    k = np.pi * np.arange(1, terms, 2)
+    own = np.sqrt((LAYERS[0] - LAYERS[1]) / sum(LAYERS) * 9.81 * k * np.tanh(k / 2))
+    force = 4 * size * w**2 / (9.81 * k**2)
+    eta = force * own**2 / (own**2 - w**2) * (np.cos(w * time) - np.cos(own * time))
+    return (-2 / k**2 * eta).sum(axis=1)
+
+
 ROLL = (0.5, 1.0)  # amplitude [rad] and frequency [rad/s]
 
 

@@ -41,7 +41,8 @@ class Tank:
         spacing: target distance between particles [m].
         jitter: random displacement of the particles off the walls, in spacings (0 to 0.4). A tank
             in 3-D needs some, 0.1 for instance: the cubes of a regular lattice have no unique
-            Delaunay mesh, and would be cut into simplices without volume.
+            Delaunay mesh, and would be cut into simplices without volume. With a `wall` described,
+            the wall particles in 3-D are displaced too, along their walls.
         seed: of the random displacement.
 
     Raises:

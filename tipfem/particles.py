@@ -21,7 +21,7 @@ class Particles:
     Attributes:
         position: (N, d) [m].
         fluid: (N,) index into the case's list of fluids.
-        wall: (N,) True for the fixed ghost particles that make the walls.
+        wall: (N,) True for the ghost particles that make the walls.
         velocity: (N, d) [m/s].
         acceleration: (N, d) [m/s^2].
         pressure: (N,) [Pa], positive in compression.
