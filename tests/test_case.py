@@ -47,7 +47,7 @@ def test_a_case_keeps_what_it_is_given(case, particles, water, air):
     assert c.fluids == [water, air]
     assert isinstance(c.gravity, np.ndarray)
     assert c.gravity.tolist() == [0, -9.81]
-    assert (c.title, c.interface, c.body_force, c.closed) == ("dam", "interpolated", None, True)
+    assert (c.title, c.interface, c.body_force, c.closed) == ("dam", "sharp", None, True)
     assert c.numerics == tp.Numerics()
 
 
@@ -277,7 +277,7 @@ def test_a_simulation_leaves_the_case_s_particles_alone(case, particles):
 
 
 def test_a_fluid_is_found_by_name_and_an_unknown_one_refused(case):
-    simulation = tp.Simulation(case())
+    simulation = tp.Simulation(case(interface="interpolated"))
     assert simulation.case.fluid_index("air") == 1
     assert simulation.volume("water") == pytest.approx(0.5, rel=1e-12)
     refusal(ValueError, lambda: simulation.volume("oil"), "'oil'", "['water', 'air']")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import importlib
 import json
+import resource
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import imageio.v3 as iio
@@ -25,15 +25,16 @@ def demo():
 
 
 def test_ten_millimetres_against_the_experiments(tmp_path):
-    """The command a user types leaves every file it promises, passes its own check, in under 90 s."""
+    """The command a user types leaves every file it promises and passes its own check, in 180 s of processor time."""
     out = tmp_path / "results"
-    started = time.perf_counter()
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     words = ["--spacing", "0.01", "--end-time", "0.3", "--frames-per-second", "50", "--out", str(out)]
     done = subprocess.run(
         [sys.executable, str(DEMOS / "dam_break.py"), *words], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert time.perf_counter() - started < 90
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)  # not the clock's: other work may run beside the tests
+    assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 180
     assert "check: passed" in done.stdout
     assert str(out) in done.stdout
     summary = json.loads((out / "summary.json").read_text())

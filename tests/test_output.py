@@ -154,7 +154,7 @@ def test_the_case_is_described(tmp_path, water, air):
         "upper": [0.8, 0.6],
         "spacing": 0.1,
         "gravity": [0.0, -9.81],
-        "interface": "interpolated",
+        "interface": "sharp",
     }
 
 
@@ -279,7 +279,7 @@ def test_a_run_writes_the_whole_folder(tmp_path, water, air):
     assert summary["time"] == 4e-3
     assert summary["steps"] == steps
     assert summary["particles"] == len(case.particles)
-    assert (summary["arch"], summary["precision"], summary["interface"]) == ("cpu", "f64", "interpolated")
+    assert (summary["arch"], summary["precision"], summary["interface"]) == ("cpu", "f64", "sharp")
     assert summary["numerics"]["relocation"]["too_close"] == 0.6
     assert [fluid["name"] for fluid in summary["fluids"]] == ["water", "air"]
 

@@ -24,7 +24,7 @@ def dam_break(water, air, spacing=0.02, **options):
 
 def test_state_is_readable_and_consistent_at_every_step(water, air):
     """Numbers of particles of each fluid constant, no inverted element, walls at rest, mesh of the present state."""
-    simulation = tp.Simulation(dam_break(water, air), time_step=2e-3)
+    simulation = tp.Simulation(dam_break(water, air, interface="interpolated"), time_step=2e-3)
     wall = simulation.particles.wall.copy()
     before = np.bincount(simulation.particles.fluid[~wall])
     walls = simulation.particles.position[wall]
@@ -45,6 +45,25 @@ def test_state_is_readable_and_consistent_at_every_step(water, air):
     assert simulation.volume("water") + simulation.volume("air") == pytest.approx(0.584**2, rel=1e-12)
     with pytest.raises(ValueError, match=r"no fluid 'oil'.*\['water', 'air'\]"):
         simulation.volume("oil")
+
+
+def test_a_sharp_interface_keeps_its_state_consistent_at_every_step(water, air):
+    """As many particles as before, walls at rest around them, no inverted element, volumes to round-off."""
+    simulation = tp.Simulation(dam_break(water, air), time_step=2e-3)
+    count, volumes, relocated = len(simulation.particles), simulation._volumes(), 0
+    while simulation.time < 0.4:
+        simulation.step()
+        p, mesh = simulation.particles, simulation.mesh
+        assert len(p) == count
+        on_wall = ((p.position == 0) | (np.abs(p.position - 0.584) < 1e-15)).any(axis=1)
+        np.testing.assert_array_equal(p.wall, on_wall)
+        assert not p.velocity[p.wall].any()
+        np.testing.assert_array_equal(mesh.position, p.position)
+        assert mesh.measure.min() > 0
+        assert (np.bincount(mesh.cells.ravel(), minlength=count) > 0).all()
+        np.testing.assert_allclose(simulation._volumes(), volumes, rtol=1e-9)
+        relocated += simulation.history[-1]["relocated"]
+    assert relocated > 50
 
 
 def test_falling_column_turns_potential_into_kinetic_energy(water, air):

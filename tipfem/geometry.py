@@ -180,7 +180,7 @@ class Tank:
         """
         if fitted and len(self.size) == 3:
             raise ValueError(
-                "tank: the sharp interface (the default) is for 2-D only; for a tank in 3-D say interface='interpolated'"
+                "tank: the sharp interface (the default) is for 2-D only; for a 3-D tank say interface='interpolated'"
             )
         if len(self.size) == 3 and not self.jitter:
             raise ValueError(
