@@ -241,6 +241,11 @@ class Case:
             force += extra
         return force
 
+    def natural_frequency(self) -> float:
+        """sqrt(|b| / h) [1/s] with the largest acceleration b by gravity and body force at the start."""
+        force = self.acceleration(self.particles.position, 0.0)
+        return float(np.sqrt(np.linalg.norm(force, axis=1).max() / self.particles.spacing))
+
     def pressure_reference(self) -> int:
         """The wall particle at which a closed tank's pressure is zero: the highest, against gravity and body force."""
         # Not one that slides or is set elsewhere; corners never are.

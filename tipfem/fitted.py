@@ -135,7 +135,7 @@ def repair(
     flag = np.empty(max(len(t.cells), len(t.state)), dtype=np.int32)
     interface_kernels.slide_contacts(
         t.state, t.cells, t.across, t.fluid, t.corner, held if slippery is None else held | slippery, t.wall, density,
-        mark, star, len(t.state),
+        mark, particles.position - mesh.position, star, len(t.state),
         rule.reach * h, 0.35 * h, least,
     )  # fmt: skip
     interface_kernels.break_films(

@@ -78,13 +78,15 @@ def break_films(
 def slide_contacts(
     state: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
     corner: ti.types.ndarray(), fixed: ti.types.ndarray(), wall: ti.types.ndarray(), density: ti.types.ndarray(),
-    mark: ti.types.ndarray(), star: ti.types.ndarray(), particles: ti.i32, reach: ti.f64, gap: ti.f64, least: ti.f64,
+    mark: ti.types.ndarray(), way: ti.types.ndarray(), star: ti.types.ndarray(), particles: ti.i32, reach: ti.f64,
+    gap: ti.f64, least: ti.f64,
 ):  # fmt: skip
     """Let an interface meet the wall where it points to: its particle on the wall slides along it.
 
     The line through the last two particles of the interface off the wall, A and B, is carried on to the wall, at
-    most ``reach`` [m] from the foot of A. The particle stays ``gap`` away from the next ones on the wall, and no
-    cell is left with less than twice the area ``least``.
+    most ``reach`` [m] from the foot of A. In a step it goes at most twice as far as A did (``way`` (N, 2) is the
+    particles' [m]): the fluid wets walls by its motion, and does not creep along them. The particle stays ``gap``
+    away from the next ones on the wall, and no cell is left with less than twice the area ``least``.
     """
     ti.loop_config(serialize=True)
     for w in range(particles):
@@ -111,6 +113,8 @@ def slide_contacts(
                         if above > 1.05 * height:
                             target = foot + (foot - bx * tx - by * ty) * height / (above - height)
                             target = ti.max(foot - reach, ti.min(foot + reach, target))
+                    moved = 2 * ti.sqrt((way[a, 0] - way[w, 0]) ** 2 + (way[a, 1] - way[w, 1]) ** 2)
+                    target = ti.max(-moved, ti.min(moved, target))
                     # ``one`` lies ahead (in the direction of t), ``other`` behind.
                     ahead = distance(state, w, one) - gap
                     behind = distance(state, w, other) - gap

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from tipfem.errors import StepRefused
 from tipfem.krylov import KrylovResult
 
 
@@ -36,6 +37,13 @@ class NewtonResult:
     krylov_iterations: int
     norm: float
     converged: bool
+
+    def require(self) -> None:
+        """Raises StepRefused unless Newton's method has converged."""
+        if not self.converged:
+            raise StepRefused(
+                f"Newton's method did not converge in {self.iterations} iterations (residual {self.norm:.2e} h)"
+            )
 
 
 def newton(

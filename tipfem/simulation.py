@@ -82,10 +82,8 @@ class Simulation:
         self.step_number = 0
         self.history: list[dict[str, float]] = []
         self.interface = INTERFACES[case.interface]()
-        force = case.acceleration(case.particles.position, 0.0)
-        frequency = math.sqrt(float(np.linalg.norm(force, axis=1).max()) / case.particles.spacing)
-        natural = 0.05 / frequency if frequency else 1e-3
-        self.control = StepControl(natural if time_step is None else time_step)
+        frequency = case.natural_frequency()
+        self.control = StepControl(time_step or (0.05 / frequency if frequency else 1e-3))
         self.budget = Budget(case)
         self._workspace = Workspace()
         self._walls: WallStep | None = None
@@ -202,10 +200,7 @@ class Simulation:
             problem, problem.predict(), tolerance=tolerance, max_iterations=numerics.newton_iterations,
             noise=device.round_off(),
         )  # fmt: skip
-        if not result.converged:
-            raise StepRefused(
-                f"Newton's method did not converge in {result.iterations} iterations (residual {result.norm:.2e} h)"
-            )
+        result.require()
         limits = problem.limits(result.solution)
         limits.require(numerics.smallest_jacobian, self.control.reach * self.particles.spacing)
         displacement, pressure = problem.split(result.solution)
