@@ -121,7 +121,6 @@ def test_a_fitted_tank_has_its_particles_on_the_face_where_jitter_leaves_them(ji
     assert on_lattice[~on & ~p.wall].any() == (jitter == 0)
 
 
-@pytest.mark.xfail(strict=True, reason="the slack of 1e-9 by which a box holds its faces moves them outwards")
 def test_faces_of_boxes_are_lines_of_particles():
     tank = tp.tank((1, 1), 0.07, jitter=0.2).fill(AIR).fill(WATER, box=((0, 0), (0.37, 0.53)))
     p = tank.sample([WATER, AIR], fitted=True)

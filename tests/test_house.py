@@ -54,6 +54,7 @@ ORDER = [
     "wall_rows",
     "flow",
     "case",
+    "moving",
     "fitted",
     "remeshing",
     "budget",

@@ -2,6 +2,7 @@
 
 from tipfem.case import Case, Numerics
 from tipfem.device import init
+from tipfem.fitting import FittedRule
 from tipfem.fluid import Fluid
 from tipfem.geometry import Tank, tank
 from tipfem.particles import Particles
@@ -13,6 +14,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Case",
+    "FittedRule",
     "Fluid",
     "Motion",
     "Numerics",

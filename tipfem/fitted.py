@@ -2,101 +2,22 @@
 
 Every triangle belongs to one fluid for good; flips, collapses and splits of edges hand that on. So a
 remeshing moves no volume from one fluid to another but where an interface is made coarser, slides
-along a wall, or a film breaks.
+along a wall, or a film breaks; and that is undone at once, see `conservation`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from tipfem import interface_kernels, remeshing_kernels
 from tipfem.conservation import bodies, inherit, move_interfaces, share_out
 from tipfem.fitting import FittedRule
 from tipfem.mesh import Mesh, simplex_measure
+from tipfem.moving import Triangulation
 from tipfem.particles import Array, Particles
-from tipfem.probes import nodal_mass
-from tipfem.surgery import STAR
 from tipfem.triangulation import TriangulationError
 
-
-@dataclass
-class Triangulation:
-    """A triangulation that can be changed in place; the arrays are those of `surgery`."""
-
-    state: Array
-    cells: Array
-    across: Array
-    fluid: Array
-    corner: Array
-    wall: Array
-    density: Array
-
-    @classmethod
-    def of(cls, particles: Particles, mesh: Mesh, density: Array) -> Triangulation:
-        """A copy of ``mesh``, which must know its fluids of ``density`` (F,), moved to where ``particles`` are."""
-        assert mesh.fluid is not None
-        # The mass of the step's solution: volumes change in a step by round-off and errors of volume only.
-        mass = nodal_mass(mesh, density[mesh.fluid])
-        state = np.column_stack(
-            [particles.position, particles.velocity, particles.acceleration, particles.pressure, mass]
-        )
-        corner = np.full(len(state), -1, dtype=np.int32)
-        corner[mesh.cells.ravel()] = np.arange(mesh.cells.size, dtype=np.int32) // 3
-        wall = particles.wall.astype(np.int32)
-        return cls(state, mesh.cells.copy(), mesh.across.copy(), mesh.fluid.copy(), corner, wall, density)
-
-    def make_delaunay(self, slack: float) -> int:
-        """Flip what is not Delaunay; how many flips it took.
-
-        Raises:
-            TriangulationError: the flips did not come to an end.
-        """
-        count = np.zeros(3, dtype=np.int32)
-        stack = np.empty(max(8 * len(self.cells), 64), dtype=np.int32)
-        while True:
-            count[2] = 0
-            remeshing_kernels.make_delaunay(
-                self.state, self.cells, self.across, self.fluid, self.corner, self.wall, self.density, stack,
-                np.empty(len(self.cells), dtype=np.int32), np.empty(4, dtype=np.int32), count, len(self.cells), slack,
-            )  # fmt: skip
-            if count[1]:
-                raise TriangulationError(f"flipping edges does not come to an end ({count[0]} flips)")
-            if not count[2]:
-                return int(count[0])
-
-    def marks(self) -> Array:
-        """(N,) 1 for particles on an interface, 2 for those on the hull, 3 for both, 0 for others."""
-        mark = np.zeros(len(self.state), dtype=np.int32)
-        interface_kernels.mark_particles(self.cells, self.across, self.fluid, mark, len(self.cells))
-        return mark
-
-    def compact(self) -> None:
-        """Drop the cells that are gone."""
-        alive = self.fluid >= 0
-        if alive.all():
-            return
-        number = np.cumsum(alive, dtype=np.int32) - 1
-        self.cells, self.fluid = self.cells[alive], self.fluid[alive]
-        across = self.across[alive]
-        self.across = np.where(across >= 0, number[across], -1).astype(np.int32)
-        self.corner = np.where(self.corner >= 0, number[self.corner], -1).astype(np.int32)
-
-    def longest_edges(self, long: float) -> tuple[Array, int]:
-        """Edges as 3 * cell + opposite corner, longest first, but those of interfaces and walls longer than ``long``
-        [m] before all others; and how many are longer, of those inside a fluid than 1.4 times that."""
-        x, cells, across = self.state[:, :2], self.cells, self.across
-        number = np.arange(len(cells))[:, None]
-        length = np.linalg.norm(x[cells[:, [1, 2, 0]]] - x[cells[:, [2, 0, 1]]], axis=2)
-        border = (across < 0) | (self.fluid[across] != self.fluid[:, None])
-        first = border & (length > long)
-        length[first] += 1e3 * long
-        once = (self.fluid[:, None] >= 0) & ((across < 0) | (across > number))
-        edges = np.flatnonzero(once.ravel())
-        length = length.ravel()[edges]
-        order = np.argsort(-length, kind="stable")
-        return edges[order].astype(np.int32), int((length > 1.4 * long).sum())
+# How far from a new particle others must be, in spacings; less where there is no such place.
+ROOM = (0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
 
 
 def repair(
@@ -122,58 +43,53 @@ def repair(
     Raises:
         TriangulationError: the repair did not come to an end, or left a triangle without area.
     """
-    h = particles.spacing
-    t = Triangulation.of(particles, mesh, density)
     if (simplex_measure(particles.position, mesh.cells) <= 0).any():
         raise TriangulationError("a triangle was inverted before it could be repaired")
-    held = fixed.astype(np.int32)
-    star = np.empty(4 * (STAR + 1), dtype=np.int32)
+    h, held = particles.spacing, fixed.astype(bool)
     least = 0.02 * h * h
+    t = Triangulation.of(particles, mesh, density)
     flips = t.make_delaunay(rule.slack)
-    mark = t.marks()
-    count = np.zeros(2, dtype=np.int32)
-    flag = np.empty(max(len(t.cells), len(t.state)), dtype=np.int32)
-    interface_kernels.slide_contacts(
-        t.state, t.cells, t.across, t.fluid, t.corner, held if slippery is None else held | slippery, t.wall, density,
-        mark, particles.position - mesh.position, star, len(t.state),
-        rule.reach * h, 0.35 * h, least,
-    )  # fmt: skip
-    interface_kernels.break_films(
-        t.state, t.cells, t.across, t.fluid, mark, density, flag, count, len(t.cells), rule.film * h,
-    )  # fmt: skip
-    broken = int(count[0])
-    freed = np.empty(len(t.state), dtype=np.int32)
-    gone = _coarsen(t, held, star, flag, freed, 0, rule.close * h, rule, h, len(freed))
-    changed = np.zeros(len(t.state), dtype=bool)
-    placed = 0
-    for attempt in range(6):
-        edges, needed = t.longest_edges(rule.long * h)
-        if needed > gone - placed and attempt == 0:
-            # Nothing that crowds is left to take: take from where particles stand closest.
-            gone = _coarsen(t, held, star, flag, freed, gone, rule.spare * h, rule, h, needed + placed)
-            edges, needed = t.longest_edges(rule.long * h)
-        if placed == gone:
+    sticks = held if slippery is None else held | (slippery > 0)
+    t.slide_contacts(sticks, particles.position - mesh.position, rule.reach * h, 0.35 * h, least)
+    broken = t.break_films(rule.film * h)
+    sizes = (rule.chain * h, rule.edge * h, rule.film * h, least)
+    t.coarsen(held, rule.close * h, *sizes, most=len(held))
+    edges, needed = t.longest_edges(rule.long * h)
+    if needed > len(t.freed):
+        # Nothing that crowds is left to take: take from where particles stand closest.
+        t.coarsen(held, rule.spare * h, *sizes, most=needed - len(t.freed))
+        edges, _ = t.longest_edges(rule.long * h)
+    relocated = np.zeros(len(held), dtype=bool)
+    relocated[t.freed] = True
+    for room in ROOM:
+        if not len(t.freed):
             break
-        placed = _refine(t, edges, freed, placed, gone, (0.6, 0.5, 0.4, 0.3, 0.2, 0.1)[attempt] * h)
+        t.refine(edges, room * h)
         flips += t.make_delaunay(rule.slack)
-    if placed < gone:
-        raise TriangulationError(f"{gone - placed} particles that crowded others find no room elsewhere")
-    changed[freed[:gone]] = True
+        edges, _ = t.longest_edges(rule.long * h)
+    if len(t.freed):
+        raise TriangulationError(f"{len(t.freed)} particles that crowded others find no room elsewhere")
     t.compact()
-    t.state[:, :2] = restored(t, particles, mesh, changed, total, 0.05 * h)
-    if not (flips or gone or broken or (t.state[:, :2] != particles.position).any()):
-        return particles, mesh.moved(particles.position), changed
+    t.state[:, :2] = restored(t, particles, mesh, relocated, total, 0.05 * h)
+    if not (flips or broken or relocated.any() or (t.state[:, :2] != particles.position).any()):
+        return particles, mesh.moved(particles.position), relocated
+    return *_taken(t, particles), relocated
+
+
+def _taken(t: Triangulation, particles: Particles) -> tuple[Particles, Mesh]:
+    """State and mesh of a repaired triangulation; see `repair` for errors."""
     position = np.ascontiguousarray(t.state[:, :2])
-    if (simplex_measure(position, t.cells) <= 0).any():
-        cell = int(np.argmin(simplex_measure(position, t.cells)))
-        raise TriangulationError(f"the triangle at {position[t.cells[cell, 0]].tolist()} has no area after the repair")
+    measure = simplex_measure(position, t.cells)
+    if (measure <= 0).any():
+        place = position[t.cells[np.argmin(measure), 0]].tolist()
+        raise TriangulationError(f"the triangle at {place} has no area after the repair")
     state = particles.copy(
         position=position, velocity=t.state[:, 2:4], acceleration=t.state[:, 4:6], pressure=t.state[:, 6],
         wall=t.wall.astype(bool),
     )  # fmt: skip
-    repaired = Mesh(position, t.cells, t.fluid)
-    repaired.__dict__["across"] = t.across
-    return state, repaired, changed
+    mesh = Mesh(position, t.cells, t.fluid)
+    mesh.__dict__["across"] = t.across
+    return state, mesh
 
 
 def restored(
@@ -208,37 +124,3 @@ def restored(
     free = np.bincount(after, weights=movable[t.cells].any(axis=1)) > 0
     wanted = share_out(volume, loss, fluid, np.pad(total, (0, max(0, fluid.max() + 1 - len(total)))), free)
     return move_interfaces(position, t.cells, after, movable, wanted, limit)
-
-
-def _coarsen(
-    t: Triangulation, held: Array, star: Array, flag: Array, freed: Array, gone: int, close: float,
-    rule: FittedRule, h: float, most: int,
-) -> int:  # fmt: skip
-    count = np.array([gone, 0], dtype=np.int32)
-    remeshing_kernels.coarsen(
-        t.state, t.cells, t.across, t.fluid, t.corner, held, t.wall, t.density, star, flag, freed, count,
-        len(t.cells), len(t.state), close, rule.chain * h, rule.edge * h, rule.film * h,
-        0.02 * h * h, most,
-    )  # fmt: skip
-    return int(count[0])
-
-
-def _refine(
-    t: Triangulation, edges: Array, freed: Array, placed: int, gone: int, room: float
-) -> int:
-    """Put the particles freed[placed:gone] on the longest edges; how many are placed now."""
-    free = np.flatnonzero(t.fluid < 0).astype(np.int32)
-    short = 2 * (gone - placed) + 1 - len(free)
-    if short > 0:  # hull edges have one cell, others two: collapses may have left too few
-        first = len(t.cells)
-        t.cells = np.concatenate([t.cells, np.zeros((short, 3), dtype=np.int32)])
-        t.across = np.concatenate([t.across, np.full((short, 3), -1, dtype=np.int32)])
-        t.fluid = np.concatenate([t.fluid, np.full(short, -1, dtype=np.int32)])
-        free = np.concatenate([free, np.arange(first, first + short, dtype=np.int32)])
-    count = np.array([placed, 0], dtype=np.int32)
-    candidates = edges[: 8 * (gone - placed) + 32]
-    remeshing_kernels.refine(
-        t.state, t.cells, t.across, t.fluid, t.corner, t.wall, t.density,
-        np.zeros(len(t.cells), dtype=np.int32), candidates, len(candidates), free, freed, count, room, gone,
-    )  # fmt: skip
-    return int(count[0])

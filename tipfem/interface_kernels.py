@@ -10,9 +10,7 @@ from tipfem.surgery import (
     collect_star,
     distance,
     double_area,
-    give,
     interface_edges,
-    momentum,
     ring,
     weigh,
 )
@@ -77,7 +75,7 @@ def break_films(
 @ti.kernel
 def slide_contacts(
     state: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
-    corner: ti.types.ndarray(), fixed: ti.types.ndarray(), wall: ti.types.ndarray(), density: ti.types.ndarray(),
+    corner: ti.types.ndarray(), fixed: ti.types.ndarray(), density: ti.types.ndarray(),
     mark: ti.types.ndarray(), way: ti.types.ndarray(), star: ti.types.ndarray(), particles: ti.i32, reach: ti.f64,
     gap: ti.f64, least: ti.f64,
 ):  # fmt: skip
@@ -120,10 +118,6 @@ def slide_contacts(
                     behind = distance(state, w, other) - gap
                     target = ti.max(-ti.max(behind, 0.0), ti.min(ti.max(ahead, 0.0), target))
                     for m in range(n):
-                        star[STAR + 1 + m] = ring(cells, star, 0, n, w, m)
-                    star[STAR + 1 + n] = other
-                    before = momentum(state, star, STAR + 1, n + 1)
-                    for m in range(n):
                         weigh(state, cells, fluid, density, star[m], -1)
                     tries = 0
                     while tries < 3:
@@ -141,4 +135,3 @@ def slide_contacts(
                             state[w, 0], state[w, 1] = wx, wy
                     for m in range(n):
                         weigh(state, cells, fluid, density, star[m], 1)
-                    give(state, wall, star, STAR + 1, n + 1, before - momentum(state, star, STAR + 1, n + 1))

@@ -94,8 +94,9 @@ def keep_area(
     # double_area(a, x, b) = (x - a) x (b - a) = -e x (x - a)
     shift = (wanted + has) / (ex * ex + ey * ey)
     old = ti.Vector([state[q, 0], state[q, 1]])
+    change = ti.Vector([0.0, 0.0, 0.0])
     for m in range(count):
-        weigh(state, cells, fluid, density, star[base + m], -1)
+        change += weigh(state, cells, fluid, density, star[base + m], -1)
     state[q, 0], state[q, 1] = mx + shift * ey, my - shift * ex
     good = True
     for m in range(count):
@@ -105,7 +106,8 @@ def keep_area(
     if not good:
         state[q, 0], state[q, 1] = old[0], old[1]
     for m in range(count):
-        weigh(state, cells, fluid, density, star[base + m], 1)
+        change += weigh(state, cells, fluid, density, star[base + m], 1)
+    return change
 
 
 @ti.kernel
@@ -182,13 +184,16 @@ def coarsen(
                         for m in range(around):
                             star[base + m] = ring(cells, star, 0, n, p, m)
                         star[base + around] = p
-                        before = momentum(state, star, base, around + 1)
+                        total = 0.0
+                        for m in range(around + 1):
+                            total += state[star[base + m], 7]
+                        mean = momentum(state, star, base, around + 1) / total
+                        change = ti.Vector([0.0, 0.0, 0.0])
                         for m in range(n):
-                            weigh(state, cells, fluid, density, star[m], -1)
+                            change += weigh(state, cells, fluid, density, star[m], -1)
                         collapse(cells, across, corner, fluid, star, 0, n, p, q)
                         for m in range(n):
-                            weigh(state, cells, fluid, density, star[m], 1)
-                        give(state, wall, star, base, around, before - momentum(state, star, base, around))
+                            change += weigh(state, cells, fluid, density, star[m], 1)
                         state[p, 7] = 0.0
                         freed[count[0]] = p
                         count[0] += 1
@@ -199,9 +204,11 @@ def coarsen(
                                 number2, c1, c2 = interface_edges(cells, fluid, star, STAR + 1, n2, closed2, q)
                                 if number2 == 2 and (c1 == a or c2 == a) and c1 != c2:
                                     b = c2 if c1 == a else c1
-                                    keep_area(
+                                    change += keep_area(
                                         state, cells, fluid, density, star, a, p, q, b, n2, STAR + 1, least
                                     )
+                        lost = change[2] * mean - ti.Vector([change[0], change[1]])
+                        give(state, wall, star, base, around, lost)
 
 
 @ti.kernel

@@ -213,11 +213,17 @@ def collapse(
 
 @ti.func
 def weigh(x: ti.template(), cells: ti.template(), fluid: ti.template(), density: ti.template(), t, sign):
-    """Add (sign 1) or take away (-1) a cell's mass at its particles, a third each; column 7 of ``x`` has the masses."""
+    """Add (sign 1) or take away (-1) a cell's mass at its particles, a third each; column 7 of ``x`` has the masses.
+
+    Returns the momentum (2) and the mass that this adds.
+    """
+    change = ti.Vector([0.0, 0.0, 0.0])
     if fluid[t] >= 0:
         share = sign * density[fluid[t]] * double_area(x, cells[t, 0], cells[t, 1], cells[t, 2]) / 6.0
         for k in ti.static(range(3)):
             x[cells[t, k], 7] += share
+            change += share * ti.Vector([x[cells[t, k], 2], x[cells[t, k], 3], 1.0])
+    return change
 
 
 @ti.func

@@ -1,0 +1,140 @@
+"""Triangulations to test remeshing with, and what must hold of every one of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import Delaunay
+
+from tipfem.fitted import Triangulation
+from tipfem.mesh import Mesh, simplex_measure
+
+CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
+
+def of(position, cells, fluid=None, *, wall=None, density=None) -> Triangulation:
+    """A triangulation of one fluid, or of those given, at rest; particles on the hull are walls unless told."""
+    cells = np.ascontiguousarray(cells, dtype=np.int32)
+    mesh = Mesh(position, cells)
+    state = np.zeros((len(position), 8))
+    state[:, :2] = position
+    corner = np.full(len(position), -1, dtype=np.int32)
+    corner[cells.ravel()] = np.arange(cells.size, dtype=np.int32) // 3
+    fluid = np.zeros(len(cells), dtype=np.int32) if fluid is None else np.array(fluid, dtype=np.int32)
+    if wall is None:
+        wall = np.zeros(len(position))
+        cell, i = np.nonzero(mesh.across < 0)
+        wall[cells[cell, (i + 1) % 3]] = wall[cells[cell, (i + 2) % 3]] = 1
+    density = np.ones(fluid.max() + 1) if density is None else np.array(density, dtype=float)
+    t = Triangulation(
+        state, cells.copy(), mesh.across.copy(), fluid, corner, np.array(wall, dtype=np.int32), density
+    )  # fmt: skip
+    t.state[:, 7] = masses(t)
+    return t
+
+
+def masses(t: Triangulation) -> np.ndarray:
+    """(N,) a third of the mass of each triangle around."""
+    alive = t.fluid >= 0
+    share = t.density[t.fluid[alive]] * simplex_measure(np.ascontiguousarray(t.state[:, :2]), t.cells[alive]) / 3
+    return np.bincount(t.cells[alive].ravel(), weights=np.repeat(share, 3), minlength=len(t.state))
+
+
+def momentum(t: Triangulation) -> np.ndarray:
+    """(2,) of all particles, by the masses of their triangles."""
+    return masses(t) @ t.state[:, 2:4]
+
+
+def areas(t: Triangulation) -> np.ndarray:
+    """Of each fluid."""
+    return np.bincount(t.fluid, weights=simplex_measure(np.ascontiguousarray(t.state[:, :2]), t.cells))
+
+
+def grid(x, y) -> tuple[np.ndarray, np.ndarray]:
+    """Lattice points on the lines ``x`` and ``y``, and its squares, each cut into two triangles."""
+    position = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2).astype(float)
+    index = np.arange(len(position)).reshape(len(x), len(y))
+    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
+    cells = np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], axis=2).reshape(-1, 3)
+    return position, cells
+
+
+def delaunay(x) -> np.ndarray:
+    """Qhull's triangles, counter-clockwise, without those that have no area; points 0 to 3 span the hull."""
+    cells = Delaunay(x).simplices.astype(np.int32)
+    measure = simplex_measure(x, cells)
+    cells[measure < 0] = cells[measure < 0][:, ::-1]
+    return cells[np.abs(measure) > 1e-14]
+
+
+def check(t: Triangulation, gone: int = 0) -> None:
+    """All that must hold of a triangulation whose ``gone`` particles have no cells."""
+    alive = t.fluid >= 0
+    cells = t.cells[alive]
+    number = np.where(alive, np.cumsum(alive) - 1, -1)
+    x = np.ascontiguousarray(t.state[:, :2])
+    np.testing.assert_array_equal(
+        np.where(t.across[alive] >= 0, number[t.across[alive]], -1), Mesh(x, cells).across, "neighbours"
+    )
+    assert (simplex_measure(x, cells) > 0).all()
+    used = np.unique(cells)
+    np.testing.assert_array_equal(np.flatnonzero(t.corner >= 0), used)
+    assert (t.cells[t.corner[used]] == used[:, None]).any(axis=1).all()
+    assert alive[t.corner[used]].all()
+    assert len(used) == len(x) - gone
+    hull = int((t.across[alive] < 0).sum())
+    assert len(cells) == 2 * len(used) - 2 - hull  # Euler, of a disc
+
+
+def as_set(cells) -> set[tuple[int, ...]]:
+    """Cells without their order."""
+    return set(map(tuple, np.sort(cells, axis=1).tolist()))
+
+
+def border(t: Triangulation, hull: bool = False) -> np.ndarray:
+    """The edges (K, 2) between two fluids, or those of the hull."""
+    cell, i = np.nonzero(t.across < 0 if hull else (t.across >= 0) & (t.fluid[t.across] != t.fluid[:, None]))
+    return np.stack([t.cells[cell, (i + 1) % 3], t.cells[cell, (i + 2) % 3]], axis=1)
+
+
+def inner_edges(t: Triangulation):
+    """The four particles (K, 4) around each inner edge of one fluid: those of a cell, and the one beyond."""
+    cell, i = np.nonzero((t.across > np.arange(len(t.cells))[:, None]) & (t.fluid[t.across] == t.fluid[:, None]))
+    o = t.across[cell, i]
+    j = np.argmax(t.across[o] == cell[:, None], axis=1)
+    four = np.stack([t.cells[cell, i], t.cells[cell, (i + 1) % 3], t.cells[cell, (i + 2) % 3], t.cells[o, j]], axis=1)
+    return four.astype(np.int32)
+
+
+def circle_test(x, four) -> np.ndarray:
+    """`surgery.in_circle` in NumPy, by a general determinant."""
+    v = x[four[:, :3]] - x[four[:, 3:]]
+    square = (v**2).sum(axis=2)
+    return np.linalg.det(np.concatenate([v, square[..., None]], axis=2)) / square.max(axis=1) ** 2
+
+
+def cloud(kind: str, seed: int) -> np.ndarray:
+    """Points (N, 2) inside and on a unit square (or a stretched one) whose corners come first."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(5, 60))
+    x = rng.uniform(0.02, 0.98, (n, 2))
+    if kind == "clustered":
+        x = np.clip(0.5 + 10 ** rng.uniform(-4, -0.5, (n, 1)) * rng.normal(size=(n, 2)), 0.01, 0.99)
+    elif kind == "circles":
+        angle = rng.uniform(0, 2 * np.pi, n)
+        radius = 0.1 * rng.integers(1, 5, n) * (1 + 1e-9 * rng.normal(size=n))
+        x = 0.5 + radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    elif kind in ("lattice", "jittered lattice"):
+        x = np.stack(np.meshgrid(np.arange(1, 8), np.arange(1, 8)), axis=-1).reshape(-1, 2) / 8
+        if kind == "jittered lattice":
+            x = x + rng.uniform(-0.2, 0.2, x.shape) / 8
+    elif kind == "walls":
+        wall = np.sort(rng.uniform(0.01, 0.99, (4, 6)), axis=1)
+        side = [np.stack([wall[0], 0 * wall[0]], 1), np.stack([wall[1], 0 * wall[1] + 1], 1)]
+        side += [np.stack([0 * wall[2], wall[2]], 1), np.stack([0 * wall[3] + 1, wall[3]], 1)]
+        near = np.stack([wall[0] + 0.005, 10 ** rng.uniform(-6, -2, 6)], 1)
+        x = np.concatenate([x, *side, near])
+    stretch = {"thin": (1.0, 1e-3), "stretched": (1.0, 10.0)}.get(kind, (1.0, 1.0))
+    return np.concatenate([CORNERS, x]) * stretch
+
+
+KINDS = ["random", "clustered", "circles", "lattice", "jittered lattice", "walls", "thin", "stretched"]

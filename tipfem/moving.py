@@ -1,0 +1,154 @@
+"""Triangulation: triangles on moving particles, changed in place by the kernels of remeshing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tipfem import interface_kernels, remeshing_kernels
+from tipfem.mesh import Mesh
+from tipfem.particles import Array, Particles
+from tipfem.probes import nodal_mass
+from tipfem.surgery import STAR
+from tipfem.triangulation import TriangulationError
+
+
+@dataclass
+class Triangulation:
+    """A triangulation that can be changed in place.
+
+    Attributes:
+        state: (N, 8) position, velocity, acceleration, pressure and lumped mass of the particles.
+        cells, across, fluid, corner: see `surgery`.
+        wall: (N,) 1 for wall particles.
+        density: (F,) of the fluids [kg/m^3].
+        freed: particles that have been taken out and not been placed elsewhere yet.
+    """
+
+    state: Array
+    cells: Array
+    across: Array
+    fluid: Array
+    corner: Array
+    wall: Array
+    density: Array
+    freed: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
+
+    @classmethod
+    def of(cls, particles: Particles, mesh: Mesh, density: Array) -> Triangulation:
+        """A copy of ``mesh``, which must know its fluids of ``density`` (F,), moved to where ``particles`` are."""
+        assert mesh.fluid is not None
+        mass = nodal_mass(mesh.moved(particles.position), density[mesh.fluid])
+        state = np.column_stack(
+            [particles.position, particles.velocity, particles.acceleration, particles.pressure, mass]
+        )
+        corner = np.full(len(state), -1, dtype=np.int32)
+        corner[mesh.cells.ravel()] = np.arange(mesh.cells.size, dtype=np.int32) // 3
+        wall = particles.wall.astype(np.int32)
+        return cls(state, mesh.cells.copy(), mesh.across.copy(), mesh.fluid.copy(), corner, wall, density)
+
+    def make_delaunay(self, slack: float) -> int:
+        """Flip what is not Delaunay; how many flips it took.
+
+        Raises:
+            TriangulationError: the flips did not come to an end.
+        """
+        count = np.zeros(3, dtype=np.int32)
+        stack = np.empty(max(8 * len(self.cells), 64), dtype=np.int32)
+        while True:
+            count[2] = 0
+            remeshing_kernels.make_delaunay(
+                self.state, self.cells, self.across, self.fluid, self.corner, self.wall, self.density, stack,
+                np.empty(len(self.cells), dtype=np.int32), np.empty(4, dtype=np.int32), count, len(self.cells), slack,
+            )  # fmt: skip
+            if count[1]:
+                raise TriangulationError(f"flipping edges does not come to an end ({count[0]} flips)")
+            if not count[2]:
+                return int(count[0])
+
+    def marks(self) -> Array:
+        """(N,) 1 for particles on an interface, 2 for those on the hull, 3 for both, 0 for others."""
+        mark = np.zeros(len(self.state), dtype=np.int32)
+        interface_kernels.mark_particles(self.cells, self.across, self.fluid, mark, len(self.cells))
+        return mark
+
+    def compact(self) -> None:
+        """Drop the cells that are gone."""
+        alive = self.fluid >= 0
+        if alive.all():
+            return
+        number = np.cumsum(alive, dtype=np.int32) - 1
+        self.cells, self.fluid = self.cells[alive], self.fluid[alive]
+        across = self.across[alive]
+        self.across = np.where(across >= 0, number[across], -1).astype(np.int32)
+        self.corner = np.where(self.corner >= 0, number[self.corner], -1).astype(np.int32)
+
+    def longest_edges(self, long: float) -> tuple[Array, int]:
+        """Edges as 3 * cell + opposite corner, longest first, but those of interfaces and walls longer than ``long``
+        [m] before all others; and how many are longer, of those inside a fluid than 1.4 times that."""
+        x, cells, across = self.state[:, :2], self.cells, self.across
+        number = np.arange(len(cells))[:, None]
+        length = np.linalg.norm(x[cells[:, [1, 2, 0]]] - x[cells[:, [2, 0, 1]]], axis=2)
+        border = (across < 0) | (self.fluid[across] != self.fluid[:, None])
+        first = border & (length > long)
+        length[first] += 1e3 * long
+        once = (self.fluid[:, None] >= 0) & ((across < 0) | (across > number))
+        edges = np.flatnonzero(once.ravel())
+        length = length.ravel()[edges]
+        order = np.argsort(-length, kind="stable")
+        return edges[order].astype(np.int32), int((length > 1.4 * long).sum())
+
+    def slide_contacts(self, held: Array, way: Array, reach: float, gap: float, least: float) -> None:
+        """Let interfaces meet walls where they point to; see `interface_kernels.slide_contacts`."""
+        interface_kernels.slide_contacts(
+            self.state, self.cells, self.across, self.fluid, self.corner, held.astype(np.int32), self.density,
+            self.marks(), way, _scratch(), len(self.state), reach, gap, least,
+        )  # fmt: skip
+
+    def break_films(self, thin: float) -> int:
+        """Give films thinner than ``thin`` [m] to the fluid beside them; how many cells."""
+        count = np.zeros(1, dtype=np.int32)
+        interface_kernels.break_films(
+            self.state, self.cells, self.across, self.fluid, self.marks(), self.density,
+            np.empty(len(self.cells), dtype=np.int32), count, len(self.cells), thin,
+        )  # fmt: skip
+        return int(count[0])
+
+    def coarsen(
+        self, held: Array, close: float, chain: float, edge: float, film: float, least: float, most: int
+    ) -> None:
+        """Take out up to ``most`` particles that crowd others, into `freed`; see `remeshing_kernels.coarsen`."""
+        count = np.zeros(2, dtype=np.int32)
+        freed = np.empty(len(self.state), dtype=np.int32)
+        remeshing_kernels.coarsen(
+            self.state, self.cells, self.across, self.fluid, self.corner, held.astype(np.int32), self.wall,
+            self.density, _scratch(), np.empty(max(len(self.cells), len(self.state)), dtype=np.int32), freed, count,
+            len(self.cells), len(self.state), close, chain, edge, film, least, most,
+        )  # fmt: skip
+        self.freed = np.concatenate([self.freed, freed[: count[0]]])
+
+    def refine(self, edges: Array, room: float) -> None:
+        """Put particles of `freed` on the middle of ``edges``; those placed leave it. See its kernel."""
+        wanted = len(self.freed)
+        free = np.flatnonzero(self.fluid < 0).astype(np.int32)
+        short = 2 * wanted + 1 - len(free)
+        if short > 0:  # an edge of the hull has one cell, others two: collapses may have left too few
+            first = len(self.cells)
+            self.cells = np.concatenate([self.cells, np.zeros((short, 3), dtype=np.int32)])
+            self.across = np.concatenate([self.across, np.full((short, 3), -1, dtype=np.int32)])
+            self.fluid = np.concatenate([self.fluid, np.full(short, -1, dtype=np.int32)])
+            free = np.concatenate([free, np.arange(first, first + short, dtype=np.int32)])
+        count = np.zeros(2, dtype=np.int32)
+        candidates = edges[: 8 * wanted + 32]
+        remeshing_kernels.refine(
+            self.state, self.cells, self.across, self.fluid, self.corner, self.wall, self.density,
+            np.zeros(len(self.cells), dtype=np.int32), candidates, len(candidates), free, self.freed, count,
+            room, wanted,
+        )  # fmt: skip
+        self.freed = self.freed[count[0] :]
+
+
+def _scratch() -> Array:
+    """Room for the stars of two particles, and more."""
+    return np.empty(4 * (STAR + 1), dtype=np.int32)
