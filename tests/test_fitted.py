@@ -26,7 +26,7 @@ def started(kind: str, h: float, seed: int = 0, keep: bool = True):
     else:
         tank.fill(WATER, box=((0, 0), (1, 0.6))).fill(GLYCERIN, box=((0, 0), (0.4, 0.4)))
         fluids = [WATER, AIR, GLYCERIN]
-    remesher = FittedRemesher(fluids, [], RULE, keep=keep)
+    remesher = FittedRemesher(fluids, [], RULE, walls_have_fluids=False, keep=keep)
     first = remesher.start(tank.sample(fluids, fitted=True))
     return remesher, first.particles, first.mesh
 

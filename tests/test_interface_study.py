@@ -47,8 +47,8 @@ def test_the_short_version_leaves_what_it_promises(demo, tmp_path, capsys):
 
 def test_the_check_can_fail(demo):
     """What the sharp rule misses is named; what was not run is not judged."""
-    good = {"rest_a": 1e-12, "dam_volume_error": 1e-12, "sloshing_decay": 1e-8, "dam_front_rms": 0.03,
-            "dam_remeshing_absolute": 1.0, "dam_remeshing_momentum_absolute": 1.0}  # fmt: skip
+    good = {"rest_a": 1e-12, "dam_volume_error": 1e-12, "sloshing_decay": 1e-8, "sloshing_end": 10.0,
+            "dam_front_rms": 0.03, "dam_remeshing_absolute": 1.0, "dam_remeshing_momentum_absolute": 1.0}  # fmt: skip
     other = {"dam_remeshing_absolute": 2.0, "dam_remeshing_momentum_absolute": 2.0}
 
     def missed(short=False, **changed):
@@ -60,7 +60,8 @@ def test_the_check_can_fail(demo):
     assert missed(rest_a=float("nan")) == ["rest_a is nan, above 1e-09"]
     assert "dam_volume_error" in missed(dam_volume_error=1e-3)[0]
     assert missed(sloshing_decay=0.01) == ["sloshing_decay is 0.01, above 1e-06"]
-    assert missed(True, sloshing_decay=0.01) == []
+    assert missed(sloshing_decay=0.01, sloshing_end=5.0) == []
+    assert missed(True, dam_front_rms=0.06) == []
     assert missed(dam_front_rms=0.06) == ["front_rms is 0.0600, above 0.05"]
     assert missed(dam_remeshing_momentum_absolute=3.0) == [
         "dam_remeshing_momentum_absolute is 3, not below the interpolated rule's 2"

@@ -81,7 +81,7 @@ def test_a_drop_that_falls_keeps_its_volume(water, air):
 def test_a_fitted_start_gives_triangles_of_each_part(water, air):
     fluids = [water, air]
     tank = tp.tank((1, 1), 0.07, jitter=0.2).fill(air).fill(water, where=lambda x: x[:, 1] < 0.3 + 0.4 * x[:, 0])
-    remesher = FittedRemesher(fluids, [5], fitting.FittedRule(), keep=True)
+    remesher = FittedRemesher(fluids, [5], fitting.FittedRule(), walls_have_fluids=False, keep=True)
     first = remesher.start(tank.sample(fluids, fitted=True))
     particles, mesh = first.particles, first.mesh
     middle = particles.position[mesh.cells].mean(axis=1)

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from tipfem.case import Numerics
+from tipfem.case import Case
 from tipfem.fitted import repair
 from tipfem.fitting import FittedRule, hull_corners, particle_fluid, with_fluids
 from tipfem.fluid import Fluid
@@ -78,23 +78,27 @@ class FittedRemesher:
         fluids: of the case.
         fixed: indices of particles that must keep their place, as that of the pressure's reference.
         rule: when the triangulation is changed.
+        walls_have_fluids: whether the first particles' labels hold on the walls, too.
         keep: whether every remeshing gives the fluids back the volumes they started with, not only those that
             it found.
     """
 
-    def __init__(self, fluids: Sequence[Fluid], fixed: Sequence[int], rule: FittedRule, *, keep: bool) -> None:
+    def __init__(
+        self, fluids: Sequence[Fluid], fixed: Sequence[int], rule: FittedRule, *, walls_have_fluids: bool, keep: bool
+    ) -> None:
         self.density = np.array([f.density for f in fluids])
         self._names = [f.name for f in fluids]
         self.rule = rule
         self._fixed_particles = list(fixed)
         self._fixed = np.zeros(0, dtype=bool)
-        self._keep = keep
+        self._keep, self._walls_have_fluids = keep, walls_have_fluids
         self._volumes: Array | None = None
 
     def start(self, particles: Particles) -> Remeshed:
         """See `Remesher.start`; a triangle belongs to the lightest fluid among its particles'."""
         mesh = triangulate(particles.position, particles.wall, particles.spacing)
-        particles.fluid = wall_fluid(mesh, particles.fluid, particles.wall)
+        if not self._walls_have_fluids:
+            particles.fluid = wall_fluid(mesh, particles.fluid, particles.wall)
         mesh = with_fluids(mesh, particles, self.density)
         absent = np.setdiff1d(np.arange(len(self.density)), np.asarray(mesh.fluid))
         if len(absent):
@@ -128,15 +132,12 @@ class FittedRemesher:
         return Remeshed(particles, mesh, relocated, int(relocated.sum()))
 
 
-def remesher_for(interface: str, fluids: Sequence[Fluid], numerics: Numerics, reference: int) -> Remesher:
-    """The remesher of an interface rule.
-
-    Args:
-        interface: name of the rule.
-        fluids: of the case.
-        numerics: the case's.
-        reference: the particle at which pressure is fixed.
-    """
-    if interface == "sharp":
-        return FittedRemesher(fluids, [reference], numerics.fitting, keep=numerics.volume_correction > 0)
+def remesher_for(case: Case, reference: int) -> Remesher:
+    """The remesher of a case's interface rule; ``reference`` is the particle at which pressure is fixed."""
+    numerics = case.numerics
+    if case.interface == "sharp":
+        return FittedRemesher(
+            case.fluids, [reference], numerics.fitting,
+            walls_have_fluids=case.walls_have_fluids, keep=numerics.volume_correction > 0,
+        )  # fmt: skip
     return DelaunayRemesher(numerics.relocation)

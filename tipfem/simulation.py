@@ -89,7 +89,7 @@ class Simulation:
         self._walls: WallStep | None = None
         self.boundary = case.boundary
         self._reference = case.pressure_reference()
-        self.remesher = remesher_for(case.interface, case.fluids, case.numerics, self._reference)
+        self.remesher = remesher_for(case, self._reference)
         self._started = clock.perf_counter()
         self._outputs = 0
         try:
