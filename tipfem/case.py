@@ -33,8 +33,11 @@ class Numerics:
         volume_correction: rate at which the source in J - 1 = s gives lost volume back to a fluid, in
             units of sqrt(|b| / h) with the largest acceleration b by gravity and body force at the start; 0
             switches the source off. The higher, the smaller the error of volume and the noisier the pressure.
-        momentum_transfer: whether a particle that a remeshing made heavier takes on the velocity of the
-            neighbours its new mass came from (see `tipfem.transfer`). The paper's method does not.
+            With the sharp interface: whether (> 0) interfaces are moved so that volumes stay those of the
+            start, or (0) only what the remeshing itself changed is undone.
+        momentum_transfer: with the interpolated interface, whether a particle that a remeshing made heavier takes
+            on the velocity of the neighbours its new mass came from (see `tipfem.transfer`). The paper's method
+            does not.
         newton_tolerance: of the largest scaled residual, in spacings: how far it would move its particle.
         acceleration_tolerance: of the same residual as an acceleration, relative to gravity; the
             tighter of both holds. Without it, short steps and large spacings would leave pressure loose.
@@ -75,6 +78,8 @@ class Numerics:
             raise ValueError(f"Numerics: newton_iterations is {self.newton_iterations!r}; it must be a whole number")
         if not isinstance(self.relocation, RelocationRule):
             raise ValueError(f"Numerics: relocation is {self.relocation!r}; it must be a RelocationRule")
+        if not isinstance(self.momentum_transfer, bool):
+            raise ValueError(f"Numerics: momentum_transfer is {self.momentum_transfer!r}; it must be True or False")
         if not isinstance(self.fitting, FittedRule):
             raise ValueError(f"Numerics: fitting is {self.fitting!r}; it must be a FittedRule")
 

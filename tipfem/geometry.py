@@ -242,8 +242,8 @@ class Tank:
         # Wall particles take the fluid of their neighbours, so those alone would be lost without a word.
         if not (inside & ~wall).any():
             raise ValueError(
-                f"fill {region.fluid.name!r}: {region.part} holds no particle; it lies outside the tank, or is too "
-                f"small for a spacing of {self.spacing:g} m"
+                f"fill {region.fluid.name!r}: {region.part} holds no particle off the walls; it lies outside the "
+                f"tank, or is too small for a spacing of {self.spacing:g} m"
             )
         return inside
 

@@ -60,7 +60,7 @@ class Wall:
             raise ValueError(f"{here}: slip is {self.slip!r}; it must be True or False (a length is slip_length)")
         if self.slip_length is not None:
             if not (is_number(self.slip_length) and self.slip_length > 0):
-                raise ValueError(f"{here}: slip_length is {self.slip_length!r} m; it must be > 0 (0 is the default)")
+                raise ValueError(f"{here}: slip_length is {self.slip_length!r} m; it must be > 0, or left out")
             if self.slip:
                 raise ValueError(f"{here}: slip=True is free slip and has no slip_length; give one of the two")
         if self.slip and self.velocity is not None:
