@@ -100,6 +100,7 @@ def scaled_product(problem, du, dp):
     """The derivative of the scaled residual along (du, dp), (N, d + 1)."""
     values = np.concatenate([du, dp[:, None]], axis=1)
     out = problem.buffers.get("test.product", problem.size)
+    problem.linearise()
     problem.product(problem.buffers.upload("test.direction", values.ravel()), out)
     return download(out, problem.size).reshape(values.shape)
 

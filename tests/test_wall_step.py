@@ -75,6 +75,7 @@ def test_product_is_the_derivative_of_the_residual(dimension, rho_inf, moving):
     du = walls.constrain(setting.du) - walls.displacement  # P du
     direction = np.concatenate([du, setting.dp[:, None]], axis=1)
     out = problem.buffers.get("test.product", problem.size)
+    problem.linearise()
     problem.product(problem.buffers.upload("test.direction", direction.ravel()), out)
     got = download(out, problem.size).reshape(direction.shape)
     sides = []

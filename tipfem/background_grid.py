@@ -1,15 +1,24 @@
-"""The background grid: its numbering, and kernels that form its operators by Galerkin products.
+"""The background grid: how its levels lie in memory, and kernels that form its operators by Galerkin products.
 
-Levels lie one behind the other in flat arrays; ``offset[level]`` is a level's first row and
-``shape[level, k]`` its number of grid nodes along axis k. A row of ``stencil`` holds the operator's
-entries to all grid nodes within `REACH`. Sums are gathered, never scattered with atomics.
+Every level is a box of grid nodes with a rim of `REACH` more on all sides, on which all values are zero: so no loop asks
+where the grid ends. Levels lie one behind the other in flat arrays. The last axis is contiguous; a line of
+it is what the innermost loops run along, and what the processor's vector units work on. A level's stencil holds its
+operator's entries to all grid nodes within `REACH`, place by place: each place is an array like the level.
+
+``grid`` (L, 8) describes level by level: the first entry, the number of entries with the rim, the shape (3) and
+the strides (2) of all axes but the last, axes that are missing in front being of length 1 and stride 0; and for
+the stencil, which has levels of its own (see `coarsen_axis`), its first entry.
 """
 
 import itertools
 
 import taichi as ti
 
+from tipfem.connectivity import insertion_sort
+
 REACH = 2  # a mesh edge joins nodes of neighbouring cells, whose corners are two grid nodes apart
+PLACES = 2 * REACH + 1  # of a stencil along an axis
+START, SIZE, SHAPE, STRIDE, STENCIL = 0, 1, 2, 5, 7
 
 
 def corners(dim: int) -> list[tuple[int, ...]]:
@@ -17,41 +26,53 @@ def corners(dim: int) -> list[tuple[int, ...]]:
     return list(itertools.product((0, 1), repeat=dim))
 
 
-def children(dim: int) -> list[tuple[tuple[int, ...], float]]:
-    """Fine nodes that a coarse one interpolates to: their shift on the fine grid, and the weight."""
-    shifts = itertools.product((-1, 0, 1), repeat=dim)
-    return [(shift, 0.5 ** sum(abs(k) for k in shift)) for shift in shifts]
+@ti.func
+def lines(grid: ti.template(), level):
+    """Number of a level's lines."""
+    return grid[level, SHAPE] * grid[level, SHAPE + 1]
 
 
 @ti.func
-def grid_index(i, shape: ti.template(), level, dim: ti.template()):
-    """Row-major number of grid node ``i`` (dim,) on its level; -1 outside."""
+def line_start(grid: ti.template(), level, line, dim: ti.template()):
+    """Where a line of a level begins, relative to the level's first entry."""
+    n = grid[level, SHAPE + 1]
+    return line_at(grid, level, line // n, line % n, dim)
+
+
+@ti.func
+def line_at(grid: ti.template(), level, i, j, dim: ti.template()):
+    """The same for the line of numbers i, j along the axes before the last; i is 0 in 2-D. It may lie in the rim."""
+    start = REACH + (j + REACH) * grid[level, STRIDE + 1]
+    if ti.static(dim == 3):
+        start += (i + REACH) * grid[level, STRIDE]
+    return start
+
+
+@ti.func
+def row_shift(grid: ti.template(), level, row, dim: ti.template()):
+    """How far away, in entries, row ``row`` of a stencil's places lies; a row has `PLACES` of them."""
+    shift = (row - REACH) * grid[level, STRIDE + 1]
+    if ti.static(dim == 3):
+        shift = (row // PLACES - REACH) * grid[level, STRIDE] + (row % PLACES - REACH) * grid[level, STRIDE + 1]
+    return shift
+
+
+@ti.func
+def entry(grid: ti.template(), level, i, dim: ti.template()):
+    """Entry of grid node ``i`` (dim,), relative to the level's first one."""
+    at = i[dim - 1] + REACH
+    for k in ti.static(range(dim - 1)):
+        at += (i[k] + REACH) * grid[level, STRIDE + 3 - dim + k]
+    return at
+
+
+@ti.func
+def cell_number(cell: ti.template(), grid: ti.template(), i, dim: ti.template()):
+    """Number of the cell of the finest level that mesh node ``i`` is in; as many as the level has grid nodes."""
     number = 0
-    inside = True
     for k in ti.static(range(dim)):
-        inside = inside and i[k] >= 0 and i[k] < shape[level, k]
-        number = number * shape[level, k] + i[k]
-    return ti.select(inside, number, -1)
-
-
-@ti.func
-def grid_node(number, shape: ti.template(), level, dim: ti.template()):
-    """Indices (dim,) of a grid node from its row-major number."""
-    i = ti.Vector.zero(ti.i32, dim)
-    rest = number
-    for k in ti.static(range(dim - 1, -1, -1)):
-        i[k] = rest % shape[level, k]
-        rest = rest // shape[level, k]
-    return i
-
-
-@ti.func
-def level_size(shape: ti.template(), level, dim: ti.template()):
-    """Number of grid nodes of a level."""
-    n = 1
-    for k in ti.static(range(dim)):
-        n *= shape[level, k]
-    return n
+        number = number * grid[0, SHAPE + 3 - dim + k] + cell[i, k]
+    return number
 
 
 @ti.func
@@ -64,71 +85,144 @@ def weight(fraction: ti.template(), i, corner: ti.template(), dim: ti.template()
 
 
 @ti.kernel
-def assemble_first(
-    cell: ti.types.ndarray(), fraction: ti.types.ndarray(), order: ti.types.ndarray(), start: ti.types.ndarray(),
-    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
-    stencil: ti.types.ndarray(), shape: ti.types.ndarray(), dim: ti.template(),
+def find_cells(
+    position: ti.types.ndarray(), lower: ti.types.ndarray(), grid: ti.types.ndarray(), cell: ti.types.ndarray(),
+    fraction: ti.types.ndarray(), count: ti.types.ndarray(), spacing: float, nodes: ti.i32, cells: ti.i32,
+    dim: ti.template(),
 ):  # fmt: skip
-    """Galerkin product P^T A P on the finest grid; each grid node gathers from its 2^d cells.
-
-    A connection that spans more than the stencil's reach is left out, with its part of the
-    diagonal, so that rows still sum to zero.
-    """
-    for g in range(level_size(shape, 0, dim)):
-        for s in range(stencil.shape[1]):
-            stencil[g, s] = 0.0
-        at = grid_node(g, shape, 0, dim)
-        for corner in ti.static(corners(dim)):
-            # The cell in which g is this corner.
-            i_cell = at - ti.Vector(corner)
-            c = grid_index(i_cell, shape, 0, dim)
-            if c >= 0:
-                for m in range(start[c], start[c + 1]):
-                    i = order[m]
-                    w_i = weight(fraction, i, corner, dim)
-                    for s in range(row_offsets[i], row_offsets[i + 1]):
-                        j = columns[s]
-                        a = w_i * values[s]
-                        shift = ti.Vector([cell[j, k] for k in ti.static(range(dim))]) - i_cell
-                        if shift.max() > 1 or shift.min() < -1:
-                            shift, j = 0 * shift, i
-                        for other in ti.static(corners(dim)):
-                            place = 0
-                            for k in ti.static(range(dim)):
-                                place = place * (2 * REACH + 1) + shift[k] + other[k] - corner[k] + REACH
-                            stencil[g, place] += a * weight(fraction, j, other, dim)
+    """cell (N, d) of each mesh node and where in it, fraction (N, d) of its side; count[c + 1]: nodes in cell c."""
+    for c in range(cells + 1):
+        count[c] = 0
+    for i in range(nodes):
+        for k in ti.static(range(dim)):
+            scaled = (position[i, k] - lower[k]) / spacing
+            index = ti.cast(ti.floor(scaled), ti.i32)
+            index = ti.max(ti.min(index, grid[0, SHAPE + 3 - dim + k] - 2), 0)
+            cell[i, k] = index
+            fraction[i, k] = scaled - index
+        ti.atomic_add(count[cell_number(cell, grid, i, dim) + 1], 1)
 
 
 @ti.kernel
-def coarsen(
-    stencil: ti.types.ndarray(), shape: ti.types.ndarray(), offset: ti.types.ndarray(),
-    fine: ti.i32, dim: ti.template(),
+def sort_into_cells(
+    cell: ti.types.ndarray(), grid: ti.types.ndarray(), start: ti.types.ndarray(), cursor: ti.types.ndarray(),
+    order: ti.types.ndarray(), nodes: ti.i32, cells: ti.i32, dim: ti.template(),
 ):  # fmt: skip
-    """Galerkin product from level ``fine`` to the next, with multilinear interpolation."""
-    for g in range(level_size(shape, fine + 1, dim)):
-        target = offset[fine + 1] + g
-        for s in range(stencil.shape[1]):
-            stencil[target, s] = 0.0
-        at = grid_node(g, shape, fine + 1, dim)
-        for near, w in ti.static(children(dim)):
-            f = grid_index(2 * at + ti.Vector(near), shape, fine, dim)
-            if f >= 0:
-                for s in range(stencil.shape[1]):
-                    a = w * stencil[offset[fine] + f, s]
-                    if a != 0.0:
-                        # Where the column stands, relative to the coarse node, on the fine grid.
-                        column = ti.Vector.zero(ti.i32, dim)
-                        rest = s
-                        for k in ti.static(range(dim - 1, -1, -1)):
-                            column[k] = near[k] + rest % (2 * REACH + 1) - REACH
-                            rest = rest // (2 * REACH + 1)
-                        for parent in ti.static(corners(dim)):
-                            share = a
-                            place = 0
-                            for k in ti.static(range(dim)):
-                                odd = column[k] & 1
-                                # An even column has one parent, an odd one two halves.
-                                share *= ti.select(odd == 1, 0.5, 1.0 - parent[k])
-                                place = place * (2 * REACH + 1) + (column[k] - odd) // 2 + odd * parent[k] + REACH
-                            if share != 0.0:
-                                stencil[target, place] += share
+    """order (N,): the mesh nodes cell by cell, in ascending order; those of cell c from start[c] on."""
+    for i in range(nodes):
+        slot = ti.atomic_add(cursor[cell_number(cell, grid, i, dim)], 1)
+        order[slot] = i
+    for c in range(cells):
+        insertion_sort(order, start[c], start[c + 1])
+
+
+@ti.kernel
+def assemble_first(
+    cell: ti.types.ndarray(), fraction: ti.types.ndarray(), order: ti.types.ndarray(), start: ti.types.ndarray(),
+    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
+    rows: ti.types.ndarray(), stencil: ti.types.ndarray(), grid: ti.types.ndarray(), nodes: ti.i32,
+    dim: ti.template(),
+):  # fmt: skip
+    """Galerkin product P^T A P on the finest grid.
+
+    First A P, row by row of the mesh: ``rows`` (N, 4^d) on the grid nodes around the node's cell. Then each grid node
+    gathers from the mesh nodes of its 2^d cells. A connection that spans more than the stencil's reach is left
+    out, with its part of the diagonal, so that rows still sum to zero.
+    """
+    for i in range(nodes):
+        for s in range(ti.static(4**dim)):
+            rows[i, s] = 0.0
+        for s in range(row_offsets[i], row_offsets[i + 1]):
+            j = columns[s]
+            shift = ti.Vector([cell[j, k] - cell[i, k] for k in ti.static(range(dim))])
+            if shift.max() > 1 or shift.min() < -1:
+                shift, j = 0 * shift, i
+            for corner in ti.static(corners(dim)):
+                place = 0
+                for k in ti.static(range(dim)):
+                    place = place * 4 + shift[k] + 1 + corner[k]
+                rows[i, place] = rows[i, place] + values[s] * weight(fraction, j, corner, dim)
+    for line in range(lines(grid, 0)):
+        size = grid[0, SIZE]
+        first = line_start(grid, 0, line, dim)
+        for j in range(grid[0, SHAPE + 2]):
+            for s in range(ti.static(PLACES**dim)):
+                stencil[s * size + first + j] = 0.0
+            at = ti.Vector.zero(ti.i32, dim)
+            at[dim - 1] = j
+            at[dim - 2] = line % grid[0, SHAPE + 1]
+            if ti.static(dim == 3):
+                at[0] = line // grid[0, SHAPE + 1]
+            for corner in ti.static(corners(dim)):
+                # The cell in which the grid node is this corner.
+                c = 0
+                inside = True
+                for k in ti.static(range(dim)):
+                    index = at[k] - ti.static(corner[k])
+                    inside = inside and index >= 0
+                    c = c * grid[0, SHAPE + 3 - dim + k] + index
+                if inside:
+                    for m in range(start[c], start[c + 1]):
+                        i = order[m]
+                        w = weight(fraction, i, corner, dim)
+                        for t in range(ti.static(4 ** (dim - 1))):
+                            # Row t of the 4^d grid nodes around the cell, seen from this corner.
+                            row = t + 1 - corner[0]
+                            if ti.static(dim == 3):
+                                row = (t // 4 + 1 - corner[0]) * PLACES + t % 4 + 1 - corner[1]
+                            place = row * PLACES + 1 - corner[dim - 1]
+                            for u in ti.static(range(4)):
+                                to = (place + u) * size + first + j
+                                stencil[to] = stencil[to] + w * rows[i, t * 4 + u]
+
+
+def parents() -> list[tuple[int, int, int, float]]:
+    """Coarsening along one axis: which entries of the fine grid add to which of the coarse one.
+
+    Tuples of: place in the coarse stencil; shift to the fine node, of twice the coarse one's number; place in the fine
+    stencil; weight. An even column has one parent, an odd one two halves.
+    """
+    found = []
+    for near, place in itertools.product((-1, 0, 1), range(PLACES)):
+        column = near + place - REACH
+        for parent in {column // 2, -(-column // 2)}:
+            share = (0.5 if near else 1.0) * (0.5 if column % 2 else 1.0)
+            found.append((parent + REACH, near, place, share))
+    return found
+
+
+@ti.kernel
+def coarsen_axis(
+    stencil: ti.types.ndarray(), grid: ti.types.ndarray(), fine: ti.i32, coarse: ti.i32, axis: ti.template(),
+    dim: ti.template(),
+):  # fmt: skip
+    """Galerkin product along one axis, with linear interpolation: P^T A P takes one of these for each axis."""
+    for line in range(lines(grid, coarse)):
+        from_size, to_size = grid[fine, SIZE], grid[coarse, SIZE]
+        to = grid[coarse, STENCIL] + line_start(grid, coarse, line, dim)
+        # The fine line has twice the number along the axis.
+        n = grid[coarse, SHAPE + 1]
+        one, two = line // n, line % n
+        if ti.static(axis == dim - 2):
+            two *= 2
+        if ti.static(axis == dim - 3):
+            one *= 2
+        at = grid[fine, STENCIL] + line_at(grid, fine, one, two, dim)
+        step, stride = 1, 1
+        if ti.static(axis == dim - 1):
+            step = 2
+        else:
+            stride = grid[fine, STRIDE + 3 - dim + axis]
+        apart = ti.static(PLACES ** (dim - 1 - axis))
+        for others in range(ti.static(PLACES ** (dim - 1))):
+            # The place along the axis is zero here; all others are what ``others`` counts.
+            base = others // apart * (apart * PLACES) + others % apart
+            for place in ti.static(range(PLACES)):
+                target = to + (base + place * apart) * to_size
+                source = at + base * from_size
+                for j in range(grid[coarse, SHAPE + 2]):
+                    total = 0.0
+                    for parent, near, entry_place, share in ti.static(parents()):
+                        if ti.static(parent == place):
+                            total += share * stencil[source + entry_place * apart * from_size + near * stride + step * j]
+                    stencil[target + j] = total

@@ -1,66 +1,11 @@
-"""Kernels of the block preconditioner: rows' scale, off-diagonal blocks, pressure Laplacian.
+"""Kernels of the block preconditioner: rows' scale, pressure Laplacian.
 
-Vectors of unknowns and element records are laid out as in `tipfem.assembly`.
+Vectors of unknowns are laid out as in `tipfem.assembly`.
 """
 
 import taichi as ti
 
-from tipfem.assembly import gathered, get_matrix, unknown
 from tipfem.element import gradient, reference_gradients
-
-
-@ti.kernel
-def schur_right_side(
-    cells: ti.types.ndarray(), offsets: ti.types.ndarray(), corners: ti.types.ndarray(),
-    record: ti.types.ndarray(), scale: ti.types.ndarray(), r: ti.types.ndarray(),
-    local: ti.types.ndarray(), out: ti.types.ndarray(),
-    cm: float, elements: ti.i32, nodes: ti.i32, dim: ti.template(),
-):  # fmt: skip
-    """out (N,) = r_p - D z_u with z_u = diag(A)^-1 r_u, from the scaled residual ``r``.
-
-    Scaled by 1 / diag(A), the momentum rows of r are z_u already.
-    """
-    for e in range(elements):
-        g_now = get_matrix(record, e, 0, dim)
-        c_next = get_matrix(record, e, ti.static(dim * dim), dim)
-        tail = ti.static(4 * dim * dim + 2 * dim)
-        mean_u = ti.Vector.zero(float, dim)
-        growth = 0.0
-        for a in ti.static(range(dim + 1)):
-            u = unknown(r, cells[e, a], dim)
-            mean_u += u / (dim + 1)
-            growth += gradient(c_next, a).dot(u)
-        for a in ti.static(range(dim + 1)):
-            stabilisation = record[e, tail + 2] * cm * gradient(g_now, a).dot(mean_u)
-            local[e * (dim + 1) + a, dim] = record[e, tail + 1] / (dim + 1) * growth + stabilisation
-    for i in range(nodes):
-        p = i * (dim + 1) + dim
-        out[i] = r[p] / scale[p] - gathered(local, corners, offsets[i], offsets[i + 1], dim, dim + 1)
-
-
-@ti.kernel
-def pressure_correction(
-    cells: ti.types.ndarray(), offsets: ti.types.ndarray(), corners: ti.types.ndarray(),
-    record: ti.types.ndarray(), scale: ti.types.ndarray(), r: ti.types.ndarray(),
-    pressure: ti.types.ndarray(), local: ti.types.ndarray(), out: ti.types.ndarray(),
-    elements: ti.i32, nodes: ti.i32, dim: ti.template(),
-):  # fmt: skip
-    """out = (z_u + diag(A)^-1 G z_p, z_p), with z_u = r_u the scaled momentum rows and z_p (N,)."""
-    for e in range(elements):
-        g_now = get_matrix(record, e, 0, dim)
-        mean = 0.0
-        for b in ti.static(range(dim + 1)):
-            mean += pressure[cells[e, b]] / (dim + 1)
-        mean *= record[e, ti.static(4 * dim * dim + 2 * dim)]
-        for a in ti.static(range(dim + 1)):
-            g = gradient(g_now, a)
-            for k in ti.static(range(dim)):
-                local[e * (dim + 1) + a, k] = mean * g[k]
-    for i in range(nodes):
-        for k in ti.static(range(dim)):
-            row = i * (dim + 1) + k
-            out[row] = r[row] + scale[row] * gathered(local, corners, offsets[i], offsets[i + 1], k, dim + 1)
-        out[i * (dim + 1) + dim] = pressure[i]
 
 
 @ti.kernel
@@ -114,4 +59,4 @@ def pressure_laplacian(
                 s = row_offsets[i]
                 while columns[s] != cells[e, b]:
                     s += 1
-                values[s] += value
+                values[s] = values[s] + value

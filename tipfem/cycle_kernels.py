@@ -1,38 +1,29 @@
 """Kernels of the multigrid cycle on the mesh and on the background grid: transfers and smoothing.
 
-Arrays are laid out as in `tipfem.background_grid`. ``relax`` (N,) is the damped inverse diagonal of the
-mesh's operator.
+Grids are laid out as in `tipfem.background_grid`. ``relax`` is the damped inverse diagonal of an operator. Where no other
+thread writes, ``a[i] = a[i] + b`` stands for ``a[i] += b``, which would be an atomic operation.
 """
 
 import taichi as ti
 
-from tipfem.background_grid import REACH, children, corners, grid_index, grid_node, level_size, weight
+from tipfem.background_grid import (
+    PLACES,
+    REACH,
+    SHAPE,
+    SIZE,
+    START,
+    STENCIL,
+    STRIDE,
+    corners,
+    entry,
+    line_at,
+    line_start,
+    lines,
+    row_shift,
+    weight,
+)
 
 OMEGA = 0.8  # damping of Jacobi's method
-
-
-@ti.func
-def _stencil_product(
-    stencil: ti.template(), x: ti.template(), g, shape: ti.template(), start, level, dim: ti.template()
-):  # fmt: skip
-    """Row ``g`` of a level's operator times x, from the level's first row ``start``."""
-    at = grid_node(g, shape, level, dim)
-    total = 0.0
-    if ti.static(dim == 2):
-        first = ti.max(at[1] - REACH, 0)
-        last = ti.min(at[1] + REACH, shape[level, 1] - 1) + 1
-        for i in range(ti.max(at[0] - REACH, 0), ti.min(at[0] + REACH, shape[level, 0] - 1) + 1):
-            line = start + i * shape[level, 1]
-            place = (i - at[0] + REACH) * (2 * REACH + 1) + REACH - at[1]
-            for j in range(first, last):
-                total += stencil[start + g, place + j] * x[line + j]
-    else:
-        for place in range((2 * REACH + 1) ** 3):
-            shift = ti.Vector([place // 25, place // 5 % 5, place % 5]) - REACH
-            j = grid_index(at + shift, shape, level, dim)
-            if j >= 0:
-                total += stencil[start + g, place] * x[start + j]
-    return total
 
 
 @ti.func
@@ -44,57 +35,87 @@ def _row_product(row_offsets: ti.template(), columns: ti.template(), values: ti.
 
 
 @ti.func
-def _jacobi(residual, diagonal):
-    """Damped correction; zero where a grid node has no equation."""
-    return ti.select(diagonal > 0.0, OMEGA * residual / diagonal, 0.0)
+def _subtract_product(
+    stencil: ti.template(), x: ti.template(), b: ti.template(), r: ti.template(), grid: ti.template(), level, line,
+    dim: ti.template(),
+):  # fmt: skip
+    """r = b - A x along a line of a level."""
+    size, n = grid[level, SIZE], grid[level, SHAPE + 2]
+    inside = line_start(grid, level, line, dim)
+    at = grid[level, START] + inside
+    for j in range(n):
+        r[at + j] = b[at + j]
+    for row in range(ti.static(PLACES ** (dim - 1))):
+        entries = grid[level, STENCIL] + row * PLACES * size + inside
+        near = at + row_shift(grid, level, row, dim) - REACH
+        for j in range(n):
+            total = r[at + j]
+            for k in ti.static(range(PLACES)):
+                total -= stencil[entries + k * size + j] * x[near + k + j]
+            r[at + j] = total
 
 
 @ti.func
-def _defect(stencil: ti.template(), x: ti.template(), b: ti.template(), g, shape: ti.template(), start, level,
-            dim: ti.template()):  # fmt: skip
-    """b - A x at a grid node."""
-    return b[start + g] - _stencil_product(stencil, x, g, shape, start, level, dim)
+def _restrict(r: ti.template(), b: ti.template(), grid: ti.template(), level, line, dim: ti.template()):
+    """A line of b = P^T r, from ``level`` to the next coarser one."""
+    to = grid[level + 1, START] + line_start(grid, level + 1, line, dim)
+    n = grid[level + 1, SHAPE + 2]
+    across = grid[level + 1, SHAPE + 1]
+    at = grid[level, START] + line_at(grid, level, 2 * (line // across), 2 * (line % across), dim)
+    for j in range(n):
+        b[to + j] = 0.0
+    for m in range(ti.static(3 ** (dim - 1))):
+        w = ti.select(m % 3 == 1, 1.0, 0.5)
+        near = at + (m % 3 - 1) * grid[level, STRIDE + 1]
+        if ti.static(dim == 3):
+            w *= ti.select(m // 3 == 1, 1.0, 0.5)
+            near += (m // 3 - 1) * grid[level, STRIDE]
+        for j in range(n):
+            f = near + 2 * j
+            b[to + j] = b[to + j] + w * (0.5 * (r[f - 1] + r[f + 1]) + r[f])
 
 
 @ti.func
-def _restricted(r: ti.template(), g, shape: ti.template(), start, level, dim: ti.template()):
-    """Entry ``g`` of P^T r on the level below ``level``, whose first row is ``start``."""
-    at = grid_node(g, shape, level + 1, dim)
-    total = 0.0
-    for near, w in ti.static(children(dim)):
-        f = grid_index(2 * at + ti.Vector(near), shape, level, dim)
-        if f >= 0:
-            total += w * r[start + f]
-    return total
-
-
-@ti.func
-def _prolonged(x: ti.template(), f, shape: ti.template(), start, level, dim: ti.template()):
-    """Entry ``f`` of P x on ``level``; ``start`` is the first row of the level below it."""
-    at = grid_node(f, shape, level, dim)
-    total = 0.0
-    for parent in ti.static(corners(dim)):
+def _prolong(x: ti.template(), grid: ti.template(), level, line, dim: ti.template()):
+    """Add to a line of ``level`` what the next coarser one interpolates to it."""
+    to = grid[level, START] + line_start(grid, level, line, dim)
+    n, coarse = grid[level, SHAPE + 2], grid[level + 1, START]
+    for m in range(ti.static(2 ** (dim - 1))):
         w = 1.0
-        i = ti.Vector.zero(ti.i32, dim)
-        for k in ti.static(range(dim)):
-            odd = at[k] & 1
-            i[k] = at[k] // 2 + odd * parent[k]
-            w *= ti.select(odd == 1, 0.5, 1.0 - parent[k])
+        parent = line // 2 + (line % 2) * m
+        if ti.static(dim == 2):
+            w = ti.select(line % 2 == 1, 0.5, 1.0 - m)
+        else:
+            one, two = line // grid[level, SHAPE + 1], line % grid[level, SHAPE + 1]
+            w = ti.select(one % 2 == 1, 0.5, 1.0 - m // 2) * ti.select(two % 2 == 1, 0.5, 1.0 - m % 2)
+            parent = (one // 2 + one % 2 * (m // 2)) * grid[level + 1, SHAPE + 1] + two // 2 + two % 2 * (m % 2)
         if w > 0.0:
-            total += w * x[start + grid_index(i, shape, level + 1, dim)]
-    return total
+            at = coarse + line_start(grid, level + 1, parent, dim)
+            for j in range((n + 1) // 2):
+                x[to + 2 * j] = x[to + 2 * j] + w * x[at + j]
+            for j in range(n // 2):
+                x[to + 2 * j + 1] = x[to + 2 * j + 1] + 0.5 * w * (x[at + j] + x[at + j + 1])
 
 
 @ti.kernel
-def damped_inverse_diagonal(
+def damped_inverse_diagonals(
     row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
-    relax: ti.types.ndarray(), nodes: ti.i32,
+    relax: ti.types.ndarray(), stencil: ti.types.ndarray(), grid_relax: ti.types.ndarray(), grid: ti.types.ndarray(),
+    nodes: ti.i32, levels: ti.i32, dim: ti.template(),
 ):  # fmt: skip
-    """relax (N,) = OMEGA / a_ii of a matrix in CSR."""
+    """relax (N,) = OMEGA / a_ii of a matrix in CSR, and the same for all grids; 0 where there is no equation."""
     for i in range(nodes):
+        relax[i] = 0.0
         for s in range(row_offsets[i], row_offsets[i + 1]):
-            if columns[s] == i:
+            if columns[s] == i and values[s] > 0.0:
                 relax[i] = OMEGA / values[s]
+    for t in range(grid[levels - 1, START] + grid[levels - 1, SIZE]):
+        level = 0
+        while t >= grid[level, START] + grid[level, SIZE]:
+            level += 1
+        middle = ti.static(PLACES**dim // 2)
+        diagonal = stencil[grid[level, STENCIL] + middle * grid[level, SIZE] + t - grid[level, START]]
+        grid_relax[t] = ti.select(diagonal > 0.0, OMEGA / diagonal, 0.0)
 
 
 @ti.kernel
@@ -102,112 +123,129 @@ def down_mesh(
     b: ti.types.ndarray(), x: ti.types.ndarray(), residual: ti.types.ndarray(), relax: ti.types.ndarray(),
     row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
     fraction: ti.types.ndarray(), order: ti.types.ndarray(), start: ti.types.ndarray(),
-    grid_b: ti.types.ndarray(), shape: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
+    grid_b: ti.types.ndarray(), grid: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
 ):  # fmt: skip
     """One sweep from zero on the mesh, and what is left restricted to the finest grid."""
     for i in range(nodes):
         x[i] = relax[i] * b[i]
-    for i in range(nodes):
-        residual[i] = b[i] - _row_product(row_offsets, columns, values, x, i)
-    for g in range(level_size(shape, 0, dim)):
-        at = grid_node(g, shape, 0, dim)
-        total = 0.0
-        for corner in ti.static(corners(dim)):
-            c = grid_index(at - ti.Vector(corner), shape, 0, dim)
-            if c >= 0:
-                for m in range(start[c], start[c + 1]):
-                    total += weight(fraction, order[m], corner, dim) * residual[order[m]]
-        grid_b[g] = total
+        total = b[i]
+        for s in range(row_offsets[i], row_offsets[i + 1]):
+            j = columns[s]
+            total -= values[s] * relax[j] * b[j]
+        residual[i] = total
+    for line in range(lines(grid, 0)):
+        to = grid[0, START] + line_start(grid, 0, line, dim)
+        for j in range(grid[0, SHAPE + 2]):
+            at = ti.Vector.zero(ti.i32, dim)
+            at[dim - 1] = j
+            at[dim - 2] = line % grid[0, SHAPE + 1]
+            if ti.static(dim == 3):
+                at[0] = line // grid[0, SHAPE + 1]
+            total = 0.0
+            for corner in ti.static(corners(dim)):
+                c = 0
+                inside = True
+                for k in ti.static(range(dim)):
+                    index = at[k] - ti.static(corner[k])
+                    inside = inside and index >= 0
+                    c = c * grid[0, SHAPE + 3 - dim + k] + index
+                if inside:
+                    for m in range(start[c], start[c + 1]):
+                        total += weight(fraction, order[m], corner, dim) * residual[order[m]]
+            grid_b[to + j] = total
 
 
 @ti.kernel
 def down_grid(
-    stencil: ti.types.ndarray(), x: ti.types.ndarray(), b: ti.types.ndarray(), r: ti.types.ndarray(),
-    shape: ti.types.ndarray(), offset: ti.types.ndarray(), level: ti.i32, dim: ti.template(),
+    stencil: ti.types.ndarray(), relax: ti.types.ndarray(), x: ti.types.ndarray(), b: ti.types.ndarray(),
+    r: ti.types.ndarray(), grid: ti.types.ndarray(), level: ti.i32, dim: ti.template(),
 ):  # fmt: skip
     """One sweep from zero on a grid, and what is left restricted to the next coarser one."""
-    center = ti.static(((2 * REACH + 1) ** dim) // 2)
-    for g in range(level_size(shape, level, dim)):
-        row = offset[level] + g
-        x[row] = _jacobi(b[row], stencil[row, center])
-    for g in range(level_size(shape, level, dim)):
-        r[offset[level] + g] = _defect(stencil, x, b, g, shape, offset[level], level, dim)
-    for g in range(level_size(shape, level + 1, dim)):
-        b[offset[level + 1] + g] = _restricted(r, g, shape, offset[level], level, dim)
+    for t in range(grid[level, SIZE]):
+        at = grid[level, START] + t
+        x[at] = relax[at] * b[at]
+    for line in range(lines(grid, level)):
+        _subtract_product(stencil, x, b, r, grid, level, line, dim)
+    for line in range(lines(grid, level + 1)):
+        _restrict(r, b, grid, level, line, dim)
 
 
 @ti.kernel
 def coarse_cycle(
-    stencil: ti.types.ndarray(), x: ti.types.ndarray(), b: ti.types.ndarray(), r: ti.types.ndarray(),
-    shape: ti.types.ndarray(), offset: ti.types.ndarray(),
+    stencil: ti.types.ndarray(), relax: ti.types.ndarray(), x: ti.types.ndarray(), b: ti.types.ndarray(),
+    r: ti.types.ndarray(), grid: ti.types.ndarray(),
     first: ti.i32, levels: ti.i32, sweeps: ti.i32, dim: ti.template(),
 ):  # fmt: skip
     """The cycle from level ``first`` down, in one thread: on small grids launches cost more than work.
 
     The coarsest level is solved by symmetric Gauss-Seidel sweeps.
     """
-    center = ti.static(((2 * REACH + 1) ** dim) // 2)
     ti.loop_config(serialize=True)
     for _ in range(1):
         for level in range(first, levels - 1):
-            start = offset[level]
-            for g in range(level_size(shape, level, dim)):
-                x[start + g] = _jacobi(b[start + g], stencil[start + g, center])
-            for g in range(level_size(shape, level, dim)):
-                r[start + g] = _defect(stencil, x, b, g, shape, start, level, dim)
-            for g in range(level_size(shape, level + 1, dim)):
-                b[offset[level + 1] + g] = _restricted(r, g, shape, start, level, dim)
+            for t in range(grid[level, START], grid[level, START] + grid[level, SIZE]):
+                x[t] = relax[t] * b[t]
+            for line in range(lines(grid, level)):
+                _subtract_product(stencil, x, b, r, grid, level, line, dim)
+            for line in range(lines(grid, level + 1)):
+                _restrict(r, b, grid, level, line, dim)
         last = levels - 1
-        n = level_size(shape, last, dim)
-        for g in range(n):
-            x[offset[last] + g] = 0.0
-        for step in range(sweeps * n):
-            g = step % n
-            if (step // n) % 2 == 1:
-                g = n - 1 - g
-            d = stencil[offset[last] + g, center]
-            if d > 0.0:
-                x[offset[last] + g] += _defect(stencil, x, b, g, shape, offset[last], last, dim) / d
+        at, size = grid[last, START], grid[last, SIZE]
+        for t in range(at, at + size):
+            x[t] = 0.0
+        n, width = lines(grid, last), grid[last, SHAPE + 2]
+        for step in range(sweeps * n * width):
+            g = step % (n * width)
+            if step // (n * width) % 2 == 1:
+                g = n * width - 1 - g
+            inside = line_start(grid, last, g // width, dim) + g % width
+            total = b[at + inside]
+            for row in range(ti.static(PLACES ** (dim - 1))):
+                near = at + inside + row_shift(grid, last, row, dim) - REACH
+                entries = grid[last, STENCIL] + row * PLACES * size + inside
+                for k in ti.static(range(PLACES)):
+                    total -= stencil[entries + k * size] * x[near + k]
+            x[at + inside] = x[at + inside] + relax[at + inside] / OMEGA * total
         for up in range(levels - 1 - first):
             level = levels - 2 - up
-            start = offset[level]
-            for f in range(level_size(shape, level, dim)):
-                x[start + f] += _prolonged(x, f, shape, offset[level + 1], level, dim)
-            for g in range(level_size(shape, level, dim)):
-                r[start + g] = _defect(stencil, x, b, g, shape, start, level, dim)
-            for g in range(level_size(shape, level, dim)):
-                x[start + g] += _jacobi(r[start + g], stencil[start + g, center])
+            for line in range(lines(grid, level)):
+                _prolong(x, grid, level, line, dim)
+            for line in range(lines(grid, level)):
+                _subtract_product(stencil, x, b, r, grid, level, line, dim)
+            for t in range(grid[level, START], grid[level, START] + grid[level, SIZE]):
+                x[t] = x[t] + relax[t] * r[t]
 
 
 @ti.kernel
 def up_grid(
-    stencil: ti.types.ndarray(), x: ti.types.ndarray(), b: ti.types.ndarray(), r: ti.types.ndarray(),
-    shape: ti.types.ndarray(), offset: ti.types.ndarray(), level: ti.i32, dim: ti.template(),
+    stencil: ti.types.ndarray(), relax: ti.types.ndarray(), x: ti.types.ndarray(), b: ti.types.ndarray(),
+    r: ti.types.ndarray(), grid: ti.types.ndarray(), level: ti.i32, dim: ti.template(),
 ):  # fmt: skip
     """The coarser grid's correction added on ``level``, and one sweep."""
-    center = ti.static(((2 * REACH + 1) ** dim) // 2)
-    for f in range(level_size(shape, level, dim)):
-        x[offset[level] + f] += _prolonged(x, f, shape, offset[level + 1], level, dim)
-    for g in range(level_size(shape, level, dim)):
-        r[offset[level] + g] = _defect(stencil, x, b, g, shape, offset[level], level, dim)
-    for g in range(level_size(shape, level, dim)):
-        row = offset[level] + g
-        x[row] += _jacobi(r[row], stencil[row, center])
+    for line in range(lines(grid, level)):
+        _prolong(x, grid, level, line, dim)
+    for line in range(lines(grid, level)):
+        _subtract_product(stencil, x, b, r, grid, level, line, dim)
+    for t in range(grid[level, SIZE]):
+        at = grid[level, START] + t
+        x[at] = x[at] + relax[at] * r[at]
 
 
 @ti.kernel
 def up_mesh(
-    b: ti.types.ndarray(), x: ti.types.ndarray(), residual: ti.types.ndarray(), relax: ti.types.ndarray(),
+    b: ti.types.ndarray(), x: ti.types.ndarray(), corrected: ti.types.ndarray(), relax: ti.types.ndarray(),
     row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
     cell: ti.types.ndarray(), fraction: ti.types.ndarray(), grid_x: ti.types.ndarray(),
-    shape: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
+    grid: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
 ):  # fmt: skip
     """The finest grid's correction interpolated to the nodes, and one sweep on the mesh."""
     for i in range(nodes):
         at = ti.Vector([cell[i, k] for k in ti.static(range(dim))])
+        total = x[i]
         for corner in ti.static(corners(dim)):
-            x[i] += weight(fraction, i, corner, dim) * grid_x[grid_index(at + ti.Vector(corner), shape, 0, dim)]
+            near = grid[0, START] + entry(grid, 0, at + ti.Vector(corner), dim)
+            total += weight(fraction, i, corner, dim) * grid_x[near]
+        corrected[i] = total
     for i in range(nodes):
-        residual[i] = b[i] - _row_product(row_offsets, columns, values, x, i)
-    for i in range(nodes):
-        x[i] += relax[i] * residual[i]
+        rest = b[i] - _row_product(row_offsets, columns, values, corrected, i)
+        x[i] = corrected[i] + relax[i] * rest

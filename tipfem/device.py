@@ -110,6 +110,14 @@ class Buffers:
             self._arrays[name] = array
         return array
 
+    def grow(self, name: str, rows: int) -> Any:
+        """A one-dimensional array of reals with at least ``rows`` rows, which keeps what it holds when it grows."""
+        old = self._arrays.get(name)
+        array = self.get(name, rows)
+        if old is not None and array is not old:
+            _copy(old, array, old.shape[0])
+        return array
+
     def upload(self, name: str, values: np.ndarray) -> Any:
         """Copy a NumPy array of one or two dimensions into the device array of that name."""
         integer = values.dtype.kind in "iub"

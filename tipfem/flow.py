@@ -8,19 +8,14 @@ from typing import Any
 import numpy as np
 
 from tipfem import assembly, balance_kernels, block_kernels, krylov
-from tipfem.device import Buffers, chunks, download
+from tipfem.device import chunks, download
 from tipfem.errors import StepRefused
+from tipfem.linear_system import LinearSystem, Workspace
 from tipfem.mesh import Mesh
-from tipfem.multigrid import BackgroundMultigrid
 from tipfem.particles import Array, Particles
 from tipfem.time_integration import GeneralizedAlpha
 from tipfem.wall_rows import WallRows
 from tipfem.wall_step import WallStep
-
-# Spacing of the finest background grid in particle spacings: 1.5 needs two thirds of the Krylov
-# iterations that 2 does, for a quarter more time per cycle.
-GRID_SPACING = 1.5
-
 
 @dataclass(frozen=True)
 class ElementProperties:
@@ -35,31 +30,6 @@ class ElementProperties:
     density: Array
     viscosity: Array
     source: Array
-
-
-class Workspace:
-    """What outlives a time step: device arrays, and the multigrid's hierarchy."""
-
-    def __init__(self) -> None:
-        self.buffers = Buffers()
-        self._multigrid: BackgroundMultigrid | None = None
-        self._box: Any = None
-
-    def multigrid(self, position: Array, spacing: float) -> BackgroundMultigrid:
-        """The hierarchy over a box around ``position`` (N, d), made anew when they leave it or half of it."""
-        lower, upper = position.min(axis=0), position.max(axis=0)
-        if self._multigrid is not None:
-            old_lower, old_upper = self._box
-            slack = 1e-6 * spacing  # round-off of a tank that moves
-            inside = (lower > old_lower - slack).all() and (upper < old_upper + slack).all()
-            if inside and np.prod(upper - lower) > 0.5 * np.prod(old_upper - old_lower):
-                return self._multigrid
-            # Walls that have moved go on: leave them some room on the sides they have passed.
-            lower = np.where(lower < old_lower - slack, lower - 4 * spacing, lower)
-            upper = np.where(upper > old_upper + slack, upper + 4 * spacing, upper)
-        self._multigrid = BackgroundMultigrid(lower, upper, GRID_SPACING * spacing, self.buffers)
-        self._box = (lower, upper)
-        return self._multigrid
 
 
 @dataclass(frozen=True)
@@ -142,8 +112,7 @@ class FlowProblem:
         self.size = self.nodes * (d + 1)
         self.buffers = buffers = workspace.buffers
         put = buffers.upload
-        offsets, corners = mesh.incidence
-        self._topology = (put("cells", mesh.cells), put("offsets", offsets), put("corners", corners))
+        self._topology = workspace.topology(mesh)
         self._position = put("position", mesh.position)
         self._density = put("density", properties.density)
         self._viscosity = put("viscosity", properties.viscosity)
@@ -162,8 +131,6 @@ class FlowProblem:
         self._scale = buffers.get("scale", self.size)
         self._r = buffers.get("residual", self.size)
         self._dx = buffers.get("correction", self.size)
-        self._schur_b = buffers.get("schur_b", self.nodes)
-        self._schur_x = buffers.get("schur_x", self.nodes)
         fixed = particles.wall if walls is None else walls.fixed
         block_kernels.row_scale(
             *self._topology, self._position, self._density, self._viscosity, put("fixed", fixed),
@@ -171,22 +138,11 @@ class FlowProblem:
         )  # fmt: skip
         self._walls = None if walls is None else WallRows(walls, d, self._scale, buffers)
         # A tank that moves stands still in its own frame, and so does the grid; the Laplacian is the same there.
-        self._frame = mesh.position if walls is None else walls.frame
-        self._multigrid = workspace.multigrid(self._frame, particles.spacing)
-        self._build_preconditioner()
-
-    def _build_preconditioner(self) -> None:
-        """The pressure Laplacian and its coarse grids; they stay for all of the step's Newton iterations."""
-        row_offsets, columns = self.mesh.adjacency
-        row_offsets, columns, count = (
-            self.buffers.upload("row_offsets", row_offsets), self.buffers.upload("columns", columns), len(columns),
+        frame = mesh.position if walls is None else walls.frame
+        self.system = LinearSystem(
+            self._topology, mesh, self._position, self._density, self._scale, scheme,
+            workspace.multigrid(frame, particles.spacing), frame, buffers,
         )  # fmt: skip
-        values = self.buffers.get("laplacian", count)
-        block_kernels.pressure_laplacian(
-            *self._topology, self._position, self._density, row_offsets, columns, values,
-            self.scheme.cm, self.nodes, self.dimension,
-        )  # fmt: skip
-        self._multigrid.build(self._frame, row_offsets, columns, values)
 
     def predict(self) -> Any:
         """First iterate: constant acceleration and pressure, or no motion where that would invert an element."""
@@ -223,6 +179,10 @@ class FlowProblem:
             self._walls.residual(self._position, self._velocity, x, self._scale, self._r)
         return krylov.largest(self._r, self.size, self.buffers) / self.particles.spacing
 
+    def linearise(self) -> None:
+        """Gather the Jacobian at the last `residual`."""
+        self.system.gather(self._record)
+
     def residual_vector(self) -> Array:
         """The last scaled residual (N, d + 1) [m]."""
         return download(self._r, self.size).astype(np.float64).reshape(self.nodes, -1)
@@ -244,34 +204,20 @@ class FlowProblem:
         return StepWork(viscous_dissipation, viscous, geometry, stabilisation, source, walls, np.array(force))
 
     def product(self, v: Any, out: Any) -> None:
-        """out = K v, the derivative of the scaled residual at the last `residual` along ``v``."""
-        s = self.scheme
-        assembly.jacobian_product(
-            *self._topology, self._density, self._record, self._scale, v, self._local, out,
-            s.cm, s.cv, s.cf, self.elements, self.nodes, self.dimension,
-        )  # fmt: skip
+        """out = K v, the derivative of the scaled residual at the last `linearise` along ``v``."""
+        self.system.product(v, out)
         if self._walls:
             self._walls.product(v, self._scale, out)
 
     def precondition(self, r: Any, z: Any) -> None:
-        """z ~ K^-1 r by the block factors of K with diag(A) and one V-cycle for the Schur complement.
-
-        z_u = A^-1 r_u;  z_p = S^-1 (r_p - D z_u);  z_u += A^-1 G z_p.
-        """
-        block_kernels.schur_right_side(
-            *self._topology, self._record, self._scale, r, self._local, self._schur_b,
-            self.scheme.cm, self.elements, self.nodes, self.dimension,
-        )  # fmt: skip
-        self._multigrid.apply(self._schur_b, self._schur_x)
-        block_kernels.pressure_correction(
-            *self._topology, self._record, self._scale, r, self._schur_x, self._local, z,
-            self.elements, self.nodes, self.dimension,
-        )  # fmt: skip
+        """z ~ K^-1 r, see `LinearSystem`."""
+        self.system.precondition(r, z)
         if self._walls:
             self._walls.project(z)
 
     def correct(self, x: Any, tolerance: float) -> krylov.KrylovResult:
-        """Solve K dx = -r by preconditioned FGMRES and add dx to ``x``."""
+        """Solve K dx = -r, linearised at the last `residual`, by preconditioned FGMRES and add dx to ``x``."""
+        self.linearise()
         result = krylov.fgmres(
             self.product, self.precondition, self._r, self._dx, self.size,
             tolerance=tolerance, max_iterations=MAX_KRYLOV_ITERATIONS, buffers=self.buffers,

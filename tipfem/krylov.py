@@ -1,4 +1,8 @@
-"""Flexible GMRES on device vectors; no physics."""
+"""Flexible GMRES on device vectors; no physics.
+
+Taichi makes ``a[i] += b`` an atomic operation, many times slower than ``a[i] = a[i] + b``; where no other thread
+writes, the kernels say the latter.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,6 +14,11 @@ import taichi as ti
 from tipfem.device import Buffers, chunks
 
 Operator = Callable[[Any, Any], None]
+
+# Vectors that the basis has room for at first; it grows by as many.
+ROOM = 16
+# Rows of a vector that are worked on at once: what of all basis vectors fits into a core's cache.
+BLOCK = 512
 
 
 @dataclass(frozen=True)
@@ -51,11 +60,10 @@ def fgmres(
         FloatingPointError: a norm is not finite.
     """
     parts = chunks()
-    basis = [buffers.get("krylov.v0", size)]
-    directions: list[Any] = []
-    partial = buffers.get("krylov.partial", parts, 1)
+    basis = _Basis(size, tolerance, buffers)
+    v, z, w = (buffers.get(f"krylov.{name}", size) for name in "vzw")
     out = np.zeros(1)
-    _norm_and_scale(right_side, basis[0], partial, out, size, parts)
+    _start(right_side, v, basis.orthonormal, buffers.get("krylov.partial", parts, 1), out, size, parts)
     beta = float(out[0])
     if not np.isfinite(beta):
         raise FloatingPointError("the residual is not finite")
@@ -68,13 +76,9 @@ def fgmres(
     g[0] = beta
     k = 0
     while k < max_iterations and abs(g[k]) > tolerance * beta:
-        z = buffers.get(f"krylov.z{k}", size)
-        w = buffers.get(f"krylov.v{k + 1}", size)
-        preconditioner(basis[k], z)
+        preconditioner(v, z)
         operator(z, w)
-        directions.append(z)
-        basis.append(w)
-        column = _orthogonalise(basis, size, parts, buffers)
+        column = basis.extend(k, w, z, v)
         if not np.isfinite(column).all():
             raise FloatingPointError("a Krylov vector is not finite")
         for i in range(k):
@@ -92,66 +96,76 @@ def fgmres(
         g[k] *= cosine[k]
         k += 1
     weights = np.linalg.solve(np.triu(hessenberg[:k, :k]), g[:k]) if k else np.zeros(0)
-    _fill(solution, 0.0, size)
-    for start in range(0, k, GROUP):
-        _accumulate(directions[start : start + GROUP], weights[start : start + GROUP], solution, size)
+    _combine(basis.directions, np.append(weights, 0.0), solution, k, size, parts)
     relative = abs(float(g[k])) / beta
     return KrylovResult(k, relative, relative <= tolerance)
 
 
-# How many vectors a fused kernel takes at once; missing ones are stood in for by the first.
-GROUP = 8
+class _Basis:
+    """The vectors v_0, v_1, ... of the Krylov space, and z_k = M v_k: one behind the other in two device arrays."""
+
+    def __init__(self, size: int, tolerance: float, buffers: Buffers) -> None:
+        self.size, self._buffers = size, buffers
+        # How far the vectors may be from orthogonal, the residual still being known well; and how far they are.
+        self._loss_allowed, self._loss = max(1e-4 * tolerance, 1e-15), 0.0
+        self._make_room(1)
+
+    def _make_room(self, vectors: int) -> None:
+        room = -(-vectors // ROOM) * ROOM
+        self.orthonormal = self._buffers.grow("krylov.basis", room * self.size)
+        self.directions = self._buffers.grow("krylov.directions", room * self.size)
+        self._room = room
+
+    def extend(self, k: int, w: Any, z: Any, v: Any) -> np.ndarray:
+        """Take over z_k = z and make of w = A z_k the vector v_{k+1}, in ``v`` too.
+
+        Returns:
+            (k + 2,) column k of the Hessenberg matrix.
+        """
+        if k + 2 > self._room:
+            self._make_room(k + 2)
+        parts, column = chunks(), np.zeros(k + 2)
+        partial = self._buffers.get("krylov.dots", parts * (k + 2))
+        # Below it, what cancellation leaves is neither orthogonal enough nor of a length known well: once more.
+        least = max(CANCELLED, ((self._loss + EPSILON) / self._loss_allowed) ** 2)
+        for _ in range(2):
+            out = np.zeros(k + 3)
+            _orthogonalise(self.orthonormal, self.directions, w, z, v, partial, out, k, self.size, parts, least)
+            column[: k + 1] += out[: k + 1]
+            before, after = out[k + 1 :]
+            if not after < least * before:
+                break
+            w, least = v, CANCELLED
+        # One pass of Gram-Schmidt multiplies what is not orthogonal already by the cancellation.
+        grown = (self._loss + EPSILON) * np.sqrt(before / after) if after > 0 else self._loss_allowed
+        self._loss = min(max(self._loss, float(grown)), self._loss_allowed)
+        column[k + 1] = np.sqrt(max(after, 0.0))
+        return column
 
 
-def _group(vectors: list[Any]) -> list[Any]:
-    return vectors + [vectors[0]] * (GROUP - len(vectors))
-
-
-def _orthogonalise(basis: list[Any], size: int, parts: int, buffers: Buffers) -> np.ndarray:
-    """Make the last vector of the basis orthogonal to the others and of length 1.
-
-    Returns:
-        The column of the Hessenberg matrix, the length of what was left last.
-    """
-    w, others = basis[-1], basis[:-1]
-    column = np.zeros(len(others) + 1)
-    partial = buffers.get("krylov.partial_dots", parts, GROUP + 1)
-    for _ in range(2):
-        before = after = 0.0
-        for start in range(0, len(others), GROUP):
-            group = others[start : start + GROUP]
-            out = np.zeros(GROUP + 2)
-            _project(*_group(group), w, partial, out, size, parts, len(group))
-            column[start : start + len(group)] += out[: len(group)]
-            before = max(before, out[GROUP])
-            after = out[GROUP + 1]
-        # What cancellation to less than a third leaves is not orthogonal enough: project again.
-        if after > 0.1 * before:
-            break
-    column[-1] = np.sqrt(after)
-    if column[-1] > 0:
-        _scale(w, 1.0 / column[-1], size)
-    return column
+# Part of a vector's squared length that must be left when it has been made orthogonal to others.
+CANCELLED = 1e-4
+EPSILON = 2e-16
 
 
 @ti.func
 def block_of(c, parts, n):
     """First and last + 1 index of part ``c`` of ``parts`` of 0 ... n."""
     size = (n + parts - 1) // parts
-    return c * size, ti.min((c + 1) * size, n)
+    return ti.min(c * size, n), ti.min((c + 1) * size, n)
 
 
 @ti.kernel
-def _norm_and_scale(
-    x: ti.types.ndarray(), y: ti.types.ndarray(), partial: ti.types.ndarray(), out: ti.types.ndarray(),
-    n: ti.i32, parts: ti.i32,
+def _start(
+    b: ti.types.ndarray(), v: ti.types.ndarray(), basis: ti.types.ndarray(), partial: ti.types.ndarray(),
+    out: ti.types.ndarray(), n: ti.i32, parts: ti.i32,
 ):  # fmt: skip
-    """out[0] = |x|, y = x / |x| (0 if x is 0)."""
+    """out[0] = |b|, v = v_0 = b / |b| (0 if b is 0)."""
     for c in range(parts):
         first, last = block_of(c, parts, n)
         total = 0.0
         for i in range(first, last):
-            total += x[i] * x[i]
+            total += b[i] * b[i]
         partial[c, 0] = total
     ti.loop_config(serialize=True)
     for _ in range(1):
@@ -159,82 +173,97 @@ def _norm_and_scale(
         for c in range(parts):
             total += partial[c, 0]
         out[0] = ti.sqrt(total)
-        partial[0, 0] = ti.sqrt(total)
-    for i in range(n):
-        y[i] = ti.select(partial[0, 0] > 0.0, x[i] / partial[0, 0], 0.0)
+        partial[0, 0] = ti.select(total > 0.0, 1.0 / ti.sqrt(total), 0.0)
+    for c in range(parts):
+        first, last = block_of(c, parts, n)
+        factor = partial[0, 0]
+        for i in range(first, last):
+            v[i] = factor * b[i]
+            basis[i] = factor * b[i]
 
 
 @ti.kernel
-def _project(
-    v0: ti.types.ndarray(), v1: ti.types.ndarray(), v2: ti.types.ndarray(), v3: ti.types.ndarray(),
-    v4: ti.types.ndarray(), v5: ti.types.ndarray(), v6: ti.types.ndarray(), v7: ti.types.ndarray(),
-    w: ti.types.ndarray(), partial: ti.types.ndarray(), out: ti.types.ndarray(),
-    n: ti.i32, parts: ti.i32, used: ti.i32,
+def _orthogonalise(
+    basis: ti.types.ndarray(), directions: ti.types.ndarray(), w: ti.types.ndarray(), z: ti.types.ndarray(),
+    v: ti.types.ndarray(), partial: ti.types.ndarray(), out: ti.types.ndarray(),
+    k: ti.i32, n: ti.i32, parts: ti.i32, cancelled: float,
 ):  # fmt: skip
-    """w -= sum_j (v_j . w) v_j; out: the dots, then |w|^2 before and after."""
+    """z_k = z; v = v_{k+1} = w less its components d_j along v_0 ... v_k, over the length of that.
+
+    out: d (k + 1,), |w|^2, and |w|^2 - |d|^2, which is the length squared of what is left. Where that is less than
+    the part ``cancelled`` of |w|^2, v is left as long as it is, for another pass.
+    """
     for c in range(parts):
         first, last = block_of(c, parts, n)
-        dots = ti.Vector.zero(float, 9)
-        for i in range(first, last):
-            x = w[i]
-            dots += ti.Vector([v0[i], v1[i], v2[i], v3[i], v4[i], v5[i], v6[i], v7[i], x]) * x
-        for j in ti.static(range(9)):
-            partial[c, j] = dots[j]
-    ti.loop_config(serialize=True)
-    for j in range(9):
-        total = 0.0
-        for c in range(parts):
-            total += partial[c, j]
-        if j < 8 and j >= used:
+        at = c * (k + 2)
+        for j in range(k + 2):
+            partial[at + j] = 0.0
+        # Block by block, so that w is read from the cache for all v_j.
+        for block in range((last - first + BLOCK - 1) // BLOCK):
+            start = first + block * BLOCK
+            end = ti.min(start + BLOCK, last)
+            for j in range(k + 1):
+                row = j * n
+                total = 0.0
+                for i in range(start, end):
+                    total += basis[row + i] * w[i]
+                partial[at + j] = partial[at + j] + total
             total = 0.0
-        out[j] = total
-        partial[0, j] = total
-    for c in range(parts):
-        first, last = block_of(c, parts, n)
-        d = ti.Vector([partial[0, j] for j in ti.static(range(8))])
-        rest = 0.0
-        for i in range(first, last):
-            x = w[i]
-            x -= d[0] * v0[i] + d[1] * v1[i] + d[2] * v2[i] + d[3] * v3[i]
-            x -= d[4] * v4[i] + d[5] * v5[i] + d[6] * v6[i] + d[7] * v7[i]
-            w[i] = x
-            rest += x * x
-        if c > 0:
-            partial[c, 0] = rest
-        else:
-            partial[0, 8] = rest
+            for i in range(start, end):
+                total += w[i] * w[i]
+            partial[at + k + 1] = partial[at + k + 1] + total
+            for i in range(start, end):
+                directions[k * n + i] = z[i]
     ti.loop_config(serialize=True)
     for _ in range(1):
-        total = partial[0, 8]
-        for c in range(1, parts):
-            total += partial[c, 0]
-        out[9] = total
+        left = 0.0
+        for m in range(k + 2):
+            j = k + 1 - m  # the length first
+            total = 0.0
+            for c in range(parts):
+                total += partial[c * (k + 2) + j]
+            partial[j] = total
+            out[j] = total
+            left = total if m == 0 else left - total * total
+        out[k + 2] = left
+        partial[k + 1] = ti.select(left < cancelled * out[k + 1], 1.0, 1.0 / ti.sqrt(left))
+    for c in range(parts):
+        first, last = block_of(c, parts, n)
+        factor = partial[k + 1]
+        for block in range((last - first + BLOCK - 1) // BLOCK):
+            start = first + block * BLOCK
+            end = ti.min(start + BLOCK, last)
+            for i in range(start, end):
+                v[i] = w[i]
+            for j in range(k + 1):
+                row = j * n
+                d = partial[j]
+                for i in range(start, end):
+                    v[i] = v[i] - d * basis[row + i]
+            row = (k + 1) * n
+            for i in range(start, end):
+                x = factor * v[i]
+                v[i] = x
+                basis[row + i] = x
 
 
 @ti.kernel
 def _combine(
-    v0: ti.types.ndarray(), v1: ti.types.ndarray(), v2: ti.types.ndarray(), v3: ti.types.ndarray(),
-    v4: ti.types.ndarray(), v5: ti.types.ndarray(), v6: ti.types.ndarray(), v7: ti.types.ndarray(),
-    d: ti.types.ndarray(), y: ti.types.ndarray(), n: ti.i32,
+    directions: ti.types.ndarray(), weights: ti.types.ndarray(), x: ti.types.ndarray(),
+    k: ti.i32, n: ti.i32, parts: ti.i32,
 ):  # fmt: skip
-    """y += sum_j d_j v_j."""
-    for i in range(n):
-        y[i] += (
-            d[0] * v0[i] + d[1] * v1[i] + d[2] * v2[i] + d[3] * v3[i]
-            + d[4] * v4[i] + d[5] * v5[i] + d[6] * v6[i] + d[7] * v7[i]
-        )  # fmt: skip
-
-
-def _accumulate(vectors: list[Any], weights: np.ndarray, y: Any, n: int) -> None:
-    padded = np.zeros(GROUP)
-    padded[: len(weights)] = weights
-    _combine(*_group(vectors), padded, y, n)
-
-
-@ti.kernel
-def _scale(x: ti.types.ndarray(), factor: float, n: ti.i32):
-    for i in range(n):
-        x[i] *= factor
+    """x = sum of weights[j] z_j over the ``k`` directions."""
+    for c in range(parts):
+        first, last = block_of(c, parts, n)
+        for block in range((last - first + BLOCK - 1) // BLOCK):
+            start = first + block * BLOCK
+            end = ti.min(start + BLOCK, last)
+            for i in range(start, end):
+                x[i] = 0.0
+            for j in range(k):
+                d = weights[j]
+                for i in range(start, end):
+                    x[i] = x[i] + d * directions[j * n + i]
 
 
 @ti.kernel

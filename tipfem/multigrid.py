@@ -10,20 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.background_grid import REACH, assemble_first, coarsen
-from tipfem.cycle_kernels import (
-    coarse_cycle,
-    damped_inverse_diagonal,
-    down_grid,
-    down_mesh,
-    up_grid,
-    up_mesh,
-)
+from tipfem.background_grid import PLACES, REACH, assemble_first, coarsen_axis, find_cells, sort_into_cells
+from tipfem.connectivity import accumulate
+from tipfem.cycle_kernels import coarse_cycle, damped_inverse_diagonals, down_grid, down_mesh, up_grid, up_mesh
 from tipfem.device import Buffers, settings
 
 COARSEST_SWEEPS = 20
 # On the CPU, levels of at most this many grid nodes are handled together by one thread in one launch.
-SERIAL_SIZE = 600
+SERIAL_SIZE = 3000
 
 
 class BackgroundMultigrid:
@@ -47,60 +41,94 @@ class BackgroundMultigrid:
         self.levels = len(shapes)
         self.shapes = np.array(shapes, dtype=np.int32)
         sizes = self.shapes.prod(axis=1)
-        self.offsets = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32)
-        total = int(self.offsets[-1])
-        self._shape = buffers.upload("mg.shape", self.shapes)
-        self._offset = buffers.upload("mg.offset", self.offsets)
-        self._stencil = buffers.get("mg.stencil", total, (2 * REACH + 1) ** self.dimension)
-        self._x = buffers.get("mg.x", total)
-        self._b = buffers.get("mg.b", total)
-        self._r = buffers.get("mg.r", total)
-        self._nodes = 0
+        self._cells = int(sizes[0])
+        self.grid, self._passes = _layout(self.shapes)
+        self._grid = buffers.upload("mg.grid", self.grid)
+        self._lower = buffers.upload("mg.lower", self.lower)
+        # Rims are zero for good: no kernel writes there.
+        total = int(self.grid[self.levels - 1, :2].sum())
+        stencils = int((self.grid[:, 7] + self.grid[:, 1] * PLACES**self.dimension).max())
+        self._stencil = buffers.upload("mg.stencil", np.zeros(stencils))
+        self._x, self._b, self._r, self._grid_relax = (
+            buffers.upload(f"mg.{name}", np.zeros(total)) for name in ("x", "b", "r", "grid_relax")
+        )
         small = np.flatnonzero(sizes <= (SERIAL_SIZE if settings().get("arch") == "cpu" else 0))
         self._serial_from = int(small[0]) if len(small) else self.levels - 1
+        self._nodes = 0
 
-    def build(self, position: np.ndarray, row_offsets: Any, columns: Any, values: Any) -> None:
-        """Take over a Laplacian in CSR on the nodes ``position`` (N, d), and form the coarse operators.
+    def build(self, position: Any, row_offsets: Any, columns: Any, values: Any, nodes: int) -> None:
+        """Take over a Laplacian in CSR on ``nodes`` nodes at ``position`` (N, d), and form the coarse operators.
 
-        row_offsets (N + 1,), columns and values are device arrays. Their rows sum to zero, but
+        All arguments are device arrays: row_offsets (N + 1,), columns and values. Rows sum to zero, but
         for Dirichlet conditions.
         """
-        self._nodes = n = len(position)
+        self._nodes = nodes
         self._matrix = (row_offsets, columns, values)
-        shape = self.shapes[0]
-        scaled = (position - self.lower) / self.spacing
-        cell = np.clip(np.floor(scaled).astype(np.int32), 0, shape - 2)
-        number = np.ravel_multi_index(tuple(cell.T), tuple(shape))
-        order = np.argsort(number, kind="stable").astype(np.int32)
-        start = np.zeros(int(shape.prod()) + 1, dtype=np.int32)
-        np.cumsum(np.bincount(number, minlength=int(shape.prod())), out=start[1:])
-        put = self.buffers.upload
-        self._cell, self._order, self._start = put("mg.cell", cell), put("mg.order", order), put("mg.start", start)
-        self._fraction = put("mg.fraction", scaled - cell)
-        self._residual = self.buffers.get("mg.residual", n)
-        self._relax = self.buffers.get("mg.relax", n)
-        damped_inverse_diagonal(*self._matrix, self._relax, n)
-        assemble_first(
-            self._cell, self._fraction, self._order, self._start, *self._matrix, self._stencil, self._shape,
-            self.dimension,
+        get, dim = self.buffers.get, self.dimension
+        self._cell, self._fraction = get("mg.cell", nodes, dim, integer=True), get("mg.fraction", nodes, dim)
+        self._order = get("mg.order", nodes, integer=True)
+        self._start = get("mg.start", self._cells + 1, integer=True)
+        cursor = get("mg.cursor", self._cells, integer=True)
+        find_cells(
+            position, self._lower, self._grid, self._cell, self._fraction, self._start, self.spacing, nodes,
+            self._cells, dim,
         )  # fmt: skip
-        for level in range(self.levels - 1):
-            coarsen(self._stencil, self._shape, self._offset, level, self.dimension)
+        accumulate(self._start, cursor, self._cells)
+        sort_into_cells(self._cell, self._grid, self._start, cursor, self._order, nodes, self._cells, dim)
+        assemble_first(
+            self._cell, self._fraction, self._order, self._start, *self._matrix, get("mg.rows", nodes, 4**dim),
+            self._stencil, self._grid, nodes, dim,
+        )  # fmt: skip
+        for fine, coarse, axis in self._passes:
+            coarsen_axis(self._stencil, self._grid, fine, coarse, axis, dim)
+        self._residual, self._relax = get("mg.residual", nodes), get("mg.relax", nodes)
+        damped_inverse_diagonals(
+            *self._matrix, self._relax, self._stencil, self._grid_relax, self._grid, nodes, self.levels, dim
+        )
 
     def apply(self, b: Any, x: Any) -> None:
         """One V(1,1)-cycle from zero: x (N,) approximates the solution of the Laplacian for b (N,)."""
-        matrix, grid, dim = self._matrix, (self._shape, self._offset), self.dimension
-        levels = (self._stencil, self._x, self._b, self._r)
+        matrix, dim = self._matrix, self.dimension
+        levels = (self._stencil, self._grid_relax, self._x, self._b, self._r, self._grid)
         down_mesh(
             b, x, self._residual, self._relax, *matrix, self._fraction, self._order, self._start, self._b,
-            self._shape, self._nodes, dim,
+            self._grid, self._nodes, dim,
         )  # fmt: skip
         for level in range(self._serial_from):
-            down_grid(*levels, *grid, level, dim)
-        coarse_cycle(*levels, *grid, self._serial_from, self.levels, COARSEST_SWEEPS, dim)
+            down_grid(*levels, level, dim)
+        coarse_cycle(*levels, self._serial_from, self.levels, COARSEST_SWEEPS, dim)
         for level in range(self._serial_from - 1, -1, -1):
-            up_grid(*levels, *grid, level, dim)
+            up_grid(*levels, level, dim)
         up_mesh(
-            b, x, self._residual, self._relax, *matrix, self._cell, self._fraction, self._x, self._shape,
+            b, x, self._residual, self._relax, *matrix, self._cell, self._fraction, self._x, self._grid,
             self._nodes, dim,
         )  # fmt: skip
+
+
+def _layout(shapes: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int, int]]]:
+    """Where levels of ``shapes`` (L, d) lie, see `tipfem.background_grid`, and the passes that coarsen them.
+
+    Behind the levels come those that stand between two of them, coarser along some axes only; they have stencils
+    alone. A pass is (fine, coarse, axis).
+    """
+    levels, dim = shapes.shape
+    every, passes = [list(map(int, shape)) for shape in shapes], []
+    for level in range(levels - 1):
+        fine, shape = level, list(every[level])
+        for axis in reversed(range(dim)):
+            shape[axis] = every[level + 1][axis]
+            coarse = level + 1 if axis == 0 else len(every)
+            if axis:
+                every.append(list(shape))
+            passes.append((fine, coarse, axis))
+            fine = coarse
+    grid = np.zeros((len(every), 8), dtype=np.int32)
+    start = stencil = 0
+    for row, shape in zip(grid, every, strict=True):
+        rim = [n + 2 * REACH for n in shape]
+        size = int(np.prod(rim))
+        strides = [int(np.prod(rim[k + 1 :])) for k in range(dim - 1)]
+        row[:] = [start, size, *[1] * (3 - dim), *shape, *[0] * (3 - dim), *strides, stencil]
+        start += size
+        stencil += size * PLACES**dim
+    return grid, passes
