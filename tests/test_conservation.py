@@ -28,7 +28,7 @@ def test_bodies_are_those_of_a_flood_fill():
         x = cloud("random", seed)
         mesh = Mesh(x, delaunay(x))
         for fluids in (1, 2, 4):
-            fluid = np.random.default_rng(seed).integers(0, fluids, len(mesh.cells))
+            fluid = np.random.default_rng(seed).integers(0, fluids, len(mesh.cells), dtype=np.int32)
             body = bodies(mesh.across, fluid)
             found = [set(np.flatnonzero(body == k).tolist()) for k in range(body.max() + 1)]
             assert sorted(map(sorted, found)) == sorted(map(sorted, flood(mesh.across, fluid)))
@@ -42,7 +42,7 @@ STAYED = np.zeros(10, dtype=bool)
 
 def strip(*fluid: int):
     """Cells, fluids and bodies where the squares have these fluids."""
-    fluids = np.array(fluid)[SQUARE]
+    fluids = np.array(fluid, dtype=np.int32)[SQUARE]
     mesh = Mesh(np.stack([np.arange(10) % 5, np.arange(10) // 5], axis=1).astype(float), STRIP)
     return STRIP, fluids, bodies(mesh.across, fluids)
 

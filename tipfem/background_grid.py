@@ -1,7 +1,7 @@
 """The background grid: how its levels lie in memory, and kernels that form its operators by Galerkin products.
 
-Every level is a box of grid nodes with a rim of `REACH` more on all sides, on which all values are zero: so no loop asks
-where the grid ends. Levels lie one behind the other in flat arrays. The last axis is contiguous; a line of
+Every level is a box of grid nodes with a rim of `REACH` more on all sides, on which all values are zero: so no loop
+asks where the grid ends. Levels lie one behind the other in flat arrays. The last axis is contiguous; a line of
 it is what the innermost loops run along, and what the processor's vector units work on. A level's stencil holds its
 operator's entries to all grid nodes within `REACH`, place by place: each place is an array like the level.
 
@@ -224,5 +224,6 @@ def coarsen_axis(
                     total = 0.0
                     for parent, near, entry_place, share in ti.static(parents()):
                         if ti.static(parent == place):
-                            total += share * stencil[source + entry_place * apart * from_size + near * stride + step * j]
+                            from_place = source + entry_place * apart * from_size
+                            total += share * stencil[from_place + near * stride + step * j]
                     stencil[target + j] = total

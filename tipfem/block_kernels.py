@@ -40,10 +40,13 @@ def row_scale(
 def pressure_laplacian(
     cells: ti.types.ndarray(), offsets: ti.types.ndarray(), corners: ti.types.ndarray(),
     position: ti.types.ndarray(), density: ti.types.ndarray(),
-    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
+    row_offsets: ti.types.ndarray(), places: ti.types.ndarray(), values: ti.types.ndarray(),
     cm: float, nodes: ti.i32, dim: ti.template(),
 ):  # fmt: skip
-    """P1 Laplacian sum_e A / (cm rho) g_a . g_b in CSR, the approximate pressure Schur complement."""
+    """P1 Laplacian sum_e A / (cm rho) g_a . g_b in CSR, the approximate pressure Schur complement.
+
+    ``places`` as in `connectivity.list_neighbours`.
+    """
     for i in range(nodes):
         for s in range(row_offsets[i], row_offsets[i + 1]):
             values[s] = 0.0
@@ -56,7 +59,5 @@ def pressure_laplacian(
                     own = gradient(big_g, a)
             for b in ti.static(range(dim + 1)):
                 value = area / (cm * density[e]) * own.dot(gradient(big_g, b))
-                s = row_offsets[i]
-                while columns[s] != cells[e, b]:
-                    s += 1
+                s = places[c * (dim + 1) + b]
                 values[s] = values[s] + value

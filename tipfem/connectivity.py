@@ -84,11 +84,22 @@ def find_neighbours(
 
 @ti.kernel
 def list_neighbours(
-    offsets: ti.types.ndarray(), wide: ti.types.ndarray(), row_offsets: ti.types.ndarray(),
-    columns: ti.types.ndarray(), nodes: ti.i32, dim: ti.i32,
+    cells: ti.types.ndarray(), offsets: ti.types.ndarray(), corners: ti.types.ndarray(), wide: ti.types.ndarray(),
+    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), places: ti.types.ndarray(), nodes: ti.i32,
+    dim: ti.template(),
 ):  # fmt: skip
-    """The lists of `find_neighbours` without gaps."""
+    """The lists of `find_neighbours` without gaps, and where in them cells find their particles.
+
+    places (M (d + 1)^2,): of each entry of ``corners`` the places in ``columns`` of all particles of its cell.
+    """
     for i in range(nodes):
         start = dim * offsets[i] + i
         for s in range(row_offsets[i], row_offsets[i + 1]):
             columns[s] = wide[start + s - row_offsets[i]]
+        for c in range(offsets[i], offsets[i + 1]):
+            e = corners[c] // (dim + 1)
+            for a in ti.static(range(dim + 1)):
+                s = row_offsets[i]
+                while columns[s] != cells[e, a]:
+                    s += 1
+                places[c * (dim + 1) + a] = s

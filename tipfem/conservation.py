@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
+from tipfem.interface_kernels import find_bodies
 from tipfem.mesh import simplex_measure
 from tipfem.particles import Array
 
@@ -22,12 +22,10 @@ def bodies(across: Array, fluid: Array) -> Array:
         across: (M, 3) neighbours, -1 for none.
         fluid: (M,) of each triangle.
     """
-    cell, i = np.nonzero(across > np.arange(len(across))[:, None])
-    other = across[cell, i]
-    same = fluid[cell] == fluid[other]
-    cell, other = cell[same], other[same]
-    graph = sparse.coo_matrix((np.ones(len(cell), dtype=np.int8), (cell, other)), shape=(len(fluid),) * 2)
-    return np.asarray(connected_components(graph, directed=False)[1])
+    body = np.empty(len(across), dtype=np.int32)
+    stack = np.empty(len(across), dtype=np.int32)
+    find_bodies(np.ascontiguousarray(across), np.ascontiguousarray(fluid), body, stack, len(across))
+    return body
 
 
 def inherit(

@@ -1,7 +1,7 @@
 """Kernels of the multigrid cycle on the mesh and on the background grid: transfers and smoothing.
 
-Grids are laid out as in `tipfem.background_grid`. ``relax`` is the damped inverse diagonal of an operator. Where no other
-thread writes, ``a[i] = a[i] + b`` stands for ``a[i] += b``, which would be an atomic operation.
+Grids are laid out as in `tipfem.background_grid`. ``relax`` is the damped inverse diagonal of an operator. Where no
+other thread writes, ``a[i] = a[i] + b`` stands for ``a[i] += b``, which would be an atomic operation.
 """
 
 import taichi as ti

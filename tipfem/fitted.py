@@ -54,11 +54,11 @@ def repair(
     broken = t.break_films(rule.film * h)
     sizes = (rule.chain * h, rule.edge * h, rule.film * h, least)
     t.coarsen(held, rule.close * h, *sizes, most=len(held))
-    edges, needed = t.longest_edges(rule.long * h)
+    edges, needed = t.longest_edges(rule.long * h, t.wanted_edges())
     if needed > len(t.freed):
         # Nothing that crowds is left to take: take from where particles stand closest.
         t.coarsen(held, rule.spare * h, *sizes, most=needed - len(t.freed))
-        edges, _ = t.longest_edges(rule.long * h)
+        edges, _ = t.longest_edges(rule.long * h, t.wanted_edges())
     relocated = np.zeros(len(held), dtype=bool)
     relocated[t.freed] = True
     for room in ROOM:
@@ -66,7 +66,7 @@ def repair(
             break
         t.refine(edges, room * h)
         flips += t.make_delaunay(rule.slack)
-        edges, _ = t.longest_edges(rule.long * h)
+        edges, _ = t.longest_edges(rule.long * h, t.wanted_edges())
     if len(t.freed):
         raise TriangulationError(f"{len(t.freed)} particles that crowded others find no room elsewhere")
     t.compact()

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tipfem import assembly, balance_kernels, block_kernels, krylov
+from tipfem import assembly, balance_kernels, block_kernels, krylov, krylov_kernels
 from tipfem.device import chunks, download
 from tipfem.errors import StepRefused
 from tipfem.linear_system import LinearSystem, Workspace
@@ -16,6 +16,7 @@ from tipfem.particles import Array, Particles
 from tipfem.time_integration import GeneralizedAlpha
 from tipfem.wall_rows import WallRows
 from tipfem.wall_step import WallStep
+
 
 @dataclass(frozen=True)
 class ElementProperties:
@@ -130,6 +131,7 @@ class FlowProblem:
         self._record = buffers.get("record", self.elements, assembly.record_width(d))
         self._scale = buffers.get("scale", self.size)
         self._r = buffers.get("residual", self.size)
+        self._linearised = False
         self._dx = buffers.get("correction", self.size)
         fixed = particles.wall if walls is None else walls.fixed
         block_kernels.row_scale(
@@ -182,6 +184,7 @@ class FlowProblem:
     def linearise(self) -> None:
         """Gather the Jacobian at the last `residual`."""
         self.system.gather(self._record)
+        self._linearised = True
 
     def residual_vector(self) -> Array:
         """The last scaled residual (N, d + 1) [m]."""
@@ -216,13 +219,17 @@ class FlowProblem:
             self._walls.project(z)
 
     def correct(self, x: Any, tolerance: float) -> krylov.KrylovResult:
-        """Solve K dx = -r, linearised at the last `residual`, by preconditioned FGMRES and add dx to ``x``."""
-        self.linearise()
+        """Solve K dx = -r, linearised at the last `residual`, by preconditioned FGMRES and add dx to ``x``.
+
+        A correction that need not be better than the change of K since the last one keeps that one's K.
+        """
+        if tolerance < KEEPS_JACOBIAN or not self._linearised:
+            self.linearise()
         result = krylov.fgmres(
             self.product, self.precondition, self._r, self._dx, self.size,
             tolerance=tolerance, max_iterations=MAX_KRYLOV_ITERATIONS, buffers=self.buffers,
         )  # fmt: skip
-        krylov.add(self._dx, x, -1.0, self.size)
+        krylov_kernels.add(self._dx, x, -1.0, self.size)
         return result
 
     def limits(self, x: Any) -> StepLimits:
@@ -239,3 +246,4 @@ class FlowProblem:
 
 
 MAX_KRYLOV_ITERATIONS = 80
+KEEPS_JACOBIAN = 1e-2  # linear tolerance from which on an iteration does without a new Jacobian

@@ -135,3 +135,56 @@ def slide_contacts(
                             state[w, 0], state[w, 1] = wx, wy
                     for m in range(n):
                         weigh(state, cells, fluid, density, star[m], 1)
+
+
+@ti.kernel
+def edge_lengths(
+    x: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
+    key: ti.types.ndarray(), elements: ti.i32, long: ti.f64, first: ti.f64,
+):  # fmt: skip
+    """key (3 M,): length of each edge, named 3 * cell + opposite corner, once; -1 the second time and in dead cells.
+
+    To edges of interfaces and of the hull that are longer than ``long`` [m], ``first`` is added.
+    """
+    for t in range(elements):
+        for i in ti.static(range(3)):
+            o = across[t, i]
+            length = -1.0
+            if fluid[t] >= 0 and (o < 0 or o > t):
+                length = distance(x, cells[t, (i + 1) % 3], cells[t, (i + 2) % 3])
+                border = o < 0
+                if not border:
+                    border = fluid[o] != fluid[t]
+                if border and length > long:
+                    length += first
+            key[3 * t + i] = length
+
+
+@ti.kernel
+def find_bodies(
+    across: ti.types.ndarray(), fluid: ti.types.ndarray(), body: ti.types.ndarray(), stack: ti.types.ndarray(),
+    elements: ti.i32,
+) -> ti.i32:  # fmt: skip
+    """body (M,): number of the connected body of one fluid that each cell belongs to; returns how many there are."""
+    count = 0
+    ti.loop_config(serialize=True)
+    for t in range(elements):
+        body[t] = -1
+    ti.loop_config(serialize=True)
+    for t in range(elements):
+        if body[t] < 0:
+            body[t] = count
+            stack[0] = t
+            height = 1
+            while height > 0:
+                height -= 1
+                s = stack[height]
+                for i in ti.static(range(3)):
+                    o = across[s, i]
+                    if o >= 0:
+                        if fluid[o] == fluid[s] and body[o] < 0:
+                            body[o] = count
+                            stack[height] = o
+                            height += 1
+            count += 1
+    return count

@@ -12,31 +12,25 @@ from tipfem.assembly import get_matrix, get_vector, unknown
 from tipfem.element import gradient
 
 
-@ti.func
-def place_of(columns: ti.template(), first, j):
-    """Where a row that starts at ``first`` holds particle j."""
-    s = first
-    while columns[s] != j:
-        s += 1
-    return s
-
-
 @ti.kernel
 def gather_rows(
     cells: ti.types.ndarray(), offsets: ti.types.ndarray(), corners: ti.types.ndarray(),
     density: ti.types.ndarray(), record: ti.types.ndarray(), scale: ti.types.ndarray(),
-    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(),
+    row_offsets: ti.types.ndarray(), places: ti.types.ndarray(),
     uu: ti.types.ndarray(), up: ti.types.ndarray(), pu: ti.types.ndarray(), pp: ti.types.ndarray(),
     cm: float, cv: float, cf: float, nodes: ti.i32, dim: ti.template(),
 ):  # fmt: skip
     """The derivative of the scaled residual, block by block; its sums are those of `assembly.jacobian_product`.
 
-    With s_a = sigma g_a, M = cv I - cf l, and c_b = J_{n+1} grad_{n+1} phi_b, an element adds for its nodes a, b
+    With s_a = sigma g_a, M = cv I - cf l, f = J / rho grad p, and c_b = J_{n+1} grad_{n+1} phi_b, an element adds for
+    its nodes a, b
 
     uu: w {mu [(g_a . g_b) M + g_b (x) M^T g_a] + cf [s_a (x) g_b - s_b (x) g_a]} + delta_ab rho A / (d + 1) cm I
     up: -w g_a / (d + 1)
-    pu: A / (d + 1) c_b + A tau {cm / (d + 1) g_a + cf [(g_a . f) g_b - (g_a . g_b) f - (g_b . q) g_a]},  f = J / rho grad p
+    pu: A / (d + 1) c_b + A tau {cm / (d + 1) g_a + cf [(g_a . f) g_b - (g_a . g_b) f - (g_b . q) g_a]}
     pp: A tau J / rho g_a . g_b
+
+    ``places`` as in `connectivity.list_neighbours`.
     """
     for i in range(nodes):
         first, last = row_offsets[i], row_offsets[i + 1]
@@ -79,7 +73,7 @@ def gather_rows(
                         block[k, k] += mass
                 change = cm / (dim + 1) * g_a + cf * (a_f * g_b - both * f - g_b.dot(q) * g_a)
                 growth = area / (dim + 1) * gradient(c_next, b) + stabilisation * change
-                s = place_of(columns, first, j)
+                s = places[c * (dim + 1) + b]
                 for k in ti.static(range(dim)):
                     for m in ti.static(range(dim)):
                         t = s * dim * dim + k * dim + m

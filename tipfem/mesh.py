@@ -83,8 +83,11 @@ class Mesh:
 
 def simplex_measure(position: Array, cells: Array) -> Array:
     """Signed areas or volumes (M,) of simplices ``cells`` (M, d + 1) at ``position`` (N, d)."""
-    corner = position[cells]
-    side = corner[:, 1:] - corner[:, :1]
-    if position.shape[1] == 2:
-        return 0.5 * (side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0])
-    return np.einsum("mi,mi->m", side[:, 0], np.cross(side[:, 1], side[:, 2])) / 6.0
+    # Coordinate by coordinate: gathering from rows takes several times as long.
+    coordinates = [np.ascontiguousarray(axis) for axis in position.T]
+    sides = [[axis[corner] - axis[cells[:, 0]] for axis in coordinates] for corner in cells.T[1:]]
+    if len(coordinates) == 2:
+        (ax, ay), (bx, by) = sides
+        return np.asarray(0.5 * (ax * by - bx * ay))
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = sides
+    return np.asarray((ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)) / 6.0)

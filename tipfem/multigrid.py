@@ -13,7 +13,7 @@ import numpy as np
 from tipfem.background_grid import PLACES, REACH, assemble_first, coarsen_axis, find_cells, sort_into_cells
 from tipfem.connectivity import accumulate
 from tipfem.cycle_kernels import coarse_cycle, damped_inverse_diagonals, down_grid, down_mesh, up_grid, up_mesh
-from tipfem.device import Buffers, settings
+from tipfem.device import Buffers, Launcher, settings
 
 COARSEST_SWEEPS = 20
 # On the CPU, levels of at most this many grid nodes are handled together by one thread in one launch.
@@ -54,7 +54,7 @@ class BackgroundMultigrid:
         )
         small = np.flatnonzero(sizes <= (SERIAL_SIZE if settings().get("arch") == "cpu" else 0))
         self._serial_from = int(small[0]) if len(small) else self.levels - 1
-        self._nodes = 0
+        self._nodes, self._launch = 0, Launcher()
 
     def build(self, position: Any, row_offsets: Any, columns: Any, values: Any, nodes: int) -> None:
         """Take over a Laplacian in CSR on ``nodes`` nodes at ``position`` (N, d), and form the coarse operators.
@@ -62,7 +62,7 @@ class BackgroundMultigrid:
         All arguments are device arrays: row_offsets (N + 1,), columns and values. Rows sum to zero, but
         for Dirichlet conditions.
         """
-        self._nodes = nodes
+        self._nodes, self._launch = nodes, Launcher()
         self._matrix = (row_offsets, columns, values)
         get, dim = self.buffers.get, self.dimension
         self._cell, self._fraction = get("mg.cell", nodes, dim, integer=True), get("mg.fraction", nodes, dim)
@@ -88,19 +88,19 @@ class BackgroundMultigrid:
 
     def apply(self, b: Any, x: Any) -> None:
         """One V(1,1)-cycle from zero: x (N,) approximates the solution of the Laplacian for b (N,)."""
-        matrix, dim = self._matrix, self.dimension
+        matrix, dim, launch = self._matrix, self.dimension, self._launch
         levels = (self._stencil, self._grid_relax, self._x, self._b, self._r, self._grid)
-        down_mesh(
-            b, x, self._residual, self._relax, *matrix, self._fraction, self._order, self._start, self._b,
+        launch(
+            down_mesh, b, x, self._residual, self._relax, *matrix, self._fraction, self._order, self._start, self._b,
             self._grid, self._nodes, dim,
         )  # fmt: skip
         for level in range(self._serial_from):
-            down_grid(*levels, level, dim)
-        coarse_cycle(*levels, self._serial_from, self.levels, COARSEST_SWEEPS, dim)
+            launch(down_grid, *levels, level, dim)
+        launch(coarse_cycle, *levels, self._serial_from, self.levels, COARSEST_SWEEPS, dim)
         for level in range(self._serial_from - 1, -1, -1):
-            up_grid(*levels, level, dim)
-        up_mesh(
-            b, x, self._residual, self._relax, *matrix, self._cell, self._fraction, self._x, self._grid,
+            launch(up_grid, *levels, level, dim)
+        launch(
+            up_mesh, b, x, self._residual, self._relax, *matrix, self._cell, self._fraction, self._x, self._grid,
             self._nodes, dim,
         )  # fmt: skip
 

@@ -35,6 +35,8 @@ class VolumeControl:
 
     def source(self, mesh: Mesh, fraction: Array, dt: float) -> Array:
         """Growth s (M,) of the elements in a step of length ``dt`` [s]; see `volume_source`."""
+        if self.rate == 0.0:
+            return np.zeros(len(mesh.cells))
         return volume_source(mesh, fraction, mesh.measure @ fraction + self.missing, min(self.rate * dt, 0.5))
 
 

@@ -1,0 +1,163 @@
+"""Kernels on the vectors of Krylov's method: dots, sums, and orthogonalisation in blocks that fit into the cache.
+
+Sums are formed in a fixed number of parts, so that they do not depend on the number of threads. Taichi makes
+``a[i] += b`` an atomic operation, many times slower than ``a[i] = a[i] + b``; where no other thread writes, the latter.
+"""
+
+import taichi as ti
+
+# Rows of a vector that are worked on at once: what of all basis vectors fits into a core's cache.
+BLOCK = 512
+
+
+@ti.func
+def block_of(c, parts, n):
+    """First and last + 1 index of part ``c`` of ``parts`` of 0 ... n."""
+    size = (n + parts - 1) // parts
+    return ti.min(c * size, n), ti.min((c + 1) * size, n)
+
+
+@ti.kernel
+def start(
+    b: ti.types.ndarray(), v: ti.types.ndarray(), basis: ti.types.ndarray(), partial: ti.types.ndarray(),
+    out: ti.types.ndarray(), n: ti.i32, parts: ti.i32,
+):  # fmt: skip
+    """out[0] = |b|, v = v_0 = b / |b| (0 if b is 0)."""
+    for c in range(parts):
+        first, last = block_of(c, parts, n)
+        total = 0.0
+        for i in range(first, last):
+            total += b[i] * b[i]
+        partial[c, 0] = total
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        total = 0.0
+        for c in range(parts):
+            total += partial[c, 0]
+        out[0] = ti.sqrt(total)
+        partial[0, 0] = ti.select(total > 0.0, 1.0 / ti.sqrt(total), 0.0)
+    for c in range(parts):
+        first, last = block_of(c, parts, n)
+        factor = partial[0, 0]
+        for i in range(first, last):
+            v[i] = factor * b[i]
+            basis[i] = factor * b[i]
+
+
+@ti.kernel
+def orthogonalise(
+    basis: ti.types.ndarray(), directions: ti.types.ndarray(), w: ti.types.ndarray(), z: ti.types.ndarray(),
+    v: ti.types.ndarray(), partial: ti.types.ndarray(), out: ti.types.ndarray(),
+    k: ti.i32, n: ti.i32, parts: ti.i32, cancelled: float,
+):  # fmt: skip
+    """z_k = z; v = v_{k+1} = w less its components d_j along v_0 ... v_k, over the length of that.
+
+    out: d (k + 1,), |w|^2, and |w|^2 - |d|^2, which is the length squared of what is left. Where that is less than
+    the part ``cancelled`` of |w|^2, v is left as long as it is, for another pass.
+    """
+    for c in range(parts):
+        first, last = block_of(c, parts, n)
+        at = c * (k + 2)
+        for j in range(k + 2):
+            partial[at + j] = 0.0
+        # Block by block, so that w is read from the cache for all v_j.
+        for block in range((last - first + BLOCK - 1) // BLOCK):
+            start = first + block * BLOCK
+            end = ti.min(start + BLOCK, last)
+            for j in range(k + 1):
+                row = j * n
+                total = 0.0
+                for i in range(start, end):
+                    total += basis[row + i] * w[i]
+                partial[at + j] = partial[at + j] + total
+            total = 0.0
+            for i in range(start, end):
+                total += w[i] * w[i]
+            partial[at + k + 1] = partial[at + k + 1] + total
+            for i in range(start, end):
+                directions[k * n + i] = z[i]
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        left = 0.0
+        for m in range(k + 2):
+            j = k + 1 - m  # the length first
+            total = 0.0
+            for c in range(parts):
+                total += partial[c * (k + 2) + j]
+            partial[j] = total
+            out[j] = total
+            left = total if m == 0 else left - total * total
+        out[k + 2] = left
+        partial[k + 1] = ti.select(left < cancelled * out[k + 1], 1.0, 1.0 / ti.sqrt(left))
+    for c in range(parts):
+        first, last = block_of(c, parts, n)
+        factor = partial[k + 1]
+        for block in range((last - first + BLOCK - 1) // BLOCK):
+            start = first + block * BLOCK
+            end = ti.min(start + BLOCK, last)
+            for i in range(start, end):
+                v[i] = w[i]
+            for j in range(k + 1):
+                row = j * n
+                d = partial[j]
+                for i in range(start, end):
+                    v[i] = v[i] - d * basis[row + i]
+            row = (k + 1) * n
+            for i in range(start, end):
+                x = factor * v[i]
+                v[i] = x
+                basis[row + i] = x
+
+
+@ti.kernel
+def combine(
+    directions: ti.types.ndarray(), weights: ti.types.ndarray(), x: ti.types.ndarray(),
+    k: ti.i32, n: ti.i32, parts: ti.i32,
+):  # fmt: skip
+    """x = sum of weights[j] z_j over the ``k`` directions."""
+    for c in range(parts):
+        first, last = block_of(c, parts, n)
+        for block in range((last - first + BLOCK - 1) // BLOCK):
+            start = first + block * BLOCK
+            end = ti.min(start + BLOCK, last)
+            for i in range(start, end):
+                x[i] = 0.0
+            for j in range(k):
+                d = weights[j]
+                for i in range(start, end):
+                    x[i] = x[i] + d * directions[j * n + i]
+
+
+@ti.kernel
+def fill(x: ti.types.ndarray(), value: float, n: ti.i32):
+    """x_i = value for the first n entries."""
+    for i in range(n):
+        x[i] = value
+
+
+@ti.kernel
+def add(x: ti.types.ndarray(), y: ti.types.ndarray(), factor: float, n: ti.i32):
+    """y += factor x over the first ``n`` entries."""
+    for i in range(n):
+        y[i] += factor * x[i]
+
+
+@ti.kernel
+def largest(
+    x: ti.types.ndarray(), partial: ti.types.ndarray(), out: ti.types.ndarray(), n: ti.i32, parts: ti.i32
+):  # fmt: skip
+    """out: largest |x_i| of the first n entries, and how many of them are no numbers; ``out`` starts at zero."""
+    for c in range(parts):
+        first, last = block_of(c, parts, n)
+        value = 0.0
+        bad = 0.0
+        for i in range(first, last):
+            value = ti.max(value, ti.abs(x[i]))
+            if ti.math.isnan(x[i]):
+                bad += 1.0
+        partial[c, 0] = value
+        partial[c, 1] = bad
+    ti.loop_config(serialize=True)
+    for c in range(parts):
+        out[0] = ti.max(out[0], partial[c, 0])
+        out[1] += partial[c, 1]
