@@ -44,13 +44,14 @@ def inherit(
     Returns:
         (K',) loss of the new bodies [m^2]; that of a body which is gone is in none.
     """
-    fluids = int(max(old[1].max(), new[1].max())) + 1
+    fluids, count = int(max(old[1].max(), new[1].max())) + 1, len(moved)
     body_at = []
     for cells, fluid, body in (old, new):
-        at = np.full((fluids, len(moved)), -1)
-        at[fluid[:, None], cells] = body[:, None]
-        at[:, moved] = -1
-        body_at.append(at.ravel())
+        at = np.full(fluids * count, -1, dtype=np.int32)
+        for corner in cells.T:  # of a particle's bodies of one fluid any will do
+            at[fluid * count + corner] = body
+        at.reshape(fluids, count)[:, moved] = -1
+        body_at.append(at)
     both = (body_at[0] >= 0) & (body_at[1] >= 0)
     parts = np.bincount(body_at[0][both], minlength=len(loss))
     share = (loss / np.maximum(parts, 1))[body_at[0][both]]
@@ -79,8 +80,9 @@ def share_out(volume: Array, loss: Array, fluid: Array, total: Array, free: Arra
 
 
 def move_interfaces(
-    position: Array, cells: Array, body: Array, movable: Array, wanted: Array, limit: float
-) -> Array:
+    position: Array, cells: Array, body: Array, movable: Array, wanted: Array, limit: float,
+    measure: Array | None = None,
+) -> Array:  # fmt: skip
     """Where particles go so that bodies get the volumes wanted.
 
     Every movable particle shifts by sum_k lambda_k dV_k / dx, with the factors lambda that give the volumes; a few
@@ -93,6 +95,7 @@ def move_interfaces(
         movable: (N,) mask of the particles that may move: those of interfaces, off the walls.
         wanted: (K,) volumes [m^2].
         limit: of a particle's shift in one round [m].
+        measure: (M,) the triangles' areas, if known already [m^2]; changed to those at the new positions.
 
     Returns:
         (N, 2) new positions.
@@ -105,10 +108,12 @@ def move_interfaces(
     place[nodes] = np.arange(len(nodes))
     around = np.flatnonzero(movable[cells].any(axis=1))
     near, owner = cells[around], body[around]
+    measure = simplex_measure(x, cells) if measure is None else measure
+    volume = np.bincount(body, weights=measure, minlength=len(wanted))
     rows, columns = np.repeat(owner, 3), place[near].ravel()
     on = columns >= 0
     for _ in range(4):
-        missing = wanted - np.bincount(body, weights=simplex_measure(x, cells), minlength=len(wanted))
+        missing = wanted - volume
         if np.abs(missing).max() <= 1e-14 * wanted.sum():
             break
         side = x[near[:, [2, 0, 1]]] - x[near[:, [1, 2, 0]]]
@@ -124,6 +129,9 @@ def move_interfaces(
         shift *= np.minimum(1.0, limit / np.maximum(length, 1e-300))
         if not _keep_shape(x, near, nodes, shift, place):
             break
+        area = simplex_measure(x, near)
+        volume += np.bincount(owner, weights=area - measure[around], minlength=len(wanted))
+        measure[around] = area
     return x
 
 

@@ -43,11 +43,12 @@ def repair(
     Raises:
         TriangulationError: the repair did not come to an end, or left a triangle without area.
     """
-    if (simplex_measure(particles.position, mesh.cells) <= 0).any():
+    moved = simplex_measure(particles.position, mesh.cells)
+    if (moved <= 0).any():
         raise TriangulationError("a triangle was inverted before it could be repaired")
     h, held = particles.spacing, fixed.astype(bool)
     least = 0.02 * h * h
-    t = Triangulation.of(particles, mesh, density)
+    t = Triangulation.of(particles, mesh, density, moved)
     flips = t.make_delaunay(rule.slack)
     sticks = held if slippery is None else held | (slippery > 0)
     t.slide_contacts(sticks, particles.position - mesh.position, rule.reach * h, 0.35 * h, least)
@@ -70,16 +71,15 @@ def repair(
     if len(t.freed):
         raise TriangulationError(f"{len(t.freed)} particles that crowded others find no room elsewhere")
     t.compact()
-    t.state[:, :2] = restored(t, particles, mesh, relocated, total, 0.05 * h)
+    t.state[:, :2], measure = restored(t, moved, mesh, relocated, total, 0.05 * h)
     if not (flips or broken or relocated.any() or (t.state[:, :2] != particles.position).any()):
         return particles, mesh.moved(particles.position), relocated
-    return *_taken(t, particles), relocated
+    return *_taken(t, particles, measure), relocated
 
 
-def _taken(t: Triangulation, particles: Particles) -> tuple[Particles, Mesh]:
-    """State and mesh of a repaired triangulation; see `repair` for errors."""
+def _taken(t: Triangulation, particles: Particles, measure: Array) -> tuple[Particles, Mesh]:
+    """State and mesh of a repaired triangulation with the triangles' areas (M,); see `repair` for errors."""
     position = np.ascontiguousarray(t.state[:, :2])
-    measure = simplex_measure(position, t.cells)
     if (measure <= 0).any():
         place = position[t.cells[np.argmin(measure), 0]].tolist()
         raise TriangulationError(f"the triangle at {place} has no area after the repair")
@@ -88,18 +88,18 @@ def _taken(t: Triangulation, particles: Particles) -> tuple[Particles, Mesh]:
         wall=t.wall.astype(bool),
     )  # fmt: skip
     mesh = Mesh(position, t.cells, t.fluid)
-    mesh.__dict__["across"] = t.across
+    mesh.__dict__["across"], mesh.__dict__["measure"] = t.across, measure
     return state, mesh
 
 
 def restored(
-    t: Triangulation, particles: Particles, mesh: Mesh, relocated: Array, total: Array | None, limit: float
-) -> Array:
-    """Positions (N, 2) at which the volumes are right, see `conservation`.
+    t: Triangulation, moved: Array, mesh: Mesh, relocated: Array, total: Array | None, limit: float
+) -> tuple[Array, Array]:
+    """Positions (N, 2) at which the volumes are right, see `conservation`, and the areas of the triangles there.
 
     Args:
         t: the new triangulation.
-        particles: the state before it was made.
+        moved: areas of the old triangles after the step's motion.
         mesh: the mesh of the step, at its start.
         relocated: (N,) mask of the particles that were set elsewhere.
         total: as in `repair`.
@@ -107,20 +107,21 @@ def restored(
     """
     assert mesh.fluid is not None
     before, after = bodies(mesh.across, mesh.fluid), bodies(t.across, t.fluid)
-    moved = np.bincount(before, weights=simplex_measure(particles.position, mesh.cells))
-    loss = np.zeros_like(moved)
+    left = np.bincount(before, weights=moved)
+    loss = np.zeros_like(left)
     if total is None:
-        fluid_before = np.zeros(len(moved), dtype=np.int32)
+        fluid_before = np.zeros(len(left), dtype=np.int32)
         fluid_before[before] = mesh.fluid
-        total = np.bincount(fluid_before, weights=moved)
+        total = np.bincount(fluid_before, weights=left)
     else:
-        loss = np.bincount(before, weights=mesh.measure) - moved
+        loss = np.bincount(before, weights=mesh.measure) - left
     loss = inherit((mesh.cells, mesh.fluid, before), (t.cells, t.fluid, after), loss, relocated)
     position = np.ascontiguousarray(t.state[:, :2])
-    volume = np.bincount(after, weights=simplex_measure(position, t.cells))
+    measure = simplex_measure(position, t.cells)
+    volume = np.bincount(after, weights=measure)
     fluid = np.zeros(len(volume), dtype=np.int32)
     fluid[after] = t.fluid
     movable = t.marks() == 1
     free = np.bincount(after, weights=movable[t.cells].any(axis=1)) > 0
     wanted = share_out(volume, loss, fluid, np.pad(total, (0, max(0, fluid.max() + 1 - len(total)))), free)
-    return move_interfaces(position, t.cells, after, movable, wanted, limit)
+    return move_interfaces(position, t.cells, after, movable, wanted, limit, measure), measure

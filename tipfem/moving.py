@@ -9,7 +9,6 @@ import numpy as np
 from tipfem import interface_kernels, remeshing_kernels
 from tipfem.mesh import Mesh
 from tipfem.particles import Array, Particles
-from tipfem.probes import nodal_mass
 from tipfem.surgery import STAR
 from tipfem.triangulation import TriangulationError
 
@@ -36,10 +35,14 @@ class Triangulation:
     freed: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
 
     @classmethod
-    def of(cls, particles: Particles, mesh: Mesh, density: Array) -> Triangulation:
-        """A copy of ``mesh``, which must know its fluids of ``density`` (F,), moved to where ``particles`` are."""
+    def of(cls, particles: Particles, mesh: Mesh, density: Array, measure: Array) -> Triangulation:
+        """A copy of ``mesh``, which must know its fluids of ``density`` (F,), moved to where ``particles`` are.
+
+        ``measure`` (M,) are the triangles' areas there [m^2].
+        """
         assert mesh.fluid is not None
-        mass = nodal_mass(mesh.moved(particles.position), density[mesh.fluid])
+        share = density[mesh.fluid] * measure / 3
+        mass = np.bincount(mesh.cells.T.ravel(), weights=np.tile(share, 3), minlength=len(particles))
         state = np.column_stack(
             [particles.position, particles.velocity, particles.acceleration, particles.pressure, mass]
         )
@@ -75,14 +78,21 @@ class Triangulation:
 
     def compact(self) -> None:
         """Drop the cells that are gone."""
-        alive = self.fluid >= 0
-        if alive.all():
+        gone = np.flatnonzero(self.fluid < 0)
+        if not len(gone):
             return
-        number = np.cumsum(alive, dtype=np.int32) - 1
-        self.cells, self.fluid = self.cells[alive], self.fluid[alive]
-        across = self.across[alive]
-        self.across = np.where(across >= 0, number[across], -1).astype(np.int32)
-        self.corner = np.where(self.corner >= 0, number[self.corner], -1).astype(np.int32)
+        # The last cells take the places of those that are gone.
+        count = len(self.cells) - len(gone)
+        last = np.arange(count, len(self.cells))
+        source, target = last[self.fluid[count:] >= 0], gone[gone < count]
+        number = np.full(len(self.cells) + 1, -1, dtype=np.int32)  # beyond the hull stays -1
+        number[source] = target
+        for array in (self.cells, self.across, self.fluid):
+            array[target] = array[source]
+        self.cells, self.across, self.fluid = self.cells[:count], self.across[:count], self.fluid[:count]
+        for array in (self.across, self.corner):
+            far = array >= count
+            array[far] = number[array[far]]
 
     def longest_edges(self, long: float, most: int | None = None) -> tuple[Array, int]:
         """Edges as 3 * cell + opposite corner, longest first, but those of interfaces and walls longer than ``long``
