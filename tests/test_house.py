@@ -48,6 +48,8 @@ ORDER = [
     "krylov_kernels",
     "krylov",
     "newton",
+    "bubble_kernels",
+    "bubbles",
     "time_integration",
     "linear_system",
     "boundary",
@@ -58,7 +60,9 @@ ORDER = [
     "wall_rows",
     "flow",
     "case",
+    "relocation_kernels",
     "moving",
+    "delaunay_repair",
     "fitted",
     "remeshing",
     "budget",
@@ -73,7 +77,7 @@ ENTRANCES = {"__init__", "__main__"}  # may import any of ORDER, and are importe
 TAICHI = {
     "device", "surgery", "interface_kernels", "remeshing_kernels", "connectivity", "element", "assembly",
     "jacobian_rows", "block_kernels", "balance_kernels", "wall_kernels", "background_grid", "cycle_kernels",
-    "krylov_kernels",
+    "krylov_kernels", "bubble_kernels", "relocation_kernels",
 }  # fmt: skip
 RENDER_TAICHI = {"ggui", "rasterizer"}  # and of render/, beside at most one file that starts it
 RENDER_START_LINES = 100  # that file stays small

@@ -68,6 +68,31 @@ def level_matrix(grid, level):
     return matrix
 
 
+def along_axis(matrix, shape, axis):
+    """Interpolation to a grid's nodes from every second one along an axis, weighted as the operator couples them."""
+    index = np.indices(shape).reshape(len(shape), -1)
+    coarse = list(shape)
+    coarse[axis] = shape[axis] // 2 + 1
+    entries = matrix.tocoo()
+    way = index[axis][entries.col] - index[axis][entries.row]
+    lower, upper = (
+        np.maximum(np.bincount(entries.row[side], -entries.data[side], index.shape[1]), 0)
+        for side in (way < 0, way > 0)
+    )
+    both = lower + upper
+    part = np.divide(lower, both, out=np.full(len(both), 0.5), where=both > 0)
+    part[index[axis] % 2 == 0] = 1.0
+    rows, columns = [], []
+    for beyond in (0, 1):
+        parent = index.copy()
+        parent[axis] = np.minimum(index[axis] // 2 + beyond, coarse[axis] - 1)
+        rows.append(np.arange(index.shape[1]))
+        columns.append(np.ravel_multi_index(tuple(parent), coarse))
+    values = np.concatenate([part, 1 - part])
+    shape = (index.shape[1], int(np.prod(coarse)))
+    return sparse.csr_matrix((values, (np.concatenate(rows), np.concatenate(columns))), shape=shape), coarse
+
+
 CLOUDS = pytest.mark.parametrize(
     ("size", "spacing", "grid_spacing"),
     [((1.0, 0.7), 0.05, 0.1), ((1.3, 0.9), 0.06, 0.09), ((0.3, 2.0), 0.05, 0.1), ((1.0, 0.9, 0.8), 0.2, 0.4)],
@@ -77,21 +102,25 @@ CLOUDS = pytest.mark.parametrize(
 
 @CLOUDS
 def test_coarse_operators_are_galerkin_products(size, spacing, grid_spacing):
-    """P^T A P from the mesh to the finest grid, and from grid to grid, P assembled by SciPy from hat functions."""
+    """P^T A P from the mesh to the finest grid with hat functions, from grid to grid with the operator's weights."""
     particles, mesh, density = two_fluids(size, spacing)
     matrix = twin.laplacian(mesh.position, mesh.cells, 1 / density)
     grid, _ = hierarchy(particles.position, matrix, grid_spacing)
-    expected, points = matrix, (particles.position - particles.position.min(axis=0)) / grid_spacing
+    points = (particles.position - particles.position.min(axis=0)) / grid_spacing
+    p = sparse.csr_matrix(twin.hats(points, tuple(int(n) for n in grid.shapes[0])))
+    np.testing.assert_allclose(p.sum(axis=1), 1.0, rtol=1e-12)
+    expected = p.T @ sparse.csr_matrix(matrix) @ p
     for level in range(grid.levels):
-        shape = tuple(int(n) for n in grid.shapes[level])
-        p = twin.hats(points, shape)
-        np.testing.assert_allclose(p.sum(axis=1), 1.0, rtol=1e-12)
-        expected = p.T @ expected @ p
+        if level:
+            shape = [int(n) for n in grid.shapes[level - 1]]
+            for axis in reversed(range(len(size))):
+                p, shape = along_axis(expected, shape, axis)
+                expected = p.T @ expected @ p
+            assert shape == grid.shapes[level].tolist()
         got = level_matrix(grid, level)
         largest_entry = abs(expected).max()
         assert abs(got - expected).max() < 1e-12 * largest_entry
         assert abs(got.sum(axis=1)).max() < 1e-12 * largest_entry
-        points = np.stack(np.unravel_index(np.arange(np.prod(shape)), shape), axis=1) / 2
     assert grid.shapes[-1].max() <= 5
     if max(size) / grid_spacing > 5:
         assert grid.levels > 1

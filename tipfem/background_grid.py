@@ -5,9 +5,14 @@ asks where the grid ends. Levels lie one behind the other in flat arrays. The la
 it is what the innermost loops run along, and what the processor's vector units work on. A level's stencil holds its
 operator's entries to all grid nodes within `REACH`, place by place: each place is an array like the level.
 
-``grid`` (L, 8) describes level by level: the first entry, the number of entries with the rim, the shape (3) and
-the strides (2) of all axes but the last, axes that are missing in front being of length 1 and stride 0; and for
-the stencil, which has levels of its own (see `coarsen_axis`), its first entry.
+From a level to the next coarser one it goes axis by axis, the last axis first; between two levels lie grids that are
+coarser along some axes only. A fine node between two coarse ones takes its value from both, weighted by how
+strongly the operator couples it to either side (J. E. Dendy, J. Comput. Phys. 48, 1982, for one axis): a bubble of a
+light fluid stays a bubble on the coarse grid, whatever the lines between which it lies.
+
+``grid`` (L, 9) describes grid by grid, the levels first: the first entry, the number of entries with the rim, the shape
+(3) and the strides (2) of all axes but the last, axes that are missing in front being of length 1 and stride 0; the
+stencil's first entry; and the number of the grid that is coarser along the next axis.
 """
 
 import itertools
@@ -18,7 +23,7 @@ from tipfem.connectivity import insertion_sort
 
 REACH = 2  # a mesh edge joins nodes of neighbouring cells, whose corners are two grid nodes apart
 PLACES = 2 * REACH + 1  # of a stencil along an axis
-START, SIZE, SHAPE, STRIDE, STENCIL = 0, 1, 2, 5, 7
+START, SIZE, SHAPE, STRIDE, STENCIL, NEXT = 0, 1, 2, 5, 7, 8
 
 
 def corners(dim: int) -> list[tuple[int, ...]]:
@@ -176,54 +181,102 @@ def assemble_first(
                                 stencil[to] = stencil[to] + w * rows[i, t * 4 + u]
 
 
-def parents() -> list[tuple[int, int, int, float]]:
-    """Coarsening along one axis: which entries of the fine grid add to which of the coarse one.
+@ti.func
+def axis_stride(grid: ti.template(), level, axis: ti.template(), dim: ti.template()):
+    """How far apart neighbours along an axis are, in entries."""
+    stride = 1
+    if ti.static(axis < dim - 1):
+        stride = grid[level, STRIDE + 3 - dim + axis]
+    return stride
 
-    Tuples of: place in the coarse stencil; shift to the fine node, of twice the coarse one's number; place in the fine
-    stencil; weight. An even column has one parent, an odd one two halves.
+
+@ti.func
+def fine_start(grid: ti.template(), fine, coarse, line, axis: ti.template(), dim: ti.template()):
+    """Where the fine line begins that has twice the coarse one's number along the axis, relative to the first entry."""
+    across = grid[coarse, SHAPE + 1]
+    one, two = line // across, line % across
+    if ti.static(axis == dim - 2):
+        two *= 2
+    if ti.static(axis == dim - 3):
+        one *= 2
+    return line_at(grid, fine, one, two, dim)
+
+
+@ti.kernel
+def weigh_sides(
+    stencil: ti.types.ndarray(), weights: ti.types.ndarray(), grid: ti.types.ndarray(), fine: ti.i32,
+    axis: ti.template(), dim: ti.template(),
+):  # fmt: skip
+    """weights, laid out as a grid is: the part of a node's value along an axis that comes from the lower side."""
+    for line in range(lines(grid, fine)):
+        size, inside = grid[fine, SIZE], line_start(grid, fine, line, dim)
+        entries = grid[fine, STENCIL] + inside
+        apart = ti.static(PLACES ** (dim - 1 - axis))
+        for j in range(grid[fine, SHAPE + 2]):
+            lower, upper = 0.0, 0.0
+            for others in range(ti.static(PLACES ** (dim - 1))):
+                base = others // apart * (apart * PLACES) + others % apart
+                for k in ti.static(range(REACH)):
+                    lower -= stencil[entries + (base + k * apart) * size + j]
+                    upper -= stencil[entries + (base + (PLACES - 1 - k) * apart) * size + j]
+            lower, upper = ti.max(lower, 0.0), ti.max(upper, 0.0)
+            both = lower + upper
+            weights[grid[fine, START] + inside + j] = ti.select(both > 0.0, lower / ti.max(both, 1e-300), 0.5)
+
+
+def parents(place: int) -> list[tuple[int, int, int, int]]:
+    """Coarsening along one axis: which entries of the fine grid add to the entry ``place`` of the coarse one.
+
+    Tuples of: shift to the fine row, of twice the coarse one's number; place in the fine stencil; shift to the fine
+    column; and to which side its parent lies: -1 or 1 of an odd column, 0 of an even one.
     """
     found = []
-    for near, place in itertools.product((-1, 0, 1), range(PLACES)):
-        column = near + place - REACH
+    for near, fine_place in itertools.product((-1, 0, 1), range(PLACES)):
+        column = near + fine_place - REACH
         for parent in {column // 2, -(-column // 2)}:
-            share = (0.5 if near else 1.0) * (0.5 if column % 2 else 1.0)
-            found.append((parent + REACH, near, place, share))
+            if parent + REACH == place:
+                found.append((near, fine_place, column, 2 * parent - column))
     return found
 
 
 @ti.kernel
 def coarsen_axis(
-    stencil: ti.types.ndarray(), grid: ti.types.ndarray(), fine: ti.i32, coarse: ti.i32, axis: ti.template(),
-    dim: ti.template(),
+    stencil: ti.types.ndarray(), weights: ti.types.ndarray(), grid: ti.types.ndarray(), fine: ti.i32, coarse: ti.i32,
+    axis: ti.template(), dim: ti.template(),
 ):  # fmt: skip
-    """Galerkin product along one axis, with linear interpolation: P^T A P takes one of these for each axis."""
+    """Galerkin product along one axis with the interpolation of `weigh_sides`; P^T A P takes one for each axis."""
     for line in range(lines(grid, coarse)):
         from_size, to_size = grid[fine, SIZE], grid[coarse, SIZE]
         to = grid[coarse, STENCIL] + line_start(grid, coarse, line, dim)
-        # The fine line has twice the number along the axis.
-        n = grid[coarse, SHAPE + 1]
-        one, two = line // n, line % n
-        if ti.static(axis == dim - 2):
-            two *= 2
-        if ti.static(axis == dim - 3):
-            one *= 2
-        at = grid[fine, STENCIL] + line_at(grid, fine, one, two, dim)
-        step, stride = 1, 1
-        if ti.static(axis == dim - 1):
-            step = 2
-        else:
-            stride = grid[fine, STRIDE + 3 - dim + axis]
+        inside = fine_start(grid, fine, coarse, line, axis, dim)
+        at, points = grid[fine, STENCIL] + inside, grid[fine, START] + inside
+        step = ti.static(2 if axis == dim - 1 else 1)
+        stride = axis_stride(grid, fine, axis, dim)
         apart = ti.static(PLACES ** (dim - 1 - axis))
         for others in range(ti.static(PLACES ** (dim - 1))):
-            # The place along the axis is zero here; all others are what ``others`` counts.
+            # The place along the axis is zero here; all others are what ``others`` counts, and where its column is.
             base = others // apart * (apart * PLACES) + others % apart
+            shift = 0
+            rest = others
+            for k in ti.static(range(dim - 1, -1, -1)):
+                if ti.static(k != axis):
+                    shift += (rest % PLACES - REACH) * axis_stride(grid, fine, k, dim)
+                    rest = rest // PLACES
             for place in ti.static(range(PLACES)):
                 target = to + (base + place * apart) * to_size
                 source = at + base * from_size
                 for j in range(grid[coarse, SHAPE + 2]):
                     total = 0.0
-                    for parent, near, entry_place, share in ti.static(parents()):
-                        if ti.static(parent == place):
-                            from_place = source + entry_place * apart * from_size
-                            total += share * stencil[from_place + near * stride + step * j]
+                    for near, fine_place, column, side in ti.static(parents(place)):
+                        row = near * stride + step * j
+                        value = stencil[source + fine_place * apart * from_size + row]
+                        if ti.static(near == -1):
+                            value *= 1.0 - weights[points + row]
+                        if ti.static(near == 1):
+                            value *= weights[points + row]
+                        if ti.static(side == -1):
+                            value *= weights[points + shift + column * stride + step * j]
+                        if ti.static(side == 1):
+                            value *= 1.0 - weights[points + shift + column * stride + step * j]
+                        total += value
                     stencil[target + j] = total

@@ -7,15 +7,17 @@ other thread writes, ``a[i] = a[i] + b`` stands for ``a[i] += b``, which would b
 import taichi as ti
 
 from tipfem.background_grid import (
+    NEXT,
     PLACES,
     REACH,
     SHAPE,
     SIZE,
     START,
     STENCIL,
-    STRIDE,
+    axis_stride,
     corners,
     entry,
+    fine_start,
     line_at,
     line_start,
     lines,
@@ -56,45 +58,54 @@ def _subtract_product(
 
 
 @ti.func
-def _restrict(r: ti.template(), b: ti.template(), grid: ti.template(), level, line, dim: ti.template()):
-    """A line of b = P^T r, from ``level`` to the next coarser one."""
-    to = grid[level + 1, START] + line_start(grid, level + 1, line, dim)
-    n = grid[level + 1, SHAPE + 2]
-    across = grid[level + 1, SHAPE + 1]
-    at = grid[level, START] + line_at(grid, level, 2 * (line // across), 2 * (line % across), dim)
-    for j in range(n):
-        b[to + j] = 0.0
-    for m in range(ti.static(3 ** (dim - 1))):
-        w = ti.select(m % 3 == 1, 1.0, 0.5)
-        near = at + (m % 3 - 1) * grid[level, STRIDE + 1]
-        if ti.static(dim == 3):
-            w *= ti.select(m // 3 == 1, 1.0, 0.5)
-            near += (m // 3 - 1) * grid[level, STRIDE]
-        for j in range(n):
-            f = near + 2 * j
-            b[to + j] = b[to + j] + w * (0.5 * (r[f - 1] + r[f + 1]) + r[f])
+def _restrict(
+    r: ti.template(), b: ti.template(), weights: ti.template(), grid: ti.template(), fine, coarse, line,
+    axis: ti.template(), dim: ti.template(),
+):  # fmt: skip
+    """A line of b = P^T r on the grid that is coarser along an axis."""
+    to = grid[coarse, START] + line_start(grid, coarse, line, dim)
+    at = grid[fine, START] + fine_start(grid, fine, coarse, line, axis, dim)
+    step = ti.static(2 if axis == dim - 1 else 1)
+    stride = axis_stride(grid, fine, axis, dim)
+    for j in range(grid[coarse, SHAPE + 2]):
+        f = at + step * j
+        lower, upper = f - stride, f + stride
+        b[to + j] = r[f] + (1.0 - weights[lower]) * r[lower] + weights[upper] * r[upper]
 
 
 @ti.func
-def _prolong(x: ti.template(), grid: ti.template(), level, line, dim: ti.template()):
-    """Add to a line of ``level`` what the next coarser one interpolates to it."""
-    to = grid[level, START] + line_start(grid, level, line, dim)
-    n, coarse = grid[level, SHAPE + 2], grid[level + 1, START]
-    for m in range(ti.static(2 ** (dim - 1))):
-        w = 1.0
-        parent = line // 2 + (line % 2) * m
-        if ti.static(dim == 2):
-            w = ti.select(line % 2 == 1, 0.5, 1.0 - m)
+def _prolong(
+    x: ti.template(), weights: ti.template(), grid: ti.template(), fine, coarse, line, axis: ti.template(),
+    dim: ti.template(),
+):  # fmt: skip
+    """A line of x on the fine grid: P x of the coarse one, added to what is there on a level."""
+    inside = line_start(grid, fine, line, dim)
+    to, n = grid[fine, START] + inside, grid[fine, SHAPE + 2]
+    across = grid[fine, SHAPE + 1]
+    one, two = line // across, line % across
+    keep = ti.static(1.0 if axis == dim - 1 else 0.0)  # the last axis leads to a level
+    if ti.static(axis == dim - 1):
+        at = grid[coarse, START] + line_at(grid, coarse, one, two, dim)
+        for j in range((n + 1) // 2):
+            x[to + 2 * j] = keep * x[to + 2 * j] + x[at + j]
+        for j in range(n // 2):
+            f = to + 2 * j + 1
+            x[f] = keep * x[f] + weights[f] * x[at + j] + (1.0 - weights[f]) * x[at + j + 1]
+    else:
+        odd = two % 2
+        if ti.static(axis == dim - 2):
+            two = two // 2
+        if ti.static(axis == dim - 3):
+            odd = one % 2
+            one = one // 2
+        at = grid[coarse, START] + line_at(grid, coarse, one, two, dim)
+        beyond = at + axis_stride(grid, coarse, axis, dim)
+        if odd == 1:
+            for j in range(n):
+                x[to + j] = weights[to + j] * x[at + j] + (1.0 - weights[to + j]) * x[beyond + j]
         else:
-            one, two = line // grid[level, SHAPE + 1], line % grid[level, SHAPE + 1]
-            w = ti.select(one % 2 == 1, 0.5, 1.0 - m // 2) * ti.select(two % 2 == 1, 0.5, 1.0 - m % 2)
-            parent = (one // 2 + one % 2 * (m // 2)) * grid[level + 1, SHAPE + 1] + two // 2 + two % 2 * (m % 2)
-        if w > 0.0:
-            at = coarse + line_start(grid, level + 1, parent, dim)
-            for j in range((n + 1) // 2):
-                x[to + 2 * j] = x[to + 2 * j] + w * x[at + j]
-            for j in range(n // 2):
-                x[to + 2 * j + 1] = x[to + 2 * j + 1] + 0.5 * w * (x[at + j] + x[at + j + 1])
+            for j in range(n):
+                x[to + j] = x[at + j]
 
 
 @ti.kernel
@@ -109,7 +120,7 @@ def damped_inverse_diagonals(
         for s in range(row_offsets[i], row_offsets[i + 1]):
             if columns[s] == i and values[s] > 0.0:
                 relax[i] = OMEGA / values[s]
-    for t in range(grid[levels - 1, START] + grid[levels - 1, SIZE]):
+    for t in range(grid[0, START], grid[levels - 1, START] + grid[levels - 1, SIZE]):
         level = 0
         while t >= grid[level, START] + grid[level, SIZE]:
             level += 1
@@ -157,8 +168,8 @@ def down_mesh(
 
 @ti.kernel
 def down_grid(
-    stencil: ti.types.ndarray(), relax: ti.types.ndarray(), x: ti.types.ndarray(), b: ti.types.ndarray(),
-    r: ti.types.ndarray(), grid: ti.types.ndarray(), level: ti.i32, dim: ti.template(),
+    stencil: ti.types.ndarray(), weights: ti.types.ndarray(), relax: ti.types.ndarray(), x: ti.types.ndarray(),
+    b: ti.types.ndarray(), r: ti.types.ndarray(), grid: ti.types.ndarray(), level: ti.i32, dim: ti.template(),
 ):  # fmt: skip
     """One sweep from zero on a grid, and what is left restricted to the next coarser one."""
     for t in range(grid[level, SIZE]):
@@ -166,14 +177,21 @@ def down_grid(
         x[at] = relax[at] * b[at]
     for line in range(lines(grid, level)):
         _subtract_product(stencil, x, b, r, grid, level, line, dim)
-    for line in range(lines(grid, level + 1)):
-        _restrict(r, b, grid, level, line, dim)
+    one = grid[level, NEXT]
+    for line in range(lines(grid, one)):
+        _restrict(r, b, weights, grid, level, one, line, ti.static(dim - 1), dim)
+    two = grid[one, NEXT]
+    for line in range(lines(grid, two)):
+        _restrict(b, b, weights, grid, one, two, line, ti.static(dim - 2), dim)
+    if ti.static(dim == 3):
+        for line in range(lines(grid, level + 1)):
+            _restrict(b, b, weights, grid, two, level + 1, line, 0, dim)
 
 
 @ti.kernel
 def coarse_cycle(
-    stencil: ti.types.ndarray(), relax: ti.types.ndarray(), x: ti.types.ndarray(), b: ti.types.ndarray(),
-    r: ti.types.ndarray(), grid: ti.types.ndarray(),
+    stencil: ti.types.ndarray(), weights: ti.types.ndarray(), relax: ti.types.ndarray(), x: ti.types.ndarray(),
+    b: ti.types.ndarray(), r: ti.types.ndarray(), grid: ti.types.ndarray(),
     first: ti.i32, levels: ti.i32, sweeps: ti.i32, dim: ti.template(),
 ):  # fmt: skip
     """The cycle from level ``first`` down, in one thread: on small grids launches cost more than work.
@@ -187,8 +205,15 @@ def coarse_cycle(
                 x[t] = relax[t] * b[t]
             for line in range(lines(grid, level)):
                 _subtract_product(stencil, x, b, r, grid, level, line, dim)
-            for line in range(lines(grid, level + 1)):
-                _restrict(r, b, grid, level, line, dim)
+            fine = level
+            for axis in ti.static(range(dim - 1, -1, -1)):
+                coarse = grid[fine, NEXT]
+                for line in range(lines(grid, coarse)):
+                    if ti.static(axis == dim - 1):
+                        _restrict(r, b, weights, grid, fine, coarse, line, axis, dim)
+                    else:
+                        _restrict(b, b, weights, grid, fine, coarse, line, axis, dim)
+                fine = coarse
         last = levels - 1
         at, size = grid[last, START], grid[last, SIZE]
         for t in range(at, at + size):
@@ -208,8 +233,15 @@ def coarse_cycle(
             x[at + inside] = x[at + inside] + relax[at + inside] / OMEGA * total
         for up in range(levels - 1 - first):
             level = levels - 2 - up
+            one = grid[level, NEXT]
+            two = grid[one, NEXT]
+            if ti.static(dim == 3):
+                for line in range(lines(grid, two)):
+                    _prolong(x, weights, grid, two, level + 1, line, 0, dim)
+            for line in range(lines(grid, one)):
+                _prolong(x, weights, grid, one, two, line, ti.static(dim - 2), dim)
             for line in range(lines(grid, level)):
-                _prolong(x, grid, level, line, dim)
+                _prolong(x, weights, grid, level, one, line, ti.static(dim - 1), dim)
             for line in range(lines(grid, level)):
                 _subtract_product(stencil, x, b, r, grid, level, line, dim)
             for t in range(grid[level, START], grid[level, START] + grid[level, SIZE]):
@@ -218,12 +250,19 @@ def coarse_cycle(
 
 @ti.kernel
 def up_grid(
-    stencil: ti.types.ndarray(), relax: ti.types.ndarray(), x: ti.types.ndarray(), b: ti.types.ndarray(),
-    r: ti.types.ndarray(), grid: ti.types.ndarray(), level: ti.i32, dim: ti.template(),
+    stencil: ti.types.ndarray(), weights: ti.types.ndarray(), relax: ti.types.ndarray(), x: ti.types.ndarray(),
+    b: ti.types.ndarray(), r: ti.types.ndarray(), grid: ti.types.ndarray(), level: ti.i32, dim: ti.template(),
 ):  # fmt: skip
     """The coarser grid's correction added on ``level``, and one sweep."""
+    one = grid[level, NEXT]
+    two = grid[one, NEXT]
+    if ti.static(dim == 3):
+        for line in range(lines(grid, two)):
+            _prolong(x, weights, grid, two, level + 1, line, 0, dim)
+    for line in range(lines(grid, one)):
+        _prolong(x, weights, grid, one, two, line, ti.static(dim - 2), dim)
     for line in range(lines(grid, level)):
-        _prolong(x, grid, level, line, dim)
+        _prolong(x, weights, grid, level, one, line, ti.static(dim - 1), dim)
     for line in range(lines(grid, level)):
         _subtract_product(stencil, x, b, r, grid, level, line, dim)
     for t in range(grid[level, SIZE]):

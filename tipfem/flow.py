@@ -141,8 +141,9 @@ class FlowProblem:
         self._walls = None if walls is None else WallRows(walls, d, self._scale, buffers)
         # A tank that moves stands still in its own frame, and so does the grid; the Laplacian is the same there.
         frame = mesh.position if walls is None else walls.frame
+        density = properties.density
         self.system = LinearSystem(
-            self._topology, mesh, self._position, self._density, self._scale, scheme,
+            self._topology, mesh, self._position, self._density, (density.min(), density.max()), self._scale, scheme,
             workspace.multigrid(frame, particles.spacing), frame, buffers,
         )  # fmt: skip
 

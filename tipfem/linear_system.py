@@ -5,17 +5,19 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import sparse
 
 from tipfem import block_kernels, connectivity, jacobian_rows
-from tipfem.device import Buffers, Launcher
+from tipfem.bubbles import Bubbles
+from tipfem.device import Buffers, Launcher, download
 from tipfem.mesh import Mesh
 from tipfem.multigrid import BackgroundMultigrid
 from tipfem.particles import Array
 from tipfem.time_integration import GeneralizedAlpha
 
-# Spacing of the finest background grid in particle spacings: 1.5 needs two thirds of the Krylov
-# iterations that 2 does, for a quarter more time per cycle.
-GRID_SPACING = 1.5
+# Spacing of the finest background grid in particle spacings. Finer ones need as many iterations, from 1.2 on more:
+# edges then reach over more cells than the stencil does.
+GRID_SPACING = 2.0
 # The Schur complement is 0.54 to 0.99 of the Laplacian with the time integration's cm (stabilisation 0.25): near the
 # middle of that, a twentieth of the Krylov iterations is saved.
 SCHUR_SCALE = 1.3
@@ -73,6 +75,7 @@ class LinearSystem:
         mesh: M simplices on N particles.
         position: (N, d) device array [m].
         density: (M,) device array [kg/m^3].
+        extremes: lowest and highest of the densities.
         scale: device array of the rows' scales, see `block_kernels.row_scale`.
         scheme: generalized-alpha with the step's length.
         multigrid: over a box around ``frame``.
@@ -81,7 +84,8 @@ class LinearSystem:
     """
 
     def __init__(
-        self, topology: Topology, mesh: Mesh, position: Any, density: Any, scale: Any, scheme: GeneralizedAlpha,
+        self, topology: Topology, mesh: Mesh, position: Any, density: Any,
+        extremes: tuple[float, float], scale: Any, scheme: GeneralizedAlpha,
         multigrid: BackgroundMultigrid, frame: Array, buffers: Buffers,
     ) -> None:  # fmt: skip
         self._topology, self._density, self._scale, self._scheme = topology, density, scale, scheme
@@ -98,7 +102,7 @@ class LinearSystem:
         widths = {"uu": d * d, "up": d, "pu": d, "pp": 1}
         self._blocks = tuple(buffers.get(f"rows.{name}", count * width) for name, width in widths.items())
         self._schur_b, self._schur_x = buffers.get("schur_b", n), buffers.get("schur_x", n)
-        values = buffers.get("laplacian", count)
+        self._laplacian = values = buffers.get("laplacian", count)
         block_kernels.pressure_laplacian(
             *topology, position, density, self._row_offsets, self._places, values, SCHUR_SCALE * scheme.cm, n, d
         )
@@ -106,6 +110,10 @@ class LinearSystem:
         if frame is not mesh.position:
             position = buffers.upload("frame", frame)
         multigrid.build(position, self._row_offsets, self._columns, values, n)
+        self._bubbles = Bubbles(
+            topology.cells, density, extremes, (len(mesh.cells), n, d + 1), (self._row_offsets, self._columns, values),
+            buffers,
+        )  # fmt: skip
 
     def gather(self, record: Any) -> None:
         """Take over the elements' linearisation of the last residual."""
@@ -134,7 +142,28 @@ class LinearSystem:
             self._nodes, self._dimension,
         )  # fmt: skip
         self.multigrid.apply(self._schur_b, self._schur_x)
+        self._bubbles.lift(self._launch, self._schur_b, self._schur_x)
         self._launch(
             jacobian_rows.pressure_correction, self._row_offsets, self._columns, up, r, self._schur_x, z,
             self._nodes, self._dimension,
         )  # fmt: skip
+
+    def matrix(self) -> Any:
+        """K, scaled, as a SciPy matrix in CSR; unknowns interleaved as in vectors, rows of what is held empty."""
+        d, (rows, columns, count) = self._dimension, self._rows()
+        widths = (d * d, d, d, 1)
+        uu, up, pu, pp = (download(b, count * w).astype(float) for b, w in zip(self._blocks, widths, strict=True))
+        blocks = np.empty((count, d + 1, d + 1))
+        blocks[:, :d, :d], blocks[:, :d, d] = uu.reshape(-1, d, d), up.reshape(-1, d)
+        blocks[:, d, :d], blocks[:, d, d] = pu.reshape(-1, d), pp
+        return sparse.bsr_matrix((blocks, columns, rows)).tocsr()
+
+    def laplacian(self) -> Any:
+        """The pressure Laplacian of the preconditioner as a SciPy matrix in CSR."""
+        rows, columns, count = self._rows()
+        values = download(self._laplacian, count).astype(float)
+        return sparse.csr_matrix((values, columns, rows))
+
+    def _rows(self) -> tuple[Array, Array, int]:
+        rows = download(self._row_offsets, self._nodes + 1)
+        return rows, download(self._columns, int(rows[-1])), int(rows[-1])

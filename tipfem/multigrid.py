@@ -10,7 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.background_grid import PLACES, REACH, assemble_first, coarsen_axis, find_cells, sort_into_cells
+from tipfem.background_grid import (
+    NEXT,
+    PLACES,
+    REACH,
+    STENCIL,
+    assemble_first,
+    coarsen_axis,
+    find_cells,
+    sort_into_cells,
+    weigh_sides,
+)
 from tipfem.connectivity import accumulate
 from tipfem.cycle_kernels import coarse_cycle, damped_inverse_diagonals, down_grid, down_mesh, up_grid, up_mesh
 from tipfem.device import Buffers, Launcher, settings
@@ -46,11 +56,11 @@ class BackgroundMultigrid:
         self._grid = buffers.upload("mg.grid", self.grid)
         self._lower = buffers.upload("mg.lower", self.lower)
         # Rims are zero for good: no kernel writes there.
-        total = int(self.grid[self.levels - 1, :2].sum())
-        stencils = int((self.grid[:, 7] + self.grid[:, 1] * PLACES**self.dimension).max())
+        total = int(self.grid[-1, :2].sum() + self.grid[0, 0])
+        stencils = int((self.grid[:, STENCIL] + self.grid[:, 1] * PLACES**self.dimension).max())
         self._stencil = buffers.upload("mg.stencil", np.zeros(stencils))
-        self._x, self._b, self._r, self._grid_relax = (
-            buffers.upload(f"mg.{name}", np.zeros(total)) for name in ("x", "b", "r", "grid_relax")
+        self._x, self._b, self._r, self._grid_relax, self._weights = (
+            buffers.upload(f"mg.{name}", np.zeros(total)) for name in ("x", "b", "r", "grid_relax", "weights")
         )
         small = np.flatnonzero(sizes <= (SERIAL_SIZE if settings().get("arch") == "cpu" else 0))
         self._serial_from = int(small[0]) if len(small) else self.levels - 1
@@ -80,7 +90,8 @@ class BackgroundMultigrid:
             self._stencil, self._grid, nodes, dim,
         )  # fmt: skip
         for fine, coarse, axis in self._passes:
-            coarsen_axis(self._stencil, self._grid, fine, coarse, axis, dim)
+            weigh_sides(self._stencil, self._weights, self._grid, fine, axis, dim)
+            coarsen_axis(self._stencil, self._weights, self._grid, fine, coarse, axis, dim)
         self._residual, self._relax = get("mg.residual", nodes), get("mg.relax", nodes)
         damped_inverse_diagonals(
             *self._matrix, self._relax, self._stencil, self._grid_relax, self._grid, nodes, self.levels, dim
@@ -89,7 +100,7 @@ class BackgroundMultigrid:
     def apply(self, b: Any, x: Any) -> None:
         """One V(1,1)-cycle from zero: x (N,) approximates the solution of the Laplacian for b (N,)."""
         matrix, dim, launch = self._matrix, self.dimension, self._launch
-        levels = (self._stencil, self._grid_relax, self._x, self._b, self._r, self._grid)
+        levels = (self._stencil, self._weights, self._grid_relax, self._x, self._b, self._r, self._grid)
         launch(
             down_mesh, b, x, self._residual, self._relax, *matrix, self._fraction, self._order, self._start, self._b,
             self._grid, self._nodes, dim,
@@ -122,13 +133,17 @@ def _layout(shapes: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int, int]]]
                 every.append(list(shape))
             passes.append((fine, coarse, axis))
             fine = coarse
-    grid = np.zeros((len(every), 8), dtype=np.int32)
-    start = stencil = 0
+    grid = np.zeros((len(every), 9), dtype=np.int32)
+    # Loops may look, to no effect, a little beyond the rim; also before the first grid and behind the last one.
+    margin = 3 * int(np.prod(shapes[0] + 2 * REACH) // (shapes[0][0] + 2 * REACH) * 2 + 1)
+    start, stencil = margin, 0
     for row, shape in zip(grid, every, strict=True):
         rim = [n + 2 * REACH for n in shape]
         size = int(np.prod(rim))
         strides = [int(np.prod(rim[k + 1 :])) for k in range(dim - 1)]
-        row[:] = [start, size, *[1] * (3 - dim), *shape, *[0] * (3 - dim), *strides, stencil]
+        row[:] = [start, size, *[1] * (3 - dim), *shape, *[0] * (3 - dim), *strides, stencil, 0]
         start += size
         stencil += size * PLACES**dim
+    for fine, coarse, _ in passes:
+        grid[fine, NEXT] = coarse
     return grid, passes

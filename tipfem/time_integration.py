@@ -101,8 +101,8 @@ class StepControl:
     largest: float
     smallest: float = 0.0
     growth: float = 1.25
-    reach: float = 0.5
-    target: float = 0.35
+    reach: float = 0.7
+    target: float = 0.5
     current: float = field(default=0.0)
 
     def __post_init__(self) -> None:

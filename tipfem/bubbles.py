@@ -1,0 +1,67 @@
+"""Bubbles of a light fluid in a heavy one, each a coarse unknown of the pressure's multigrid."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tipfem import bubble_kernels
+from tipfem.device import Buffers, Launcher, download
+from tipfem.particles import Array
+
+# Without a jump of the density as large as this nothing is a bubble; with one, what is lighter than the geometric
+# mean of the heaviest and the lightest element is.
+JUMP = 10.0
+# More particles than this are not a bubble: coarse grids know them.
+LARGEST = 2000
+
+
+class Bubbles:
+    """The bubbles of a step.
+
+    Args:
+        cells: (M, d + 1) device array.
+        density: (M,) device array [kg/m^3].
+        extremes: of the density, lowest and highest.
+        shape: M, N and d + 1.
+        matrix: the pressure Laplacian in CSR: row offsets, columns, values.
+        buffers: where arrays live between steps.
+    """
+
+    def __init__(
+        self, cells: Any, density: Any, extremes: tuple[float, float], shape: tuple[int, int, int],
+        matrix: tuple[Any, Any, Any], buffers: Buffers,
+    ) -> None:  # fmt: skip
+        self.count, self._matrix = 0, matrix
+        (lowest, highest), (elements, nodes, width) = extremes, shape
+        if highest < JUMP * lowest:
+            return
+        label = buffers.get("bubbles.label", nodes, integer=True)
+        bubble_kernels.connect_light(
+            cells, density, label, float(np.sqrt(lowest * highest)), elements, nodes, width
+        )
+        offsets, members = _small(download(label, nodes))
+        self.count = len(offsets) - 1
+        if not self.count:
+            return
+        self._offsets, self._members = buffers.upload("bubbles.offsets", offsets), buffers.upload("bubbles.at", members)
+        self._energy = buffers.get("bubbles.energy", self.count)
+        bubble_kernels.bubble_energies(*matrix, label, self._offsets, self._members, self._energy, self.count)
+
+    def lift(self, launch: Launcher, b: Any, x: Any) -> None:
+        """Set the level of x (N,) in every bubble so that the equations for b hold in the sum over its particles."""
+        if self.count:
+            launch(
+                bubble_kernels.lift_bubbles, b, x, *self._matrix, self._offsets, self._members, self._energy, self.count
+            )
+
+
+def _small(label: Array) -> tuple[Array, Array]:
+    """Offsets (B + 1,) and particles of the bubbles, from labels (N,) that are -1 outside the light fluid."""
+    size = np.bincount(label[label >= 0], minlength=len(label))
+    size[np.argmax(size)] = 0  # the largest is no bubble, however small
+    inside = np.flatnonzero((label >= 0) & (size[label] > 0) & (size[label] <= LARGEST))
+    inside = inside[np.argsort(label[inside], kind="stable")]
+    starts = np.flatnonzero(np.diff(label[inside], prepend=-1))
+    return np.append(starts, len(inside)).astype(np.int32), inside.astype(np.int32)
