@@ -95,8 +95,8 @@ def table(found: Sequence[Mapping[str, Any]]) -> str:
     parts = [*cases.COLUMNS, "remeshing"]
     lines = [
         "Milliseconds a step, and where they go:", "",
-        "| nodes | on | step | " + " | ".join(parts) + " | rest | us a node | of copying 12.5 kB a node | Newton | Krylov "
-        "per Newton | memory, MB | writing fields | Qhull |",
+        "| nodes | on | step | " + " | ".join(parts) + " | rest | us a node | of copying 12.5 kB a node | Newton "
+        "| Krylov per Newton | memory, MB | writing fields | Qhull |",
         "|" + "---|" * (len(parts) + 12),
     ]  # fmt: skip
     for f in found:

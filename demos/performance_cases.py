@@ -87,8 +87,8 @@ def simulation_of(state: dict[str, Array], numerics: Numerics | None = None) -> 
     spacing = float(state["spacing"])
     density = np.array([f.density for f in fluids])
     particles = tp.Particles(
-        position=state["position"], fluid=particle_fluid(mesh, len(mesh.position), density), wall=state["wall"], spacing=spacing, velocity=state["velocity"], acceleration=state["acceleration"],
-        pressure=state["pressure"],
+        position=state["position"], fluid=particle_fluid(mesh, len(mesh.position), density), wall=state["wall"],
+        spacing=spacing, velocity=state["velocity"], acceleration=state["acceleration"], pressure=state["pressure"],
     )  # fmt: skip
     case = tp.Case(particles, fluids, gravity=(0, -dam_break.GRAVITY), numerics=numerics or Numerics())
     return tp.Simulation(case, time_step=largest_step(spacing))
