@@ -53,7 +53,10 @@ def level_matrix(grid, level):
     shape = tuple(int(n) for n in grid.shapes[level])
     size, start = int(grid.grid[level, 1]), int(grid.grid[level, 7])
     places = 5 ** len(shape)
-    stencil = download(grid._stencil, start + places * size)[start:].reshape(places, *(n + 4 for n in shape))
+    rim = [n + 4 for n in shape]
+    stencil = download(grid._stencil, start + places * size)[start:].reshape(places, size)
+    assert not stencil[:, np.prod(rim) :].any()
+    stencil = stencil[:, : np.prod(rim)].reshape(places, *rim)
     inner = (slice(None), *[slice(2, -2)] * len(shape))
     assert np.count_nonzero(stencil) == np.count_nonzero(stencil[inner])  # the rim is zero
     stencil = stencil[inner].reshape(places, -1).T

@@ -139,7 +139,9 @@ def _layout(shapes: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int, int]]]
     start, stencil = margin, 0
     for row, shape in zip(grid, every, strict=True):
         rim = [n + 2 * REACH for n in shape]
+        # Places of a stencil must not lie a multiple of 4 kB apart, or they fight for the same lines of the cache.
         size = int(np.prod(rim))
+        size += (24 - size) % 512
         strides = [int(np.prod(rim[k + 1 :])) for k in range(dim - 1)]
         row[:] = [start, size, *[1] * (3 - dim), *shape, *[0] * (3 - dim), *strides, stencil, 0]
         start += size
