@@ -43,6 +43,7 @@ ORDER = [
     "balance_kernels",
     "wall_kernels",
     "background_grid",
+    "mesh_cycle_kernels",
     "cycle_kernels",
     "multigrid",
     "krylov_kernels",
@@ -76,7 +77,8 @@ ENTRANCES = {"__init__", "__main__"}  # may import any of ORDER, and are importe
 # The only files of tipfem/ that import Taichi.
 TAICHI = {
     "device", "surgery", "interface_kernels", "remeshing_kernels", "connectivity", "element", "assembly",
-    "jacobian_rows", "block_kernels", "balance_kernels", "wall_kernels", "background_grid", "cycle_kernels",
+    "jacobian_rows", "block_kernels", "balance_kernels", "wall_kernels", "background_grid", "mesh_cycle_kernels",
+    "cycle_kernels",
     "krylov_kernels", "bubble_kernels", "relocation_kernels",
 }  # fmt: skip
 RENDER_TAICHI = {"ggui", "rasterizer"}  # and of render/, beside at most one file that starts it

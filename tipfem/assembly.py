@@ -8,6 +8,7 @@ k < d, and its pressure for k = d. ``scale`` multiplies the rows; it is zero for
 
 import taichi as ti
 
+from tipfem.device import part_of
 from tipfem.element import (
     cauchy_stress,
     cofactor,
@@ -199,32 +200,33 @@ def jacobian_product(
 def step_limits(
     cells: ti.types.ndarray(), position: ti.types.ndarray(), x: ti.types.ndarray(),
     partial: ti.types.ndarray(), result: ti.types.ndarray(),
-    elements: ti.i32, nodes: ti.i32, chunks: ti.i32, dim: ti.template(),
+    elements: ti.i32, nodes: ti.i32, parts: ti.i32, spread: ti.template(), dim: ti.template(),
 ):  # fmt: skip
     """result: smallest J_{n+1}, largest |u|^2, and how many entries of ``x`` are not finite."""
-    for c in range(chunks):
+    for t in range(parts * spread):
         smallest = 1e30
         largest = 0.0
         bad = 0.0
-        size = (elements + chunks - 1) // chunks
-        for e in range(c * size, ti.min((c + 1) * size, elements)):
+        first, last = part_of(t, parts, spread, elements)
+        for e in range(first, last):
             big_g, _area = reference_gradients(cells, e, position, dim)
             h = ti.Matrix.zero(float, dim, dim)
             for a in ti.static(range(dim + 1)):
                 h += unknown(x, cells[e, a], dim).outer_product(gradient(big_g, a))
             smallest = ti.min(smallest, 1.0 + volume_change(h))
-        size = (nodes + chunks - 1) // chunks
-        for i in range(c * size, ti.min((c + 1) * size, nodes)):
+        first, last = part_of(t, parts, spread, nodes)
+        for i in range(first, last):
             u = unknown(x, i, dim)
             largest = ti.max(largest, u.dot(u))
             for k in ti.static(range(dim + 1)):
                 if ti.math.isnan(x[i * (dim + 1) + k]) or ti.math.isinf(x[i * (dim + 1) + k]):
                     bad += 1.0
-        partial[c, 0] = smallest
-        partial[c, 1] = largest
-        partial[c, 2] = bad
+        if t % spread == 0:
+            partial[t // spread, 0] = smallest
+            partial[t // spread, 1] = largest
+            partial[t // spread, 2] = bad
     ti.loop_config(serialize=True)
-    for c in range(chunks):
+    for c in range(parts):
         result[0] = ti.min(result[0], partial[c, 0])
         result[1] = ti.max(result[1], partial[c, 1])
         result[2] += partial[c, 2]

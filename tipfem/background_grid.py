@@ -20,6 +20,7 @@ import itertools
 import taichi as ti
 
 from tipfem.connectivity import insertion_sort
+from tipfem.device import part_of
 
 REACH = 2  # a mesh edge joins nodes of neighbouring cells, whose corners are two grid nodes apart
 PLACES = 2 * REACH + 1  # of a stencil along an axis
@@ -126,7 +127,7 @@ def assemble_first(
     cell: ti.types.ndarray(), fraction: ti.types.ndarray(), order: ti.types.ndarray(), start: ti.types.ndarray(),
     row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
     rows: ti.types.ndarray(), stencil: ti.types.ndarray(), grid: ti.types.ndarray(), nodes: ti.i32,
-    dim: ti.template(),
+    parts: ti.i32, spread: ti.template(), dim: ti.template(),
 ):  # fmt: skip
     """Galerkin product P^T A P on the finest grid.
 
@@ -147,38 +148,40 @@ def assemble_first(
                 for k in ti.static(range(dim)):
                     place = place * 4 + shift[k] + 1 + corner[k]
                 rows[i, place] = rows[i, place] + values[s] * weight(fraction, j, corner, dim)
-    for line in range(lines(grid, 0)):
-        size = grid[0, SIZE]
-        first = line_start(grid, 0, line, dim)
-        for j in range(grid[0, SHAPE + 2]):
-            for s in range(ti.static(PLACES**dim)):
-                stencil[s * size + first + j] = 0.0
-            at = ti.Vector.zero(ti.i32, dim)
-            at[dim - 1] = j
-            at[dim - 2] = line % grid[0, SHAPE + 1]
-            if ti.static(dim == 3):
-                at[0] = line // grid[0, SHAPE + 1]
-            for corner in ti.static(corners(dim)):
-                # The cell in which the grid node is this corner.
-                c = 0
-                inside = True
-                for k in ti.static(range(dim)):
-                    index = at[k] - ti.static(corner[k])
-                    inside = inside and index >= 0
-                    c = c * grid[0, SHAPE + 3 - dim + k] + index
-                if inside:
-                    for m in range(start[c], start[c + 1]):
-                        i = order[m]
-                        w = weight(fraction, i, corner, dim)
-                        for t in range(ti.static(4 ** (dim - 1))):
-                            # Row t of the 4^d grid nodes around the cell, seen from this corner.
-                            row = t + 1 - corner[0]
-                            if ti.static(dim == 3):
-                                row = (t // 4 + 1 - corner[0]) * PLACES + t % 4 + 1 - corner[1]
-                            place = row * PLACES + 1 - corner[dim - 1]
-                            for u in ti.static(range(4)):
-                                to = (place + u) * size + first + j
-                                stencil[to] = stencil[to] + w * rows[i, t * 4 + u]
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, lines(grid, 0))
+        for line in range(first, last):
+            size = grid[0, SIZE]
+            first = line_start(grid, 0, line, dim)
+            for j in range(grid[0, SHAPE + 2]):
+                for s in range(ti.static(PLACES**dim)):
+                    stencil[s * size + first + j] = 0.0
+                at = ti.Vector.zero(ti.i32, dim)
+                at[dim - 1] = j
+                at[dim - 2] = line % grid[0, SHAPE + 1]
+                if ti.static(dim == 3):
+                    at[0] = line // grid[0, SHAPE + 1]
+                for corner in ti.static(corners(dim)):
+                    # The cell in which the grid node is this corner.
+                    c = 0
+                    inside = True
+                    for k in ti.static(range(dim)):
+                        index = at[k] - ti.static(corner[k])
+                        inside = inside and index >= 0
+                        c = c * grid[0, SHAPE + 3 - dim + k] + index
+                    if inside:
+                        for m in range(start[c], start[c + 1]):
+                            i = order[m]
+                            w = weight(fraction, i, corner, dim)
+                            for q in range(ti.static(4 ** (dim - 1))):
+                                # Row q of the 4^d grid nodes around the cell, seen from this corner.
+                                row = q + 1 - corner[0]
+                                if ti.static(dim == 3):
+                                    row = (q // 4 + 1 - corner[0]) * PLACES + q % 4 + 1 - corner[1]
+                                place = row * PLACES + 1 - corner[dim - 1]
+                                for u in ti.static(range(4)):
+                                    to = (place + u) * size + first + j
+                                    stencil[to] = stencil[to] + w * rows[i, q * 4 + u]
 
 
 @ti.func
@@ -205,23 +208,25 @@ def fine_start(grid: ti.template(), fine, coarse, line, axis: ti.template(), dim
 @ti.kernel
 def weigh_sides(
     stencil: ti.types.ndarray(), weights: ti.types.ndarray(), grid: ti.types.ndarray(), fine: ti.i32,
-    axis: ti.template(), dim: ti.template(),
+    parts: ti.i32, spread: ti.template(), axis: ti.template(), dim: ti.template(),
 ):  # fmt: skip
     """weights, laid out as a grid is: the part of a node's value along an axis that comes from the lower side."""
-    for line in range(lines(grid, fine)):
-        size, inside = grid[fine, SIZE], line_start(grid, fine, line, dim)
-        entries = grid[fine, STENCIL] + inside
-        apart = ti.static(PLACES ** (dim - 1 - axis))
-        for j in range(grid[fine, SHAPE + 2]):
-            lower, upper = 0.0, 0.0
-            for others in range(ti.static(PLACES ** (dim - 1))):
-                base = others // apart * (apart * PLACES) + others % apart
-                for k in ti.static(range(REACH)):
-                    lower -= stencil[entries + (base + k * apart) * size + j]
-                    upper -= stencil[entries + (base + (PLACES - 1 - k) * apart) * size + j]
-            lower, upper = ti.max(lower, 0.0), ti.max(upper, 0.0)
-            both = lower + upper
-            weights[grid[fine, START] + inside + j] = ti.select(both > 0.0, lower / ti.max(both, 1e-300), 0.5)
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, lines(grid, fine))
+        for line in range(first, last):
+            size, inside = grid[fine, SIZE], line_start(grid, fine, line, dim)
+            entries = grid[fine, STENCIL] + inside
+            apart = ti.static(PLACES ** (dim - 1 - axis))
+            for j in range(grid[fine, SHAPE + 2]):
+                lower, upper = 0.0, 0.0
+                for others in range(ti.static(PLACES ** (dim - 1))):
+                    base = others // apart * (apart * PLACES) + others % apart
+                    for k in ti.static(range(REACH)):
+                        lower -= stencil[entries + (base + k * apart) * size + j]
+                        upper -= stencil[entries + (base + (PLACES - 1 - k) * apart) * size + j]
+                lower, upper = ti.max(lower, 0.0), ti.max(upper, 0.0)
+                both = lower + upper
+                weights[grid[fine, START] + inside + j] = ti.select(both > 0.0, lower / ti.max(both, 1e-300), 0.5)
 
 
 def parents(place: int) -> list[tuple[int, int, int, int]]:
@@ -242,41 +247,43 @@ def parents(place: int) -> list[tuple[int, int, int, int]]:
 @ti.kernel
 def coarsen_axis(
     stencil: ti.types.ndarray(), weights: ti.types.ndarray(), grid: ti.types.ndarray(), fine: ti.i32, coarse: ti.i32,
-    axis: ti.template(), dim: ti.template(),
+    parts: ti.i32, spread: ti.template(), axis: ti.template(), dim: ti.template(),
 ):  # fmt: skip
     """Galerkin product along one axis with the interpolation of `weigh_sides`; P^T A P takes one for each axis."""
-    for line in range(lines(grid, coarse)):
-        from_size, to_size = grid[fine, SIZE], grid[coarse, SIZE]
-        to = grid[coarse, STENCIL] + line_start(grid, coarse, line, dim)
-        inside = fine_start(grid, fine, coarse, line, axis, dim)
-        at, points = grid[fine, STENCIL] + inside, grid[fine, START] + inside
-        step = ti.static(2 if axis == dim - 1 else 1)
-        stride = axis_stride(grid, fine, axis, dim)
-        apart = ti.static(PLACES ** (dim - 1 - axis))
-        for others in range(ti.static(PLACES ** (dim - 1))):
-            # The place along the axis is zero here; all others are what ``others`` counts, and where its column is.
-            base = others // apart * (apart * PLACES) + others % apart
-            shift = 0
-            rest = others
-            for k in ti.static(range(dim - 1, -1, -1)):
-                if ti.static(k != axis):
-                    shift += (rest % PLACES - REACH) * axis_stride(grid, fine, k, dim)
-                    rest = rest // PLACES
-            for place in ti.static(range(PLACES)):
-                target = to + (base + place * apart) * to_size
-                source = at + base * from_size
-                for j in range(grid[coarse, SHAPE + 2]):
-                    total = 0.0
-                    for near, fine_place, column, side in ti.static(parents(place)):
-                        row = near * stride + step * j
-                        value = stencil[source + fine_place * apart * from_size + row]
-                        if ti.static(near == -1):
-                            value *= 1.0 - weights[points + row]
-                        if ti.static(near == 1):
-                            value *= weights[points + row]
-                        if ti.static(side == -1):
-                            value *= weights[points + shift + column * stride + step * j]
-                        if ti.static(side == 1):
-                            value *= 1.0 - weights[points + shift + column * stride + step * j]
-                        total += value
-                    stencil[target + j] = total
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, lines(grid, coarse))
+        for line in range(first, last):
+            from_size, to_size = grid[fine, SIZE], grid[coarse, SIZE]
+            to = grid[coarse, STENCIL] + line_start(grid, coarse, line, dim)
+            inside = fine_start(grid, fine, coarse, line, axis, dim)
+            at, points = grid[fine, STENCIL] + inside, grid[fine, START] + inside
+            step = ti.static(2 if axis == dim - 1 else 1)
+            stride = axis_stride(grid, fine, axis, dim)
+            apart = ti.static(PLACES ** (dim - 1 - axis))
+            for others in range(ti.static(PLACES ** (dim - 1))):
+                # The place along the axis is zero here; all others are what ``others`` counts, and where its column is.
+                base = others // apart * (apart * PLACES) + others % apart
+                shift = 0
+                rest = others
+                for k in ti.static(range(dim - 1, -1, -1)):
+                    if ti.static(k != axis):
+                        shift += (rest % PLACES - REACH) * axis_stride(grid, fine, k, dim)
+                        rest = rest // PLACES
+                for place in ti.static(range(PLACES)):
+                    target = to + (base + place * apart) * to_size
+                    source = at + base * from_size
+                    for j in range(grid[coarse, SHAPE + 2]):
+                        total = 0.0
+                        for near, fine_place, column, side in ti.static(parents(place)):
+                            row = near * stride + step * j
+                            value = stencil[source + fine_place * apart * from_size + row]
+                            if ti.static(near == -1):
+                                value *= 1.0 - weights[points + row]
+                            if ti.static(near == 1):
+                                value *= weights[points + row]
+                            if ti.static(side == -1):
+                                value *= weights[points + shift + column * stride + step * j]
+                            if ti.static(side == 1):
+                                value *= 1.0 - weights[points + shift + column * stride + step * j]
+                            total += value
+                        stencil[target + j] = total

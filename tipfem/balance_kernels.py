@@ -7,6 +7,7 @@ It reads what the last residual left behind, each element's linearisation (``rec
 import taichi as ti
 
 from tipfem.assembly import gathered, get_matrix, get_vector, unknown
+from tipfem.device import part_of
 
 WORKS = 6  # sums of `step_work` before the force of the walls
 
@@ -16,7 +17,8 @@ def step_work(
     cells: ti.types.ndarray(), offsets: ti.types.ndarray(), corners: ti.types.ndarray(),
     record: ti.types.ndarray(), source: ti.types.ndarray(), local: ti.types.ndarray(),
     wall: ti.types.ndarray(), x: ti.types.ndarray(), partial: ti.types.ndarray(), result: ti.types.ndarray(),
-    cf: float, dt: float, elements: ti.i32, nodes: ti.i32, chunks: ti.i32, dim: ti.template(),
+    cf: float, dt: float, elements: ti.i32, nodes: ti.i32, parts: ti.i32, spread: ti.template(),
+    dim: ti.template(),
 ):  # fmt: skip
     """Work of the terms of the residual at ``x`` when it is tested with the displacements u and pressures p in ``x``.
 
@@ -28,11 +30,11 @@ def step_work(
     3: A tau_s grad p . q, stabilisation;  4: A pbar s, volume source
     5: work of the walls, R . u of their particles;  6 ... 5 + d: the force of the walls, sum of R [N]
     """
-    for c in range(chunks):
+    for t in range(parts * spread):
         works = ti.Vector.zero(float, WORKS)
         holding = ti.Vector.zero(float, dim)
-        size = (elements + chunks - 1) // chunks
-        for e in range(c * size, ti.min((c + 1) * size, elements)):
+        first, last = part_of(t, parts, spread, elements)
+        for e in range(first, last):
             g_now = get_matrix(record, e, 0, dim)
             l = get_matrix(record, e, ti.static(3 * dim * dim), dim)
             q = get_vector(record, e, ti.static(4 * dim * dim), dim)
@@ -58,18 +60,19 @@ def step_work(
             works[2] += area * mean_p * growth
             works[3] += record[e, tail + 2] * pressure_force.dot(q) / record[e, tail + 3]
             works[4] += area * mean_p * source[e]
-        size = (nodes + chunks - 1) // chunks
-        for i in range(c * size, ti.min((c + 1) * size, nodes)):
+        first, last = part_of(t, parts, spread, nodes)
+        for i in range(first, last):
             if wall[i] != 0:
                 for k in ti.static(range(dim)):
                     force = gathered(local, corners, offsets[i], offsets[i + 1], k, dim + 1)
                     works[5] += force * x[i * (dim + 1) + k]
                     holding[k] += force
-        for k in ti.static(range(WORKS)):
-            partial[c, k] = works[k]
-        for k in ti.static(range(dim)):
-            partial[c, WORKS + k] = holding[k]
+        if t % spread == 0:
+            for k in ti.static(range(WORKS)):
+                partial[t // spread, k] = works[k]
+            for k in ti.static(range(dim)):
+                partial[t // spread, WORKS + k] = holding[k]
     ti.loop_config(serialize=True)
-    for c in range(chunks):
+    for c in range(parts):
         for k in range(ti.static(WORKS + dim)):
             result[k] += partial[c, k]

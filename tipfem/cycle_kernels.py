@@ -1,4 +1,4 @@
-"""Kernels of the multigrid cycle on the mesh and on the background grid: transfers and smoothing.
+"""Kernels of the multigrid cycle on the background grid: transfers and smoothing.
 
 Grids are laid out as in `tipfem.background_grid`. ``relax`` is the damped inverse diagonal of an operator. Where no
 other thread writes, ``a[i] = a[i] + b`` stands for ``a[i] += b``, which would be an atomic operation.
@@ -15,25 +15,14 @@ from tipfem.background_grid import (
     START,
     STENCIL,
     axis_stride,
-    corners,
-    entry,
     fine_start,
     line_at,
     line_start,
     lines,
     row_shift,
-    weight,
 )
-
-OMEGA = 0.8  # damping of Jacobi's method
-
-
-@ti.func
-def _row_product(row_offsets: ti.template(), columns: ti.template(), values: ti.template(), x: ti.template(), i):
-    total = 0.0
-    for s in range(row_offsets[i], row_offsets[i + 1]):
-        total += values[s] * x[columns[s]]
-    return total
+from tipfem.device import part_of
+from tipfem.mesh_cycle_kernels import OMEGA
 
 
 @ti.func
@@ -109,83 +98,34 @@ def _prolong(
 
 
 @ti.kernel
-def damped_inverse_diagonals(
-    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
-    relax: ti.types.ndarray(), stencil: ti.types.ndarray(), grid_relax: ti.types.ndarray(), grid: ti.types.ndarray(),
-    nodes: ti.i32, levels: ti.i32, dim: ti.template(),
-):  # fmt: skip
-    """relax (N,) = OMEGA / a_ii of a matrix in CSR, and the same for all grids; 0 where there is no equation."""
-    for i in range(nodes):
-        relax[i] = 0.0
-        for s in range(row_offsets[i], row_offsets[i + 1]):
-            if columns[s] == i and values[s] > 0.0:
-                relax[i] = OMEGA / values[s]
-    for t in range(grid[0, START], grid[levels - 1, START] + grid[levels - 1, SIZE]):
-        level = 0
-        while t >= grid[level, START] + grid[level, SIZE]:
-            level += 1
-        middle = ti.static(PLACES**dim // 2)
-        diagonal = stencil[grid[level, STENCIL] + middle * grid[level, SIZE] + t - grid[level, START]]
-        grid_relax[t] = ti.select(diagonal > 0.0, OMEGA / diagonal, 0.0)
-
-
-@ti.kernel
-def down_mesh(
-    b: ti.types.ndarray(), x: ti.types.ndarray(), residual: ti.types.ndarray(), relax: ti.types.ndarray(),
-    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
-    fraction: ti.types.ndarray(), order: ti.types.ndarray(), start: ti.types.ndarray(),
-    grid_b: ti.types.ndarray(), grid: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
-):  # fmt: skip
-    """One sweep from zero on the mesh, and what is left restricted to the finest grid."""
-    for i in range(nodes):
-        x[i] = relax[i] * b[i]
-        total = b[i]
-        for s in range(row_offsets[i], row_offsets[i + 1]):
-            j = columns[s]
-            total -= values[s] * relax[j] * b[j]
-        residual[i] = total
-    for line in range(lines(grid, 0)):
-        to = grid[0, START] + line_start(grid, 0, line, dim)
-        for j in range(grid[0, SHAPE + 2]):
-            at = ti.Vector.zero(ti.i32, dim)
-            at[dim - 1] = j
-            at[dim - 2] = line % grid[0, SHAPE + 1]
-            if ti.static(dim == 3):
-                at[0] = line // grid[0, SHAPE + 1]
-            total = 0.0
-            for corner in ti.static(corners(dim)):
-                c = 0
-                inside = True
-                for k in ti.static(range(dim)):
-                    index = at[k] - ti.static(corner[k])
-                    inside = inside and index >= 0
-                    c = c * grid[0, SHAPE + 3 - dim + k] + index
-                if inside:
-                    for m in range(start[c], start[c + 1]):
-                        total += weight(fraction, order[m], corner, dim) * residual[order[m]]
-            grid_b[to + j] = total
-
-
-@ti.kernel
 def down_grid(
     stencil: ti.types.ndarray(), weights: ti.types.ndarray(), relax: ti.types.ndarray(), x: ti.types.ndarray(),
-    b: ti.types.ndarray(), r: ti.types.ndarray(), grid: ti.types.ndarray(), level: ti.i32, dim: ti.template(),
+    b: ti.types.ndarray(), r: ti.types.ndarray(), grid: ti.types.ndarray(), level: ti.i32, parts: ti.i32,
+    spread: ti.template(), dim: ti.template(),
 ):  # fmt: skip
     """One sweep from zero on a grid, and what is left restricted to the next coarser one."""
     for t in range(grid[level, SIZE]):
         at = grid[level, START] + t
         x[at] = relax[at] * b[at]
-    for line in range(lines(grid, level)):
-        _subtract_product(stencil, x, b, r, grid, level, line, dim)
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, lines(grid, level))
+        for line in range(first, last):
+            _subtract_product(stencil, x, b, r, grid, level, line, dim)
     one = grid[level, NEXT]
-    for line in range(lines(grid, one)):
-        _restrict(r, b, weights, grid, level, one, line, ti.static(dim - 1), dim)
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, lines(grid, one))
+        for line in range(first, last):
+            _restrict(r, b, weights, grid, level, one, line, ti.static(dim - 1), dim)
     two = grid[one, NEXT]
-    for line in range(lines(grid, two)):
-        _restrict(b, b, weights, grid, one, two, line, ti.static(dim - 2), dim)
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, lines(grid, two))
+        for line in range(first, last):
+            _restrict(b, b, weights, grid, one, two, line, ti.static(dim - 2), dim)
     if ti.static(dim == 3):
-        for line in range(lines(grid, level + 1)):
-            _restrict(b, b, weights, grid, two, level + 1, line, 0, dim)
+        for t in range(parts * spread):
+            first, last = part_of(t, parts, spread, lines(grid, level + 1))
+            for line in range(first, last):
+                _restrict(b, b, weights, grid, two, level + 1, line, 0, dim)
 
 
 @ti.kernel
@@ -251,40 +191,29 @@ def coarse_cycle(
 @ti.kernel
 def up_grid(
     stencil: ti.types.ndarray(), weights: ti.types.ndarray(), relax: ti.types.ndarray(), x: ti.types.ndarray(),
-    b: ti.types.ndarray(), r: ti.types.ndarray(), grid: ti.types.ndarray(), level: ti.i32, dim: ti.template(),
+    b: ti.types.ndarray(), r: ti.types.ndarray(), grid: ti.types.ndarray(), level: ti.i32, parts: ti.i32,
+    spread: ti.template(), dim: ti.template(),
 ):  # fmt: skip
     """The coarser grid's correction added on ``level``, and one sweep."""
     one = grid[level, NEXT]
     two = grid[one, NEXT]
     if ti.static(dim == 3):
-        for line in range(lines(grid, two)):
-            _prolong(x, weights, grid, two, level + 1, line, 0, dim)
-    for line in range(lines(grid, one)):
-        _prolong(x, weights, grid, one, two, line, ti.static(dim - 2), dim)
-    for line in range(lines(grid, level)):
-        _prolong(x, weights, grid, level, one, line, ti.static(dim - 1), dim)
-    for line in range(lines(grid, level)):
-        _subtract_product(stencil, x, b, r, grid, level, line, dim)
+        for t in range(parts * spread):
+            first, last = part_of(t, parts, spread, lines(grid, two))
+            for line in range(first, last):
+                _prolong(x, weights, grid, two, level + 1, line, 0, dim)
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, lines(grid, one))
+        for line in range(first, last):
+            _prolong(x, weights, grid, one, two, line, ti.static(dim - 2), dim)
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, lines(grid, level))
+        for line in range(first, last):
+            _prolong(x, weights, grid, level, one, line, ti.static(dim - 1), dim)
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, lines(grid, level))
+        for line in range(first, last):
+            _subtract_product(stencil, x, b, r, grid, level, line, dim)
     for t in range(grid[level, SIZE]):
         at = grid[level, START] + t
         x[at] = x[at] + relax[at] * r[at]
-
-
-@ti.kernel
-def up_mesh(
-    b: ti.types.ndarray(), x: ti.types.ndarray(), corrected: ti.types.ndarray(), relax: ti.types.ndarray(),
-    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
-    cell: ti.types.ndarray(), fraction: ti.types.ndarray(), grid_x: ti.types.ndarray(),
-    grid: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
-):  # fmt: skip
-    """The finest grid's correction interpolated to the nodes, and one sweep on the mesh."""
-    for i in range(nodes):
-        at = ti.Vector([cell[i, k] for k in ti.static(range(dim))])
-        total = x[i]
-        for corner in ti.static(corners(dim)):
-            near = grid[0, START] + entry(grid, 0, at + ti.Vector(corner), dim)
-            total += weight(fraction, i, corner, dim) * grid_x[near]
-        corrected[i] = total
-    for i in range(nodes):
-        rest = b[i] - _row_product(row_offsets, columns, values, corrected, i)
-        x[i] = corrected[i] + relax[i] * rest

@@ -84,8 +84,27 @@ def round_off() -> float:
 
 
 def chunks() -> int:
-    """Into how many parts reductions are split; a constant, so that sums are repeatable."""
-    return 4096 if _running.get("arch") == "cuda" else 32
+    """Into how many parts long loops and their sums are split; a constant, so that sums are repeatable."""
+    return 4096 if _running.get("arch") == "cuda" else 16
+
+
+def spread() -> int:
+    """How many turns of a parallel loop each of those parts takes, all but one of them idle.
+
+    On the CPU, Taichi hands 512 turns at least to a thread: a loop over as many parts as threads would run in one.
+    """
+    return 1 if _running.get("arch") == "cuda" else 512
+
+
+@ti.func
+def part_of(t, parts, spread: ti.template(), n):  # type: ignore[no-untyped-def]
+    """First and last + 1 of 0 ... n that turn ``t`` of ``parts * spread`` has to do; nothing for idle turns."""
+    first, last = 0, 0
+    if t % spread == 0:
+        size = (n + parts - 1) // parts
+        first = ti.min(t // spread * size, n)
+        last = ti.min(first + size, n)
+    return first, last
 
 
 class Buffers:
@@ -208,16 +227,18 @@ def _copy_rows(source: ti.types.ndarray(), target: ti.types.ndarray(), n: ti.i32
 
 
 @ti.kernel
-def _copy_parts(source: ti.types.ndarray(), target: ti.types.ndarray(), n: ti.i32, parts: ti.i32):
-    for c in range(parts):
-        size = (n + parts - 1) // parts
-        for i in range(c * size, ti.min((c + 1) * size, n)):
+def _copy_parts(
+    source: ti.types.ndarray(), target: ti.types.ndarray(), n: ti.i32, parts: ti.i32, spread: ti.template(),
+):  # fmt: skip
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, n)
+        for i in range(first, last):
             target[i] = source[i]
 
 
 def copy(source: Any, target: Any, n: int) -> None:
     """Copy the first ``n`` entries as fast as the memory allows: the measure of what kernels could reach."""
-    _copy_parts(source, target, n, chunks())
+    _copy_parts(source, target, n, chunks(), spread())
 
 
 def finish() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tipfem import assembly, balance_kernels, block_kernels, krylov, krylov_kernels
-from tipfem.device import chunks, download
+from tipfem.device import chunks, download, spread
 from tipfem.errors import StepRefused
 from tipfem.linear_system import LinearSystem, Workspace
 from tipfem.mesh import Mesh
@@ -202,7 +202,7 @@ class FlowProblem:
         balance_kernels.step_work(
             *self._topology, self._record, self._source, self._local, self._wall, x,
             self.buffers.get("work", parts, len(result)), result, self.scheme.cf, self.scheme.dt,
-            self.elements, self.nodes, parts, self.dimension,
+            self.elements, self.nodes, parts, spread(), self.dimension,
         )  # fmt: skip
         viscous_dissipation, viscous, geometry, stabilisation, source, walls, *force = result.tolist()
         return StepWork(viscous_dissipation, viscous, geometry, stabilisation, source, walls, np.array(force))
@@ -239,7 +239,7 @@ class FlowProblem:
         parts = chunks()
         assembly.step_limits(
             self._topology[0], self._position, x, self.buffers.get("limits", parts, 3), result,
-            self.elements, self.nodes, parts, self.dimension,
+            self.elements, self.nodes, parts, spread(), self.dimension,
         )  # fmt: skip
         if self.walls is not None and self.walls.carried is not None:
             result[1] = ((self.split(x)[0] - self.walls.carried) ** 2).sum(axis=1).max()

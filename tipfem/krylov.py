@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tipfem import krylov_kernels
-from tipfem.device import Buffers, chunks
+from tipfem.device import Buffers, chunks, spread
 
 Operator = Callable[[Any, Any], None]
 
@@ -57,7 +57,8 @@ def fgmres(
     basis = _Basis(size, tolerance, buffers)
     v, z, w = (buffers.get(f"krylov.{name}", size) for name in "vzw")
     out = np.zeros(1)
-    krylov_kernels.start(right_side, v, basis.orthonormal, buffers.get("krylov.partial", parts, 1), out, size, parts)
+    partial = buffers.get("krylov.partial", parts, 1)
+    krylov_kernels.start(right_side, v, basis.orthonormal, partial, out, size, parts, spread())
     beta = float(out[0])
     if not np.isfinite(beta):
         raise FloatingPointError("the residual is not finite")
@@ -90,7 +91,7 @@ def fgmres(
         g[k] *= cosine[k]
         k += 1
     weights = np.linalg.solve(np.triu(hessenberg[:k, :k]), g[:k]) if k else np.zeros(0)
-    krylov_kernels.combine(basis.directions, np.append(weights, 0.0), solution, k, size, parts)
+    krylov_kernels.combine(basis.directions, np.append(weights, 0.0), solution, k, size, parts, spread())
     relative = abs(float(g[k])) / beta
     return KrylovResult(k, relative, relative <= tolerance)
 
@@ -125,7 +126,7 @@ class _Basis:
         for _ in range(2):
             out = np.zeros(k + 3)
             krylov_kernels.orthogonalise(
-                self.orthonormal, self.directions, w, z, v, partial, out, k, self.size, parts, least
+                self.orthonormal, self.directions, w, z, v, partial, out, k, self.size, parts, spread(), least
             )
             column[: k + 1] += out[: k + 1]
             before, after = out[k + 1 :]
@@ -148,5 +149,5 @@ def largest(x: Any, n: int, buffers: Buffers) -> float:
     """Largest |x_i| of the first ``n`` entries; NaN if one of them is."""
     parts = chunks()
     out = np.zeros(2)
-    krylov_kernels.largest(x, buffers.get("krylov.partial_largest", parts, 2), out, n, parts)
+    krylov_kernels.largest(x, buffers.get("krylov.partial_largest", parts, 2), out, n, parts, spread())
     return float("nan") if out[1] > 0 else float(out[0])

@@ -6,29 +6,25 @@ Sums are formed in a fixed number of parts, so that they do not depend on the nu
 
 import taichi as ti
 
+from tipfem.device import part_of
+
 # Rows of a vector that are worked on at once: what of all basis vectors fits into a core's cache.
 BLOCK = 512
-
-
-@ti.func
-def block_of(c, parts, n):
-    """First and last + 1 index of part ``c`` of ``parts`` of 0 ... n."""
-    size = (n + parts - 1) // parts
-    return ti.min(c * size, n), ti.min((c + 1) * size, n)
 
 
 @ti.kernel
 def start(
     b: ti.types.ndarray(), v: ti.types.ndarray(), basis: ti.types.ndarray(), partial: ti.types.ndarray(),
-    out: ti.types.ndarray(), n: ti.i32, parts: ti.i32,
+    out: ti.types.ndarray(), n: ti.i32, parts: ti.i32, spread: ti.template(),
 ):  # fmt: skip
     """out[0] = |b|, v = v_0 = b / |b| (0 if b is 0)."""
-    for c in range(parts):
-        first, last = block_of(c, parts, n)
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, n)
         total = 0.0
         for i in range(first, last):
             total += b[i] * b[i]
-        partial[c, 0] = total
+        if t % spread == 0:
+            partial[t // spread, 0] = total
     ti.loop_config(serialize=True)
     for _ in range(1):
         total = 0.0
@@ -36,8 +32,8 @@ def start(
             total += partial[c, 0]
         out[0] = ti.sqrt(total)
         partial[0, 0] = ti.select(total > 0.0, 1.0 / ti.sqrt(total), 0.0)
-    for c in range(parts):
-        first, last = block_of(c, parts, n)
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, n)
         factor = partial[0, 0]
         for i in range(first, last):
             v[i] = factor * b[i]
@@ -48,18 +44,19 @@ def start(
 def orthogonalise(
     basis: ti.types.ndarray(), directions: ti.types.ndarray(), w: ti.types.ndarray(), z: ti.types.ndarray(),
     v: ti.types.ndarray(), partial: ti.types.ndarray(), out: ti.types.ndarray(),
-    k: ti.i32, n: ti.i32, parts: ti.i32, cancelled: float,
+    k: ti.i32, n: ti.i32, parts: ti.i32, spread: ti.template(), cancelled: float,
 ):  # fmt: skip
     """z_k = z; v = v_{k+1} = w less its components d_j along v_0 ... v_k, over the length of that.
 
     out: d (k + 1,), |w|^2, and |w|^2 - |d|^2, which is the length squared of what is left. Where that is less than
     the part ``cancelled`` of |w|^2, v is left as long as it is, for another pass.
     """
-    for c in range(parts):
-        first, last = block_of(c, parts, n)
-        at = c * (k + 2)
-        for j in range(k + 2):
-            partial[at + j] = 0.0
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, n)
+        at = t // spread * (k + 2)
+        if t % spread == 0:
+            for j in range(k + 2):
+                partial[at + j] = 0.0
         # Block by block, so that w is read from the cache for all v_j.
         for block in range((last - first + BLOCK - 1) // BLOCK):
             start = first + block * BLOCK
@@ -89,8 +86,8 @@ def orthogonalise(
             left = total if m == 0 else left - total * total
         out[k + 2] = left
         partial[k + 1] = ti.select(left < cancelled * out[k + 1], 1.0, 1.0 / ti.sqrt(left))
-    for c in range(parts):
-        first, last = block_of(c, parts, n)
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, n)
         factor = partial[k + 1]
         for block in range((last - first + BLOCK - 1) // BLOCK):
             start = first + block * BLOCK
@@ -112,11 +109,11 @@ def orthogonalise(
 @ti.kernel
 def combine(
     directions: ti.types.ndarray(), weights: ti.types.ndarray(), x: ti.types.ndarray(),
-    k: ti.i32, n: ti.i32, parts: ti.i32,
+    k: ti.i32, n: ti.i32, parts: ti.i32, spread: ti.template(),
 ):  # fmt: skip
     """x = sum of weights[j] z_j over the ``k`` directions."""
-    for c in range(parts):
-        first, last = block_of(c, parts, n)
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, n)
         for block in range((last - first + BLOCK - 1) // BLOCK):
             start = first + block * BLOCK
             end = ti.min(start + BLOCK, last)
@@ -144,19 +141,21 @@ def add(x: ti.types.ndarray(), y: ti.types.ndarray(), factor: float, n: ti.i32):
 
 @ti.kernel
 def largest(
-    x: ti.types.ndarray(), partial: ti.types.ndarray(), out: ti.types.ndarray(), n: ti.i32, parts: ti.i32
+    x: ti.types.ndarray(), partial: ti.types.ndarray(), out: ti.types.ndarray(), n: ti.i32, parts: ti.i32,
+    spread: ti.template(),
 ):  # fmt: skip
     """out: largest |x_i| of the first n entries, and how many of them are no numbers; ``out`` starts at zero."""
-    for c in range(parts):
-        first, last = block_of(c, parts, n)
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, n)
         value = 0.0
         bad = 0.0
         for i in range(first, last):
             value = ti.max(value, ti.abs(x[i]))
             if ti.math.isnan(x[i]):
                 bad += 1.0
-        partial[c, 0] = value
-        partial[c, 1] = bad
+        if t % spread == 0:
+            partial[t // spread, 0] = value
+            partial[t // spread, 1] = bad
     ti.loop_config(serialize=True)
     for c in range(parts):
         out[0] = ti.max(out[0], partial[c, 0])

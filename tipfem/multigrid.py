@@ -22,8 +22,9 @@ from tipfem.background_grid import (
     weigh_sides,
 )
 from tipfem.connectivity import accumulate
-from tipfem.cycle_kernels import coarse_cycle, damped_inverse_diagonals, down_grid, down_mesh, up_grid, up_mesh
-from tipfem.device import Buffers, Launcher, settings
+from tipfem.cycle_kernels import coarse_cycle, down_grid, up_grid
+from tipfem.device import Buffers, Launcher, chunks, settings, spread
+from tipfem.mesh_cycle_kernels import damped_inverse_diagonals, down_mesh, up_mesh
 
 COARSEST_SWEEPS = 20
 # On the CPU, levels of at most this many grid nodes are handled together by one thread in one launch.
@@ -74,7 +75,7 @@ class BackgroundMultigrid:
         """
         self._nodes, self._launch = nodes, Launcher()
         self._matrix = (row_offsets, columns, values)
-        get, dim = self.buffers.get, self.dimension
+        get, dim, parts = self.buffers.get, self.dimension, (chunks(), spread())
         self._cell, self._fraction = get("mg.cell", nodes, dim, integer=True), get("mg.fraction", nodes, dim)
         self._order = get("mg.order", nodes, integer=True)
         self._start = get("mg.start", self._cells + 1, integer=True)
@@ -87,11 +88,11 @@ class BackgroundMultigrid:
         sort_into_cells(self._cell, self._grid, self._start, cursor, self._order, nodes, self._cells, dim)
         assemble_first(
             self._cell, self._fraction, self._order, self._start, *self._matrix, get("mg.rows", nodes, 4**dim),
-            self._stencil, self._grid, nodes, dim,
+            self._stencil, self._grid, nodes, *parts, dim,
         )  # fmt: skip
         for fine, coarse, axis in self._passes:
-            weigh_sides(self._stencil, self._weights, self._grid, fine, axis, dim)
-            coarsen_axis(self._stencil, self._weights, self._grid, fine, coarse, axis, dim)
+            weigh_sides(self._stencil, self._weights, self._grid, fine, *parts, axis, dim)
+            coarsen_axis(self._stencil, self._weights, self._grid, fine, coarse, *parts, axis, dim)
         self._residual, self._relax = get("mg.residual", nodes), get("mg.relax", nodes)
         damped_inverse_diagonals(
             *self._matrix, self._relax, self._stencil, self._grid_relax, self._grid, nodes, self.levels, dim
@@ -99,17 +100,17 @@ class BackgroundMultigrid:
 
     def apply(self, b: Any, x: Any) -> None:
         """One V(1,1)-cycle from zero: x (N,) approximates the solution of the Laplacian for b (N,)."""
-        matrix, dim, launch = self._matrix, self.dimension, self._launch
+        matrix, dim, launch, parts = self._matrix, self.dimension, self._launch, (chunks(), spread())
         levels = (self._stencil, self._weights, self._grid_relax, self._x, self._b, self._r, self._grid)
         launch(
             down_mesh, b, x, self._residual, self._relax, *matrix, self._fraction, self._order, self._start, self._b,
-            self._grid, self._nodes, dim,
+            self._grid, self._nodes, *parts, dim,
         )  # fmt: skip
         for level in range(self._serial_from):
-            launch(down_grid, *levels, level, dim)
+            launch(down_grid, *levels, level, *parts, dim)
         launch(coarse_cycle, *levels, self._serial_from, self.levels, COARSEST_SWEEPS, dim)
         for level in range(self._serial_from - 1, -1, -1):
-            launch(up_grid, *levels, level, dim)
+            launch(up_grid, *levels, level, *parts, dim)
         launch(
             up_mesh, b, x, self._residual, self._relax, *matrix, self._cell, self._fraction, self._x, self._grid,
             self._nodes, dim,
