@@ -102,11 +102,11 @@ def plot_drop(
         change = np.abs(np.array([row[f"volume_{name}"] for row in history]) / begun - 1)
         volume.semilogy(time, np.maximum(change, 1e-17), ("-", "--", "-.")[number % 3], color=COLOURS[number],
                         label=name)  # fmt: skip
-    volume.set_ylabel("change of volume, part of the fluid's", fontsize=12)
+    volume.set_ylabel("change of volume / volume", fontsize=12)
     for axes in (height, volume):
         axes.set_xlabel("t [s]", fontsize=12)
         axes.grid(alpha=0.3)
-        axes.legend(fontsize=11)
+        axes.legend(fontsize=11, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
     return save()
 
 

@@ -6,10 +6,10 @@ import imageio.v3 as iio
 import numpy as np
 import pytest
 from render_results import write_results
-
-from tipfem import render
 from tipfem.render import cli, strips
 from tipfem.render.colours import LIQUIDS, rgb
+
+from tipfem import render
 
 WATER = np.rint(255 * rgb(LIQUIDS[0])).astype(int)
 
