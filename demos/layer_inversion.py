@@ -5,7 +5,7 @@ PFEM formulation": the heavier fluid lies on top and falls through the lighter o
 almost at rest, the other way round. The pressure at the end is compared with the analytic one of the
 inverted layers.
 
-    python demos/layer_inversion.py --interface interpolated
+    python demos/layer_inversion.py --spacing 0.005
 """
 
 from __future__ import annotations
@@ -18,17 +18,20 @@ from typing import Any
 import numpy as np
 
 import tipfem as tp
-from tipfem import cli, probes
+from tipfem import cli
 
 sys.path.insert(0, str(Path(__file__).parent))
 import profiles
 
 # Resolution.
-SPACING = 0.005  # [m]
+SPACING = 0.0025  # [m]
 TIME_STEP = 0.01  # the largest; it adapts below [s]
 END_TIME = 40.75  # that of the paper [s]
 FRAMES_PER_SECOND = 4.0  # of simulated time
+AVERAGED = 4.0  # pressure is averaged over this time at the end [s]: remeshing makes it jump to and fro
 SHOWN = (0.0, 0.5, 1.0, 1.5, 2.0, 4.0, 10.0, END_TIME)  # side by side in strip.png [s]
+
+INTERFACE = "interpolated"  # that of the paper; the sharp one leaves films of glycerin on the walls, a particle wide
 
 # Fluids, at 20 degrees Celsius.
 GLYCERIN = tp.Fluid("glycerin", density=1261.0, viscosity=1.412)
@@ -63,13 +66,6 @@ def inverted(case: tp.Case) -> list[tuple[tp.Fluid, float]]:
     return [(fluid, begun.volume(fluid.name) / EDGE) for fluid in (GLYCERIN, WATER)]
 
 
-def pressure_error(simulation: tp.Simulation, layers: profiles.Layers) -> float:
-    """Largest error of a particle's pressure over the largest analytic pressure of the inverted layers."""
-    particles = simulation.particles
-    exact = probes.hydrostatic_pressure(particles.position[:, 1], layers, GRAVITY)
-    return float(np.abs(particles.pressure - exact).max() / exact.max())
-
-
 def sunk(simulation: tp.Simulation, level: float) -> dict[str, float]:
     """Part of the glycerin below the interface of the inverted layers.
 
@@ -92,22 +88,26 @@ def sunk(simulation: tp.Simulation, level: float) -> dict[str, float]:
     }
 
 
-def validate(simulation: tp.Simulation, layers: profiles.Layers) -> dict[str, float]:
-    """Figures of a run at its end; layers from `inverted`.
+def validate(simulation: tp.Simulation, watch: profiles.PressureWatch) -> dict[str, float]:
+    """Figures of a run at its end; the watch has seen all of it.
 
     Returns:
-        Largest speed [m/s]; agreement of pressure, 1 - its error; parts of the glycerin that have sunk, see `sunk`;
-        largest relative change of a fluid's volume in the whole run.
+        Largest speed [m/s]; agreement of pressure, 1 - its largest error over the largest pressure: of its mean
+        over the run's last `AVERAGED` seconds, of the last state, and the median of the states of that time; parts of
+        the glycerin that have sunk, see `sunk`; largest relative change of a fluid's volume in the whole run.
     """
     history = simulation.history
+    late = [row["pressure_error"] for row in history if row["time"] > watch.since]
     change = [
         np.abs(np.array([row[f"volume_{fluid.name}"] for row in history]) / (EDGE * thickness) - 1).max()
-        for fluid, thickness in layers
+        for fluid, thickness in watch.layers
     ]
     return {
         "end_speed": history[-1]["max_speed"],
-        "pressure_agreement": 1.0 - history[-1]["pressure_error"],
-        **sunk(simulation, layers[0][1]),
+        "pressure_agreement": 1.0 - float(np.abs(watch.mean[1]).max()),
+        "pressure_agreement_last": 1.0 - history[-1]["pressure_error"],
+        "pressure_agreement_median": 1.0 - float(np.median(late)),
+        **sunk(simulation, watch.layers[0][1]),
         "volume_error": float(max(change)),
     }
 
@@ -129,29 +129,28 @@ def main(words: Sequence[str] | None = None) -> None:
     """Run the demo with the given command line, or the process's."""
     arguments = cli.demo_arguments(
         __doc__.split("\n\n")[0], spacing=SPACING, end_time=END_TIME, time_step=TIME_STEP, out="out/layer_inversion",
-        frames_per_second=FRAMES_PER_SECOND, arguments=words,
+        frames_per_second=FRAMES_PER_SECOND, interface=INTERFACE, arguments=words,
     )  # fmt: skip
+    end = arguments.end_time
     try:
         tp.init(arch=arguments.arch)
         case = build(arguments.spacing, interface=arguments.interface)
-        layers = inverted(case)
+        watch = profiles.PressureWatch(inverted(case), GRAVITY, since=max(0.9 * end, end - AVERAGED))
         simulation = tp.Simulation(
             case,
             out=arguments.out,
             time_step=arguments.time_step,
             output_interval=1.0 / arguments.frames_per_second,
-            columns={"pressure_error": lambda s: pressure_error(s, layers)},
+            columns={"pressure_error": watch},
         )
     except (ValueError, RuntimeError) as error:
         cli.stop(str(error))
-    cli.run_demo(simulation, arguments.end_time)
-    figures = validate(simulation, layers)
+    cli.run_demo(simulation, end)
+    figures = validate(simulation, watch)
     cli.finish_demo(
-        simulation, arguments, figures, check(figures, arguments.end_time),
-        plot=lambda: profiles.plot_pressure(
-            arguments.out / "pressure.png", {f"t = {simulation.time:g} s": simulation}, layers, GRAVITY
-        ),
-        strip=[time for time in SHOWN if time <= arguments.end_time],
+        simulation, arguments, figures, check(figures, end),
+        plot=lambda: profiles.plot_pressure(arguments.out / "pressure.png", simulation, watch),
+        strip=[time for time in SHOWN if time <= end],
     )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import tipfem as tp
-from tipfem import cli, probes
+from tipfem import cli
 
 sys.path.insert(0, str(Path(__file__).parent))
 import profiles
@@ -62,13 +62,6 @@ def build(spacing: float = SPACING, layers: str = DEFAULT_LAYERS, **options: Any
         floor += thickness
     title = " under ".join(fluid.name for fluid in LAYERS[layers]) + ", at rest"
     return tp.Case(tank, list(LAYERS[layers]), (0, -GRAVITY), title=title[0].upper() + title[1:], **options)
-
-
-def pressure_error(simulation: tp.Simulation, layers: str) -> float:
-    """Largest error of a particle's pressure over the largest analytic pressure."""
-    particles = simulation.particles
-    exact = probes.hydrostatic_pressure(particles.position[:, 1], fluids_of(layers), GRAVITY)
-    return float(np.abs(particles.pressure - exact).max() / exact.max())
 
 
 def validate(history: Sequence[Mapping[str, float]], layers: str) -> dict[str, float]:
@@ -119,7 +112,7 @@ def main(words: Sequence[str] | None = None) -> None:
             out=arguments.out,
             time_step=arguments.time_step,
             output_interval=1.0 / arguments.frames_per_second,
-            columns={"pressure_error": lambda s: pressure_error(s, layers)},
+            columns={"pressure_error": profiles.PressureWatch(fluids_of(layers), GRAVITY, since=arguments.end_time)},
         )
         first = tp.Simulation(simulation.case, time_step=arguments.time_step)
         first.step()

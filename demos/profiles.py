@@ -36,6 +36,47 @@ def along_height(simulation: tp.Simulation, count: int = 1500) -> tuple[Array, A
     return y[found], density[element[found]], viscosity[element[found]]
 
 
+class PressureWatch:
+    """A column of a run's history: the largest error of pressure against layers at rest; and its mean over a time.
+
+    Args:
+        layers: (fluid, thickness [m]) from the floor up.
+        gravity: magnitude [m/s^2].
+        since: time from which on the mean is taken [s].
+        bins: along the height, for the mean.
+    """
+
+    def __init__(self, layers: Layers, gravity: float, since: float, bins: int = 40) -> None:
+        self.layers, self.gravity, self.since = layers, gravity, since
+        top = sum(thickness for _, thickness in layers)
+        self._edges = np.linspace(0.0, top, bins + 1)
+        self._sum, self._weight, self._time = np.zeros(bins), np.zeros(bins), since
+        self.largest = float(self.exact(np.zeros(1))[0])
+
+    def exact(self, height: Array) -> Array:
+        """Pressure (K,) [Pa] of the layers at rest at heights (K,) [m]."""
+        return probes.hydrostatic_pressure(height, self.layers, self.gravity)
+
+    def __call__(self, simulation: tp.Simulation) -> float:
+        """The largest error of a particle's pressure over the largest pressure; the step is added to the mean."""
+        particles = simulation.particles
+        height = particles.position[:, 1]
+        error = (particles.pressure - self.exact(height)) / self.largest
+        if simulation.time > self.since:
+            step, self._time = simulation.time - self._time, simulation.time
+            number = np.clip(np.searchsorted(self._edges, height) - 1, 0, len(self._sum) - 1)
+            self._sum += step * np.bincount(number, weights=error, minlength=len(self._sum))
+            self._weight += step * np.bincount(number, minlength=len(self._sum))
+        return float(np.abs(error).max())
+
+    @property
+    def mean(self) -> tuple[Array, Array]:
+        """Middles of the bins (K,) [m] that held particles, and the mean error (K,) there, part of the largest."""
+        held = self._weight > 0
+        middle = 0.5 * (self._edges[1:] + self._edges[:-1])
+        return middle[held], self._sum[held] / self._weight[held]
+
+
 def plot_layers(path: Path, states: Mapping[str, tp.Simulation], layers: Layers, gravity: float) -> Path:
     """Draw pressure, density and viscosity along the height of a tank of layers at rest; return the picture's path.
 
@@ -70,10 +111,23 @@ def plot_layers(path: Path, states: Mapping[str, tp.Simulation], layers: Layers,
     return save()
 
 
-def plot_pressure(path: Path, states: Mapping[str, tp.Simulation], layers: Layers, gravity: float) -> Path:
-    """Draw the particles' pressure along the height against that of layers at rest; arguments as in `plot_layers`."""
+def plot_pressure(path: Path, simulation: tp.Simulation, watch: PressureWatch) -> Path:
+    """Draw a state's pressure along the height, and its mean over a time, against that of layers at rest.
+
+    Args:
+        path: of the picture, which is returned.
+        simulation: at the end of the time.
+        watch: that saw the run.
+    """
     figure, save = _figure((7.5, 5.6), path)
-    _pressure(figure.add_subplot(), states, layers, gravity)
+    axes = figure.add_subplot()
+    _pressure(axes, {f"t = {simulation.time:g} s": simulation}, watch.layers, watch.gravity)
+    height, error = watch.mean
+    axes.plot(
+        watch.exact(height) + error * watch.largest, height, MARKERS[1], color=COLOURS[1], markersize=8,
+        markeredgewidth=1.8, linestyle="none", label=f"mean over {watch.since:g} to {simulation.time:g} s",
+    )  # fmt: skip
+    axes.legend(fontsize=11, loc="upper right")
     return save()
 
 
