@@ -31,7 +31,7 @@ SPACING = 0.005  # [m]
 TIME_STEP = 1e-3  # [s]
 END_TIME = 0.4  # [s]
 FRAMES_PER_SECOND = 250.0  # of simulated time; at 25 pictures a second the movie is ten times slower
-SHOWN = (0.0, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0)  # side by side in strip.png [s]
+SHOWN = (0.0, 0.1, 0.2, 0.25, 0.3, 0.4, 0.6, 1.0)  # side by side in strip.png [s]
 
 # Fluids, at 20 degrees Celsius.
 WATER = tp.Fluid("water", density=998.2, viscosity=1.002e-3)

@@ -45,7 +45,7 @@ GRAVITY = 9.81  # [m/s^2]
 
 # Check: the largest figures that a run may show.
 LARGEST_VOLUME_ERROR = 0.01  # of each fluid
-LARGEST_SPEED = 5.0  # at any time, of the air that gives way too; the drop meets the water at 0.6 [m/s]
+LARGEST_SPEED = 8.0  # at any time, of the air that gives way too; the drop meets the water at 0.6 [m/s]
 SUNK_AFTER = 1.0  # [s]; from then on:
 LARGEST_DRY = 0.02  # part of the glycerin that is above the water's middle height
 HIGHEST_CENTRE = 0.5  # of the drop's centre of mass, in water depths: it lies on the floor

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import json
 from pathlib import Path
@@ -127,3 +128,16 @@ def test_the_check_of_the_demo(demo):
         assert len(missed) == 1
         assert missed[0].startswith(f"{name} is ")
     assert demo.check({**good, "rest_speed": 0.1}, "interpolated") == []
+
+
+@pytest.mark.parametrize("layers", ["water-air", "three"])
+def test_a_gas_under_the_interpolated_rule(demo, layers, tmp_path):
+    """That rule is not balanced: pressure beside a gas is right to 2 % at first and to some 10 % later, and no worse."""
+    words = ["--spacing", "0.005", "--end-time", "0.3", "--layers", layers, "--interface", "interpolated"]
+    with contextlib.suppress(SystemExit):  # the demo says that it misses 1 %
+        demo.main([*words, "--no-frames", "--out", str(tmp_path)])
+    figures = json.loads((tmp_path / "summary.json").read_text())["validation"]
+    assert figures["pressure_error_first_step"] < 0.02
+    assert figures["pressure_error_median"] < 0.1
+    assert figures["volume_error"] < 0.03
+    assert figures["rest_speed"] < 0.6
