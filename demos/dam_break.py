@@ -188,6 +188,7 @@ def compare(folders: Sequence[Path], out: Path) -> None:
             label += "'"
         figures = validate(history)
         runs[label], shift = fronts_of(history), figures.get("front_shift", shift)
+        figures["volume_error"] = max(figures["volume_error"], 1e-9)  # the file has nine digits
         print(f"{label}: " + ", ".join(f"{name} {value:.4g}" for name, value in figures.items()))
     # Of the experiment's clock there is one: that of the finest run.
     path = experiments.plot_front(out / "fronts.png", runs, COLUMN[0], GRAVITY, shift=shift)
