@@ -132,7 +132,7 @@ def test_the_check_of_the_demo(demo):
 
 @pytest.mark.parametrize("layers", ["water-air", "three"])
 def test_a_gas_under_the_interpolated_rule(demo, layers, tmp_path):
-    """That rule is not balanced: pressure beside a gas is right to 2 % at first and to some 10 % later, and no worse."""
+    """That rule is not balanced: pressure beside a gas is right to 2 % at first and to some 10 % later, not worse."""
     words = ["--spacing", "0.005", "--end-time", "0.3", "--layers", layers, "--interface", "interpolated"]
     with contextlib.suppress(SystemExit):  # the demo says that it misses 1 %
         demo.main([*words, "--no-frames", "--out", str(tmp_path)])
