@@ -11,6 +11,8 @@ height of the column with Martin & Moyce; sources stand on top of the files in d
 from __future__ import annotations
 
 import argparse
+import csv
+import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -29,6 +31,7 @@ SPACING = 0.005  # [m]
 TIME_STEP = 1e-3  # [s]
 END_TIME = 0.4  # [s]
 FRAMES_PER_SECOND = 250.0  # of simulated time; at 25 pictures a second the movie is ten times slower
+SHOWN = (0.0, 0.1, 0.2, 0.25, 0.3, 0.4, 0.6, 1.0)  # side by side in strip.png [s]
 
 # Fluids, at 20 degrees Celsius.
 WATER = tp.Fluid("water", density=998.2, viscosity=1.002e-3)
@@ -150,42 +153,78 @@ def check(figures: Mapping[str, Any], spacing: float) -> list[str]:
     return missed
 
 
+def fronts_of(history: Sequence[Mapping[str, float]]) -> tuple[np.ndarray, np.ndarray]:
+    """Times (K,) [s] and fronts (K,) [m] of a history."""
+    time, position = (np.array([row[name] for row in history]) for name in ("time", "front"))
+    return time, position
+
+
+def read_run(folder: Path) -> tuple[float, list[dict[str, float]]]:
+    """Spacing [m] and history of a finished run of this demo.
+
+    Raises:
+        ValueError: the folder holds none.
+    """
+    try:
+        spacing = float(json.loads((folder / "summary.json").read_text("utf-8"))["spacing"])
+        with (folder / "history.csv").open(encoding="utf-8", newline="") as file:
+            rows = [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
+        fronts_of(rows)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"{folder}: no finished run of the dam break: {type(error).__name__}: {error}") from error
+    return spacing, rows
+
+
+def compare(folders: Sequence[Path], out: Path) -> None:
+    """Draw the fronts of finished runs in one figure, ``out``/fronts.png, and print their figures.
+
+    Raises:
+        ValueError: a folder holds no such run.
+    """
+    runs, shift = {}, 0.0
+    for spacing, history in sorted((read_run(folder) for folder in folders), key=lambda run: -run[0]):
+        label = f"tipfem, {spacing * 1e3:g} mm"
+        while label in runs:
+            label += "'"
+        figures = validate(history)
+        runs[label], shift = fronts_of(history), figures.get("front_shift", shift)
+        figures["volume_error"] = max(figures["volume_error"], 1e-9)  # the file has nine digits
+        print(f"{label}: " + ", ".join(f"{name} {value:.4g}" for name, value in figures.items()))
+    # Of the experiment's clock there is one: that of the finest run.
+    path = experiments.plot_front(out / "fronts.png", runs, COLUMN[0], GRAVITY, shift=shift)
+    print(f"results: {path.resolve()}")
+
+
 def main(words: Sequence[str] | None = None) -> None:
     """Run the demo with the given command line, or the process's."""
     arguments = cli.demo_arguments(
-        __doc__.split("\n\n")[0],
-        spacing=SPACING,
-        end_time=END_TIME,
-        time_step=TIME_STEP,
-        out="out/dam_break",
-        frames_per_second=FRAMES_PER_SECOND,
-        arguments=words,
-    )
+        __doc__.split("\n\n")[0], spacing=SPACING, end_time=END_TIME, time_step=TIME_STEP, out="out/dam_break",
+        frames_per_second=FRAMES_PER_SECOND, further=_own_options, arguments=words,
+    )  # fmt: skip
     try:
+        if arguments.compare:
+            compare(arguments.compare, arguments.out)
+            return
         simulation = simulate(arguments)
     except (ValueError, RuntimeError) as error:
         cli.stop(str(error))
     figures = validate(simulation.history)
-    missed = check(figures, arguments.spacing)
-    simulation.write_summary({"status": "complete", "validation": figures, "check": missed or "passed"})
-    time, position = (np.array([row[name] for row in simulation.history]) for name in ("time", "front"))
-    experiments.plot_front(
-        arguments.out / "front.png",
-        {f"tipfem, {arguments.spacing * 1e3:g} mm": (time, position)},
-        COLUMN[0],
-        GRAVITY,
-        shift=figures.get("front_shift", 0.0),
-    )
-    if arguments.frames:
-        cli.draw(arguments.out)
-    last = simulation.history[-1]
-    print(f"{last['step']} steps to t = {last['time']:g} s in {last['wall_seconds']:.0f} s")
-    for name, value in figures.items():
-        print(f"  {name:24s} {value: .4f}")
-    print("check: " + ("; ".join(missed) if missed else "passed"))
-    print(f"results: {arguments.out.resolve()}")
-    if missed:
-        raise SystemExit(1)
+    label = f"tipfem, {arguments.spacing * 1e3:g} mm"
+    cli.finish_demo(
+        simulation, arguments, figures, check(figures, arguments.spacing),
+        plot=lambda: experiments.plot_front(
+            arguments.out / "front.png", {label: fronts_of(simulation.history)}, COLUMN[0], GRAVITY,
+            shift=figures.get("front_shift", 0.0),
+        ),
+        strip=[time for time in SHOWN if time <= arguments.end_time],
+    )  # fmt: skip
+
+
+def _own_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--compare", type=Path, nargs="+", default=[], metavar="RUN",
+        help="run nothing; draw the fronts of these folders of finished runs in one figure, fronts.png",
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -227,10 +227,7 @@ def main(words: Sequence[str] | None = None) -> None:
     (given.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     plot(given.out / "energy.png", runs)
     print(table(results))
-    print("check: " + ("; ".join(missed) if missed else "passed"))
-    print(f"results: {given.out.resolve()}")
-    if missed:
-        raise SystemExit(1)
+    cli.conclude(given.out, missed)
 
 
 if __name__ == "__main__":

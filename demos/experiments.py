@@ -124,7 +124,7 @@ def koshizuka_oka_front() -> Experiment:
 
 def koshizuka_oka_mps_front() -> Experiment:
     """Front Z against T: the particle simulation (MPS) of Koshizuka & Oka 1996. Not a measurement."""
-    return _load("koshizuka_oka1996_front_mps", KOSHIZUKA + ", simulation", "T_tsqrt2g_over_L", "X_x_over_L")
+    return _load("koshizuka_oka1996_front_mps", KOSHIZUKA + ", MPS", "T_tsqrt2g_over_L", "X_x_over_L")
 
 
 def _checked(time: ArrayLike, values: ArrayLike, name: str, **scales: float) -> tuple[Array, Array]:
@@ -293,7 +293,7 @@ def plot_front(
     axes.set_xlim(0.0, min(last, 4.0) + 0.2)  # the references end at T = 3.4
     axes.tick_params(labelsize=12)
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=11, loc="upper left")
+    axes.legend(fontsize=11, loc="lower right")
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)
     return Path(path)

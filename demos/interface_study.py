@@ -247,10 +247,7 @@ def main(words: Sequence[str] | None = None) -> None:
     summary = {"short": given.short, "wall_seconds": seconds, "figures": figures, "check": missed or "passed"}
     (given.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     print(table(figures))
-    print("check: " + ("; ".join(missed) if missed else "passed"))
-    print(f"results: {given.out.resolve()}")
-    if missed:
-        raise SystemExit(1)
+    cli.conclude(given.out, missed)
 
 
 if __name__ == "__main__":

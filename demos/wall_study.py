@@ -227,10 +227,7 @@ def main(words: Sequence[str] | None = None) -> None:
     missed = check(figures, arguments.short)
     summary = {"short": arguments.short, "wall_seconds": seconds, "figures": figures, "check": missed or "passed"}
     (arguments.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    print("check: " + ("; ".join(missed) if missed else "passed"))
-    print(f"results: {arguments.out.resolve()}")
-    if missed:
-        raise SystemExit(1)
+    cli.conclude(arguments.out, missed)
 
 
 if __name__ == "__main__":

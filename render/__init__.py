@@ -1,12 +1,14 @@
 """Pictures and movies of two-phase flow results.
 
-`animate` turns a results folder into PNG frames and a movie; `render_frame` draws one `Scene`, built from a
-results folder by `Results` or from plain arrays. The package reads results and never imports the solver.
+`animate` turns a results folder into PNG frames and a movie, `strip` some of its times into one picture;
+`render_frame` draws one `Scene`, built from a results folder by `Results` or from plain arrays. The package reads
+results and never imports the solver.
 """
 
 from .animation import Animation, animate
 from .renderer import Renderer, render_frame
 from .results import Results, ResultsError
 from .scene import Scene
+from .strips import strip
 
-__all__ = ["Animation", "Renderer", "Results", "ResultsError", "Scene", "animate", "render_frame"]
+__all__ = ["Animation", "Renderer", "Results", "ResultsError", "Scene", "animate", "render_frame", "strip"]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from .animation import animate
 from .renderer import BACKENDS
+from .strips import strip
 
 EPILOG = """\
 examples:
@@ -14,6 +15,7 @@ examples:
   python -m tipfem.render out --field pressure --range 0 3000
   python -m tipfem.render out --mesh --particles --size 1920x1080
   python -m tipfem.render out --movie animation.gif animation.webp --no-frames
+  python -m tipfem.render out --strip 0 0.1 0.2 0.3 --no-frames --movie
 
 It reads what OUT/fields.pvd lists when it starts, so it can also be used while a run is under way.
 One stored time is one picture; the movie shows them evenly, at the playback rate.
@@ -47,6 +49,8 @@ def parser() -> argparse.ArgumentParser:
                            "(default: animation.mp4)")
     made.add_argument("--playback-rate", type=float, default=25.0, metavar="RATE",
                       help="pictures shown a second [1/s] (default: 25)")
+    made.add_argument("--strip", nargs="+", type=float, default=[], metavar="TIME",
+                      help="draw the fluids at these times [s] side by side, in OUT/strip.png")
     made.add_argument("--no-frames", action="store_true", help="write no PNG files")
     made.add_argument("--colour", action="append", default=[], type=_colour, metavar="FLUID=#RRGGBB",
                       help="colour of a fluid; may be given several times")
@@ -57,6 +61,10 @@ def main(arguments=None) -> int:
     """Run the command; returns the exit status: 0, or 2 after an error said in one line on stderr."""
     given = parser().parse_args(arguments)
     try:
+        if given.strip:
+            print(strip(given.out, given.strip, backend=given.backend, fluid_colours=dict(given.colour)))
+            if given.no_frames and not given.movie:
+                return 0
         done = animate(
             given.out, None if given.field == "none" else given.field, not given.no_frames, given.movie,
             given.playback_rate, size=given.size, field_range=given.field_range, mesh=given.mesh,

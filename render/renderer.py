@@ -8,7 +8,7 @@ import numpy as np
 from . import colours
 from .annotation import annotate, panel_width
 from .ggui import DriverError, GGUICanvas
-from .layout import check_size, make_layout
+from .layout import Layout, check_size, make_layout
 from .picture import draw_scene
 from .rasterizer import Rasterizer
 from .scales import check_range, field_limits
@@ -50,6 +50,11 @@ class Renderer:
                              mesh=mesh, particles=particles)
         image = self._canvas.paint(*drawing.arrays(), colours.BACKGROUND)
         return annotate(image, scene, layout, fills, field, field_range)
+
+    def tank(self, scene: Scene, layout: Layout) -> np.ndarray:
+        """The fluids in their tank alone, without any text, (H, W, 3) uint8; the layout is of this renderer's size."""
+        fills = colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours)
+        return self._canvas.paint(*draw_scene(scene, layout, fills).arrays(), colours.BACKGROUND)
 
     def close(self):
         """Free the back end's window or buffers; a later frame opens them again."""

@@ -48,6 +48,7 @@ def test_ten_millimetres_against_the_experiments(tmp_path):
     movie = iio.imread(out / "animation.mp4")
     assert movie.shape == (16, 720, 1280, 3)
     assert iio.imread(out / "front.png").std() > 5
+    assert iio.imread(out / "strip.png").std() > 5
     header = (out / "history.csv").read_text().splitlines()[0]
     # tests/test_simulation.py has the columns between.
     assert header.startswith("step,time,time_step,newton_iterations,krylov_iterations,relocated,max_speed,kinetic_")
@@ -91,6 +92,38 @@ def test_validate_needs_no_long_run(demo):
     """A run too short to compare still reports its volume."""
     rows = [{"time": t, "front": 0.146, "column_height": 0.292, "volume_water": 0.0426} for t in (0.01, 0.02)]
     assert list(demo.validate(rows)) == ["volume_error"]
+
+
+def finished_run(folder, spacing, speed):
+    """What a run whose front moves at a constant speed [m/s] would have left."""
+    folder.mkdir()
+    (folder / "summary.json").write_text(json.dumps({"spacing": spacing}))
+    rows = [f"{t},{0.146 + speed * t},0.28,0.0426" for t in np.arange(1, 61) * 0.005]
+    (folder / "history.csv").write_text("\n".join(["time,front,column_height,volume_water", *rows]) + "\n")
+    return folder
+
+
+def test_fronts_of_several_runs_in_one_figure(demo, tmp_path, capsys):
+    """--compare runs nothing: it reads histories, prints the figures of each and draws them together."""
+    folders = [finished_run(tmp_path / name, h, v) for name, h, v in (("fine", 0.002, 1.5), ("coarse", 0.005, 1.4))]
+    demo.main(["--compare", *map(str, folders), "--out", str(tmp_path / "both")])
+    printed = capsys.readouterr().out
+    assert printed.index("tipfem, 5 mm: ") < printed.index("tipfem, 2 mm: ")
+    assert "front_rms" in printed
+    assert iio.imread(tmp_path / "both" / "fronts.png").std() > 5
+    assert [path.name for path in (tmp_path / "both").iterdir()] == ["fronts.png"]
+
+
+def test_what_is_no_run_cannot_be_compared(demo, tmp_path, capsys):
+    """One line names the folder."""
+    for name, text in (("nothing", None), ("other", "time\n0.1\n")):
+        folder = tmp_path / name
+        if text:
+            finished_run(folder, 0.005, 1.0)
+            (folder / "history.csv").write_text(text)
+        with pytest.raises(SystemExit):
+            demo.main(["--compare", str(folder)])
+        assert f"{folder}: no finished run of the dam break" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

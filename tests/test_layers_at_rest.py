@@ -1,7 +1,13 @@
-"""Two layers at rest: pressure is hydrostatic, and stays so."""
+"""Layers at rest: pressure is hydrostatic, and stays so."""
 
 from __future__ import annotations
 
+import contextlib
+import importlib
+import json
+from pathlib import Path
+
+import imageio.v3 as iio
 import numpy as np
 import pytest
 
@@ -72,3 +78,66 @@ def test_gravity_may_come_as_a_body_force(water, air):
         states.append(simulation.particles)
     np.testing.assert_array_equal(states[0].position, states[1].position)
     np.testing.assert_array_equal(states[0].pressure, states[1].pressure)
+
+
+@pytest.fixture
+def demo(monkeypatch):
+    """The demo as a module."""
+    monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[1] / "demos"))
+    return importlib.import_module("layers_at_rest")
+
+
+@pytest.mark.parametrize(
+    ("layers", "interface"),
+    [("glycerin-water", "interpolated"), ("glycerin-water", "sharp"), ("water-air", "sharp"), ("three", "sharp")],
+)
+def test_the_demo_passes_its_check(demo, layers, interface, tmp_path, capsys):
+    """Coarse, to 0.2 s: pressure within 1 % of the analytic one at once and at the end; files as promised."""
+    words = ["--spacing", "0.01", "--end-time", "0.2", "--layers", layers, "--interface", interface]
+    demo.main([*words, "--no-frames", "--out", str(tmp_path)])
+    assert "check: passed" in capsys.readouterr().out
+    figures = json.loads((tmp_path / "summary.json").read_text())["validation"]
+    assert figures["pressure_error_largest"] < (0.01 if interface == "interpolated" else 1e-9)
+    assert iio.imread(tmp_path / "layers.png").std() > 5
+    assert "pressure_error" in (tmp_path / "history.csv").read_text().splitlines()[0]
+
+
+@pytest.mark.parametrize("interface", ["interpolated", "sharp"])
+def test_the_profile_across_three_layers(demo, interface):
+    """Density and viscosity along the middle are those of the layers but for the elements at their interfaces."""
+    import profiles
+
+    simulation = tp.Simulation(demo.build(0.005, "three", interface=interface))
+    y, density, viscosity = profiles.along_height(simulation)
+    assert len(y) > 1400
+    floor = 0.0
+    for fluid, thickness in demo.fluids_of("three"):
+        inside = (y > floor + 0.006) & (y < floor + thickness - 0.006)
+        np.testing.assert_allclose(density[inside], fluid.density)
+        np.testing.assert_allclose(viscosity[inside], fluid.viscosity)
+        floor += thickness
+    assert (len(np.unique(density.round(6))) == 3) == (interface == "sharp")
+
+
+def test_the_check_of_the_demo(demo):
+    """Figure by figure; only the sharp rule owes rest."""
+    good = {"pressure_error_first_step": 0.001, "pressure_error_end": 0.001, "volume_error": 1e-9, "rest_speed": 1e-12}
+    assert demo.check(good, "sharp") == []
+    for name in good:
+        missed = demo.check({**good, name: 0.5}, "sharp")
+        assert len(missed) == 1
+        assert missed[0].startswith(f"{name} is ")
+    assert demo.check({**good, "rest_speed": 0.1}, "interpolated") == []
+
+
+@pytest.mark.parametrize("layers", ["water-air", "three"])
+def test_a_gas_under_the_interpolated_rule(demo, layers, tmp_path):
+    """That rule is not balanced: pressure beside a gas is right to 2 % at first and to some 10 % later, not worse."""
+    words = ["--spacing", "0.005", "--end-time", "0.3", "--layers", layers, "--interface", "interpolated"]
+    with contextlib.suppress(SystemExit):  # the demo says that it misses 1 %
+        demo.main([*words, "--no-frames", "--out", str(tmp_path)])
+    figures = json.loads((tmp_path / "summary.json").read_text())["validation"]
+    assert figures["pressure_error_first_step"] < 0.02
+    assert figures["pressure_error_median"] < 0.1
+    assert figures["volume_error"] < 0.03
+    assert figures["rest_speed"] < 0.6

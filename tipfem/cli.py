@@ -6,7 +6,7 @@ import argparse
 import math
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NoReturn
 
@@ -23,6 +23,7 @@ def demo_arguments(
     out: str,
     frames_per_second: float,
     interface: str = DEFAULT_INTERFACE,
+    further: Callable[[argparse.ArgumentParser], object] | None = None,
     arguments: Sequence[str] | None = None,
 ) -> argparse.Namespace:
     """Read a demo's command line; bad values end the program with one line that says what is wrong.
@@ -35,6 +36,7 @@ def demo_arguments(
         out: default results folder.
         frames_per_second: default number of pictures per second of simulated time [1/s].
         interface: default interface rule.
+        further: adds options of the demo's own to the parser.
         arguments: the words to read; those of the process by default.
 
     Returns:
@@ -54,6 +56,8 @@ def demo_arguments(
     )  # fmt: skip
     parser.set_defaults(frames=True)
     add("--no-frames", dest="frames", action="store_false", default=argparse.SUPPRESS, help="draw no pictures")
+    if further:
+        further(parser)
     return parser.parse_args(arguments)
 
 
@@ -72,15 +76,54 @@ def run_demo(simulation: Simulation, until: float) -> None:
         stop(f"interrupted at t = {simulation.time:g} s; the results up to there are in {_place(simulation)}")
 
 
-def draw(out: Path) -> None:
-    """Draw frames and movie of a results folder, in a process of its own: a graphics driver that fails
-    cannot take the results with it.
+def finish_demo(
+    simulation: Simulation,
+    arguments: argparse.Namespace,
+    figures: Mapping[str, float],
+    missed: Sequence[str],
+    *,
+    plot: Callable[[], object],
+    strip: Sequence[float] = (),
+) -> None:
+    """End a demo of one run: its summary, its pictures, what it found; see `conclude` for the exit status.
+
+    Args:
+        simulation: at the end of the run.
+        arguments: from `demo_arguments`.
+        figures: what was measured, by name.
+        missed: what the demo's check found wrong.
+        plot: draws the demo's own figures.
+        strip: times drawn side by side in strip.png [s].
+    """
+    simulation.write_summary({"status": "complete", "validation": dict(figures), "check": list(missed) or "passed"})
+    plot()
+    if arguments.frames:
+        draw(arguments.out, strip)
+    last = simulation.history[-1]
+    print(f"{last['step']} steps to t = {last['time']:g} s in {last['wall_seconds']:.0f} s")
+    for name, value in figures.items():
+        print(f"  {name:24s} {value: .4g}")
+    conclude(arguments.out, missed)
+
+
+def conclude(out: Path, missed: Sequence[str]) -> None:
+    """Say what a demo's check found and where its results are; the exit status is 1 if something was missed."""
+    print("check: " + ("; ".join(missed) if missed else "passed"))
+    print(f"results: {out.resolve()}")
+    if missed:
+        raise SystemExit(1)
+
+
+def draw(out: Path, strip: Sequence[float] = ()) -> None:
+    """Draw frames and movie of a results folder, and the states at the times of a ``strip`` [s] in one picture, in
+    a process of its own: a graphics driver that fails cannot take the results with it.
 
     Raises:
         SystemExit: drawing failed; the results themselves are safe.
     """
+    words = ["--strip", *map(repr, map(float, strip))] if strip else []
     try:
-        done = subprocess.run([sys.executable, "-m", "tipfem.render", str(out)], check=False)
+        done = subprocess.run([sys.executable, "-m", "tipfem.render", str(out), *words], check=False)
     except KeyboardInterrupt:
         stop(f"interrupted while drawing; the results are in {out}")
     if done.returncode:

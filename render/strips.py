@@ -1,0 +1,108 @@
+"""Several stored times of a run side by side in one picture, each under its time: a figure for a page."""
+
+from collections.abc import Iterable, Mapping
+from math import ceil
+from pathlib import Path
+
+import numpy as np
+
+from . import colours
+from .annotation import NORMAL, Annotator, text_width
+from .layout import LARGEST, SMALLEST, Layout
+from .picture import WALL_THICKNESS
+from .renderer import Renderer
+from .results import Results
+
+WIDTH = 1600  # [px] of a whole strip
+MOST_COLUMNS = 4  # unless it is said otherwise
+_HEAD, _FOOT, _SIDE = 40.0, 14.0, 14.0  # around a tank, for its time and the next tank [design pixels]
+_LEGEND = 52.0
+
+
+def strip(out, times: Iterable[float], path=None, *, columns: int | None = None, width: int = WIDTH,
+          backend: str = "auto", fluid_colours: Mapping[str, str] | None = None) -> Path:
+    """Draw the fluids of a results folder at several times, side by side in one PNG.
+
+    times: [s]; of the stored times those closest to them are drawn, each once, under the time they are of.
+    path: of the picture; out/strip.png by default. columns: tanks in a row; at most 4 by default.
+    width: of the whole picture [px]. The rest as in `render_frame`.
+
+    Raises ValueError on bad arguments, ResultsError on a bad results folder, OSError where writing fails.
+    """
+    results = Results(out)
+    chosen = closest(results.times, times)
+    if columns is None:
+        columns = ceil(len(chosen) / ceil(len(chosen) / MOST_COLUMNS))
+    if columns < 1:
+        raise ValueError(f"strip: columns is {columns}; it must be 1 or more")
+    columns = min(columns, len(chosen))
+    # Even numbers of pixels, as the back ends need them.
+    room = 2 * int(width // columns // 2)
+    layout = _tank_layout(room, results.lower, results.upper)
+    unit = layout.unit
+    rows = ceil(len(chosen) / columns)
+    height = layout.size[1]
+    sheet = np.full((rows * height + round(_LEGEND * unit), columns * room, 3), 255, np.uint8)
+    with Renderer(layout.size, backend, fluid_colours) as renderer:
+        for number, k in enumerate(chosen):
+            scene = results.scene(k)
+            annotator = Annotator(renderer.tank(scene, layout), layout)
+            left, top, right, _ = layout.box
+            at = ((left + right) / 2, top - (WALL_THICKNESS + 6) * unit)
+            annotator.text(at, label(results.times[k], results.times), NORMAL, anchor="ms")
+            row, column = divmod(number, columns)
+            sheet[row * height : (row + 1) * height, column * room : (column + 1) * room] = np.asarray(annotator.image)
+    fills = colours.fluid_colours(results.fluid_names, results.fluid_densities, fluid_colours)
+    whole = Annotator(sheet, layout)
+    _legend(whole, results.fluid_names, fills, rows * height)
+    path = results.folder / "strip.png" if path is None else Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    whole.image.save(path, format="png", compress_level=6)
+    return path
+
+
+def closest(stored, times: Iterable[float]) -> list[int]:
+    """Numbers of the ``stored`` times (K,) that are closest to the given ones, in order, each once.
+
+    Raises ValueError where no time is given, or one that is no number.
+    """
+    wanted = np.asarray(list(times), np.float64)
+    if wanted.size == 0 or not np.isfinite(wanted).all():
+        raise ValueError(f"times of a strip are {wanted.tolist()}; give one or more, in seconds")
+    return sorted({int(np.argmin(np.abs(np.asarray(stored) - time))) for time in wanted})
+
+
+def label(time: float, stored) -> str:
+    """The time [s] as it stands over a picture: with as many digits as tell the stored times apart."""
+    step = np.diff(np.unique(stored))
+    digits = 3
+    if len(step):  # 0.25 needs two digits
+        digits = next((n for n in (1, 2) if abs(round(step.min(), n) - step.min()) < 1e-9), 3)
+    return f"t = {time:.{digits}f} s"
+
+
+def _tank_layout(room: int, lower, upper) -> Layout:
+    """The tank alone, as wide as `room` [px] lets it be."""
+    extent = np.asarray(upper) - np.asarray(lower)
+    unit = max(room / 400, 1.0)
+    scale = (room - 2 * _SIDE * unit) / extent[0]
+    tank = extent * scale
+    height = 2 * ceil((tank[1] + (_HEAD + _FOOT) * unit) / 2)
+    smallest = f"{room}x{height} pixels a tank"
+    if room < SMALLEST[0] or height < SMALLEST[1]:
+        raise ValueError(f"strip: {smallest} are too few; choose a larger width or fewer columns")
+    if height > LARGEST:
+        raise ValueError(f"strip: {smallest} are too many; choose a smaller width or more columns")
+    left, bottom = round((room - tank[0]) / 2), round(_HEAD * unit + tank[1])
+    box = (left, bottom - tank[1], left + tank[0], bottom)
+    return Layout((room, height), unit, np.asarray(lower), np.asarray(upper), float(scale), box, False, box)
+
+
+def _legend(annotator: Annotator, names, fills, top: float) -> None:
+    """The fluids' colours and names in the middle below all tanks."""
+    u, gap = annotator.unit, 40.0
+    lengths = [34 * u + text_width(name, NORMAL * u) for name in names]
+    x = (annotator.image.width - sum(lengths) - gap * u * (len(names) - 1)) / 2
+    for name, fill, length in zip(names, fills, lengths, strict=True):
+        annotator.swatch((x, top + 8 * u), name, fill, length + 1)
+        x += length + gap * u

@@ -1,0 +1,90 @@
+"""Several stored times of a run in one picture."""
+
+from __future__ import annotations
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+from render_results import write_results
+from tipfem.render import cli, strips
+from tipfem.render.colours import LIQUIDS, rgb
+
+from tipfem import render
+
+WATER = np.rint(255 * rgb(LIQUIDS[0])).astype(int)
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory):
+    """A results folder of five times."""
+    return write_results(tmp_path_factory.mktemp("strip") / "run", times=(0.0, 0.05, 0.1, 0.15, 0.2))
+
+
+def blue(image):
+    """Mask (H, W) of the water's colour."""
+    return (np.abs(image.astype(int) - WATER) <= 4).all(axis=-1)
+
+
+def test_every_time_has_its_tank_and_its_label(out, tmp_path):
+    """Three tanks in a row: as much water in each, a label above each, the water's swatch below them."""
+    path = render.strip(out, [0.0, 0.1, 0.2], tmp_path / "new" / "row.png", width=1200, backend="raster")
+    assert path == tmp_path / "new" / "row.png"
+    image = iio.imread(path)
+    assert image.shape[1] == 1200
+    amount = [int(blue(image[:400, k * 400 : (k + 1) * 400]).sum()) for k in range(3)]
+    assert min(amount) > 0.3 * 400 * 350
+    assert max(amount) - min(amount) < 0.1 * max(amount)
+    for k in range(3):
+        label = image[:26, k * 400 + 130 : k * 400 + 270]
+        assert (label.min(axis=-1) < 120).sum() > 100
+    assert blue(image[-50:]).sum() > 200  # the swatch
+
+
+def test_rows_are_even(out, tmp_path):
+    """Five tanks stand in rows of three and two, four in one row; a number of columns may be said."""
+    shape = {}
+    for name, times, columns in (("five", (0, 0.05, 0.1, 0.15, 0.2), None), ("one", (0.0, 0.2), 1)):
+        path = render.strip(out, times, tmp_path / f"{name}.png", columns=columns, backend="raster")
+        shape[name] = iio.imread(path).shape
+    assert shape["five"][1] == 1600 // 3 // 2 * 2 * 3
+    assert shape["five"][0] == pytest.approx(2 * shape["five"][1] / 3, rel=0.25)
+    assert shape["one"][0] > 3000
+
+
+def test_the_closest_stored_times_are_shown_once():
+    """Asked for twice, or beyond the end, a time still stands once."""
+    assert strips.closest([0.0, 0.1, 0.2], [0.02, 0.0, 0.12, 9.0]) == [0, 1, 2]
+    for wrong in ([], [float("nan")]):
+        with pytest.raises(ValueError, match="times of a strip"):
+            strips.closest([0.0], wrong)
+
+
+@pytest.mark.parametrize(
+    ("time", "stored", "text"),
+    [
+        (0.2, (0.0, 0.1, 0.2), "t = 0.2 s"),
+        (0.24, (0.0, 0.004, 0.24), "t = 0.240 s"),
+        (40.75, (0.0, 0.25, 40.75), "t = 40.75 s"),
+        (10.0, (0.0, 5.0, 10.0), "t = 10.0 s"),
+        (1.0, (1.0,), "t = 1.000 s"),
+    ],
+)
+def test_labels_tell_times_apart(time, stored, text):
+    """One to three digits, as many as the shortest distance needs."""
+    assert strips.label(time, stored) == text
+
+
+def test_bad_sizes_are_refused(out):
+    """What would leave tanks too small or too large names the way out."""
+    with pytest.raises(ValueError, match="larger width or fewer columns"):
+        render.strip(out, [0.0, 0.1, 0.2], width=600)
+    with pytest.raises(ValueError, match="columns is 0"):
+        render.strip(out, [0.0], columns=0)
+
+
+def test_the_command_draws_it_alone(out, capsys):
+    """--strip with neither frames nor movie leaves strip.png and nothing else."""
+    assert cli.main([str(out), "--strip", "0", "0.2", "--no-frames", "--movie", "--backend", "raster"]) == 0
+    assert capsys.readouterr().out.strip() == str(out / "strip.png")
+    assert iio.imread(out / "strip.png").std() > 5
+    assert not (out / "frames").exists()

@@ -1,0 +1,49 @@
+"""docs/method.md names functions, tests and demos: all of them exist, and those it cites compute what it says."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+TEXT = (ROOT / "docs" / "method.md").read_text("utf-8")
+MODULES = {path.stem for path in (ROOT / "tipfem").glob("*.py")}
+NAMES = sorted({m for m in re.findall(r"`([a-z_]+\.[A-Za-z_]+)`", TEXT) if m.split(".")[0] in MODULES})
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_it_names_exists(name):
+    """A function or class of tipfem/."""
+    module, attribute = name.split(".")
+    assert hasattr(importlib.import_module(f"tipfem.{module}"), attribute)
+
+
+def test_it_names_the_equations():
+    """Each of the paper's equations that the solver discretises has its function."""
+    for name in ("element.cauchy_stress", "assembly.residual", "time_integration.GeneralizedAlpha", "newton.newton"):
+        assert name in NAMES
+    for equation in ("eqs. 3 and 4", "eq. 5", "eq. 6"):
+        assert equation in TEXT
+
+
+def test_its_files_exist():
+    """Commands and links point to files of the repository."""
+    files = set(re.findall(r"(?:tests|demos)/\w+\.py", TEXT))
+    links = {f"docs/{target}" for target in re.findall(r"\]\(([\w./]+)\)", TEXT)}
+    assert len(files) > 4
+    for file in files | links:
+        assert (ROOT / file).is_file(), file
+
+
+def test_its_settings_are_the_defaults():
+    """The numbers it gives for the method's choices."""
+    import tipfem as tp
+
+    numerics = tp.Numerics()
+    assert (numerics.rho_inf, numerics.stabilisation) == (0.0, 0.25)
+    assert (numerics.newton_tolerance, numerics.acceleration_tolerance, numerics.newton_iterations) == (1e-6, 2e-4, 8)
+    rule = numerics.relocation
+    assert (rule.too_close, rule.too_close_to_wall, rule.long_mixed_edge) == (0.6, 0.4, 1.8)
