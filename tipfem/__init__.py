@@ -4,6 +4,7 @@ from tipfem.case import Case, Numerics
 from tipfem.device import init
 from tipfem.fitting import FittedRule
 from tipfem.fluid import Fluid
+from tipfem.free_surface import SurfaceRule
 from tipfem.geometry import Tank, tank
 from tipfem.particles import Particles
 from tipfem.relocation import RelocationRule
@@ -22,6 +23,7 @@ __all__ = [
     "RelocationRule",
     "Simulation",
     "SimulationError",
+    "SurfaceRule",
     "Tank",
     "Wall",
     "init",

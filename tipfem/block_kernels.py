@@ -35,7 +35,9 @@ def schur_right_side(
             local[e * (dim + 1) + a, dim] = record[e, tail + 1] / (dim + 1) * growth + stabilisation
     for i in range(nodes):
         p = i * (dim + 1) + dim
-        out[i] = r[p] / scale[p] - gathered(local, corners, offsets[i], offsets[i + 1], dim, dim + 1)
+        out[i] = 0.0
+        if scale[p] > 0.0:  # not where pressure is prescribed
+            out[i] = r[p] / scale[p] - gathered(local, corners, offsets[i], offsets[i + 1], dim, dim + 1)
 
 
 @ti.kernel
@@ -50,7 +52,8 @@ def pressure_correction(
         g_now = get_matrix(record, e, 0, dim)
         mean = 0.0
         for b in ti.static(range(dim + 1)):
-            mean += pressure[cells[e, b]] / (dim + 1)
+            j = cells[e, b]
+            mean += ti.select(scale[j * (dim + 1) + dim] > 0.0, pressure[j], 0.0) / (dim + 1)
         mean *= record[e, ti.static(4 * dim * dim + 2 * dim)]
         for a in ti.static(range(dim + 1)):
             g = gradient(g_now, a)
@@ -60,17 +63,18 @@ def pressure_correction(
         for k in ti.static(range(dim)):
             row = i * (dim + 1) + k
             out[row] = r[row] + scale[row] * gathered(local, corners, offsets[i], offsets[i + 1], k, dim + 1)
-        out[i * (dim + 1) + dim] = pressure[i]
+        p = i * (dim + 1) + dim
+        out[p] = ti.select(scale[p] > 0.0, pressure[i], 0.0)
 
 
 @ti.kernel
 def row_scale(
     cells: ti.types.ndarray(), offsets: ti.types.ndarray(), corners: ti.types.ndarray(),
     position: ti.types.ndarray(), density: ti.types.ndarray(), viscosity: ti.types.ndarray(),
-    fixed: ti.types.ndarray(), scale: ti.types.ndarray(),
+    fixed: ti.types.ndarray(), pinned: ti.types.ndarray(), scale: ti.types.ndarray(),
     cm: float, cv: float, spacing: float, nodes: ti.i32, dim: ti.template(),
 ):  # fmt: skip
-    """scale: 1 / diag(A) in the momentum rows, h / V_a in the continuity rows; 0 where u is fixed.
+    """scale: 1 / diag(A) in the momentum rows, h / V_a in the continuity rows; 0 where u is fixed or p pinned.
 
     So every scaled row is a length [m]: what its residual would move its particle by.
     """
@@ -87,18 +91,26 @@ def row_scale(
                     diagonal += density[e] * area / (dim + 1) * cm
                     diagonal += viscosity[e] * area * cv * (g.dot(g) + g * g)
         for k in ti.static(range(dim)):
-            scale[i * (dim + 1) + k] = ti.select(fixed[i] != 0, 0.0, 1.0 / diagonal[k])
-        scale[i * (dim + 1) + dim] = spacing / volume
+            scale[i * (dim + 1) + k] = 0.0
+            if fixed[i] == 0 and volume > 0.0:
+                scale[i * (dim + 1) + k] = 1.0 / diagonal[k]
+        scale[i * (dim + 1) + dim] = 0.0
+        if pinned[i] == 0 and volume > 0.0:
+            scale[i * (dim + 1) + dim] = spacing / volume
 
 
 @ti.kernel
 def pressure_laplacian(
     cells: ti.types.ndarray(), offsets: ti.types.ndarray(), corners: ti.types.ndarray(),
     position: ti.types.ndarray(), density: ti.types.ndarray(),
+    scale: ti.types.ndarray(),
     row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
     cm: float, nodes: ti.i32, dim: ti.template(),
 ):  # fmt: skip
-    """P1 Laplacian sum_e A / (cm rho) g_a . g_b in CSR, the approximate pressure Schur complement."""
+    """P1 Laplacian sum_e A / (cm rho) g_a . g_b in CSR, the approximate pressure Schur complement.
+
+    Rows and columns of prescribed pressures, where ``scale`` is zero, are left empty.
+    """
     for i in range(nodes):
         for s in range(row_offsets[i], row_offsets[i + 1]):
             values[s] = 0.0
@@ -111,6 +123,8 @@ def pressure_laplacian(
                     own = gradient(big_g, a)
             for b in ti.static(range(dim + 1)):
                 value = area / (cm * density[e]) * own.dot(gradient(big_g, b))
+                if scale[i * (dim + 1) + dim] == 0.0 or scale[cells[e, b] * (dim + 1) + dim] == 0.0:
+                    value = 0.0
                 s = row_offsets[i]
                 while columns[s] != cells[e, b]:
                     s += 1

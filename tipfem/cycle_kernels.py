@@ -90,10 +90,11 @@ def damped_inverse_diagonal(
     row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
     relax: ti.types.ndarray(), nodes: ti.i32,
 ):  # fmt: skip
-    """relax (N,) = OMEGA / a_ii of a matrix in CSR."""
+    """relax (N,) = OMEGA / a_ii of a matrix in CSR; zero where a row is empty."""
     for i in range(nodes):
+        relax[i] = 0.0
         for s in range(row_offsets[i], row_offsets[i + 1]):
-            if columns[s] == i:
+            if columns[s] == i and values[s] > 0.0:
                 relax[i] = OMEGA / values[s]
 
 

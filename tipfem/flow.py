@@ -10,7 +10,7 @@ import numpy as np
 from tipfem import assembly, balance_kernels, block_kernels, krylov
 from tipfem.device import Buffers, chunks, download
 from tipfem.errors import StepRefused
-from tipfem.mesh import Mesh
+from tipfem.mesh import Mesh, no_surface, parabola
 from tipfem.multigrid import BackgroundMultigrid
 from tipfem.particles import Array, Particles
 from tipfem.time_integration import GeneralizedAlpha
@@ -165,9 +165,11 @@ class FlowProblem:
         self._schur_b = buffers.get("schur_b", self.nodes)
         self._schur_x = buffers.get("schur_x", self.nodes)
         fixed = particles.wall if walls is None else walls.fixed
+        self._surface = free = mesh.surface or no_surface(len(mesh.position))
+        self._flight = parabola(particles.velocity, body_force, scheme.dt)
         block_kernels.row_scale(
-            *self._topology, self._position, self._density, self._viscosity, put("fixed", fixed),
-            self._scale, scheme.cm, scheme.cv, particles.spacing, self.nodes, d,
+            *self._topology, self._position, self._density, self._viscosity, put("fixed", fixed | free.loose),
+            put("pinned", free.pinned), self._scale, scheme.cm, scheme.cv, particles.spacing, self.nodes, d,
         )  # fmt: skip
         self._walls = None if walls is None else WallRows(walls, d, self._scale, buffers)
         # A tank that moves stands still in its own frame, and so does the grid; the Laplacian is the same there.
@@ -183,7 +185,7 @@ class FlowProblem:
         )  # fmt: skip
         values = self.buffers.get("laplacian", count)
         block_kernels.pressure_laplacian(
-            *self._topology, self._position, self._density, row_offsets, columns, values,
+            *self._topology, self._position, self._density, self._scale, row_offsets, columns, values,
             self.scheme.cm, self.nodes, self.dimension,
         )  # fmt: skip
         self._multigrid.build(self._frame, row_offsets, columns, values)
@@ -201,6 +203,7 @@ class FlowProblem:
             moving = np.where(self.particles.wall[:, None], 0.0, displacement)
         else:
             moving = self.walls.constrain(displacement)
+        moving, pressure = self._surface.constrain(moving, pressure, self._flight)
         return self.buffers.upload("unknowns", np.concatenate([moving, pressure[:, None]], axis=1).ravel())
 
     def split(self, x: Any) -> tuple[Array, Array]:

@@ -1,0 +1,286 @@
+"""Free surfaces: which Delaunay simplices are fluid (alpha-shape), and which particles are on the surface.
+
+The fluids fill what they filled before the step, and a little more where they touch something new. So each simplex
+is asked first whether it lies inside what the simplices of the step have become (compare Fernandez, Marti & Ryzhakov,
+arXiv:2305.00228, 2023, who ask a level set): inside, a large one is fluid, too; outside, where it would add volume, it
+must be small. Plain alpha-shapes bridge gaps of two spacings, and gain volume with every drop that lands.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tipfem.mesh import Mesh, Surface
+from tipfem.particles import Array, Particles
+from tipfem.triangulation import SLIVER, delaunay
+from tipfem.validation import is_number
+
+FLAT = 1e-12  # measure in h^d below which a simplex has no gradients
+WALL_REACH = 1.5  # longest edge of a face of the wall that particles touch [spacings]
+
+
+@dataclass(frozen=True)
+class SurfaceRule:
+    """Which simplices are fluid. Lengths in target spacings h; R is the radius of the circumscribed circle (ball).
+
+    Attributes:
+        alpha: simplices inside the fluid, at its surface, are fluid if R < alpha h.
+        inner: the same for simplices with a particle below the surface. Those with no other particles are fluid anyway.
+        first: factor on alpha for the first mesh, which has none before it.
+        join: simplices outside the fluid become fluid if R < join h, and
+        gap: if their smallest height is below gap h. So drops merge, and waves close.
+        touch: a particle that is lower than this over a dry wall touches it.
+        wet: the same over a wall that is wet at one end, when the particle has passed the middle between the ends.
+        dry: it leaves the wall again when it is behind this part of the way between them.
+
+    Raises:
+        ValueError: a number is out of range.
+    """
+
+    alpha: float = 1.2
+    inner: float = 1.8
+    first: float = 1.15
+    join: float = 0.8
+    gap: float = 0.6
+    touch: float = 0.6
+    wet: float = 1.2
+    dry: float = 0.25
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("alpha", 0.75, 10.0), ("inner", 0.75, 20.0), ("first", 0.5, 2.0), ("join", 0.3, 10.0), ("gap", 0.1, 2.0),
+            ("touch", 0.4, 2.0), ("wet", 0.4, 3.0), ("dry", 0.0, 0.5),
+        ):  # fmt: skip
+            value = getattr(self, name)
+            if not (is_number(value) and low <= value <= high):
+                raise ValueError(f"SurfaceRule: {name} is {value!r}; it must lie between {low:g} and {high:g}")
+        if self.inner < self.alpha:
+            raise ValueError(f"SurfaceRule: inner {self.inner:g} is below alpha {self.alpha:g}; it must not be")
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """Shapes of K simplices, lengths in spacings.
+
+    Attributes:
+        radius: (K,) of the circumscribed circle or ball.
+        height: (K, d + 1) of each corner over the facet opposite to it.
+        gradient: (K, d + 1, d) of the barycentric coordinates.
+    """
+
+    radius: Array
+    height: Array
+    gradient: Array
+
+    @staticmethod
+    def of(position: Array, cells: Array, spacing: float) -> Shapes:
+        """Of the simplices (K, d + 1) on particles (N, d) [m], none of them flat."""
+        corner = position[cells] / spacing
+        side = corner[:, 1:] - corner[:, :1]
+        inverse = np.linalg.inv(side)
+        centre = 0.5 * np.einsum("kij,kj->ki", inverse, (side**2).sum(axis=2))
+        gradient = inverse.transpose(0, 2, 1)
+        gradient = np.concatenate([-gradient.sum(axis=1, keepdims=True), gradient], axis=1)
+        length = np.sqrt((gradient**2).sum(axis=2))
+        return Shapes(np.sqrt((centre**2).sum(axis=1)), 1.0 / length, gradient)
+
+    def foot(self, apex: Array) -> Array:
+        """Barycentric coordinates (K, d + 1) of the foot of each simplex' corner number ``apex`` (K,)."""
+        rows = np.arange(len(apex))
+        g = self.gradient[rows, apex]
+        along = np.einsum("kai,ki->ka", self.gradient, g) * self.height[rows, apex][:, None] ** 2
+        along[rows, apex] = 0.0
+        return -along
+
+
+def covered(points: Array, near: Array, before: Mesh) -> Array:
+    """Whether points (K, d) lie in one of the simplices of ``before`` around the particles ``near`` (K, n) of each."""
+    offsets, corners = before.incidence
+    count = np.diff(offsets)[near]
+    total = count.sum(axis=1)
+    point = np.repeat(np.arange(len(points)), total)
+    # The simplices around all particles of a point, one after the other.
+    first, number = offsets[near].ravel(), count.ravel()
+    place = np.arange(int(number.sum())) - np.repeat(np.cumsum(number) - number, number) + np.repeat(first, number)
+    cell = corners[place] // before.cells.shape[1]
+    good = np.abs(before.measure[cell]) > 0
+    point, cell = point[good], cell[good]
+    corner = before.position[before.cells[cell]]
+    side = corner[:, 1:] - corner[:, :1]
+    inside = np.zeros(len(points), dtype=bool)
+    if len(cell):
+        part = np.linalg.solve(side.transpose(0, 2, 1), (points[point] - corner[:, 0])[..., None])[..., 0]
+        hit = (part > -1e-9).all(axis=1) & (part.sum(axis=1) < 1 + 1e-9)
+        inside[point[hit]] = True
+    return inside
+
+
+class SurfaceMesher:
+    """Meshes of particles with a free surface.
+
+    Args:
+        rule: which simplices are fluid.
+        slippery: (N,) mask of the wall particles that slide with the fluid.
+    """
+
+    def __init__(self, rule: SurfaceRule, slippery: Array) -> None:
+        self.rule, self.slippery = rule, slippery
+
+    def start(self, particles: Particles) -> Mesh:
+        """The first mesh; gives dry wall particles, of fluid -1, a fluid in place.
+
+        Raises:
+            TriangulationError: the particles cannot be triangulated.
+        """
+        x, wall, rule = particles.position, particles.wall, self.rule
+        dry = particles.fluid < 0
+        particles.fluid = np.where(dry, 0, particles.fluid).astype(np.int32)
+        cells, measure, beyond = delaunay(x, particles.spacing)
+        may = (measure > FLAT) & ~dry[cells].any(axis=1)
+        candidate = np.flatnonzero(may & ~wall[cells].all(axis=1))
+        shapes = Shapes.of(x, cells[candidate], particles.spacing)
+        keep = np.zeros(len(cells), dtype=bool)
+        keep[candidate[shapes.radius < rule.first * rule.alpha]] = True
+        whole = Mesh(x, cells[keep])
+        mesh = self._finish(x, wall, cells, measure, beyond, keep, particles.spacing, may)
+        share = np.bincount(whole.cells.ravel(), np.repeat(whole.measure, x.shape[1] + 1), len(x)) / (x.shape[1] + 1)
+        own = np.where(share > 0, share, particles.spacing ** x.shape[1])
+        return _with_volume(mesh, own)
+
+    def remesh(self, particles: Particles, before: Mesh, relocated: Array) -> Mesh:
+        """The mesh after a step.
+
+        Args:
+            particles: the state.
+            before: the mesh of the step at the positions that it moved its particles to.
+            relocated: (N,) mask of the particles that were set elsewhere since.
+
+        Raises:
+            TriangulationError: the particles cannot be triangulated.
+        """
+        x, wall, h = particles.position, particles.wall, particles.spacing
+        cells, measure, beyond = delaunay(x, h)
+        old = before.surface
+        assert old is not None
+        used = np.diff(before.incidence[0]) > 0
+        below = used & ~old.front & ~relocated
+        inner = below[cells]
+        solid = wall[cells].all(axis=1)
+        keep = (measure > FLAT) & ~solid & inner.all(axis=1)
+        asked = np.flatnonzero((measure > FLAT) & ~solid & ~keep)
+        keep[asked[self._fluid(particles, cells[asked], before, below, old, used)]] = True
+        mesh = self._finish(x, wall, cells, measure, beyond, keep, h, measure > FLAT)
+        return _with_volume(mesh, _lost_volume(before, mesh, old, wall, h))
+
+    def _fluid(
+        self, particles: Particles, cells: Array, before: Mesh, below: Array, old: Surface, used: Array
+    ) -> Array:
+        """Which of the simplices (K, d + 1) are fluid, not all of whose particles were below the surface."""
+        rule, wall, d = self.rule, particles.wall, particles.dimension
+        # The others are outside, and too large for that.
+        shapes = Shapes.of(particles.position, cells, particles.spacing)
+        at_wall = wall[cells].sum(axis=1) == d
+        deep = (below & ~wall)[cells].any(axis=1)
+        inside = deep.copy()
+        ask = np.flatnonzero(~deep & (at_wall | (shapes.radius < max(rule.alpha, rule.join))))
+        middle = particles.position[cells[ask]].mean(axis=1)
+        inside[ask] = covered(middle, cells[ask], before)
+        limit = np.where(deep, rule.inner, np.where(inside, rule.alpha, rule.join))
+        fluid = (shapes.radius < limit) & (inside | (shapes.height.min(axis=1) < rule.gap))
+        k = np.flatnonzero(at_wall & ~deep)
+        fluid[k] = self._touches(particles, cells[k], _rows(shapes, k), inside[k], old, used)
+        return fluid
+
+    def _touches(
+        self, particles: Particles, cells: Array, shapes: Shapes, inside: Array, old: Surface, used: Array
+    ) -> Array:
+        """Which of the simplices (K, d + 1) of one particle over a face of the wall are fluid."""
+        rule, d = self.rule, particles.dimension
+        apex = np.argmin(particles.wall[cells], axis=1)
+        rows = np.arange(len(cells))
+        height, foot = shapes.height[rows, apex], shapes.foot(apex)
+        others = np.ones(cells.shape, dtype=bool)
+        others[rows, apex] = False
+        # Wall particles that are dry, or the last that are wet.
+        edge = (old.front | ~used)[cells] & others
+        partly = edge.any(axis=1) & (edge != others).any(axis=1)
+        at_edge = np.where(edge, foot, 0.0).sum(axis=1)
+        lowest = np.where(others, foot, 1.0).min(axis=1)
+        close = height < 0.5 * rule.touch
+        stays = np.where(partly, (at_edge > rule.dry * edge.sum(axis=1) * 2 / d) | close, True) & (lowest > -0.25)
+        # A particle may be as low as it likes, as it must not come through.
+        corner = particles.position[cells]
+        longest = np.zeros(len(cells))
+        for a in range(d + 1):
+            for b in range(a):
+                length = np.linalg.norm(corner[:, a] - corner[:, b], axis=1) / particles.spacing
+                longest = np.where(others[:, a] & others[:, b], np.maximum(longest, length), longest)
+        low = (height < rule.touch) & (longest < WALL_REACH)
+        kept = inside & stays & ((shapes.radius < rule.alpha) | low)
+        passed = np.where(partly, (at_edge > edge.sum(axis=1) / d) | close, True) & (lowest > -1e-9)
+        below = height < np.where(partly, rule.wet, rule.touch)
+        new = ~inside & passed & below & (longest < WALL_REACH)
+        return np.asarray(kept | new)
+
+    def _finish(
+        self, position: Array, wall: Array, cells: Array, measure: Array, beyond: Array, keep: Array, h: float, may: Array
+    ) -> Mesh:
+        """The mesh of the simplices kept, corners of the walls among them, with its surface but for volumes."""
+        corner = np.flatnonzero(may & wall[cells].all(axis=1) & (measure > SLIVER))
+        if len(corner):
+            beside = beyond[corner]
+            wetted = ((beside >= 0) & keep[beside]).any(axis=1)
+            corner = corner[wetted]
+            keep[corner[Shapes.of(position, cells[corner], h).radius < self.rule.alpha]] = True
+        out = keep[:, None] & ~((beyond >= 0) & keep[beyond])
+        k, opposite = np.nonzero(out)
+        facet = np.ones((len(k), cells.shape[1]), dtype=bool)
+        facet[np.arange(len(k)), opposite] = False
+        nodes = cells[k][facet].reshape(len(k), -1)
+        other = beyond[k, opposite]
+        backed = wall[nodes].all(axis=1) & ((other < 0) | wall[cells[other]].all(axis=1))
+        front = np.zeros(len(position), dtype=bool)
+        front[nodes[~backed]] = True
+        pinned = front & (~wall | self.slippery)
+        # Where all particles of a simplex at a wall were pinned, nothing would hold it off the wall.
+        kept = cells[keep]
+        unheld = pinned[kept].all(axis=1)
+        held = kept[unheld & wall[kept].any(axis=1)]
+        pinned[held[wall[held]]] = False
+        # Simplices without a pressure do nothing: their particles fly.
+        mesh = Mesh(position, np.ascontiguousarray(kept[~pinned[kept].all(axis=1)]))
+        used = np.diff(mesh.incidence[0]) > 0
+        surface = Surface(front & used, pinned | ~used, ~used & ~wall, np.zeros(len(position)))
+        return Mesh(position, mesh.cells, surface=surface)
+
+
+def _rows(shapes: Shapes, k: Array) -> Shapes:
+    return Shapes(shapes.radius[k], shapes.height[k], shapes.gradient[k])
+
+
+def _with_volume(mesh: Mesh, own: Array) -> Mesh:
+    """The mesh with volumes ``own`` (N,) for its loose particles."""
+    s = mesh.surface
+    assert s is not None
+    return Mesh(mesh.position, mesh.cells, surface=Surface(s.front, s.pinned, s.loose, np.where(s.loose, own, 0.0)))
+
+
+def _lost_volume(before: Mesh, mesh: Mesh, old: Surface, wall: Array, h: float) -> Array:
+    """(N,) volumes of particles that fly: what they had, or that of the simplices that they were in, shared with those
+    that left with them; at most 2 h^d."""
+    assert mesh.surface is not None
+    leaving = mesh.surface.loose & ~old.loose
+    flags = leaving[before.cells]
+    share = np.maximum(before.measure, 0.0) / np.maximum(flags.sum(axis=1), 1)
+    got = np.bincount(before.cells[flags], np.repeat(share, flags.sum(axis=1)), len(wall))
+    return np.where(old.loose, old.volume, np.minimum(got, 2 * h ** mesh.dimension))
+
+
+def loose_volumes(mesh: Mesh, fluid: Array, count: int) -> Array:
+    """Volumes (count,) that the loose particles of each fluid carry; ``fluid`` (N,) of the particles."""
+    if mesh.surface is None:
+        return np.zeros(count)
+    return np.bincount(fluid, weights=mesh.surface.volume, minlength=count)
+
