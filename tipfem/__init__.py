@@ -1,10 +1,10 @@
 """tipfem: two immiscible incompressible fluids by the position-based Particle Finite Element Method."""
 
+from tipfem.alpha_shape import SurfaceRule
 from tipfem.case import Case, Numerics
 from tipfem.device import init
 from tipfem.fitting import FittedRule
 from tipfem.fluid import Fluid
-from tipfem.free_surface import SurfaceRule
 from tipfem.geometry import Tank, tank
 from tipfem.particles import Particles
 from tipfem.relocation import RelocationRule

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from tipfem.alpha_shape import SurfaceRule
 from tipfem.boundary import Boundary
 from tipfem.fitting import FittedRule
 from tipfem.fluid import Fluid
-from tipfem.free_surface import SurfaceRule
 from tipfem.geometry import Tank
 from tipfem.interface import InterfaceRule, InterpolatedInterface, SharpInterface
 from tipfem.particles import Array, Particles

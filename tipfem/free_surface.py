@@ -8,113 +8,15 @@ must be small. Plain alpha-shapes bridge gaps of two spacings, and gain volume w
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from tipfem.alpha_shape import Shapes, SurfaceRule, covered, hanging
 from tipfem.mesh import Mesh, Surface
 from tipfem.particles import Array, Particles
 from tipfem.triangulation import SLIVER, delaunay
-from tipfem.validation import is_number
 
 FLAT = 1e-12  # measure in h^d below which a simplex has no gradients
 WALL_REACH = 1.5  # longest edge of a face of the wall that particles touch [spacings]
-
-
-@dataclass(frozen=True)
-class SurfaceRule:
-    """Which simplices are fluid. Lengths in target spacings h; R is the radius of the circumscribed circle (ball).
-
-    Attributes:
-        alpha: simplices inside the fluid, at its surface, are fluid if R < alpha h.
-        inner: the same for simplices with a particle below the surface. Those with no other particles are fluid anyway.
-        first: factor on alpha for the first mesh, which has none before it.
-        join: simplices outside the fluid become fluid if R < join h, and
-        gap: if their smallest height is below gap h. So drops merge, and waves close.
-        touch: a particle that is lower than this over a dry wall touches it.
-        wet: the same over a wall that is wet at one end, when the particle has passed the middle between the ends.
-        dry: it leaves the wall again when it is behind this part of the way between them.
-
-    Raises:
-        ValueError: a number is out of range.
-    """
-
-    alpha: float = 1.2
-    inner: float = 1.8
-    first: float = 1.15
-    join: float = 0.8
-    gap: float = 0.6
-    touch: float = 0.6
-    wet: float = 1.2
-    dry: float = 0.25
-
-    def __post_init__(self) -> None:
-        for name, low, high in (
-            ("alpha", 0.75, 10.0), ("inner", 0.75, 20.0), ("first", 0.5, 2.0), ("join", 0.3, 10.0), ("gap", 0.1, 2.0),
-            ("touch", 0.4, 2.0), ("wet", 0.4, 3.0), ("dry", 0.0, 0.5),
-        ):  # fmt: skip
-            value = getattr(self, name)
-            if not (is_number(value) and low <= value <= high):
-                raise ValueError(f"SurfaceRule: {name} is {value!r}; it must lie between {low:g} and {high:g}")
-        if self.inner < self.alpha:
-            raise ValueError(f"SurfaceRule: inner {self.inner:g} is below alpha {self.alpha:g}; it must not be")
-
-
-@dataclass(frozen=True)
-class Shapes:
-    """Shapes of K simplices, lengths in spacings.
-
-    Attributes:
-        radius: (K,) of the circumscribed circle or ball.
-        height: (K, d + 1) of each corner over the facet opposite to it.
-        gradient: (K, d + 1, d) of the barycentric coordinates.
-    """
-
-    radius: Array
-    height: Array
-    gradient: Array
-
-    @staticmethod
-    def of(position: Array, cells: Array, spacing: float) -> Shapes:
-        """Of the simplices (K, d + 1) on particles (N, d) [m], none of them flat."""
-        corner = position[cells] / spacing
-        side = corner[:, 1:] - corner[:, :1]
-        inverse = np.linalg.inv(side)
-        centre = 0.5 * np.einsum("kij,kj->ki", inverse, (side**2).sum(axis=2))
-        gradient = inverse.transpose(0, 2, 1)
-        gradient = np.concatenate([-gradient.sum(axis=1, keepdims=True), gradient], axis=1)
-        length = np.sqrt((gradient**2).sum(axis=2))
-        return Shapes(np.sqrt((centre**2).sum(axis=1)), 1.0 / length, gradient)
-
-    def foot(self, apex: Array) -> Array:
-        """Barycentric coordinates (K, d + 1) of the foot of each simplex' corner number ``apex`` (K,)."""
-        rows = np.arange(len(apex))
-        g = self.gradient[rows, apex]
-        along = np.einsum("kai,ki->ka", self.gradient, g) * self.height[rows, apex][:, None] ** 2
-        along[rows, apex] = 0.0
-        return -along
-
-
-def covered(points: Array, near: Array, before: Mesh) -> Array:
-    """Whether points (K, d) lie in one of the simplices of ``before`` around the particles ``near`` (K, n) of each."""
-    offsets, corners = before.incidence
-    count = np.diff(offsets)[near]
-    total = count.sum(axis=1)
-    point = np.repeat(np.arange(len(points)), total)
-    # The simplices around all particles of a point, one after the other.
-    first, number = offsets[near].ravel(), count.ravel()
-    place = np.arange(int(number.sum())) - np.repeat(np.cumsum(number) - number, number) + np.repeat(first, number)
-    cell = corners[place] // before.cells.shape[1]
-    good = np.abs(before.measure[cell]) > 0
-    point, cell = point[good], cell[good]
-    corner = before.position[before.cells[cell]]
-    side = corner[:, 1:] - corner[:, :1]
-    inside = np.zeros(len(points), dtype=bool)
-    if len(cell):
-        part = np.linalg.solve(side.transpose(0, 2, 1), (points[point] - corner[:, 0])[..., None])[..., 0]
-        hit = (part > -1e-9).all(axis=1) & (part.sum(axis=1) < 1 + 1e-9)
-        inside[point[hit]] = True
-    return inside
 
 
 class SurfaceMesher:
@@ -190,8 +92,8 @@ class SurfaceMesher:
         limit = np.where(deep, rule.inner, np.where(inside, rule.alpha, rule.join))
         fluid = (shapes.radius < limit) & (inside | (shapes.height.min(axis=1) < rule.gap))
         k = np.flatnonzero(at_wall & ~deep)
-        fluid[k] = self._touches(particles, cells[k], _rows(shapes, k), inside[k], old, used)
-        return fluid
+        fluid[k] = self._touches(particles, cells[k], shapes[k], inside[k], old, used)
+        return fluid & ~(inside & hanging(before, particles.pressure, below & ~wall)[cells].any(axis=1))
 
     def _touches(
         self, particles: Particles, cells: Array, shapes: Shapes, inside: Array, old: Surface, used: Array
@@ -220,13 +122,17 @@ class SurfaceMesher:
         low = (height < rule.touch) & (longest < WALL_REACH)
         kept = inside & stays & ((shapes.radius < rule.alpha) | low)
         passed = np.where(partly, (at_edge > edge.sum(axis=1) / d) | close, True) & (lowest > -1e-9)
-        below = height < np.where(partly, rule.wet, rule.touch)
-        new = ~inside & passed & below & (longest < WALL_REACH)
+        low = height < np.where(partly, rule.wet, rule.touch)
+        v = particles.velocity[cells]
+        away = v[rows, apex] - np.where(others[..., None], v, 0.0).sum(axis=1) / d
+        comes = partly | (np.einsum("ki,ki->k", away, shapes.gradient[rows, apex]) < 0)
+        new = ~inside & passed & low & comes & (longest < WALL_REACH)
         return np.asarray(kept | new)
 
     def _finish(
-        self, position: Array, wall: Array, cells: Array, measure: Array, beyond: Array, keep: Array, h: float, may: Array
-    ) -> Mesh:
+        self, position: Array, wall: Array, cells: Array, measure: Array, beyond: Array, keep: Array, h: float,
+        may: Array,
+    ) -> Mesh:  # fmt: skip
         """The mesh of the simplices kept, corners of the walls among them, with its surface but for volumes."""
         corner = np.flatnonzero(may & wall[cells].all(axis=1) & (measure > SLIVER))
         if len(corner):
@@ -254,10 +160,6 @@ class SurfaceMesher:
         used = np.diff(mesh.incidence[0]) > 0
         surface = Surface(front & used, pinned | ~used, ~used & ~wall, np.zeros(len(position)))
         return Mesh(position, mesh.cells, surface=surface)
-
-
-def _rows(shapes: Shapes, k: Array) -> Shapes:
-    return Shapes(shapes.radius[k], shapes.height[k], shapes.gradient[k])
 
 
 def _with_volume(mesh: Mesh, own: Array) -> Mesh:

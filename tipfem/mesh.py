@@ -27,9 +27,14 @@ class Surface:
     loose: Array
     volume: Array
 
+    @property
+    def used(self) -> Array:
+        """(N,) mask of the particles in simplices."""
+        return np.asarray(~self.pinned | self.front)
+
     def dry(self, wall: Array) -> Array:
         """(N,) mask of the wall particles in no simplex, of those in ``wall`` (N,)."""
-        return wall & self.pinned & ~self.front
+        return np.asarray(wall & ~self.used)
 
     def constrain(self, u: Array, pressure: Array, flight: Array) -> tuple[Array, Array]:
         """Displacements (N, d) and pressures (N,) as they must be: loose particles fly, no pressure where pinned."""
