@@ -26,7 +26,7 @@ import tipfem as tp
 from tipfem import cli
 
 sys.path.insert(0, str(Path(__file__).parent))
-import experiments
+import line_figure
 
 # Resolution.
 SPACING = 0.025  # [m]
@@ -151,7 +151,7 @@ def main(words: Sequence[str] | None = None) -> None:
     simulation.write_summary({"status": "complete", "validation": figures, "check": missed or "passed"})
     time, size = (np.array([row[name] for row in simulation.history]) for name in ("time", "amplitude"))
     theory = damped_wave(time, AMPLITUDE, FREQUENCY, DAMPING, 0.0)
-    experiments.plot_lines(
+    line_figure.plot_lines(
         arguments.out / "amplitude.png",
         {"linear theory": (time, theory), f"tipfem, {arguments.spacing * 1e3:g} mm": (time, size)},
         "t [s]",

@@ -45,11 +45,8 @@ class SurfaceMesher:
         shapes = Shapes.of(x, cells[candidate], particles.spacing)
         keep = np.zeros(len(cells), dtype=bool)
         keep[candidate[shapes.radius < rule.first * rule.alpha]] = True
-        whole = Mesh(x, cells[keep])
-        mesh = self._finish(x, wall, cells, measure, beyond, keep, particles.spacing, may)
-        share = np.bincount(whole.cells.ravel(), np.repeat(whole.measure, x.shape[1] + 1), len(x)) / (x.shape[1] + 1)
-        own = np.where(share > 0, share, particles.spacing ** x.shape[1])
-        return _with_volume(mesh, own)
+        mesh = self._finish(x, wall, cells, measure, beyond, keep, particles.spacing, may, start=True)
+        return _with_volume(mesh, np.full(len(x), particles.spacing ** x.shape[1]))
 
     def remesh(self, particles: Particles, before: Mesh, relocated: Array) -> Mesh:
         """The mesh after a step.
@@ -131,7 +128,7 @@ class SurfaceMesher:
 
     def _finish(
         self, position: Array, wall: Array, cells: Array, measure: Array, beyond: Array, keep: Array, h: float,
-        may: Array,
+        may: Array, *, start: bool = False,
     ) -> Mesh:  # fmt: skip
         """The mesh of the simplices kept, corners of the walls among them, with its surface but for volumes."""
         corner = np.flatnonzero(may & wall[cells].all(axis=1) & (measure > SLIVER))
@@ -155,8 +152,8 @@ class SurfaceMesher:
         unheld = pinned[kept].all(axis=1)
         held = kept[unheld & wall[kept].any(axis=1)]
         pinned[held[wall[held]]] = False
-        # Simplices without a pressure do nothing: their particles fly.
-        mesh = Mesh(position, np.ascontiguousarray(kept[~pinned[kept].all(axis=1)]))
+        # Simplices without a pressure do nothing: their particles fly. (But corners of the first mesh join on.)
+        mesh = Mesh(position, np.ascontiguousarray(kept if start else kept[~pinned[kept].all(axis=1)]))
         used = np.diff(mesh.incidence[0]) > 0
         surface = Surface(front & used, pinned | ~used, ~used & ~wall, np.zeros(len(position)))
         return Mesh(position, mesh.cells, surface=surface)

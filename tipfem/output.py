@@ -30,7 +30,7 @@ from tipfem.particles import Array, Particles
 # What an earlier run left, pictures drawn of it included: they would tell of another run than the numbers.
 _OWN_FILES = (
     "fields/step_*.vtu", "fields.pvd", "history.csv", "summary.json", "case.json",
-    "frames*/frame_*.png", "animation*.*", "front.png",
+    "frames*/frame_*.png", "animation*.*", "front.png", "amplitude.png", "heights.png",
 )  # fmt: skip
 
 
