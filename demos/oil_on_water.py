@@ -4,8 +4,8 @@ The position-based PFEM of Carvalho & Sanches, "Analysis of two-phase flows usin
 with both of its kinds of boundary at once: an interface, between water and the oil that floats on it, and free
 surfaces, where the alpha-shape ends and pressure is zero. The column is that of their dam break (section 4.2), half of
 it oil. Nobody has measured it; what is held is what must be so: each fluid keeps its volume, the oil stays on top,
-energy only falls, and the front comes close to that of water alone (Martin & Moyce 1952; sources in demos/data), for the
-oil is nearly as heavy.
+energy only falls, and the front comes close to that of water alone (Martin & Moyce 1952; sources in demos/data), for
+the oil is nearly as heavy.
 
     python demos/oil_on_water.py --spacing 0.01 --end-time 0.3
 """
@@ -153,7 +153,8 @@ def main(words: Sequence[str] | None = None) -> None:
     figures = validate(simulation.history)
     missed = check(figures)
     simulation.write_summary({"status": "complete", "validation": figures, "check": missed or "passed"})
-    rows = {name: np.array([row[name] for row in simulation.history]) for name in ("time", "water_height", "oil_height")}
+    names = ("time", "water_height", "oil_height")
+    rows = {name: np.array([row[name] for row in simulation.history]) for name in names}
     line_figure.plot_lines(
         arguments.out / "heights.png",
         {"water": (rows["time"], rows["water_height"]), "oil": (rows["time"], rows["oil_height"])},

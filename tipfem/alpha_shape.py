@@ -20,7 +20,7 @@ class SurfaceRule:
     Attributes:
         alpha: simplices inside the fluid, at its surface, are fluid if R < alpha h.
         inner: the same for simplices with a particle below the surface. Those with no other particles are fluid anyway.
-        first: factor on alpha for the first mesh, which has none before it.
+        first: factor on alpha for the first mesh of particles given as arrays; of a tank it is known what is filled.
         join: simplices outside the fluid become fluid if R < join h, and
         gap: if their smallest height is below gap h. So drops merge, and waves close.
         touch: a particle that is lower than this over a dry wall touches it.
@@ -33,7 +33,7 @@ class SurfaceRule:
 
     alpha: float = 1.2
     inner: float = 1.8
-    first: float = 1.15
+    first: float = 0.85
     join: float = 0.8
     gap: float = 0.6
     touch: float = 0.6

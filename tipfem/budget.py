@@ -156,7 +156,7 @@ class Budget:
         mass = nodal_mass(mesh, density)
         self._loose = loose_volumes(mesh, particles.fluid, len(self._names))
         if mesh.surface is not None:
-            mass += self._density[particles.fluid] * mesh.surface.volume
+            mass = mass + self._density[particles.fluid] * mesh.surface.volume
         now = Totals.of(mass, particles, self._gravity, summed(mesh.measure, fraction) + self._loose)
         self._before, self._present, self._fraction = self._present, now, fraction
 

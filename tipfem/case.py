@@ -136,6 +136,8 @@ class Case:
     tank_motion: Motion | None = None
     # A tank knows what is at its walls; of other particles those off the walls say it.
     walls_have_fluids: bool = field(init=False, default=False, repr=False)
+    # And where there is any fluid: a mask (K,) of positions (K, d).
+    filled: Callable[[Array], Array] | None = field(init=False, default=None, repr=False)
 
     def __post_init__(self) -> None:
         given = self.fluids
@@ -164,7 +166,7 @@ class Case:
         if isinstance(self.particles, Tank):
             filled = self.particles
             self.particles = filled.sample(self.fluids, fitted=self.interface == "sharp", empty=self.free_surface)
-            self.walls_have_fluids = True
+            self.walls_have_fluids, self.filled = True, filled.holds
             self.walls = [*filled.walls(self.particles), *self.walls]
         if not isinstance(self.particles, Particles):
             raise ValueError(f"Case: particles is a {type(self.particles).__name__}; it must be a Particles or a tank")

@@ -8,6 +8,8 @@ must be small. Plain alpha-shapes bridge gaps of two spacings, and gain volume w
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from tipfem.alpha_shape import Shapes, SurfaceRule, covered, hanging
@@ -25,10 +27,13 @@ class SurfaceMesher:
     Args:
         rule: which simplices are fluid.
         slippery: (N,) mask of the wall particles that slide with the fluid.
+        filled: from positions (K, d) to a mask (K,) of those in the fluids at the start, if that is known.
     """
 
-    def __init__(self, rule: SurfaceRule, slippery: Array) -> None:
-        self.rule, self.slippery = rule, slippery
+    def __init__(
+        self, rule: SurfaceRule, slippery: Array, filled: Callable[[Array], Array] | None = None
+    ) -> None:
+        self.rule, self.slippery, self.filled = rule, slippery, filled
 
     def start(self, particles: Particles) -> Mesh:
         """The first mesh; gives dry wall particles, of fluid -1, a fluid in place.
@@ -43,8 +48,12 @@ class SurfaceMesher:
         may = (measure > FLAT) & ~dry[cells].any(axis=1)
         candidate = np.flatnonzero(may & ~wall[cells].all(axis=1))
         shapes = Shapes.of(x, cells[candidate], particles.spacing)
+        if self.filled is None:
+            fluid = shapes.radius < rule.first * rule.alpha
+        else:
+            fluid = (shapes.radius < rule.inner) & self.filled(x[cells[candidate]].mean(axis=1))
         keep = np.zeros(len(cells), dtype=bool)
-        keep[candidate[shapes.radius < rule.first * rule.alpha]] = True
+        keep[candidate[fluid]] = True
         mesh = self._finish(x, wall, cells, measure, beyond, keep, particles.spacing, may, start=True)
         return _with_volume(mesh, np.full(len(x), particles.spacing ** x.shape[1]))
 
@@ -102,13 +111,11 @@ class SurfaceMesher:
         height, foot = shapes.height[rows, apex], shapes.foot(apex)
         others = np.ones(cells.shape, dtype=bool)
         others[rows, apex] = False
-        # Wall particles that are dry, or the last that are wet.
-        edge = (old.front | ~used)[cells] & others
-        partly = edge.any(axis=1) & (edge != others).any(axis=1)
-        at_edge = np.where(edge, foot, 0.0).sum(axis=1)
         lowest = np.where(others, foot, 1.0).min(axis=1)
         close = height < 0.5 * rule.touch
-        stays = np.where(partly, (at_edge > rule.dry * edge.sum(axis=1) * 2 / d) | close, True) & (lowest > -0.25)
+        # How far towards those wall particles that are the last that are wet, and towards those that are dry.
+        partly, way = _towards((old.front | ~used)[cells] & others, others, foot)
+        stays = (~partly | (way > 2 * rule.dry / d) | close) & (lowest > -0.25)
         # A particle may be as low as it likes, as it must not come through.
         corner = particles.position[cells]
         longest = np.zeros(len(cells))
@@ -118,7 +125,8 @@ class SurfaceMesher:
                 longest = np.where(others[:, a] & others[:, b], np.maximum(longest, length), longest)
         low = (height < rule.touch) & (longest < WALL_REACH)
         kept = inside & stays & ((shapes.radius < rule.alpha) | low)
-        passed = np.where(partly, (at_edge > edge.sum(axis=1) / d) | close, True) & (lowest > -1e-9)
+        partly, way = _towards(~used[cells] & others, others, foot)
+        passed = (~partly | (way > 1 / d) | close) & (lowest > -1e-9)
         low = height < np.where(partly, rule.wet, rule.touch)
         v = particles.velocity[cells]
         away = v[rows, apex] - np.where(others[..., None], v, 0.0).sum(axis=1) / d
@@ -131,32 +139,41 @@ class SurfaceMesher:
         may: Array, *, start: bool = False,
     ) -> Mesh:  # fmt: skip
         """The mesh of the simplices kept, corners of the walls among them, with its surface but for volumes."""
-        corner = np.flatnonzero(may & wall[cells].all(axis=1) & (measure > SLIVER))
-        if len(corner):
-            beside = beyond[corner]
-            wetted = ((beside >= 0) & keep[beside]).any(axis=1)
-            corner = corner[wetted]
-            keep[corner[Shapes.of(position, cells[corner], h).radius < self.rule.alpha]] = True
+        solid = wall[cells].all(axis=1)
+        corner = np.flatnonzero(may & solid & (measure > SLIVER) & _beside(keep, beyond))
+        keep[corner[Shapes.of(position, cells[corner], h).radius < self.rule.alpha]] = True
         out = keep[:, None] & ~((beyond >= 0) & keep[beyond])
         k, opposite = np.nonzero(out)
         facet = np.ones((len(k), cells.shape[1]), dtype=bool)
         facet[np.arange(len(k)), opposite] = False
-        nodes = cells[k][facet].reshape(len(k), -1)
+        nodes = cells[k][facet].reshape(len(k), cells.shape[1] - 1)
         other = beyond[k, opposite]
-        backed = wall[nodes].all(axis=1) & ((other < 0) | wall[cells[other]].all(axis=1))
+        backed = wall[nodes].all(axis=1) & ((other < 0) | solid[other])
         front = np.zeros(len(position), dtype=bool)
         front[nodes[~backed]] = True
         pinned = front & (~wall | self.slippery)
         # Where all particles of a simplex at a wall were pinned, nothing would hold it off the wall.
-        kept = cells[keep]
-        unheld = pinned[kept].all(axis=1)
-        held = kept[unheld & wall[kept].any(axis=1)]
+        held = cells[keep & pinned[cells].all(axis=1) & wall[cells].any(axis=1)]
         pinned[held[wall[held]]] = False
-        # Simplices without a pressure do nothing: their particles fly. (But corners of the first mesh join on.)
-        mesh = Mesh(position, np.ascontiguousarray(kept if start else kept[~pinned[kept].all(axis=1)]))
+        if not start:
+            # Simplices without a pressure do nothing: their particles fly. (Corners of the first mesh join on.)
+            keep &= ~pinned[cells].all(axis=1)
+            keep &= ~solid | _beside(keep & ~solid, beyond)
+        mesh = Mesh(position, np.ascontiguousarray(cells[keep]))
         used = np.diff(mesh.incidence[0]) > 0
         surface = Surface(front & used, pinned | ~used, ~used & ~wall, np.zeros(len(position)))
         return Mesh(position, mesh.cells, surface=surface)
+
+
+def _beside(keep: Array, beyond: Array) -> Array:
+    """Mask (M,) of the simplices that share a facet with one that is kept; ``beyond`` (M, d + 1) are their neighbours."""
+    return np.asarray(((beyond >= 0) & keep[beyond]).any(axis=1))
+
+
+def _towards(ends: Array, others: Array, foot: Array) -> tuple[Array, Array]:
+    """Whether some but not all ``others`` are ``ends`` (K, d + 1), and how much of ``foot`` each of them has, (K,)."""
+    count = ends.sum(axis=1)
+    return (count > 0) & (ends != others).any(axis=1), np.where(ends, foot, 0.0).sum(axis=1) / np.maximum(count, 1)
 
 
 def _with_volume(mesh: Mesh, own: Array) -> Mesh:

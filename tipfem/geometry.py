@@ -263,6 +263,13 @@ class Tank:
             )
         return inside
 
+    def holds(self, x: Array) -> Array:
+        """Mask (K,) of the positions (K, d) [m] that are in a part that has been filled."""
+        inside = np.zeros(len(x), dtype=bool)
+        for region in self._regions:
+            inside |= np.asarray(region.contains(x.copy()))
+        return inside
+
     def _faces(self, axis: int) -> set[float]:
         """Coordinates of the faces of filled boxes along one axis [m]."""
         boxes = [region.box for region in self._regions if region.box is not None]

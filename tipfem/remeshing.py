@@ -75,6 +75,8 @@ class DelaunayRemesher:
             mesh = self.surface.start(particles)
         else:
             mesh = self.surface.remesh(particles, before, relocated)
+        if mesh.surface is not None:
+            particles.pressure = np.where(mesh.surface.pinned, 0.0, particles.pressure)
         particles.fluid = wall_fluid(mesh, particles.fluid, particles.wall)
         return Remeshed(particles, mesh, relocated, count)
 
@@ -152,4 +154,4 @@ def remesher_for(case: Case, reference: int) -> Remesher:
         return DelaunayRemesher(numerics.relocation)
     slippery = np.zeros(len(case.particles), dtype=bool)
     slippery[case.boundary.index[case.boundary.slides]] = True
-    return DelaunayRemesher(numerics.relocation, SurfaceMesher(numerics.surface, slippery))
+    return DelaunayRemesher(numerics.relocation, SurfaceMesher(numerics.surface, slippery, case.filled))

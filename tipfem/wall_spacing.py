@@ -10,6 +10,7 @@ from tipfem.particles import Array, Particles
 # A particle that slides is set elsewhere when it is closer to a neighbour than CLOSE mean distances along its
 # wall, or where another gap is wider than WIDE of them.
 CLOSE, WIDE = 0.6, 1.6
+CORNER = 0.1  # the least distance to a dry corner, in mean distances
 FIELDS = ("position", "velocity", "acceleration", "pressure")
 
 
@@ -53,15 +54,25 @@ def space_back(particles: Particles, piece: Array, places: Array) -> None:
 
 
 def _even_out(particles: Particles, piece: Array, dry: Array) -> None:
-    """Space rows of dry particles of a piece evenly between the others, in place."""
+    """Space rows of dry particles of a piece evenly between the others, in place.
+
+    Where the corner is dry, nothing but this holds a wet particle that slides up to it: it stops there.
+    """
     order, along = _along(particles.position, piece)
+    inner = ~np.isin(order, piece[[0, -1]])
+    order, along = np.concatenate([piece[:1], order[inner], piece[-1:]]), np.concatenate([[0.0], along[inner], [1.0]])
+    count = len(order) - 1
+    room = CORNER * np.arange(count + 1) / count
+    kept = np.clip(along, room, 1.0 - room[::-1])
+    stopped = order[kept != along]
+    particles.velocity[stopped] = particles.acceleration[stopped] = 0.0
     knots = ~dry[order]
     knots[[0, -1]] = True
-    row = np.arange(len(order))
-    even = np.interp(row, row[knots], along[knots])
+    row = np.arange(count + 1)
+    even = np.interp(row, row[knots], kept[knots])
+    moved = order[even != along]
     ends = particles.position[piece[[0, -1]]]
-    moved = order[~knots]
-    particles.position[moved] = ends[0] + even[~knots, None] * (ends[1] - ends[0])
+    particles.position[moved] = ends[0] + even[even != along, None] * (ends[1] - ends[0])
 
 
 def crowded_moves(position: Array, piece: Array, held: Array | None = None) -> list[tuple[int, int, int]]:
