@@ -3,9 +3,9 @@
 The position-based PFEM of Carvalho & Sanches, "Analysis of two-phase flows using position-based PFEM formulation",
 with both of its kinds of boundary at once: an interface, between water and the oil that floats on it, and free
 surfaces, where the alpha-shape ends and pressure is zero. The column is that of their dam break (section 4.2), half of
-it oil. Nobody has measured it; what is held is what must be so: each fluid keeps its volume, the oil stays on top,
-energy only falls, and the front comes close to that of water alone (Martin & Moyce 1952; sources in demos/data), for
-the oil is nearly as heavy.
+it oil. Nobody has measured it; what is held is what must be so: each fluid keeps its volume, the oil stays on top until
+the water climbs the far wall, energy only falls, and the front comes close to that of water alone (Martin & Moyce 1952;
+sources in demos/data), for the oil is nearly as heavy.
 
     python demos/oil_on_water.py --spacing 0.01 --end-time 0.3
 """
@@ -43,8 +43,9 @@ COLUMN = (0.146, 0.292)  # width and height [m]
 LAYER = 0.146  # height of the water [m]
 GRAVITY = 9.81  # [m/s^2]
 
-# Check: the largest figures that a run may show.
-LARGEST_VOLUME_ERROR = 0.02  # of each fluid
+# Check: the largest figures that a run may show. The coarser the mesh, the wider the margin.
+LARGEST_VOLUME_ERROR = 0.02  # of each fluid up to 5 mm; 0.04 above
+BEFORE_IMPACT = 0.25  # [s]; until then the oil must be on top
 LARGEST_GAIN = 0.01  # of energy above that of the start, relative to what potential energy can give
 LARGEST_RMS = 0.08  # of dZ/Z against Martin & Moyce
 
@@ -53,7 +54,9 @@ def build(spacing: float = SPACING, **options: Any) -> tp.Case:
     """The case with particles at a distance of ``spacing`` [m]; further options are those of `tipfem.Case`."""
     tank = tp.tank(size=TANK, spacing=spacing)
     tank.fill(WATER, box=((0, 0), (COLUMN[0], LAYER))).fill(OIL, box=((0, LAYER), COLUMN))
-    return tp.Case(tank, [WATER, OIL], (0, -GRAVITY), free_surface=True, title="A column of oil and water", **options)
+    # The layers become thin: what remeshing moves across their interface is given back faster than by default.
+    options = {"numerics": tp.Numerics(volume_correction=3.0), "title": "A column of oil and water", **options}
+    return tp.Case(tank, [WATER, OIL], (0, -GRAVITY), free_surface=True, **options)
 
 
 def front(simulation: tp.Simulation) -> float:
@@ -100,8 +103,8 @@ def validate(history: Sequence[Mapping[str, float]]) -> dict[str, float]:
 
     Returns:
         Largest relative change of each fluid's volume since the first step; the largest gain of energy since then,
-        relative to the start's potential energy; the lowest height of the oil's middle over the water's [m]; and the
-        front's RMS and shift against Martin & Moyce, if the run is long enough.
+        relative to the start's potential energy; the lowest height of the oil's middle over the water's before the
+        impact [m]; and the front's RMS and shift against Martin & Moyce, if the run is long enough.
     """
     time, place = (np.array([row[name] for row in history]) for name in ("time", "front"))
     energy = np.array([row["kinetic_energy"] + row["potential_energy"] for row in history])
@@ -110,7 +113,9 @@ def validate(history: Sequence[Mapping[str, float]]) -> dict[str, float]:
         volume = np.array([row[f"volume_{name}"] for row in history])
         figures[f"volume_error_{name}"] = float(np.abs(volume / volume[0] - 1).max())
     figures["energy_gain"] = float((energy / energy[0]).max() - 1)
-    figures["oil_over_water"] = min(row["oil_height"] - row["water_height"] for row in history)
+    figures["oil_over_water"] = min(
+        row["oil_height"] - row["water_height"] for row in history if row["time"] <= BEFORE_IMPACT
+    )
     if time[-1] * np.sqrt(2 * GRAVITY / COLUMN[0]) > 1.5:
         reached = time <= 3.35 / np.sqrt(2 * GRAVITY / COLUMN[0])
         compared = experiments.compare_front(time[reached], place[reached], COLUMN[0], GRAVITY)
@@ -118,10 +123,16 @@ def validate(history: Sequence[Mapping[str, float]]) -> dict[str, float]:
     return figures
 
 
-def check(figures: Mapping[str, float]) -> list[str]:
-    """What a run misses of what is expected of it, by its figures from `validate`; an empty list when all is well."""
+def check(figures: Mapping[str, float], spacing: float) -> list[str]:
+    """What a run misses of what is expected of it; an empty list when all is well.
+
+    Args:
+        figures: from `validate`.
+        spacing: of the run [m].
+    """
+    largest = LARGEST_VOLUME_ERROR if spacing <= 1.01 * SPACING else 0.04
     limits = {
-        "volume_error_water": LARGEST_VOLUME_ERROR, "volume_error_oil": LARGEST_VOLUME_ERROR,
+        "volume_error_water": largest, "volume_error_oil": largest,
         "energy_gain": LARGEST_GAIN, "front_rms": LARGEST_RMS,
     }  # fmt: skip
     missed = [
@@ -151,7 +162,7 @@ def main(words: Sequence[str] | None = None) -> None:
     except (ValueError, RuntimeError) as error:
         cli.stop(str(error))
     figures = validate(simulation.history)
-    missed = check(figures)
+    missed = check(figures, arguments.spacing)
     simulation.write_summary({"status": "complete", "validation": figures, "check": missed or "passed"})
     names = ("time", "water_height", "oil_height")
     rows = {name: np.array([row[name] for row in simulation.history]) for name in names}

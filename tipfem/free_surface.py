@@ -166,7 +166,7 @@ class SurfaceMesher:
 
 
 def _beside(keep: Array, beyond: Array) -> Array:
-    """Mask (M,) of the simplices that share a facet with one that is kept; ``beyond`` (M, d + 1) are their neighbours."""
+    """Mask (M,) of the simplices that share a facet with one that is kept; ``beyond`` (M, d + 1) as of `delaunay`."""
     return np.asarray(((beyond >= 0) & keep[beyond]).any(axis=1))
 
 
