@@ -178,6 +178,28 @@ def test_a_tank_that_sways_takes_its_dry_walls_along():
     assert simulation.volume("water") == pytest.approx(0.4, rel=1e-3)
 
 
+def test_a_wall_may_push_water_that_can_rise():
+    """A piston that moves as fast as a wave sends a step along the tank, by linear theory of height v sqrt(H / g)."""
+    tank = tp.tank((1.2, 0.4), 0.05).fill(WATER, box=((0, 0), (1.2, 0.2)))
+    for side in ("bottom", "right"):
+        tank.wall(side, slip=True)
+    tank.wall("left", slip=True, motion=lambda t: 0.1 * t**2 if t < 0.5 else 0.025 + 0.1 * (t - 0.5))
+    simulation = simulate(tank, 160, dt=5e-3)
+    p = simulation.particles
+    top = simulation.mesh.surface.front & (p.position[:, 0] < 0.25)
+    assert p.position[top, 1].mean() == pytest.approx(0.2 + 0.1 * np.sqrt(0.2 / 9.81), rel=0.03)
+    assert p.position[p.wall, 0].min() == pytest.approx(0.055)
+    assert simulation.volume("water") == pytest.approx(0.24, rel=2e-3)
+
+
+def test_a_tank_that_is_full_has_no_surface():
+    """Pressure is known up to a constant again, zero at the top."""
+    simulation = simulate(tp.tank((0.6, 0.6), 0.1).fill(WATER), 10, watch=sound)
+    p = simulation.particles
+    assert not simulation.mesh.surface.pinned.any()
+    np.testing.assert_allclose(p.pressure, 9810 * (0.6 - p.position[:, 1]), atol=1e-5)
+
+
 def problem_with_surface(dt: float = 2e-3) -> tuple[FlowProblem, twin.Step, tp.Particles]:
     """A jittered pool with two particles above it, on the device and in NumPy."""
     p = with_drops(

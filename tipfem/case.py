@@ -171,7 +171,7 @@ class Case:
         if not isinstance(self.particles, Particles):
             raise ValueError(f"Case: particles is a {type(self.particles).__name__}; it must be a Particles or a tank")
         self._check_particles(self.particles)
-        self.boundary = Boundary(self.particles, self.walls, self.tank_motion)
+        self.boundary = Boundary(self.particles, self.walls, self.tank_motion, closed=self.closed)
 
     def _check_particles(self, particles: Particles) -> None:
         gravity = numbers(self.gravity)

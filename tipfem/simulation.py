@@ -205,7 +205,7 @@ class Simulation:
         limits = problem.limits(result.solution)
         limits.require(numerics.smallest_jacobian, self.control.reach * self.particles.spacing)
         displacement, pressure = problem.split(result.solution)
-        if self.mesh.surface is None:
+        if self.mesh.surface is None or not self.mesh.surface.front.any():
             pressure -= pressure[self._reference]
         after = scheme.advance(before, displacement, pressure)
         after = self._walls.finish(before, displacement, after) if self._walls else after
