@@ -146,6 +146,31 @@ def test_a_wall_is_wetted_when_the_fluid_has_passed_the_middle():
     assert reached[0.36] == pytest.approx(0.4)
 
 
+def test_a_drop_at_the_ceiling_lets_go_and_one_of_its_particles_set_elsewhere_is_fluid():
+    """Suction does not hold it; what was relocated from it into the pool belongs to the pool."""
+    p = pool(0.5, drops=[(0.44, 0.95), (0.54, 0.95)])
+    p.velocity[-2:, 1] = 1.0
+    m = mesher(p)
+    first = m.start(p)
+    nowhere = np.zeros(len(p), dtype=bool)
+    hung = m.remesh(p, first, nowhere)
+    assert hung.surface is not None
+    assert not hung.surface.loose[-2:].any()
+    for pressure, loose in ((10.0, False), (-10.0, True)):
+        pressed = p.copy()
+        pressed.pressure[p.wall & (p.position[:, 1] > 0.99)] = pressure
+        after = m.remesh(pressed, hung, nowhere)
+        assert after.surface is not None
+        assert after.surface.loose[-2:].all() == loose
+    moved, relocated = pressed.copy(), nowhere.copy()
+    relocated[-1] = True
+    moved.position[-1] = (0.55, 0.25)
+    after = m.remesh(moved, hung, relocated)
+    assert after.surface is not None
+    assert after.surface.loose[-2:].tolist() == [True, False]
+    assert not after.surface.front[at(p, 0.5, 0.2)]
+
+
 def test_large_simplices_at_the_surface_go_and_those_below_stay():
     p = pool(0.5)
     m = mesher(p)

@@ -79,6 +79,9 @@ class SurfaceMesher:
         keep = (measure > FLAT) & ~solid & inner.all(axis=1)
         asked = np.flatnonzero((measure > FLAT) & ~solid & ~keep)
         keep[asked[self._fluid(particles, cells[asked], before, below, old, used)]] = True
+        deep = below & ~wall
+        lets_go = hanging(before, particles.pressure, deep) & ~relocated
+        keep &= ~lets_go[cells].any(axis=1) | deep[cells].any(axis=1)
         mesh = self._finish(x, wall, cells, measure, beyond, keep, h, measure > FLAT)
         return _with_volume(mesh, _lost_volume(before, mesh, old, wall, h))
 
@@ -99,7 +102,7 @@ class SurfaceMesher:
         fluid = (shapes.radius < limit) & (inside | (shapes.height.min(axis=1) < rule.gap))
         k = np.flatnonzero(at_wall & ~deep)
         fluid[k] = self._touches(particles, cells[k], shapes[k], inside[k], old, used)
-        return fluid & ~(inside & hanging(before, particles.pressure, below & ~wall)[cells].any(axis=1))
+        return fluid
 
     def _touches(
         self, particles: Particles, cells: Array, shapes: Shapes, inside: Array, old: Surface, used: Array
