@@ -90,11 +90,11 @@ class SurfaceMesher:
     ) -> Array:
         """Which of the simplices (K, d + 1) are fluid, not all of whose particles were below the surface."""
         rule, wall, d = self.rule, particles.wall, particles.dimension
-        # The others are outside, and too large for that.
         shapes = Shapes.of(particles.position, cells, particles.spacing)
         at_wall = wall[cells].sum(axis=1) == d
         deep = (below & ~wall)[cells].any(axis=1)
         inside = deep.copy()
+        # Larger ones are no fluid in either case.
         ask = np.flatnonzero(~deep & (at_wall | (shapes.radius < max(rule.alpha, rule.join))))
         middle = particles.position[cells[ask]].mean(axis=1)
         inside[ask] = covered(middle, cells[ask], before)
