@@ -117,8 +117,9 @@ class SurfaceMesher:
         lowest = np.where(others, foot, 1.0).min(axis=1)
         close = height < 0.5 * rule.touch
         # How far towards those wall particles that are the last that are wet, and towards those that are dry.
-        partly, way = _towards((old.front | ~used)[cells] & others, others, foot)
-        stays = (~partly | (way > 2 * rule.dry / d) | close) & (lowest > -0.25)
+        ends = (old.front | ~used)[cells] & others
+        partly, way = _towards(ends, others, foot)
+        stays = ~ends.any(axis=1) | ((~partly | (way > 2 * rule.dry / d) | close) & (lowest > -0.25))
         # A particle may be as low as it likes, as it must not come through.
         corner = particles.position[cells]
         longest = np.zeros(len(cells))
