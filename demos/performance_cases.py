@@ -44,7 +44,7 @@ COLUMNS = {  # part of a step: where its time is spent
 
 def largest_step(spacing: float) -> float:
     """Largest time step [s] of the dam break with particles ``spacing`` [m] apart."""
-    return 1.5e-3 * (spacing / 0.005) ** 0.5
+    return dam_break.TIME_STEP * float(spacing / dam_break.SPACING) ** 0.5
 
 
 def make_state(path: Path, spacing: float) -> None:
@@ -90,7 +90,8 @@ def simulation_of(state: dict[str, Array], numerics: Numerics | None = None) -> 
         position=state["position"], fluid=particle_fluid(mesh, len(mesh.position), density), wall=state["wall"],
         spacing=spacing, velocity=state["velocity"], acceleration=state["acceleration"], pressure=state["pressure"],
     )  # fmt: skip
-    case = tp.Case(particles, fluids, gravity=(0, -dam_break.GRAVITY), numerics=numerics or Numerics())
+    numerics = numerics or Numerics(largest_move=dam_break.LARGEST_MOVE)
+    case = tp.Case(particles, fluids, gravity=(0, -dam_break.GRAVITY), numerics=numerics)
     return tp.Simulation(case, time_step=largest_step(spacing))
 
 

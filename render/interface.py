@@ -11,6 +11,7 @@ through it.
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 
 class FluidRegions(NamedTuple):
@@ -80,6 +81,29 @@ def particle_fluids(cells, fluid, cell_fluid) -> tuple[np.ndarray, np.ndarray]:
     """
     lowest, highest = _extremes(cells.ravel(), np.repeat(cell_fluid, 3), len(fluid))
     return np.where(lowest == highest, lowest, fluid), lowest < highest
+
+
+def loose_particles(cells, wall) -> tuple[np.ndarray, np.ndarray]:
+    """Masks (N,) of the particles off the walls, and of those of walls, that are in no cell; none without cells.
+
+    cells: (M, 3); wall: (N,) bool.
+    """
+    unused = np.full(len(wall), len(cells) > 0)
+    unused[cells] = False
+    return unused & ~wall, unused & wall
+
+
+def walls_around(position, wall) -> tuple[np.ndarray, np.ndarray]:
+    """Edges (S, 2) around the particles of the walls, and triangles (T, 3) that fill the space between them.
+
+    position: (N, 2) [m]; wall: (N,) bool, those that count; without any, there are no edges.
+    """
+    index = np.flatnonzero(wall)
+    if len(index) < 3:
+        return np.empty((0, 2), np.int64), np.empty((0, 3), np.int64)
+    around = index[ConvexHull(position[index] - position[index].mean(axis=0)).vertices]
+    edges = np.stack([around, np.roll(around, -1)], axis=1)
+    return edges, np.stack([np.full(len(around), around[0]), *edges.T], axis=1)
 
 
 def _edges_between(cells, cell_fluid):

@@ -4,13 +4,14 @@ import numpy as np
 
 from . import colours
 from .drawing import Drawing
-from .interface import edge_means, fluid_regions, mesh_edges, particle_fluids
+from .interface import edge_means, fluid_regions, loose_particles, mesh_edges, particle_fluids, walls_around
 from .layout import Layout
 from .scene import Scene
 
 WALL_THICKNESS = 7.0  # in design pixels, like the widths below
 INTERFACE_WIDTH = 1.5
 HALO_WIDTH = 3.4
+SPRAY_RADIUS = 0.4  # in spacings
 MESH_WIDTH = 0.8
 
 
@@ -34,7 +35,11 @@ def draw_scene(
     # Walls are stroked on both sides of the mesh's boundary; the fluids painted next hide the inner half.
     hull = edges[on_boundary & scene.wall[edges].all(axis=1)]
     thick = WALL_THICKNESS * unit
-    drawing.lines(pixels[hull], 2 * thick, colours.rgb(colours.WALL), cap=thick)
+    # Where there is no fluid at a wall, the emptiness is painted like one.
+    spray, dry = loose_particles(scene.cells, scene.wall)
+    box, inside = walls_around(scene.position, scene.wall & dry.any())
+    drawing.lines(pixels[np.concatenate([hull, box])], 2 * thick, colours.rgb(colours.WALL), cap=thick)
+    drawing.triangles(pixels[inside], np.array(colours.BACKGROUND))
 
     if field is None:
         shown = colours.mix(fills, 1.0, 0.62) if particles else fills
@@ -48,6 +53,12 @@ def draw_scene(
         tones = 0.6 * at_corners
         dots = colours.dot_colours_on_field(fills)
 
+    # A particle in no cell is a drop, about as large as what it carries.
+    drop, tints = SPRAY_RADIUS * scene.spacing * layout.scale, fills[scene.fluid[spray]]
+    if field is not None:
+        tints = colours.map_values(scene.field_values(field)[spray], *field_range, table)
+    drawing.dots(pixels[spray], max(drop, 0.9 * unit), tints)
+
     if mesh:
         drawing.lines(pixels[edges], max(MESH_WIDTH * unit, 0.5), edge_means(scene.cells, tones))
     radius = min(max(0.27 * scene.spacing * layout.scale, 0.9 * unit), 6 * unit)
@@ -56,7 +67,8 @@ def draw_scene(
         fluid, between = scene.fluid, np.zeros(len(pixels), bool)
         if scene.cell_fluid is not None:
             fluid, between = particle_fluids(scene.cells, fluid, scene.cell_fluid)
-        drawing.dots(pixels[~between], radius, dots[fluid[~between]])
+        single = ~between & ~dry
+        drawing.dots(pixels[single], radius, dots[fluid[single]])
         beads = pixels[between]
 
     interface = layout.pixels(regions.segments)

@@ -85,7 +85,7 @@ def test_a_fluid_index_out_of_range_is_refused_with_its_particle(case, particles
     ("changes", "words"),
     [
         ({"interface": ["x"]}, ["interface is ['x']", "'interpolated'"]),
-        ({"interface": None}, ["interface is None"]),
+        ({"interface": 3}, ["interface is 3"]),
         ({"gravity": ("a", "b")}, ["gravity is ('a', 'b')", "2 finite"]),
         ({"gravity": None}, ["gravity is None"]),
         ({"gravity": (0, (1, 2))}, ["gravity is"]),
@@ -300,3 +300,30 @@ def test_a_refused_simulation_leaves_earlier_results_alone(case, tmp_path):
     sunk.particles.position[~sunk.particles.wall] = 0.5  # behind the case's back: there is no mesh of these
     refusal(ValueError, lambda: tp.Simulation(sunk, out=tmp_path), "cannot be meshed")
     assert (tmp_path / "history.csv").read_text() == "an earlier run"
+
+
+def test_a_free_surface_chooses_the_interface_it_needs(water, air):
+    """Interpolated when nothing is said; a sharp one is refused; a tank may then be filled in part."""
+    tank = tp.tank((1, 1), 0.1).fill(water, box=((0, 0), (1, 0.5)))
+    c = tp.Case(tank, [water], (0, -9.81), free_surface=True)
+    assert (c.interface, c.closed) == ("interpolated", False)
+    assert c.filled is not None
+    assert c.filled(np.array([[0.5, 0.2], [0.5, 0.7]])).tolist() == [True, False]
+    refusal(
+        ValueError, lambda: tp.Case(tank, [water], (0, -9.81), free_surface=True, interface="sharp"),
+        "free_surface=True", "'interpolated'",
+    )  # fmt: skip
+    refusal(ValueError, lambda: tp.Case(tank, [water], (0, -9.81)), "no fluid at", "free surface")
+    refusal(ValueError, lambda: tp.Case(tank, [water], (0, -9.81), free_surface="yes"), "'yes'", "True or False")
+    refusal(ValueError, lambda: tp.Numerics(surface=1.2), "surface is 1.2", "SurfaceRule")
+
+
+def test_only_walls_may_have_no_fluid_and_only_with_a_free_surface(case, particles):
+    """Fluid -1 is a dry wall."""
+    dry = particles.copy()
+    dry.fluid[np.flatnonzero(particles.wall)[-1]] = -1
+    refusal(ValueError, lambda: case(particles=dry), "has fluid -1")
+    assert case(particles=dry, free_surface=True).particles is dry
+    loose = particles.copy()
+    loose.fluid[fluid_particle(particles)] = -1
+    refusal(ValueError, lambda: case(particles=loose, free_surface=True), "has fluid -1")

@@ -25,6 +25,8 @@ ORDER = [
     "geometry",
     "mesh",
     "triangulation",
+    "alpha_shape",
+    "free_surface",
     "interface",
     "relocation",
     "transfer",

@@ -155,6 +155,7 @@ def test_the_case_is_described(tmp_path, water, air):
         "spacing": 0.1,
         "gravity": [0.0, -9.81],
         "interface": "sharp",
+        "free_surface": False,
     }
 
 

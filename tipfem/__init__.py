@@ -1,5 +1,6 @@
 """tipfem: two immiscible incompressible fluids by the position-based Particle Finite Element Method."""
 
+from tipfem.alpha_shape import SurfaceRule
 from tipfem.case import Case, Numerics
 from tipfem.device import init
 from tipfem.fitting import FittedRule
@@ -22,6 +23,7 @@ __all__ = [
     "RelocationRule",
     "Simulation",
     "SimulationError",
+    "SurfaceRule",
     "Tank",
     "Wall",
     "init",

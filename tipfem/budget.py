@@ -16,6 +16,7 @@ import numpy as np
 
 from tipfem.case import Case
 from tipfem.flow import FlowProblem
+from tipfem.free_surface import loose_volumes
 from tipfem.mesh import Mesh
 from tipfem.particles import Array, Particles
 from tipfem.probes import nodal_mass
@@ -106,7 +107,9 @@ class Budget:
 
     def __init__(self, case: Case) -> None:
         self._names = [f.name for f in case.fluids]
+        self._density = np.array([f.density for f in case.fluids])
         self._gravity = np.asarray(case.gravity)
+        self._loose = np.zeros(len(self._names))
         self._fraction = np.zeros((0, len(self._names)))
         self._before = self._present = Totals(np.zeros(0), 0.0, 0.0, np.zeros(0), np.zeros(0))
         self._step: SolveBalance | None = None
@@ -125,7 +128,7 @@ class Budget:
         """
         before, scheme, mesh = self._present, problem.scheme, problem.mesh
         mass, work, u = before.mass, problem.work(solution), displacement
-        volume = summed(mesh.moved(moved.position).measure, self._fraction)
+        volume = summed(mesh.moved(moved.position).measure, self._fraction) + self._loose
         after = Totals.of(mass, moved, self._gravity, volume)
         inertia = problem.acceleration(u) + force
         # dt a_alpha is the change of v + (1/2 - alpha_f) dt a, but at walls, where the state is prescribed.
@@ -146,9 +149,20 @@ class Budget:
         )
 
     def remeshed(self, mesh: Mesh, particles: Particles, density: Array, fraction: Array) -> None:
-        """Take note of the state on a new mesh: M elements' densities (M,) and parts of the fluids (M, F)."""
-        now = Totals.of(nodal_mass(mesh, density), particles, self._gravity, summed(mesh.measure, fraction))
+        """Take note of the state on a new mesh: M elements' densities (M,) and parts of the fluids (M, F).
+
+        Loose particles, in no element, count with the volumes that they carry.
+        """
+        mass = nodal_mass(mesh, density)
+        self._loose = loose_volumes(mesh, particles.fluid, len(self._names))
+        if mesh.surface is not None:
+            mass = mass + self._density[particles.fluid] * mesh.surface.volume
+        now = Totals.of(mass, particles, self._gravity, summed(mesh.measure, fraction) + self._loose)
         self._before, self._present, self._fraction = self._present, now, fraction
+
+    def totals(self) -> Totals:
+        """Of the present state."""
+        return self._present
 
     def row(self) -> dict[str, float]:
         """Columns of the history for the last step: energies [J], momenta [N s], forces [N], volumes [m^3].

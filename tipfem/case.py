@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from tipfem.alpha_shape import SurfaceRule
 from tipfem.boundary import Boundary
 from tipfem.fitting import FittedRule
 from tipfem.fluid import Fluid
@@ -21,6 +22,7 @@ from tipfem.walls import Motion, Wall
 
 INTERFACES: dict[str, type[InterfaceRule]] = {"interpolated": InterpolatedInterface, "sharp": SharpInterface}
 DEFAULT_INTERFACE = "sharp"
+SURFACE_INTERFACE = "interpolated"  # the default with a free surface
 
 
 @dataclass(frozen=True)
@@ -42,12 +44,15 @@ class Numerics:
         acceleration_tolerance: of the same residual as an acceleration, relative to gravity; the
             tighter of both holds. Without it, short steps and large spacings would leave pressure loose.
         newton_iterations: after which a step is refused.
+        largest_move: displacement of the fastest particle that the length of a step aims at, in spacings; a step
+            in which one moves by 0.15 spacings more is refused.
         smallest_jacobian: a step in which an element's J falls below it is refused.
         relocation: when particles are moved, and where to, with the interpolated interface.
         fitting: when the triangulation is changed, with the sharp interface.
+        surface: which simplices are fluid, with a free surface.
 
     Raises:
-        ValueError: a number is out of range or none, or ``relocation`` is no RelocationRule.
+        ValueError: a number is out of range or none, or a rule is none of its kind.
     """
 
     rho_inf: float = 0.0
@@ -57,9 +62,11 @@ class Numerics:
     newton_tolerance: float = 1e-6
     acceleration_tolerance: float = 2e-4
     newton_iterations: int = 8
+    largest_move: float = 0.35
     smallest_jacobian: float = 0.05
     relocation: RelocationRule = field(default_factory=RelocationRule)
     fitting: FittedRule = field(default_factory=FittedRule)
+    surface: SurfaceRule = field(default_factory=SurfaceRule)
 
     def __post_init__(self) -> None:
         for name, low, high in (
@@ -69,6 +76,7 @@ class Numerics:
             ("newton_tolerance", 1e-14, 1e-1),
             ("acceleration_tolerance", 1e-12, 1.0),
             ("newton_iterations", 1, 100),
+            ("largest_move", 0.01, 0.8),
             ("smallest_jacobian", 0.0, 0.9),
         ):
             value = getattr(self, name)
@@ -76,12 +84,11 @@ class Numerics:
                 raise ValueError(f"Numerics: {name} is {value!r}; it must lie between {low:g} and {high:g}")
         if self.newton_iterations != int(self.newton_iterations):
             raise ValueError(f"Numerics: newton_iterations is {self.newton_iterations!r}; it must be a whole number")
-        if not isinstance(self.relocation, RelocationRule):
-            raise ValueError(f"Numerics: relocation is {self.relocation!r}; it must be a RelocationRule")
+        for name, kind in (("relocation", RelocationRule), ("fitting", FittedRule), ("surface", SurfaceRule)):
+            if not isinstance(getattr(self, name), kind):
+                raise ValueError(f"Numerics: {name} is {getattr(self, name)!r}; it must be a {kind.__name__}")
         if not isinstance(self.momentum_transfer, bool):
             raise ValueError(f"Numerics: momentum_transfer is {self.momentum_transfer!r}; it must be True or False")
-        if not isinstance(self.fitting, FittedRule):
-            raise ValueError(f"Numerics: fitting is {self.fitting!r}; it must be a FittedRule")
 
     def tolerance(self, force: Array, cm: float, spacing: float, smallest: float) -> float:
         """Largest scaled residual that counts as solved [spacings].
@@ -107,8 +114,10 @@ class Case:
         gravity: (d,) acceleration [m/s^2].
         body_force: function of positions (N, d) [m] and time [s] to further accelerations (N, d)
             [m/s^2], or None.
-        interface: "sharp", by default: every element belongs to one fluid, and interfaces run along edges (2-D
-            only); or "interpolated", the rule of Carvalho & Sanches.
+        interface: "sharp": every element belongs to one fluid, and interfaces run along edges (2-D only); or
+            "interpolated", the rule of Carvalho & Sanches. By default sharp, with a free surface interpolated.
+        free_surface: whether the fluids may end where nothing is: at zero pressure. A tank may then be filled in
+            part; particles given as arrays need walls all around, too, where fluids may come to.
         numerics: the method's numbers.
         title: what pictures are headed with.
         walls: those that slip, slide or move, beside what a tank says of its own; all others are fixed
@@ -123,13 +132,16 @@ class Case:
     fluids: Sequence[Fluid]
     gravity: Sequence[float] | Array
     body_force: Callable[[Array, float], Array] | None = None
-    interface: str = DEFAULT_INTERFACE
+    interface: Any = None
+    free_surface: bool = False
     numerics: Numerics = field(default_factory=Numerics)
     title: str = ""
     walls: Sequence[Wall] = ()
     tank_motion: Motion | None = None
     # A tank knows what is at its walls; of other particles those off the walls say it.
     walls_have_fluids: bool = field(init=False, default=False, repr=False)
+    # And where there is any fluid: a mask (K,) of positions (K, d).
+    filled: Callable[[Array], Array] | None = field(init=False, default=None, repr=False)
 
     def __post_init__(self) -> None:
         given = self.fluids
@@ -139,8 +151,14 @@ class Case:
         names = [f.name for f in self.fluids]
         if len(set(names)) < len(names):
             raise ValueError(f"Case: fluids are named {names}; every fluid needs a name of its own")
+        if not isinstance(self.free_surface, bool):
+            raise ValueError(f"Case: free_surface is {self.free_surface!r}; it must be True or False")
+        if self.interface is None:
+            self.interface = SURFACE_INTERFACE if self.free_surface else DEFAULT_INTERFACE
         if not isinstance(self.interface, str) or self.interface not in INTERFACES:
             raise ValueError(f"Case: interface is {self.interface!r}; it must be one of {sorted(INTERFACES)}")
+        if self.free_surface and self.interface == "sharp":
+            raise ValueError("Case: with free_surface=True, interface must be 'interpolated' (the default then)")
         if self.body_force is not None and not callable(self.body_force):
             raise ValueError(f"Case: body_force is {self.body_force!r}; it must be a function of positions and time")
         if not isinstance(self.numerics, Numerics):
@@ -151,13 +169,13 @@ class Case:
             raise ValueError(f"Case: tank_motion is {self.tank_motion!r}; it must be a Motion")
         if isinstance(self.particles, Tank):
             filled = self.particles
-            self.particles = filled.sample(self.fluids, fitted=self.interface == "sharp")
-            self.walls_have_fluids = True
+            self.particles = filled.sample(self.fluids, fitted=self.interface == "sharp", empty=self.free_surface)
+            self.walls_have_fluids, self.filled = True, filled.holds
             self.walls = [*filled.walls(self.particles), *self.walls]
         if not isinstance(self.particles, Particles):
             raise ValueError(f"Case: particles is a {type(self.particles).__name__}; it must be a Particles or a tank")
         self._check_particles(self.particles)
-        self.boundary = Boundary(self.particles, self.walls, self.tank_motion)
+        self.boundary = Boundary(self.particles, self.walls, self.tank_motion, closed=self.closed)
 
     def _check_particles(self, particles: Particles) -> None:
         gravity = numbers(self.gravity)
@@ -166,7 +184,8 @@ class Case:
                 f"Case: gravity is {self.gravity!r}; it must be {particles.dimension} finite accelerations in m/s^2"
             )
         self.gravity = gravity
-        bad = (particles.fluid < 0) | (particles.fluid >= len(self.fluids))
+        lowest = np.where(particles.wall & self.free_surface, -1, 0)  # -1: a wall where there is no fluid
+        bad = (particles.fluid < lowest) | (particles.fluid >= len(self.fluids))
         if bad.any():
             i = int(np.argmax(bad))
             raise ValueError(
@@ -230,7 +249,7 @@ class Case:
     @property
     def closed(self) -> bool:
         """Whether walls surround the fluids on all sides, so that pressure is known up to a constant."""
-        return True
+        return not self.free_surface
 
     def acceleration(self, position: Array, time: float) -> Array:
         """Gravity and body force (N, d) [m/s^2] at positions (N, d) [m] and a time [s].

@@ -22,7 +22,7 @@ def demo_arguments(
     time_step: float,
     out: str,
     frames_per_second: float,
-    interface: str = DEFAULT_INTERFACE,
+    interface: str | None = DEFAULT_INTERFACE,
     further: Callable[[argparse.ArgumentParser], object] | None = None,
     arguments: Sequence[str] | None = None,
 ) -> argparse.Namespace:
@@ -35,19 +35,21 @@ def demo_arguments(
         time_step: default largest time step [s].
         out: default results folder.
         frames_per_second: default number of pictures per second of simulated time [1/s].
-        interface: default interface rule.
+        interface: default interface rule; None where there is no choice, as with a free surface.
         further: adds options of the demo's own to the parser.
         arguments: the words to read; those of the process by default.
 
     Returns:
-        A namespace with spacing, end_time, time_step, interface, arch, out, frames_per_second and frames.
+        A namespace with spacing, end_time, time_step, arch, out, frames_per_second, frames, and interface if there is
+        a choice.
     """
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     add = parser.add_argument
     add("--spacing", type=_positive, default=spacing, metavar="H", help="distance between particles [m]")
     add("--end-time", type=_positive, default=end_time, metavar="T", help="simulated time to run to [s]")
     add("--time-step", type=_positive, default=time_step, metavar="DT", help="largest time step [s]; it adapts below")
-    add("--interface", choices=sorted(INTERFACES), default=interface, help="rule for the interface of two fluids")
+    if interface is not None:
+        add("--interface", choices=sorted(INTERFACES), default=interface, help="rule for the interface of two fluids")
     add("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run")
     add("--out", type=Path, default=Path(out), metavar="FOLDER", help="folder for the results")
     add(

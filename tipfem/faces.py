@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -63,6 +63,28 @@ def snap_to_faces(
     on_face = np.zeros(len(position), dtype=bool)
     on_face[mover] = True
     return snapped, on_face
+
+
+def faces_of_part(
+    faces: Iterable[float], axis: int, size: Array, spacing: float, part: Callable[[Array], Array]
+) -> set[float]:
+    """Those of the faces across one axis beside which, somewhere, a part of the tank ends.
+
+    Args:
+        faces: coordinates along the axis [m].
+        axis: which.
+        size: (d,) of the tank [m].
+        spacing: of its particles [m].
+        part: from positions (K, d) to the mask (K,) of the part.
+    """
+    others = [np.arange(0.25 * spacing, length, 0.5 * spacing) for k, length in enumerate(size) if k != axis]
+    grid = np.stack([x.ravel() for x in np.meshgrid(*others, indexing="ij")], axis=1)
+    found = set()
+    for face in faces:
+        below, above = (np.insert(grid, axis, face + s * BESIDE * spacing, axis=1) for s in (-1, 1))
+        if (part(below) != part(above)).any():
+            found.add(face)
+    return found
 
 
 def heaviest_beside(

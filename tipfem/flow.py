@@ -11,7 +11,7 @@ from tipfem import assembly, balance_kernels, block_kernels, krylov, krylov_kern
 from tipfem.device import chunks, download, spread
 from tipfem.errors import StepRefused
 from tipfem.linear_system import LinearSystem, Workspace
-from tipfem.mesh import Mesh
+from tipfem.mesh import Mesh, no_surface, parabola
 from tipfem.particles import Array, Particles
 from tipfem.time_integration import GeneralizedAlpha
 from tipfem.wall_rows import WallRows
@@ -134,16 +134,18 @@ class FlowProblem:
         self._linearised = False
         self._dx = buffers.get("correction", self.size)
         fixed = particles.wall if walls is None else walls.fixed
+        self._surface = free = mesh.surface or no_surface(len(mesh.position))
+        self._flight = parabola(particles.velocity, body_force, scheme.dt)
         block_kernels.row_scale(
-            *self._topology, self._position, self._density, self._viscosity, put("fixed", fixed),
-            self._scale, scheme.cm, scheme.cv, particles.spacing, self.nodes, d,
+            *self._topology, self._position, self._density, self._viscosity, put("fixed", fixed | free.loose),
+            put("pinned", free.pinned), self._scale, scheme.cm, scheme.cv, particles.spacing, self.nodes, d,
         )  # fmt: skip
         self._walls = None if walls is None else WallRows(walls, d, self._scale, buffers)
         # A tank that moves stands still in its own frame, and so does the grid; the Laplacian is the same there.
         frame = mesh.position if walls is None else walls.frame
-        density = properties.density
+        extremes = (properties.density.min(initial=np.inf), properties.density.max(initial=0.0))
         self.system = LinearSystem(
-            self._topology, mesh, self._position, self._density, (density.min(), density.max()), self._scale, scheme,
+            self._topology, mesh, self._position, self._density, extremes, self._scale, scheme,
             workspace.multigrid(frame, particles.spacing), frame, buffers,
         )  # fmt: skip
 
@@ -160,6 +162,7 @@ class FlowProblem:
             moving = np.where(self.particles.wall[:, None], 0.0, displacement)
         else:
             moving = self.walls.constrain(displacement)
+        moving, pressure = self._surface.constrain(moving, pressure, self._flight)
         return self.buffers.upload("unknowns", np.concatenate([moving, pressure[:, None]], axis=1).ravel())
 
     def split(self, x: Any) -> tuple[Array, Array]:

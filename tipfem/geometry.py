@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tipfem import lattice
-from tipfem.faces import heaviest_beside, snap_to_faces
+from tipfem.faces import faces_of_part, heaviest_beside, snap_to_faces
 from tipfem.fluid import Fluid
 from tipfem.particles import Array, Particles
 from tipfem.validation import is_number, numbers
@@ -162,11 +162,13 @@ class Tank:
             result.append(Wall(name, particles=particles.wall & (particles.position[:, axis] == place), **what))
         return result
 
-    def sample(self, fluids: Sequence[Fluid], *, fitted: bool = False) -> Particles:
+    def sample(self, fluids: Sequence[Fluid], *, fitted: bool = False, empty: bool = False) -> Particles:
         """Particles of the filled tank, walls included.
 
         Args:
             fluids: the case's fluids; ``Particles.fluid`` indexes this list.
+            empty: let parts of the tank be empty: there are no particles but those of walls, of fluid -1. In 2-D
+                particles stand on the faces of empty parts; that is where free surfaces begin.
             fitted: put particles on the faces between two fluids, instead of on both sides of them, and let
                 them have the heavier one; in 2-D only. That is what the sharp interface starts from.
 
@@ -187,40 +189,43 @@ class Tank:
                 "tank: jitter is 0; a regular lattice in 3-D cannot be meshed, its cubes are cut into simplices "
                 "without volume; set jitter, to 0.1 for instance"
             )
-        lines = [
-            (lattice.fitted_lines if fitted else lattice.lines)(
-                axis, float(self.size[axis]), self.spacing, self._faces(axis)
-            )
-            for axis in range(len(self.size))
-        ]
+        size, numbers_of, nothing = np.asarray(self.size, dtype=float), self._numbers(fluids), len(fluids)
+
+        def fluid_at(x: Array) -> Array:
+            label = np.full(len(x), nothing if empty else 0, dtype=np.int32)
+            for region, number in zip(self._regions, numbers_of, strict=True):
+                label[np.asarray(region.contains(x.copy()))] = number
+            return label
+
+        def is_empty(x: Array) -> Array:
+            return fluid_at(x) == nothing
+
+        lines = []
+        for axis, length in enumerate(size.tolist()):
+            faces = self._faces(axis)
+            ends = faces_of_part(faces, axis, size, self.spacing, is_empty) if empty else set()
+            if fitted:
+                lines.append(lattice.fitted_lines(axis, length, self.spacing, faces))
+            else:
+                lines.append(lattice.lines(axis, length, self.spacing, faces, ends))
         position = np.stack([x.ravel() for x in np.meshgrid(*lines, indexing="ij")], axis=1)
-        size = np.asarray(self.size, dtype=float)
         wall = ((position == 0.0) | (position == size)).any(axis=1)
         fluid = np.full(len(position), -1, dtype=np.int32)
-        for region in self._regions:
-            if region.fluid not in fluids:
-                raise ValueError(
-                    f"tank is filled with {region.fluid.name!r}, which is not among the case's fluids "
-                    f"{[f.name for f in fluids]}"
-                )
-            fluid[self._mask(region, position, wall)] = list(fluids).index(region.fluid)
-        if (fluid < 0).any():
+        for region, number in zip(self._regions, numbers_of, strict=True):
+            fluid[self._mask(region, position, wall)] = number
+        if (fluid < 0).any() and not empty:
             i = int(np.argmax(fluid < 0))
             raise ValueError(
-                f"tank: no fluid at {position[i].tolist()}; fill the whole tank first, then parts of it"
+                f"tank: no fluid at {position[i].tolist()}; fill the whole tank first, then parts of it, or let the "
+                "case have a free surface"
             )
+        if (fluid < 0).all():
+            raise ValueError("tank: it is empty; fill at least a part of it with a fluid")
         free = ~wall
-        if fitted:
-            numbers_of = [list(fluids).index(region.fluid) for region in self._regions]
-
-            def fluid_at(x: Array) -> Array:
-                label = np.zeros(len(x), dtype=np.int32)
-                for region, number in zip(self._regions, numbers_of, strict=True):
-                    label[np.asarray(region.contains(x.copy()))] = number
-                return label
-
-            position, on_face = snap_to_faces(position, (len(lines[0]), len(lines[1])), size, fluid_at)
-            density = np.array([f.density for f in fluids])
+        if len(size) == 2 and (fitted or empty):
+            part = fluid_at if fitted else is_empty
+            position, on_face = snap_to_faces(position, (len(lines[0]), len(lines[1])), size, part)
+            density = np.array([*(f.density for f in fluids), 0.0])
             fluid[on_face] = heaviest_beside(position[on_face], size, self.spacing, fluid_at, density)
             free &= ~on_face
         if self.jitter:
@@ -229,7 +234,18 @@ class Tank:
             # away between them does no harm as long as they are fixed; particles of walls that slip feel it.
             held = (position == 0.0) | (position == size) if len(size) == 3 and self._walls else ~free[:, None]
             position += np.where(held, 0.0, shift)
-        return Particles(position, fluid, wall, spacing=self.spacing)
+        there = wall | (fluid >= 0)
+        return Particles(position[there], fluid[there], wall[there], spacing=self.spacing)
+
+    def _numbers(self, fluids: Sequence[Fluid]) -> list[int]:
+        """Number of each region's fluid among ``fluids``; see `sample` for errors."""
+        for region in self._regions:
+            if region.fluid not in fluids:
+                raise ValueError(
+                    f"tank is filled with {region.fluid.name!r}, which is not among the case's fluids "
+                    f"{[f.name for f in fluids]}"
+                )
+        return [list(fluids).index(region.fluid) for region in self._regions]
 
     def _mask(self, region: _Region, position: Array, wall: Array) -> Array:
         """Mask (N,) of the lattice points in a region; see `sample` for errors."""
@@ -245,6 +261,13 @@ class Tank:
                 f"fill {region.fluid.name!r}: {region.part} holds no particle off the walls; it lies outside the "
                 f"tank, or is too small for a spacing of {self.spacing:g} m"
             )
+        return inside
+
+    def holds(self, x: Array) -> Array:
+        """Mask (K,) of the positions (K, d) [m] that are in a part that has been filled."""
+        inside = np.zeros(len(x), dtype=bool)
+        for region in self._regions:
+            inside |= np.asarray(region.contains(x.copy()))
         return inside
 
     def _faces(self, axis: int) -> set[float]:

@@ -130,21 +130,23 @@ def schur_right_side(
             u = unknown(r, columns[s], dim)
             for k in ti.static(range(dim)):
                 total -= pu[s * dim + k] * u[k]
-        out[i] = total / scale[row]
+        # Not where pressure is prescribed.
+        out[i] = ti.select(scale[row] > 0.0, total / ti.max(scale[row], 1e-300), 0.0)
 
 
 @ti.kernel
 def pressure_correction(
-    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), up: ti.types.ndarray(), r: ti.types.ndarray(),
-    pressure: ti.types.ndarray(), out: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
+    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), up: ti.types.ndarray(), scale: ti.types.ndarray(),
+    r: ti.types.ndarray(), pressure: ti.types.ndarray(), out: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
 ):  # fmt: skip
-    """out = (r_u + G z_p, z_p) with z_p = ``pressure`` (N,)."""
+    """out = (r_u + G z_p, z_p) with z_p = ``pressure`` (N,), or 0 where it is prescribed and ``scale`` zero."""
     for i in range(nodes):
         u = unknown(r, i, dim)
         for s in range(row_offsets[i], row_offsets[i + 1]):
-            p = pressure[columns[s]]
+            j = columns[s]
+            p = ti.select(scale[j * (dim + 1) + dim] > 0.0, pressure[j], 0.0)
             for k in ti.static(range(dim)):
                 u[k] -= up[s * dim + k] * p
         for k in ti.static(range(dim)):
             out[i * (dim + 1) + k] = u[k]
-        out[i * (dim + 1) + dim] = pressure[i]
+        out[i * (dim + 1) + dim] = ti.select(scale[i * (dim + 1) + dim] > 0.0, pressure[i], 0.0)

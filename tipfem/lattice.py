@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 
 import numpy as np
 
@@ -24,7 +24,9 @@ def fitted_lines(axis: int, length: float, spacing: float, faces: Iterable[float
     return np.concatenate(pieces)
 
 
-def lines(axis: int, length: float, spacing: float, faces: Iterable[float]) -> Array:
+def lines(
+    axis: int, length: float, spacing: float, faces: Iterable[float], on_lines: Collection[float] = ()
+) -> Array:
     """Coordinates (n,) of the lines along one axis, with every face midway between two of them [m].
 
     Args:
@@ -32,6 +34,7 @@ def lines(axis: int, length: float, spacing: float, faces: Iterable[float]) -> A
         length: of the tank along it [m].
         spacing: h [m].
         faces: where parts of the tank end [m].
+        on_lines: those of the faces on which a line stands instead.
 
     Raises:
         ValueError: two faces are too close to each other.
@@ -44,7 +47,8 @@ def lines(axis: int, length: float, spacing: float, faces: Iterable[float]) -> A
     )  # fmt: skip
     # First every layer by itself: a wall's line stands on the wall, the others half a step off the faces.
     layers = list(itertools.pairwise(edges))
-    margins = [(0.0 if a == 0.0 else 0.5) + (0.0 if b == length else 0.5) for a, b in layers]
+    solid = {0.0, length, *on_lines}
+    margins = [(0.0 if a in solid else 0.5) + (0.0 if b in solid else 0.5) for a, b in layers]
     counts = [max(int(m < 1), round((b - a) / h - m)) for (a, b), m in zip(layers, margins, strict=True)]
     steps = [(b - a) / (n + m) for (a, b), n, m in zip(layers, counts, margins, strict=True)]
     # Both sides of a face then take the same half gap: that of the smaller step crowds neither.
@@ -52,6 +56,7 @@ def lines(axis: int, length: float, spacing: float, faces: Iterable[float]) -> A
     for k, n in enumerate(counts):
         if n == 0:  # a line alone stands in the middle of its layer
             half[k] = half[k + 1] = 0.5 * steps[k]
+    half = [0.0 if edge in solid else gap for edge, gap in zip(edges, half, strict=True)]
     pieces = []
     for k, (lower, upper) in enumerate(layers):
         first, last = lower + half[k], upper - half[k + 1]
@@ -62,6 +67,7 @@ def lines(axis: int, length: float, spacing: float, faces: Iterable[float]) -> A
             raise _thin(axis, lower, upper, h, why)
         pieces.append(np.linspace(first, last, n + 1))
     result = np.concatenate(pieces)
+    result = result[np.append(np.diff(result) > 1e-9 * length, True)]  # a line on a face is in two layers
     result[-1] = length
     return result
 

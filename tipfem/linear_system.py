@@ -104,7 +104,7 @@ class LinearSystem:
         self._schur_b, self._schur_x = buffers.get("schur_b", n), buffers.get("schur_x", n)
         self._laplacian = values = buffers.get("laplacian", count)
         block_kernels.pressure_laplacian(
-            *topology, position, density, self._row_offsets, self._places, values, SCHUR_SCALE * scheme.cm, n, d
+            *topology, position, density, scale, self._row_offsets, self._places, values, SCHUR_SCALE * scheme.cm, n, d
         )
         self.multigrid, self._launch = multigrid, Launcher()
         if frame is not mesh.position:
@@ -144,7 +144,7 @@ class LinearSystem:
         self.multigrid.apply(self._schur_b, self._schur_x)
         self._bubbles.lift(self._launch, self._schur_b, self._schur_x)
         self._launch(
-            jacobian_rows.pressure_correction, self._row_offsets, self._columns, up, r, self._schur_x, z,
+            jacobian_rows.pressure_correction, self._row_offsets, self._columns, up, self._scale, r, self._schur_x, z,
             self._nodes, self._dimension,
         )  # fmt: skip
 

@@ -8,7 +8,57 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from tipfem.particles import Array
+from tipfem.particles import Array, Particles
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Where the simplices on N particles end without a wall.
+
+    Attributes:
+        front: (N,) mask of the particles on the surface, those of walls at its edge included.
+        pinned: (N,) mask of the particles whose pressure is zero: on the surface, and all that are in no simplex.
+        loose: (N,) mask of the particles off the walls that are in no simplex; they fly.
+        volume: (N,) what each loose particle carries of its fluid, zero for all others [m^2, or m^3 in 3-D].
+    """
+
+    front: Array
+    pinned: Array
+    loose: Array
+    volume: Array
+
+    @property
+    def used(self) -> Array:
+        """(N,) mask of the particles in simplices."""
+        return np.asarray(~self.pinned | self.front)
+
+    def dry(self, wall: Array) -> Array:
+        """(N,) mask of the wall particles in no simplex, of those in ``wall`` (N,)."""
+        return np.asarray(wall & ~self.used)
+
+    def constrain(self, u: Array, pressure: Array, flight: Array) -> tuple[Array, Array]:
+        """Displacements (N, d) and pressures (N,) as they must be: loose particles fly, no pressure where pinned."""
+        return np.where(self.loose[:, None], flight, u), np.where(self.pinned, 0.0, pressure)
+
+    def landed(self, before: Particles, moved: Particles, force: Array, dt: float) -> Particles:
+        """The state ``moved`` with loose particles on their parabolas from ``before``; ``force`` (N, d) [m/s^2]."""
+        i = self.loose
+        done = moved.copy()
+        done.position[i] = before.position[i] + parabola(before.velocity[i], force[i], dt)
+        done.velocity[i] = before.velocity[i] + dt * force[i]
+        done.acceleration[i] = force[i]
+        return done
+
+
+def no_surface(count: int) -> Surface:
+    """The surface of a mesh that walls surround: of ``count`` particles none is on it."""
+    none = np.zeros(count, dtype=bool)
+    return Surface(none, none, none, np.zeros(count))
+
+
+def parabola(velocity: Array, force: Array, dt: float) -> Array:
+    """Displacements (K, d) [m] of free flight in a time ``dt`` [s], from velocities and forces (K, d) per mass."""
+    return dt * velocity + 0.5 * dt**2 * force
 
 
 @dataclass(frozen=True)
@@ -20,11 +70,13 @@ class Mesh:
         cells: (M, d + 1) particles of each simplex, positively oriented, int32.
         fluid: (M,) fluid of each simplex where interfaces run along facets, int32; None where they cut
             through simplices.
+        surface: where it ends without a wall; None where walls surround it.
     """
 
     position: Array
     cells: Array
     fluid: Array | None = None
+    surface: Surface | None = None
 
     @property
     def dimension(self) -> int:
@@ -38,7 +90,7 @@ class Mesh:
 
     def moved(self, position: Array) -> Mesh:
         """The same simplices at other positions (N, d); shares what depends on the connectivity alone."""
-        mesh = Mesh(position, self.cells, self.fluid)
+        mesh = Mesh(position, self.cells, self.fluid, self.surface)
         for name in ("edges", "incidence", "adjacency", "across"):
             if name in self.__dict__:
                 mesh.__dict__[name] = self.__dict__[name]

@@ -30,7 +30,7 @@ from tipfem.particles import Array, Particles
 # What an earlier run left, pictures drawn of it included: they would tell of another run than the numbers.
 _OWN_FILES = (
     "fields/step_*.vtu", "fields.pvd", "history.csv", "summary.json", "case.json",
-    "frames*/frame_*.png", "animation*.*", "strip.png", "front.png",
+    "frames*/frame_*.png", "animation*.*", "strip.png", "front.png", "amplitude.png", "heights.png",
 )  # fmt: skip
 
 
@@ -79,6 +79,7 @@ class ResultsFolder:
             "spacing": case.particles.spacing,
             "gravity": np.asarray(case.gravity).tolist(),
             "interface": case.interface,
+            "free_surface": case.free_surface,
         }
         self._write_json("case.json", self._case)
 
@@ -122,9 +123,12 @@ class ResultsFolder:
         points, velocity = _three_dimensional(particles.position), _three_dimensional(particles.velocity)
         # Where interfaces run along edges, every triangle has its fluid, too.
         cell_data = {} if mesh.fluid is None else {"fluid": [mesh.fluid.astype(np.int32)]}
+        blocks = [("triangle" if particles.dimension == 2 else "tetra", mesh.cells)]
+        if mesh.surface is not None and mesh.surface.loose.any():
+            blocks.append(("vertex", np.flatnonzero(mesh.surface.loose)[:, None]))
         content = meshio.Mesh(
             points,
-            [("triangle" if particles.dimension == 2 else "tetra", mesh.cells)],
+            blocks,
             point_data={
                 "velocity": velocity,
                 "pressure": particles.pressure,

@@ -42,12 +42,15 @@ def extent(mesh: Mesh, fluid: Array, index: int, axis: int) -> float:
     """Largest coordinate that a fluid reaches along an axis [m].
 
     Where elements have a fluid each, that is the end of the fluid's elements. Otherwise the fluid reaches to
-    the middle of the edges that join it to another one. NaN without any of that fluid.
+    the middle of the edges that join it to another one; particles in no element do not count. NaN without any of
+    that fluid.
     """
     if mesh.fluid is not None:
         cells = mesh.cells[mesh.fluid == index]
         return float(mesh.position[cells, axis].max()) if len(cells) else float("nan")
     own = fluid == index
+    if mesh.surface is not None:
+        own = own & mesh.surface.used
     if not own.any():
         return float("nan")
     coordinate = mesh.position[:, axis]

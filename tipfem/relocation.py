@@ -26,6 +26,8 @@ class RelocationRule:
         long_mixed_edge: edges between two fluids longer than this take a particle at a third of
             their length, so that no gap opens between the fluids.
         urgent: a particle closer than this to another is moved into any edge longer than h.
+        at_surface: factor on these distances where one of two particles is on a free surface, and
+        along_surface: where both are, and for heights of particles on the surface over a wall.
 
     Raises:
         ValueError: a length is not positive, or a rule would undo itself.
@@ -36,6 +38,8 @@ class RelocationRule:
     long_edge: float = 1.2
     long_mixed_edge: float = 1.8
     urgent: float = 0.35
+    at_surface: float = 0.75
+    along_surface: float = 0.5
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -175,14 +179,17 @@ def _crowding(
     """
     i, j = mesh.edges.T
     length = np.linalg.norm(mesh.position[i] - mesh.position[j], axis=1)
-    bound = wall | stuck
-    close = (length < rule.too_close * h) & ~(gone[i] | gone[j]) & ~(bound[i] & bound[j])
+    bound, front = wall | stuck, np.zeros(len(wall), dtype=bool) if mesh.surface is None else mesh.surface.front
+    factor = np.array([1.0, rule.at_surface, rule.along_surface])
+    close = (length < factor[front[i].astype(int) + front[j]] * rule.too_close * h) & ~(gone[i] | gone[j])
+    close &= ~(bound[i] & bound[j])
     i, j, length = i[close], j[close], length[close]
     crowd = np.full(len(mesh.position), np.inf)
-    np.minimum.at(crowd, np.where(bound[j], i, j), length)
+    # The surface keeps its shape when what is below it moves.
+    np.minimum.at(crowd, np.where(bound[j] | (front[j] & ~front[i] & ~bound[i]), i, j), length)
     # Height over a wall counts on the scale of distances, so that both can be compared.
     apex = _apex(mesh, wall, on_wall)
-    low = (height < rule.too_close_to_wall * h) & ~(gone | stuck)[apex]
+    low = (height < np.where(front, factor[2], 1.0)[apex] * rule.too_close_to_wall * h) & ~(gone | stuck)[apex]
     np.minimum.at(crowd, apex[low], height[low] * (rule.too_close / rule.too_close_to_wall))
     both = np.isfinite(crowd[i]) & np.isfinite(crowd[j])
     i, j = i[both], j[both]

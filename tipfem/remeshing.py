@@ -11,6 +11,7 @@ from tipfem.case import Case
 from tipfem.fitted import repair
 from tipfem.fitting import FittedRule, hull_corners, particle_fluid, with_fluids
 from tipfem.fluid import Fluid
+from tipfem.free_surface import SurfaceMesher
 from tipfem.mesh import Mesh
 from tipfem.particles import Array, Particles
 from tipfem.relocation import RelocationRule, relocate
@@ -50,23 +51,32 @@ class DelaunayRemesher:
 
     Args:
         rule: of relocation.
+        surface: what finds a free surface; None where walls surround the fluids.
     """
 
-    def __init__(self, rule: RelocationRule) -> None:
-        self.rule = rule
+    def __init__(self, rule: RelocationRule, surface: SurfaceMesher | None = None) -> None:
+        self.rule, self.surface = rule, surface
 
     def start(self, particles: Particles) -> Remeshed:
         """See `Remesher.start`."""
-        return self._mesh(particles, np.zeros(len(particles), dtype=bool), 0)
+        return self._mesh(particles, None, np.zeros(len(particles), dtype=bool), 0)
 
     def remesh(self, particles: Particles, mesh: Mesh, walls: WallStep | None) -> Remeshed:
         """See `Remesher.remesh`."""
         state, count = relocate(particles, mesh, self.rule)
-        state, of_walls = walls.space(state) if walls else (state, 0)
-        return self._mesh(state, (state.position != particles.position).any(axis=1), count + of_walls)
+        state, of_walls = walls.space(state, mesh.surface) if walls else (state, 0)
+        moved = mesh.moved(particles.position)
+        return self._mesh(state, moved, (state.position != particles.position).any(axis=1), count + of_walls)
 
-    def _mesh(self, particles: Particles, relocated: Array, count: int) -> Remeshed:
-        mesh = triangulate(particles.position, particles.wall, particles.spacing)
+    def _mesh(self, particles: Particles, before: Mesh | None, relocated: Array, count: int) -> Remeshed:
+        if self.surface is None:
+            mesh = triangulate(particles.position, particles.wall, particles.spacing)
+        elif before is None:
+            mesh = self.surface.start(particles)
+        else:
+            mesh = self.surface.remesh(particles, before, relocated)
+        if mesh.surface is not None:
+            particles.pressure = np.where(mesh.surface.pinned, 0.0, particles.pressure)
         particles.fluid = wall_fluid(mesh, particles.fluid, particles.wall)
         return Remeshed(particles, mesh, relocated, count)
 
@@ -140,4 +150,8 @@ def remesher_for(case: Case, reference: int) -> Remesher:
             case.fluids, [reference], numerics.fitting,
             walls_have_fluids=case.walls_have_fluids, keep=numerics.volume_correction > 0,
         )  # fmt: skip
-    return DelaunayRemesher(numerics.relocation)
+    if case.closed:
+        return DelaunayRemesher(numerics.relocation)
+    slippery = np.zeros(len(case.particles), dtype=bool)
+    slippery[case.boundary.index[case.boundary.slides]] = True
+    return DelaunayRemesher(numerics.relocation, SurfaceMesher(numerics.surface, slippery, case.filled))

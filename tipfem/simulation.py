@@ -83,15 +83,15 @@ class Simulation:
         self.history: list[dict[str, float]] = []
         self.interface = INTERFACES[case.interface]()
         frequency = case.natural_frequency()
-        self.control = StepControl(time_step or (0.05 / frequency if frequency else 1e-3))
+        largest = time_step or (0.05 / frequency if frequency else 1e-3)
+        self.control = StepControl(largest, target=case.numerics.largest_move)
         self.budget = Budget(case)
         self._workspace = Workspace()
         self._walls: WallStep | None = None
         self.boundary = case.boundary
         self._reference = case.pressure_reference()
         self.remesher = remesher_for(case, self._reference)
-        self._started = clock.perf_counter()
-        self._outputs = 0
+        self._started, self._outputs = clock.perf_counter(), 0
         try:
             initial = set_off(case.boundary, case.particles.copy(), 0.25 * self.control.largest)
             self._take(self.remesher.start(initial))
@@ -99,7 +99,7 @@ class Simulation:
             raise ValueError(f"Simulation: the initial particles cannot be meshed: {error}") from error
         # With a sharp interface the remesher keeps the volumes, and without jumps of pressure.
         rate = 0.0 if case.interface == "sharp" else case.numerics.volume_correction * frequency
-        self.volume_control = VolumeControl(self._volumes(), rate)
+        self.volume_control = VolumeControl(self._volumes(), rate, balanced=case.closed)
         # Last of all: it removes what an earlier run left, which a refused simulation must not do.
         self.results = ResultsFolder(out) if out is not None else None
         if self.results:
@@ -188,7 +188,8 @@ class Simulation:
         scheme = GeneralizedAlpha(numerics.rho_inf, dt)
         position = self.particles.position + scheme.cf * scheme.predict(self.particles)
         force = self.case.acceleration(position, self.time + scheme.cf * dt)
-        before, material = self.particles, self._properties(dt)
+        before, source = self.particles, self.volume_control.source(self.mesh, self._fraction, dt)
+        material = ElementProperties(self._density, self._viscosity, source)
         self._walls = walls_in_step(self.boundary, self.mesh, before, material.viscosity, scheme, self.time)
         problem = FlowProblem(
             self.mesh, before, material, scheme, force, numerics.stabilisation, self._workspace, self._walls
@@ -204,8 +205,11 @@ class Simulation:
         limits = problem.limits(result.solution)
         limits.require(numerics.smallest_jacobian, self.control.reach * self.particles.spacing)
         displacement, pressure = problem.split(result.solution)
-        after = scheme.advance(before, displacement, pressure - pressure[self._reference])
+        if self.mesh.surface is None or not self.mesh.surface.front.any():
+            pressure -= pressure[self._reference]
+        after = scheme.advance(before, displacement, pressure)
         after = self._walls.finish(before, displacement, after) if self._walls else after
+        after = self.mesh.surface.landed(before, after, force, dt) if self.mesh.surface else after
         self.budget.solved(problem, result.solution, displacement, after, force)
         return after, result
 
@@ -229,20 +233,16 @@ class Simulation:
         self._fraction = self.interface.fluid_fraction(mesh, fluid, len(fluids))
         self.budget.remeshed(mesh, particles, density, self._fraction)
 
-    def _properties(self, dt: float) -> ElementProperties:
-        source = self.volume_control.source(self.mesh, self._fraction, dt)
-        return ElementProperties(self._density, self._viscosity, source)
-
     def _volumes(self) -> Array:
-        return probes.fluid_volumes(self.mesh, self._fraction)
+        return self.budget.totals().volume
 
     def volume(self, name: str) -> float:
-        """Volume of a fluid [m^2 in 2-D, m^3 in 3-D]; see `Case.fluid_index` for errors."""
+        """Volume of a fluid [m^2 in 2-D, m^3 in 3-D], spray included; see `Case.fluid_index` for errors."""
         return float(self._volumes()[self.case.fluid_index(name)])
 
     def energy(self) -> probes.Energy:
         """Kinetic and potential energy [J, per metre of depth in 2-D]."""
-        return probes.energy(self.mesh, self.particles, self._density, np.asarray(self.case.gravity))
+        return probes.Energy(self.budget.totals().kinetic, self.budget.totals().potential)
 
     def write_summary(self, content: Mapping[str, Any] | None = None) -> None:
         """Write summary.json with the run's settings and ``content``; nothing without a results folder."""

@@ -94,15 +94,15 @@ class StepControl:
         smallest: where a run gives up [s].
         growth: factor by which an accepted step may grow.
         reach: largest displacement of a particle in a step, in spacings; steps that would exceed it
-            are refused.
+            are refused. 0.15 more than the target by default.
         target: displacement that the next step aims at, in spacings, from the present speed.
     """
 
     largest: float
     smallest: float = 0.0
     growth: float = 1.25
-    reach: float = 0.7
-    target: float = 0.5
+    reach: float = 0.0
+    target: float = 0.35
     current: float = field(default=0.0)
 
     def __post_init__(self) -> None:
@@ -110,6 +110,7 @@ class StepControl:
             raise ValueError(f"time step is {self.largest!r} s; it must be > 0")
         self.smallest = self.smallest or 1e-5 * self.largest
         self.current = self.current or self.largest
+        self.reach = self.reach or self.target + 0.15
 
     def length(self, speed: float, spacing: float, remaining: float) -> float:
         """Length of the next step [s].

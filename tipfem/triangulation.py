@@ -17,6 +17,33 @@ class TriangulationError(RuntimeError):
     """The particles could not be triangulated."""
 
 
+def delaunay(position: Array, spacing: float) -> tuple[Array, Array, Array]:
+    """Delaunay simplices of all particles, flat ones included.
+
+    Args:
+        position: (N, d) [m].
+        spacing: the unit h of what is returned [m].
+
+    Returns:
+        Simplices (M, d + 1), positively oriented, int32; their measures (M,) [h^d]; and the number (M, d + 1) of
+        the simplex opposite each corner, -1 for none.
+
+    Raises:
+        TriangulationError: Qhull gave up.
+    """
+    # Qhull loses points silently when the cloud is far from the origin.
+    centred = (position - 0.5 * (position.min(axis=0) + position.max(axis=0))) / spacing
+    try:
+        found = Delaunay(centred)
+    except QhullError as error:
+        raise TriangulationError(f"Qhull cannot triangulate the particles: {error}") from error
+    cells, beyond = found.simplices.astype(np.int32), found.neighbors.copy()
+    measure = simplex_measure(centred, cells)
+    flip = measure < 0
+    cells[flip, :2], beyond[flip, :2] = cells[flip, 1::-1], beyond[flip, 1::-1]
+    return cells, np.abs(measure), beyond
+
+
 def triangulate(position: Array, wall: Array, spacing: float) -> Mesh:
     """Delaunay mesh of all particles.
 
@@ -32,19 +59,11 @@ def triangulate(position: Array, wall: Array, spacing: float) -> Mesh:
         TriangulationError: Qhull gave up, left out a particle, or a flat simplex holds a
             particle that is no wall particle.
     """
-    # Qhull loses points silently when the cloud is far from the origin.
-    centred = (position - 0.5 * (position.min(axis=0) + position.max(axis=0))) / spacing
-    try:
-        cells = Delaunay(centred).simplices.astype(np.int32)
-    except QhullError as error:
-        raise TriangulationError(f"Qhull cannot triangulate the particles: {error}") from error
-    measure = simplex_measure(centred, cells)
-    flip = measure < 0
-    cells[flip, :2] = cells[flip, 1::-1]
-    flat = (np.abs(measure) < SLIVER) & wall[cells].all(axis=1)
+    cells, measure, _ = delaunay(position, spacing)
+    flat = (measure < SLIVER) & wall[cells].all(axis=1)
     cells = cells[~flat]
-    if (np.abs(measure[~flat]) <= 1e-14).any():
-        i = int(cells[np.argmin(np.abs(measure[~flat]))].max())
+    if (measure[~flat] <= 1e-14).any():
+        i = int(cells[np.argmin(measure[~flat])].max())
         raise TriangulationError(f"a simplex at particle {i}, {position[i].tolist()}, has no area")
     used = np.zeros(len(position), dtype=bool)
     used[cells.ravel()] = True

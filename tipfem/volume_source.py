@@ -23,10 +23,11 @@ class VolumeControl:
     Args:
         wanted: (F,) volume that each fluid should have [m^2, or m^3 in 3-D].
         rate: part of the missing volume that comes back per time [1/s].
+        balanced: whether walls surround the fluids; see `volume_source`.
     """
 
-    def __init__(self, wanted: Array, rate: float) -> None:
-        self.wanted, self.rate = wanted, rate
+    def __init__(self, wanted: Array, rate: float, *, balanced: bool = True) -> None:
+        self.wanted, self.rate, self.balanced = wanted, rate, balanced
         self.missing = np.zeros(len(wanted))
 
     def observe(self, volume: Array, dt: float) -> None:
@@ -37,10 +38,13 @@ class VolumeControl:
         """Growth s (M,) of the elements in a step of length ``dt`` [s]; see `volume_source`."""
         if self.rate == 0.0:
             return np.zeros(len(mesh.cells))
-        return volume_source(mesh, fraction, mesh.measure @ fraction + self.missing, min(self.rate * dt, 0.5))
+        wanted, part = mesh.measure @ fraction + self.missing, min(self.rate * dt, 0.5)
+        return volume_source(mesh, fraction, wanted, part, balanced=self.balanced)
 
 
-def volume_source(mesh: Mesh, fraction: Array, initial_volume: Array, part: float) -> Array:
+def volume_source(
+    mesh: Mesh, fraction: Array, initial_volume: Array, part: float, *, balanced: bool = True
+) -> Array:
     """Growth s of each element in the constraint J = 1 + s.
 
     s_f = part (V0_f - V_f) / V_f with one part for all fluids: in a closed tank, where what one fluid
@@ -52,9 +56,10 @@ def volume_source(mesh: Mesh, fraction: Array, initial_volume: Array, part: floa
         fraction: (M, F) part of each element that each fluid fills.
         initial_volume: (F,) volume that each fluid should have [m^2, or m^3 in 3-D].
         part: of the missing volume that is to come back in this step.
+        balanced: whether the total growth must be zero; not with a free surface, which gives way.
 
     Returns:
-        (M,) relative growth of each element; the total growth, weighted by measure, is zero.
+        (M,) relative growth of each element; if balanced, the total growth, weighted by measure, is zero.
     """
     volume = mesh.measure @ fraction
     missing = np.divide(initial_volume - volume, volume, out=np.zeros(len(volume)), where=volume > 0)
@@ -62,5 +67,7 @@ def volume_source(mesh: Mesh, fraction: Array, initial_volume: Array, part: floa
     if largest > LARGEST_GROWTH:
         part *= LARGEST_GROWTH / largest
     growth = part * fraction @ missing
+    if not balanced:
+        return np.asarray(growth)
     # A fluid that has vanished from the mesh cannot take part; the total must still be zero.
     return growth - float(growth @ mesh.measure) / float(mesh.measure.sum())

@@ -72,10 +72,11 @@ def slip_scale(
     for s in range(count):
         i = index[s]
         diagonal = friction[s]
-        for k in ti.static(range(dim)):
-            diagonal += 1.0 / (dim * scale[i * (dim + 1) + k])
-        for k in ti.static(range(dim)):
-            scale[i * (dim + 1) + k] = 1.0 / diagonal
+        if scale[i * (dim + 1)] > 0.0:  # not of particles in no element
+            for k in ti.static(range(dim)):
+                diagonal += 1.0 / (dim * scale[i * (dim + 1) + k])
+            for k in ti.static(range(dim)):
+                scale[i * (dim + 1) + k] = 1.0 / diagonal
 
 
 @ti.kernel

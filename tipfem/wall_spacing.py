@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from tipfem.mesh import Surface
 from tipfem.particles import Array, Particles
 
 # A particle that slides is set elsewhere when it is closer to a neighbour than CLOSE mean distances along its
 # wall, or where another gap is wider than WIDE of them.
 CLOSE, WIDE = 0.6, 1.6
+CORNER = 0.1  # the least distance to a dry corner, in mean distances
 FIELDS = ("position", "velocity", "acceleration", "pressure")
 
 
-def space_sliding(particles: Particles, piece: Array) -> int:
+def space_sliding(particles: Particles, piece: Array, surface: Surface | None = None) -> int:
     """Set crowded particles of a wall that slips into its widest gaps, in place; returns how many.
 
     They take velocity, acceleration and pressure from the two ends of their gap, by linear interpolation.
@@ -20,8 +22,12 @@ def space_sliding(particles: Particles, piece: Array) -> int:
     Args:
         particles: the state on N particles.
         piece: (K,) those along a straight line; the first and the last stay.
+        surface: where the fluids end, if they do. The particles there stay, and dry ones are spaced evenly.
     """
-    moves = crowded_moves(particles.position, piece)
+    if surface is not None:
+        _even_out(particles, piece, surface.dry(particles.wall))
+    held = None if surface is None else surface.front
+    moves = crowded_moves(particles.position, piece, held)
     for i, left, right in moves:
         for name in FIELDS:
             values = getattr(particles, name)
@@ -47,7 +53,29 @@ def space_back(particles: Particles, piece: Array, places: Array) -> None:
         values[piece[1:-1]] = new[1:-1].reshape(len(piece) - 2, *values.shape[1:])
 
 
-def crowded_moves(position: Array, piece: Array) -> list[tuple[int, int, int]]:
+def _even_out(particles: Particles, piece: Array, dry: Array) -> None:
+    """Space rows of dry particles of a piece evenly between the others, in place.
+
+    Where the corner is dry, nothing but this holds a wet particle that slides up to it: it stops there.
+    """
+    order, along = _along(particles.position, piece)
+    inner = ~np.isin(order, piece[[0, -1]])
+    order, along = np.concatenate([piece[:1], order[inner], piece[-1:]]), np.concatenate([[0.0], along[inner], [1.0]])
+    count = len(order) - 1
+    room = CORNER * np.arange(count + 1) / count
+    kept = np.clip(along, room, 1.0 - room[::-1])
+    stopped = order[kept != along]
+    particles.velocity[stopped] = particles.acceleration[stopped] = 0.0
+    knots = ~dry[order]
+    knots[[0, -1]] = True
+    row = np.arange(count + 1)
+    even = np.interp(row, row[knots], kept[knots])
+    moved = order[even != along]
+    ends = particles.position[piece[[0, -1]]]
+    particles.position[moved] = ends[0] + even[even != along, None] * (ends[1] - ends[0])
+
+
+def crowded_moves(position: Array, piece: Array, held: Array | None = None) -> list[tuple[int, int, int]]:
     """Which particles of a row are to be set between which others, one after the other.
 
     Distances count relative to the mean one along the row, for a moving wall changes it.
@@ -55,6 +83,7 @@ def crowded_moves(position: Array, piece: Array) -> list[tuple[int, int, int]]:
     Args:
         position: (N, d) [m].
         piece: (K,) particles along a straight line; the first and the last stay.
+        held: (N,) mask of further particles that stay.
 
     Returns:
         Triples (particle, left, right): the particle goes midway between the other two, as they are by then.
@@ -66,6 +95,8 @@ def crowded_moves(position: Array, piece: Array) -> list[tuple[int, int, int]]:
     while len(moves) < len(row):
         gap = np.diff(places)
         near, merged = np.minimum(gap[:-1], gap[1:]), gap[:-1] + gap[1:]
+        if held is not None:  # as if there were room enough
+            near, merged = (np.where(held[row[1:-1]], np.inf, values) for values in (near, merged))
         crowded = near < CLOSE * mean
         # Of those that are too close, or else of all, the one whose absence leaves the smallest gap.
         k = int(np.argmin(np.where(crowded, merged, np.inf) if crowded.any() else merged))

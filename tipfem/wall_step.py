@@ -8,7 +8,7 @@ import numpy as np
 
 from tipfem.boundary import Boundary
 from tipfem.boundary_update import reassigned
-from tipfem.mesh import Mesh
+from tipfem.mesh import Mesh, Surface
 from tipfem.particles import Array, Particles
 from tipfem.time_integration import GeneralizedAlpha
 from tipfem.wall_motion import WallMotion
@@ -169,8 +169,12 @@ class WallStep:
         self._after.impose(done)
         return done
 
-    def space(self, particles: Particles) -> tuple[Particles, int]:
+    def space(self, particles: Particles, surface: Surface | None = None) -> tuple[Particles, int]:
         """Space the particles along the walls that slip, slide, or that moving walls shorten and lengthen.
+
+        Args:
+            particles: the state at t_{n+1}.
+            surface: of the step's mesh, if it has one.
 
         Returns:
             The state, and how many particles were set elsewhere.
@@ -181,11 +185,15 @@ class WallStep:
         spaced, count = particles.copy(), 0
         for piece, places in self.boundary.pieces:
             if places is None:
-                count += space_sliding(spaced, piece)
+                count += space_sliding(spaced, piece, surface)
             else:
                 space_back(spaced, piece, places)
         if particles.dimension == 3:
             spaced = self.set_back(spaced)
+        if surface is not None:  # what is dry stays where it is
+            dry = surface.dry(particles.wall)
+            spaced.velocity[dry] = self._after.pose.rigid_velocity(spaced.position[dry])
+            spaced.acceleration[dry] = self._after.pose.rigid_acceleration(spaced.position[dry])
         self._after.impose(spaced)
         return spaced, count
 

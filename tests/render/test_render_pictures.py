@@ -153,3 +153,29 @@ def test_value_that_is_not_finite_is_named():
     scene.fields["pressure"][5] = np.nan
     with pytest.raises(ValueError, match="particle 5"):
         render_frame(scene, field="pressure", backend="raster")
+
+
+@pytest.mark.parametrize("field", [None, "pressure"])
+def test_a_free_surface_has_walls_around_emptiness_and_drops_in_it(field):
+    """Cells of the lower half only: white above with walls around it, and a particle in no cell is a drop."""
+    scene = made_scene()
+    low = scene.position[scene.cells][..., 1].max(axis=1) < 0.25
+    partly = made_scene(cells=scene.cells[low])
+    size = (640, 480)
+    options = dict(field=field, field_range=(0, 500), backend="raster") if field else dict(backend="raster")
+    image, whole = render_frame(partly, size, **options), render_frame(scene, size, **options)
+    layout = make_layout(size, scene.lower, scene.upper, False, panel_width(scene, field))
+    drops = np.flatnonzero(~scene.wall & (scene.position[:, 1] > 0.35))
+    column, row = layout.pixels(scene.position[drops[0]]).astype(int)
+    assert (image[row, column] < 255).any()
+    gaps = np.array([[x, y] for x in np.linspace(0.1, 0.4, 60) for y in np.linspace(0.35, 0.45, 20)])
+    far = np.linalg.norm(gaps[:, None] - scene.position[None], axis=2).min(axis=1) > 0.6 * scene.spacing
+    assert far.any()
+    for x, y in gaps[far]:
+        column, row = layout.pixels([x, y]).astype(int)
+        assert (image[row, column] == 255).all()
+    # The walls are where they are with all cells.
+    left, top, right, bottom = (round(v) for v in layout.box)
+    for column, row in ((left - 2, (top + bottom) // 2), (right + 2, top + 20), ((left + right) // 2, top - 2)):
+        np.testing.assert_array_equal(image[row, column], whole[row, column])
+        assert (image[row, column] < 120).all()
