@@ -18,6 +18,8 @@ from tipfem.triangulation import TriangulationError
 
 # How far from a new particle others must be, in spacings; less where there is no such place.
 ROOM = (0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
+# Height over a long interface edge, in spacings, below which a particle is taken to be on it.
+SLIVER = 0.05
 
 
 def repair(
@@ -53,6 +55,8 @@ def repair(
     sticks = held if slippery is None else held | (slippery > 0)
     t.slide_contacts(sticks, particles.position - mesh.position, rule.reach * h, 0.35 * h, least)
     broken = t.break_films(rule.film * h)
+    if taken := t.take_in(SLIVER * h, h):
+        flips += taken + t.make_delaunay(rule.slack)
     sizes = (rule.chain * h, rule.edge * h, rule.film * h, least)
     t.coarsen(held, rule.close * h, *sizes, most=len(held))
     edges, needed = t.longest_edges(rule.long * h, t.wanted_edges())

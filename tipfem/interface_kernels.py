@@ -73,6 +73,34 @@ def break_films(
 
 
 @ti.kernel
+def take_in(
+    x: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
+    mark: ti.types.ndarray(), density: ti.types.ndarray(), count: ti.types.ndarray(), elements: ti.i32, low: ti.f64,
+    long: ti.f64,
+):  # fmt: skip
+    """Take particles that all but lie on an edge of an interface into it.
+
+    A cell lower than ``low`` [m] over an interface's edge longer than ``long`` goes to the fluid beyond the edge, if
+    its third particle is neither on an interface nor on the hull: there is no room on such an edge for another one,
+    and that one cannot be taken out where others lie as close. count[0]: how many cells; ``mark`` (N,) is kept.
+    """
+    ti.loop_config(serialize=True)
+    for t in range(elements):
+        if fluid[t] >= 0:
+            for i in ti.static(range(3)):
+                o = across[t, i]
+                if o >= 0:
+                    length = distance(x, cells[t, (i + 1) % 3], cells[t, (i + 2) % 3])
+                    height = double_area(x, cells[t, 0], cells[t, 1], cells[t, 2]) / length
+                    if fluid[o] != fluid[t] and length > long and height < low and mark[cells[t, i]] == 0:
+                        weigh(x, cells, fluid, density, t, -1)
+                        fluid[t] = fluid[o]
+                        weigh(x, cells, fluid, density, t, 1)
+                        mark[cells[t, i]] = 1
+                        count[0] += 1
+
+
+@ti.kernel
 def slide_contacts(
     state: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
     corner: ti.types.ndarray(), fixed: ti.types.ndarray(), density: ti.types.ndarray(),

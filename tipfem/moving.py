@@ -127,6 +127,16 @@ class Triangulation:
         )  # fmt: skip
         return int(count[0])
 
+    def take_in(self, low: float, long: float) -> int:
+        """Take particles lower than ``low`` [m] over interface edges longer than ``long`` into them; how many."""
+        count, before, mark = np.zeros(1, dtype=np.int32), -1, self.marks()
+        while count[0] != before:  # the parts of an edge may be long, too
+            before = int(count[0])
+            interface_kernels.take_in(
+                self.state, self.cells, self.across, self.fluid, mark, self.density, count, len(self.cells), low, long
+            )
+        return int(count[0])
+
     def coarsen(
         self, held: Array, close: float, chain: float, edge: float, film: float, least: float, most: int
     ) -> None:
