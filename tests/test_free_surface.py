@@ -233,9 +233,9 @@ def test_particles_at_a_surface_are_moved_later_than_those_below():
     # Make room elsewhere.
     moved.position[at(p, 0.2, 0.3), 0] -= 0.035
     moved.position[at(p, 0.3, 0.3), 0] += 0.035
-    result, count = relocate(moved, mesh.moved(moved.position), rule)
+    result, moves = relocate(moved, mesh.moved(moved.position), rule)
     changed = np.flatnonzero((result.position != moved.position).any(axis=1))
-    assert count == 1
+    assert len(moves) == 1
     assert moved.position[changed[0], 1] == pytest.approx(0.3)
 
 

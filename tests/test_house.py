@@ -28,6 +28,8 @@ ORDER = [
     "alpha_shape",
     "free_surface",
     "interface",
+    "relocation_rule",
+    "places",
     "relocation",
     "transfer",
     "probes",

@@ -8,11 +8,25 @@ from scipy.spatial import cKDTree
 
 import tipfem as tp
 from tipfem.mesh import Mesh
-from tipfem.relocation import relocate
+from tipfem import relocation
 from tipfem.triangulation import triangulate, wall_fluid
 
 RULE = tp.RelocationRule()
 STATE = ("position", "velocity", "acceleration", "pressure")
+
+
+def relocate(particles, mesh, rule):
+    """The state, and how many particles were moved; what else it says of them must fit."""
+    state, moves = relocation.relocate(particles, mesh, rule)
+    moved = np.flatnonzero((state.position != particles.position).any(axis=1))
+    np.testing.assert_array_equal(np.sort(moves[:, 0]), moved)
+    if len(moves):  # on the way from one end to the other
+        one, other = particles.position[moves[:, 1]], particles.position[moves[:, 2]]
+        way, whole = state.position[moves[:, 0]] - one, other - one
+        part = (way * whole).sum(axis=1) / (whole**2).sum(axis=1)
+        np.testing.assert_allclose(way, part[:, None] * whole, atol=1e-12)
+        assert set(part.round(9)) <= {0.5, round(1 / 3, 9)}
+    return state, len(moves)
 
 
 def meshed(p: tp.Particles) -> tuple[tp.Particles, Mesh]:

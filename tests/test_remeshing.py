@@ -8,7 +8,7 @@ import pytest
 import tipfem as tp
 from tipfem import fitting, probes
 from tipfem.mesh import Mesh
-from tipfem.relocation import RelocationRule
+from tipfem.relocation_rule import RelocationRule
 from tipfem.remeshing import DelaunayRemesher, FittedRemesher
 from tipfem.triangulation import triangulate, wall_fluid
 

@@ -7,7 +7,7 @@ from tipfem.fitting import FittedRule
 from tipfem.fluid import Fluid
 from tipfem.geometry import Tank, tank
 from tipfem.particles import Particles
-from tipfem.relocation import RelocationRule
+from tipfem.relocation_rule import RelocationRule
 from tipfem.simulation import Simulation, SimulationError
 from tipfem.walls import Motion, Wall
 

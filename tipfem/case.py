@@ -16,7 +16,7 @@ from tipfem.fluid import Fluid
 from tipfem.geometry import Tank
 from tipfem.interface import InterfaceRule, InterpolatedInterface, SharpInterface
 from tipfem.particles import Array, Particles
-from tipfem.relocation import RelocationRule
+from tipfem.relocation_rule import RelocationRule
 from tipfem.validation import is_number, numbers
 from tipfem.walls import Motion, Wall
 
@@ -47,6 +47,8 @@ class Numerics:
         largest_move: displacement of the fastest particle that the length of a step aims at, in spacings; a step
             in which one moves by 0.15 spacings more is refused.
         smallest_jacobian: a step in which an element's J falls below it is refused.
+        triangulation: of the interpolated interface in 2-D, between walls: "repair" flips the last mesh, and takes
+            relocated particles out of it and puts them in, where that can be done; "rebuild" asks Qhull every time.
         relocation: when particles are moved, and where to, with the interpolated interface.
         fitting: when the triangulation is changed, with the sharp interface.
         surface: which simplices are fluid, with a free surface.
@@ -64,6 +66,7 @@ class Numerics:
     newton_iterations: int = 8
     largest_move: float = 0.35
     smallest_jacobian: float = 0.05
+    triangulation: str = "repair"
     relocation: RelocationRule = field(default_factory=RelocationRule)
     fitting: FittedRule = field(default_factory=FittedRule)
     surface: SurfaceRule = field(default_factory=SurfaceRule)
@@ -84,6 +87,8 @@ class Numerics:
                 raise ValueError(f"Numerics: {name} is {value!r}; it must lie between {low:g} and {high:g}")
         if self.newton_iterations != int(self.newton_iterations):
             raise ValueError(f"Numerics: newton_iterations is {self.newton_iterations!r}; it must be a whole number")
+        if self.triangulation not in ("repair", "rebuild"):
+            raise ValueError(f"Numerics: triangulation is {self.triangulation!r}; it must be 'repair' or 'rebuild'")
         for name, kind in (("relocation", RelocationRule), ("fitting", FittedRule), ("surface", SurfaceRule)):
             if not isinstance(getattr(self, name), kind):
                 raise ValueError(f"Numerics: {name} is {getattr(self, name)!r}; it must be a {kind.__name__}")

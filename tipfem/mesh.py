@@ -98,7 +98,11 @@ class Mesh:
 
     @cached_property
     def edges(self) -> Array:
-        """(E, 2) particles at the ends of each edge, lower index first; in lexicographic order."""
+        """(E, 2) particles at the ends of each edge, lower index first; in no particular order."""
+        if "across" in self.__dict__:  # each edge once, from the cell of the higher number
+            cell, i = np.nonzero(self.across < np.arange(len(self.cells))[:, None])
+            one, other = self.cells[cell, (i + 1) % 3], self.cells[cell, (i + 2) % 3]
+            return np.stack([np.minimum(one, other), np.maximum(one, other)], axis=1)
         offsets, columns = self.adjacency
         rows = np.repeat(np.arange(len(self.position), dtype=np.int32), np.diff(offsets))
         upper = columns > rows

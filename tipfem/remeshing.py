@@ -8,13 +8,15 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from tipfem.case import Case
+from tipfem.delaunay_repair import repaired
 from tipfem.fitted import repair
 from tipfem.fitting import FittedRule, hull_corners, particle_fluid, with_fluids
 from tipfem.fluid import Fluid
 from tipfem.free_surface import SurfaceMesher
 from tipfem.mesh import Mesh
 from tipfem.particles import Array, Particles
-from tipfem.relocation import RelocationRule, relocate
+from tipfem.relocation import relocate
+from tipfem.relocation_rule import RelocationRule
 from tipfem.triangulation import TriangulationError, triangulate, wall_fluid
 from tipfem.wall_step import WallStep
 
@@ -29,7 +31,13 @@ class Remeshed(NamedTuple):
 
 
 class Remesher(Protocol):
-    """What a simulation asks of a remesher."""
+    """What a simulation asks of a remesher.
+
+    Attributes:
+        rebuilt: how many meshes, after the first, could not be had by repairing the last one.
+    """
+
+    rebuilt: int
 
     def start(self, particles: Particles) -> Remeshed:
         """The first mesh.
@@ -52,29 +60,36 @@ class DelaunayRemesher:
     Args:
         rule: of relocation.
         surface: what finds a free surface; None where walls surround the fluids.
+        repairs: whether the last mesh is repaired where that can be done (see `delaunay_repair`), or every mesh made
+            by Qhull. In 2-D and between walls only.
     """
 
-    def __init__(self, rule: RelocationRule, surface: SurfaceMesher | None = None) -> None:
-        self.rule, self.surface = rule, surface
+    def __init__(self, rule: RelocationRule, surface: SurfaceMesher | None = None, *, repairs: bool = True) -> None:
+        self.rule, self.surface, self.repairs = rule, surface, repairs
+        self.rebuilt = 0
 
     def start(self, particles: Particles) -> Remeshed:
         """See `Remesher.start`."""
-        return self._mesh(particles, None, np.zeros(len(particles), dtype=bool), 0)
+        if self.surface is None:
+            mesh = triangulate(particles.position, particles.wall, particles.spacing)
+        else:
+            mesh = self.surface.start(particles)
+        return self._labelled(particles, mesh, np.zeros(len(particles), dtype=bool), 0)
 
     def remesh(self, particles: Particles, mesh: Mesh, walls: WallStep | None) -> Remeshed:
         """See `Remesher.remesh`."""
-        state, count = relocate(particles, mesh, self.rule)
+        state, moves = relocate(particles, mesh, self.rule)
         state, of_walls = walls.space(state, mesh.surface) if walls else (state, 0)
-        moved = mesh.moved(particles.position)
-        return self._mesh(state, moved, (state.position != particles.position).any(axis=1), count + of_walls)
-
-    def _mesh(self, particles: Particles, before: Mesh | None, relocated: Array, count: int) -> Remeshed:
-        if self.surface is None:
-            mesh = triangulate(particles.position, particles.wall, particles.spacing)
-        elif before is None:
-            mesh = self.surface.start(particles)
+        relocated, moved = (state.position != particles.position).any(axis=1), mesh.moved(particles.position)
+        if self.surface is not None:
+            new = self.surface.remesh(state, moved, relocated)
         else:
-            mesh = self.surface.remesh(particles, before, relocated)
+            found = repaired(mesh, moved.position, state.position, moves) if self.repairs else None
+            self.rebuilt += found is None
+            new = found or triangulate(state.position, state.wall, state.spacing)
+        return self._labelled(state, new, relocated, len(moves) + of_walls)
+
+    def _labelled(self, particles: Particles, mesh: Mesh, relocated: Array, count: int) -> Remeshed:
         if mesh.surface is not None:
             particles.pressure = np.where(mesh.surface.pinned, 0.0, particles.pressure)
         particles.fluid = wall_fluid(mesh, particles.fluid, particles.wall)
@@ -103,6 +118,7 @@ class FittedRemesher:
         self._fixed = np.zeros(0, dtype=bool)
         self._keep, self._walls_have_fluids = keep, walls_have_fluids
         self._volumes: Array | None = None
+        self.rebuilt = 0
 
     def start(self, particles: Particles) -> Remeshed:
         """See `Remesher.start`; a triangle belongs to the lightest fluid among its particles'."""
@@ -151,7 +167,8 @@ def remesher_for(case: Case, reference: int) -> Remesher:
             walls_have_fluids=case.walls_have_fluids, keep=numerics.volume_correction > 0,
         )  # fmt: skip
     if case.closed:
-        return DelaunayRemesher(numerics.relocation)
+        repairs = numerics.triangulation == "repair" and case.particles.dimension == 2
+        return DelaunayRemesher(numerics.relocation, repairs=repairs)
     slippery = np.zeros(len(case.particles), dtype=bool)
     slippery[case.boundary.index[case.boundary.slides]] = True
     return DelaunayRemesher(numerics.relocation, SurfaceMesher(numerics.surface, slippery, case.filled))

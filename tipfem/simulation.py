@@ -78,8 +78,7 @@ class Simulation:
         self.case = case
         self.output_interval = output_interval
         self.columns = dict(columns or {})
-        self.time = 0.0
-        self.step_number = 0
+        self.time, self.step_number = 0.0, 0
         self.history: list[dict[str, float]] = []
         self.interface = INTERFACES[case.interface]()
         frequency = case.natural_frequency()
@@ -274,6 +273,7 @@ class Simulation:
             "newton_iterations": result.iterations,
             "krylov_iterations": result.krylov_iterations,
             "relocated": relocated,
+            "rebuilt": self.remesher.rebuilt,
             "max_speed": self.particles.max_speed,
             **self.budget.row(),
         }
