@@ -112,3 +112,20 @@ def test_what_cannot_be_repaired_is_left_alone():
     elsewhere[8] = 0.5 * (x[0] + x[2])
     assert repaired(mesh, x, elsewhere, far) is None
     np.testing.assert_array_equal(mesh.cells, cells)
+
+
+def test_two_particles_can_be_set_into_one_edge():
+    """Between two fluids, one a third of the way from either end."""
+    rng = np.random.default_rng(4)
+    lattice = np.stack(np.meshgrid(np.arange(9.0), np.arange(9.0), indexing="ij"), axis=-1).reshape(-1, 2)
+    inside = ((lattice > 0) & (lattice < 8)).all(axis=1)
+    lattice[inside] += rng.uniform(-0.2, 0.2, (inside.sum(), 2))
+    mesh = Mesh(lattice, delaunay(lattice))
+    a, b = mesh.edges[np.flatnonzero(inside[mesh.edges].all(axis=1))[20]]
+    near = set(mesh.cells[(mesh.cells == a).any(axis=1) | (mesh.cells == b).any(axis=1)].ravel().tolist())
+    p, q = [i for i in np.flatnonzero(inside) if i not in near][:2]
+    y = lattice.copy()
+    y[p], y[q] = (2 * lattice[a] + lattice[b]) / 3, (lattice[a] + 2 * lattice[b]) / 3
+    new = repaired(mesh, lattice, y, np.array([[p, a, b], [q, b, a]]))
+    assert new is not None
+    is_delaunay(new, y)

@@ -5,7 +5,9 @@ Arrays are those of `surgery`; all runs in one thread.
 
 import taichi as ti
 
-from tipfem.surgery import STAR, can_collapse, collapse, collect_star, distance, place, ring, split
+from tipfem.surgery import STAR, can_collapse, collapse, collect_star, distance, double_area, place, ring, split
+
+ON_EDGE = 1e-9  # how far beside an edge of length 1 a place may be by round-off
 
 
 @ti.kernel
@@ -41,14 +43,19 @@ def set_elsewhere(
                         other = one
                         one = star[k]
                 x[p, 0], x[p, 1] = target[m, 0], target[m, 1]
-                around, _closed = collect_star(cells, across, corner, start, star, STAR + 1)
-                t = -1
+                around, closed2 = collect_star(cells, across, corner, start, star, STAR + 1)
+                # A particle of another fluid may have been set into the same edge: then its half is what is split.
+                t, near = -1, -1
                 for k in range(around):
-                    s = star[STAR + 1 + k]
-                    if place(cells, s, end) >= 0 and t < 0:
-                        t = s
-                if t >= 0 and one >= 0 and other >= 0:
-                    i = 3 - place(cells, t, start) - place(cells, t, end)
+                    r = ring(cells, star, STAR + 1, around, start, k)
+                    side = double_area(x, start, r, p) / distance(x, start, r) ** 2
+                    ahead = (x[p, 0] - x[start, 0]) * (x[r, 0] - x[start, 0]) + (x[p, 1] - x[start, 1]) * (
+                        x[r, 1] - x[start, 1]
+                    )
+                    if ti.abs(side) < ON_EDGE and ahead > 0.0 and distance(x, start, p) < distance(x, start, r):
+                        t, near = star[STAR + 1 + k], r
+                if t >= 0 and one >= 0 and other >= 0 and (near == end or closed2 == 1):
+                    i = 3 - place(cells, t, start) - place(cells, t, near)
                     if across[t, i] >= 0:
                         split(cells, across, corner, fluid, t, i, p, one, other)
                         done += 1
