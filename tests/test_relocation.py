@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 import tipfem as tp
-from tipfem.mesh import Mesh
 from tipfem import relocation
+from tipfem.mesh import Mesh
 from tipfem.triangulation import triangulate, wall_fluid
 
 RULE = tp.RelocationRule()
