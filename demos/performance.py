@@ -28,6 +28,7 @@ from tipfem import cli
 
 sys.path.insert(0, str(Path(__file__).parent))
 import performance_cases as cases
+import performance_states as states
 
 # Sizes: distance of the particles in the run that a state is taken from [m], and how often it is refined.
 SIZES = ((0.01, 1), (0.01, 2), (0.004, 1), (0.01, 3), (0.004, 2))
@@ -38,6 +39,7 @@ COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F
 
 # Check: the largest figures that a run may show; see `check`.
 MOST_ITERATIONS = 16  # of FGMRES to 1e-6
+MOST_HARD = 35  # of systems that are hard for multigrid
 MOST_GROWTH = 1.4  # of them, from the smallest size to the largest
 
 
@@ -45,7 +47,7 @@ def worker(arguments: argparse.Namespace) -> None:
     """Measure one size, and write the figures to a file."""
     state = dict(np.load(arguments.worker))
     for _ in range(arguments.refine):
-        state = cases.refined(state)
+        state = states.refined(state)
     tp.init(arch=arguments.arch, threads=arguments.threads if arguments.arch == "cpu" else None)
     figures = cases.measure_steps(state, arguments.steps)
     if arguments.solvers:
@@ -61,9 +63,9 @@ def measure(arguments: argparse.Namespace) -> list[dict[str, Any]]:
     for spacing in sorted({spacing for spacing, _ in sizes}, reverse=True):
         path = folder / f"state_{spacing * 1e3:g}mm.npz"
         if not path.exists():
-            print(f"running the dam break at {spacing * 1e3:g} mm to t = {cases.STATE_TIME:g} s", flush=True)
+            print(f"running the dam break at {spacing * 1e3:g} mm to t = {states.STATE_TIME:g} s", flush=True)
             _python("-c", f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import pathlib, "
-                    f"performance_cases as c; c.make_state(pathlib.Path({str(path)!r}), {spacing!r})")  # fmt: skip
+                    f"performance_states as s; s.make_state(pathlib.Path({str(path)!r}), {spacing!r})")  # fmt: skip
     jobs = [(size, arguments.threads, "cpu") for size in sizes]
     jobs.insert(len(jobs) // 2 + 1, (sizes[len(sizes) // 2], 1, "cpu"))
     if arguments.arch == "cuda":
@@ -161,10 +163,16 @@ def plot(path: Path, found: Sequence[Mapping[str, Any]]) -> None:
     figure.savefig(path)
 
 
-def check(found: Sequence[Mapping[str, Any]]) -> list[str]:
+def _hard(systems: Mapping[str, tuple[int, int]]) -> str:
+    lines = [f"| {name} | {nodes} | {iterations} |" for name, (nodes, iterations) in systems.items()]
+    return "\n".join(["", "Hard systems:", "", "| system | nodes | FGMRES iterations |", "|---|---|---|", *lines, ""])
+
+
+def check(found: Sequence[Mapping[str, Any]], hard: Mapping[str, tuple[int, int]]) -> list[str]:
     """What the measurement misses of what holds on every machine, loaded or not; empty when all is well."""
     counts = [f["solvers"]["iterations"] for f in found if "solvers" in f]
     missed = [f"{n} iterations of FGMRES to 1e-6, above {MOST_ITERATIONS}" for n in counts if n > MOST_ITERATIONS]
+    missed += [f"{n} iterations for {name}, above {MOST_HARD}" for name, (_, n) in hard.items() if n > MOST_HARD]
     if max(counts) > MOST_GROWTH * counts[0]:
         missed.append(f"iterations grow from {counts[0]} to {max(counts)}, by more than {MOST_GROWTH}")
     return missed
@@ -191,7 +199,9 @@ def main(words: Sequence[str] | None = None) -> None:
         worker(arguments)
         return
     found = measure(arguments)
-    text, missed = table(found), check(found)
+    tp.init()
+    hard = states.hard_systems(arguments.short)
+    text, missed = table(found) + _hard(hard), check(found, hard)
     (arguments.out / "performance.md").write_text(text)
     (arguments.out / "performance.json").write_text(json.dumps(found, indent=1))
     plot(arguments.out / "performance.png", found)

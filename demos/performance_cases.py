@@ -16,21 +16,16 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 from scipy.spatial import Delaunay
 
-import tipfem as tp
 from tipfem import assembly, device, krylov
-from tipfem.case import Numerics
 from tipfem.device import download
-from tipfem.fitting import particle_fluid
 from tipfem.flow import FlowProblem
 from tipfem.linear_system import LinearSystem
-from tipfem.mesh import Mesh
 from tipfem.output import ResultsFolder
 
 sys.path.insert(0, str(Path(__file__).parent))
-import dam_break
+from performance_states import simulation_of
 
 Array = np.ndarray
-STATE_TIME = 0.15  # [s], the water runs along the floor
 BYTES_OF_A_STEP = 12_500  # a node: what 2.5 Newton iterations of 8 Krylov iterations, and remeshing, must move
 COLUMNS = {  # part of a step: where its time is spent
     "set-up": (FlowProblem, "__init__"),
@@ -40,59 +35,6 @@ COLUMNS = {  # part of a step: where its time is spent
     "preconditioner": (FlowProblem, "precondition"),
     "orthogonalisation": (krylov._Basis, "extend"),
 }
-
-
-def largest_step(spacing: float) -> float:
-    """Largest time step [s] of the dam break with particles ``spacing`` [m] apart."""
-    return dam_break.TIME_STEP * float(spacing / dam_break.SPACING) ** 0.5
-
-
-def make_state(path: Path, spacing: float) -> None:
-    """Run the dam break to `STATE_TIME` with particles ``spacing`` [m] apart, and keep the state in a file."""
-    tp.init()
-    simulation = tp.Simulation(dam_break.build(spacing), time_step=largest_step(spacing))
-    simulation.run(STATE_TIME, progress=False)
-    p, mesh = simulation.particles, simulation.mesh
-    np.savez(
-        path, position=p.position, velocity=p.velocity, acceleration=p.acceleration, pressure=p.pressure, wall=p.wall,
-        cells=mesh.cells, fluid=mesh.fluid, spacing=spacing,
-    )  # fmt: skip
-
-
-def refined(state: dict[str, Array]) -> dict[str, Array]:
-    """Every triangle cut into four at the middle of its edges; what particles carry is interpolated."""
-    cells, count = state["cells"], len(state["position"])
-    sides = np.sort(np.stack([cells[:, [1, 2]], cells[:, [2, 0]], cells[:, [0, 1]]], axis=1).reshape(-1, 2), axis=1)
-    edges, side, uses = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
-    middle = (count + side.reshape(-1, 3)).astype(np.int32)
-    a, b, c = cells.T
-    ma, mb, mc = middle.T
-    new = {
-        name: np.concatenate([state[name], state[name][edges].mean(axis=1)])
-        for name in ("position", "velocity", "acceleration", "pressure")
-    }
-    new["cells"] = np.concatenate(
-        [np.stack(t, axis=1) for t in ((a, mc, mb), (mc, b, ma), (mb, ma, c), (ma, mb, mc))]
-    ).astype(np.int32)
-    new["fluid"] = np.tile(state["fluid"], 4)
-    new["wall"] = np.concatenate([state["wall"], uses == 1])
-    new["spacing"] = state["spacing"] / 2
-    return new
-
-
-def simulation_of(state: dict[str, Array], numerics: Numerics | None = None) -> tp.Simulation:
-    """A dam break that goes on from a state."""
-    fluids = [dam_break.WATER, dam_break.AIR]
-    mesh = Mesh(state["position"], state["cells"], state["fluid"])
-    spacing = float(state["spacing"])
-    density = np.array([f.density for f in fluids])
-    particles = tp.Particles(
-        position=state["position"], fluid=particle_fluid(mesh, len(mesh.position), density), wall=state["wall"],
-        spacing=spacing, velocity=state["velocity"], acceleration=state["acceleration"], pressure=state["pressure"],
-    )  # fmt: skip
-    numerics = numerics or Numerics(largest_move=dam_break.LARGEST_MOVE)
-    case = tp.Case(particles, fluids, gravity=(0, -dam_break.GRAVITY), numerics=numerics)
-    return tp.Simulation(case, time_step=largest_step(spacing))
 
 
 class Stopwatch:
