@@ -143,26 +143,14 @@ def main(words: Sequence[str] | None = None) -> None:
     except (ValueError, RuntimeError) as error:
         cli.stop(str(error))
     figures = validate(simulation.history)
-    missed = check(figures, arguments.spacing)
-    simulation.write_summary({"status": "complete", "validation": figures, "check": missed or "passed"})
-    time, position = (np.array([row[name] for row in simulation.history]) for name in ("time", "front"))
-    experiments.plot_front(
-        arguments.out / "front.png",
-        {f"tipfem, free surface, {arguments.spacing * 1e3:g} mm": (time, position)},
-        COLUMN[0],
-        GRAVITY,
-        shift=figures.get("front_shift", 0.0),
-    )
-    if arguments.frames:
-        cli.draw(arguments.out)
-    last = simulation.history[-1]
-    print(f"{last['step']} steps to t = {last['time']:g} s in {last['wall_seconds']:.0f} s")
-    for name, value in figures.items():
-        print(f"  {name:24s} {value: .4f}")
-    print("check: " + ("; ".join(missed) if missed else "passed"))
-    print(f"results: {arguments.out.resolve()}")
-    if missed:
-        raise SystemExit(1)
+    front = dam_break.fronts_of(simulation.history)
+    cli.finish_demo(
+        simulation, arguments, figures, check(figures, arguments.spacing),
+        plot=lambda: experiments.plot_front(
+            arguments.out / "front.png", {f"tipfem, free surface, {arguments.spacing * 1e3:g} mm": front}, COLUMN[0],
+            GRAVITY, shift=figures.get("front_shift", 0.0),
+        ),
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -162,26 +162,16 @@ def main(words: Sequence[str] | None = None) -> None:
     except (ValueError, RuntimeError) as error:
         cli.stop(str(error))
     figures = validate(simulation.history)
-    missed = check(figures, arguments.spacing)
-    simulation.write_summary({"status": "complete", "validation": figures, "check": missed or "passed"})
-    names = ("time", "water_height", "oil_height")
-    rows = {name: np.array([row[name] for row in simulation.history]) for name in names}
-    line_figure.plot_lines(
-        arguments.out / "heights.png",
-        {"water": (rows["time"], rows["water_height"]), "oil": (rows["time"], rows["oil_height"])},
-        "t [s]",
-        "mean height over the floor [m]",
+    time, water, oil = (
+        np.array([row[name] for row in simulation.history]) for name in ("time", "water_height", "oil_height")
     )
-    if arguments.frames:
-        cli.draw(arguments.out)
-    last = simulation.history[-1]
-    print(f"{last['step']} steps to t = {last['time']:g} s in {last['wall_seconds']:.0f} s")
-    for name, value in figures.items():
-        print(f"  {name:24s} {value: .4f}")
-    print("check: " + ("; ".join(missed) if missed else "passed"))
-    print(f"results: {arguments.out.resolve()}")
-    if missed:
-        raise SystemExit(1)
+    cli.finish_demo(
+        simulation, arguments, figures, check(figures, arguments.spacing),
+        plot=lambda: line_figure.plot_lines(
+            arguments.out / "heights.png", {"water": (time, water), "oil": (time, oil)}, "t [s]",
+            "mean height over the floor [m]",
+        ),
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

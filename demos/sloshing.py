@@ -147,26 +147,15 @@ def main(words: Sequence[str] | None = None) -> None:
     except (ValueError, RuntimeError) as error:
         cli.stop(str(error))
     figures = validate(simulation.history)
-    missed = check(figures)
-    simulation.write_summary({"status": "complete", "validation": figures, "check": missed or "passed"})
     time, size = (np.array([row[name] for row in simulation.history]) for name in ("time", "amplitude"))
     theory = damped_wave(time, AMPLITUDE, FREQUENCY, DAMPING, 0.0)
-    line_figure.plot_lines(
-        arguments.out / "amplitude.png",
-        {"linear theory": (time, theory), f"tipfem, {arguments.spacing * 1e3:g} mm": (time, size)},
-        "t [s]",
-        "amplitude of the wave [m]",
-    )
-    if arguments.frames:
-        cli.draw(arguments.out)
-    last = simulation.history[-1]
-    print(f"{last['step']} steps to t = {last['time']:g} s in {last['wall_seconds']:.0f} s")
-    for name, value in figures.items():
-        print(f"  {name:24s} {value: .4f}")
-    print("check: " + ("; ".join(missed) if missed else "passed"))
-    print(f"results: {arguments.out.resolve()}")
-    if missed:
-        raise SystemExit(1)
+    lines = {"linear theory": (time, theory), f"tipfem, {arguments.spacing * 1e3:g} mm": (time, size)}
+    cli.finish_demo(
+        simulation, arguments, figures, check(figures),
+        plot=lambda: line_figure.plot_lines(
+            arguments.out / "amplitude.png", lines, "t [s]", "amplitude of the wave [m]"
+        ),
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -82,6 +82,20 @@ def cell_number(cell: ti.template(), grid: ti.template(), i, dim: ti.template())
 
 
 @ti.func
+def cell_at(grid: ti.template(), line, j, corner: ti.template(), dim: ti.template()):
+    """Number of the finest level's cell of which entry ``j`` of a line is this corner; -1 if there is none."""
+    across = grid[0, SHAPE + 1]
+    at = ti.Vector([line // across, line % across, j])
+    number = 0
+    inside = True
+    for k in ti.static(range(dim)):
+        index = at[3 - dim + k] - ti.static(corner[k])
+        inside = inside and index >= 0
+        number = number * grid[0, SHAPE + 3 - dim + k] + index
+    return ti.select(inside, number, -1)
+
+
+@ti.func
 def weight(fraction: ti.template(), i, corner: ti.template(), dim: ti.template()):
     """Multilinear weight of a corner of the node's grid cell."""
     w = 1.0
@@ -151,25 +165,13 @@ def assemble_first(
     for t in range(parts * spread):
         first, last = part_of(t, parts, spread, lines(grid, 0))
         for line in range(first, last):
-            size = grid[0, SIZE]
-            first = line_start(grid, 0, line, dim)
+            size, at = grid[0, SIZE], line_start(grid, 0, line, dim)
             for j in range(grid[0, SHAPE + 2]):
                 for s in range(ti.static(PLACES**dim)):
-                    stencil[s * size + first + j] = 0.0
-                at = ti.Vector.zero(ti.i32, dim)
-                at[dim - 1] = j
-                at[dim - 2] = line % grid[0, SHAPE + 1]
-                if ti.static(dim == 3):
-                    at[0] = line // grid[0, SHAPE + 1]
+                    stencil[s * size + at + j] = 0.0
                 for corner in ti.static(corners(dim)):
-                    # The cell in which the grid node is this corner.
-                    c = 0
-                    inside = True
-                    for k in ti.static(range(dim)):
-                        index = at[k] - ti.static(corner[k])
-                        inside = inside and index >= 0
-                        c = c * grid[0, SHAPE + 3 - dim + k] + index
-                    if inside:
+                    c = cell_at(grid, line, j, corner, dim)
+                    if c >= 0:
                         for m in range(start[c], start[c + 1]):
                             i = order[m]
                             w = weight(fraction, i, corner, dim)
@@ -180,7 +182,7 @@ def assemble_first(
                                     row = (q // 4 + 1 - corner[0]) * PLACES + q % 4 + 1 - corner[1]
                                 place = row * PLACES + 1 - corner[dim - 1]
                                 for u in ti.static(range(4)):
-                                    to = (place + u) * size + first + j
+                                    to = (place + u) * size + at + j
                                     stencil[to] = stencil[to] + w * rows[i, q * 4 + u]
 
 

@@ -5,7 +5,19 @@ Grids are laid out as in `tipfem.background_grid`. ``relax`` is the damped inver
 
 import taichi as ti
 
-from tipfem.background_grid import PLACES, SHAPE, SIZE, START, STENCIL, corners, entry, line_start, lines, weight
+from tipfem.background_grid import (
+    PLACES,
+    SHAPE,
+    SIZE,
+    START,
+    STENCIL,
+    cell_at,
+    corners,
+    entry,
+    line_start,
+    lines,
+    weight,
+)
 from tipfem.device import part_of
 
 OMEGA = 0.8  # damping of Jacobi's method
@@ -61,20 +73,10 @@ def down_mesh(
         for line in range(first, last):
             to = grid[0, START] + line_start(grid, 0, line, dim)
             for j in range(grid[0, SHAPE + 2]):
-                at = ti.Vector.zero(ti.i32, dim)
-                at[dim - 1] = j
-                at[dim - 2] = line % grid[0, SHAPE + 1]
-                if ti.static(dim == 3):
-                    at[0] = line // grid[0, SHAPE + 1]
                 total = 0.0
                 for corner in ti.static(corners(dim)):
-                    c = 0
-                    inside = True
-                    for k in ti.static(range(dim)):
-                        index = at[k] - ti.static(corner[k])
-                        inside = inside and index >= 0
-                        c = c * grid[0, SHAPE + 3 - dim + k] + index
-                    if inside:
+                    c = cell_at(grid, line, j, corner, dim)
+                    if c >= 0:
                         for m in range(start[c], start[c + 1]):
                             total += weight(fraction, order[m], corner, dim) * residual[order[m]]
                 grid_b[to + j] = total
