@@ -12,7 +12,7 @@ import pytest
 
 import tipfem as tp
 from tipfem.mesh import Mesh
-from tipfem.output import ResultsFolder
+from tipfem.output import ResultsFolder, own_columns
 from tipfem.triangulation import triangulate
 
 
@@ -38,6 +38,15 @@ def listed(folder) -> list[tuple[float, str]]:
     assert root.tag == "VTKFile"
     assert root.get("type") == "Collection"
     return [(float(entry.get("timestep")), entry.get("file")) for entry in root.iter("DataSet")]
+
+
+def test_columns_that_every_history_has_cannot_be_replaced():
+    mine = {"front": lambda simulation: 1.0}
+    assert own_columns(mine) == mine
+    with pytest.raises(ValueError, match="'time' is a column of every history"):
+        own_columns({"time": lambda simulation: 1.0})
+    with pytest.raises(ValueError, match="'front' is 3; it must be a function"):
+        own_columns({"front": 3})
 
 
 def test_a_new_folder_is_made_with_all_above_it_and_holds_nothing(tmp_path):

@@ -265,7 +265,13 @@ class Case:
         force = np.broadcast_to(np.asarray(self.gravity), position.shape).copy()
         if self.body_force is not None:
             extra = np.asarray(self.body_force(position, time), dtype=float)
-            if extra.shape != position.shape or not np.isfinite(extra).all():
+            if extra.shape == position.shape and not np.isfinite(extra).all():
+                i = int(np.argmin(np.isfinite(extra).all(axis=1)))
+                raise ValueError(
+                    f"Case: body_force at t = {time:g} s gave {extra[i].tolist()} at {position[i].tolist()}; "
+                    "it must be finite accelerations"
+                )
+            if extra.shape != position.shape:
                 raise ValueError(
                     f"Case: body_force at t = {time:g} s gave shape {extra.shape}; it must be finite accelerations "
                     f"of shape {position.shape}"

@@ -174,6 +174,27 @@ class ResultsFolder:
             raise
 
 
+# What a row of the history begins with; the budgets' columns follow, and a user's own.
+STEP_COLUMNS = (
+    "step", "time", "time_step", "newton_iterations", "krylov_iterations", "relocated", "rebuilt", "max_speed",
+    "wall_seconds",
+)  # fmt: skip
+
+
+def own_columns(columns: Mapping[str, Callable[[Any], float]]) -> dict[str, Callable[[Any], float]]:
+    """A copy of a user's columns.
+
+    Raises:
+        ValueError: one has the name of a column that every history has, or is no function.
+    """
+    for name, column in columns.items():
+        if name in STEP_COLUMNS:
+            raise ValueError(f"columns: {name!r} is a column of every history; choose another name")
+        if not callable(column):
+            raise ValueError(f"columns: {name!r} is {column!r}; it must be a function of the simulation")
+    return dict(columns)
+
+
 def fill_columns(row: dict[str, float], columns: Mapping[str, Callable[[Any], float]], source: Any) -> Exception | None:
     """Put the values of further columns into a row of the history, as far as they can be had.
 

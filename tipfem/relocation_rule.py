@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from tipfem.validation import is_number
+
 
 @dataclass(frozen=True)
 class RelocationRule:
@@ -33,7 +35,7 @@ class RelocationRule:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not value > 0:
+            if not (is_number(value) and value > 0):
                 raise ValueError(f"RelocationRule: {name} is {value!r}; it must be > 0 (in spacings)")
         if self.long_edge < 2 * self.too_close - 1e-12:
             raise ValueError(

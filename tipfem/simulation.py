@@ -18,7 +18,7 @@ from tipfem.case import INTERFACES, Case
 from tipfem.errors import SimulationError, StepRefused
 from tipfem.flow import ElementProperties, FlowProblem, Workspace
 from tipfem.newton import NewtonResult, newton
-from tipfem.output import ResultsFolder, fill_columns
+from tipfem.output import ResultsFolder, fill_columns, own_columns
 from tipfem.particles import Array, Particles
 from tipfem.progress import RunProgress
 from tipfem.remeshing import Remeshed, remesher_for
@@ -77,7 +77,7 @@ class Simulation:
         device.require_init()
         self.case = case
         self.output_interval = output_interval
-        self.columns = dict(columns or {})
+        self.columns = own_columns(columns or {})
         self.time, self.step_number = 0.0, 0
         self.history: list[dict[str, float]] = []
         self.interface = INTERFACES[case.interface]()
