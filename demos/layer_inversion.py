@@ -3,8 +3,8 @@
 The second case of section 4.1 of Carvalho & Sanches, "Analysis of two-phase flows using position-based
 PFEM formulation": the heavier fluid lies on top and falls through the lighter one, until both are
 almost at rest, the other way round. The pressure at the end is compared with the analytic one of the
-inverted layers: at 2 mm, the default, it agrees to 99.95 % (99.3 % or better at every instant of the last 4 s), and volumes
-stay within 0.51 %. With the sharp interface and 2.5 mm these are 99.92 % (99.7 %) and 4e-14.
+inverted layers: at 2 mm, the default, it agrees to 99.95 % (99.3 % or better at every instant of the last
+4 s), and volumes stay within 0.51 %. With the sharp interface and 2.5 mm these are 99.92 % (99.7 %) and 4e-14.
 
     python demos/layer_inversion.py --spacing 0.005
 """
