@@ -10,7 +10,7 @@ from tipfem import probes
 from tipfem.interface import InterpolatedInterface
 from tipfem.mesh import Mesh
 from tipfem.triangulation import triangulate
-from tipfem.volume_source import volume_source
+from tipfem.volume_source import CALM, VolumeControl, volume_source
 
 RULE = InterpolatedInterface()
 
@@ -284,6 +284,32 @@ def test_the_volume_source_brings_the_volume_back_in_pure_elements():
     np.testing.assert_allclose(mesh.measure * (1 + growth), [0.525, 0.475], rtol=1e-12)
     assert not volume_source(mesh, fraction, np.array([0.5, 0.5]), 0.25).any()
     assert not volume_source(mesh, fraction, np.array([0.6, 0.4]), 0.0).any()
+
+
+def test_small_errors_of_volume_come_back_calmly_and_large_ones_at_once():
+    """Steps much longer than the rate's: a tenth of little that is missing, half of much; a slow rate as it is."""
+    control = VolumeControl(np.array([0.6, 0.4, 0.0]), 60.0)
+    assert control.part(0.01) == pytest.approx(0.1)
+    control.missing[:] = (0.4 * CALM / 2, -0.4 * CALM / 2, 0.0)
+    assert control.part(0.01) == pytest.approx(0.3)
+    for error in (CALM, 10 * CALM):
+        control.missing[:] = (0.4 * error, -0.4 * error, 0.0)
+        assert control.part(0.01) == pytest.approx(0.5)
+        assert control.part(1e-4) == pytest.approx(6e-3)
+
+
+@pytest.mark.parametrize("lost", [0.2 * CALM, 4 * CALM])
+def test_lost_volume_comes_back_without_swinging(lost):
+    """Long steps; also where flips make the volumes jump to and fro, to which the source hardly answers."""
+    for flips in (0.0, 0.05 * CALM):
+        control, volume, given = VolumeControl(np.ones(2), 60.0), np.array([1 - lost, 1 + lost]), []
+        for step in range(60):
+            control.observe(volume + (-1) ** step * flips * np.array([1, -1]), 0.01)
+            given.append(control.part(0.01) * control.missing)
+            volume = volume + given[-1]
+        assert np.abs(volume - 1).max() < 0.05 * lost
+        assert volume[0] < 1 + 0.02 * lost + flips
+        assert np.abs(np.diff(given[-10:], axis=0)).max() <= 0.04 * flips + 1e-3 * lost
 
 
 def test_a_vanished_fluid_leaves_the_source_finite_and_balanced():

@@ -13,12 +13,19 @@ from tipfem.particles import Array
 # times over in one step, and the elements around it to shrink below zero.
 LARGEST_GROWTH = 0.05
 
+# Largest part of the missing volume that comes back in a step: where next to nothing is missing, and where CALM of a
+# fluid's volume or more is. Flips of edges at an interface move less than that, to and fro; a source that answers them
+# within a step or two makes the pressure jump with every one.
+SMALLEST_PART, LARGEST_PART = 0.1, 0.5
+CALM = 0.005
+
 
 class VolumeControl:
     """Gives each fluid back what it lost, smoothly: jumps of the source would be jumps of the pressure.
 
     A remeshing changes volumes by jumps, back and forth. What counts as missing therefore follows the measured
     loss with a delay of 1 / (4 rate): with the source, a critically damped loop that forgets a loss at 2 rate.
+    Where steps are long for the rate, the loop takes ten of them for as long as little is missing, see `part`.
 
     Args:
         wanted: (F,) volume that each fluid should have [m^2, or m^3 in 3-D].
@@ -30,16 +37,22 @@ class VolumeControl:
         self.wanted, self.rate, self.balanced = wanted, rate, balanced
         self.missing = np.zeros(len(wanted))
 
+    def part(self, dt: float) -> float:
+        """Part of what counts as missing that comes back in a step of length ``dt`` [s]."""
+        error = np.divide(np.abs(self.missing), self.wanted, out=np.zeros(len(self.wanted)), where=self.wanted > 0)
+        urgent = min(float(error.max()) / CALM, 1.0)
+        return min(self.rate * dt, SMALLEST_PART + urgent * (LARGEST_PART - SMALLEST_PART))
+
     def observe(self, volume: Array, dt: float) -> None:
         """Take note of the volumes (F,) after a step of length ``dt`` [s]."""
-        self.missing += (1 - math.exp(-4 * self.rate * dt)) * (self.wanted - volume - self.missing)
+        self.missing += (1 - math.exp(-4 * self.part(dt))) * (self.wanted - volume - self.missing)
 
     def source(self, mesh: Mesh, fraction: Array, dt: float) -> Array:
         """Growth s (M,) of the elements in a step of length ``dt`` [s]; see `volume_source`."""
         if self.rate == 0.0:
             return np.zeros(len(mesh.cells))
-        wanted, part = mesh.measure @ fraction + self.missing, min(self.rate * dt, 0.5)
-        return volume_source(mesh, fraction, wanted, part, balanced=self.balanced)
+        wanted = mesh.measure @ fraction + self.missing
+        return volume_source(mesh, fraction, wanted, self.part(dt), balanced=self.balanced)
 
 
 def volume_source(
