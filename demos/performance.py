@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 
 import tipfem as tp
 from tipfem import cli
@@ -158,6 +159,8 @@ def plot(path: Path, found: Sequence[Mapping[str, Any]]) -> None:
         if known:
             right.loglog(*zip(*known, strict=True), style, label=name, linewidth=2, markersize=7)
     right.set(xlabel="particles", ylabel="time [s]", title="One Newton system, solved to 1e-6")
+    right.xaxis.set_minor_locator(NullLocator())
+    right.set_xticks([f["nodes"] for f in rows], [f"{f['nodes'] / 1e3:.0f}k" for f in rows])
     right.grid(alpha=0.3, which="both")
     right.legend(fontsize=11)
     figure.savefig(path)

@@ -82,13 +82,15 @@ def measure_steps(state: dict[str, Array], steps: int) -> dict[str, Any]:
     for name, (owner, attribute) in COLUMNS.items():
         watch.watch(name, owner, attribute)
     watch.watch("remeshing", simulation.remesher, "remesh")
-    speed, total = copy_speed(nodes), []
+    total = []
     for _ in range(steps):
         start = time.perf_counter()
         simulation.step()
         device.finish()
         total.append(time.perf_counter() - start)
     rows = simulation.history[-steps:]
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024  # before anything large is copied
+    speed = copy_speed(nodes)
     parts = {name: seconds / steps for name, seconds in watch.seconds.items()}
     with tempfile.TemporaryDirectory() as folder:
         start = time.perf_counter()
@@ -102,7 +104,7 @@ def measure_steps(state: dict[str, Array], steps: int) -> dict[str, Any]:
     return {
         "nodes": nodes, "step": float(np.mean(total)), "parts": parts, "output": output, "qhull": qhull,
         "newton": newton / steps, "krylov": krylov_iterations / newton, "copy": speed,
-        "memory": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+        "memory": memory,
     }  # fmt: skip
 
 
