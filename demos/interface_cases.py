@@ -75,6 +75,11 @@ class TimedRemesher:
         self._remesher = remesher
         self.seconds = 0.0
 
+    @property
+    def rebuilt(self) -> int:
+        """How many meshes could not be had by repair."""
+        return int(self._remesher.rebuilt)
+
     def start(self, particles: tp.Particles) -> Any:
         """The first mesh; not timed."""
         return self._remesher.start(particles)
