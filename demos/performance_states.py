@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 import tipfem as tp
-from tipfem.case import Numerics
 from tipfem.fitting import particle_fluid, with_fluids
 from tipfem.flow import ElementProperties, FlowProblem
 from tipfem.linear_system import Workspace
 from tipfem.mesh import Mesh
+from tipfem.numerics import Numerics
 from tipfem.time_integration import GeneralizedAlpha
 from tipfem.triangulation import triangulate
 

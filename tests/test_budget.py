@@ -230,14 +230,14 @@ def test_volumes_add_up(water, air):
     source = 0.0
     untouched = 0
     while simulation.time < 0.08:
-        mesh, fraction, before = simulation.mesh, simulation._fraction, simulation._volumes()
+        mesh, fraction, before = simulation.mesh, simulation._fraction, simulation.budget.totals().volume
         simulation.step()
         row = simulation.history[-1]
         solve, remeshing, given = (
             np.array([row[f"{name}_volume_{fluid}"] for fluid in ("water", "air")])
             for name in ("solve", "remeshing", "source")
         )
-        np.testing.assert_allclose(before + solve + remeshing, simulation._volumes(), rtol=0, atol=1e-14)
+        np.testing.assert_allclose(before + solve + remeshing, simulation.budget.totals().volume, rtol=0, atol=1e-14)
         assert row["volume_water"] == pytest.approx(simulation.volume("water"), rel=1e-13)
         for change in (solve, remeshing, given):
             assert abs(change.sum()) < 1e-14
@@ -255,14 +255,14 @@ def test_volumes_add_up(water, air):
 def test_volumes_add_up_with_a_sharp_interface(water, air):
     """What the solve changes the remeshing undoes: every step ends with the volumes of the start."""
     simulation = dam_break(water, air, interface="sharp")
-    start = before = simulation._volumes()
+    start = before = simulation.budget.totals().volume
     while simulation.time < 0.08:
         simulation.step()
         row = simulation.history[-1]
         solve, remeshing = (
             np.array([row[f"{name}_volume_{fluid}"] for fluid in ("water", "air")]) for name in ("solve", "remeshing")
         )
-        after = simulation._volumes()
+        after = simulation.budget.totals().volume
         np.testing.assert_allclose(before + solve + remeshing, after, rtol=0, atol=1e-14)
         np.testing.assert_allclose(after, start, rtol=1e-10)
         before = after
@@ -290,7 +290,7 @@ def test_a_step_refused_after_its_solve_leaves_no_trace(water, air, monkeypatch)
 
     monkeypatch.setattr(simulation, "_take", take)
     for _ in range(6):
-        before = simulation._volumes()[0]
+        before = simulation.budget.totals().volume[0]
         simulation.step()
         row = simulation.history[-1]
         assert abs(row["energy_residual"]) < 1e-6

@@ -107,7 +107,7 @@ def test_the_names_of_two_fluids_do_not_matter():
         results = [
             fitted.repair(moved(p, m, step), m, d, fixed, RULE) for (p, m), d in zip(states, densities, strict=True)
         ]
-        (one, mesh_one, changed), (other, mesh_other, _) = results
+        (one, mesh_one, changed, _), (other, mesh_other, _, _) = results
         placed += int(changed.sum())
         np.testing.assert_array_equal(mesh_one.cells, mesh_other.cells)
         np.testing.assert_array_equal(mesh_one.fluid, 1 - mesh_other.fluid)
@@ -141,7 +141,7 @@ def test_a_repair_away_from_the_walls_keeps_momentum(fluids, seed):
     velocity = np.where(wall[:, None], 0.0, rng.normal(size=x.shape))
     particles = tp.Particles(x, np.zeros(len(x)), wall, velocity=velocity, spacing=1.0)
     density = DENSITY[:fluids]
-    after, repaired, changed = fitted.repair(particles, mesh, density, fitting.hull_corners(mesh), RULE)
+    after, repaired, changed = fitted.repair(particles, mesh, density, fitting.hull_corners(mesh), RULE)[:3]
     scale = np.abs(of(x, mesh.cells, fluid, density=density).state[:, 7:] * velocity).sum()
     assert changed.sum() >= 2
     assert (repaired.cells != mesh.cells).any()
@@ -173,7 +173,7 @@ def test_particles_that_are_freed_fill_the_gaps():
     velocity = np.where(wall[:, None], 0.0, np.stack([x[:, 0], x[:, 1]], axis=1))
     particles = tp.Particles(x, np.zeros(len(x)), wall, velocity=velocity, pressure=x[:, 0], spacing=1.0)
     mesh = Mesh(x, cells.astype(np.int32), np.zeros(len(cells), dtype=np.int32))
-    after, repaired, changed = fitted.repair(particles, mesh, np.ones(1), fitting.hull_corners(mesh), RULE)
+    after, repaired, changed = fitted.repair(particles, mesh, np.ones(1), fitting.hull_corners(mesh), RULE)[:3]
     check(of(after.position, repaired.cells))
     assert changed.sum() >= 8
     np.testing.assert_allclose(after.pressure, after.position[:, 0], atol=1e-12)  # linear fields are handed on

@@ -21,6 +21,7 @@ ORDER = [
     "particles",
     "faces",
     "lattice",
+    "grading",
     "walls",
     "geometry",
     "mesh",
@@ -34,8 +35,10 @@ ORDER = [
     "transfer",
     "probes",
     "fitting",
+    "numerics",
     "device",
     "surgery",
+    "grading_kernels",
     "interface_kernels",
     "conservation",
     "remeshing_kernels",
@@ -47,6 +50,7 @@ ORDER = [
     "balance_kernels",
     "wall_kernels",
     "background_grid",
+    "grid_assembly",
     "mesh_cycle_kernels",
     "cycle_kernels",
     "multigrid",
@@ -80,10 +84,9 @@ ORDER = [
 ENTRANCES = {"__init__", "__main__"}  # may import any of ORDER, and are imported by none
 # The only files of tipfem/ that import Taichi.
 TAICHI = {
-    "device", "surgery", "interface_kernels", "remeshing_kernels", "connectivity", "element", "assembly",
-    "jacobian_rows", "block_kernels", "balance_kernels", "wall_kernels", "background_grid", "mesh_cycle_kernels",
-    "cycle_kernels",
-    "krylov_kernels", "bubble_kernels", "relocation_kernels",
+    "device", "surgery", "grading_kernels", "interface_kernels", "remeshing_kernels", "connectivity", "element",
+    "assembly", "jacobian_rows", "block_kernels", "balance_kernels", "wall_kernels", "background_grid",
+    "grid_assembly", "mesh_cycle_kernels", "cycle_kernels", "krylov_kernels", "bubble_kernels", "relocation_kernels",
 }  # fmt: skip
 RENDER_TAICHI = {"ggui", "rasterizer"}  # and of render/, beside at most one file that starts it
 RENDER_START_LINES = 100  # that file stays small

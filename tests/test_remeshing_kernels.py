@@ -198,7 +198,7 @@ def test_an_interface_that_comes_close_to_a_wall_meets_it(height, goes):
 def refined(t: Triangulation, new: int) -> int:
     """Put ``new`` particles on the longest edges; how many found room."""
     n, more = len(t.state), len(t.cells)
-    t.state = np.concatenate([t.state, np.zeros((new, 8))])
+    t.state = np.concatenate([t.state, np.zeros((new, 9))])
     t.wall, t.corner = (np.concatenate([a, np.full(new, -1, dtype=np.int32)]) for a in (t.wall, t.corner))
     edges, _ = t.longest_edges(0.5)
     spare = 2 * new + 1

@@ -50,7 +50,7 @@ def test_state_is_readable_and_consistent_at_every_step(water, air):
 def test_a_sharp_interface_keeps_its_state_consistent_at_every_step(water, air):
     """As many particles as before, walls at rest around them, no inverted element, volumes to round-off."""
     simulation = tp.Simulation(dam_break(water, air), time_step=2e-3)
-    count, volumes, relocated = len(simulation.particles), simulation._volumes(), 0
+    count, volumes, relocated = len(simulation.particles), simulation.budget.totals().volume, 0
     while simulation.time < 0.4:
         simulation.step()
         p, mesh = simulation.particles, simulation.mesh
@@ -61,7 +61,7 @@ def test_a_sharp_interface_keeps_its_state_consistent_at_every_step(water, air):
         np.testing.assert_array_equal(mesh.position, p.position)
         assert mesh.measure.min() > 0
         assert (np.bincount(mesh.cells.ravel(), minlength=count) > 0).all()
-        np.testing.assert_allclose(simulation._volumes(), volumes, rtol=1e-9)
+        np.testing.assert_allclose(simulation.budget.totals().volume, volumes, rtol=1e-9)
         relocated += simulation.history[-1]["relocated"]
     assert relocated > 50
 
@@ -157,7 +157,7 @@ def test_a_run_leaves_history_fields_and_summary(water, air, tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
     rows = list(csv.DictReader((tmp_path / "history.csv").open()))
     assert list(rows[0]) == (
-        "step,time,time_step,newton_iterations,krylov_iterations,relocated,rebuilt,max_speed,"
+        "step,time,time_step,particles,newton_iterations,krylov_iterations,relocated,rebuilt,max_speed,"
         "kinetic_energy,potential_energy,viscous_dissipation,numerical_dissipation,"
         "time_dissipation,geometry_dissipation,stabilisation_dissipation,source_dissipation,"
         "remeshing_dissipation,remeshing_potential_energy,external_work,energy_residual,"

@@ -114,14 +114,14 @@ def test_generalized_alpha_keeps_energy_at_most_and_walls_at_rest():
 
 def test_step_control_halves_and_grows_back():
     control = StepControl(0.1, growth=1.5)
-    assert control.length(0.0, 1.0, math.inf) == 0.1
+    assert control.length(0.0, math.inf) == 0.1
     assert control.refuse(0.1)
-    assert control.length(0.0, 1.0, math.inf) == 0.05
+    assert control.length(0.0, math.inf) == 0.05
     assert control.refuse(0.05)
-    dt = control.length(0.0, 1.0, math.inf)
+    dt = control.length(0.0, math.inf)
     lengths = []
     for _ in range(5):
-        dt = control.length(0.0, 1.0, math.inf)
+        dt = control.length(0.0, math.inf)
         lengths.append(dt)
         control.accept(dt)
     np.testing.assert_allclose(lengths, [0.025, 0.0375, 0.05625, 0.084375, 0.1], rtol=1e-14)
@@ -129,17 +129,17 @@ def test_step_control_halves_and_grows_back():
 
 def test_step_control_is_not_shortened_for_good_by_a_short_remainder():
     control = StepControl(0.1)
-    dt = control.length(0.0, 1.0, 0.003)
+    dt = control.length(0.0, 0.003)
     assert dt == 0.003
     control.accept(dt)
-    assert control.length(0.0, 1.0, math.inf) == 0.1
+    assert control.length(0.0, math.inf) == 0.1
 
 
 def test_step_control_aims_at_a_displacement():
     control = StepControl(0.1, target=0.35)
-    assert control.length(2.0, 0.01, math.inf) == pytest.approx(0.35 * 0.01 / 2.0, rel=1e-14)
-    assert control.length(0.01, 0.01, math.inf) == 0.1  # too slow to matter
-    assert control.length(1e9, 0.01, math.inf) >= control.smallest  # too fast for any step
+    assert control.length(2.0 / 0.01, math.inf) == pytest.approx(0.35 * 0.01 / 2.0, rel=1e-14)
+    assert control.length(0.01 / 0.01, math.inf) == 0.1  # too slow to matter
+    assert control.length(1e9 / 0.01, math.inf) >= control.smallest  # too fast for any step
 
 
 @pytest.mark.parametrize("remaining", [0.25, 0.1, 0.1 + 1e-13, 1.0, 0.101, 0.0999, 7.77])
@@ -147,7 +147,7 @@ def test_step_control_divides_the_remaining_time_evenly(remaining):
     control = StepControl(0.1)
     time, lengths = 0.0, []
     while remaining - time > 1e-12:
-        lengths.append(control.length(0.0, 1.0, remaining - time))
+        lengths.append(control.length(0.0, remaining - time))
         control.accept(lengths[-1])
         time += lengths[-1]
     assert len(lengths) == math.ceil(remaining / 0.1 - 1e-9)
@@ -161,7 +161,7 @@ def test_step_control_gives_up(remaining, speed):
     control = StepControl(0.1, smallest=1e-4)
     lengths = []
     while True:
-        lengths.append(control.length(speed, 0.01, remaining))
+        lengths.append(control.length(speed / 0.01, remaining))
         if not control.refuse(lengths[-1]):
             break
         assert len(lengths) < 50, f"never gives up: {lengths[-3:]}"

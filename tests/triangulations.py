@@ -15,8 +15,9 @@ def of(position, cells, fluid=None, *, wall=None, density=None) -> Triangulation
     """A triangulation of one fluid, or of those given, at rest; particles on the hull are walls unless told."""
     cells = np.ascontiguousarray(cells, dtype=np.int32)
     mesh = Mesh(position, cells)
-    state = np.zeros((len(position), 8))
+    state = np.zeros((len(position), 9))
     state[:, :2] = position
+    state[:, 8] = 1.0
     corner = np.full(len(position), -1, dtype=np.int32)
     corner[cells.ravel()] = np.arange(cells.size, dtype=np.int32) // 3
     fluid = np.zeros(len(cells), dtype=np.int32) if fluid is None else np.array(fluid, dtype=np.int32)

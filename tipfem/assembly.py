@@ -198,11 +198,13 @@ def jacobian_product(
 
 @ti.kernel
 def step_limits(
-    cells: ti.types.ndarray(), position: ti.types.ndarray(), x: ti.types.ndarray(),
+    cells: ti.types.ndarray(), position: ti.types.ndarray(), target: ti.types.ndarray(), x: ti.types.ndarray(),
     partial: ti.types.ndarray(), result: ti.types.ndarray(),
     elements: ti.i32, nodes: ti.i32, parts: ti.i32, spread: ti.template(), dim: ti.template(),
 ):  # fmt: skip
-    """result: smallest J_{n+1}, largest |u|^2, and how many entries of ``x`` are not finite."""
+    """result: smallest J_{n+1}, largest |u|^2 over the square of the particle's ``target`` (N,), and how many entries
+    of ``x`` are not finite.
+    """
     for t in range(parts * spread):
         smallest = 1e30
         largest = 0.0
@@ -217,7 +219,7 @@ def step_limits(
         first, last = part_of(t, parts, spread, nodes)
         for i in range(first, last):
             u = unknown(x, i, dim)
-            largest = ti.max(largest, u.dot(u))
+            largest = ti.max(largest, u.dot(u) / target[i] ** 2)
             for k in ti.static(range(dim + 1)):
                 if ti.math.isnan(x[i * (dim + 1) + k]) or ti.math.isinf(x[i * (dim + 1) + k]):
                     bad += 1.0

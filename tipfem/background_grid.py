@@ -19,7 +19,6 @@ import itertools
 
 import taichi as ti
 
-from tipfem.connectivity import insertion_sort
 from tipfem.device import part_of
 
 REACH = 2  # a mesh edge joins nodes of neighbouring cells, whose corners are two grid nodes apart
@@ -102,88 +101,6 @@ def weight(fraction: ti.template(), i, corner: ti.template(), dim: ti.template()
     for k in ti.static(range(dim)):
         w *= fraction[i, k] if ti.static(corner[k] == 1) else 1.0 - fraction[i, k]
     return w
-
-
-@ti.kernel
-def find_cells(
-    position: ti.types.ndarray(), lower: ti.types.ndarray(), grid: ti.types.ndarray(), cell: ti.types.ndarray(),
-    fraction: ti.types.ndarray(), count: ti.types.ndarray(), spacing: float, nodes: ti.i32, cells: ti.i32,
-    dim: ti.template(),
-):  # fmt: skip
-    """cell (N, d) of each mesh node and where in it, fraction (N, d) of its side; count[c + 1]: nodes in cell c."""
-    for c in range(cells + 1):
-        count[c] = 0
-    for i in range(nodes):
-        for k in ti.static(range(dim)):
-            scaled = (position[i, k] - lower[k]) / spacing
-            index = ti.cast(ti.floor(scaled), ti.i32)
-            index = ti.max(ti.min(index, grid[0, SHAPE + 3 - dim + k] - 2), 0)
-            cell[i, k] = index
-            fraction[i, k] = scaled - index
-        ti.atomic_add(count[cell_number(cell, grid, i, dim) + 1], 1)
-
-
-@ti.kernel
-def sort_into_cells(
-    cell: ti.types.ndarray(), grid: ti.types.ndarray(), start: ti.types.ndarray(), cursor: ti.types.ndarray(),
-    order: ti.types.ndarray(), nodes: ti.i32, cells: ti.i32, dim: ti.template(),
-):  # fmt: skip
-    """order (N,): the mesh nodes cell by cell, in ascending order; those of cell c from start[c] on."""
-    for i in range(nodes):
-        slot = ti.atomic_add(cursor[cell_number(cell, grid, i, dim)], 1)
-        order[slot] = i
-    for c in range(cells):
-        insertion_sort(order, start[c], start[c + 1])
-
-
-@ti.kernel
-def assemble_first(
-    cell: ti.types.ndarray(), fraction: ti.types.ndarray(), order: ti.types.ndarray(), start: ti.types.ndarray(),
-    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
-    rows: ti.types.ndarray(), stencil: ti.types.ndarray(), grid: ti.types.ndarray(), nodes: ti.i32,
-    parts: ti.i32, spread: ti.template(), dim: ti.template(),
-):  # fmt: skip
-    """Galerkin product P^T A P on the finest grid.
-
-    First A P, row by row of the mesh: ``rows`` (N, 4^d) on the grid nodes around the node's cell. Then each grid node
-    gathers from the mesh nodes of its 2^d cells. A connection that spans more than the stencil's reach is left
-    out, with its part of the diagonal, so that rows still sum to zero.
-    """
-    for i in range(nodes):
-        for s in range(ti.static(4**dim)):
-            rows[i, s] = 0.0
-        for s in range(row_offsets[i], row_offsets[i + 1]):
-            j = columns[s]
-            shift = ti.Vector([cell[j, k] - cell[i, k] for k in ti.static(range(dim))])
-            if shift.max() > 1 or shift.min() < -1:
-                shift, j = 0 * shift, i
-            for corner in ti.static(corners(dim)):
-                place = 0
-                for k in ti.static(range(dim)):
-                    place = place * 4 + shift[k] + 1 + corner[k]
-                rows[i, place] = rows[i, place] + values[s] * weight(fraction, j, corner, dim)
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, lines(grid, 0))
-        for line in range(first, last):
-            size, at = grid[0, SIZE], line_start(grid, 0, line, dim)
-            for j in range(grid[0, SHAPE + 2]):
-                for s in range(ti.static(PLACES**dim)):
-                    stencil[s * size + at + j] = 0.0
-                for corner in ti.static(corners(dim)):
-                    c = cell_at(grid, line, j, corner, dim)
-                    if c >= 0:
-                        for m in range(start[c], start[c + 1]):
-                            i = order[m]
-                            w = weight(fraction, i, corner, dim)
-                            for q in range(ti.static(4 ** (dim - 1))):
-                                # Row q of the 4^d grid nodes around the cell, seen from this corner.
-                                row = q + 1 - corner[0]
-                                if ti.static(dim == 3):
-                                    row = (q // 4 + 1 - corner[0]) * PLACES + q % 4 + 1 - corner[1]
-                                place = row * PLACES + 1 - corner[dim - 1]
-                                for u in ti.static(range(4)):
-                                    to = (place + u) * size + at + j
-                                    stencil[to] = stencil[to] + w * rows[i, q * 4 + u]
 
 
 @ti.func

@@ -248,12 +248,14 @@ class Boundary:
         """Where the tank is at a time [s]; ``step`` [s] is that of the finite differences."""
         return Pose.still(self.dimension) if self.motion is None else self.motion.pose(time, step, self.dimension)
 
-    def largest_speed(self, particles: Particles, time: float, step: float) -> float:
-        """Largest speed of a particle relative to the tank [m/s], at a time [s]; see `pose` for ``step``."""
-        if self.motion is None:
-            return particles.max_speed
-        relative = particles.velocity - self.pose(time, step).rigid_velocity(particles.position)
-        return float(np.sqrt((relative**2).sum(axis=1).max()))
+    def largest_pace(self, particles: Particles, time: float, step: float) -> float:
+        """Largest speed of a particle relative to the tank, in its target spacings [1/s], at a time [s]; see `pose`
+        for ``step``.
+        """
+        relative = particles.velocity
+        if self.motion is not None:
+            relative = relative - self.pose(time, step).rigid_velocity(particles.position)
+        return float(np.sqrt(((relative**2).sum(axis=1) / particles.target**2).max()))
 
     def held(self, y: Array, displacement: Array) -> Array:
         """The places y (W, d) nearest to the given ones that are on all sides, displaced by (S,) [m]."""

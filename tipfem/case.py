@@ -1,4 +1,4 @@
-"""Case: what is simulated - particles, fluids, forces - and by which numbers."""
+"""Case: what is simulated - particles, fluids, forces, walls."""
 
 from __future__ import annotations
 
@@ -9,104 +9,19 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from tipfem.alpha_shape import SurfaceRule
 from tipfem.boundary import Boundary
-from tipfem.fitting import FittedRule
 from tipfem.fluid import Fluid
 from tipfem.geometry import Tank
+from tipfem.grading import Grading
 from tipfem.interface import InterfaceRule, InterpolatedInterface, SharpInterface
+from tipfem.numerics import Numerics
 from tipfem.particles import Array, Particles
-from tipfem.relocation_rule import RelocationRule
-from tipfem.validation import is_number, numbers
+from tipfem.validation import numbers
 from tipfem.walls import Motion, Wall
 
 INTERFACES: dict[str, type[InterfaceRule]] = {"interpolated": InterpolatedInterface, "sharp": SharpInterface}
 DEFAULT_INTERFACE = "sharp"
 SURFACE_INTERFACE = "interpolated"  # the default with a free surface
-
-
-@dataclass(frozen=True)
-class Numerics:
-    """The numbers of the method.
-
-    Attributes:
-        rho_inf: of generalized-alpha, 0 to 1.
-        stabilisation: c in tau = c dt^2 of the PSPG term, > 0.
-        volume_correction: rate at which the source in J - 1 = s gives lost volume back to a fluid, in
-            units of sqrt(|b| / h) with the largest acceleration b by gravity and body force at the start; 0
-            switches the source off. The higher, the smaller the error of volume and the noisier the pressure.
-            With the sharp interface: whether (> 0) interfaces are moved so that volumes stay those of the
-            start, or (0) only what the remeshing itself changed is undone.
-        momentum_transfer: with the interpolated interface, whether a particle that a remeshing made heavier takes
-            on the velocity of the neighbours its new mass came from (see `tipfem.transfer`). The paper's method
-            does not.
-        newton_tolerance: of the largest scaled residual, in spacings: how far it would move its particle.
-        acceleration_tolerance: of the same residual as an acceleration, relative to gravity; the
-            tighter of both holds. Without it, short steps and large spacings would leave pressure loose.
-        newton_iterations: after which a step is refused.
-        largest_move: displacement of the fastest particle that the length of a step aims at, in spacings; a step
-            in which one moves by 0.15 spacings more is refused.
-        smallest_jacobian: a step in which an element's J falls below it is refused.
-        triangulation: of the interpolated interface in 2-D, between walls: "repair" flips the last mesh, and takes
-            relocated particles out of it and puts them in, where that can be done; "rebuild" asks Qhull every time.
-        relocation: when particles are moved, and where to, with the interpolated interface.
-        fitting: when the triangulation is changed, with the sharp interface.
-        surface: which simplices are fluid, with a free surface.
-
-    Raises:
-        ValueError: a number is out of range or none, or a rule is none of its kind.
-    """
-
-    rho_inf: float = 0.0
-    stabilisation: float = 0.25
-    volume_correction: float = 1.0
-    momentum_transfer: bool = True
-    newton_tolerance: float = 1e-6
-    acceleration_tolerance: float = 2e-4
-    newton_iterations: int = 8
-    largest_move: float = 0.35
-    smallest_jacobian: float = 0.05
-    triangulation: str = "repair"
-    relocation: RelocationRule = field(default_factory=RelocationRule)
-    fitting: FittedRule = field(default_factory=FittedRule)
-    surface: SurfaceRule = field(default_factory=SurfaceRule)
-
-    def __post_init__(self) -> None:
-        for name, low, high in (
-            ("rho_inf", 0.0, 1.0),
-            ("stabilisation", 1e-6, 10.0),
-            ("volume_correction", 0.0, 100.0),
-            ("newton_tolerance", 1e-14, 1e-1),
-            ("acceleration_tolerance", 1e-12, 1.0),
-            ("newton_iterations", 1, 100),
-            ("largest_move", 0.01, 0.8),
-            ("smallest_jacobian", 0.0, 0.9),
-        ):
-            value = getattr(self, name)
-            if not (is_number(value) and low <= value <= high):
-                raise ValueError(f"Numerics: {name} is {value!r}; it must lie between {low:g} and {high:g}")
-        if self.newton_iterations != int(self.newton_iterations):
-            raise ValueError(f"Numerics: newton_iterations is {self.newton_iterations!r}; it must be a whole number")
-        if self.triangulation not in ("repair", "rebuild"):
-            raise ValueError(f"Numerics: triangulation is {self.triangulation!r}; it must be 'repair' or 'rebuild'")
-        for name, kind in (("relocation", RelocationRule), ("fitting", FittedRule), ("surface", SurfaceRule)):
-            if not isinstance(getattr(self, name), kind):
-                raise ValueError(f"Numerics: {name} is {getattr(self, name)!r}; it must be a {kind.__name__}")
-        if not isinstance(self.momentum_transfer, bool):
-            raise ValueError(f"Numerics: momentum_transfer is {self.momentum_transfer!r}; it must be True or False")
-
-    def tolerance(self, force: Array, cm: float, spacing: float, smallest: float) -> float:
-        """Largest scaled residual that counts as solved [spacings].
-
-        Args:
-            force: (N, d) gravity and body force [m/s^2].
-            cm: d a / d u of the time integration [1/s^2].
-            spacing: of the particles [m].
-            smallest: what round-off leaves of a residual [spacings].
-        """
-        strength = float(np.sqrt((force**2).sum(axis=1).max()))
-        by_force = self.acceleration_tolerance * strength / (cm * spacing) if strength > 0 else float("inf")
-        return max(min(self.newton_tolerance, by_force), smallest)
 
 
 @dataclass
@@ -128,6 +43,8 @@ class Case:
         walls: those that slip, slide or move, beside what a tank says of its own; all others are fixed
             and no-slip.
         tank_motion: rigid motion of all walls together, or None.
+        grading: of the distance between particles, from the spacing at interfaces to more elsewhere; None for the same
+            distance everywhere. With the sharp interface only.
 
     Raises:
         ValueError: something does not fit together; the message names what, where and what would.
@@ -143,6 +60,7 @@ class Case:
     title: str = ""
     walls: Sequence[Wall] = ()
     tank_motion: Motion | None = None
+    grading: Grading | None = None
     # A tank knows what is at its walls; of other particles those off the walls say it.
     walls_have_fluids: bool = field(init=False, default=False, repr=False)
     # And where there is any fluid: a mask (K,) of positions (K, d).
@@ -172,9 +90,15 @@ class Case:
             raise ValueError(f"Case: walls is {self.walls!r}; it must be a list of Wall")
         if not (self.tank_motion is None or isinstance(self.tank_motion, Motion)):
             raise ValueError(f"Case: tank_motion is {self.tank_motion!r}; it must be a Motion")
+        if not (self.grading is None or isinstance(self.grading, Grading)):
+            raise ValueError(f"Case: grading is {self.grading!r}; it must be a Grading")
+        if self.grading and self.interface != "sharp":
+            raise ValueError("Case: with grading, interface must be 'sharp' (the default without a free surface)")
         if isinstance(self.particles, Tank):
             filled = self.particles
-            self.particles = filled.sample(self.fluids, fitted=self.interface == "sharp", empty=self.free_surface)
+            self.particles = filled.sample(
+                self.fluids, fitted=self.interface == "sharp", empty=self.free_surface, grading=self.grading
+            )
             self.walls_have_fluids, self.filled = True, filled.holds
             self.walls = [*filled.walls(self.particles), *self.walls]
         if not isinstance(self.particles, Particles):
@@ -189,6 +113,8 @@ class Case:
                 f"Case: gravity is {self.gravity!r}; it must be {particles.dimension} finite accelerations in m/s^2"
             )
         self.gravity = gravity
+        if self.grading:
+            self.grading.of_fluids([f.name for f in self.fluids], particles.spacing)
         lowest = np.where(particles.wall & self.free_surface, -1, 0)  # -1: a wall where there is no fluid
         bad = (particles.fluid < lowest) | (particles.fluid >= len(self.fluids))
         if bad.any():

@@ -7,6 +7,8 @@ along a wall, or a film breaks; and that is undone at once, see `conservation`.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from tipfem.conservation import bodies, inherit, move_interfaces, share_out
@@ -16,20 +18,40 @@ from tipfem.moving import Triangulation
 from tipfem.particles import Array, Particles
 from tipfem.triangulation import TriangulationError
 
-# How far from a new particle others must be, in spacings; less where there is no such place.
+# How far from a new particle others must be, in target spacings; less where there is no such place.
 ROOM = (0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
-# Height over a long interface edge, in spacings, below which a particle is taken to be on it.
+# Where the number of particles follows the targets: this room for new ones on edges that are that much longer than
+# long ones. Several rounds, for a round changes no triangle twice.
+ROUNDS = ((0.6, 1.0), (0.6, 1.0), (0.5, 1.2), (0.4, 1.4), (0.3, 1.6))
+# Height over a long interface edge, in target spacings, below which a particle is taken to be on it.
 SLIVER = 0.05
+LEAST = 0.02  # twice the smallest area that a change may leave, in target spacings squared
+
+
+class Repaired(NamedTuple):
+    """What a repair makes of N particles and their triangles.
+
+    Attributes:
+        particles: the state, on N' particles.
+        mesh: the triangles.
+        relocated: (N',) mask of the particles that have a new place, or are new.
+        renumbered: (N,) what number each particle has now, -1 for those that are gone; None if all have kept theirs.
+    """
+
+    particles: Particles
+    mesh: Mesh
+    relocated: Array
+    renumbered: Array | None = None
 
 
 def repair(
     particles: Particles, mesh: Mesh, density: Array, fixed: Array, rule: FittedRule,
-    *, slippery: Array | None = None, total: Array | None = None,
-) -> tuple[Particles, Mesh, Array]:
+    *, slippery: Array | None = None, total: Array | None = None, graded: bool = False,
+) -> Repaired:
     """Remesh particles that have moved.
 
     Args:
-        particles: the moved state on N particles; which are walls may change, see Returns.
+        particles: the moved state on N particles with their target spacings; which are walls may change.
         mesh: the triangles they moved with, none inverted.
         density: (F,) of the fluids [kg/m^3].
         fixed: (N,) particles that must keep their place, as the corners of the tank.
@@ -37,10 +59,8 @@ def repair(
         slippery: (N,) wall particles that slide with the fluid; where interfaces meet walls there, they do so, too.
         total: (F,) volume that each fluid is to have afterwards [m^2]; by default the solve's changes of volume
             stay, and only those of the remeshing are undone.
-
-    Returns:
-        The state, where some particles have a new place (N stays the same); the mesh; and (N,) a mask of
-        those particles.
+        graded: whether there are to be as many particles as the targets ask for. Otherwise N stays as it is: those
+            that crowd others are set elsewhere.
 
     Raises:
         TriangulationError: the repair did not come to an end, or left a triangle without area.
@@ -48,48 +68,79 @@ def repair(
     moved = simplex_measure(particles.position, mesh.cells)
     if (moved <= 0).any():
         raise TriangulationError("a triangle was inverted before it could be repaired")
-    h, held = particles.spacing, fixed.astype(bool)
-    least = 0.02 * h * h
+    held = fixed.astype(bool)
     t = Triangulation.of(particles, mesh, density, moved)
     flips = t.make_delaunay(rule.slack)
     sticks = held if slippery is None else held | (slippery > 0)
-    t.slide_contacts(sticks, particles.position - mesh.position, rule.reach * h, 0.35 * h, least)
-    broken = t.break_films(rule.film * h)
-    if taken := t.take_in(SLIVER * h, h):
+    t.slide_contacts(sticks, particles.position - mesh.position, rule.reach, 0.35, LEAST)
+    broken = t.break_films(rule.film)
+    if taken := t.take_in(SLIVER, 1.0):
         flips += taken + t.make_delaunay(rule.slack)
-    sizes = (rule.chain * h, rule.edge * h, rule.film * h, least)
-    t.coarsen(held, rule.close * h, *sizes, most=len(held))
-    edges, needed = t.longest_edges(rule.long * h, t.wanted_edges())
+    relocated = _follow_targets(t, held, rule) if graded else _set_elsewhere(t, held, rule)
+    t.compact()
+    t.state[:, :2], measure = restored(t, moved, mesh, relocated, total, 0.05 * particles.spacing)
+    if not (flips or broken or relocated.any() or (t.state[:, :2] != particles.position).any()):
+        return Repaired(particles, mesh.moved(particles.position), relocated)
+    renumbered = None
+    if len(t.freed) or len(t.state) > len(particles):
+        numbers = t.drop()
+        relocated, renumbered = relocated[numbers >= 0], numbers[: len(particles)]
+    return Repaired(*_taken(t, particles, measure), relocated, renumbered)
+
+
+def _set_elsewhere(t: Triangulation, held: Array, rule: FittedRule) -> Array:
+    """Take out particles that crowd others, and put them where the triangles are large; (N,) mask of them."""
+    sizes = (rule.chain, rule.edge, rule.film, LEAST)
+    t.coarsen(held, rule.close, *sizes, most=len(held))
+    edges, needed = t.longest_edges(rule.long, t.wanted_edges())
     if needed > len(t.freed):
         # Nothing that crowds is left to take: take from where particles stand closest.
-        t.coarsen(held, rule.spare * h, *sizes, most=needed - len(t.freed))
-        edges, _ = t.longest_edges(rule.long * h, t.wanted_edges())
+        t.coarsen(held, rule.spare, *sizes, most=needed - len(t.freed))
+        edges, _ = t.longest_edges(rule.long, t.wanted_edges())
     relocated = np.zeros(len(held), dtype=bool)
     relocated[t.freed] = True
     for room in ROOM:
         if not len(t.freed):
             break
-        t.refine(edges, room * h)
-        flips += t.make_delaunay(rule.slack)
-        edges, _ = t.longest_edges(rule.long * h, t.wanted_edges())
+        t.refine(edges, room)
+        t.make_delaunay(rule.slack)
+        edges, _ = t.longest_edges(rule.long, t.wanted_edges())
     if len(t.freed):
         raise TriangulationError(f"{len(t.freed)} particles that crowded others find no room elsewhere")
-    t.compact()
-    t.state[:, :2], measure = restored(t, moved, mesh, relocated, total, 0.05 * h)
-    if not (flips or broken or relocated.any() or (t.state[:, :2] != particles.position).any()):
-        return particles, mesh.moved(particles.position), relocated
-    return *_taken(t, particles, measure), relocated
+    return relocated
+
+
+def _follow_targets(t: Triangulation, held: Array, rule: FittedRule) -> Array:
+    """Take out particles where they are too many and put some in where they are too few; (N',) mask of all these.
+
+    Those left over stay in ``t.freed``.
+    """
+    before = len(held)
+    t.coarsen(held, rule.close, rule.chain, rule.edge, rule.film, LEAST, most=before)
+    gone = t.freed
+    for room, longer in ROUNDS:
+        edges = t.long_edges(longer * rule.long)
+        if not len(edges):
+            break
+        t.provide(len(edges))
+        t.refine(edges, room)
+        t.make_delaunay(rule.slack)
+    relocated = np.zeros(len(t.state), dtype=bool)
+    relocated[gone] = True
+    relocated[before:] = True
+    return relocated
 
 
 def _taken(t: Triangulation, particles: Particles, measure: Array) -> tuple[Particles, Mesh]:
-    """State and mesh of a repaired triangulation with the triangles' areas (M,); see `repair` for errors."""
+    """State, still without fluids, and mesh of a repaired triangulation with the triangles' areas (M,); see `repair`
+    for errors."""
     position = np.ascontiguousarray(t.state[:, :2])
     if (measure <= 0).any():
         place = position[t.cells[np.argmin(measure), 0]].tolist()
         raise TriangulationError(f"the triangle at {place} has no area after the repair")
     state = particles.copy(
         position=position, velocity=t.state[:, 2:4], acceleration=t.state[:, 4:6], pressure=t.state[:, 6],
-        wall=t.wall.astype(bool),
+        wall=t.wall.astype(bool), fluid=np.zeros(len(position), dtype=np.int32), target=t.state[:, 8],
     )  # fmt: skip
     mesh = Mesh(position, t.cells, t.fluid)
     mesh.__dict__["across"], mesh.__dict__["measure"] = t.across, measure

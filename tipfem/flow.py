@@ -39,7 +39,7 @@ class StepLimits:
 
     Attributes:
         smallest_jacobian: smallest J_{n+1} of an element; the element is inverted when it is <= 0.
-        largest_displacement: of a particle [m].
+        largest_displacement: of a particle, in its target spacings.
         finite: whether all unknowns are finite.
     """
 
@@ -48,13 +48,13 @@ class StepLimits:
     finite: bool
 
     def require(self, smallest_jacobian: float, reach: float) -> None:
-        """Raises StepRefused unless all is finite, J >= ``smallest_jacobian``, and no way longer than ``reach`` [m]."""
+        """Raises StepRefused unless all is finite, J >= ``smallest_jacobian``, no way longer than ``reach`` targets."""
         if not self.finite:
             raise StepRefused("the solution is not finite")
         if self.smallest_jacobian < smallest_jacobian:
             raise StepRefused(f"an element would be inverted or crushed (J = {self.smallest_jacobian:.3g})")
         if self.largest_displacement > reach:
-            raise StepRefused(f"a particle would move by {self.largest_displacement:g} m, more than {reach:g} m")
+            raise StepRefused(f"a particle would move by {self.largest_displacement:g} spacings, more than {reach:g}")
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class FlowProblem:
         self.buffers = buffers = workspace.buffers
         put = buffers.upload
         self._topology = workspace.topology(mesh)
-        self._position = put("position", mesh.position)
+        self._position, self._target = put("position", mesh.position), put("target", particles.target)
         self._density = put("density", properties.density)
         self._viscosity = put("viscosity", properties.viscosity)
         self._source = put("source", properties.source)
@@ -241,11 +241,12 @@ class FlowProblem:
         result = np.array([1e30, 0.0, 0.0])
         parts = chunks()
         assembly.step_limits(
-            self._topology[0], self._position, x, self.buffers.get("limits", parts, 3), result,
+            self._topology[0], self._position, self._target, x, self.buffers.get("limits", parts, 3), result,
             self.elements, self.nodes, parts, spread(), self.dimension,
         )  # fmt: skip
         if self.walls is not None and self.walls.carried is not None:
-            result[1] = ((self.split(x)[0] - self.walls.carried) ** 2).sum(axis=1).max()
+            way = ((self.split(x)[0] - self.walls.carried) ** 2).sum(axis=1)
+            result[1] = (way / self.particles.target**2).max()
         return StepLimits(float(result[0]), float(np.sqrt(result[1])), result[2] == 0)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from tipfem import lattice
 from tipfem.faces import faces_of_part, heaviest_beside, snap_to_faces
 from tipfem.fluid import Fluid
+from tipfem.grading import Grading, thinned
 from tipfem.particles import Array, Particles
 from tipfem.validation import is_number, numbers
 from tipfem.walls import Wall
@@ -125,7 +126,7 @@ class Tank:
                 raise ValueError(f"fill {fluid.name!r}: where is {where!r}; it must be a function of positions")
             self._regions.append(_Region(fluid, "where", where))
         else:
-            self._regions.append(_Region(fluid, "tank", _everywhere))
+            self._regions.append(_Region(fluid, "tank", lambda x: np.ones(len(x), dtype=bool)))
         return self
 
     def wall(self, side: str, **what: Any) -> Tank:
@@ -162,7 +163,9 @@ class Tank:
             result.append(Wall(name, particles=particles.wall & (particles.position[:, axis] == place), **what))
         return result
 
-    def sample(self, fluids: Sequence[Fluid], *, fitted: bool = False, empty: bool = False) -> Particles:
+    def sample(
+        self, fluids: Sequence[Fluid], *, fitted: bool = False, empty: bool = False, grading: Grading | None = None
+    ) -> Particles:
         """Particles of the filled tank, walls included.
 
         Args:
@@ -171,6 +174,7 @@ class Tank:
                 particles stand on the faces of empty parts; that is where free surfaces begin.
             fitted: put particles on the faces between two fluids, instead of on both sides of them, and let
                 them have the heavier one; in 2-D only. That is what the sharp interface starts from.
+            grading: what thins the lattice away from interfaces; in 2-D only, and where no part is empty.
 
         Returns:
             Particles with N of about prod(size / spacing + 1).
@@ -235,6 +239,8 @@ class Tank:
             held = (position == 0.0) | (position == size) if len(size) == 3 and self._walls else ~free[:, None]
             position += np.where(held, 0.0, shift)
         there = wall | (fluid >= 0)
+        if grading:
+            there = thinned(grading, position, (len(lines[0]), len(lines[1])), fluid, fluids, self.spacing)
         return Particles(position[there], fluid[there], wall[there], spacing=self.spacing)
 
     def _numbers(self, fluids: Sequence[Fluid]) -> list[int]:
@@ -282,10 +288,6 @@ def tank(size: Sequence[float], spacing: float, *, jitter: float = 0.0, seed: in
     See `Tank` for the arguments and the errors.
     """
     return Tank(size, spacing, jitter, seed)
-
-
-def _everywhere(x: Array) -> Array:
-    return np.ones(len(x), dtype=bool)
 
 
 def _in_box(x: Array, corners: Array, size: Any) -> Array:

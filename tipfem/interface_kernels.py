@@ -12,6 +12,7 @@ from tipfem.surgery import (
     double_area,
     interface_edges,
     ring,
+    target,
     weigh,
 )
 
@@ -42,7 +43,7 @@ def break_films(
     mark: ti.types.ndarray(), density: ti.types.ndarray(), flag: ti.types.ndarray(), count: ti.types.ndarray(),
     elements: ti.i32, thin: ti.f64,
 ):  # fmt: skip
-    """Give films to the fluid beside them: cells with no particle inside their fluid, lower than ``thin`` [m].
+    """Give films to the fluid beside them: cells with no particle inside their fluid, lower than ``thin`` targets.
 
     A film that thin is about to let two surfaces meet, or a filament to break. Its cells go to the fluid
     beyond their longest edge at an interface. count[0]: how many.
@@ -53,7 +54,7 @@ def break_films(
             a, b, c = cells[t, 0], cells[t, 1], cells[t, 2]
             if mark[a] > 0 and mark[b] > 0 and mark[c] > 0:
                 longest = ti.max(distance(x, a, b), distance(x, b, c), distance(x, c, a))
-                if double_area(x, a, b, c) < thin * longest:
+                if double_area(x, a, b, c) < thin * (x[a, 8] + x[b, 8] + x[c, 8]) / 3.0 * longest:
                     flag[t] = 1
     ti.loop_config(serialize=True)
     for t in range(elements):
@@ -80,9 +81,10 @@ def take_in(
 ):  # fmt: skip
     """Take particles that all but lie on an edge of an interface into it.
 
-    A cell lower than ``low`` [m] over an interface's edge longer than ``long`` goes to the fluid beyond the edge, if
-    its third particle is neither on an interface nor on the hull: there is no room on such an edge for another one,
-    and that one cannot be taken out where others lie as close. count[0]: how many cells; ``mark`` (N,) is kept.
+    A cell lower than ``low`` over an interface's edge longer than ``long``, both in target spacings, goes to the fluid
+    beyond the edge, if its third particle is neither on an interface nor on the hull: there is no room on such an edge
+    for another one, and that one cannot be taken out where others lie as close. count[0]: how many cells; ``mark``
+    (N,) is kept.
     """
     ti.loop_config(serialize=True)
     for t in range(elements):
@@ -90,9 +92,11 @@ def take_in(
             for i in ti.static(range(3)):
                 o = across[t, i]
                 if o >= 0:
-                    length = distance(x, cells[t, (i + 1) % 3], cells[t, (i + 2) % 3])
-                    height = double_area(x, cells[t, 0], cells[t, 1], cells[t, 2]) / length
-                    if fluid[o] != fluid[t] and length > long and height < low and mark[cells[t, i]] == 0:
+                    b, c = cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
+                    length, wanted = distance(x, b, c), target(x, b, c)
+                    flat = double_area(x, cells[t, i], b, c)
+                    on_edge = length > long * wanted and flat < low * wanted * length
+                    if fluid[o] != fluid[t] and on_edge and mark[cells[t, i]] == 0:
                         weigh(x, cells, fluid, density, t, -1)
                         fluid[t] = fluid[o]
                         weigh(x, cells, fluid, density, t, 1)
@@ -110,9 +114,10 @@ def slide_contacts(
     """Let an interface meet the wall where it points to: its particle on the wall slides along it.
 
     The line through the last two particles of the interface off the wall, A and B, is carried on to the wall, at
-    most ``reach`` [m] from the foot of A. In a step it goes at most twice as far as A did (``way`` (N, 2) is the
+    most ``reach`` from the foot of A. In a step it goes at most twice as far as A did (``way`` (N, 2) is the
     particles' [m]): the fluid wets walls by its motion, and does not creep along them. The particle stays ``gap``
-    away from the next ones on the wall, and no cell is left with less than twice the area ``least``.
+    away from the next ones on the wall, and no cell is left with less than twice the area ``least``. All three
+    are relative to the particle's target spacing.
     """
     ti.loop_config(serialize=True)
     for w in range(particles):
@@ -131,35 +136,36 @@ def slide_contacts(
                     ax, ay = state[a, 0] - wx, state[a, 1] - wy
                     foot = ax * tx + ay * ty
                     height = ti.abs(ax * ty - ay * tx)
-                    target = ti.max(foot - reach, ti.min(foot + reach, 0.0))
+                    far, near, smallest = reach * state[w, 8], gap * state[w, 8], least * state[w, 8] ** 2
+                    goal = ti.max(foot - far, ti.min(foot + far, 0.0))
                     if n2 > 0 and number2 == 2:
                         b = c2 if c1 == w else c1
                         bx, by = state[b, 0] - wx, state[b, 1] - wy
                         above = ti.abs(bx * ty - by * tx)
                         if above > 1.05 * height:
-                            target = foot + (foot - bx * tx - by * ty) * height / (above - height)
-                            target = ti.max(foot - reach, ti.min(foot + reach, target))
+                            goal = foot + (foot - bx * tx - by * ty) * height / (above - height)
+                            goal = ti.max(foot - far, ti.min(foot + far, goal))
                     moved = 2 * ti.sqrt((way[a, 0] - way[w, 0]) ** 2 + (way[a, 1] - way[w, 1]) ** 2)
-                    target = ti.max(-moved, ti.min(moved, target))
+                    goal = ti.max(-moved, ti.min(moved, goal))
                     # ``one`` lies ahead (in the direction of t), ``other`` behind.
-                    ahead = distance(state, w, one) - gap
-                    behind = distance(state, w, other) - gap
-                    target = ti.max(-ti.max(behind, 0.0), ti.min(ti.max(ahead, 0.0), target))
+                    ahead = distance(state, w, one) - near
+                    behind = distance(state, w, other) - near
+                    goal = ti.max(-ti.max(behind, 0.0), ti.min(ti.max(ahead, 0.0), goal))
                     for m in range(n):
                         weigh(state, cells, fluid, density, star[m], -1)
                     tries = 0
                     while tries < 3:
-                        state[w, 0], state[w, 1] = wx + target * tx, wy + target * ty
+                        state[w, 0], state[w, 1] = wx + goal * tx, wy + goal * ty
                         good = True
                         for m in range(n):
                             t = star[m]
-                            if double_area(state, cells[t, 0], cells[t, 1], cells[t, 2]) < least:
+                            if double_area(state, cells[t, 0], cells[t, 1], cells[t, 2]) < smallest:
                                 good = False
                         tries += 1
                         if good:
                             tries = 10
                         else:
-                            target *= 0.3
+                            goal *= 0.3
                             state[w, 0], state[w, 1] = wx, wy
                     for m in range(n):
                         weigh(state, cells, fluid, density, star[m], 1)
@@ -170,16 +176,18 @@ def edge_lengths(
     x: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
     key: ti.types.ndarray(), elements: ti.i32, long: ti.f64, first: ti.f64,
 ):  # fmt: skip
-    """key (3 M,): length of each edge, named 3 * cell + opposite corner, once; -1 the second time and in dead cells.
+    """key (3 M,): length of each edge over its target, once, by the name 3 * cell + opposite corner; -1 the second
+    time and in dead cells.
 
-    To edges of interfaces and of the hull that are longer than ``long`` [m], ``first`` is added.
+    To edges of interfaces and of the hull that are longer than ``long``, ``first`` is added.
     """
     for t in range(elements):
         for i in ti.static(range(3)):
             o = across[t, i]
             length = -1.0
             if fluid[t] >= 0 and (o < 0 or o > t):
-                length = distance(x, cells[t, (i + 1) % 3], cells[t, (i + 2) % 3])
+                b, c = cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
+                length = distance(x, b, c) / target(x, b, c)
                 border = o < 0
                 if not border:
                     border = fluid[o] != fluid[t]

@@ -18,7 +18,7 @@ class Triangulation:
     """A triangulation that can be changed in place.
 
     Attributes:
-        state: (N, 8) position, velocity, acceleration, pressure and lumped mass of the particles.
+        state: (N, 9) position, velocity, acceleration, pressure, lumped mass and target spacing of the particles.
         cells, across, fluid, corner: see `surgery`.
         wall: (N,) 1 for wall particles.
         density: (F,) of the fluids [kg/m^3].
@@ -44,7 +44,7 @@ class Triangulation:
         share = density[mesh.fluid] * measure / 3
         mass = np.bincount(mesh.cells.T.ravel(), weights=np.tile(share, 3), minlength=len(particles))
         state = np.column_stack(
-            [particles.position, particles.velocity, particles.acceleration, particles.pressure, mass]
+            [particles.position, particles.velocity, particles.acceleration, particles.pressure, mass, particles.target]
         )
         corner = np.full(len(state), -1, dtype=np.int32)
         corner[mesh.cells.ravel()] = np.arange(mesh.cells.size, dtype=np.int32) // 3
@@ -72,9 +72,7 @@ class Triangulation:
 
     def marks(self) -> Array:
         """(N,) 1 for particles on an interface, 2 for those on the hull, 3 for both, 0 for others."""
-        mark = np.zeros(len(self.state), dtype=np.int32)
-        interface_kernels.mark_particles(self.cells, self.across, self.fluid, mark, len(self.cells))
-        return mark
+        return marks(self.cells, self.across, self.fluid, len(self.state))
 
     def compact(self) -> None:
         """Drop the cells that are gone."""
@@ -95,14 +93,11 @@ class Triangulation:
             array[far] = number[array[far]]
 
     def longest_edges(self, long: float, most: int | None = None) -> tuple[Array, int]:
-        """Edges as 3 * cell + opposite corner, longest first, but those of interfaces and walls longer than ``long``
-        [m] before all others, ``most`` of them; and how many are longer, of those inside a fluid than 1.4 times that.
+        """Edges as 3 * cell + opposite corner, longest over its target first, but those of interfaces and walls longer
+        than ``long`` before all others, ``most`` of them; and how many are longer, of those inside a fluid than 1.4
+        times that.
         """
-        key = np.empty(3 * len(self.cells))
-        first = 1e3 * long
-        interface_kernels.edge_lengths(
-            self.state, self.cells, self.across, self.fluid, key, len(self.cells), long, first
-        )
+        key = self._lengths(long)
         edges = np.flatnonzero(key >= 0) if most is None else np.flatnonzero(key > 0.5 * long)
         if most is not None and len(edges) > most:
             # Those longer than the last that is wanted, and all as long as that: ties in the order of their names.
@@ -110,6 +105,19 @@ class Triangulation:
             edges = edges[key[edges] >= least]
         order = np.argsort(-key[edges], kind="stable")[:most]
         return edges[order].astype(np.int32), int((key > 1.4 * long).sum())
+
+    def long_edges(self, long: float) -> Array:
+        """All edges longer than ``long`` targets, in the order of `longest_edges`."""
+        key = self._lengths(long)
+        edges = np.flatnonzero(key > long)
+        return edges[np.argsort(-key[edges], kind="stable")].astype(np.int32)
+
+    def _lengths(self, long: float) -> Array:
+        key = np.empty(3 * len(self.cells))
+        interface_kernels.edge_lengths(
+            self.state, self.cells, self.across, self.fluid, key, len(self.cells), long, 1e3 * long
+        )
+        return key
 
     def slide_contacts(self, held: Array, way: Array, reach: float, gap: float, least: float) -> None:
         """Let interfaces meet walls where they point to; see `interface_kernels.slide_contacts`."""
@@ -119,7 +127,7 @@ class Triangulation:
         )  # fmt: skip
 
     def break_films(self, thin: float) -> int:
-        """Give films thinner than ``thin`` [m] to the fluid beside them; how many cells."""
+        """Give films thinner than ``thin`` targets to the fluid beside them; how many cells."""
         count = np.zeros(1, dtype=np.int32)
         interface_kernels.break_films(
             self.state, self.cells, self.across, self.fluid, self.marks(), self.density,
@@ -128,7 +136,7 @@ class Triangulation:
         return int(count[0])
 
     def take_in(self, low: float, long: float) -> int:
-        """Take particles lower than ``low`` [m] over interface edges longer than ``long`` into them; how many."""
+        """Take particles lower than ``low`` targets over interface edges longer than ``long`` into them; how many."""
         count, before, mark = np.zeros(1, dtype=np.int32), -1, self.marks()
         while count[0] != before:  # the parts of an edge may be long, too
             before = int(count[0])
@@ -149,6 +157,26 @@ class Triangulation:
             len(self.cells), len(self.state), close, chain, edge, film, least, most,
         )  # fmt: skip
         self.freed = np.concatenate([self.freed, freed[: count[0]]])
+
+    def provide(self, count: int) -> None:
+        """Let `freed` hold ``count`` particles, new ones if need be."""
+        more = count - len(self.freed)
+        if more > 0:
+            first = len(self.state)
+            self.state = np.concatenate([self.state, np.zeros((more, self.state.shape[1]))])
+            self.corner = np.concatenate([self.corner, np.full(more, -1, dtype=np.int32)])
+            self.wall = np.concatenate([self.wall, np.zeros(more, dtype=np.int32)])
+            self.freed = np.concatenate([self.freed, np.arange(first, first + more, dtype=np.int32)])
+
+    def drop(self) -> Array:
+        """Drop the particles of `freed`, for good; the new numbers (N,) of all, -1 of those dropped."""
+        keep = np.ones(len(self.state), dtype=bool)
+        keep[self.freed] = False
+        number = np.where(keep, np.cumsum(keep) - 1, -1).astype(np.int32)
+        self.state, self.corner, self.wall = self.state[keep], self.corner[keep], self.wall[keep]
+        self.cells = number[self.cells]
+        self.freed = self.freed[:0]
+        return number
 
     def wanted_edges(self) -> int:
         """How many edges are looked at for places for the particles of `freed`."""
@@ -173,6 +201,15 @@ class Triangulation:
             room, wanted,
         )  # fmt: skip
         self.freed = self.freed[count[0] :]
+
+
+def marks(cells: Array, across: Array, fluid: Array, count: int) -> Array:
+    """(N,) of ``count`` particles, see `Triangulation.marks`; the arrays are those of `surgery`."""
+    mark = np.zeros(count, dtype=np.int32)
+    interface_kernels.mark_particles(
+        np.ascontiguousarray(cells), np.ascontiguousarray(across), np.ascontiguousarray(fluid), mark, len(cells)
+    )
+    return mark
 
 
 def _scratch() -> Array:

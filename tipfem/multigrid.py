@@ -15,15 +15,13 @@ from tipfem.background_grid import (
     PLACES,
     REACH,
     STENCIL,
-    assemble_first,
     coarsen_axis,
-    find_cells,
-    sort_into_cells,
     weigh_sides,
 )
 from tipfem.connectivity import accumulate
 from tipfem.cycle_kernels import coarse_cycle, down_grid, up_grid
 from tipfem.device import Buffers, Launcher, chunks, settings, spread
+from tipfem.grid_assembly import assemble_first, count_links, find_cells, lay_links, sort_into_cells
 from tipfem.mesh_cycle_kernels import damped_inverse_diagonals, down_mesh, up_mesh
 
 COARSEST_SWEEPS = 20
@@ -76,24 +74,40 @@ class BackgroundMultigrid:
         self._nodes, self._launch = nodes, Launcher()
         self._matrix = (row_offsets, columns, values)
         get, dim, parts = self.buffers.get, self.dimension, (chunks(), spread())
-        self._cell, self._fraction = get("mg.cell", nodes, dim, integer=True), get("mg.fraction", nodes, dim)
-        self._order = get("mg.order", nodes, integer=True)
         self._start = get("mg.start", self._cells + 1, integer=True)
-        cursor = get("mg.cursor", self._cells, integer=True)
-        find_cells(
-            position, self._lower, self._grid, self._cell, self._fraction, self._start, self.spacing, nodes,
-            self._cells, dim,
-        )  # fmt: skip
+        cursor = get("mg.cursor", max(self._cells, nodes), integer=True)
+
+
+        def settle_nodes(room: int) -> None:
+            self._cell, self._fraction = get("mg.cell", room, dim, integer=True), get("mg.fraction", room, dim)
+            find_cells(
+                position, self._lower, self._grid, self._cell, self._fraction, self._start, self.spacing, nodes,
+                self._cells, dim,
+            )  # fmt: skip
+
+        settle_nodes(nodes)
+        links = get("mg.links", nodes + 1, integer=True)
+        count_links(*self._matrix, self._cell, self._fraction, links, nodes, dim)
+        count = nodes + accumulate(links, cursor, nodes)
+        rows, self._residual = get("mg.rows", count, 4**dim), get("mg.residual", count)
+        if count > nodes:
+            if count > self._cell.shape[0]:  # a larger array is an empty one
+                settle_nodes(count)
+            lay_links(
+                *self._matrix, self._cell, self._fraction, links, rows, self._residual, self._start, self._grid, nodes,
+                dim,
+            )  # fmt: skip
+        self._order = get("mg.order", count, integer=True)
         accumulate(self._start, cursor, self._cells)
-        sort_into_cells(self._cell, self._grid, self._start, cursor, self._order, nodes, self._cells, dim)
+        sort_into_cells(self._cell, self._grid, self._start, cursor, self._order, count, self._cells, dim)
         assemble_first(
-            self._cell, self._fraction, self._order, self._start, *self._matrix, get("mg.rows", nodes, 4**dim),
-            self._stencil, self._grid, nodes, *parts, dim,
+            self._cell, self._fraction, self._order, self._start, *self._matrix, rows, self._stencil, self._grid, nodes,
+            *parts, dim,
         )  # fmt: skip
         for fine, coarse, axis in self._passes:
             weigh_sides(self._stencil, self._weights, self._grid, fine, *parts, axis, dim)
             coarsen_axis(self._stencil, self._weights, self._grid, fine, coarse, *parts, axis, dim)
-        self._residual, self._relax = get("mg.residual", nodes), get("mg.relax", nodes)
+        self._relax = get("mg.relax", nodes)
         damped_inverse_diagonals(
             *self._matrix, self._relax, self._stencil, self._grid_relax, self._grid, nodes, self.levels, dim
         )

@@ -176,8 +176,8 @@ class ResultsFolder:
 
 # What a row of the history begins with; the budgets' columns follow, and a user's own.
 STEP_COLUMNS = (
-    "step", "time", "time_step", "newton_iterations", "krylov_iterations", "relocated", "rebuilt", "max_speed",
-    "wall_seconds",
+    "step", "time", "time_step", "particles", "newton_iterations", "krylov_iterations", "relocated", "rebuilt",
+    "max_speed", "wall_seconds",
 )  # fmt: skip
 
 

@@ -26,7 +26,8 @@ class Particles:
         acceleration: (N, d) [m/s^2].
         pressure: (N,) [Pa], positive in compression.
         spacing: target distance h between neighbours [m]; by default the median distance
-            from a particle to its nearest neighbour.
+            from a particle to its nearest neighbour. Where targets differ from place to place, the smallest.
+        target: (N,) distance that each particle is to have from its neighbours [m]; by default ``spacing``.
 
     Raises:
         ValueError: an array has the wrong shape or no numbers, a value is not finite, a label is no
@@ -40,6 +41,7 @@ class Particles:
     acceleration: Any = None
     pressure: Any = None
     spacing: float = field(default=0.0)
+    target: Any = None
 
     def __post_init__(self) -> None:
         self._own_arrays()
@@ -48,6 +50,8 @@ class Particles:
         else:
             self._require_spacing()
             self.require_distinct()
+        if self.target is None:
+            self.target = np.full(len(self), float(self.spacing))
 
     def _require_spacing(self) -> None:
         if not (is_number(self.spacing) and self.spacing > 0):
@@ -67,6 +71,11 @@ class Particles:
         self.velocity = _shaped("velocity", self.velocity, (n, d), np.float64)
         self.acceleration = _shaped("acceleration", self.acceleration, (n, d), np.float64)
         self.pressure = _shaped("pressure", self.pressure, (n,), np.float64)
+        if self.target is not None:
+            self.target = _shaped("target", self.target, (n,), np.float64)
+            if not (self.target > 0).all():
+                i = int(np.argmin(self.target > 0))
+                raise ValueError(f"Particles: target of particle {i} is {self.target[i]} m; it must be > 0")
         for name in ("position", "velocity", "acceleration", "pressure"):
             _require_finite(name, getattr(self, name))
 

@@ -13,7 +13,10 @@ from tipfem.fitted import repair
 from tipfem.fitting import FittedRule, hull_corners, particle_fluid, with_fluids
 from tipfem.fluid import Fluid
 from tipfem.free_surface import SurfaceMesher
+from tipfem.grading import Grading
+from tipfem.grading_kernels import limit_growth
 from tipfem.mesh import Mesh
+from tipfem.moving import marks
 from tipfem.particles import Array, Particles
 from tipfem.relocation import relocate
 from tipfem.relocation_rule import RelocationRule
@@ -22,12 +25,22 @@ from tipfem.wall_step import WallStep
 
 
 class Remeshed(NamedTuple):
-    """Particles on a new mesh; (N,) which of them were set elsewhere, and how many of those crowded others."""
+    """Particles on a new mesh.
+
+    Attributes:
+        particles: the state.
+        mesh: its simplices.
+        relocated: (N,) which of them were set elsewhere, or are new.
+        number: how many of those crowded others, or are new.
+        renumbered: what number each particle of the mesh before has now, -1 for those that are gone; None if all have
+            kept theirs.
+    """
 
     particles: Particles
     mesh: Mesh
     relocated: Array
     number: int
+    renumbered: Array | None = None
 
 
 class Remesher(Protocol):
@@ -106,17 +119,19 @@ class FittedRemesher:
         walls_have_fluids: whether the first particles' labels hold on the walls, too.
         keep: whether every remeshing gives the fluids back the volumes they started with, not only those that
             it found.
+        grading: of the target spacings; None where they are the same everywhere, and as many particles as at the start.
     """
 
     def __init__(
-        self, fluids: Sequence[Fluid], fixed: Sequence[int], rule: FittedRule, *, walls_have_fluids: bool, keep: bool
-    ) -> None:
+        self, fluids: Sequence[Fluid], fixed: Sequence[int], rule: FittedRule, *, walls_have_fluids: bool, keep: bool,
+        grading: Grading | None = None,
+    ) -> None:  # fmt: skip
         self.density = np.array([f.density for f in fluids])
         self._names = [f.name for f in fluids]
         self.rule = rule
         self._fixed_particles = list(fixed)
         self._fixed = np.zeros(0, dtype=bool)
-        self._keep, self._walls_have_fluids = keep, walls_have_fluids
+        self._keep, self._walls_have_fluids, self._grading = keep, walls_have_fluids, grading
         self._volumes: Array | None = None
         self.rebuilt = 0
 
@@ -148,14 +163,31 @@ class FittedRemesher:
             fixed[boundary.index[boundary.pinned]] = True
             slippery = np.zeros(len(fixed), dtype=np.int32)
             slippery[boundary.index[boundary.slides]] = 1
-        state, mesh, relocated = repair(
-            particles, mesh, self.density, fixed, self.rule, slippery=slippery, total=self._volumes
-        )
-        return self._labelled(state, mesh, relocated)
+        if self._grading:
+            particles = particles.copy(target=self._targets(particles, mesh, self._grading))
+        state, mesh, relocated, renumbered = repair(
+            particles, mesh, self.density, fixed, self.rule, slippery=slippery, total=self._volumes,
+            graded=self._grading is not None,
+        )  # fmt: skip
+        if renumbered is not None:
+            held = renumbered[self._fixed]
+            self._fixed = np.zeros(len(state), dtype=bool)
+            self._fixed[held] = True
+        return self._labelled(state, mesh, relocated, renumbered)
 
-    def _labelled(self, particles: Particles, mesh: Mesh, relocated: Array) -> Remeshed:
+    def _labelled(
+        self, particles: Particles, mesh: Mesh, relocated: Array, renumbered: Array | None = None
+    ) -> Remeshed:
         particles.fluid = particle_fluid(mesh, len(particles), self.density)
-        return Remeshed(particles, mesh, relocated, int(relocated.sum()))
+        return Remeshed(particles, mesh, relocated, int(relocated.sum()), renumbered)
+
+    def _targets(self, particles: Particles, mesh: Mesh, grading: Grading) -> Array:
+        """(N,) target spacings of the particles, which moved with a mesh [m]."""
+        largest = grading.of_fluids(self._names, particles.spacing)
+        at_interface = marks(mesh.cells, mesh.across, np.asarray(mesh.fluid), len(particles)) & 1 > 0
+        target = grading.wishes(particles.position, particles.fluid, at_interface, largest, particles.spacing)
+        limit_growth(particles.position, mesh.cells, target, grading.growth, len(mesh.cells))
+        return target
 
 
 def remesher_for(case: Case, reference: int) -> Remesher:
@@ -164,7 +196,7 @@ def remesher_for(case: Case, reference: int) -> Remesher:
     if case.interface == "sharp":
         return FittedRemesher(
             case.fluids, [reference], numerics.fitting,
-            walls_have_fluids=case.walls_have_fluids, keep=numerics.volume_correction > 0,
+            walls_have_fluids=case.walls_have_fluids, keep=numerics.volume_correction > 0, grading=case.grading,
         )  # fmt: skip
     if case.closed:
         repairs = numerics.triangulation == "repair" and case.particles.dimension == 2

@@ -1,9 +1,10 @@
 """Kernels that keep a triangulation good while its particles move: each works on the arrays of `surgery`, in place.
 
 A look at all cells runs in parallel and flags what needs attention; the few changes that follow run in one thread.
-``state`` (N, 8) holds position, velocity, acceleration, pressure and lumped mass. Edges between cells of
-two fluids, the interface, are never flipped; nor is the hull. A change that would change momentum, for it
-deals out masses anew, gives the difference back to the particles around that no wall holds.
+``state`` (N, 9) holds position, velocity, acceleration, pressure, lumped mass and target spacing; thresholds are
+relative to the targets where they are applied. Edges between cells of two fluids, the interface, are never flipped;
+nor is the hull. A change that would change momentum, for it deals out masses anew, gives the difference back to
+the particles around that no wall holds.
 """
 
 import taichi as ti
@@ -23,6 +24,7 @@ from tipfem.surgery import (
     ring,
     should_flip,
     split,
+    target,
     weigh,
 )
 
@@ -120,11 +122,12 @@ def coarsen(
 ):  # fmt: skip
     """Take out particles that crowd others: by collapsing the edge to a neighbour.
 
-    Off interfaces and walls: closer than ``close`` [m] to another, or than ``edge`` to an edge of interface or wall.
+    Off interfaces and walls: closer than ``close`` to another, or than ``edge`` to an edge of interface or wall.
     On an interface: closer than ``chain`` to the next on it, and the area enclosed is kept; or closer than
     ``film`` to a wall, which the interface then meets. On a wall: closer than ``chain`` to the next on
-    it, or than ``film`` where an interface meets the wall. ``fixed`` (N,) stay. No cell is left with
-    less than twice the area ``least``; at most ``most`` go. freed[:count[0]]: who went. ``star`` is scratch.
+    it, or than ``film`` where an interface meets the wall. ``fixed`` (N,) stay. No cell is left with less than twice
+    the area ``least``; at most ``most`` go. All in target spacings, squared for the area. freed[:count[0]]: who
+    went. ``star`` is scratch.
     """
     for i in range(particles):
         flag[i] = 0
@@ -132,17 +135,17 @@ def coarsen(
         if fluid[t] >= 0:
             for i in ti.static(range(3)):
                 b, c = cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
-                length = distance(state, b, c)
-                if length < ti.max(close, chain):
+                length, wanted = distance(state, b, c), target(state, b, c)
+                if length < ti.max(close, chain) * wanted:
                     ti.atomic_or(flag[b], 1)
                     ti.atomic_or(flag[c], 1)
                 o = across[t, i]
                 border = o < 0
                 if not border:
                     border = fluid[o] != fluid[t]
-                if border and double_area(state, cells[t, 0], cells[t, 1], cells[t, 2]) < edge * length:
+                if border and double_area(state, cells[t, 0], cells[t, 1], cells[t, 2]) < edge * wanted * length:
                     ti.atomic_or(flag[cells[t, i]], 2)
-                if o < 0 and double_area(state, cells[t, 0], cells[t, 1], cells[t, 2]) < film * length:
+                if o < 0 and double_area(state, cells[t, 0], cells[t, 1], cells[t, 2]) < film * wanted * length:
                     ti.atomic_or(flag[cells[t, i]], 4)
     ti.loop_config(serialize=True)
     for p in range(particles):
@@ -152,14 +155,15 @@ def coarsen(
                 number, first, second = interface_edges(cells, fluid, star, 0, n, closed, p)
                 q, gap = -1, 1e30
                 along = False
+                smallest = least * state[p, 8] ** 2
                 if closed == 0 and number <= 1:
                     one, other = ring(cells, star, 0, n, p, 0), ring(cells, star, 0, n, p, n)
                     q = one if distance(state, p, one) < distance(state, p, other) else other
-                    if distance(state, p, q) >= (chain if number == 0 else film):
+                    if distance(state, p, q) >= (chain if number == 0 else film) * target(state, p, q):
                         q = -1
                 elif closed == 1 and number == 2:
                     q = first if distance(state, p, first) < distance(state, p, second) else second
-                    if distance(state, p, q) >= chain or first == second:
+                    if distance(state, p, q) >= chain * target(state, p, q) or first == second:
                         q = -1
                     along = q >= 0
                     if q < 0 and flag[p] >= 4:
@@ -167,17 +171,17 @@ def coarsen(
                             r = ring(cells, star, 0, n, p, m)
                             length = distance(state, p, r)
                             nearer = wall[r] == 1 and r != first and r != second and length < gap
-                            if nearer and can_collapse(state, cells, star, 0, n, p, r, least):
+                            if nearer and can_collapse(state, cells, star, 0, n, p, r, smallest):
                                 q, gap = r, length
                 elif closed == 1 and number == 0:
                     for m in range(n):
                         r = ring(cells, star, 0, n, p, m)
                         length = distance(state, p, r)
-                        wanted = length < close or flag[p] >= 2
-                        if wanted and length < gap and can_collapse(state, cells, star, 0, n, p, r, least):
+                        wanted = length < close * target(state, p, r) or flag[p] >= 2
+                        if wanted and length < gap and can_collapse(state, cells, star, 0, n, p, r, smallest):
                             q, gap = r, length
                 if q >= 0:
-                    if can_collapse(state, cells, star, 0, n, p, q, least):
+                    if can_collapse(state, cells, star, 0, n, p, q, smallest):
                         a = second if q == first else first
                         base = 2 * (STAR + 1)
                         around = n + 1 - closed
@@ -205,7 +209,7 @@ def coarsen(
                                 if number2 == 2 and (c1 == a or c2 == a) and c1 != c2:
                                     b = c2 if c1 == a else c1
                                     change += keep_area(
-                                        state, cells, fluid, density, star, a, p, q, b, n2, STAR + 1, least
+                                        state, cells, fluid, density, star, a, p, q, b, n2, STAR + 1, smallest
                                     )
                         lost = change[2] * mean - ti.Vector([change[0], change[1]])
                         give(state, wall, star, base, around, lost)
@@ -221,7 +225,7 @@ def refine(
     """Put the particles freed[count[0]:wanted] on the middle of edges, in the order given.
 
     edges (K,): 3 * cell + corner opposite. An edge is passed over if a cell beside it was changed already or if a
-    particle stands closer than ``room`` [m] to its middle. ``free``: cells that are gone; count[1] of
+    particle stands closer than ``room`` target spacings to its middle. ``free``: cells that are gone; count[1] of
     them are used. A new particle takes the mean of the two states, which changes no momentum; on the edge of a
     wall it belongs to the wall.
     """
@@ -238,9 +242,11 @@ def refine(
                 b, c = cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
                 for s in range(7):
                     state[n, s] = 0.5 * (state[b, s] + state[c, s])
-                usable = distance(state, n, cells[t, i]) > room and distance(state, n, b) > 0.8 * room
+                state[n, 8] = target(state, b, c)
+                free_way = room * state[n, 8]
+                usable = distance(state, n, cells[t, i]) > free_way and distance(state, n, b) > 0.8 * free_way
                 if o >= 0:
-                    usable = usable and distance(state, n, cells[o, place(across, o, t)]) > room
+                    usable = usable and distance(state, n, cells[o, place(across, o, t)]) > free_way
             if usable:
                 t2, o2 = free[count[1]], free[count[1] + 1]
                 weigh(state, cells, fluid, density, t, -1)

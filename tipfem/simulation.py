@@ -98,7 +98,7 @@ class Simulation:
             raise ValueError(f"Simulation: the initial particles cannot be meshed: {error}") from error
         # With a sharp interface the remesher keeps the volumes, and without jumps of pressure.
         rate = 0.0 if case.interface == "sharp" else case.numerics.volume_correction * frequency
-        self.volume_control = VolumeControl(self._volumes(), rate, balanced=case.closed)
+        self.volume_control = VolumeControl(self.budget.totals().volume, rate, balanced=case.closed)
         # Last of all: it removes what an earlier run left, which a refused simulation must not do.
         self.results = ResultsFolder(out) if out is not None else None
         if self.results:
@@ -118,8 +118,8 @@ class Simulation:
         if not until > self.time:
             raise ValueError(f"step: until is {until!r} s; it must be later than the present {self.time:g} s")
         while True:
-            speed = self.boundary.largest_speed(self.particles, self.time, self.control.current)
-            dt = self.control.length(speed, self.particles.spacing, until - self.time)
+            pace = self.boundary.largest_pace(self.particles, self.time, self.control.current)
+            dt = self.control.length(pace, until - self.time)
             try:
                 moved, result = self._solve(dt)
                 remeshed = self.remesher.remesh(moved, self.mesh, self._walls)
@@ -132,7 +132,7 @@ class Simulation:
                         f"halving the time step down to {dt:.3g} s did not help"
                     ) from reason
         self.control.accept(dt)
-        self.volume_control.observe(self._volumes(), dt)
+        self.volume_control.observe(self.budget.totals().volume, dt)
         self.time = until if abs(until - self.time - dt) < 1e-9 * dt else self.time + dt
         self.step_number += 1
         self._record(dt, result, remeshed.number)
@@ -202,7 +202,7 @@ class Simulation:
         )  # fmt: skip
         result.require()
         limits = problem.limits(result.solution)
-        limits.require(numerics.smallest_jacobian, self.control.reach * self.particles.spacing)
+        limits.require(numerics.smallest_jacobian, self.control.reach)
         displacement, pressure = problem.split(result.solution)
         if self.mesh.surface is None or not self.mesh.surface.front.any():
             pressure -= pressure[self._reference]
@@ -214,7 +214,9 @@ class Simulation:
 
     def _take(self, remeshed: Remeshed, before: Array | None = None) -> None:
         """Make particles on a new mesh the present state; before (N,) is the density around each on the old mesh."""
-        particles, mesh, relocated, _count = remeshed
+        particles, mesh, relocated, _number, renumbered = remeshed
+        if renumbered is not None:
+            self._reference = int(renumbered[self._reference])
         fluid, fluids = particles.fluid, self.case.fluids
         density, viscosity = self.interface.element_properties(mesh, fluid, fluids)
         around = nodal_density(mesh, density)
@@ -232,12 +234,9 @@ class Simulation:
         self._fraction = self.interface.fluid_fraction(mesh, fluid, len(fluids))
         self.budget.remeshed(mesh, particles, density, self._fraction)
 
-    def _volumes(self) -> Array:
-        return self.budget.totals().volume
-
     def volume(self, name: str) -> float:
         """Volume of a fluid [m^2 in 2-D, m^3 in 3-D], spray included; see `Case.fluid_index` for errors."""
-        return float(self._volumes()[self.case.fluid_index(name)])
+        return float(self.budget.totals().volume[self.case.fluid_index(name)])
 
     def energy(self) -> probes.Energy:
         """Kinetic and potential energy [J, per metre of depth in 2-D]."""
@@ -247,7 +246,6 @@ class Simulation:
         """Write summary.json with the run's settings and ``content``; nothing without a results folder."""
         if not self.results:
             return
-        numerics = dataclasses.asdict(self.case.numerics)
         self.results.write_summary(
             {
                 "time": self.time,
@@ -258,7 +256,7 @@ class Simulation:
                 "largest_time_step": self.control.largest,
                 **device.settings(),
                 "interface": self.case.interface,
-                "numerics": numerics,
+                "numerics": dataclasses.asdict(self.case.numerics),
                 "fluids": [vars(f) for f in self.case.fluids],
                 **(content or {}),
             }
@@ -270,6 +268,7 @@ class Simulation:
             "step": self.step_number,
             "time": self.time,
             "time_step": dt,
+            "particles": len(self.particles),
             "newton_iterations": result.iterations,
             "krylov_iterations": result.krylov_iterations,
             "relocated": relocated,

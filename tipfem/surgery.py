@@ -25,6 +25,12 @@ def distance(x: ti.template(), a, b):
 
 
 @ti.func
+def target(x: ti.template(), a, b):
+    """Target length of the edge between two particles; column 8 of ``x`` has the particles' target spacings."""
+    return 0.5 * (x[a, 8] + x[b, 8])
+
+
+@ti.func
 def in_circle(x: ti.template(), a, b, c, d):
     """How far d lies inside the circle through a, b, c (counter-clockwise), relative to the size of the four.
 

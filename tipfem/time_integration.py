@@ -112,17 +112,16 @@ class StepControl:
         self.current = self.current or self.largest
         self.reach = self.reach or self.target + 0.15
 
-    def length(self, speed: float, spacing: float, remaining: float) -> float:
+    def length(self, pace: float, remaining: float) -> float:
         """Length of the next step [s].
 
         Args:
-            speed: largest speed of a particle [m/s].
-            spacing: target distance of the particles [m].
+            pace: largest speed of a particle, in its target spacings [1/s].
             remaining: time to the next moment that a step must end at [s]; it is divided evenly.
         """
         dt = self.current
-        if speed > 0:
-            dt = min(dt, self.target * spacing / speed)
+        if pace > 0:
+            dt = min(dt, self.target / pace)
         dt = max(dt, self.smallest)
         if math.isfinite(remaining):
             dt = remaining / max(1, math.ceil(remaining / dt - 1e-9))

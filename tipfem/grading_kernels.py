@@ -1,0 +1,37 @@
+"""Kernel that makes target spacings change gradually from particle to particle."""
+
+import taichi as ti
+
+from tipfem.surgery import distance
+
+SWEEPS = 100  # far more than there are: targets spread along many edges in one sweep
+
+
+@ti.kernel
+def limit_growth(
+    x: ti.types.ndarray(), cells: ti.types.ndarray(), target: ti.types.ndarray(), growth: ti.f64, elements: ti.i32
+) -> ti.i32:  # fmt: skip
+    """Lower ``target`` (N,) until it grows by at most ``growth`` along every edge of the triangles ``cells`` (M, 3).
+
+    Sweeps over the triangles, to and fro, until one changes nothing; returns how many it took. x (N, >= 2) [m].
+    """
+    sweeps = 0
+    ti.loop_config(serialize=True)
+    for sweep in range(SWEEPS):
+        if sweeps == sweep:
+            changed = False
+            for k in range(elements):
+                t = k if sweep % 2 == 0 else elements - 1 - k
+                for i in ti.static(range(3)):
+                    a, b = cells[t, i], cells[t, (i + 1) % 3]
+                    if target[a] > target[b]:
+                        a, b = b, a
+                    # Most edges join equal targets: no need to know how long they are.
+                    if target[b] > target[a]:
+                        highest = target[a] + growth * distance(x, a, b)
+                        if target[b] > highest * (1 + 1e-9):
+                            target[b] = highest
+                            changed = True
+            if changed:
+                sweeps = sweep + 1
+    return sweeps
