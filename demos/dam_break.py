@@ -6,6 +6,11 @@ The front is compared with the experiments of Martin & Moyce (1952) and Koshizuk
 height of the column with Martin & Moyce; sources stand on top of the files in demos/data.
 
     python demos/dam_break.py --spacing 0.01 --end-time 0.3
+
+With ``--air-spacing`` particles stand farther apart in the air, the farther from the water: the same front for a
+part of the time.
+
+    python demos/dam_break.py --spacing 0.002 --air-spacing 0.02
 """
 
 from __future__ import annotations
@@ -54,8 +59,16 @@ LARGEST_HEIGHT_ERROR = 0.05
 LARGEST_VOLUME_ERROR = 0.02  # up to 10 mm; 0.05 above
 
 
-def build(spacing: float = SPACING, **options: Any) -> tp.Case:
-    """The case with particles at a distance of ``spacing`` [m]; further options are those of `tipfem.Case`."""
+def build(spacing: float = SPACING, air_spacing: float | None = None, **options: Any) -> tp.Case:
+    """The case.
+
+    Args:
+        spacing: distance of the particles [m].
+        air_spacing: the same in the air, far from the water [m]; by default no other than in the water.
+        options: further ones of `tipfem.Case`.
+    """
+    if air_spacing:
+        options.setdefault("grading", tp.Grading({AIR.name: air_spacing}))
     particles = tp.tank(size=TANK, spacing=spacing).fill(AIR).fill(WATER, box=((0, 0), COLUMN))
     options.setdefault("numerics", tp.Numerics(largest_move=LARGEST_MOVE))
     return tp.Case(particles, fluids=[WATER, AIR], gravity=(0, -GRAVITY), title="Dam break of water in air", **options)
@@ -75,7 +88,7 @@ def simulate(arguments: argparse.Namespace) -> tp.Simulation:
     """Build the case, and run it to the end."""
     tp.init(arch=arguments.arch)
     simulation = tp.Simulation(
-        build(arguments.spacing, interface=arguments.interface),
+        build(arguments.spacing, arguments.air_spacing, interface=arguments.interface),
         out=arguments.out,
         time_step=arguments.time_step,
         output_interval=1.0 / arguments.frames_per_second,
@@ -161,20 +174,26 @@ def fronts_of(history: Sequence[Mapping[str, float]]) -> tuple[np.ndarray, np.nd
     return time, position
 
 
-def read_run(folder: Path) -> tuple[float, list[dict[str, float]]]:
-    """Spacing [m] and history of a finished run of this demo.
+def name_of(spacing: float, graded: bool) -> str:
+    """What a run with particles at a distance of ``spacing`` [m] is called in figures."""
+    return f"tipfem, {spacing * 1e3:g} mm" + (" graded" if graded else "")
+
+
+def read_run(folder: Path) -> tuple[float, bool, list[dict[str, float]]]:
+    """Spacing [m], whether it was graded, and history of a finished run of this demo.
 
     Raises:
         ValueError: the folder holds none.
     """
     try:
-        spacing = float(json.loads((folder / "summary.json").read_text("utf-8"))["spacing"])
+        summary = json.loads((folder / "summary.json").read_text("utf-8"))
+        spacing, graded = float(summary["spacing"]), summary.get("grading") is not None
         with (folder / "history.csv").open(encoding="utf-8", newline="") as file:
             rows = [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
         fronts_of(rows)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{folder}: no finished run of the dam break: {type(error).__name__}: {error}") from error
-    return spacing, rows
+    return spacing, graded, rows
 
 
 def compare(folders: Sequence[Path], out: Path) -> None:
@@ -184,8 +203,8 @@ def compare(folders: Sequence[Path], out: Path) -> None:
         ValueError: a folder holds no such run.
     """
     runs, shift = {}, 0.0
-    for spacing, history in sorted((read_run(folder) for folder in folders), key=lambda run: -run[0]):
-        label = f"tipfem, {spacing * 1e3:g} mm"
+    for spacing, graded, history in sorted((read_run(folder) for folder in folders), key=lambda run: -run[0]):
+        label = name_of(spacing, graded)
         while label in runs:
             label += "'"
         figures = validate(history)
@@ -211,7 +230,7 @@ def main(words: Sequence[str] | None = None) -> None:
     except (ValueError, RuntimeError) as error:
         cli.stop(str(error))
     figures = validate(simulation.history)
-    label = f"tipfem, {arguments.spacing * 1e3:g} mm"
+    label = name_of(arguments.spacing, arguments.air_spacing is not None)
     cli.finish_demo(
         simulation, arguments, figures, check(figures, arguments.spacing),
         plot=lambda: experiments.plot_front(
@@ -223,6 +242,10 @@ def main(words: Sequence[str] | None = None) -> None:
 
 
 def _own_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--air-spacing", type=cli.positive, metavar="H",
+        help="distance between particles in the air, far from the water [m]; by default that of all others",
+    )  # fmt: skip
     parser.add_argument(
         "--compare", type=Path, nargs="+", default=[], metavar="RUN",
         help="run nothing; draw the fronts of these folders of finished runs in one figure, fronts.png",

@@ -45,15 +45,15 @@ def demo_arguments(
     """
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     add = parser.add_argument
-    add("--spacing", type=_positive, default=spacing, metavar="H", help="distance between particles [m]")
-    add("--end-time", type=_positive, default=end_time, metavar="T", help="simulated time to run to [s]")
-    add("--time-step", type=_positive, default=time_step, metavar="DT", help="largest time step [s]; it adapts below")
+    add("--spacing", type=positive, default=spacing, metavar="H", help="distance between particles [m]")
+    add("--end-time", type=positive, default=end_time, metavar="T", help="simulated time to run to [s]")
+    add("--time-step", type=positive, default=time_step, metavar="DT", help="largest time step [s]; it adapts below")
     if interface is not None:
         add("--interface", choices=sorted(INTERFACES), default=interface, help="rule for the interface of two fluids")
     add("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run")
     add("--out", type=Path, default=Path(out), metavar="FOLDER", help="folder for the results")
     add(
-        "--frames-per-second", type=_positive, default=frames_per_second, metavar="F",
+        "--frames-per-second", type=positive, default=frames_per_second, metavar="F",
         help="states written, and pictures drawn, per second of simulated time [1/s]; movies show 25 of them a second",
     )  # fmt: skip
     parser.set_defaults(frames=True)
@@ -142,7 +142,12 @@ def _place(simulation: Simulation) -> str:
     return str(simulation.results.path) if simulation.results else "memory only: no folder was given"
 
 
-def _positive(text: str) -> float:
+def positive(text: str) -> float:
+    """A number > 0 from the command line, as the type of an option.
+
+    Raises:
+        argparse.ArgumentTypeError: it is none.
+    """
     try:
         value = float(text)
     except ValueError:

@@ -51,6 +51,10 @@ class Grading:
         if self.where is not None and not callable(self.where):
             raise ValueError(f"Grading: where is {self.where!r}; it must be a function of positions")
 
+    def summary(self) -> dict[str, object]:
+        """What results say of it."""
+        return {"largest": dict(self.largest), "growth": self.growth, "where": self.where is not None}
+
     def of_fluids(self, names: list[str], spacing: float) -> Array:
         """(F,) largest target of each fluid [m].
 

@@ -253,6 +253,7 @@ class Simulation:
                 "wall_seconds": clock.perf_counter() - self._started,
                 "particles": len(self.particles),
                 "spacing": self.particles.spacing,
+                "grading": self.case.grading.summary() if self.case.grading else None,
                 "largest_time_step": self.control.largest,
                 **device.settings(),
                 "interface": self.case.interface,
