@@ -158,11 +158,7 @@ def check(figures: Mapping[str, Any], spacing: float) -> list[str]:
         limits["volume_error"] = 0.05
     if fine:
         limits["height_rms"] = LARGEST_HEIGHT_ERROR
-    missed = [
-        f"{name} is {figures[name]:.4f}, above {limit}"
-        for name, limit in limits.items()
-        if name in figures and not figures[name] <= limit
-    ]
+    missed = cli.above(figures, limits)
     if fine and abs(figures.get("front_slope", SLOPE) / SLOPE - 1) > LARGEST_SLOPE_ERROR:
         missed.append(f"front_slope is {figures['front_slope']:.3f}, more than 10 % off {SLOPE}")
     return missed
@@ -222,13 +218,11 @@ def main(words: Sequence[str] | None = None) -> None:
         __doc__.split("\n\n")[0], spacing=SPACING, end_time=END_TIME, time_step=TIME_STEP, out="out/dam_break",
         frames_per_second=FRAMES_PER_SECOND, further=_own_options, arguments=words,
     )  # fmt: skip
-    try:
+    with cli.one_message():
         if arguments.compare:
             compare(arguments.compare, arguments.out)
             return
         simulation = simulate(arguments)
-    except (ValueError, RuntimeError) as error:
-        cli.stop(str(error))
     figures = validate(simulation.history)
     label = name_of(arguments.spacing, arguments.air_spacing is not None)
     cli.finish_demo(

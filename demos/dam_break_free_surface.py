@@ -115,11 +115,7 @@ def check(figures: Mapping[str, Any], spacing: float) -> list[str]:
     limits = {"front_rms": LARGEST_RMS if fine else 0.06, "volume_error": LARGEST_VOLUME_ERROR}
     if fine:
         limits["height_rms"] = LARGEST_HEIGHT_ERROR
-    missed = [
-        f"{name} is {figures[name]:.4f}, above {limit}"
-        for name, limit in limits.items()
-        if name in figures and not figures[name] <= limit
-    ]
+    missed = cli.above(figures, limits)
     slope = figures.get("front_slope", dam_break.SLOPE)
     if fine and abs(slope / dam_break.SLOPE - 1) > LARGEST_SLOPE_ERROR:
         missed.append(f"front_slope is {slope:.3f}, more than 10 % off {dam_break.SLOPE}")
@@ -138,10 +134,8 @@ def main(words: Sequence[str] | None = None) -> None:
         interface=None,
         arguments=words,
     )
-    try:
+    with cli.one_message():
         simulation = simulate(arguments)
-    except (ValueError, RuntimeError) as error:
-        cli.stop(str(error))
     figures = validate(simulation.history)
     front = dam_break.fronts_of(simulation.history)
     cli.finish_demo(

@@ -187,11 +187,7 @@ def check(figures: Figures, spacing: float, short: bool = False) -> list[str]:
     end = sharp.get("sloshing_end", 0.0)
     if end >= SHORT["sloshing"][1]:  # before, the wave is still at its height
         limits["sloshing_decay"] = LARGEST_DECAY if end >= FINE["sloshing"][1] else LARGEST_SHORT_DECAY
-    missed = [
-        f"{name} is {sharp[name]:.3g}, above {limit:g}"
-        for name, limit in limits.items()
-        if name in sharp and not sharp[name] <= limit
-    ]
+    missed = cli.above(sharp, limits)
     flow = {name.removeprefix("dam_"): value for name, value in sharp.items() if name.startswith("dam_")}
     # A coarse front is known to its spacing only.
     missed += [] if short else dam_break.check(flow, spacing)

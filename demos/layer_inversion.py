@@ -135,7 +135,7 @@ def main(words: Sequence[str] | None = None) -> None:
         frames_per_second=FRAMES_PER_SECOND, interface=INTERFACE, arguments=words,
     )  # fmt: skip
     end = arguments.end_time
-    try:
+    with cli.one_message():
         tp.init(arch=arguments.arch)
         case = build(arguments.spacing, interface=arguments.interface)
         watch = profiles.PressureWatch(inverted(case), GRAVITY, since=max(0.9 * end, end - AVERAGED))
@@ -146,8 +146,6 @@ def main(words: Sequence[str] | None = None) -> None:
             output_interval=1.0 / arguments.frames_per_second,
             columns={"pressure_error": watch},
         )
-    except (ValueError, RuntimeError) as error:
-        cli.stop(str(error))
     cli.run_demo(simulation, end)
     figures = validate(simulation, watch)
     cli.finish_demo(

@@ -91,11 +91,7 @@ def check(figures: Mapping[str, float], interface: str) -> list[str]:
     }
     if interface == "sharp":
         limits["rest_speed"] = LARGEST_REST_SPEED
-    return [
-        f"{name} is {figures[name]:.3g}, above {limit:g}"
-        for name, limit in limits.items()
-        if not figures[name] <= limit
-    ]
+    return cli.above(figures, limits)
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -105,7 +101,7 @@ def main(words: Sequence[str] | None = None) -> None:
         frames_per_second=FRAMES_PER_SECOND, further=_own_options, arguments=words,
     )  # fmt: skip
     layers = arguments.layers
-    try:
+    with cli.one_message():
         tp.init(arch=arguments.arch)
         simulation = tp.Simulation(
             build(arguments.spacing, layers, interface=arguments.interface),
@@ -116,8 +112,6 @@ def main(words: Sequence[str] | None = None) -> None:
         )
         first = tp.Simulation(simulation.case, time_step=arguments.time_step)
         first.step()
-    except (ValueError, RuntimeError) as error:
-        cli.stop(str(error))
     cli.run_demo(simulation, arguments.end_time)
     figures = validate(simulation.history, layers)
     cli.finish_demo(

@@ -135,11 +135,7 @@ def check(figures: Mapping[str, float], spacing: float) -> list[str]:
         "volume_error_water": largest, "volume_error_oil": largest,
         "energy_gain": LARGEST_GAIN, "front_rms": LARGEST_RMS,
     }  # fmt: skip
-    missed = [
-        f"{name} is {figures[name]:.4f}, above {limit}"
-        for name, limit in limits.items()
-        if name in figures and not figures[name] <= limit
-    ]
+    missed = cli.above(figures, limits)
     if not figures["oil_over_water"] > 0:
         missed.append(f"oil_over_water is {figures['oil_over_water']:.4f} m: the oil has sunk")
     return missed
@@ -157,10 +153,8 @@ def main(words: Sequence[str] | None = None) -> None:
         interface=None,
         arguments=words,
     )
-    try:
+    with cli.one_message():
         simulation = simulate(arguments)
-    except (ValueError, RuntimeError) as error:
-        cli.stop(str(error))
     figures = validate(simulation.history)
     time, water, oil = (
         np.array([row[name] for row in simulation.history]) for name in ("time", "water_height", "oil_height")

@@ -101,11 +101,7 @@ def check(figures: Mapping[str, float], end_time: float) -> list[str]:
     limits["largest_speed"] = LARGEST_SPEED
     if end_time >= SUNK_AFTER:
         limits |= {"centre": HIGHEST_CENTRE, "dry": LARGEST_DRY}
-    return [
-        f"{name} is {figures[name]:.3g}, above {limit:g}"
-        for name, limit in limits.items()
-        if not figures[name] <= limit
-    ]
+    return cli.above(figures, limits)
 
 
 def main(words: Sequence[str] | None = None) -> None:
@@ -114,7 +110,7 @@ def main(words: Sequence[str] | None = None) -> None:
         __doc__.split("\n\n")[0], spacing=SPACING, end_time=END_TIME, time_step=TIME_STEP, out="out/sinking_drop",
         frames_per_second=FRAMES_PER_SECOND, arguments=words,
     )  # fmt: skip
-    try:
+    with cli.one_message():
         tp.init(arch=arguments.arch)
         simulation = tp.Simulation(
             build(arguments.spacing, interface=arguments.interface),
@@ -123,8 +119,6 @@ def main(words: Sequence[str] | None = None) -> None:
             output_interval=1.0 / arguments.frames_per_second,
             columns={"centre_height": centre_height},
         )
-    except (ValueError, RuntimeError) as error:
-        cli.stop(str(error))
     start = {fluid.name: simulation.volume(fluid.name) for fluid in FLUIDS}
     cli.run_demo(simulation, arguments.end_time)
     figures = validate(simulation, start)

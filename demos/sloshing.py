@@ -142,10 +142,8 @@ def main(words: Sequence[str] | None = None) -> None:
         interface=None,
         arguments=words,
     )
-    try:
+    with cli.one_message():
         simulation = simulate(arguments)
-    except (ValueError, RuntimeError) as error:
-        cli.stop(str(error))
     figures = validate(simulation.history)
     time, size = (np.array([row[name] for row in simulation.history]) for name in ("time", "amplitude"))
     theory = damped_wave(time, AMPLITUDE, FREQUENCY, DAMPING, 0.0)

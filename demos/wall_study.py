@@ -193,11 +193,7 @@ def check(figures: Mapping[str, float], short: bool = False) -> list[str]:
         short: whether they are of the short version.
     """
     limits = SHORT_LIMITS if short else LIMITS
-    missed = [
-        f"{name} is {figures[name]:.4g}, above {limit:g}"
-        for name, limit in limits.items()
-        if name in figures and not figures[name] <= limit
-    ]
+    missed = cli.above(figures, limits)
     if not figures.get("vortex_order", SMALLEST_ORDER) >= SMALLEST_ORDER:
         missed.append(f"vortex_order is {figures['vortex_order']:.2f}, below {SMALLEST_ORDER}")
     return missed

@@ -6,7 +6,8 @@ import argparse
 import math
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
@@ -130,6 +131,24 @@ def draw(out: Path, strip: Sequence[float] = ()) -> None:
         stop(f"interrupted while drawing; the results are in {out}")
     if done.returncode:
         stop(f"the pictures could not be drawn (see above); the results are in {out}")
+
+
+@contextmanager
+def one_message() -> Iterator[None]:
+    """What a demo's settings are refused for ends the program with one message."""
+    try:
+        yield
+    except (ValueError, RuntimeError) as error:
+        stop(str(error))
+
+
+def above(figures: Mapping[str, float], limits: Mapping[str, float]) -> list[str]:
+    """One line for each figure that is above its limit, or no number; limits without a figure are passed over."""
+    return [
+        f"{name} is {figures[name]:.4g}, above {limit:g}"
+        for name, limit in limits.items()
+        if name in figures and not figures[name] <= limit
+    ]
 
 
 def stop(message: str) -> NoReturn:

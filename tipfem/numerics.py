@@ -50,7 +50,7 @@ class Numerics:
     volume_correction: float = 1.0
     momentum_transfer: bool = True
     newton_tolerance: float = 1e-6
-    acceleration_tolerance: float = 2e-4
+    acceleration_tolerance: float = 5e-4
     newton_iterations: int = 8
     largest_move: float = 0.35
     smallest_jacobian: float = 0.05
