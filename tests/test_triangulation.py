@@ -222,3 +222,14 @@ def test_a_corner_that_meets_walls_alone_takes_the_fluid_of_the_closer_one():
     fluid = np.array([9, 9, 9, 5, 7, 9, 9, 9], np.int32)
     found = wall_fluid(mesh, fluid, wall)
     assert found.tolist() == [5, 5, 7, 5, 7, 5, 7, 7]
+
+
+def test_a_carried_mesh_is_remembered_for_its_positions():
+    mesh = mesh_of(cloud(2))
+    moved = mesh.position + 1.0
+    carried = mesh.carried(moved)
+    assert mesh.carried(moved) is carried
+    np.testing.assert_array_equal(carried.measure, mesh.moved(moved).measure)
+    other = mesh.carried(2.0 * mesh.position)
+    np.testing.assert_allclose(other.measure, 4.0 * mesh.measure, rtol=1e-10)
+    assert mesh.carried(moved) is not carried

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from tipfem.errors import SimulationError
-from tipfem.particles import Array, Particles
+from tipfem.particles import Array, Particles, largest_length
 from tipfem.validation import numbers
 from tipfem.walls import Motion, Pose, Wall, rates
 
@@ -253,7 +253,7 @@ class Boundary:
         if self.motion is None:
             return particles.max_speed
         relative = particles.velocity - self.pose(time, step).rigid_velocity(particles.position)
-        return float(np.sqrt((relative**2).sum(axis=1).max()))
+        return largest_length(relative)
 
     def held(self, y: Array, displacement: Array) -> Array:
         """The places y (W, d) nearest to the given ones that are on all sides, displaced by (S,) [m]."""

@@ -128,7 +128,7 @@ class Budget:
         """
         before, scheme, mesh = self._present, problem.scheme, problem.mesh
         mass, work, u = before.mass, problem.work(solution), displacement
-        volume = summed(mesh.moved(moved.position).measure, self._fraction) + self._loose
+        volume = summed(mesh.carried(moved.position).measure, self._fraction) + self._loose
         after = Totals.of(mass, moved, self._gravity, volume)
         inertia = problem.acceleration(u) + force
         # dt a_alpha is the change of v + (1/2 - alpha_f) dt a, but at walls, where the state is prescribed.

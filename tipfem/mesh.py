@@ -43,6 +43,8 @@ class Surface:
     def landed(self, before: Particles, moved: Particles, force: Array, dt: float) -> Particles:
         """The state ``moved`` with loose particles on their parabolas from ``before``; ``force`` (N, d) [m/s^2]."""
         i = self.loose
+        if not i.any():
+            return moved
         done = moved.copy()
         done.position[i] = before.position[i] + parabola(before.velocity[i], force[i], dt)
         done.velocity[i] = before.velocity[i] + dt * force[i]
@@ -91,10 +93,17 @@ class Mesh:
     def moved(self, position: Array) -> Mesh:
         """The same simplices at other positions (N, d); shares what depends on the connectivity alone."""
         mesh = Mesh(position, self.cells, self.fluid, self.surface)
-        for name in ("edges", "incidence", "adjacency", "across"):
+        for name in ("edges", "incidence", "adjacency", "across", "bodies"):
             if name in self.__dict__:
                 mesh.__dict__[name] = self.__dict__[name]
         return mesh
+
+    def carried(self, position: Array) -> Mesh:
+        """The same as `moved`, remembered until it is asked for with another array; this one must not change."""
+        last = self.__dict__.get("_carried")
+        if last is None or last.position is not position:
+            last = self.__dict__["_carried"] = self.moved(position)
+        return last
 
     @cached_property
     def edges(self) -> Array:
@@ -139,11 +148,12 @@ class Mesh:
 
 def simplex_measure(position: Array, cells: Array) -> Array:
     """Signed areas or volumes (M,) of simplices ``cells`` (M, d + 1) at ``position`` (N, d)."""
+    if position.shape[1] == 2:  # complex numbers: both coordinates at once, and corner by corner
+        corner = np.ascontiguousarray(position, dtype=np.float64).view(np.complex128).ravel().take(cells.T)
+        a, b = corner[1:] - corner[0]
+        return np.asarray(0.5 * (a.real * b.imag - b.real * a.imag))
     # Coordinate by coordinate: gathering from rows takes several times as long.
     coordinates = [np.ascontiguousarray(axis) for axis in position.T]
     sides = [[axis[corner] - axis[cells[:, 0]] for axis in coordinates] for corner in cells.T[1:]]
-    if len(coordinates) == 2:
-        (ax, ay), (bx, by) = sides
-        return np.asarray(0.5 * (ax * by - bx * ay))
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = sides
     return np.asarray((ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)) / 6.0)
