@@ -6,6 +6,8 @@ All run in one thread, in the order of the triangles: sums are the same every ti
 
 import taichi as ti
 
+from tipfem.array_launch import on_arrays
+
 TURNS = 4  # of holding particles back, see `shift_interfaces`
 
 
@@ -26,6 +28,7 @@ def root_of(body: ti.template(), t):
     return r
 
 
+@on_arrays
 @ti.kernel
 def find_bodies(
     across: ti.types.ndarray(), fluid: ti.types.ndarray(), body: ti.types.ndarray(), elements: ti.i32,
@@ -55,6 +58,7 @@ def find_bodies(
     return count
 
 
+@on_arrays
 @ti.kernel
 def survey(
     x: ti.types.ndarray(), cells: ti.types.ndarray(), fluid: ti.types.ndarray(), body: ti.types.ndarray(),
@@ -73,6 +77,7 @@ def survey(
             free[b] = 1
 
 
+@on_arrays
 @ti.kernel
 def bodies_at(
     cells: ti.types.ndarray(), fluid: ti.types.ndarray(), body: ti.types.ndarray(), at: ti.types.ndarray(),
@@ -85,6 +90,7 @@ def bodies_at(
             at[fluid[t], cells[t, k]] = body[t]
 
 
+@on_arrays
 @ti.kernel
 def hand_on(
     old: ti.types.ndarray(), new: ti.types.ndarray(), moved: ti.types.ndarray(), loss: ti.types.ndarray(),
@@ -103,6 +109,7 @@ def hand_on(
                 result[new[f, i]] = result[new[f, i]] + loss[old[f, i]] / parts[old[f, i]]
 
 
+@on_arrays
 @ti.kernel
 def triangles_at(
     cells: ti.types.ndarray(), movable: ti.types.ndarray(), near: ti.types.ndarray(), elements: ti.i32,
@@ -117,6 +124,7 @@ def triangles_at(
     return count
 
 
+@on_arrays
 @ti.kernel
 def gradients(
     x: ti.types.ndarray(), cells: ti.types.ndarray(), body: ti.types.ndarray(), near: ti.types.ndarray(),
@@ -164,6 +172,7 @@ def gradients(
             e = chain[e, 1]
 
 
+@on_arrays
 @ti.kernel
 def shift_interfaces(
     x: ti.types.ndarray(), cells: ti.types.ndarray(), body: ti.types.ndarray(), near: ti.types.ndarray(),
