@@ -63,5 +63,5 @@ def test_device_arrays_do_as_well():
 def test_what_is_not_contiguous_and_what_is_missing_is_refused():
     with pytest.raises(ValueError, match=r"doubled: an array of shape \(3, 2\) is not C-contiguous"):
         doubled(np.zeros((2, 3)).T, 3)
-    with pytest.raises(Exception, match="[Mm]issing|argument"):
+    with pytest.raises(Exception, match=r"[Mm]issing|argument"):
         doubled(np.zeros((3, 2)))
