@@ -167,6 +167,7 @@ def test_edges_incidence_and_adjacency_are_those_of_the_cells(dimension):
         again = Mesh(mesh.position, mesh.cells)
         again.across  # noqa: B018  (known, it finds the edges faster)
         assert sorted(again.edges.tolist()) == sorted(map(list, edges))
+    assert mesh.used.tolist() == [bool(at) for at in corners]
     offsets, flat = mesh.incidence
     assert len(offsets) == len(p) + 1
     assert [flat[a:b].tolist() for a, b in itertools.pairwise(offsets)] == corners

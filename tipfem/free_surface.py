@@ -72,7 +72,7 @@ class SurfaceMesher:
         cells, measure, beyond = delaunay(x, h)
         old = before.surface
         assert old is not None
-        used = np.diff(before.incidence[0]) > 0
+        used = before.used
         below = used & ~old.front & ~relocated
         inner = below[cells]
         solid = wall[cells].all(axis=1)
@@ -164,7 +164,7 @@ class SurfaceMesher:
             keep &= ~pinned[cells].all(axis=1)
             keep &= ~solid | _beside(keep & ~solid, beyond)
         mesh = Mesh(position, np.ascontiguousarray(cells[keep]))
-        used = np.diff(mesh.incidence[0]) > 0
+        used = mesh.used
         surface = Surface(front & used, pinned | ~used, ~used & ~wall, np.zeros(len(position)))
         return Mesh(position, mesh.cells, surface=surface)
 

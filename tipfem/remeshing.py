@@ -80,7 +80,7 @@ class DelaunayRemesher:
         """See `Remesher.remesh`."""
         state, moves = relocate(particles, mesh, self.rule)
         state, of_walls = walls.space(state, mesh.surface) if walls else (state, 0)
-        relocated, moved = (state.position != particles.position).any(axis=1), mesh.moved(particles.position)
+        relocated, moved = (state.position != particles.position).any(axis=1), mesh.carried(particles.position)
         if self.surface is not None:
             new = self.surface.remesh(state, moved, relocated)
         else:
