@@ -69,7 +69,7 @@ class SurfaceMesher:
             TriangulationError: the particles cannot be triangulated.
         """
         x, wall, h = particles.position, particles.wall, particles.spacing
-        cells, measure, beyond = delaunay(x, h)
+        cells, measure, beyond = delaunay(x, h, wall)
         old = before.surface
         assert old is not None
         used = before.used
