@@ -7,6 +7,12 @@ import numpy_twin as twin
 import pytest
 from test_element_residual import DIMENSIONS, HEAVY, LIGHT, SCHEMES, THICK, Setting
 
+import tipfem as tp
+from tipfem import balance_kernels, device
+from tipfem.budget import lumped
+from tipfem.probes import nodal_mass
+from tipfem.triangulation import triangulate
+
 
 def works_in_numpy(step, u, p):
     """What `step_work` sums up, from the residual's terms in NumPy; the force and the work of all particles' rows."""
@@ -97,3 +103,38 @@ def test_a_rigid_rotation_dissipates_nothing(dimension):
         dissipated.append(problem.work(unknowns).viscous_dissipation)
     assert dissipated[1] > 0.1
     assert abs(dissipated[0]) < 1e-20 * dissipated[1]
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("count", [5, 700])
+def test_sums_over_particles(dimension, count):
+    """Against NumPy, with more and with fewer particles than parts of the loop."""
+    tp.init()
+    rng, d, parts = np.random.default_rng(count), dimension, device.chunks()
+    mass, wall = rng.uniform(size=count), (rng.uniform(size=count) < 0.3)
+    x, v, a, v_old, a_old, relative, force, u = rng.standard_normal((8, count, d))
+    sums = np.zeros(1 + 2 * d)
+    balance_kernels.state_sums(
+        mass, x, v, np.empty((parts, len(sums))), sums, count, parts, device.spread(), d
+    )
+    np.testing.assert_allclose(sums, [mass @ (v * v).sum(axis=1), *(mass @ x), *(mass @ v)], rtol=1e-12, atol=1e-12)
+    gravity, sums = rng.standard_normal(d), np.zeros(2 + 2 * d)
+    balance_kernels.step_sums(
+        mass, wall.view(np.int8), v_old, a_old, v, a, relative, force, gravity, u, np.empty((parts, len(sums))), sums,
+        0.3, 0.7, count, parts, device.spread(), d,
+    )  # fmt: skip
+    inertia = relative + force
+    change = np.where(wall[:, None], 0.7 * inertia, v - v_old + 0.3 * (a - a_old))
+    expected = [mass @ (inertia * u).sum(axis=1), mass @ ((force - gravity) * u).sum(axis=1)]
+    np.testing.assert_allclose(sums, [*expected, *(mass @ change), *(mass @ force)], rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_lumped_masses_are_those_of_numpy(dimension, water):
+    tp.init()
+    particles = tp.tank((1.0,) * dimension, 0.2, jitter=0.2).fill(water).sample([water])
+    mesh = triangulate(particles.position, particles.wall, particles.spacing)
+    density = np.random.default_rng(0).uniform(1, 1000, len(mesh.cells))
+    mass, volume = lumped(mesh, density)
+    np.testing.assert_allclose(mass, nodal_mass(mesh, density), rtol=1e-14)
+    np.testing.assert_allclose(volume, nodal_mass(mesh, np.ones(len(density))), rtol=1e-14)

@@ -63,7 +63,7 @@ def test_energy_closes_in_the_dam_break(water, air, rho_inf, interface):
     assert column(simulation, "relocated").sum() > 10
     dissipated = column(simulation, "viscous_dissipation") + column(simulation, "numerical_dissipation")
     assert dissipated.sum() > 0.5
-    assert np.abs(column(simulation, "energy_residual")).sum() < 1e-6 * dissipated.sum()
+    assert np.abs(column(simulation, "energy_residual")).sum() < 5e-6 * dissipated.sum()
     parts = ("time", "geometry", "stabilisation", "source", "remeshing")
     total = sum(column(simulation, f"{part}_dissipation") for part in parts)
     np.testing.assert_allclose(total, column(simulation, "numerical_dissipation"), atol=1e-12)

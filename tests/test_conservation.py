@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from triangulations import cloud, delaunay, grid
 
-from tipfem.conservation import bodies, inherit, move_interfaces, share_out
+from tipfem import conservation_kernels
+from tipfem.conservation import bodies, bodies_of, inherit, move_interfaces, restore, share_out
 from tipfem.mesh import Mesh, simplex_measure
 
 
@@ -32,6 +33,18 @@ def test_bodies_are_those_of_a_flood_fill():
             body = bodies(mesh.across, fluid)
             found = [set(np.flatnonzero(body == k).tolist()) for k in range(body.max() + 1)]
             assert sorted(map(sorted, found)) == sorted(map(sorted, flood(mesh.across, fluid)))
+
+
+def test_bodies_have_numbers_in_the_order_of_their_first_cells_and_are_found_once():
+    x = cloud("random", 3)
+    fluid = np.random.default_rng(3).integers(0, 3, len(delaunay(x)), dtype=np.int32)
+    mesh = Mesh(x, delaunay(x), fluid)
+    body = bodies_of(mesh)
+    np.testing.assert_array_equal(body, bodies(mesh.across, fluid))
+    first = [int(np.argmax(body == k)) for k in range(body.max() + 1)]
+    assert first == sorted(first)
+    assert bodies_of(mesh) is body
+    assert bodies_of(mesh.moved(x + 1.0)) is body
 
 
 # A strip of eight triangles, four squares in a row: particles 0 to 4 below, 5 to 9 above.
@@ -231,6 +244,66 @@ def test_a_particle_that_would_flatten_a_triangle_is_held_and_the_others_go_on()
     risen = y[movable, 1] - 2
     assert risen[3] < 0.05
     assert (risen[[0, 1, 5, 6]] > 0.03).all()
+
+
+def gradients_by_numpy(x, cells, body, movable):
+    """dV_k / dx (K, N, 2) at the movable particles."""
+    result = np.zeros((body.max() + 1, len(x), 2))
+    for k in range(3):
+        side = x[cells[:, (k + 2) % 3]] - x[cells[:, (k + 1) % 3]]
+        np.add.at(result, (body, cells[:, k]), 0.5 * np.stack([-side[:, 1], side[:, 0]], axis=1))
+    result[:, ~movable] = 0.0
+    return result
+
+
+def test_gradients_and_their_products_are_those_of_numpy():
+    x, mesh, body, movable = discs()
+    expected = gradients_by_numpy(x, mesh.cells, body, movable)
+    nodes = np.flatnonzero(movable).astype(np.int32)
+    near, head = np.empty(len(mesh.cells), dtype=np.int32), np.full(len(x), -2, dtype=np.int32)
+    count = conservation_kernels.triangles_at(mesh.cells, movable.view(np.int8), near, len(near))
+    np.testing.assert_array_equal(near[:count], np.flatnonzero(movable[mesh.cells].any(axis=1)))
+    chain, entries, gram = np.empty((3 * count, 2), dtype=np.int32), np.empty((3 * count, 2)), np.zeros((4, 4))
+    conservation_kernels.gradients(
+        x, mesh.cells, body, near, nodes, head, chain, entries, gram, count, len(nodes)
+    )
+    found = np.zeros_like(expected)
+    for i in nodes:
+        e = head[i]
+        while e >= 0:
+            found[chain[e, 0], i] += entries[e]
+            e = chain[e, 1]
+    np.testing.assert_allclose(found, expected, atol=1e-16)
+    np.testing.assert_allclose(gram, np.einsum("knd,lnd->kl", expected, expected), atol=1e-16)
+    assert (head[~movable] == -2).all()
+
+
+def test_a_small_shift_is_the_gradients_times_the_factors():
+    x, mesh, body, movable = discs()
+    wanted = np.bincount(body, weights=mesh.measure)
+    wanted[:2] += [1e-9, -1e-9]
+    gradient = gradients_by_numpy(x, mesh.cells, body, movable).reshape(4, -1)
+    factor = np.linalg.lstsq(gradient @ gradient.T, wanted - np.bincount(body, weights=mesh.measure), rcond=1e-10)[0]
+    shift = move_interfaces(x, mesh.cells, body, movable, wanted, 0.01) - x
+    np.testing.assert_allclose(shift, (factor @ gradient).reshape(-1, 2), atol=1e-14)
+
+
+@pytest.mark.parametrize("given", [False, True])
+def test_restoring_gives_bodies_what_they_had(given):
+    """The same triangles, distorted at the interfaces: each body gets back what it had, or what is given."""
+    x, mesh, body, movable = discs()
+    fluid = (body != body[np.argmin(np.abs(x[mesh.cells] - 0.5).sum(axis=(1, 2)))]).astype(np.int32)
+    old = Mesh(x, mesh.cells, fluid)
+    had, sizes = np.bincount(body, weights=old.measure), np.bincount(fluid, weights=old.measure)
+    moved = x + movable[:, None] * np.random.default_rng(4).uniform(-0.003, 0.003, x.shape)
+    new, mark = Mesh(moved, mesh.cells, fluid), movable.astype(np.int32)
+    areas = simplex_measure(moved, mesh.cells)
+    still = np.zeros(len(x), dtype=bool)
+    y = restore(moved, new, mark, old, areas, still, sizes if given else None, 0.01)
+    kept = np.bincount(body, weights=simplex_measure(y, mesh.cells))
+    np.testing.assert_allclose(kept, had if given else np.bincount(body, weights=areas), rtol=1e-9)
+    np.testing.assert_array_equal(new.measure, simplex_measure(y, mesh.cells))
+    assert np.array_equal(y, moved) != given
 
 
 def test_where_nothing_may_move_nothing_does():

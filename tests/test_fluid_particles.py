@@ -145,6 +145,16 @@ def test_values_that_are_not_finite_are_refused_with_their_place(name, value):
         square(**{name: array})
 
 
+def test_a_changed_state_shares_what_is_not_changed():
+    p, velocity = square(spacing=0.2), np.array([[3.0, 4.0], [0.0, 0.0], [-6.0, 8.0], [1.0, 1.0]])
+    q = p.changed(velocity=velocity)
+    assert q.velocity is velocity
+    assert q.position is p.position
+    assert q.spacing == 0.2
+    assert not p.velocity.any()
+    assert q.max_speed == 10.0
+
+
 def test_duplicates_are_refused_with_both_numbers_and_the_place():
     x = np.concatenate([SQUARE, [[0.1, 0.1 + 1e-9]]])
     with pytest.raises(ValueError, match=r"2 and 4 are duplicates at \[0\.1, 0\.1") as refusal:

@@ -36,10 +36,12 @@ ORDER = [
     "probes",
     "fitting",
     "numerics",
+    "array_launch",
     "device",
     "surgery",
     "grading_kernels",
     "interface_kernels",
+    "conservation_kernels",
     "conservation",
     "remeshing_kernels",
     "connectivity",
@@ -84,9 +86,10 @@ ORDER = [
 ENTRANCES = {"__init__", "__main__"}  # may import any of ORDER, and are imported by none
 # The only files of tipfem/ that import Taichi.
 TAICHI = {
-    "device", "surgery", "grading_kernels", "interface_kernels", "remeshing_kernels", "connectivity", "element",
-    "assembly", "jacobian_rows", "block_kernels", "balance_kernels", "wall_kernels", "background_grid",
-    "grid_assembly", "mesh_cycle_kernels", "cycle_kernels", "krylov_kernels", "bubble_kernels", "relocation_kernels",
+    "array_launch", "device", "surgery", "grading_kernels", "interface_kernels", "conservation_kernels",
+    "remeshing_kernels", "connectivity", "element", "assembly", "jacobian_rows", "block_kernels", "balance_kernels",
+    "wall_kernels", "background_grid", "grid_assembly", "mesh_cycle_kernels", "cycle_kernels", "krylov_kernels",
+    "bubble_kernels", "relocation_kernels",
 }  # fmt: skip
 RENDER_TAICHI = {"ggui", "rasterizer"}  # and of render/, beside at most one file that starts it
 RENDER_START_LINES = 100  # that file stays small

@@ -112,6 +112,18 @@ def test_generalized_alpha_keeps_energy_at_most_and_walls_at_rest():
     assert (particles.acceleration == 1).all()
 
 
+@SPECTRAL_RADII
+def test_histories_are_the_intermediate_values_of_a_particle_that_stays(rho_inf):
+    scheme, rng = GeneralizedAlpha(rho_inf, 0.03), np.random.default_rng(2)
+    v, a = rng.standard_normal((2, 7, 2))
+    particles = tp.Particles(rng.uniform(size=(7, 2)), np.zeros(7), np.zeros(7), v, a, spacing=0.1)
+    a_next = scheme.acceleration(np.zeros((7, 2)), particles)
+    v_next = scheme.velocity(a_next, particles)
+    velocity, acceleration = scheme.history(particles)
+    np.testing.assert_allclose(velocity, (1 - scheme.alpha_f) * v_next + scheme.alpha_f * v, atol=1e-13)
+    np.testing.assert_allclose(acceleration, (1 - scheme.alpha_m) * a_next + scheme.alpha_m * a, atol=1e-10)
+
+
 def test_step_control_halves_and_grows_back():
     control = StepControl(0.1, growth=1.5)
     assert control.length(0.0, math.inf) == 0.1

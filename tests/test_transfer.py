@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
+from tipfem.probes import nodal_mass
 from tipfem.transfer import nodal_density, transfer_momentum
 from tipfem.triangulation import triangulate
 
@@ -31,11 +32,13 @@ def test_nodal_density_is_the_mean_by_measure(cloud):
     """Against a loop; of a constant it is the constant."""
     particles, mesh = cloud
     density = np.random.default_rng(1).uniform(1, 1000, len(mesh.cells))
-    result = nodal_density(mesh, density)
+    volume = nodal_mass(mesh, np.ones(len(mesh.cells)))
+    result = nodal_density(nodal_mass(mesh, density), volume)
     for i in (0, 17, 60):
         at = (mesh.cells == i).any(axis=1)
         assert result[i] == pytest.approx((density[at] @ mesh.measure[at]) / mesh.measure[at].sum())
-    np.testing.assert_allclose(nodal_density(mesh, np.full(len(mesh.cells), 7.0)), 7.0)
+    np.testing.assert_allclose(nodal_density(7.0 * volume, volume), 7.0)
+    assert np.isnan(nodal_density(np.zeros(2), np.array([1.0, 0.0]))).tolist() == [False, True]
     assert len(result) == len(particles)
 
 

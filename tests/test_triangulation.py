@@ -9,8 +9,9 @@ import pytest
 from scipy.spatial import ConvexHull
 
 import tipfem as tp
+from tipfem import triangulation
 from tipfem.mesh import Mesh, simplex_measure
-from tipfem.triangulation import TriangulationError, triangulate, wall_fluid
+from tipfem.triangulation import TriangulationError, delaunay, triangulate, wall_fluid
 
 
 def cloud(dimension: int, seed: int = 0, jitter: float = 0.3) -> tp.Particles:
@@ -167,6 +168,7 @@ def test_edges_incidence_and_adjacency_are_those_of_the_cells(dimension):
         again = Mesh(mesh.position, mesh.cells)
         again.across  # noqa: B018  (known, it finds the edges faster)
         assert sorted(again.edges.tolist()) == sorted(map(list, edges))
+    assert mesh.used.tolist() == [bool(at) for at in corners]
     offsets, flat = mesh.incidence
     assert len(offsets) == len(p) + 1
     assert [flat[a:b].tolist() for a, b in itertools.pairwise(offsets)] == corners
@@ -222,3 +224,59 @@ def test_a_corner_that_meets_walls_alone_takes_the_fluid_of_the_closer_one():
     fluid = np.array([9, 9, 9, 5, 7, 9, 9, 9], np.int32)
     found = wall_fluid(mesh, fluid, wall)
     assert found.tolist() == [5, 5, 7, 5, 7, 5, 7, 7]
+
+
+def test_a_carried_mesh_is_remembered_for_its_positions():
+    mesh = mesh_of(cloud(2))
+    moved = mesh.position + 1.0
+    carried = mesh.carried(moved)
+    assert mesh.carried(moved) is carried
+    np.testing.assert_array_equal(carried.measure, mesh.moved(moved).measure)
+    other = mesh.carried(2.0 * mesh.position)
+    np.testing.assert_allclose(other.measure, 4.0 * mesh.measure, rtol=1e-10)
+    assert mesh.carried(moved) is not carried
+
+
+def off_walls(cells: np.ndarray, wall: np.ndarray) -> list[list[int]]:
+    """Those of the cells that have a particle off the walls, each sorted, in order."""
+    return sorted(sorted(cell) for cell in cells[~wall[cells].all(axis=1)].tolist())
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_qhull_without_its_precautions_gives_the_same_triangles(seed, monkeypatch):
+    """Where only wall particles are on circles: those of a lattice beside an irregular cloud, as in an empty tank."""
+    p = cloud(2, seed)
+    rng = np.random.default_rng(seed)
+    inner = ~p.wall & ((p.position[:, 0] < 0.5) | (rng.uniform(size=len(p)) < 0.1))
+    x, wall = p.position[inner | p.wall], p.wall[inner | p.wall]
+    expected, asked = delaunay(x, p.spacing), []
+    real = triangulation._oriented
+    monkeypatch.setattr(triangulation, "_oriented", lambda *given: asked.append(given[1]) or real(*given))
+    cells, measure, beyond = delaunay(x, p.spacing, wall)
+    assert asked == [triangulation.QUICK]
+    assert off_walls(cells, wall) == off_walls(expected[0], wall)
+    np.testing.assert_allclose(measure, simplex_measure(x, cells) / p.spacing**2, rtol=1e-10)
+    assert measure.sum() == pytest.approx(expected[1].sum(), rel=1e-12)
+    mesh = Mesh(x, cells)
+    np.testing.assert_array_equal(beyond, mesh.across)
+
+
+def test_qhull_takes_its_precautions_where_particles_are_on_circles():
+    p = cloud(2, jitter=0.0)
+    expected, found = delaunay(p.position, p.spacing), delaunay(p.position, p.spacing, p.wall)
+    for a, b in zip(expected, found, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_what_is_no_delaunay_triangulation_is_not_the_only_one():
+    p = cloud(2)
+    x = p.position / p.spacing
+    cells, measure, beyond = triangulation._oriented(x, None)
+    nobody = np.zeros(len(p), dtype=bool)
+    right = triangulation._is_the_only_one(x, cells, measure, beyond, p.wall)
+    assert right == triangulation._is_the_only_one(x, cells, measure, beyond, nobody)
+    assert not triangulation._is_the_only_one(x, cells[1:], measure[1:], beyond[1:], p.wall)
+    inner = np.flatnonzero(~p.wall)[20]
+    moved = x.copy()
+    moved[inner] += [0.6, 0.3]  # into other triangles' circles
+    assert not triangulation._is_the_only_one(moved, cells, measure, beyond, p.wall)

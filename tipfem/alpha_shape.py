@@ -121,8 +121,8 @@ def hanging(mesh: Mesh, pressure: Array, below: Array) -> Array:
         pressure: (N,) [Pa].
         below: (N,) mask of the particles below the surface; a body with one of them is no drop.
     """
-    offsets, columns = mesh.adjacency
-    graph = sparse.csr_matrix((np.ones(len(columns), dtype=np.int8), columns, offsets), shape=(len(below),) * 2)
+    i, j = mesh.edges.T
+    graph = sparse.csr_matrix((np.ones(len(i), dtype=np.int8), (i, j)), shape=(len(below),) * 2)
     count, body = connected_components(graph, directed=False)
     total, deep = (np.bincount(body, weights=values, minlength=count) for values in (pressure, below))
     return np.asarray(((total < 0) & (deep == 0))[body])

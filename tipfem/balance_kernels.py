@@ -1,17 +1,19 @@
-"""Kernel that sums up what the forces of a step did: work, element by element, and the force of the walls.
+"""Kernels that sum up what particles have, and what the forces of a step did.
 
-It reads what the last residual left behind, each element's linearisation (``record``) and element vectors
+`step_work` reads what the last residual left behind, each element's linearisation (``record``) and element vectors
 (``local``), so that it must run before another residual or Jacobian-vector product does.
 """
 
 import taichi as ti
 
+from tipfem.array_launch import on_arrays
 from tipfem.assembly import gathered, get_matrix, get_vector, unknown
 from tipfem.device import part_of
 
 WORKS = 6  # sums of `step_work` before the force of the walls
 
 
+@on_arrays
 @ti.kernel
 def step_work(
     cells: ti.types.ndarray(), offsets: ti.types.ndarray(), corners: ti.types.ndarray(),
@@ -76,3 +78,90 @@ def step_work(
     for c in range(parts):
         for k in range(ti.static(WORKS + dim)):
             result[k] += partial[c, k]
+
+
+@on_arrays
+@ti.kernel
+def lump(
+    cells: ti.types.ndarray(), measure: ti.types.ndarray(), density: ti.types.ndarray(), mass: ti.types.ndarray(),
+    volume: ti.types.ndarray(), elements: ti.i32, dim: ti.template(),
+):  # fmt: skip
+    """Lumped mass [kg] and volume [m^d] (N,) of the particles, both zero before; in the order of the elements."""
+    ti.loop_config(serialize=True)
+    for e in range(elements):
+        m, v = density[e] * measure[e] / (dim + 1), measure[e] / (dim + 1)
+        for a in ti.static(range(dim + 1)):
+            mass[cells[e, a]] = mass[cells[e, a]] + m
+            volume[cells[e, a]] = volume[cells[e, a]] + v
+
+
+@ti.func
+def vector_of(values: ti.template(), i, dim: ti.template()):
+    """Row ``i`` of an array of vectors (N, dim)."""
+    return ti.Vector([values[i, k] for k in ti.static(range(dim))])
+
+
+@on_arrays
+@ti.kernel
+def state_sums(
+    mass: ti.types.ndarray(), position: ti.types.ndarray(), velocity: ti.types.ndarray(),
+    partial: ti.types.ndarray(), result: ti.types.ndarray(), nodes: ti.i32, parts: ti.i32, spread: ti.template(),
+    dim: ti.template(),
+):  # fmt: skip
+    """Sums over the particles, added to result (1 + 2 d,): m v . v, then m x and m v in each direction."""
+    for t in range(parts * spread):
+        energy, place, momentum = 0.0, ti.Vector.zero(float, dim), ti.Vector.zero(float, dim)
+        first, last = part_of(t, parts, spread, nodes)
+        for i in range(first, last):
+            v = vector_of(velocity, i, dim)
+            energy += mass[i] * v.dot(v)
+            place += mass[i] * vector_of(position, i, dim)
+            momentum += mass[i] * v
+        if t % spread == 0:
+            partial[t // spread, 0] = energy
+            for k in ti.static(range(dim)):
+                partial[t // spread, 1 + k], partial[t // spread, 1 + dim + k] = place[k], momentum[k]
+    ti.loop_config(serialize=True)
+    for c in range(parts):
+        for k in range(ti.static(1 + 2 * dim)):
+            result[k] = result[k] + partial[c, k]
+
+
+@on_arrays
+@ti.kernel
+def step_sums(
+    mass: ti.types.ndarray(), wall: ti.types.ndarray(), old_velocity: ti.types.ndarray(),
+    old_acceleration: ti.types.ndarray(), velocity: ti.types.ndarray(), acceleration: ti.types.ndarray(),
+    relative: ti.types.ndarray(), force: ti.types.ndarray(), gravity: ti.types.ndarray(), u: ti.types.ndarray(),
+    partial: ti.types.ndarray(), result: ti.types.ndarray(), shift: float, dt: float, nodes: ti.i32, parts: ti.i32,
+    spread: ti.template(), dim: ti.template(),
+):  # fmt: skip
+    """Sums over the particles of a step with displacements ``u``, added to result (2 + 2 d,).
+
+    With a_alpha = relative + force: m a_alpha . u and m (force - gravity) . u, then in each direction m times the
+    change of velocity + shift * acceleration (of wall particles dt a_alpha) and m force.
+    """
+    for t in range(parts * spread):
+        inertia, external = 0.0, 0.0
+        change, weight = ti.Vector.zero(float, dim), ti.Vector.zero(float, dim)
+        first, last = part_of(t, parts, spread, nodes)
+        for i in range(first, last):
+            b, way = vector_of(force, i, dim), vector_of(u, i, dim)
+            a = vector_of(relative, i, dim) + b
+            inertia += mass[i] * a.dot(way)
+            weight += mass[i] * b
+            for k in ti.static(range(dim)):
+                external += mass[i] * (b[k] - gravity[k]) * way[k]
+            if wall[i] != 0:
+                change += mass[i] * dt * a
+            else:
+                turn = vector_of(acceleration, i, dim) - vector_of(old_acceleration, i, dim)
+                change += mass[i] * (vector_of(velocity, i, dim) - vector_of(old_velocity, i, dim) + shift * turn)
+        if t % spread == 0:
+            partial[t // spread, 0], partial[t // spread, 1] = inertia, external
+            for k in ti.static(range(dim)):
+                partial[t // spread, 2 + k], partial[t // spread, 2 + dim + k] = change[k], weight[k]
+    ti.loop_config(serialize=True)
+    for c in range(parts):
+        for k in range(ti.static(2 + 2 * dim)):
+            result[k] = result[k] + partial[c, k]

@@ -14,27 +14,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tipfem import balance_kernels
 from tipfem.case import Case
+from tipfem.device import chunks, spread
 from tipfem.flow import FlowProblem
 from tipfem.free_surface import loose_volumes
 from tipfem.mesh import Mesh
 from tipfem.particles import Array, Particles
-from tipfem.probes import nodal_mass
 
 AXES = "xyz"
 
 
-# By einsum, which no threads share: a sum by BLAS would depend on their number, and wait for them.
-
-
-def summed(weight: Array, values: Array) -> Array:
-    """Sum over K of weights (K,) times values (K, n): (n,)."""
-    return np.einsum("k,kn->n", weight, values)
-
-
-def product(weight: Array, one: Array, other: Array) -> float:
-    """Sum over K of weights (K,) times the inner products of vectors (K, d)."""
-    return float(np.einsum("k,kd,kd->", weight, one, other))
+def lumped(mesh: Mesh, density: Array) -> tuple[Array, Array]:
+    """Lumped mass (N,) [kg] from the elements' densities (M,), and volume (N,) [m^2, or m^3 in 3-D]."""
+    mass, volume = np.zeros((2, len(mesh.position)))
+    balance_kernels.lump(
+        np.ascontiguousarray(mesh.cells), mesh.measure, density, mass, volume, len(mesh.cells), mesh.dimension
+    )
+    return mass, volume
 
 
 @dataclass(frozen=True)
@@ -63,8 +60,13 @@ class Totals:
     @staticmethod
     def of(mass: Array, particles: Particles, gravity: Array, volume: Array) -> Totals:
         """Sums over the particles with masses (N,) and volumes of the fluids (F,)."""
-        v, place = particles.velocity, summed(mass, particles.position)
-        return Totals(mass, 0.5 * product(mass, v, v), -float((place * gravity).sum()), summed(mass, v), volume)
+        d, parts = particles.dimension, chunks()
+        sums = np.zeros(1 + 2 * d)
+        balance_kernels.state_sums(
+            mass, particles.position, particles.velocity, np.empty((parts, len(sums))), sums, len(mass), parts,
+            spread(), d,
+        )  # fmt: skip
+        return Totals(mass, 0.5 * float(sums[0]), -float((sums[1 : 1 + d] * gravity).sum()), sums[1 + d :], volume)
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,7 @@ class Budget:
         self._density = np.array([f.density for f in case.fluids])
         self._gravity = np.asarray(case.gravity)
         self._loose = np.zeros(len(self._names))
-        self._fraction = np.zeros((0, len(self._names)))
+        self._fraction: Array | None = None
         self._before = self._present = Totals(np.zeros(0), 0.0, 0.0, np.zeros(0), np.zeros(0))
         self._step: SolveBalance | None = None
 
@@ -128,37 +130,53 @@ class Budget:
         """
         before, scheme, mesh = self._present, problem.scheme, problem.mesh
         mass, work, u = before.mass, problem.work(solution), displacement
-        volume = summed(mesh.moved(moved.position).measure, self._fraction) + self._loose
+        volume = self._volumes(mesh, mesh.carried(moved.position).measure) + self._loose
         after = Totals.of(mass, moved, self._gravity, volume)
-        inertia = problem.acceleration(u) + force
         # dt a_alpha is the change of v + (1/2 - alpha_f) dt a, but at walls, where the state is prescribed.
         old, shift = problem.particles, (0.5 - scheme.alpha_f) * scheme.dt
-        change = moved.velocity - old.velocity + shift * (moved.acceleration - old.acceleration)
-        change = np.where(old.wall[:, None], scheme.dt * inertia, change)
+        d, parts = mesh.dimension, chunks()
+        sums = np.zeros(2 + 2 * d)
+        balance_kernels.step_sums(
+            mass, old.wall.view(np.int8), old.velocity, old.acceleration, moved.velocity, moved.acceleration,
+            problem.acceleration(u), force, self._gravity, u, np.empty((parts, len(sums))), sums, shift, scheme.dt,
+            len(mass), parts, spread(), d,
+        )  # fmt: skip
+        inertia, external, change, weight = float(sums[0]), float(sums[1]), sums[2 : 2 + d], sums[2 + d :]
         self._step = SolveBalance(
             after=after,
             viscous=work.viscous_dissipation,
-            time=product(mass, inertia, u) - (after.kinetic - before.kinetic) + work.viscous - work.viscous_dissipation,
+            time=inertia - (after.kinetic - before.kinetic) + work.viscous - work.viscous_dissipation,
             geometry=-work.geometry,
             stabilisation=work.stabilisation,
             source=-work.source,
-            external=product(mass, force - self._gravity, u) + work.walls,
+            external=external + work.walls,
             wall_force=work.wall_force,
-            momentum_residual=summed(mass, change) - scheme.dt * (summed(mass, force) + work.wall_force),
-            source_volume=summed(problem.properties.source * mesh.measure, self._fraction),
+            momentum_residual=change - scheme.dt * (weight + work.wall_force),
+            source_volume=self._volumes(mesh, problem.properties.source * mesh.measure),
         )
 
-    def remeshed(self, mesh: Mesh, particles: Particles, density: Array, fraction: Array) -> None:
-        """Take note of the state on a new mesh: M elements' densities (M,) and parts of the fluids (M, F).
+    def _volumes(self, mesh: Mesh, measure: Array) -> Array:
+        """Volumes (F,) of the fluids when the elements of the present mesh, at any positions, have ``measure`` (M,)."""
+        if self._fraction is None:
+            return np.bincount(np.asarray(mesh.fluid), weights=measure, minlength=len(self._names))
+        # By einsum, which no threads share: a sum by BLAS would depend on their number, and wait for them.
+        return np.einsum("k,kn->n", measure, self._fraction)
 
-        Loose particles, in no element, count with the volumes that they carry.
+    def remeshed(self, mesh: Mesh, particles: Particles, mass: Array, fraction: Array | None) -> None:
+        """Take note of the state on a new mesh of M elements.
+
+        Args:
+            mesh: the mesh.
+            particles: the state.
+            mass: (N,) lumped masses; loose particles, in no element, count with the volumes that they carry, too.
+            fraction: (M, F) parts of the fluids; None where every element is of the one that the mesh knows.
         """
-        mass = nodal_mass(mesh, density)
+        self._fraction = fraction
         self._loose = loose_volumes(mesh, particles.fluid, len(self._names))
         if mesh.surface is not None:
             mass = mass + self._density[particles.fluid] * mesh.surface.volume
-        now = Totals.of(mass, particles, self._gravity, summed(mesh.measure, fraction) + self._loose)
-        self._before, self._present, self._fraction = self._present, now, fraction
+        now = Totals.of(mass, particles, self._gravity, self._volumes(mesh, mesh.measure) + self._loose)
+        self._before, self._present = self._present, now
 
     def totals(self) -> Totals:
         """Of the present state."""

@@ -8,10 +8,9 @@ no source can. So the loss is measured after every step, body by body, and undon
 from __future__ import annotations
 
 import numpy as np
-from scipy import sparse
 
-from tipfem.interface_kernels import find_bodies
-from tipfem.mesh import simplex_measure
+from tipfem import conservation_kernels as kernels
+from tipfem.mesh import Mesh, simplex_measure
 from tipfem.particles import Array
 
 
@@ -23,9 +22,48 @@ def bodies(across: Array, fluid: Array) -> Array:
         fluid: (M,) of each triangle.
     """
     body = np.empty(len(across), dtype=np.int32)
-    stack = np.empty(len(across), dtype=np.int32)
-    find_bodies(np.ascontiguousarray(across), np.ascontiguousarray(fluid), body, stack, len(across))
+    kernels.find_bodies(np.ascontiguousarray(across), np.ascontiguousarray(fluid), body, len(across))
     return body
+
+
+def bodies_of(mesh: Mesh) -> Array:
+    """Number (M,) of the body of each triangle of a mesh that knows its fluids, see `bodies`; found once."""
+    found = mesh.__dict__.get("bodies")
+    if found is None:
+        assert mesh.fluid is not None
+        found = mesh.__dict__["bodies"] = bodies(mesh.across, mesh.fluid)
+    return np.asarray(found)
+
+
+def restore(
+    position: Array, new: Mesh, mark: Array, old: Mesh, moved: Array, relocated: Array, total: Array | None,
+    limit: float,
+) -> Array:  # fmt: skip
+    """Positions (N, 2) at which each body has the volume that it should have.
+
+    Args:
+        position: (N, 2) after remeshing [m].
+        new: the triangles there, which know their fluids and neighbours; it learns its areas at the result.
+        mark: (N,) 1 for particles on an interface and off the hull.
+        old: the mesh of the step, at its start.
+        moved: (M,) areas of the old triangles after the step's motion [m^2].
+        relocated: (N,) mask of the particles that were set elsewhere.
+        total: (F,) volume that each fluid is to have [m^2]; by default what it had after the motion.
+        limit: of a particle's shift in a round [m].
+    """
+    assert old.fluid is not None
+    assert new.fluid is not None
+    before, after = bodies_of(old), bodies_of(new)
+    changes = np.zeros(int(before.max()) + 1) if total is None else np.bincount(before, weights=old.measure - moved)
+    loss = inherit((old.cells, old.fluid, before), (new.cells, new.fluid, after), changes, relocated)
+    measure, volume = np.empty(len(new.cells)), np.zeros(len(loss))
+    fluid, free = np.zeros(len(loss), dtype=np.int32), np.zeros(len(loss), dtype=np.int32)
+    kernels.survey(position, new.cells, new.fluid, after, mark, measure, volume, fluid, free, len(new.cells))
+    total = np.bincount(old.fluid, weights=moved) if total is None else total
+    total = np.pad(total, (0, max(0, fluid.max() + 1 - len(total))))
+    wanted = share_out(volume, loss, fluid, total, free > 0)
+    new.__dict__["measure"] = measure
+    return move_interfaces(position, new.cells, after, mark == 1, wanted, limit, measure)
 
 
 def inherit(
@@ -45,17 +83,13 @@ def inherit(
         (K',) loss of the new bodies [m^2]; that of a body which is gone is in none.
     """
     fluids, count = int(max(old[1].max(), new[1].max())) + 1, len(moved)
-    body_at = []
-    for cells, fluid, body in (old, new):
-        at = np.full(fluids * count, -1, dtype=np.int32)
-        for corner in cells.T:  # of a particle's bodies of one fluid any will do
-            at[fluid * count + corner] = body
-        at.reshape(fluids, count)[:, moved] = -1
-        body_at.append(at)
-    both = (body_at[0] >= 0) & (body_at[1] >= 0)
-    parts = np.bincount(body_at[0][both], minlength=len(loss))
-    share = (loss / np.maximum(parts, 1))[body_at[0][both]]
-    return np.bincount(body_at[1][both], weights=share, minlength=int(new[2].max()) + 1)
+    at = np.full((2, fluids, count), -1, dtype=np.int32)
+    for (cells, fluid, body), where in zip((old, new), at, strict=True):
+        # Of a particle's bodies of one fluid any will do.
+        kernels.bodies_at(cells, fluid, body, where, len(cells))
+    result, parts = np.zeros(int(new[2].max()) + 1), np.zeros(len(loss), dtype=np.int32)
+    kernels.hand_on(at[0], at[1], moved.view(np.int8), loss, parts, result, fluids, count)
+    return result
 
 
 def share_out(volume: Array, loss: Array, fluid: Array, total: Array, free: Array) -> Array:
@@ -100,53 +134,26 @@ def move_interfaces(
     Returns:
         (N, 2) new positions.
     """
-    nodes = np.flatnonzero(movable)
+    nodes = np.flatnonzero(movable).astype(np.int32)
     if not len(nodes):
         return position
     x = position.copy()
-    place = np.full(len(x), -1)
-    place[nodes] = np.arange(len(nodes))
-    around = np.flatnonzero(movable[cells].any(axis=1))
-    near, owner = cells[around], body[around]
     measure = simplex_measure(x, cells) if measure is None else measure
-    volume = np.bincount(body, weights=measure, minlength=len(wanted))
-    rows, columns = np.repeat(owner, 3), place[near].ravel()
-    on = columns >= 0
+    volume: Array = np.bincount(body, weights=measure, minlength=len(wanted))
+    near, head = np.empty(len(cells), dtype=np.int32), np.full(len(x), -2, dtype=np.int32)
+    count = kernels.triangles_at(cells, np.ascontiguousarray(movable).view(np.int8), near, len(cells))
+    chain, gradient, way = np.empty((3 * count, 2), dtype=np.int32), np.empty((3 * count, 2)), np.empty((len(x), 4))
     for _ in range(4):
         missing = wanted - volume
         if np.abs(missing).max() <= 1e-14 * wanted.sum():
             break
-        side = x[near[:, [2, 0, 1]]] - x[near[:, [1, 2, 0]]]
-        entries = 0.5 * np.stack([-side[..., 1], side[..., 0]], axis=-1).reshape(-1, 2)
-        shape = (len(wanted), len(nodes))
-        gradient = sparse.hstack(
-            [sparse.csr_matrix((entries[on, k], (rows[on], columns[on])), shape=shape) for k in (0, 1)]
-        ).tocsr()
+        gram, gain = np.zeros((len(wanted), len(wanted))), np.zeros(len(wanted))
+        kernels.gradients(x, cells, body, near, nodes, head, chain, gradient, gram, count, len(nodes))
         # The volumes' sum is that of the tank: one combination of the factors moves nothing.
-        factor = np.linalg.lstsq((gradient @ gradient.T).toarray(), missing, rcond=1e-10)[0]
-        shift = (gradient.T @ factor).reshape(2, -1).T
-        length = np.linalg.norm(shift, axis=1, keepdims=True)
-        shift *= np.minimum(1.0, limit / np.maximum(length, 1e-300))
-        if not _keep_shape(x, near, nodes, shift, place):
+        factor = np.linalg.lstsq(gram, missing, rcond=1e-10)[0]
+        if not kernels.shift_interfaces(
+            x, cells, body, near, nodes, head, chain, gradient, factor, way, measure, gain, limit, count, len(nodes)
+        ):
             break
-        area = simplex_measure(x, near)
-        volume += np.bincount(owner, weights=area - measure[around], minlength=len(wanted))
-        measure[around] = area
+        volume = volume + gain
     return x
-
-
-def _keep_shape(x: Array, near: Array, nodes: Array, shift: Array, place: Array) -> bool:
-    """Shift x[nodes] in place, but none at a triangle of ``near`` that would lose more than half of its area.
-
-    Returns whether anything was moved. ``shift`` is changed; place (N,) is the number of a particle among ``nodes``.
-    """
-    start, area = x[nodes].copy(), simplex_measure(x, near)
-    for _ in range(4):
-        x[nodes] = start + shift
-        bad = simplex_measure(x, near) < 0.5 * area
-        if not bad.any():
-            return bool(shift.any())
-        held = place[near[bad]].ravel()
-        shift[held[held >= 0]] = 0.0
-    x[nodes] = start
-    return False

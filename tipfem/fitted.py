@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tipfem.conservation import bodies, inherit, move_interfaces, share_out
+from tipfem.conservation import restore
 from tipfem.fitting import FittedRule
-from tipfem.mesh import Mesh, simplex_measure
+from tipfem.mesh import Mesh
 from tipfem.moving import Triangulation
 from tipfem.particles import Array, Particles
 from tipfem.triangulation import TriangulationError
@@ -65,7 +65,7 @@ def repair(
     Raises:
         TriangulationError: the repair did not come to an end, or left a triangle without area.
     """
-    moved = simplex_measure(particles.position, mesh.cells)
+    moved = mesh.carried(particles.position).measure
     if (moved <= 0).any():
         raise TriangulationError("a triangle was inverted before it could be repaired")
     held = fixed.astype(bool)
@@ -78,14 +78,17 @@ def repair(
         flips += taken + t.make_delaunay(rule.slack)
     relocated = _follow_targets(t, held, rule) if graded else _set_elsewhere(t, held, rule)
     t.compact()
-    t.state[:, :2], measure = restored(t, moved, mesh, relocated, total, 0.05 * particles.spacing)
-    if not (flips or broken or relocated.any() or (t.state[:, :2] != particles.position).any()):
-        return Repaired(particles, mesh.moved(particles.position), relocated)
+    new = Mesh(np.ascontiguousarray(t.state[:, :2]), t.cells, t.fluid)
+    new.__dict__["across"] = t.across
+    position = restore(new.position, new, t.marks(), mesh, moved, relocated, total, 0.05 * particles.spacing)
+    if not (flips or broken or relocated.any() or (position != particles.position).any()):
+        return Repaired(particles, mesh.carried(particles.position), relocated)
     renumbered = None
     if len(t.freed) or len(t.state) > len(particles):
         numbers = t.drop()
-        relocated, renumbered = relocated[numbers >= 0], numbers[: len(particles)]
-    return Repaired(*_taken(t, particles, measure), relocated, renumbered)
+        kept = numbers >= 0
+        position, relocated, renumbered = position[kept], relocated[kept], numbers[: len(particles)]
+    return Repaired(*_taken(t, particles, new, position), relocated, renumbered)
 
 
 def _set_elsewhere(t: Triangulation, held: Array, rule: FittedRule) -> Array:
@@ -131,52 +134,21 @@ def _follow_targets(t: Triangulation, held: Array, rule: FittedRule) -> Array:
     return relocated
 
 
-def _taken(t: Triangulation, particles: Particles, measure: Array) -> tuple[Particles, Mesh]:
-    """State, still without fluids, and mesh of a repaired triangulation with the triangles' areas (M,); see `repair`
-    for errors."""
-    position = np.ascontiguousarray(t.state[:, :2])
-    if (measure <= 0).any():
-        place = position[t.cells[np.argmin(measure), 0]].tolist()
+def _taken(t: Triangulation, particles: Particles, new: Mesh, position: Array) -> tuple[Particles, Mesh]:
+    """State, still without fluids, and mesh of a repaired triangulation at its last positions (N', 2), with what
+    ``new`` knows of it; see `repair` for errors.
+    """
+    if (new.measure <= 0).any():
+        place = position[t.cells[np.argmin(new.measure), 0]].tolist()
         raise TriangulationError(f"the triangle at {place} has no area after the repair")
-    state = particles.copy(
-        position=position, velocity=t.state[:, 2:4], acceleration=t.state[:, 4:6], pressure=t.state[:, 6],
-        wall=t.wall.astype(bool), fluid=np.zeros(len(position), dtype=np.int32), target=t.state[:, 8],
+    velocity, acceleration, pressure, target = (
+        np.ascontiguousarray(t.state[:, k]) for k in (slice(2, 4), slice(4, 6), 6, 8)
+    )
+    state = particles.changed(
+        position=position, velocity=velocity, acceleration=acceleration, pressure=pressure, target=target,
+        wall=t.wall.astype(bool), fluid=np.zeros(len(position), dtype=np.int32),
     )  # fmt: skip
     mesh = Mesh(position, t.cells, t.fluid)
-    mesh.__dict__["across"], mesh.__dict__["measure"] = t.across, measure
+    for name in ("across", "measure", "bodies"):
+        mesh.__dict__[name] = new.__dict__[name]
     return state, mesh
-
-
-def restored(
-    t: Triangulation, moved: Array, mesh: Mesh, relocated: Array, total: Array | None, limit: float
-) -> tuple[Array, Array]:
-    """Positions (N, 2) at which the volumes are right, see `conservation`, and the areas of the triangles there.
-
-    Args:
-        t: the new triangulation.
-        moved: areas of the old triangles after the step's motion.
-        mesh: the mesh of the step, at its start.
-        relocated: (N,) mask of the particles that were set elsewhere.
-        total: as in `repair`.
-        limit: of a particle's shift [m].
-    """
-    assert mesh.fluid is not None
-    before, after = bodies(mesh.across, mesh.fluid), bodies(t.across, t.fluid)
-    left = np.bincount(before, weights=moved)
-    loss = np.zeros_like(left)
-    if total is None:
-        fluid_before = np.zeros(len(left), dtype=np.int32)
-        fluid_before[before] = mesh.fluid
-        total = np.bincount(fluid_before, weights=left)
-    else:
-        loss = np.bincount(before, weights=mesh.measure) - left
-    loss = inherit((mesh.cells, mesh.fluid, before), (t.cells, t.fluid, after), loss, relocated)
-    position = np.ascontiguousarray(t.state[:, :2])
-    measure = simplex_measure(position, t.cells)
-    volume = np.bincount(after, weights=measure)
-    fluid = np.zeros(len(volume), dtype=np.int32)
-    fluid[after] = t.fluid
-    movable = t.marks() == 1
-    free = np.bincount(after, weights=movable[t.cells].any(axis=1)) > 0
-    wanted = share_out(volume, loss, fluid, np.pad(total, (0, max(0, fluid.max() + 1 - len(total)))), free)
-    return move_interfaces(position, t.cells, after, movable, wanted, limit, measure), measure

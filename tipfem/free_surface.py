@@ -69,10 +69,10 @@ class SurfaceMesher:
             TriangulationError: the particles cannot be triangulated.
         """
         x, wall, h = particles.position, particles.wall, particles.spacing
-        cells, measure, beyond = delaunay(x, h)
+        cells, measure, beyond = delaunay(x, h, wall)
         old = before.surface
         assert old is not None
-        used = np.diff(before.incidence[0]) > 0
+        used = before.used
         below = used & ~old.front & ~relocated
         inner = below[cells]
         solid = wall[cells].all(axis=1)
@@ -164,7 +164,7 @@ class SurfaceMesher:
             keep &= ~pinned[cells].all(axis=1)
             keep &= ~solid | _beside(keep & ~solid, beyond)
         mesh = Mesh(position, np.ascontiguousarray(cells[keep]))
-        used = np.diff(mesh.incidence[0]) > 0
+        used = mesh.used
         surface = Surface(front & used, pinned | ~used, ~used & ~wall, np.zeros(len(position)))
         return Mesh(position, mesh.cells, surface=surface)
 

@@ -194,33 +194,3 @@ def edge_lengths(
                 if border and length > long:
                     length += first
             key[3 * t + i] = length
-
-
-@ti.kernel
-def find_bodies(
-    across: ti.types.ndarray(), fluid: ti.types.ndarray(), body: ti.types.ndarray(), stack: ti.types.ndarray(),
-    elements: ti.i32,
-) -> ti.i32:  # fmt: skip
-    """body (M,): number of the connected body of one fluid that each cell belongs to; returns how many there are."""
-    count = 0
-    ti.loop_config(serialize=True)
-    for t in range(elements):
-        body[t] = -1
-    ti.loop_config(serialize=True)
-    for t in range(elements):
-        if body[t] < 0:
-            body[t] = count
-            stack[0] = t
-            height = 1
-            while height > 0:
-                height -= 1
-                s = stack[height]
-                for i in ti.static(range(3)):
-                    o = across[s, i]
-                    if o >= 0:
-                        if fluid[o] == fluid[s] and body[o] < 0:
-                            body[o] = count
-                            stack[height] = o
-                            height += 1
-            count += 1
-    return count

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -43,6 +44,8 @@ class Surface:
     def landed(self, before: Particles, moved: Particles, force: Array, dt: float) -> Particles:
         """The state ``moved`` with loose particles on their parabolas from ``before``; ``force`` (N, d) [m/s^2]."""
         i = self.loose
+        if not i.any():
+            return moved
         done = moved.copy()
         done.position[i] = before.position[i] + parabola(before.velocity[i], force[i], dt)
         done.velocity[i] = before.velocity[i] + dt * force[i]
@@ -91,10 +94,17 @@ class Mesh:
     def moved(self, position: Array) -> Mesh:
         """The same simplices at other positions (N, d); shares what depends on the connectivity alone."""
         mesh = Mesh(position, self.cells, self.fluid, self.surface)
-        for name in ("edges", "incidence", "adjacency", "across"):
+        for name in ("edges", "used", "incidence", "adjacency", "across", "bodies"):
             if name in self.__dict__:
                 mesh.__dict__[name] = self.__dict__[name]
         return mesh
+
+    def carried(self, position: Array) -> Mesh:
+        """The same as `moved`, remembered until it is asked for with another array; this one must not change."""
+        last = self.__dict__.get("_carried")
+        if last is None or last.position is not position:
+            last = self.__dict__["_carried"] = self.moved(position)
+        return last
 
     @cached_property
     def edges(self) -> Array:
@@ -103,10 +113,22 @@ class Mesh:
             cell, i = np.nonzero(self.across < np.arange(len(self.cells))[:, None])
             one, other = self.cells[cell, (i + 1) % 3], self.cells[cell, (i + 2) % 3]
             return np.stack([np.minimum(one, other), np.maximum(one, other)], axis=1)
-        offsets, columns = self.adjacency
-        rows = np.repeat(np.arange(len(self.position), dtype=np.int32), np.diff(offsets))
-        upper = columns > rows
-        return np.stack([rows[upper], columns[upper]], axis=1)
+        n, corner = len(self.position), np.ascontiguousarray(self.cells.T)
+        one, other = np.array(list(itertools.combinations(range(len(corner)), 2))).T
+        one, other = corner[one].ravel(), corner[other].ravel()
+        ends = np.minimum(one, other), np.maximum(one, other)
+        # Sorted and counted once by SciPy, which counts where NumPy compares.
+        graph = sparse.coo_matrix((np.ones(len(one), dtype=np.int8), ends), shape=(n, n)).tocsr()
+        graph.sort_indices()
+        rows = np.repeat(np.arange(n, dtype=np.int32), np.diff(graph.indptr))
+        return np.stack([rows, graph.indices.astype(np.int32, copy=False)], axis=1)
+
+    @cached_property
+    def used(self) -> Array:
+        """(N,) mask of the particles in simplices."""
+        mask = np.zeros(len(self.position), dtype=bool)
+        mask[self.cells] = True
+        return mask
 
     @cached_property
     def across(self) -> Array:
@@ -121,10 +143,10 @@ class Mesh:
     @cached_property
     def incidence(self) -> tuple[Array, Array]:
         """Corners at each particle, in CSR: offsets (N + 1,) and corner numbers ``cell * (d + 1) + local``."""
-        flat = self.cells.ravel()
-        offsets = np.zeros(len(self.position) + 1, dtype=np.int32)
-        np.cumsum(np.bincount(flat, minlength=len(self.position)), out=offsets[1:])
-        return offsets, np.argsort(flat, kind="stable").astype(np.int32)
+        n, (m, corners) = len(self.position), self.cells.shape
+        number, starts = np.arange(m * corners, dtype=np.int32), np.arange(0, m * corners + 1, corners, dtype=np.int32)
+        columns = sparse.csr_matrix((number, self.cells.ravel(), starts), shape=(m, n)).tocsc()
+        return columns.indptr.astype(np.int32, copy=False), columns.data
 
     @cached_property
     def adjacency(self) -> tuple[Array, Array]:
@@ -139,11 +161,12 @@ class Mesh:
 
 def simplex_measure(position: Array, cells: Array) -> Array:
     """Signed areas or volumes (M,) of simplices ``cells`` (M, d + 1) at ``position`` (N, d)."""
+    if position.shape[1] == 2:  # complex numbers: both coordinates at once, and corner by corner
+        corner = np.ascontiguousarray(position, dtype=np.float64).view(np.complex128).ravel().take(cells.T)
+        a, b = corner[1:] - corner[0]
+        return np.asarray(0.5 * (a.real * b.imag - b.real * a.imag))
     # Coordinate by coordinate: gathering from rows takes several times as long.
     coordinates = [np.ascontiguousarray(axis) for axis in position.T]
     sides = [[axis[corner] - axis[cells[:, 0]] for axis in coordinates] for corner in cells.T[1:]]
-    if len(coordinates) == 2:
-        (ax, ay), (bx, by) = sides
-        return np.asarray(0.5 * (ax * by - bx * ay))
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = sides
     return np.asarray((ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)) / 6.0)

@@ -33,6 +33,7 @@ class Triangulation:
     wall: Array
     density: Array
     freed: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
+    _marks: Array | None = None  # flips and motion leave them as they are; all else forgets them
 
     @classmethod
     def of(cls, particles: Particles, mesh: Mesh, density: Array, measure: Array) -> Triangulation:
@@ -72,7 +73,9 @@ class Triangulation:
 
     def marks(self) -> Array:
         """(N,) 1 for particles on an interface, 2 for those on the hull, 3 for both, 0 for others."""
-        return marks(self.cells, self.across, self.fluid, len(self.state))
+        if self._marks is None:
+            self._marks = marks(self.cells, self.across, self.fluid, len(self.state))
+        return self._marks
 
     def compact(self) -> None:
         """Drop the cells that are gone."""
@@ -133,6 +136,7 @@ class Triangulation:
             self.state, self.cells, self.across, self.fluid, self.marks(), self.density,
             np.empty(len(self.cells), dtype=np.int32), count, len(self.cells), thin,
         )  # fmt: skip
+        self._changed(count[0])
         return int(count[0])
 
     def take_in(self, low: float, long: float) -> int:
@@ -143,6 +147,7 @@ class Triangulation:
             interface_kernels.take_in(
                 self.state, self.cells, self.across, self.fluid, mark, self.density, count, len(self.cells), low, long
             )
+        self._changed(count[0])
         return int(count[0])
 
     def coarsen(
@@ -157,6 +162,7 @@ class Triangulation:
             len(self.cells), len(self.state), close, chain, edge, film, least, most,
         )  # fmt: skip
         self.freed = np.concatenate([self.freed, freed[: count[0]]])
+        self._changed(count[0])
 
     def provide(self, count: int) -> None:
         """Let `freed` hold ``count`` particles, new ones if need be."""
@@ -167,6 +173,7 @@ class Triangulation:
             self.corner = np.concatenate([self.corner, np.full(more, -1, dtype=np.int32)])
             self.wall = np.concatenate([self.wall, np.zeros(more, dtype=np.int32)])
             self.freed = np.concatenate([self.freed, np.arange(first, first + more, dtype=np.int32)])
+            self._marks = None
 
     def drop(self) -> Array:
         """Drop the particles of `freed`, for good; the new numbers (N,) of all, -1 of those dropped."""
@@ -176,7 +183,13 @@ class Triangulation:
         self.state, self.corner, self.wall = self.state[keep], self.corner[keep], self.wall[keep]
         self.cells = number[self.cells]
         self.freed = self.freed[:0]
+        self._marks = None
         return number
+
+    def _changed(self, count: int) -> None:
+        """Forget what so many changes have made wrong."""
+        if count:
+            self._marks = None
 
     def wanted_edges(self) -> int:
         """How many edges are looked at for places for the particles of `freed`."""
@@ -201,6 +214,7 @@ class Triangulation:
             room, wanted,
         )  # fmt: skip
         self.freed = self.freed[count[0] :]
+        self._changed(count[0])
 
 
 def marks(cells: Array, across: Array, fluid: Array, count: int) -> Array:

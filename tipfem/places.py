@@ -61,8 +61,10 @@ def cells_on_walls(mesh: Mesh, wall: Array) -> tuple[Array, Array]:
     cell = np.tile(near, d + 1)
     of_wall = wall[facet].all(axis=1)
     facet, opposite, cell = facet[of_wall], opposite[of_wall], cell[of_wall]
-    _, number, count = np.unique(facet, axis=0, return_inverse=True, return_counts=True)
-    face = (count[number.ravel()] == 1) & ~wall[opposite]
+    number = facet[:, 0].astype(np.int64)
+    for column in facet.T[1:]:
+        number = np.unique(number * len(wall) + column, return_inverse=True)[1].ravel()
+    face = (np.bincount(number)[number] == 1) & ~wall[opposite]
     facet, cell = mesh.position[facet[face]], cell[face]
     side = facet[:, 1:] - facet[:, :1]
     if d == 2:

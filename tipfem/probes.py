@@ -47,7 +47,7 @@ def extent(mesh: Mesh, fluid: Array, index: int, axis: int) -> float:
     """
     if mesh.fluid is not None:
         cells = mesh.cells[mesh.fluid == index]
-        return float(mesh.position[cells, axis].max()) if len(cells) else float("nan")
+        return float(mesh.position[:, axis].take(cells).max()) if len(cells) else float("nan")
     own = fluid == index
     if mesh.surface is not None:
         own = own & mesh.surface.used
@@ -76,7 +76,8 @@ def depth(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
     # A line along the left wall would be in no element's interior.
     line = max(place, left + 1e-9 * (right - left))
     x, y = mesh.position[:, 0] - line, mesh.position[:, 1]
-    crossed = (x[mesh.cells].min(axis=1) < 0) & (x[mesh.cells].max(axis=1) >= 0)
+    before = (x < 0).take(mesh.cells.T)
+    crossed = np.flatnonzero(before.any(axis=0) & ~before.all(axis=0))
     cells = mesh.cells[crossed]
     if mesh.fluid is not None:
         return float(_chord(x[cells], y[cells])[mesh.fluid[crossed] == index].sum())

@@ -93,7 +93,7 @@ class DelaunayRemesher:
         """See `Remesher.remesh`."""
         state, moves = relocate(particles, mesh, self.rule)
         state, of_walls = walls.space(state, mesh.surface) if walls else (state, 0)
-        relocated, moved = (state.position != particles.position).any(axis=1), mesh.moved(particles.position)
+        relocated, moved = (state.position != particles.position).any(axis=1), mesh.carried(particles.position)
         if self.surface is not None:
             new = self.surface.remesh(state, moved, relocated)
         else:
@@ -164,7 +164,7 @@ class FittedRemesher:
             slippery = np.zeros(len(fixed), dtype=np.int32)
             slippery[boundary.index[boundary.slides]] = 1
         if self._grading:
-            particles = particles.copy(target=self._targets(particles, mesh, self._grading))
+            particles = particles.changed(target=self._targets(particles, mesh, self._grading))
         state, mesh, relocated, renumbered = repair(
             particles, mesh, self.density, fixed, self.rule, slippery=slippery, total=self._volumes,
             graded=self._grading is not None,

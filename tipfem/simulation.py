@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tipfem import device, probes
-from tipfem.budget import Budget
+from tipfem.budget import Budget, lumped
 from tipfem.case import INTERFACES, Case
 from tipfem.errors import SimulationError, StepRefused
 from tipfem.flow import ElementProperties, FlowProblem, Workspace
@@ -219,10 +219,10 @@ class Simulation:
             self._reference = int(renumbered[self._reference])
         fluid, fluids = particles.fluid, self.case.fluids
         density, viscosity = self.interface.element_properties(mesh, fluid, fluids)
-        around = nodal_density(mesh, density)
+        mass, volume = lumped(mesh, density)
+        around = nodal_density(mass, volume)
         # Where interfaces run along edges, no particle changes its weight much with the mesh.
-        transfer = self.case.numerics.momentum_transfer and mesh.fluid is None
-        if before is not None and transfer:
+        if before is not None and self.case.numerics.momentum_transfer and mesh.fluid is None:
             before = np.where(relocated, np.nan, before)
             particles = transfer_momentum(particles, mesh, before, around, self.boundary.still)
         if self._walls and mesh.fluid is not None:
@@ -231,8 +231,8 @@ class Simulation:
             particles = self._walls.impose(particles)
         self.mesh, self.particles = mesh, particles
         self._density, self._viscosity, self._nodal_density = density, viscosity, around
-        self._fraction = self.interface.fluid_fraction(mesh, fluid, len(fluids))
-        self.budget.remeshed(mesh, particles, density, self._fraction)
+        self._fraction = None if mesh.fluid is not None else self.interface.fluid_fraction(mesh, fluid, len(fluids))
+        self.budget.remeshed(mesh, particles, mass, self._fraction)
 
     def volume(self, name: str) -> float:
         """Volume of a fluid [m^2 in 2-D, m^3 in 3-D], spray included; see `Case.fluid_index` for errors."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from tipfem.particles import Array, Particles
 
 
@@ -56,7 +54,10 @@ class GeneralizedAlpha:
     def acceleration(self, u: Array, particles: Particles) -> Array:
         """a_{n+1} (N, d) [m/s^2] for displacements ``u`` (N, d) [m]."""
         v, a = particles.velocity, particles.acceleration
-        return u / (self.beta * self.dt**2) - v / (self.beta * self.dt) - (0.5 / self.beta - 1) * a
+        result = u * (1 / (self.beta * self.dt**2))
+        result -= v * (1 / (self.beta * self.dt))
+        result -= a * (0.5 / self.beta - 1)
+        return result
 
     def velocity(self, a_next: Array, particles: Particles) -> Array:
         """v_{n+1} (N, d) [m/s] for accelerations ``a_next`` (N, d)."""
@@ -64,10 +65,11 @@ class GeneralizedAlpha:
 
     def history(self, particles: Particles) -> tuple[Array, Array]:
         """What v_alpha and a_alpha (N, d) are at u = 0."""
-        a_next = self.acceleration(np.zeros_like(particles.position), particles)
-        v_next = self.velocity(a_next, particles)
-        velocity = (1 - self.alpha_f) * v_next + self.alpha_f * particles.velocity
-        return velocity, (1 - self.alpha_m) * a_next + self.alpha_m * particles.acceleration
+        v, a = particles.velocity, particles.acceleration
+        by_v, by_a = -1 / (self.beta * self.dt), 1 - 0.5 / self.beta  # a_{n+1} at u = 0 is by_v v_n + by_a a_n
+        share = (1 - self.alpha_f) * self.dt
+        velocity = (1 + share * self.gamma * by_v) * v + share * (1 - self.gamma + self.gamma * by_a) * a
+        return velocity, (1 - self.alpha_m) * by_v * v + ((1 - self.alpha_m) * by_a + self.alpha_m) * a
 
     def predict(self, particles: Particles) -> Array:
         """Displacements (N, d) [m] if the acceleration stayed as it is."""
@@ -80,7 +82,7 @@ class GeneralizedAlpha:
         fixed = particles.wall
         a_next[fixed] = 0.0
         v_next[fixed] = 0.0
-        return particles.copy(
+        return particles.changed(
             position=particles.position + u, velocity=v_next, acceleration=a_next, pressure=pressure
         )
 

@@ -18,13 +18,8 @@ from tipfem.particles import Array, Particles
 RISE = 0.01
 
 
-def nodal_density(mesh: Mesh, density: Array) -> Array:
-    """Density (N,) [kg/m^3] around each particle: the mean over its elements' (M,), by measure; NaN without any."""
-    corners = mesh.cells.shape[1]
-    flat = mesh.cells.ravel()
-    measure = np.repeat(mesh.measure, corners)
-    mass = np.bincount(flat, weights=measure * np.repeat(density, corners), minlength=len(mesh.position))
-    volume = np.bincount(flat, weights=measure, minlength=len(mesh.position))
+def nodal_density(mass: Array, volume: Array) -> Array:
+    """Density (N,) [kg/m^3] around each particle from lumped masses and volumes (N,); NaN without any volume."""
     return np.divide(mass, volume, out=np.full(len(mass), np.nan), where=volume > 0)
 
 

@@ -47,9 +47,9 @@ class VolumeControl:
         """Take note of the volumes (F,) after a step of length ``dt`` [s]."""
         self.missing += (1 - math.exp(-4 * self.part(dt))) * (self.wanted - volume - self.missing)
 
-    def source(self, mesh: Mesh, fraction: Array, dt: float) -> Array:
-        """Growth s (M,) of the elements in a step of length ``dt`` [s]; see `volume_source`."""
-        if self.rate == 0.0:
+    def source(self, mesh: Mesh, fraction: Array | None, dt: float) -> Array:
+        """Growth s (M,) of the elements in a step of length ``dt`` [s]; see `volume_source`. None without fractions."""
+        if self.rate == 0.0 or fraction is None:
             return np.zeros(len(mesh.cells))
         wanted = mesh.measure @ fraction + self.missing
         return volume_source(mesh, fraction, wanted, self.part(dt), balanced=self.balanced)
