@@ -2,11 +2,13 @@
 
 import taichi as ti
 
+from tipfem.array_launch import on_arrays
 from tipfem.surgery import distance
 
 SWEEPS = 100  # far more than there are: targets spread along many edges in one sweep
 
 
+@on_arrays
 @ti.kernel
 def limit_growth(
     x: ti.types.ndarray(), cells: ti.types.ndarray(), target: ti.types.ndarray(), growth: ti.f64, elements: ti.i32

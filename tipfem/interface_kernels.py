@@ -5,6 +5,7 @@ Arrays are those of `remeshing_kernels`.
 
 import taichi as ti
 
+from tipfem.array_launch import on_arrays
 from tipfem.surgery import (
     STAR,
     collect_star,
@@ -17,6 +18,7 @@ from tipfem.surgery import (
 )
 
 
+@on_arrays
 @ti.kernel
 def mark_particles(
     cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(), mark: ti.types.ndarray(),
@@ -37,6 +39,7 @@ def mark_particles(
                     ti.atomic_or(mark[cells[t, (i + 2) % 3]], bit)
 
 
+@on_arrays
 @ti.kernel
 def break_films(
     x: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
@@ -73,6 +76,7 @@ def break_films(
                 count[0] += 1
 
 
+@on_arrays
 @ti.kernel
 def take_in(
     x: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
@@ -104,6 +108,7 @@ def take_in(
                         count[0] += 1
 
 
+@on_arrays
 @ti.kernel
 def slide_contacts(
     state: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
@@ -171,6 +176,7 @@ def slide_contacts(
                         weigh(state, cells, fluid, density, star[m], 1)
 
 
+@on_arrays
 @ti.kernel
 def edge_lengths(
     x: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),

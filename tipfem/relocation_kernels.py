@@ -5,11 +5,13 @@ Arrays are those of `surgery`; all runs in one thread.
 
 import taichi as ti
 
+from tipfem.array_launch import on_arrays
 from tipfem.surgery import STAR, can_collapse, collapse, collect_star, distance, double_area, place, ring, split
 
 ON_EDGE = 1e-9  # how far beside an edge of length 1 a place may be by round-off
 
 
+@on_arrays
 @ti.kernel
 def set_elsewhere(
     x: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),

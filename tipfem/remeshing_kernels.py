@@ -9,6 +9,7 @@ the particles around that no wall holds.
 
 import taichi as ti
 
+from tipfem.array_launch import on_arrays
 from tipfem.surgery import (
     STAR,
     can_collapse,
@@ -29,6 +30,7 @@ from tipfem.surgery import (
 )
 
 
+@on_arrays
 @ti.kernel
 def make_delaunay(
     x: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
@@ -112,6 +114,7 @@ def keep_area(
     return change
 
 
+@on_arrays
 @ti.kernel
 def coarsen(
     state: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
@@ -215,6 +218,7 @@ def coarsen(
                         give(state, wall, star, base, around, lost)
 
 
+@on_arrays
 @ti.kernel
 def refine(
     state: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
