@@ -88,12 +88,18 @@ def hard_systems(short: bool) -> dict[str, tuple[int, int]]:
     bubbly = tp.tank((1.0, 1.0), h, jitter=0.1).fill(dam_break.WATER).fill(dam_break.AIR, box=((0, 0.85), (1, 1)))
     for k in range(26):
         bubbly.fill(dam_break.AIR, disc=((0.12 + 0.15 * (k % 6), 0.1 + 0.15 * (k // 6)), max(0.02, 1.6 * h)))
-    found["26 bubbles of air in water"] = _iterations(bubbly, [dam_break.WATER, dam_break.AIR], 1e-3)
+    both = [dam_break.WATER, dam_break.AIR]
+    found["26 bubbles of air in water"] = _iterations(bubbly, both, 1e-3)
+    for h, far in ((0.01, 0.08),) if short else ((0.005, 0.02), (0.002, 0.02), (0.002, 0.08)):
+        column = tp.tank(dam_break.TANK, h).fill(dam_break.AIR).fill(dam_break.WATER, box=((0, 0), dam_break.COLUMN))
+        found[f"dam break, graded from {h * 1e3:g} to {far * 1e3:g} mm"] = _iterations(
+            column, both, 1e-3, tp.Grading({dam_break.AIR.name: far})
+        )
     return found
 
 
-def _iterations(tank: Any, fluids: list[tp.Fluid], dt: float) -> tuple[int, int]:
-    particles = tank.sample(fluids, fitted=True)
+def _iterations(tank: Any, fluids: list[tp.Fluid], dt: float, grading: tp.Grading | None = None) -> tuple[int, int]:
+    particles = tank.sample(fluids, fitted=True, grading=grading)
     mesh = triangulate(particles.position, particles.wall, particles.spacing)
     density, viscosity = (np.array([getattr(f, name) for f in fluids]) for name in ("density", "viscosity"))
     of_cell = with_fluids(mesh, particles, density).fluid
