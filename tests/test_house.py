@@ -34,6 +34,7 @@ ORDER = [
     "transfer",
     "probes",
     "fitting",
+    "launcher",
     "device",
     "surgery",
     "interface_kernels",
@@ -80,7 +81,7 @@ ORDER = [
 ENTRANCES = {"__init__", "__main__"}  # may import any of ORDER, and are imported by none
 # The only files of tipfem/ that import Taichi.
 TAICHI = {
-    "device", "surgery", "interface_kernels", "remeshing_kernels", "connectivity", "element", "assembly",
+    "launcher", "device", "surgery", "interface_kernels", "remeshing_kernels", "connectivity", "element", "assembly",
     "jacobian_rows", "block_kernels", "balance_kernels", "wall_kernels", "background_grid", "mesh_cycle_kernels",
     "cycle_kernels",
     "krylov_kernels", "bubble_kernels", "relocation_kernels",

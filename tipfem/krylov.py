@@ -58,12 +58,12 @@ def fgmres(
     v, z, w = (buffers.get(f"krylov.{name}", size) for name in "vzw")
     out = np.zeros(1)
     partial = buffers.get("krylov.partial", parts, 1)
-    krylov_kernels.start(right_side, v, basis.orthonormal, partial, out, size, parts, spread())
+    buffers.launch(krylov_kernels.start, right_side, v, basis.orthonormal, partial, out, size, parts, spread())
     beta = float(out[0])
     if not np.isfinite(beta):
         raise FloatingPointError("the residual is not finite")
     if beta == 0.0:
-        krylov_kernels.fill(solution, 0.0, size)
+        buffers.launch(krylov_kernels.fill, solution, 0.0, size)
         return KrylovResult(0, 0.0, True)
     hessenberg = np.zeros((max_iterations + 1, max_iterations))
     cosine, sine = np.zeros(max_iterations), np.zeros(max_iterations)
@@ -91,7 +91,9 @@ def fgmres(
         g[k] *= cosine[k]
         k += 1
     weights = np.linalg.solve(np.triu(hessenberg[:k, :k]), g[:k]) if k else np.zeros(0)
-    krylov_kernels.combine(basis.directions, np.append(weights, 0.0), solution, k, size, parts, spread())
+    buffers.launch(
+        krylov_kernels.combine, basis.directions, np.append(weights, 0.0), solution, k, size, parts, spread()
+    )
     relative = abs(float(g[k])) / beta
     return KrylovResult(k, relative, relative <= tolerance)
 
@@ -125,9 +127,10 @@ class _Basis:
         least = max(CANCELLED, ((self._loss + EPSILON) / self._loss_allowed) ** 2)
         for _ in range(2):
             out = np.zeros(k + 3)
-            krylov_kernels.orthogonalise(
-                self.orthonormal, self.directions, w, z, v, partial, out, k, self.size, parts, spread(), least
-            )
+            self._buffers.launch(
+                krylov_kernels.orthogonalise, self.orthonormal, self.directions, w, z, v, partial, out, k, self.size,
+                parts, spread(), least,
+            )  # fmt: skip
             column[: k + 1] += out[: k + 1]
             before, after = out[k + 1 :]
             if not after < least * before:
@@ -149,5 +152,6 @@ def largest(x: Any, n: int, buffers: Buffers) -> float:
     """Largest |x_i| of the first ``n`` entries; NaN if one of them is."""
     parts = chunks()
     out = np.zeros(2)
-    krylov_kernels.largest(x, buffers.get("krylov.partial_largest", parts, 2), out, n, parts, spread())
+    partial = buffers.get("krylov.partial_largest", parts, 2)
+    buffers.launch(krylov_kernels.largest, x, partial, out, n, parts, spread())
     return float("nan") if out[1] > 0 else float(out[0])

@@ -23,7 +23,7 @@ from tipfem.background_grid import (
 )
 from tipfem.connectivity import accumulate
 from tipfem.cycle_kernels import coarse_cycle, down_grid, up_grid
-from tipfem.device import Buffers, Launcher, chunks, settings, spread
+from tipfem.device import Buffers, chunks, settings, spread
 from tipfem.mesh_cycle_kernels import damped_inverse_diagonals, down_mesh, up_mesh
 
 COARSEST_SWEEPS = 20
@@ -65,7 +65,7 @@ class BackgroundMultigrid:
         )
         small = np.flatnonzero(sizes <= (SERIAL_SIZE if settings().get("arch") == "cpu" else 0))
         self._serial_from = int(small[0]) if len(small) else self.levels - 1
-        self._nodes, self._launch = 0, Launcher()
+        self._nodes = 0
 
     def build(self, position: Any, row_offsets: Any, columns: Any, values: Any, nodes: int) -> None:
         """Take over a Laplacian in CSR on ``nodes`` nodes at ``position`` (N, d), and form the coarse operators.
@@ -73,34 +73,37 @@ class BackgroundMultigrid:
         All arguments are device arrays: row_offsets (N + 1,), columns and values. Rows sum to zero, but
         for Dirichlet conditions.
         """
-        self._nodes, self._launch = nodes, Launcher()
+        self._nodes, launch = nodes, self.buffers.launch
         self._matrix = (row_offsets, columns, values)
         get, dim, parts = self.buffers.get, self.dimension, (chunks(), spread())
         self._cell, self._fraction = get("mg.cell", nodes, dim, integer=True), get("mg.fraction", nodes, dim)
         self._order = get("mg.order", nodes, integer=True)
         self._start = get("mg.start", self._cells + 1, integer=True)
         cursor = get("mg.cursor", self._cells, integer=True)
-        find_cells(
-            position, self._lower, self._grid, self._cell, self._fraction, self._start, self.spacing, nodes,
+        launch(
+            find_cells, position, self._lower, self._grid, self._cell, self._fraction, self._start, self.spacing, nodes,
             self._cells, dim,
         )  # fmt: skip
-        accumulate(self._start, cursor, self._cells)
-        sort_into_cells(self._cell, self._grid, self._start, cursor, self._order, nodes, self._cells, dim)
-        assemble_first(
-            self._cell, self._fraction, self._order, self._start, *self._matrix, get("mg.rows", nodes, 4**dim),
-            self._stencil, self._grid, nodes, *parts, dim,
+        launch(accumulate, self._start, cursor, self._cells)
+        launch(
+            sort_into_cells, self._cell, self._grid, self._start, cursor, self._order, nodes, self._cells, dim
+        )
+        launch(
+            assemble_first, self._cell, self._fraction, self._order, self._start, *self._matrix,
+            get("mg.rows", nodes, 4**dim), self._stencil, self._grid, nodes, *parts, dim,
         )  # fmt: skip
         for fine, coarse, axis in self._passes:
-            weigh_sides(self._stencil, self._weights, self._grid, fine, *parts, axis, dim)
-            coarsen_axis(self._stencil, self._weights, self._grid, fine, coarse, *parts, axis, dim)
+            launch(weigh_sides, self._stencil, self._weights, self._grid, fine, *parts, axis, dim)
+            launch(coarsen_axis, self._stencil, self._weights, self._grid, fine, coarse, *parts, axis, dim)
         self._residual, self._relax = get("mg.residual", nodes), get("mg.relax", nodes)
-        damped_inverse_diagonals(
-            *self._matrix, self._relax, self._stencil, self._grid_relax, self._grid, nodes, self.levels, dim
-        )
+        launch(
+            damped_inverse_diagonals, *self._matrix, self._relax, self._stencil, self._grid_relax, self._grid, nodes,
+            self.levels, dim,
+        )  # fmt: skip
 
     def apply(self, b: Any, x: Any) -> None:
         """One V(1,1)-cycle from zero: x (N,) approximates the solution of the Laplacian for b (N,)."""
-        matrix, dim, launch, parts = self._matrix, self.dimension, self._launch, (chunks(), spread())
+        matrix, dim, launch, parts = self._matrix, self.dimension, self.buffers.launch, (chunks(), spread())
         levels = (self._stencil, self._weights, self._grid_relax, self._x, self._b, self._r, self._grid)
         launch(
             down_mesh, b, x, self._residual, self._relax, *matrix, self._fraction, self._order, self._start, self._b,
