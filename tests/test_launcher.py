@@ -1,10 +1,11 @@
-"""Kernels that are started through what was prepared for their arrays."""
+"""Kernels that are started through what was prepared for their arrays, and loops that one thread does."""
 
 import numpy as np
 import pytest
 import taichi as ti
 
-from tipfem.device import Buffers, download, init
+from tipfem import krylov_kernels
+from tipfem.device import Buffers, alone, chunks, download, init, settings, spread
 from tipfem.launcher import Launcher
 
 
@@ -70,3 +71,26 @@ def test_two_launchers_do_not_meet():
     two(scaled, source, target, 3.0, 16, False)
     assert (download(target, 16) == 3).all()
     assert not buffers.launch._ready
+
+
+@pytest.mark.parametrize("size", [1, 700, 40_000])
+def test_one_thread_and_all_of_them_give_the_same_bits(size):
+    buffers, rng = Buffers(), np.random.default_rng(size)
+    w, z, found = buffers.upload("w", rng.normal(size=size)), buffers.upload("z", rng.normal(size=size)), []
+    start = rng.normal(size=3 * size)
+    for single in (False, True):
+        basis, out = buffers.upload("basis", start), np.zeros(4)
+        v, partial = buffers.get("v", size), buffers.get("partial", chunks() * 3)
+        buffers.launch(
+            krylov_kernels.orthogonalise, basis, buffers.get("directions", 2 * size), w, z, v, partial, out, 1, size,
+            chunks(), spread(single), single, 0.0,
+        )  # fmt: skip
+        found.append(np.concatenate([download(v, size), download(basis, 3 * size), out]))
+    np.testing.assert_array_equal(*found)
+
+
+def test_short_loops_are_left_to_one_thread():
+    if settings()["threads"] != 1:
+        assert alone(100, 10.0)
+        assert not alone(1_000_000, 10.0)
+    assert spread(True) == 1

@@ -88,12 +88,23 @@ def chunks() -> int:
     return 4096 if _running.get("arch") == "cuda" else 16
 
 
-def spread() -> int:
+def spread(alone: bool = False) -> int:
     """How many turns of a parallel loop each of those parts takes, all but one of them idle.
 
     On the CPU, Taichi hands 512 turns at least to a thread: a loop over as many parts as threads would run in one.
     """
-    return 1 if _running.get("arch") == "cuda" else 512
+    return 1 if alone or _running.get("arch") == "cuda" else 512
+
+
+def alone(turns: int, cost: float) -> bool:
+    """Whether loops of so many turns, ``cost`` nanoseconds each on one thread, had better be done by one thread.
+
+    To wake the others takes 10 to 50 us a loop. It is an argument ``alone`` of kernels; results are the same.
+    """
+    return _running.get("arch") == "cpu" and (_running["threads"] == 1 or turns * cost < WORTH_WAKING)
+
+
+WORTH_WAKING = 1.2e5  # [ns]
 
 
 @ti.func

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tipfem import assembly, balance_kernels, block_kernels, krylov, krylov_kernels
-from tipfem.device import chunks, download, spread
+from tipfem.device import alone, chunks, download, spread
 from tipfem.errors import StepRefused
 from tipfem.linear_system import LinearSystem, Workspace
 from tipfem.mesh import Mesh, no_surface, parabola
@@ -234,16 +234,16 @@ class FlowProblem:
             self.product, self.precondition, self._r, self._dx, self.size,
             tolerance=tolerance, max_iterations=MAX_KRYLOV_ITERATIONS, buffers=self.buffers,
         )  # fmt: skip
-        self.buffers.launch(krylov_kernels.add, self._dx, x, -1.0, self.size)
+        self.buffers.launch(krylov_kernels.add, self._dx, x, -1.0, self.size, alone(self.size, krylov.ENTRY))
         return result
 
     def limits(self, x: Any) -> StepLimits:
         """Smallest J_{n+1} and largest displacement of ``x``, relative to the tank's motion."""
         result = np.array([1e30, 0.0, 0.0])
-        parts = chunks()
+        parts, single = chunks(), alone(self.elements, assembly.ELEMENT)
         self.buffers.launch(
             assembly.step_limits, self._topology[0], self._position, x, self.buffers.get("limits", parts, 3), result,
-            self.elements, self.nodes, parts, spread(), self.dimension,
+            self.elements, self.nodes, parts, spread(single), single, self.dimension,
         )  # fmt: skip
         if self.walls is not None and self.walls.carried is not None:
             result[1] = ((self.split(x)[0] - self.walls.carried) ** 2).sum(axis=1).max()

@@ -107,9 +107,10 @@ def gather_rows(
 def multiply(
     row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(),
     uu: ti.types.ndarray(), up: ti.types.ndarray(), pu: ti.types.ndarray(), pp: ti.types.ndarray(),
-    x: ti.types.ndarray(), out: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
+    x: ti.types.ndarray(), out: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(), alone: ti.template(),
 ):  # fmt: skip
     """out = K x."""
+    ti.loop_config(serialize=alone)
     for i in range(nodes):
         force = ti.Vector.zero(float, dim)
         growth = 0.0
@@ -131,9 +132,10 @@ def multiply(
 @ti.kernel
 def schur_right_side(
     row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), pu: ti.types.ndarray(), scale: ti.types.ndarray(),
-    r: ti.types.ndarray(), out: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
+    r: ti.types.ndarray(), out: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(), alone: ti.template(),
 ):  # fmt: skip
     """out (N,) = r_p - D r_u without the scale of the rows, from a scaled residual ``r``."""
+    ti.loop_config(serialize=alone)
     for i in range(nodes):
         row = i * (dim + 1) + dim
         total = r[row]
@@ -147,17 +149,18 @@ def schur_right_side(
 
 @ti.kernel
 def pressure_correction(
-    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), up: ti.types.ndarray(), scale: ti.types.ndarray(),
+    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), up: ti.types.ndarray(),
     r: ti.types.ndarray(), pressure: ti.types.ndarray(), out: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
+    alone: ti.template(),
 ):  # fmt: skip
-    """out = (r_u + G z_p, z_p) with z_p = ``pressure`` (N,), or 0 where it is prescribed and ``scale`` zero."""
+    """out = (r_u + G z_p, z_p) with z_p = ``pressure`` (N,), which is 0 where pressure is prescribed."""
+    ti.loop_config(serialize=alone)
     for i in range(nodes):
         u = unknown(r, i, dim)
         for s in range(row_offsets[i], row_offsets[i + 1]):
-            j = columns[s]
-            p = ti.select(scale[j * (dim + 1) + dim] > 0.0, pressure[j], 0.0)
+            p = pressure[columns[s]]
             for k in ti.static(range(dim)):
                 u[k] -= up[s * dim + k] * p
         for k in ti.static(range(dim)):
             out[i * (dim + 1) + k] = u[k]
-        out[i * (dim + 1) + dim] = ti.select(scale[i * (dim + 1) + dim] > 0.0, pressure[i], 0.0)
+        out[i * (dim + 1) + dim] = pressure[i]

@@ -7,9 +7,12 @@ from typing import Any
 import numpy as np
 
 from tipfem import krylov_kernels
-from tipfem.device import Buffers, chunks, spread
+from tipfem.device import Buffers, alone, chunks, spread
 
 Operator = Callable[[Any, Any], None]
+
+# Nanoseconds that a thread takes for an entry of a vector: of one vector, and of one to be made orthogonal to a few.
+ENTRY, ENTRY_OF_MANY = 2.0, 10.0
 
 # Vectors that the basis has room for at first; it grows by as many.
 ROOM = 16
@@ -53,17 +56,18 @@ def fgmres(
     Raises:
         FloatingPointError: a norm is not finite.
     """
-    parts = chunks()
+    single = alone(size, ENTRY)
+    parts = (chunks(), spread(single), single)
     basis = _Basis(size, tolerance, buffers)
     v, z, w = (buffers.get(f"krylov.{name}", size) for name in "vzw")
     out = np.zeros(1)
-    partial = buffers.get("krylov.partial", parts, 1)
-    buffers.launch(krylov_kernels.start, right_side, v, basis.orthonormal, partial, out, size, parts, spread())
+    partial = buffers.get("krylov.partial", chunks(), 1)
+    buffers.launch(krylov_kernels.start, right_side, v, basis.orthonormal, partial, out, size, *parts)
     beta = float(out[0])
     if not np.isfinite(beta):
         raise FloatingPointError("the residual is not finite")
     if beta == 0.0:
-        buffers.launch(krylov_kernels.fill, solution, 0.0, size)
+        buffers.launch(krylov_kernels.fill, solution, 0.0, size, single)
         return KrylovResult(0, 0.0, True)
     hessenberg = np.zeros((max_iterations + 1, max_iterations))
     cosine, sine = np.zeros(max_iterations), np.zeros(max_iterations)
@@ -92,7 +96,7 @@ def fgmres(
         k += 1
     weights = np.linalg.solve(np.triu(hessenberg[:k, :k]), g[:k]) if k else np.zeros(0)
     buffers.launch(
-        krylov_kernels.combine, basis.directions, np.append(weights, 0.0), solution, k, size, parts, spread()
+        krylov_kernels.combine, basis.directions, np.append(weights, 0.0), solution, k, size, *parts
     )
     relative = abs(float(g[k])) / beta
     return KrylovResult(k, relative, relative <= tolerance)
@@ -121,6 +125,7 @@ class _Basis:
         """
         if k + 2 > self._room:
             self._make_room(k + 2)
+        single = alone(self.size, ENTRY_OF_MANY)
         parts, column = chunks(), np.zeros(k + 2)
         partial = self._buffers.get("krylov.dots", parts * (k + 2))
         # Below it, what cancellation leaves is neither orthogonal enough nor of a length known well: once more.
@@ -129,7 +134,7 @@ class _Basis:
             out = np.zeros(k + 3)
             self._buffers.launch(
                 krylov_kernels.orthogonalise, self.orthonormal, self.directions, w, z, v, partial, out, k, self.size,
-                parts, spread(), least,
+                parts, spread(single), single, least,
             )  # fmt: skip
             column[: k + 1] += out[: k + 1]
             before, after = out[k + 1 :]
@@ -150,8 +155,8 @@ EPSILON = 2e-16
 
 def largest(x: Any, n: int, buffers: Buffers) -> float:
     """Largest |x_i| of the first ``n`` entries; NaN if one of them is."""
-    parts = chunks()
+    parts, single = chunks(), alone(n, ENTRY)
     out = np.zeros(2)
     partial = buffers.get("krylov.partial_largest", parts, 2)
-    buffers.launch(krylov_kernels.largest, x, partial, out, n, parts, spread())
+    buffers.launch(krylov_kernels.largest, x, partial, out, n, parts, spread(single), single)
     return float("nan") if out[1] > 0 else float(out[0])

@@ -9,7 +9,7 @@ from scipy import sparse
 
 from tipfem import block_kernels, connectivity, jacobian_rows
 from tipfem.bubbles import Bubbles
-from tipfem.device import Buffers, download
+from tipfem.device import Buffers, alone, download
 from tipfem.mesh import Mesh
 from tipfem.multigrid import BackgroundMultigrid
 from tipfem.particles import Array
@@ -21,6 +21,7 @@ GRID_SPACING = 2.0
 # The Schur complement is 0.54 to 0.99 of the Laplacian with the time integration's cm (stabilisation 0.25): near the
 # middle of that, a twentieth of the Krylov iterations is saved.
 SCHUR_SCALE = 1.3
+ROW = 30.0  # nanoseconds that a thread takes to multiply a particle's rows
 
 
 class Topology(NamedTuple):
@@ -92,6 +93,7 @@ class LinearSystem:
         self._topology, self._density, self._scale, self._scheme = topology, density, scale, scheme
         self._nodes, self._dimension = len(mesh.position), mesh.dimension
         n, d = self._nodes, self._dimension
+        self._alone = alone(n, ROW)
         # Each corner names at most d neighbours.
         wide = buffers.get("wide", mesh.cells.size * d + n, integer=True)
         self._row_offsets = buffers.get("row_offsets", n + 1, integer=True)
@@ -132,7 +134,7 @@ class LinearSystem:
         """out = K v, the derivative of the scaled residual along ``v``."""
         self._launch(
             jacobian_rows.multiply, self._row_offsets, self._columns, *self._blocks, v, out, self._nodes,
-            self._dimension,
+            self._dimension, self._alone,
         )  # fmt: skip
 
     def precondition(self, r: Any, z: Any) -> None:
@@ -144,13 +146,13 @@ class LinearSystem:
         _uu, up, pu, _pp = self._blocks
         self._launch(
             jacobian_rows.schur_right_side, self._row_offsets, self._columns, pu, self._scale, r, self._schur_b,
-            self._nodes, self._dimension,
+            self._nodes, self._dimension, self._alone,
         )  # fmt: skip
         self.multigrid.apply(self._schur_b, self._schur_x)
         self._bubbles.lift(self._schur_b, self._schur_x)
         self._launch(
-            jacobian_rows.pressure_correction, self._row_offsets, self._columns, up, self._scale, r, self._schur_x, z,
-            self._nodes, self._dimension,
+            jacobian_rows.pressure_correction, self._row_offsets, self._columns, up, r, self._schur_x, z,
+            self._nodes, self._dimension, self._alone,
         )  # fmt: skip
 
     def matrix(self) -> Any:

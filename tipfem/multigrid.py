@@ -23,10 +23,11 @@ from tipfem.background_grid import (
 )
 from tipfem.connectivity import accumulate
 from tipfem.cycle_kernels import coarse_cycle, down_grid, up_grid
-from tipfem.device import Buffers, chunks, settings, spread
+from tipfem.device import Buffers, alone, chunks, settings, spread
 from tipfem.mesh_cycle_kernels import damped_inverse_diagonals, down_mesh, up_mesh
 
 COARSEST_SWEEPS = 20
+ROW = 30.0  # nanoseconds that a thread takes for a particle's row in a sweep
 # On the CPU, levels of at most this many grid nodes are handled together by one thread in one launch.
 SERIAL_SIZE = 3000
 
@@ -65,7 +66,7 @@ class BackgroundMultigrid:
         )
         small = np.flatnonzero(sizes <= (SERIAL_SIZE if settings().get("arch") == "cpu" else 0))
         self._serial_from = int(small[0]) if len(small) else self.levels - 1
-        self._nodes = 0
+        self._nodes, self._alone = 0, False
 
     def build(self, position: Any, row_offsets: Any, columns: Any, values: Any, nodes: int) -> None:
         """Take over a Laplacian in CSR on ``nodes`` nodes at ``position`` (N, d), and form the coarse operators.
@@ -74,6 +75,7 @@ class BackgroundMultigrid:
         for Dirichlet conditions.
         """
         self._nodes, launch = nodes, self.buffers.launch
+        self._alone = alone(nodes, ROW)
         self._matrix = (row_offsets, columns, values)
         get, dim, parts = self.buffers.get, self.dimension, (chunks(), spread())
         self._cell, self._fraction = get("mg.cell", nodes, dim, integer=True), get("mg.fraction", nodes, dim)
@@ -98,7 +100,7 @@ class BackgroundMultigrid:
         self._residual, self._relax = get("mg.residual", nodes), get("mg.relax", nodes)
         launch(
             damped_inverse_diagonals, *self._matrix, self._relax, self._stencil, self._grid_relax, self._grid, nodes,
-            self.levels, dim,
+            self.levels, dim, self._alone,
         )  # fmt: skip
 
     def apply(self, b: Any, x: Any) -> None:
@@ -107,7 +109,7 @@ class BackgroundMultigrid:
         levels = (self._stencil, self._weights, self._grid_relax, self._x, self._b, self._r, self._grid)
         launch(
             down_mesh, b, x, self._residual, self._relax, *matrix, self._fraction, self._order, self._start, self._b,
-            self._grid, self._nodes, *parts, dim,
+            self._grid, self._nodes, chunks(), spread(self._alone), self._alone, dim,
         )  # fmt: skip
         for level in range(self._serial_from):
             launch(down_grid, *levels, level, *parts, dim)
@@ -116,7 +118,7 @@ class BackgroundMultigrid:
             launch(up_grid, *levels, level, *parts, dim)
         launch(
             up_mesh, b, x, self._residual, self._relax, *matrix, self._cell, self._fraction, self._x, self._grid,
-            self._nodes, dim,
+            self._nodes, dim, self._alone,
         )  # fmt: skip
 
 
