@@ -98,7 +98,15 @@ def orthogonalise(
             end = ti.min(start + BLOCK, last)
             for i in range(start, end):
                 v[i] = w[i]
-            for j in range(k + 1):
+            # Four at a time: loops that write are not done in vectors, and every round writes once.
+            for quarter in range((k + 1) // 4):
+                j = 4 * quarter
+                row = j * n
+                d0, d1, d2, d3 = partial[j], partial[j + 1], partial[j + 2], partial[j + 3]
+                for i in range(start, end):
+                    near = d0 * basis[row + i] + d1 * basis[row + n + i]
+                    v[i] = v[i] - near - (d2 * basis[row + 2 * n + i] + d3 * basis[row + 3 * n + i])
+            for j in range((k + 1) // 4 * 4, k + 1):
                 row = j * n
                 d = partial[j]
                 for i in range(start, end):
