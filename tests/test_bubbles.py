@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 import tipfem as tp
 from tipfem.bubbles import Bubbles
 from tipfem.conservation import bodies
-from tipfem.device import Buffers, Launcher, download
+from tipfem.device import Buffers, download
 from tipfem.fitting import with_fluids
 from tipfem.flow import ElementProperties, FlowProblem
 from tipfem.linear_system import Workspace
@@ -85,7 +85,7 @@ def test_a_lift_makes_the_equations_of_each_bubble_hold_in_the_sum():
     )
     b, x = rng.standard_normal((2, n))
     level = put("x", x)
-    found.lift(Launcher(), put("b", b), level)
+    found.lift(put("b", b), level)
     y = download(level, n)
     bubbles = sorted(light_components(mesh, n), key=min)
     largest = max(bubbles, key=len)

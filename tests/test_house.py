@@ -37,6 +37,7 @@ ORDER = [
     "fitting",
     "numerics",
     "array_launch",
+    "launcher",
     "device",
     "surgery",
     "grading_kernels",
@@ -86,7 +87,7 @@ ORDER = [
 ENTRANCES = {"__init__", "__main__"}  # may import any of ORDER, and are imported by none
 # The only files of tipfem/ that import Taichi.
 TAICHI = {
-    "array_launch", "device", "surgery", "grading_kernels", "interface_kernels", "conservation_kernels",
+    "array_launch", "launcher", "device", "surgery", "grading_kernels", "interface_kernels", "conservation_kernels",
     "remeshing_kernels", "connectivity", "element", "assembly", "jacobian_rows", "block_kernels", "balance_kernels",
     "wall_kernels", "background_grid", "grid_assembly", "mesh_cycle_kernels", "cycle_kernels", "krylov_kernels",
     "bubble_kernels", "relocation_kernels",

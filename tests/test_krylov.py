@@ -187,7 +187,7 @@ def test_largest_and_add(n):
     x = buffers.upload("x", np.concatenate([values, [99.0]]))
     assert largest(x, n, buffers) == 3.5
     y = buffers.upload("y", np.arange(n + 1.0))
-    add(x, y, -2.0, n)
+    add(x, y, -2.0, n, False)
     np.testing.assert_allclose(download(y, n + 1), [*(np.arange(n) - 2 * values), n], rtol=1e-15)
     for place in (0, n - 1):
         spoiled = values.copy()

@@ -19,6 +19,8 @@ from tipfem.element import (
     volume_change,
 )
 
+ELEMENT = 15.0  # nanoseconds that a thread takes for an element in `step_limits`
+
 
 def record_width(dim: int) -> int:
     """Entries of an element's linearisation, see `residual`."""
@@ -53,6 +55,36 @@ def get_matrix(record: ti.template(), e, start: ti.template(), dim: ti.template(
 def get_vector(record: ti.template(), e, start: ti.template(), dim: ti.template()):
     """Read a vector (dim,) from an element's record."""
     return ti.Vector([record[e, start + k] for k in ti.static(range(dim))])
+
+
+@ti.func
+def linearisation(record: ti.template(), e, dim: ti.template()):
+    """An element's linearisation, see `residual`: gradients g_1 ... g_d and c_1 ... c_d, sigma, l, q, J / rho grad p,
+    and the vector of w, A, A tau, J / rho and the viscosity."""
+    return (
+        get_matrix(record, e, 0, dim),
+        get_matrix(record, e, ti.static(dim * dim), dim),
+        get_matrix(record, e, ti.static(2 * dim * dim), dim),
+        get_matrix(record, e, ti.static(3 * dim * dim), dim),
+        get_vector(record, e, ti.static(4 * dim * dim), dim),
+        get_vector(record, e, ti.static(4 * dim * dim + dim), dim),
+        get_vector(record, e, ti.static(4 * dim * dim + 2 * dim), 5),
+    )
+
+
+@ti.func
+def gather_node(
+    local: ti.template(), offsets: ti.template(), corners: ti.template(), scale: ti.template(), out: ti.template(), i,
+    dim: ti.template(),
+):  # fmt: skip
+    """The entries of particle ``i`` in ``out``: sums of the element vectors at its corners, scaled."""
+    total = ti.Vector.zero(float, dim + 1)
+    for c in range(offsets[i], offsets[i + 1]):
+        at = corners[c]
+        for k in ti.static(range(dim + 1)):
+            total[k] += local[at, k]
+    for k in ti.static(range(dim + 1)):
+        out[i * (dim + 1) + k] = scale[i * (dim + 1) + k] * total[k]
 
 
 @ti.func
@@ -91,6 +123,8 @@ def residual(
         grad_p = ti.Vector.zero(float, dim)
         inertia = ti.Vector.zero(float, dim)
         mean_p = 0.0
+        # All is read before anything is written: the compiler does not keep what it has read beyond that.
+        accelerations = ti.Matrix.zero(float, dim + 1, dim)
         for a in ti.static(range(dim + 1)):
             i = cells[e, a]
             u = unknown(x, i, dim)
@@ -98,9 +132,13 @@ def residual(
             p = x[i * (dim + 1) + dim]
             h += u.outer_product(g)
             l_ref += (cv * u + row(velocity, i, dim)).outer_product(g)
-            inertia += (cm * u + row(acceleration, i, dim)) / (dim + 1)
+            acting = cm * u + row(acceleration, i, dim)
+            for k in ti.static(range(dim)):
+                accelerations[a, k] = acting[k]
+            inertia += acting / (dim + 1)
             grad_p += p * g
             mean_p += p / (dim + 1)
+        mu, rho, prescribed = viscosity[e], density[e], source[e]
         unit = ti.Matrix.identity(float, dim)
         f_inverse = (unit + cf * h).inverse()
         jacobian = 1.0 + volume_change(cf * h)
@@ -108,18 +146,17 @@ def residual(
         g_now = big_g @ f_inverse
         l = l_ref @ f_inverse
         grad_p = f_inverse.transpose() @ grad_p
-        sigma = cauchy_stress(l, mean_p, viscosity[e])
-        tau = stabilisation_time(area, density[e], viscosity[e], dt, factor, dim)
-        pressure_force = jacobian / density[e] * grad_p
+        sigma = cauchy_stress(l, mean_p, mu)
+        tau = stabilisation_time(area, rho, mu, dt, factor, dim)
+        pressure_force = jacobian / rho * grad_p
         q = inertia + pressure_force
-        mass = density[e] * area / (dim + 1)
-        growth = area * (volume_change(h) - source[e]) / (dim + 1)
+        mass = rho * area / (dim + 1)
+        growth = area * (volume_change(h) - prescribed) / (dim + 1)
         for a in ti.static(range(dim + 1)):
-            i = cells[e, a]
             g = gradient(g_now, a)
-            force = w * (sigma @ g) + mass * (cm * unknown(x, i, dim) + row(acceleration, i, dim))
+            force = w * (sigma @ g)
             for k in ti.static(range(dim)):
-                local[e * (dim + 1) + a, k] = force[k]
+                local[e * (dim + 1) + a, k] = force[k] + mass * accelerations[a, k]
             local[e * (dim + 1) + a, dim] = growth + area * tau * g.dot(q)
         # (M^T with rows c_b = J_{n+1} grad_{n+1} phi_b)
         put_matrix(record, e, 0, g_now)
@@ -133,12 +170,10 @@ def residual(
         record[e, tail] = w
         record[e, tail + 1] = area
         record[e, tail + 2] = area * tau
-        record[e, tail + 3] = jacobian / density[e]
-        record[e, tail + 4] = viscosity[e]
+        record[e, tail + 3] = jacobian / rho
+        record[e, tail + 4] = mu
     for i in range(nodes):
-        for k in ti.static(range(dim + 1)):
-            r = i * (dim + 1) + k
-            out[r] = scale[r] * gathered(local, corners, offsets[i], offsets[i + 1], k, dim + 1)
+        gather_node(local, offsets, corners, scale, out, i, dim)
 
 
 @ti.kernel
@@ -154,15 +189,8 @@ def jacobian_product(
     dl = (cv / cf) L - l L,  d(g_a . q) = g_a . (dq - L q),  dJ_{n+1} = sum_b c_b . du_b.
     """
     for e in range(elements):
-        g_now = get_matrix(record, e, 0, dim)
-        c_next = get_matrix(record, e, ti.static(dim * dim), dim)
-        sigma = get_matrix(record, e, ti.static(2 * dim * dim), dim)
-        l = get_matrix(record, e, ti.static(3 * dim * dim), dim)
-        q = get_vector(record, e, ti.static(4 * dim * dim), dim)
-        pressure_force = get_vector(record, e, ti.static(4 * dim * dim + dim), dim)
-        tail = ti.static(4 * dim * dim + 2 * dim)
-        w = record[e, tail]
-        area = record[e, tail + 1]
+        g_now, c_next, sigma, l, q, pressure_force, tail = linearisation(record, e, dim)
+        w, area = tail[0], tail[1]
         h = ti.Matrix.zero(float, dim, dim)
         grad_p = ti.Vector.zero(float, dim)
         mean_u = ti.Vector.zero(float, dim)
@@ -179,9 +207,9 @@ def jacobian_product(
             mean_p += p / (dim + 1)
             growth += gradient(c_next, a).dot(u)
         big_l = cf * h
-        stress = cauchy_stress(cv * h - l @ big_l, mean_p, record[e, tail + 4])
+        stress = cauchy_stress(cv * h - l @ big_l, mean_p, tail[4])
         stress += big_l.trace() * sigma - sigma @ big_l.transpose()
-        dq = cm * mean_u + big_l.trace() * pressure_force + record[e, tail + 3] * grad_p
+        dq = cm * mean_u + big_l.trace() * pressure_force + tail[3] * grad_p
         dq -= big_l.transpose() @ pressure_force + big_l @ q
         mass = density[e] * area / (dim + 1) * cm
         for a in ti.static(range(dim + 1)):
@@ -189,22 +217,21 @@ def jacobian_product(
             force = w * (stress @ g) + mass * unknown(x, cells[e, a], dim)
             for k in ti.static(range(dim)):
                 local[e * (dim + 1) + a, k] = force[k]
-            local[e * (dim + 1) + a, dim] = area / (dim + 1) * growth + record[e, tail + 2] * g.dot(dq)
+            local[e * (dim + 1) + a, dim] = area / (dim + 1) * growth + tail[2] * g.dot(dq)
     for i in range(nodes):
-        for k in ti.static(range(dim + 1)):
-            r = i * (dim + 1) + k
-            out[r] = scale[r] * gathered(local, corners, offsets[i], offsets[i + 1], k, dim + 1)
+        gather_node(local, offsets, corners, scale, out, i, dim)
 
 
 @ti.kernel
 def step_limits(
     cells: ti.types.ndarray(), position: ti.types.ndarray(), target: ti.types.ndarray(), x: ti.types.ndarray(),
     partial: ti.types.ndarray(), result: ti.types.ndarray(),
-    elements: ti.i32, nodes: ti.i32, parts: ti.i32, spread: ti.template(), dim: ti.template(),
+    elements: ti.i32, nodes: ti.i32, parts: ti.i32, spread: ti.template(), alone: ti.template(), dim: ti.template(),
 ):  # fmt: skip
     """result: smallest J_{n+1}, largest |u|^2 over the square of the particle's ``target`` (N,), and how many entries
     of ``x`` are not finite.
     """
+    ti.loop_config(serialize=alone)
     for t in range(parts * spread):
         smallest = 1e30
         largest = 0.0

@@ -7,7 +7,7 @@
 import taichi as ti
 
 from tipfem.array_launch import on_arrays
-from tipfem.assembly import gathered, get_matrix, get_vector, unknown
+from tipfem.assembly import gathered, linearisation, unknown
 from tipfem.device import part_of
 
 WORKS = 6  # sums of `step_work` before the force of the walls
@@ -37,12 +37,8 @@ def step_work(
         holding = ti.Vector.zero(float, dim)
         first, last = part_of(t, parts, spread, elements)
         for e in range(first, last):
-            g_now = get_matrix(record, e, 0, dim)
-            l = get_matrix(record, e, ti.static(3 * dim * dim), dim)
-            q = get_vector(record, e, ti.static(4 * dim * dim), dim)
-            pressure_force = get_vector(record, e, ti.static(4 * dim * dim + dim), dim)
-            tail = ti.static(4 * dim * dim + 2 * dim)
-            w, area = record[e, tail], record[e, tail + 1]
+            g_now, _c_next, _sigma, l, q, pressure_force, tail = linearisation(record, e, dim)
+            w, area = tail[0], tail[1]
             big_l = ti.Matrix.zero(float, dim, dim)
             mean_p = 0.0
             # grad phi_0 = -sum of the others
@@ -51,7 +47,7 @@ def step_work(
                 big_l += (unknown(x, cells[e, a], dim) - unknown(x, cells[e, 0], dim)).outer_product(g)
             for a in ti.static(range(dim + 1)):
                 mean_p += x[cells[e, a] * (dim + 1) + dim] / (dim + 1)
-            stress = record[e, tail + 4] * (l + l.transpose())
+            stress = tail[4] * (l + l.transpose())
             h = (ti.Matrix.identity(float, dim) - cf * big_l).inverse() @ big_l
             second = 0.5 * (h.trace() * h.trace() - (h @ h).trace())
             growth = (2.0 * cf - 1.0) * second
@@ -60,7 +56,7 @@ def step_work(
             works[0] += dt * w * (stress * l).sum()
             works[1] += w * (stress * big_l).sum()
             works[2] += area * mean_p * growth
-            works[3] += record[e, tail + 2] * pressure_force.dot(q) / record[e, tail + 3]
+            works[3] += tail[2] * pressure_force.dot(q) / tail[3]
             works[4] += area * mean_p * source[e]
         first, last = part_of(t, parts, spread, nodes)
         for i in range(first, last):

@@ -85,4 +85,7 @@ def lift_bubbles(
                 missing -= values[s] * x[columns[s]]
         if energy[k] > 0.0:
             for m in range(offsets[k], offsets[k + 1]):
-                x[members[m]] = x[members[m]] + missing / energy[k]
+                i = members[m]
+                for s in range(row_offsets[i], row_offsets[i + 1]):
+                    if columns[s] == i and values[s] > 0.0:  # not where pressure is prescribed
+                        x[i] = x[i] + missing / energy[k]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tipfem import bubble_kernels
-from tipfem.device import Buffers, Launcher, download
+from tipfem.device import Buffers, download
 from tipfem.particles import Array
 
 # Without a jump of the density as large as this nothing is a bubble; with one, what is lighter than the geometric
@@ -33,26 +33,27 @@ class Bubbles:
         self, cells: Any, density: Any, extremes: tuple[float, float], shape: tuple[int, int, int],
         matrix: tuple[Any, Any, Any], buffers: Buffers,
     ) -> None:  # fmt: skip
-        self.count, self._matrix = 0, matrix
+        self.count, self._matrix, self._launch = 0, matrix, buffers.launch
         (lowest, highest), (elements, nodes, width) = extremes, shape
         if highest < JUMP * lowest:
             return
         label = buffers.get("bubbles.label", nodes, integer=True)
-        bubble_kernels.connect_light(
-            cells, density, label, float(np.sqrt(lowest * highest)), elements, nodes, width
-        )
+        limit = float(np.sqrt(lowest * highest))
+        buffers.launch(bubble_kernels.connect_light, cells, density, label, limit, elements, nodes, width)
         offsets, members = _small(download(label, nodes))
         self.count = len(offsets) - 1
         if not self.count:
             return
         self._offsets, self._members = buffers.upload("bubbles.offsets", offsets), buffers.upload("bubbles.at", members)
         self._energy = buffers.get("bubbles.energy", self.count)
-        bubble_kernels.bubble_energies(*matrix, label, self._offsets, self._members, self._energy, self.count)
+        buffers.launch(
+            bubble_kernels.bubble_energies, *matrix, label, self._offsets, self._members, self._energy, self.count
+        )
 
-    def lift(self, launch: Launcher, b: Any, x: Any) -> None:
+    def lift(self, b: Any, x: Any) -> None:
         """Set the level of x (N,) in every bubble so that the equations for b hold in the sum over its particles."""
         if self.count:
-            launch(
+            self._launch(
                 bubble_kernels.lift_bubbles, b, x, *self._matrix, self._offsets, self._members, self._energy, self.count
             )
 

@@ -5,9 +5,9 @@ never frees ndarrays of vectors. So all device arrays here are scalar ndarrays t
 used again; kernels are told how much of them is alive.
 """
 
+import contextlib
 import os
 import tempfile
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,8 @@ if "XDG_CACHE_HOME" not in os.environ and not (_home and os.access(_home, os.W_O
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 
 import taichi as ti  # noqa: E402  (the environment must be set before)
-from taichi.lang import impl  # noqa: E402
-from taichi.lang._ndarray import Ndarray  # noqa: E402
+
+from tipfem.launcher import Launcher, on_host, seen  # noqa: E402
 
 _ARCHES = {"cpu": ti.cpu, "cuda": ti.cuda}
 _PRECISIONS = {"f64": ti.f64, "f32": ti.f32}
@@ -55,7 +55,7 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
         options["cpu_max_num_threads"] = threads
     # "Starting on arch" is a bare print of Taichi's, and a missing GPU must be an error, not a CPU run.
     try:
-        with open(os.devnull, "w") as sink, _redirected(sink):
+        with open(os.devnull, "w") as sink, contextlib.redirect_stdout(sink):
             ti.init(arch=_ARCHES[arch], enable_fallback=False, **options)
     except Exception as error:
         raise RuntimeError(f"init: Taichi cannot start on {arch!r}: {error}") from error
@@ -88,12 +88,23 @@ def chunks() -> int:
     return 4096 if _running.get("arch") == "cuda" else 16
 
 
-def spread() -> int:
+def spread(alone: bool = False) -> int:
     """How many turns of a parallel loop each of those parts takes, all but one of them idle.
 
     On the CPU, Taichi hands 512 turns at least to a thread: a loop over as many parts as threads would run in one.
     """
-    return 1 if _running.get("arch") == "cuda" else 512
+    return 1 if alone or _running.get("arch") == "cuda" else 512
+
+
+def alone(turns: int, cost: float) -> bool:
+    """Whether loops of so many turns, ``cost`` nanoseconds each on one thread, had better be done by one thread.
+
+    To wake the others takes 10 to 50 us a loop. It is an argument ``alone`` of kernels; results are the same.
+    """
+    return _running.get("arch") == "cpu" and (_running["threads"] == 1 or turns * cost < WORTH_WAKING)
+
+
+WORTH_WAKING = 1.2e5  # [ns]
 
 
 @ti.func
@@ -108,10 +119,15 @@ def part_of(t, parts, spread: ti.template(), n):  # type: ignore[no-untyped-def]
 
 
 class Buffers:
-    """Device arrays by name, grown when needed and used again."""
+    """Device arrays by name, grown when needed and used again.
+
+    Attributes:
+        launch: starts kernels that work on them.
+    """
 
     def __init__(self) -> None:
         self._arrays: dict[str, Any] = {}
+        self.launch = Launcher()
 
     def get(self, name: str, rows: int, columns: int = 0, *, integer: bool = False) -> Any:
         """A device array with at least ``rows`` rows; what it holds is undefined.
@@ -128,6 +144,8 @@ class Buffers:
             if array is not None and array.shape[0] >= rows:
                 capacity = array.shape[0]
             shape = (capacity, columns) if columns else (capacity,)
+            if array is not None:
+                self.launch.forget()  # or the old one would be kept
             array = ti.ndarray(ti.i32 if integer else _PRECISIONS[_running["precision"]], shape)
             self._arrays[name] = array
         return array
@@ -143,10 +161,12 @@ class Buffers:
     def upload(self, name: str, values: np.ndarray) -> Any:
         """Copy a NumPy array of one or two dimensions into the device array of that name."""
         integer = values.dtype.kind in "iub"
-        values = np.ascontiguousarray(values, dtype=np.int32 if integer else real())
         columns = values.shape[1] if values.ndim == 2 else 0
         array = self.get(name, len(values), columns, integer=integer)
-        if len(values):
+        if on_host():
+            seen(array)[: len(values)] = values
+        elif len(values):
+            values = np.ascontiguousarray(values, dtype=np.int32 if integer else real())
             (_copy_rows if values.ndim == 2 else _copy)(values, array, len(values))
         return array
 
@@ -155,57 +175,10 @@ class Buffers:
         return sum(int(np.prod(a.shape)) * (4 if a.dtype in (ti.i32, ti.f32) else 8) for a in self._arrays.values())
 
 
-class Launcher:
-    """Starts kernels that are started many times with the same arguments.
-
-    Taichi looks at every argument of every call, which takes longer than many a kernel; here that is done once for each
-    kernel and its arguments. They must be device arrays and numbers; arrays are kept alive.
-    """
-
-    def __init__(self) -> None:
-        self._ready: dict[tuple[Any, ...], Callable[[], None]] = {}
-
-    def __call__(self, kernel: Any, *arguments: Any) -> None:
-        """Start ``kernel``."""
-        key = (kernel, *[id(a) if isinstance(a, Ndarray) else a for a in arguments])
-        start = self._ready.get(key)
-        if start is None:
-            start = self._ready[key] = _prepared(kernel, arguments)
-        start()
-
-
-def _prepared(kernel: Any, arguments: tuple[Any, ...]) -> Callable[[], None]:
-    """A function that starts a kernel with these arguments: what Taichi 1.7.4 does itself, less its checks."""
-    primal = kernel._primal
-    compiled = primal.compiled_kernels[primal.ensure_compiled(*arguments)]
-    arrays, reals, integers = [], [], []
-    # Templates are part of the compiled kernel.
-    pairs = zip(primal.arguments, arguments, strict=True)
-    for i, value in enumerate(v for a, v in pairs if not isinstance(a.annotation, ti.template)):
-        if isinstance(value, Ndarray):
-            arrays.append(((i,), value.arr))
-        elif isinstance(value, float):
-            reals.append(((i,), value))
-        else:
-            integers.append(((i,), int(value)))
-    program = impl.get_runtime().prog
-    data = program.compile_kernel(program.config(), program.get_device_caps(), compiled)
-
-    def start(_alive: Any = arguments) -> None:
-        context = compiled.make_launch_context()  # it serves one launch
-        for index, array in arrays:
-            context.set_arg_ndarray(index, array)
-        for index, real in reals:
-            context.set_arg_float(index, real)
-        for index, integer in integers:
-            context.set_arg_int(index, integer)
-        program.launch_kernel(data, context)
-
-    return start
-
-
 def download(array: Any, rows: int) -> np.ndarray:
     """The first ``rows`` rows of a device array, as a NumPy array."""
+    if on_host():
+        return seen(array)[:rows].copy()
     width = array.shape[1:]
     values = np.empty((rows, *width), dtype=np.int32 if array.dtype == ti.i32 else real())
     if rows:
@@ -244,20 +217,3 @@ def copy(source: Any, target: Any, n: int) -> None:
 def finish() -> None:
     """Wait until the device has done all that was asked of it; the CPU always has."""
     ti.sync()
-
-
-class _redirected:
-    """Standard output sent to ``sink`` inside a with-block."""
-
-    def __init__(self, sink: Any) -> None:
-        self.sink = sink
-
-    def __enter__(self) -> None:
-        import sys
-
-        self.saved, sys.stdout = sys.stdout, self.sink
-
-    def __exit__(self, *_: Any) -> None:
-        import sys
-
-        sys.stdout = self.saved

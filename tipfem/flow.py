@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tipfem import assembly, balance_kernels, block_kernels, krylov, krylov_kernels
-from tipfem.device import chunks, download, spread
+from tipfem.device import alone, chunks, download, spread
 from tipfem.errors import StepRefused
 from tipfem.linear_system import LinearSystem, Workspace
 from tipfem.mesh import Mesh, no_surface, parabola
@@ -136,9 +136,10 @@ class FlowProblem:
         fixed = particles.wall if walls is None else walls.fixed
         self._surface = free = mesh.surface or no_surface(len(mesh.position))
         self._flight = parabola(particles.velocity, body_force, scheme.dt)
-        block_kernels.row_scale(
-            *self._topology, self._position, self._density, self._viscosity, put("fixed", fixed | free.loose),
-            put("pinned", free.pinned), self._scale, scheme.cm, scheme.cv, particles.spacing, self.nodes, d,
+        buffers.launch(
+            block_kernels.row_scale, *self._topology, self._position, self._density, self._viscosity,
+            put("fixed", fixed | free.loose), put("pinned", free.pinned), self._scale,
+            scheme.cm, scheme.cv, particles.spacing, self.nodes, d,
         )  # fmt: skip
         self._walls = None if walls is None else WallRows(walls, d, self._scale, buffers)
         # A tank that moves stands still in its own frame, and so does the grid; the Laplacian is the same there.
@@ -176,8 +177,8 @@ class FlowProblem:
         Every row is scaled to the length [m] by which it would move its particle.
         """
         s = self.scheme
-        assembly.residual(
-            *self._topology, self._position, self._velocity, self._acceleration, self._density,
+        self.buffers.launch(
+            assembly.residual, *self._topology, self._position, self._velocity, self._acceleration, self._density,
             self._viscosity, self._source, x, self._scale, self._record, self._local, self._r,
             s.cm, s.cv, s.cf, s.dt, self.stabilisation, self.elements, self.nodes, self.dimension,
         )  # fmt: skip
@@ -202,8 +203,8 @@ class FlowProblem:
         """Work of each term at ``x``, where the last `residual` was; no `product` may come between."""
         result = np.zeros(balance_kernels.WORKS + self.dimension)
         parts = chunks()
-        balance_kernels.step_work(
-            *self._topology, self._record, self._source, self._local, self._wall, x,
+        self.buffers.launch(
+            balance_kernels.step_work, *self._topology, self._record, self._source, self._local, self._wall, x,
             self.buffers.get("work", parts, len(result)), result, self.scheme.cf, self.scheme.dt,
             self.elements, self.nodes, parts, spread(), self.dimension,
         )  # fmt: skip
@@ -233,16 +234,17 @@ class FlowProblem:
             self.product, self.precondition, self._r, self._dx, self.size,
             tolerance=tolerance, max_iterations=MAX_KRYLOV_ITERATIONS, buffers=self.buffers,
         )  # fmt: skip
-        krylov_kernels.add(self._dx, x, -1.0, self.size)
+        self.buffers.launch(krylov_kernels.add, self._dx, x, -1.0, self.size, alone(self.size, krylov.ENTRY))
         return result
 
     def limits(self, x: Any) -> StepLimits:
         """Smallest J_{n+1} and largest displacement of ``x``, relative to the tank's motion."""
         result = np.array([1e30, 0.0, 0.0])
-        parts = chunks()
-        assembly.step_limits(
-            self._topology[0], self._position, self._target, x, self.buffers.get("limits", parts, 3), result,
-            self.elements, self.nodes, parts, spread(), self.dimension,
+        parts, single = chunks(), alone(self.elements, assembly.ELEMENT)
+        self.buffers.launch(
+            assembly.step_limits, self._topology[0], self._position, self._target, x,
+            self.buffers.get("limits", parts, 3), result,
+            self.elements, self.nodes, parts, spread(single), single, self.dimension,
         )  # fmt: skip
         if self.walls is not None and self.walls.carried is not None:
             way = ((self.split(x)[0] - self.walls.carried) ** 2).sum(axis=1)

@@ -8,8 +8,18 @@ residual is. Vectors of unknowns and element records are laid out as in `tipfem.
 
 import taichi as ti
 
-from tipfem.assembly import get_matrix, get_vector, unknown
+from tipfem.assembly import linearisation, unknown
 from tipfem.element import gradient
+
+
+@ti.func
+def around(rows, own, other: ti.template()):
+    """Gradient of the shape function that comes ``other`` behind ``own``, round and round; see `gradient`."""
+    dim = ti.static(rows.n)
+    result = gradient(rows, other)
+    for a in ti.static(range(1, dim + 1)):
+        result = ti.select(own == a, gradient(rows, ti.static((a + other) % (dim + 1))), result)
+    return result
 
 
 @ti.kernel
@@ -34,71 +44,73 @@ def gather_rows(
     """
     for i in range(nodes):
         first, last = row_offsets[i], row_offsets[i + 1]
-        for s in range(first, last):
-            for k in ti.static(range(dim * dim)):
-                uu[s * dim * dim + k] = 0.0
-            for k in ti.static(range(dim)):
-                up[s * dim + k] = 0.0
-                pu[s * dim + k] = 0.0
-            pp[s] = 0.0
+        # The block on the diagonal is summed up here. Gradients add to zero: so do the blocks of an element, but for
+        # its mass and the inertia in the stabilisation.
+        own_uu, own_pp = ti.Matrix.zero(float, dim, dim), 0.0
+        own_up, own_pu = ti.Vector.zero(float, dim), ti.Vector.zero(float, dim)
+        scale_u, scale_p = ti.Vector.zero(float, dim), scale[i * (dim + 1) + dim]
+        for k in ti.static(range(dim)):
+            scale_u[k] = scale[i * (dim + 1) + k]
+        for t in range(first * dim * dim, last * dim * dim):
+            uu[t] = 0.0
+        for t in range(first * dim, last * dim):
+            up[t] = 0.0
+            pu[t] = 0.0
+        for t in range(first, last):
+            pp[t] = 0.0
         for c in range(offsets[i], offsets[i + 1]):
             e = corners[c] // (dim + 1)
-            own = corners[c] % (dim + 1)
-            g_now = get_matrix(record, e, 0, dim)
-            c_next = get_matrix(record, e, ti.static(dim * dim), dim)
-            sigma = get_matrix(record, e, ti.static(2 * dim * dim), dim)
-            l = get_matrix(record, e, ti.static(3 * dim * dim), dim)
-            q = get_vector(record, e, ti.static(4 * dim * dim), dim)
-            f = get_vector(record, e, ti.static(4 * dim * dim + dim), dim)
-            tail = ti.static(4 * dim * dim + 2 * dim)
-            w, area, stabilisation = record[e, tail], record[e, tail + 1], record[e, tail + 2]
-            w_mu = w * record[e, tail + 4]
-            big_m = cv * ti.Matrix.identity(float, dim) - cf * l
-            g_a = ti.Vector.zero(float, dim)
-            for a in ti.static(range(dim + 1)):
-                if own == a:
-                    g_a = gradient(g_now, a)
-            s_a = sigma @ g_a
-            m_a = big_m.transpose() @ g_a
-            a_f = g_a.dot(f)
-            for b in ti.static(range(dim + 1)):
-                j = cells[e, b]
-                g_b = gradient(g_now, b)
+            own = corners[c] - e * (dim + 1)
+            g_now, c_next, sigma, l, q, f, tail = linearisation(record, e, dim)
+            w, area, stabilisation = tail[0], tail[1], tail[2]
+            g_a = around(g_now, own, 0)
+            cross = w * cf * sigma
+            big_m = w * tail[4] * (cv * ti.Matrix.identity(float, dim) - cf * l)
+            s_a, m_a = cross @ g_a, big_m.transpose() @ g_a
+            f, q, by_pressure = stabilisation * cf * f, stabilisation * cf * q, stabilisation * tail[3]
+            a_f, inertia = g_a.dot(f), stabilisation * cm / (dim + 1) * g_a
+            pressure = -w / (dim + 1) * scale_u * g_a
+            for k in ti.static(range(dim)):
+                own_uu[k, k] += scale_u[k] * (density[e] * area / (dim + 1) * cm)
+            own_up += pressure
+            own_pu += (dim + 1) * scale_p * inertia
+            for other in ti.static(range(1, dim + 1)):
+                g_b = around(g_now, own, other)
                 both = g_a.dot(g_b)
-                block = w_mu * (both * big_m + g_b.outer_product(m_a))
-                block += w * cf * (s_a.outer_product(g_b) - (sigma @ g_b).outer_product(g_a))
-                mass = density[e] * area / (dim + 1) * cm
-                if j == i:
-                    for k in ti.static(range(dim)):
-                        block[k, k] += mass
-                change = cm / (dim + 1) * g_a + cf * (a_f * g_b - both * f - g_b.dot(q) * g_a)
-                growth = area / (dim + 1) * gradient(c_next, b) + stabilisation * change
+                block = both * big_m + g_b.outer_product(m_a)
+                block += s_a.outer_product(g_b) - (cross @ g_b).outer_product(g_a)
+                growth = area / (dim + 1) * around(c_next, own, other)
+                growth = scale_p * (growth + inertia + a_f * g_b - both * f - g_b.dot(q) * g_a)
+                value = scale_p * by_pressure * both
+                b = own + other
+                b -= ti.select(b > dim, dim + 1, 0)
                 s = places[c * (dim + 1) + b]
                 for k in ti.static(range(dim)):
                     for m in ti.static(range(dim)):
-                        t = s * dim * dim + k * dim + m
-                        uu[t] = uu[t] + block[k, m]
-                    t = s * dim + k
-                    up[t] = up[t] - w / (dim + 1) * g_a[k]
-                    pu[t] = pu[t] + growth[k]
-                pp[s] = pp[s] + stabilisation * record[e, tail + 3] * both
-        for s in range(first, last):
-            for k in ti.static(range(dim)):
-                for m in ti.static(range(dim)):
-                    t = s * dim * dim + k * dim + m
-                    uu[t] = scale[i * (dim + 1) + k] * uu[t]
-                up[s * dim + k] = scale[i * (dim + 1) + k] * up[s * dim + k]
-                pu[s * dim + k] = scale[i * (dim + 1) + dim] * pu[s * dim + k]
-            pp[s] = scale[i * (dim + 1) + dim] * pp[s]
+                        entry = scale_u[k] * block[k, m]
+                        own_uu[k, m] -= entry
+                        uu[s * dim * dim + k * dim + m] = uu[s * dim * dim + k * dim + m] + entry
+                    up[s * dim + k] = up[s * dim + k] + pressure[k]
+                    pu[s * dim + k] = pu[s * dim + k] + growth[k]
+                pp[s] = pp[s] + value
+                own_pu -= growth
+                own_pp -= value
+        for k in ti.static(range(dim)):
+            for m in ti.static(range(dim)):
+                uu[first * dim * dim + k * dim + m] = own_uu[k, m]
+            up[first * dim + k] = own_up[k]
+            pu[first * dim + k] = own_pu[k]
+        pp[first] = own_pp
 
 
 @ti.kernel
 def multiply(
     row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(),
     uu: ti.types.ndarray(), up: ti.types.ndarray(), pu: ti.types.ndarray(), pp: ti.types.ndarray(),
-    x: ti.types.ndarray(), out: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
+    x: ti.types.ndarray(), out: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(), alone: ti.template(),
 ):  # fmt: skip
     """out = K x."""
+    ti.loop_config(serialize=alone)
     for i in range(nodes):
         force = ti.Vector.zero(float, dim)
         growth = 0.0
@@ -120,9 +132,10 @@ def multiply(
 @ti.kernel
 def schur_right_side(
     row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), pu: ti.types.ndarray(), scale: ti.types.ndarray(),
-    r: ti.types.ndarray(), out: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
+    r: ti.types.ndarray(), out: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(), alone: ti.template(),
 ):  # fmt: skip
     """out (N,) = r_p - D r_u without the scale of the rows, from a scaled residual ``r``."""
+    ti.loop_config(serialize=alone)
     for i in range(nodes):
         row = i * (dim + 1) + dim
         total = r[row]
@@ -136,17 +149,18 @@ def schur_right_side(
 
 @ti.kernel
 def pressure_correction(
-    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), up: ti.types.ndarray(), scale: ti.types.ndarray(),
+    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), up: ti.types.ndarray(),
     r: ti.types.ndarray(), pressure: ti.types.ndarray(), out: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
+    alone: ti.template(),
 ):  # fmt: skip
-    """out = (r_u + G z_p, z_p) with z_p = ``pressure`` (N,), or 0 where it is prescribed and ``scale`` zero."""
+    """out = (r_u + G z_p, z_p) with z_p = ``pressure`` (N,), which is 0 where pressure is prescribed."""
+    ti.loop_config(serialize=alone)
     for i in range(nodes):
         u = unknown(r, i, dim)
         for s in range(row_offsets[i], row_offsets[i + 1]):
-            j = columns[s]
-            p = ti.select(scale[j * (dim + 1) + dim] > 0.0, pressure[j], 0.0)
+            p = pressure[columns[s]]
             for k in ti.static(range(dim)):
                 u[k] -= up[s * dim + k] * p
         for k in ti.static(range(dim)):
             out[i * (dim + 1) + k] = u[k]
-        out[i * (dim + 1) + dim] = ti.select(scale[i * (dim + 1) + dim] > 0.0, pressure[i], 0.0)
+        out[i * (dim + 1) + dim] = pressure[i]

@@ -1,5 +1,6 @@
 """Flexible GMRES on device vectors; no physics."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -7,9 +8,12 @@ from typing import Any
 import numpy as np
 
 from tipfem import krylov_kernels
-from tipfem.device import Buffers, chunks, spread
+from tipfem.device import Buffers, alone, chunks, spread
 
 Operator = Callable[[Any, Any], None]
+
+# Nanoseconds that a thread takes for an entry of a vector: of one vector, and of one to be made orthogonal to a few.
+ENTRY, ENTRY_OF_MANY = 2.0, 10.0
 
 # Vectors that the basis has room for at first; it grows by as many.
 ROOM = 16
@@ -53,46 +57,51 @@ def fgmres(
     Raises:
         FloatingPointError: a norm is not finite.
     """
-    parts = chunks()
+    single = alone(size, ENTRY)
+    parts = (chunks(), spread(single), single)
     basis = _Basis(size, tolerance, buffers)
     v, z, w = (buffers.get(f"krylov.{name}", size) for name in "vzw")
     out = np.zeros(1)
-    partial = buffers.get("krylov.partial", parts, 1)
-    krylov_kernels.start(right_side, v, basis.orthonormal, partial, out, size, parts, spread())
+    partial = buffers.get("krylov.partial", chunks(), 1)
+    buffers.launch(krylov_kernels.start, right_side, v, basis.orthonormal, partial, out, size, *parts)
     beta = float(out[0])
-    if not np.isfinite(beta):
+    if not math.isfinite(beta):
         raise FloatingPointError("the residual is not finite")
     if beta == 0.0:
-        krylov_kernels.fill(solution, 0.0, size)
+        buffers.launch(krylov_kernels.fill, solution, 0.0, size, single)
         return KrylovResult(0, 0.0, True)
     hessenberg = np.zeros((max_iterations + 1, max_iterations))
-    cosine, sine = np.zeros(max_iterations), np.zeros(max_iterations)
-    g = np.zeros(max_iterations + 1)
-    g[0] = beta
+    # Numbers of Python's own: they are few, and NumPy takes longer to look at each.
+    cosine: list[float] = []
+    sine: list[float] = []
+    g = [beta]
     k = 0
     while k < max_iterations and abs(g[k]) > tolerance * beta:
         preconditioner(v, z)
         operator(z, w)
         column = basis.extend(k, w, z, v)
-        if not np.isfinite(column).all():
+        if not all(map(math.isfinite, column)):
             raise FloatingPointError("a Krylov vector is not finite")
         for i in range(k):
             column[i], column[i + 1] = (
                 cosine[i] * column[i] + sine[i] * column[i + 1],
                 -sine[i] * column[i] + cosine[i] * column[i + 1],
             )
-        length = float(np.hypot(column[k], column[k + 1]))
+        length = math.hypot(column[k], column[k + 1])
         if length == 0.0:
             break
-        cosine[k], sine[k] = column[k] / length, column[k + 1] / length
+        cosine.append(column[k] / length)
+        sine.append(column[k + 1] / length)
         column[k], column[k + 1] = length, 0.0
         hessenberg[: k + 1, k] = column[: k + 1]
-        g[k + 1] = -sine[k] * g[k]
+        g.append(-sine[k] * g[k])
         g[k] *= cosine[k]
         k += 1
     weights = np.linalg.solve(np.triu(hessenberg[:k, :k]), g[:k]) if k else np.zeros(0)
-    krylov_kernels.combine(basis.directions, np.append(weights, 0.0), solution, k, size, parts, spread())
-    relative = abs(float(g[k])) / beta
+    buffers.launch(
+        krylov_kernels.combine, basis.directions, np.append(weights, 0.0), solution, k, size, *parts
+    )
+    relative = abs(g[k]) / beta
     return KrylovResult(k, relative, relative <= tolerance)
 
 
@@ -111,7 +120,7 @@ class _Basis:
         self.directions = self._buffers.grow("krylov.directions", room * self.size)
         self._room = room
 
-    def extend(self, k: int, w: Any, z: Any, v: Any) -> np.ndarray:
+    def extend(self, k: int, w: Any, z: Any, v: Any) -> list[float]:
         """Take over z_k = z and make of w = A z_k the vector v_{k+1}, in ``v`` too.
 
         Returns:
@@ -119,24 +128,27 @@ class _Basis:
         """
         if k + 2 > self._room:
             self._make_room(k + 2)
-        parts, column = chunks(), np.zeros(k + 2)
+        single = alone(self.size, ENTRY_OF_MANY)
+        parts, column = chunks(), [0.0] * (k + 2)
         partial = self._buffers.get("krylov.dots", parts * (k + 2))
         # Below it, what cancellation leaves is neither orthogonal enough nor of a length known well: once more.
         least = max(CANCELLED, ((self._loss + EPSILON) / self._loss_allowed) ** 2)
         for _ in range(2):
             out = np.zeros(k + 3)
-            krylov_kernels.orthogonalise(
-                self.orthonormal, self.directions, w, z, v, partial, out, k, self.size, parts, spread(), least
-            )
-            column[: k + 1] += out[: k + 1]
-            before, after = out[k + 1 :]
+            self._buffers.launch(
+                krylov_kernels.orthogonalise, self.orthonormal, self.directions, w, z, v, partial, out, k, self.size,
+                parts, spread(single), single, least,
+            )  # fmt: skip
+            *components, before, after = out.tolist()
+            for j, component in enumerate(components):
+                column[j] += component
             if not after < least * before:
                 break
             w, least = v, CANCELLED
         # One pass of Gram-Schmidt multiplies what is not orthogonal already by the cancellation.
-        grown = (self._loss + EPSILON) * np.sqrt(before / after) if after > 0 else self._loss_allowed
-        self._loss = min(max(self._loss, float(grown)), self._loss_allowed)
-        column[k + 1] = np.sqrt(max(after, 0.0))
+        grown = (self._loss + EPSILON) * math.sqrt(before / after) if after > 0 else self._loss_allowed
+        self._loss = min(max(self._loss, grown), self._loss_allowed)
+        column[k + 1] = math.sqrt(max(after, 0.0))
         return column
 
 
@@ -147,7 +159,8 @@ EPSILON = 2e-16
 
 def largest(x: Any, n: int, buffers: Buffers) -> float:
     """Largest |x_i| of the first ``n`` entries; NaN if one of them is."""
-    parts = chunks()
+    parts, single = chunks(), alone(n, ENTRY)
     out = np.zeros(2)
-    krylov_kernels.largest(x, buffers.get("krylov.partial_largest", parts, 2), out, n, parts, spread())
+    partial = buffers.get("krylov.partial_largest", parts, 2)
+    buffers.launch(krylov_kernels.largest, x, partial, out, n, parts, spread(single), single)
     return float("nan") if out[1] > 0 else float(out[0])

@@ -15,9 +15,10 @@ BLOCK = 512
 @ti.kernel
 def start(
     b: ti.types.ndarray(), v: ti.types.ndarray(), basis: ti.types.ndarray(), partial: ti.types.ndarray(),
-    out: ti.types.ndarray(), n: ti.i32, parts: ti.i32, spread: ti.template(),
+    out: ti.types.ndarray(), n: ti.i32, parts: ti.i32, spread: ti.template(), alone: ti.template(),
 ):  # fmt: skip
     """out[0] = |b|, v = v_0 = b / |b| (0 if b is 0)."""
+    ti.loop_config(serialize=alone)
     for t in range(parts * spread):
         first, last = part_of(t, parts, spread, n)
         total = 0.0
@@ -32,6 +33,7 @@ def start(
             total += partial[c, 0]
         out[0] = ti.sqrt(total)
         partial[0, 0] = ti.select(total > 0.0, 1.0 / ti.sqrt(total), 0.0)
+    ti.loop_config(serialize=alone)
     for t in range(parts * spread):
         first, last = part_of(t, parts, spread, n)
         factor = partial[0, 0]
@@ -44,13 +46,14 @@ def start(
 def orthogonalise(
     basis: ti.types.ndarray(), directions: ti.types.ndarray(), w: ti.types.ndarray(), z: ti.types.ndarray(),
     v: ti.types.ndarray(), partial: ti.types.ndarray(), out: ti.types.ndarray(),
-    k: ti.i32, n: ti.i32, parts: ti.i32, spread: ti.template(), cancelled: float,
+    k: ti.i32, n: ti.i32, parts: ti.i32, spread: ti.template(), alone: ti.template(), cancelled: float,
 ):  # fmt: skip
     """z_k = z; v = v_{k+1} = w less its components d_j along v_0 ... v_k, over the length of that.
 
     out: d (k + 1,), |w|^2, and |w|^2 - |d|^2, which is the length squared of what is left. Where that is less than
     the part ``cancelled`` of |w|^2, v is left as long as it is, for another pass.
     """
+    ti.loop_config(serialize=alone)
     for t in range(parts * spread):
         first, last = part_of(t, parts, spread, n)
         at = t // spread * (k + 2)
@@ -86,6 +89,7 @@ def orthogonalise(
             left = total if m == 0 else left - total * total
         out[k + 2] = left
         partial[k + 1] = ti.select(left < cancelled * out[k + 1], 1.0, 1.0 / ti.sqrt(left))
+    ti.loop_config(serialize=alone)
     for t in range(parts * spread):
         first, last = part_of(t, parts, spread, n)
         factor = partial[k + 1]
@@ -94,7 +98,15 @@ def orthogonalise(
             end = ti.min(start + BLOCK, last)
             for i in range(start, end):
                 v[i] = w[i]
-            for j in range(k + 1):
+            # Four at a time: loops that write are not done in vectors, and every round writes once.
+            for quarter in range((k + 1) // 4):
+                j = 4 * quarter
+                row = j * n
+                d0, d1, d2, d3 = partial[j], partial[j + 1], partial[j + 2], partial[j + 3]
+                for i in range(start, end):
+                    near = d0 * basis[row + i] + d1 * basis[row + n + i]
+                    v[i] = v[i] - near - (d2 * basis[row + 2 * n + i] + d3 * basis[row + 3 * n + i])
+            for j in range((k + 1) // 4 * 4, k + 1):
                 row = j * n
                 d = partial[j]
                 for i in range(start, end):
@@ -109,9 +121,10 @@ def orthogonalise(
 @ti.kernel
 def combine(
     directions: ti.types.ndarray(), weights: ti.types.ndarray(), x: ti.types.ndarray(),
-    k: ti.i32, n: ti.i32, parts: ti.i32, spread: ti.template(),
+    k: ti.i32, n: ti.i32, parts: ti.i32, spread: ti.template(), alone: ti.template(),
 ):  # fmt: skip
     """x = sum of weights[j] z_j over the ``k`` directions."""
+    ti.loop_config(serialize=alone)
     for t in range(parts * spread):
         first, last = part_of(t, parts, spread, n)
         for block in range((last - first + BLOCK - 1) // BLOCK):
@@ -126,25 +139,28 @@ def combine(
 
 
 @ti.kernel
-def fill(x: ti.types.ndarray(), value: float, n: ti.i32):
+def fill(x: ti.types.ndarray(), value: float, n: ti.i32, alone: ti.template()):
     """x_i = value for the first n entries."""
+    ti.loop_config(serialize=alone)
     for i in range(n):
         x[i] = value
 
 
 @ti.kernel
-def add(x: ti.types.ndarray(), y: ti.types.ndarray(), factor: float, n: ti.i32):
+def add(x: ti.types.ndarray(), y: ti.types.ndarray(), factor: float, n: ti.i32, alone: ti.template()):
     """y += factor x over the first ``n`` entries."""
+    ti.loop_config(serialize=alone)
     for i in range(n):
-        y[i] += factor * x[i]
+        y[i] = y[i] + factor * x[i]
 
 
 @ti.kernel
 def largest(
     x: ti.types.ndarray(), partial: ti.types.ndarray(), out: ti.types.ndarray(), n: ti.i32, parts: ti.i32,
-    spread: ti.template(),
+    spread: ti.template(), alone: ti.template(),
 ):  # fmt: skip
     """out: largest |x_i| of the first n entries, and how many of them are no numbers; ``out`` starts at zero."""
+    ti.loop_config(serialize=alone)
     for t in range(parts * spread):
         first, last = part_of(t, parts, spread, n)
         value = 0.0

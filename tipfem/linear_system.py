@@ -9,7 +9,7 @@ from scipy import sparse
 
 from tipfem import block_kernels, connectivity, jacobian_rows
 from tipfem.bubbles import Bubbles
-from tipfem.device import Buffers, Launcher, download
+from tipfem.device import Buffers, alone, download
 from tipfem.mesh import Mesh
 from tipfem.multigrid import BackgroundMultigrid
 from tipfem.particles import Array
@@ -21,6 +21,7 @@ GRID_SPACING = 2.0
 # The Schur complement is 0.54 to 0.99 of the Laplacian with the time integration's cm (stabilisation 0.25): near the
 # middle of that, a twentieth of the Krylov iterations is saved.
 SCHUR_SCALE = 1.3
+ROW = 30.0  # nanoseconds that a thread takes to multiply a particle's rows
 
 
 class Topology(NamedTuple):
@@ -61,9 +62,10 @@ class Workspace:
         cells = self.buffers.upload("cells", mesh.cells)
         offsets, cursor = (self.buffers.get(name, nodes + 1, integer=True) for name in ("offsets", "cursor"))
         corners = self.buffers.get("corners", elements * width, integer=True)
-        connectivity.count_uses(cells, offsets, elements, nodes, width)
-        connectivity.accumulate(offsets, cursor, nodes)
-        connectivity.list_uses(cells, offsets, cursor, corners, elements, nodes, width)
+        launch = self.buffers.launch
+        launch(connectivity.count_uses, cells, offsets, elements, nodes, width)
+        launch(connectivity.accumulate, offsets, cursor, nodes)
+        launch(connectivity.list_uses, cells, offsets, cursor, corners, elements, nodes, width)
         return Topology(cells, offsets, corners)
 
 
@@ -91,22 +93,27 @@ class LinearSystem:
         self._topology, self._density, self._scale, self._scheme = topology, density, scale, scheme
         self._nodes, self._dimension = len(mesh.position), mesh.dimension
         n, d = self._nodes, self._dimension
+        self._alone = alone(n, ROW)
         # Each corner names at most d neighbours.
         wide = buffers.get("wide", mesh.cells.size * d + n, integer=True)
         self._row_offsets = buffers.get("row_offsets", n + 1, integer=True)
-        connectivity.find_neighbours(*topology, wide, self._row_offsets, n, d)
-        count = connectivity.accumulate(self._row_offsets, buffers.get("cursor", n + 1, integer=True), n)
+        self._launch = launch = buffers.launch
+        launch(connectivity.find_neighbours, *topology, wide, self._row_offsets, n, d)
+        count = launch(connectivity.accumulate, self._row_offsets, buffers.get("cursor", n + 1, integer=True), n)
         self._columns = buffers.get("columns", count, integer=True)
         self._places = buffers.get("places", mesh.cells.size * (d + 1), integer=True)
-        connectivity.list_neighbours(*topology, wide, self._row_offsets, self._columns, self._places, n, d)
+        launch(
+            connectivity.list_neighbours, *topology, wide, self._row_offsets, self._columns, self._places, n, d
+        )
         widths = {"uu": d * d, "up": d, "pu": d, "pp": 1}
         self._blocks = tuple(buffers.get(f"rows.{name}", count * width) for name, width in widths.items())
         self._schur_b, self._schur_x = buffers.get("schur_b", n), buffers.get("schur_x", n)
         self._laplacian = values = buffers.get("laplacian", count)
-        block_kernels.pressure_laplacian(
-            *topology, position, density, scale, self._row_offsets, self._places, values, SCHUR_SCALE * scheme.cm, n, d
-        )
-        self.multigrid, self._launch = multigrid, Launcher()
+        launch(
+            block_kernels.pressure_laplacian, *topology, position, density, scale, self._row_offsets, self._places,
+            values, SCHUR_SCALE * scheme.cm, n, d,
+        )  # fmt: skip
+        self.multigrid = multigrid
         if frame is not mesh.position:
             position = buffers.upload("frame", frame)
         multigrid.build(position, self._row_offsets, self._columns, values, n)
@@ -118,16 +125,16 @@ class LinearSystem:
     def gather(self, record: Any) -> None:
         """Take over the elements' linearisation of the last residual."""
         s = self._scheme
-        jacobian_rows.gather_rows(
-            *self._topology, self._density, record, self._scale, self._row_offsets, self._places, *self._blocks,
-            s.cm, s.cv, s.cf, self._nodes, self._dimension,
+        self._launch(
+            jacobian_rows.gather_rows, *self._topology, self._density, record, self._scale, self._row_offsets,
+            self._places, *self._blocks, s.cm, s.cv, s.cf, self._nodes, self._dimension,
         )  # fmt: skip
 
     def product(self, v: Any, out: Any) -> None:
         """out = K v, the derivative of the scaled residual along ``v``."""
         self._launch(
             jacobian_rows.multiply, self._row_offsets, self._columns, *self._blocks, v, out, self._nodes,
-            self._dimension,
+            self._dimension, self._alone,
         )  # fmt: skip
 
     def precondition(self, r: Any, z: Any) -> None:
@@ -139,13 +146,13 @@ class LinearSystem:
         _uu, up, pu, _pp = self._blocks
         self._launch(
             jacobian_rows.schur_right_side, self._row_offsets, self._columns, pu, self._scale, r, self._schur_b,
-            self._nodes, self._dimension,
+            self._nodes, self._dimension, self._alone,
         )  # fmt: skip
         self.multigrid.apply(self._schur_b, self._schur_x)
-        self._bubbles.lift(self._launch, self._schur_b, self._schur_x)
+        self._bubbles.lift(self._schur_b, self._schur_x)
         self._launch(
-            jacobian_rows.pressure_correction, self._row_offsets, self._columns, up, self._scale, r, self._schur_x, z,
-            self._nodes, self._dimension,
+            jacobian_rows.pressure_correction, self._row_offsets, self._columns, up, r, self._schur_x, z,
+            self._nodes, self._dimension, self._alone,
         )  # fmt: skip
 
     def matrix(self) -> Any:

@@ -20,11 +20,12 @@ from tipfem.background_grid import (
 )
 from tipfem.connectivity import accumulate
 from tipfem.cycle_kernels import coarse_cycle, down_grid, up_grid
-from tipfem.device import Buffers, Launcher, chunks, settings, spread
+from tipfem.device import Buffers, alone, chunks, settings, spread
 from tipfem.grid_assembly import assemble_first, count_links, find_cells, lay_links, sort_into_cells
 from tipfem.mesh_cycle_kernels import damped_inverse_diagonals, down_mesh, up_mesh
 
 COARSEST_SWEEPS = 20
+ROW = 30.0  # nanoseconds that a thread takes for a particle's row in a sweep
 # On the CPU, levels of at most this many grid nodes are handled together by one thread in one launch.
 SERIAL_SIZE = 3000
 
@@ -63,7 +64,7 @@ class BackgroundMultigrid:
         )
         small = np.flatnonzero(sizes <= (SERIAL_SIZE if settings().get("arch") == "cpu" else 0))
         self._serial_from = int(small[0]) if len(small) else self.levels - 1
-        self._nodes, self._launch = 0, Launcher()
+        self._nodes, self._alone = 0, False
 
     def build(self, position: Any, row_offsets: Any, columns: Any, values: Any, nodes: int) -> None:
         """Take over a Laplacian in CSR on ``nodes`` nodes at ``position`` (N, d), and form the coarse operators.
@@ -71,54 +72,55 @@ class BackgroundMultigrid:
         All arguments are device arrays: row_offsets (N + 1,), columns and values. Rows sum to zero, but
         for Dirichlet conditions.
         """
-        self._nodes, self._launch = nodes, Launcher()
+        self._nodes, launch = nodes, self.buffers.launch
+        self._alone = alone(nodes, ROW)
         self._matrix = (row_offsets, columns, values)
         get, dim, parts = self.buffers.get, self.dimension, (chunks(), spread())
         self._start = get("mg.start", self._cells + 1, integer=True)
         cursor = get("mg.cursor", max(self._cells, nodes), integer=True)
 
-
         def settle_nodes(room: int) -> None:
             self._cell, self._fraction = get("mg.cell", room, dim, integer=True), get("mg.fraction", room, dim)
-            find_cells(
-                position, self._lower, self._grid, self._cell, self._fraction, self._start, self.spacing, nodes,
-                self._cells, dim,
+            launch(
+                find_cells, position, self._lower, self._grid, self._cell, self._fraction, self._start, self.spacing,
+                nodes, self._cells, dim,
             )  # fmt: skip
 
         settle_nodes(nodes)
         links = get("mg.links", nodes + 1, integer=True)
-        count_links(*self._matrix, self._cell, self._fraction, links, nodes, dim)
-        count = nodes + accumulate(links, cursor, nodes)
+        launch(count_links, *self._matrix, self._cell, self._fraction, links, nodes, dim)
+        count = nodes + launch(accumulate, links, cursor, nodes)
         rows, self._residual = get("mg.rows", count, 4**dim), get("mg.residual", count)
         if count > nodes:
             if count > self._cell.shape[0]:  # a larger array is an empty one
                 settle_nodes(count)
-            lay_links(
-                *self._matrix, self._cell, self._fraction, links, rows, self._residual, self._start, self._grid, nodes,
-                dim,
+            launch(
+                lay_links, *self._matrix, self._cell, self._fraction, links, rows, self._residual, self._start,
+                self._grid, nodes, dim,
             )  # fmt: skip
         self._order = get("mg.order", count, integer=True)
-        accumulate(self._start, cursor, self._cells)
-        sort_into_cells(self._cell, self._grid, self._start, cursor, self._order, count, self._cells, dim)
-        assemble_first(
-            self._cell, self._fraction, self._order, self._start, *self._matrix, rows, self._stencil, self._grid, nodes,
-            *parts, dim,
+        launch(accumulate, self._start, cursor, self._cells)
+        launch(sort_into_cells, self._cell, self._grid, self._start, cursor, self._order, count, self._cells, dim)
+        launch(
+            assemble_first, self._cell, self._fraction, self._order, self._start, *self._matrix, rows, self._stencil,
+            self._grid, nodes, *parts, dim,
         )  # fmt: skip
         for fine, coarse, axis in self._passes:
-            weigh_sides(self._stencil, self._weights, self._grid, fine, *parts, axis, dim)
-            coarsen_axis(self._stencil, self._weights, self._grid, fine, coarse, *parts, axis, dim)
+            launch(weigh_sides, self._stencil, self._weights, self._grid, fine, *parts, axis, dim)
+            launch(coarsen_axis, self._stencil, self._weights, self._grid, fine, coarse, *parts, axis, dim)
         self._relax = get("mg.relax", nodes)
-        damped_inverse_diagonals(
-            *self._matrix, self._relax, self._stencil, self._grid_relax, self._grid, nodes, self.levels, dim
-        )
+        launch(
+            damped_inverse_diagonals, *self._matrix, self._relax, self._stencil, self._grid_relax, self._grid, nodes,
+            self.levels, dim, self._alone,
+        )  # fmt: skip
 
     def apply(self, b: Any, x: Any) -> None:
         """One V(1,1)-cycle from zero: x (N,) approximates the solution of the Laplacian for b (N,)."""
-        matrix, dim, launch, parts = self._matrix, self.dimension, self._launch, (chunks(), spread())
+        matrix, dim, launch, parts = self._matrix, self.dimension, self.buffers.launch, (chunks(), spread())
         levels = (self._stencil, self._weights, self._grid_relax, self._x, self._b, self._r, self._grid)
         launch(
             down_mesh, b, x, self._residual, self._relax, *matrix, self._fraction, self._order, self._start, self._b,
-            self._grid, self._nodes, *parts, dim,
+            self._grid, self._nodes, chunks(), spread(self._alone), self._alone, dim,
         )  # fmt: skip
         for level in range(self._serial_from):
             launch(down_grid, *levels, level, *parts, dim)
@@ -127,7 +129,7 @@ class BackgroundMultigrid:
             launch(up_grid, *levels, level, *parts, dim)
         launch(
             up_mesh, b, x, self._residual, self._relax, *matrix, self._cell, self._fraction, self._x, self._grid,
-            self._nodes, dim,
+            self._nodes, dim, self._alone,
         )  # fmt: skip
 
 

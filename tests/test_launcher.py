@@ -1,0 +1,96 @@
+"""Kernels that are started through what was prepared for their arrays, and loops that one thread does."""
+
+import numpy as np
+import pytest
+import taichi as ti
+
+from tipfem import krylov_kernels
+from tipfem.device import Buffers, alone, chunks, download, init, settings, spread
+from tipfem.launcher import Launcher
+
+
+@ti.kernel
+def scaled(source: ti.types.ndarray(), target: ti.types.ndarray(), factor: float, n: ti.i32, twice: ti.template()):
+    for i in range(n):
+        target[i] = factor * source[i] * (2.0 if ti.static(twice) else 1.0)
+
+
+@ti.kernel
+def count(values: ti.types.ndarray(), n: ti.i32) -> ti.i32:
+    total = 0
+    for i in range(n):
+        total += values[i]
+    return total
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _runtime():
+    init()
+
+
+def test_numbers_and_templates_may_change_from_launch_to_launch():
+    buffers, values = Buffers(), np.arange(20.0)
+    source, target = buffers.upload("a", values), buffers.get("b", 20)
+    for factor, n, twice in ((1.0, 20, False), (3, 20, False), (-2.0, 20, True), (5.0, 7, False)):
+        expected = download(target, 20)
+        expected[:n] = factor * values[:n] * (2 if twice else 1)
+        buffers.launch(scaled, source, target, factor, n, twice)
+        np.testing.assert_array_equal(download(target, 20), expected)
+
+
+def test_arrays_of_numpy_are_those_of_this_launch():
+    buffers = Buffers()
+    target = buffers.get("b", 5)
+    for k in range(3):
+        buffers.launch(scaled, np.full(5, float(k)), target, 2.0, 5, False)
+        assert (download(target, 5) == 2 * k).all()
+    out = np.zeros(5)
+    buffers.launch(scaled, target, out, 0.5, 5, False)
+    assert (out == 2).all()
+
+
+def test_what_a_kernel_returns_comes_back():
+    buffers = Buffers()
+    values = buffers.upload("a", np.arange(10))
+    assert [buffers.launch(count, values, n) for n in (10, 3, 0)] == [45, 3, 0]
+
+
+def test_arrays_that_have_grown_are_used_and_the_old_ones_let_go():
+    buffers = Buffers()
+    for n in (16, 40, 1000):
+        source, target = buffers.upload("a", np.ones(n)), buffers.get("b", n)
+        buffers.launch(scaled, source, target, 4.0, n, False)
+        assert (download(target, n) == 4).all()
+        assert len(buffers.launch._ready) == 1
+
+
+def test_two_launchers_do_not_meet():
+    one, two, buffers = Launcher(), Launcher(), Buffers()
+    source, target = buffers.upload("a", np.ones(16)), buffers.get("b", 16)
+    one(scaled, source, target, 2.0, 16, False)
+    two(scaled, source, target, 3.0, 16, False)
+    assert (download(target, 16) == 3).all()
+    assert not buffers.launch._ready
+
+
+@pytest.mark.parametrize("size", [1, 700, 40_000])
+def test_one_thread_and_all_of_them_give_the_same_bits(size):
+    buffers, rng = Buffers(), np.random.default_rng(size)
+    w, z, found = buffers.upload("w", rng.normal(size=size)), buffers.upload("z", rng.normal(size=size)), []
+    start = rng.normal(size=3 * size)
+    for single in (False, True):
+        basis, out = buffers.upload("basis", start), np.zeros(4)
+        v, partial = buffers.get("v", size), buffers.get("partial", chunks() * 3)
+        buffers.launch(
+            krylov_kernels.orthogonalise, basis, buffers.get("directions", 2 * size), w, z, v, partial, out, 1, size,
+            chunks(), spread(single), single, 0.0,
+        )  # fmt: skip
+        found.append(np.concatenate([download(v, size), download(basis, 3 * size), out]))
+    np.testing.assert_array_equal(*found)
+
+
+def test_short_loops_are_left_to_one_thread():
+    if settings()["threads"] != 1:
+        assert alone(100, 10.0)
+        assert not alone(1_000_000, 10.0)
+    assert spread(True) == 1
