@@ -124,30 +124,6 @@ def fine_start(grid: ti.template(), fine, coarse, line, axis: ti.template(), dim
     return line_at(grid, fine, one, two, dim)
 
 
-@ti.kernel
-def weigh_sides(
-    stencil: ti.types.ndarray(), weights: ti.types.ndarray(), grid: ti.types.ndarray(), fine: ti.i32,
-    parts: ti.i32, spread: ti.template(), axis: ti.template(), dim: ti.template(),
-):  # fmt: skip
-    """weights, laid out as a grid is: the part of a node's value along an axis that comes from the lower side."""
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, lines(grid, fine))
-        for line in range(first, last):
-            size, inside = grid[fine, SIZE], line_start(grid, fine, line, dim)
-            entries = grid[fine, STENCIL] + inside
-            apart = ti.static(PLACES ** (dim - 1 - axis))
-            for j in range(grid[fine, SHAPE + 2]):
-                lower, upper = 0.0, 0.0
-                for others in range(ti.static(PLACES ** (dim - 1))):
-                    base = others // apart * (apart * PLACES) + others % apart
-                    for k in ti.static(range(REACH)):
-                        lower -= stencil[entries + (base + k * apart) * size + j]
-                        upper -= stencil[entries + (base + (PLACES - 1 - k) * apart) * size + j]
-                lower, upper = ti.max(lower, 0.0), ti.max(upper, 0.0)
-                both = lower + upper
-                weights[grid[fine, START] + inside + j] = ti.select(both > 0.0, lower / ti.max(both, 1e-300), 0.5)
-
-
 def parents(place: int) -> list[tuple[int, int, int, int]]:
     """Coarsening along one axis: which entries of the fine grid add to the entry ``place`` of the coarse one.
 
@@ -163,46 +139,102 @@ def parents(place: int) -> list[tuple[int, int, int, int]]:
     return found
 
 
+@ti.func
+def _weigh_line(
+    stencil: ti.template(), weights: ti.template(), grid: ti.template(), fine, line, axis: ti.template(),
+    dim: ti.template(),
+):  # fmt: skip
+    """Weights of a line of a grid, laid out as it is: the part of a node's value along an axis that comes from the
+    lower side.
+    """
+    size, inside = grid[fine, SIZE], line_start(grid, fine, line, dim)
+    entries = grid[fine, STENCIL] + inside
+    apart = ti.static(PLACES ** (dim - 1 - axis))
+    for j in range(grid[fine, SHAPE + 2]):
+        lower, upper = 0.0, 0.0
+        for others in range(ti.static(PLACES ** (dim - 1))):
+            base = others // apart * (apart * PLACES) + others % apart
+            for k in ti.static(range(REACH)):
+                lower -= stencil[entries + (base + k * apart) * size + j]
+                upper -= stencil[entries + (base + (PLACES - 1 - k) * apart) * size + j]
+        lower, upper = ti.max(lower, 0.0), ti.max(upper, 0.0)
+        both = lower + upper
+        weights[grid[fine, START] + inside + j] = ti.select(both > 0.0, lower / ti.max(both, 1e-300), 0.5)
+
+
+@ti.func
+def _coarsen_line(
+    stencil: ti.template(), weights: ti.template(), grid: ti.template(), fine, coarse, line, axis: ti.template(),
+    dim: ti.template(),
+):  # fmt: skip
+    """A line of the Galerkin product along one axis with these weights; P^T A P takes one for each axis."""
+    from_size, to_size = grid[fine, SIZE], grid[coarse, SIZE]
+    to = grid[coarse, STENCIL] + line_start(grid, coarse, line, dim)
+    inside = fine_start(grid, fine, coarse, line, axis, dim)
+    at, points = grid[fine, STENCIL] + inside, grid[fine, START] + inside
+    step = ti.static(2 if axis == dim - 1 else 1)
+    stride = axis_stride(grid, fine, axis, dim)
+    apart = ti.static(PLACES ** (dim - 1 - axis))
+    for others in range(ti.static(PLACES ** (dim - 1))):
+        # The place along the axis is zero here; all others are what ``others`` counts, and where its column is.
+        base = others // apart * (apart * PLACES) + others % apart
+        shift = 0
+        rest = others
+        for k in ti.static(range(dim - 1, -1, -1)):
+            if ti.static(k != axis):
+                shift += (rest % PLACES - REACH) * axis_stride(grid, fine, k, dim)
+                rest = rest // PLACES
+        for place in ti.static(range(PLACES)):
+            target = to + (base + place * apart) * to_size
+            source = at + base * from_size
+            for j in range(grid[coarse, SHAPE + 2]):
+                total = 0.0
+                for near, fine_place, column, side in ti.static(parents(place)):
+                    row = near * stride + step * j
+                    value = stencil[source + fine_place * apart * from_size + row]
+                    if ti.static(near == -1):
+                        value *= 1.0 - weights[points + row]
+                    if ti.static(near == 1):
+                        value *= weights[points + row]
+                    if ti.static(side == -1):
+                        value *= weights[points + shift + column * stride + step * j]
+                    if ti.static(side == 1):
+                        value *= 1.0 - weights[points + shift + column * stride + step * j]
+                    total += value
+                stencil[target + j] = total
+
+
 @ti.kernel
 def coarsen_axis(
-    stencil: ti.types.ndarray(), weights: ti.types.ndarray(), grid: ti.types.ndarray(), fine: ti.i32, coarse: ti.i32,
+    stencil: ti.types.ndarray(), weights: ti.types.ndarray(), grid: ti.types.ndarray(), fine: ti.i32,
     parts: ti.i32, spread: ti.template(), axis: ti.template(), dim: ti.template(),
 ):  # fmt: skip
-    """Galerkin product along one axis with the interpolation of `weigh_sides`; P^T A P takes one for each axis."""
+    """Weights of a grid along an axis, and the Galerkin product on the one that is coarser along it."""
     for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, lines(grid, fine))
+        for line in range(first, last):
+            _weigh_line(stencil, weights, grid, fine, line, axis, dim)
+    for t in range(parts * spread):
+        coarse = grid[fine, NEXT]
         first, last = part_of(t, parts, spread, lines(grid, coarse))
         for line in range(first, last):
-            from_size, to_size = grid[fine, SIZE], grid[coarse, SIZE]
-            to = grid[coarse, STENCIL] + line_start(grid, coarse, line, dim)
-            inside = fine_start(grid, fine, coarse, line, axis, dim)
-            at, points = grid[fine, STENCIL] + inside, grid[fine, START] + inside
-            step = ti.static(2 if axis == dim - 1 else 1)
-            stride = axis_stride(grid, fine, axis, dim)
-            apart = ti.static(PLACES ** (dim - 1 - axis))
-            for others in range(ti.static(PLACES ** (dim - 1))):
-                # The place along the axis is zero here; all others are what ``others`` counts, and where its column is.
-                base = others // apart * (apart * PLACES) + others % apart
-                shift = 0
-                rest = others
-                for k in ti.static(range(dim - 1, -1, -1)):
-                    if ti.static(k != axis):
-                        shift += (rest % PLACES - REACH) * axis_stride(grid, fine, k, dim)
-                        rest = rest // PLACES
-                for place in ti.static(range(PLACES)):
-                    target = to + (base + place * apart) * to_size
-                    source = at + base * from_size
-                    for j in range(grid[coarse, SHAPE + 2]):
-                        total = 0.0
-                        for near, fine_place, column, side in ti.static(parents(place)):
-                            row = near * stride + step * j
-                            value = stencil[source + fine_place * apart * from_size + row]
-                            if ti.static(near == -1):
-                                value *= 1.0 - weights[points + row]
-                            if ti.static(near == 1):
-                                value *= weights[points + row]
-                            if ti.static(side == -1):
-                                value *= weights[points + shift + column * stride + step * j]
-                            if ti.static(side == 1):
-                                value *= 1.0 - weights[points + shift + column * stride + step * j]
-                            total += value
-                        stencil[target + j] = total
+            _coarsen_line(stencil, weights, grid, fine, coarse, line, axis, dim)
+
+
+@ti.kernel
+def coarsen_rest(
+    stencil: ti.types.ndarray(), weights: ti.types.ndarray(), grid: ti.types.ndarray(), first: ti.i32, levels: ti.i32,
+    dim: ti.template(),
+):  # fmt: skip
+    """The same from level ``first`` down to the coarsest, in one thread."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        for level in range(first, levels - 1):
+            fine = level
+            for axis in ti.static(range(dim - 1, -1, -1)):
+                coarse = grid[fine, NEXT]
+                for line in range(lines(grid, fine)):
+                    _weigh_line(stencil, weights, grid, fine, line, axis, dim)
+                for line in range(lines(grid, coarse)):
+                    _coarsen_line(stencil, weights, grid, fine, coarse, line, axis, dim)
+                fine = coarse

@@ -16,7 +16,7 @@ from tipfem.background_grid import (
     REACH,
     STENCIL,
     coarsen_axis,
-    weigh_sides,
+    coarsen_rest,
 )
 from tipfem.connectivity import accumulate
 from tipfem.cycle_kernels import coarse_cycle, down_grid, up_grid
@@ -105,9 +105,11 @@ class BackgroundMultigrid:
             assemble_first, self._cell, self._fraction, self._order, self._start, *self._matrix, rows, self._stencil,
             self._grid, nodes, *parts, dim,
         )  # fmt: skip
-        for fine, coarse, axis in self._passes:
-            launch(weigh_sides, self._stencil, self._weights, self._grid, fine, *parts, axis, dim)
-            launch(coarsen_axis, self._stencil, self._weights, self._grid, fine, coarse, *parts, axis, dim)
+        operators = (self._stencil, self._weights, self._grid)
+        for level, fine, axis in self._passes:
+            if level < self._serial_from:
+                launch(coarsen_axis, *operators, fine, *parts, axis, dim)
+        launch(coarsen_rest, *operators, self._serial_from, self.levels, dim)
         self._relax = get("mg.relax", nodes)
         launch(
             damped_inverse_diagonals, *self._matrix, self._relax, self._stencil, self._grid_relax, self._grid, nodes,
@@ -137,10 +139,10 @@ def _layout(shapes: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int, int]]]
     """Where levels of ``shapes`` (L, d) lie, see `tipfem.background_grid`, and the passes that coarsen them.
 
     Behind the levels come those that stand between two of them, coarser along some axes only; they have stencils
-    alone. A pass is (fine, coarse, axis).
+    alone. A pass is (level, grid, axis): from a level's grid, coarsened so far, to the next along an axis.
     """
     levels, dim = shapes.shape
-    every, passes = [list(map(int, shape)) for shape in shapes], []
+    every, passes, after = [list(map(int, shape)) for shape in shapes], [], []
     for level in range(levels - 1):
         fine, shape = level, list(every[level])
         for axis in reversed(range(dim)):
@@ -148,7 +150,8 @@ def _layout(shapes: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int, int]]]
             coarse = level + 1 if axis == 0 else len(every)
             if axis:
                 every.append(list(shape))
-            passes.append((fine, coarse, axis))
+            passes.append((level, fine, axis))
+            after.append(coarse)
             fine = coarse
     grid = np.zeros((len(every), 9), dtype=np.int32)
     # Loops may look, to no effect, a little beyond the rim; also before the first grid and behind the last one.
@@ -163,6 +166,6 @@ def _layout(shapes: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int, int]]]
         row[:] = [start, size, *[1] * (3 - dim), *shape, *[0] * (3 - dim), *strides, stencil, 0]
         start += size
         stencil += size * PLACES**dim
-    for fine, coarse, _ in passes:
+    for (_, fine, _), coarse in zip(passes, after, strict=True):
         grid[fine, NEXT] = coarse
     return grid, passes
