@@ -101,9 +101,14 @@ def _prolong(
 def down_grid(
     stencil: ti.types.ndarray(), weights: ti.types.ndarray(), relax: ti.types.ndarray(), x: ti.types.ndarray(),
     b: ti.types.ndarray(), r: ti.types.ndarray(), grid: ti.types.ndarray(), level: ti.i32, parts: ti.i32,
-    spread: ti.template(), dim: ti.template(),
+    spread: ti.template(), alone: ti.template(), dim: ti.template(),
 ):  # fmt: skip
-    """One sweep from zero on a grid, and what is left restricted to the next coarser one."""
+    """One sweep from zero on a grid, and what is left restricted to the next coarser one.
+
+    ``alone`` concerns all but the residual, which takes most of the time.
+    """
+    light = ti.static(1 if alone else spread)
+    ti.loop_config(serialize=alone)
     for t in range(grid[level, SIZE]):
         at = grid[level, START] + t
         x[at] = relax[at] * b[at]
@@ -112,18 +117,21 @@ def down_grid(
         for line in range(first, last):
             _subtract_product(stencil, x, b, r, grid, level, line, dim)
     one = grid[level, NEXT]
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, lines(grid, one))
+    ti.loop_config(serialize=alone)
+    for t in range(parts * light):
+        first, last = part_of(t, parts, light, lines(grid, one))
         for line in range(first, last):
             _restrict(r, b, weights, grid, level, one, line, ti.static(dim - 1), dim)
     two = grid[one, NEXT]
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, lines(grid, two))
+    ti.loop_config(serialize=alone)
+    for t in range(parts * light):
+        first, last = part_of(t, parts, light, lines(grid, two))
         for line in range(first, last):
             _restrict(b, b, weights, grid, one, two, line, ti.static(dim - 2), dim)
     if ti.static(dim == 3):
-        for t in range(parts * spread):
-            first, last = part_of(t, parts, spread, lines(grid, level + 1))
+        ti.loop_config(serialize=alone)
+        for t in range(parts * light):
+            first, last = part_of(t, parts, light, lines(grid, level + 1))
             for line in range(first, last):
                 _restrict(b, b, weights, grid, two, level + 1, line, 0, dim)
 
@@ -192,28 +200,33 @@ def coarse_cycle(
 def up_grid(
     stencil: ti.types.ndarray(), weights: ti.types.ndarray(), relax: ti.types.ndarray(), x: ti.types.ndarray(),
     b: ti.types.ndarray(), r: ti.types.ndarray(), grid: ti.types.ndarray(), level: ti.i32, parts: ti.i32,
-    spread: ti.template(), dim: ti.template(),
+    spread: ti.template(), alone: ti.template(), dim: ti.template(),
 ):  # fmt: skip
-    """The coarser grid's correction added on ``level``, and one sweep."""
+    """The coarser grid's correction added on ``level``, and one sweep; ``alone`` as in `down_grid`."""
+    light = ti.static(1 if alone else spread)
     one = grid[level, NEXT]
     two = grid[one, NEXT]
     if ti.static(dim == 3):
-        for t in range(parts * spread):
-            first, last = part_of(t, parts, spread, lines(grid, two))
+        ti.loop_config(serialize=alone)
+        for t in range(parts * light):
+            first, last = part_of(t, parts, light, lines(grid, two))
             for line in range(first, last):
                 _prolong(x, weights, grid, two, level + 1, line, 0, dim)
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, lines(grid, one))
+    ti.loop_config(serialize=alone)
+    for t in range(parts * light):
+        first, last = part_of(t, parts, light, lines(grid, one))
         for line in range(first, last):
             _prolong(x, weights, grid, one, two, line, ti.static(dim - 2), dim)
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, lines(grid, level))
+    ti.loop_config(serialize=alone)
+    for t in range(parts * light):
+        first, last = part_of(t, parts, light, lines(grid, level))
         for line in range(first, last):
             _prolong(x, weights, grid, level, one, line, ti.static(dim - 1), dim)
     for t in range(parts * spread):
         first, last = part_of(t, parts, spread, lines(grid, level))
         for line in range(first, last):
             _subtract_product(stencil, x, b, r, grid, level, line, dim)
+    ti.loop_config(serialize=alone)
     for t in range(grid[level, SIZE]):
         at = grid[level, START] + t
         x[at] = x[at] + relax[at] * r[at]

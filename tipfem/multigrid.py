@@ -14,6 +14,7 @@ from tipfem.background_grid import (
     NEXT,
     PLACES,
     REACH,
+    SIZE,
     STENCIL,
     coarsen_axis,
     coarsen_rest,
@@ -25,6 +26,7 @@ from tipfem.grid_assembly import assemble_first, count_links, find_cells, lay_li
 from tipfem.mesh_cycle_kernels import damped_inverse_diagonals, down_mesh, up_mesh
 
 COARSEST_SWEEPS = 20
+ENTRY = 3.0  # nanoseconds that a thread takes for a grid node in a transfer
 ROW = 30.0  # nanoseconds that a thread takes for a particle's row in a sweep
 # On the CPU, levels of at most this many grid nodes are handled together by one thread in one launch.
 SERIAL_SIZE = 3000
@@ -125,14 +127,18 @@ class BackgroundMultigrid:
             self._grid, self._nodes, chunks(), spread(self._alone), self._alone, dim,
         )  # fmt: skip
         for level in range(self._serial_from):
-            launch(down_grid, *levels, level, *parts, dim)
+            launch(down_grid, *levels, level, *parts, self._light(level), dim)
         launch(coarse_cycle, *levels, self._serial_from, self.levels, COARSEST_SWEEPS, dim)
         for level in range(self._serial_from - 1, -1, -1):
-            launch(up_grid, *levels, level, *parts, dim)
+            launch(up_grid, *levels, level, *parts, self._light(level), dim)
         launch(
             up_mesh, b, x, self._residual, self._relax, *matrix, self._cell, self._fraction, self._x, self._grid,
             self._nodes, dim, self._alone,
         )  # fmt: skip
+
+    def _light(self, level: int) -> bool:
+        """Whether one thread does the transfers from and to a level."""
+        return alone(int(self.grid[level, SIZE]), ENTRY)
 
 
 def _layout(shapes: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int, int]]]:
