@@ -36,24 +36,14 @@ def _subtract_product(
     at = grid[level, START] + inside
     for j in range(n):
         r[at + j] = b[at + j]
-    rows = ti.static(PLACES ** (dim - 1))
-    for row in range(rows):
+    for row in range(ti.static(PLACES ** (dim - 1))):
+        entries = grid[level, STENCIL] + row * PLACES * size + inside
         near = at + row_shift(grid, level, row, dim) - REACH
-        if row < rows // 2:
-            # What couples a node to another is also stored there: reading only one half saves memory traffic.
-            mirrored = grid[level, STENCIL] + ((rows - row) * PLACES - 1) * size + near - grid[level, START]
-            for j in range(n):
-                total = r[at + j]
-                for k in ti.static(range(PLACES)):
-                    total -= stencil[mirrored - k * size + k + j] * x[near + k + j]
-                r[at + j] = total
-        else:
-            entries = grid[level, STENCIL] + row * PLACES * size + inside
-            for j in range(n):
-                total = r[at + j]
-                for k in ti.static(range(PLACES)):
-                    total -= stencil[entries + k * size + j] * x[near + k + j]
-                r[at + j] = total
+        for j in range(n):
+            total = r[at + j]
+            for k in ti.static(range(PLACES)):
+                total -= stencil[entries + k * size + j] * x[near + k + j]
+            r[at + j] = total
 
 
 @ti.func
