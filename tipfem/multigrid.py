@@ -66,6 +66,8 @@ class BackgroundMultigrid:
         )
         small = np.flatnonzero(sizes <= (SERIAL_SIZE if settings().get("arch") == "cpu" else 0))
         self._serial_from = int(small[0]) if len(small) else self.levels - 1
+        # Of all a step does, forming products takes a hundredth; a kernel for many threads takes a second to start.
+        self._products_from = 0 if settings().get("arch") == "cpu" else self.levels - 1
         self._nodes, self._alone = 0, False
 
     def build(self, position: Any, row_offsets: Any, columns: Any, values: Any, nodes: int) -> None:
@@ -109,9 +111,9 @@ class BackgroundMultigrid:
         )  # fmt: skip
         operators = (self._stencil, self._weights, self._grid)
         for level, fine, axis in self._passes:
-            if level < self._serial_from:
+            if level < self._products_from:
                 launch(coarsen_axis, *operators, fine, *parts, axis, dim)
-        launch(coarsen_rest, *operators, self._serial_from, self.levels, dim)
+        launch(coarsen_rest, *operators, self._products_from, self.levels, dim)
         self._relax = get("mg.relax", nodes)
         launch(
             damped_inverse_diagonals, *self._matrix, self._relax, self._stencil, self._grid_relax, self._grid, nodes,
