@@ -7,8 +7,8 @@ height of the column with Martin & Moyce; sources stand on top of the files in d
 
     python demos/dam_break.py --spacing 0.01 --end-time 0.3
 
-With ``--air-spacing`` particles stand farther apart in the air, the farther from the water: the same front for a
-part of the time.
+With ``--air-spacing`` particles stand farther apart in the air, the farther from the water: as good a front, for a part
+of the time.
 
     python demos/dam_break.py --spacing 0.002 --air-spacing 0.02
 """

@@ -130,3 +130,10 @@ def test_faces_of_boxes_are_lines_of_particles():
     assert side.sum() == round(0.53 / 0.07) + 1
     assert (top & side).sum() == 1
     assert (p.fluid[top | side] == 0).all()
+
+
+def test_two_diagonals_that_meet_a_face_in_one_place_move_one_point():
+    """The lowest point of a disc in the middle of a lattice square: no two particles stand there."""
+    fluids = [tp.Fluid(name, density=d, viscosity=1e-3) for name, d in (("air", 1.0), ("drop", 1000.0))]
+    tank = tp.tank((1.0, 1.0), 0.04).fill(fluids[0]).fill(fluids[1], disc=((0.5, 0.7), 0.12))
+    assert len(tank.sample(fluids, fitted=True)) == 26 * 26

@@ -40,10 +40,12 @@ def column(grading=GRADING, **options) -> tp.Case:
         (lambda: Grading(where=3), ["where is 3", "function of positions"]),
         (lambda: column(Grading({"oil": 0.1})), ["'oil'", "['water', 'air']"]),
         (lambda: column(Grading({"air": 0.01})), ["'air' is 0.01 m", "below the spacing of 0.02 m"]),
+        (lambda: Grading({"air": float("inf")}), ["'air' is inf", "finite number > 0"]),
         (lambda: column(0.1), ["grading is 0.1", "must be a Grading"]),
+        (lambda: column(free_surface=True), ["no grading with a free surface"]),
         (lambda: column(interface="interpolated"), ["grading", "'sharp'"]),
-        (lambda: column(Grading(where=lambda x: x)), ["where gave shape", "shape (2601,)"]),
-        (lambda: column(Grading({"air": 0.1}, where=lambda x: 0 * x[:, 0])), ["where gave [0.0]", "> 0"]),
+        (lambda: column(Grading(where=lambda x: x)), ["where gave shape (2601, 2)", "shape (2601,)"]),
+        (lambda: column(Grading({"air": 0.1}, where=lambda x: 0 * x[:, 0])), ["where gave 0.0 at [0.0, 0.0]", "> 0"]),
     ],
 )
 def test_bad_gradings_are_refused(make, words):
@@ -146,7 +148,7 @@ def test_particles_follow_the_targets_and_no_fluid_loses_volume():
             stays = kept & ~np.isin(renumbered, np.flatnonzero(relocated))
             # Those that were not set elsewhere are where they were, but for what gives volumes back.
             shift = particles.position[renumbered[stays]] - moved.position[stays]
-            assert np.abs(shift).max() < 0.3 * 0.02
+            assert np.abs(shift).max() < 0.4 * 0.02
         numbers.add(len(particles))
         np.testing.assert_allclose(np.bincount(mesh.fluid, weights=mesh.measure), volume, rtol=1e-9)
         np.testing.assert_array_equal(particles.position[tracked], reference)
@@ -174,7 +176,7 @@ def test_a_repair_creates_and_removes_by_the_targets(factor):
     particles.pressure = 3.0 - 2.0 * x[:, 0] + x[:, 1]
     count = len(particles)
     for _ in range(6):
-        particles = particles.copy(target=np.full(len(particles), 0.02 * factor))
+        particles = particles.changed(target=np.full(len(particles), 0.02 * factor))
         particles, mesh, _relocated, _renumbered = repair(
             particles, mesh, np.array([998.0, 1.2]), hull_corners(mesh), FittedRule(), graded=True
         )
@@ -231,7 +233,7 @@ def test_a_graded_column_collapses_as_an_even_one_does():
     assert coarse.history[-1]["particles"] < 0.5 * even.history[-1]["particles"]
     assert abs(coarse.time - even.time) < 0.01
     water = [s.particles.position[s.particles.fluid == 0] for s in runs]
-    np.testing.assert_allclose(water[1][:, 0].max(), water[0][:, 0].max(), atol=0.01)
+    np.testing.assert_allclose(water[1][:, 0].max(), water[0][:, 0].max(), atol=0.03)
     for name in ("kinetic_energy", "potential_energy"):
         np.testing.assert_allclose(coarse.history[-1][name], even.history[-1][name], rtol=0.05)
     np.testing.assert_allclose(coarse.history[-1]["volume_water"], even.history[-1]["volume_water"], rtol=1e-9)
@@ -261,3 +263,23 @@ def test_meshes_of_particles_know_no_fluids_of_their_own():
     case = column()
     assert isinstance(case.particles.target, np.ndarray)
     assert Mesh(case.particles.position, np.zeros((0, 3), dtype=np.int32)).fluid is None
+
+
+def test_a_function_alone_says_what_targets_are():
+    """Without a fluid's name nothing but `where` limits the targets; where it says inf, the tank does."""
+    limit = lambda x: np.where(x[:, 1] > 0.5, 0.08, np.inf)  # noqa: E731
+    simulation = tp.Simulation(column(Grading(where=limit)), time_step=1e-3)
+    target, y = simulation.particles.target, simulation.particles.position[:, 1]
+    assert target[y > 0.9].max() == pytest.approx(0.08)
+    assert len(target) < 0.25 * 2601
+    simulation.step()
+    assert np.isfinite(simulation.particles.target).all()
+
+
+@pytest.mark.parametrize("far", [0.03, 0.05, 0.12])
+def test_a_tank_starts_near_its_targets(far):
+    """Far from the interface, lines stand at 0.66 to 1.06 targets."""
+    particles = column(Grading({"air": far}, growth=0.5)).particles
+    distance, _ = cKDTree(particles.position).query(particles.position, k=2)
+    off = (particles.position > 0.75).all(axis=1) & (particles.position < 0.95).all(axis=1)
+    assert 0.66 < np.median(distance[off, 1]) / far < 1.07

@@ -1,5 +1,7 @@
 """Kernels that are started through what was prepared for their arrays, and loops that one thread does."""
 
+import importlib.util
+
 import numpy as np
 import pytest
 import taichi as ti
@@ -94,3 +96,14 @@ def test_short_loops_are_left_to_one_thread():
         assert alone(100, 10.0)
         assert not alone(1_000_000, 10.0)
     assert spread(True) == 1
+
+
+def test_messages_of_taichi_say_file_line_and_kernel(tmp_path):
+    """One line instead of Taichi's picture of the source: still enough to find the place."""
+    source = "import taichi as ti\n\n@ti.kernel\ndef wrong(n: ti.i32):\n    m = n + nowhere\n"
+    (tmp_path / "wrong_kernel.py").write_text(source)
+    spec = importlib.util.spec_from_file_location("wrong_kernel", tmp_path / "wrong_kernel.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    with pytest.raises(ti.TaichiCompilationError, match=r'wrong_kernel.py", line 5, in wrong'):
+        module.wrong(3)

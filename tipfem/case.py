@@ -92,8 +92,10 @@ class Case:
             raise ValueError(f"Case: tank_motion is {self.tank_motion!r}; it must be a Motion")
         if not (self.grading is None or isinstance(self.grading, Grading)):
             raise ValueError(f"Case: grading is {self.grading!r}; it must be a Grading")
+        if self.grading and self.free_surface:
+            raise ValueError("Case: grading is given and free_surface is True; there is no grading with a free surface")
         if self.grading and self.interface != "sharp":
-            raise ValueError("Case: with grading, interface must be 'sharp' (the default without a free surface)")
+            raise ValueError(f"Case: with grading, interface must be 'sharp', in 2-D; it is {self.interface!r}")
         if isinstance(self.particles, Tank):
             filled = self.particles
             self.particles = filled.sample(
@@ -114,7 +116,9 @@ class Case:
             )
         self.gravity = gravity
         if self.grading:
-            self.grading.of_fluids([f.name for f in self.fluids], particles.spacing)
+            largest = self.grading.of_fluids([f.name for f in self.fluids], particles.spacing)
+            inside = np.zeros(len(particles), dtype=bool)
+            self.grading.wishes(particles.position, particles.fluid, inside, largest, particles.spacing)
         lowest = np.where(particles.wall & self.free_surface, -1, 0)  # -1: a wall where there is no fluid
         bad = (particles.fluid < lowest) | (particles.fluid >= len(self.fluids))
         if bad.any():

@@ -58,8 +58,13 @@ def snap_to_faces(
     way = np.linalg.norm(crossing - position[mover], axis=1)
     order = np.lexsort((way, mover))
     mover, first = np.unique(mover[order], return_index=True)
+    crossing = crossing[order][first]
+    # The two diagonals of a square may meet a face at one place, their middle: there one point goes, and one stays.
+    apart = np.abs(size).max() * 1e-9
+    alone = np.unique(np.round(crossing / apart).astype(np.int64), axis=0, return_index=True)[1]
+    mover, crossing = mover[alone], crossing[alone]
     snapped = position.copy()
-    snapped[mover] = crossing[order][first]
+    snapped[mover] = crossing
     on_face = np.zeros(len(position), dtype=bool)
     on_face[mover] = True
     return snapped, on_face

@@ -22,6 +22,7 @@ from tipfem.triangulation import TriangulationError
 ROOM = (0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
 # Where the number of particles follows the targets: this room for new ones on edges that are that much longer than
 # long ones. Several rounds, for a round changes no triangle twice.
+WIDER = 1.15  # the rule's limits are that much wider then: as many particles stay as where N is kept, within 5 %
 ROUNDS = ((0.6, 1.0), (0.6, 1.0), (0.5, 1.2), (0.4, 1.4), (0.3, 1.6))
 # Height over a long interface edge, in target spacings, below which a particle is taken to be on it.
 SLIVER = 0.05
@@ -119,10 +120,10 @@ def _follow_targets(t: Triangulation, held: Array, rule: FittedRule) -> Array:
     Those left over stay in ``t.freed``.
     """
     before = len(held)
-    t.coarsen(held, rule.close, rule.chain, rule.edge, rule.film, LEAST, most=before)
+    t.coarsen(held, WIDER * rule.close, WIDER * rule.chain, rule.edge, rule.film, LEAST, most=before)
     gone = t.freed
     for room, longer in ROUNDS:
-        edges = t.long_edges(longer * rule.long)
+        edges = t.long_edges(longer * WIDER * rule.long)
         if not len(edges):
             break
         t.provide(len(edges))

@@ -15,7 +15,9 @@ from tipfem.validation import is_number, numbers
 
 # A function of places is asked for sizes at all particles of a lattice; these many sizes stand for all of them.
 SIZES = 16
-# A lattice is thinned where the target is this part of twice the distance of its lines.
+# Every so many lines of a lattice are kept, the most that are not farther apart than this part of the target: numbers
+# that share factors, so that thinned lattices have points in common where they meet.
+STRIDES = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256])
 ROUNDED = 1.06
 
 
@@ -24,13 +26,16 @@ class Grading:
     """How far apart particles stand, as a function of place and fluid.
 
     At interfaces, and in fluids that are not named, the target is the case's own spacing, which is the smallest. Away
-    from them it grows to what a fluid allows; particles are created and removed to follow it as the fluids move.
+    from interfaces it grows to what a fluid allows, also along walls. Particles are created and removed to follow it
+    as the fluids move: edges come to be 0.7 to 1.7 targets long.
 
     Attributes:
         largest: by a fluid's name, the target far from its interfaces [m].
-        growth: by how much the target grows per distance.
-        where: function of positions (K, d) to the largest targets (K,) there [m], for places that are to be resolved
-            better; or None. It must give values > 0; below the case's spacing they count as that.
+        growth: by how much the target grows per distance, 0.02 to 0.5.
+        where: function of positions (K, d) [m] to the largest targets (K,) there [m], for places that are to be
+            resolved better - a boundary layer, say; or None. It must give values > 0; inf sets no limit, and below the
+            case's spacing they count as that. It is asked for all particles at the start and after every step, in
+            the frame that does not move with the tank. If no fluid is named, it alone says what targets are.
 
     Raises:
         ValueError: a number is out of range or none.
@@ -45,7 +50,8 @@ class Grading:
             raise ValueError(f"Grading: largest is {self.largest!r}; it must name fluids, as {{'air': 0.01}} does")
         for name, value in self.largest.items():
             if not (is_number(value) and value > 0):
-                raise ValueError(f"Grading: largest of {name!r} is {value!r} m; it must be > 0")
+                raise ValueError(f"Grading: largest of {name!r} is {value!r} m; it must be a finite number > 0")
+        object.__setattr__(self, "largest", dict(self.largest))
         if not (is_number(self.growth) and 0.02 <= self.growth <= 0.5):
             raise ValueError(f"Grading: growth is {self.growth!r}; it must lie between 0.02 and 0.5")
         if self.where is not None and not callable(self.where):
@@ -63,13 +69,14 @@ class Grading:
         """
         for name, value in self.largest.items():
             if name not in names:
-                raise ValueError(f"Grading: largest names {name!r}; the case's fluids are {names}")
+                raise ValueError(f"Grading: largest names {name!r}; the names of the case's fluids are {names}")
             if value < spacing * (1 - 1e-9):
                 raise ValueError(
-                    f"Grading: largest of {name!r} is {value:g} m, below the spacing of {spacing:g} m, which is the "
+                    f"Grading: largest of {name!r} is {value!r} m, below the spacing of {spacing!r} m, which is the "
                     "smallest target"
                 )
-        return np.array([self.largest.get(name, spacing) for name in names], dtype=float)
+        others = np.inf if self.where and not self.largest else spacing
+        return np.array([self.largest.get(name, others) for name in names], dtype=float)
 
     def wishes(self, position: Array, fluid: Array, at_interface: Array, largest: Array, spacing: float) -> Array:
         """(N,) targets if they could change from one particle to the next [m].
@@ -84,12 +91,17 @@ class Grading:
         Raises:
             ValueError: `where` gives what it must not.
         """
-        wish = np.where(at_interface, spacing, largest[fluid])
+        wish = np.minimum(np.where(at_interface, spacing, largest[fluid]), np.ptp(position, axis=0).max())
         if self.where is not None:
             given = numbers(self.where(position.copy()))
-            if given.shape != wish.shape or not (given > 0).all():
-                bad = given[~(given > 0)][:1].tolist() if given.shape == wish.shape else f"shape {given.shape}"
-                raise ValueError(f"Grading: where gave {bad}; it must be targets > 0 in metres, of shape {wish.shape}")
+            if given.shape != wish.shape:
+                raise ValueError(
+                    f"Grading: where gave shape {given.shape} for positions of shape {position.shape}; it must be "
+                    f"targets > 0 in metres, one for each, of shape {wish.shape}"
+                )
+            if not (given > 0).all():
+                i = int(np.argmin(given > 0))
+                raise ValueError(f"Grading: where gave {given[i]} at {position[i].tolist()}; it must be > 0, in metres")
             wish = np.minimum(wish, np.maximum(given, spacing))
         return np.asarray(wish)
 
@@ -97,7 +109,7 @@ class Grading:
 def thinned(
     grading: Grading, position: Array, shape: tuple[int, int], fluid: Array, fluids: Sequence[Fluid], spacing: float
 ) -> Array:
-    """Which points of a lattice are to be particles: every one, every other, every fourth ... along both axes.
+    """Which points of a lattice are to be particles: every one, every second, every third ... along both axes.
 
     Args:
         grading: of the targets.
@@ -119,10 +131,9 @@ def thinned(
     largest = grading.of_fluids([f.name for f in fluids], spacing)
     wish = grading.wishes(position, fluid, at_interface.ravel(), largest, spacing)
     target = graded(position, wish, grading.growth)
-    level = np.maximum(np.floor(np.log2(ROUNDED * target / spacing)), 0).astype(int)
+    stride = STRIDES[np.searchsorted(STRIDES, ROUNDED * target / spacing, side="right") - 1].reshape(shape)
     row, column = (np.minimum(np.arange(n), np.arange(n)[::-1]) for n in shape)  # lines are counted from the next wall
-    mask = (2**level - 1).reshape(shape)
-    return (((row[:, None] & mask) == 0) & ((column[None, :] & mask) == 0)).ravel()
+    return ((row[:, None] % stride == 0) & (column[None, :] % stride == 0)).ravel()
 
 
 def graded(position: Array, wish: Array, growth: float) -> Array:
@@ -131,6 +142,7 @@ def graded(position: Array, wish: Array, growth: float) -> Array:
     if len(sizes) > SIZES:
         sizes = sizes[np.linspace(0, len(sizes) - 1, SIZES).astype(int)]
     target = wish.copy()
+    sizes = sizes[np.isfinite(sizes)]
     for low, high in itertools.pairwise([*sizes, np.inf]):
         of_this = (wish >= low) & (wish < high)
         open_ones = np.flatnonzero(target > low)

@@ -27,7 +27,8 @@ class Particles:
         pressure: (N,) [Pa], positive in compression.
         spacing: target distance h between neighbours [m]; by default the median distance
             from a particle to its nearest neighbour. Where targets differ from place to place, the smallest.
-        target: (N,) distance that each particle is to have from its neighbours [m]; by default ``spacing``.
+        target: (N,) distance that each particle is to have from its neighbours [m]. It follows from the case's
+            `Grading`, at the start of a simulation and in every step; ``spacing`` without one.
 
     Raises:
         ValueError: an array has the wrong shape or no numbers, a value is not finite, a label is no
@@ -41,7 +42,7 @@ class Particles:
     acceleration: Any = None
     pressure: Any = None
     spacing: float = field(default=0.0)
-    target: Any = None
+    target: Any = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         self._own_arrays()

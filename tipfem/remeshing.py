@@ -151,7 +151,11 @@ class FittedRemesher:
         self._fixed[self._fixed_particles] = True
         if self._keep:
             self._volumes = np.bincount(np.asarray(mesh.fluid), weights=mesh.measure, minlength=len(self.density))
-        return self._labelled(particles, mesh, np.zeros(len(particles), dtype=bool))
+        first = self._labelled(particles, mesh, np.zeros(len(particles), dtype=bool))
+        particles.target = np.full(len(particles), float(particles.spacing))
+        if self._grading:
+            particles.target = self._targets(particles, mesh, self._grading)
+        return first
 
     def remesh(self, particles: Particles, mesh: Mesh, walls: WallStep | None) -> Remeshed:
         """See `Remesher.remesh`."""
