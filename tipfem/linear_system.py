@@ -119,8 +119,8 @@ class LinearSystem:
             position = buffers.upload("frame", frame)
         multigrid.build(position, self._row_offsets, self._columns, values, n)
         self._bubbles = Bubbles(
-            topology.cells, material[0], extremes, (len(mesh.cells), n, d + 1), (self._row_offsets, self._columns, values),
-            buffers,
+            topology.cells, material[0], extremes, (len(mesh.cells), n, d + 1),
+            (self._row_offsets, self._columns, values), buffers,
         )  # fmt: skip
 
     def gather(self, record: Any) -> None:
