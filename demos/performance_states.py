@@ -42,7 +42,10 @@ def make_state(path: Path, spacing: float) -> None:
 
 
 def refined(state: dict[str, Array]) -> dict[str, Array]:
-    """Every triangle cut into four at the middle of its edges; what particles carry is interpolated."""
+    """Every triangle cut into four at the middle of its edges; what particles carry is interpolated.
+
+    Particles and triangles come in an order like that of a run, which starts from a lattice.
+    """
     cells, count = state["cells"], len(state["position"])
     sides = np.sort(np.stack([cells[:, [1, 2]], cells[:, [2, 0]], cells[:, [0, 1]]], axis=1).reshape(-1, 2), axis=1)
     edges, side, uses = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
@@ -53,13 +56,16 @@ def refined(state: dict[str, Array]) -> dict[str, Array]:
         name: np.concatenate([state[name], state[name][edges].mean(axis=1)])
         for name in ("position", "velocity", "acceleration", "pressure")
     }
-    new["cells"] = np.concatenate(
-        [np.stack(t, axis=1) for t in ((a, mc, mb), (mc, b, ma), (mb, ma, c), (ma, mb, mc))]
-    ).astype(np.int32)
-    new["fluid"] = np.tile(state["fluid"], 4)
     new["wall"] = np.concatenate([state["wall"], uses == 1])
-    new["spacing"] = state["spacing"] / 2
-    return new
+    x, y = new["position"].T
+    spacing = state["spacing"] / 2
+    order = np.lexsort((y, np.floor(x / spacing)))
+    number = np.argsort(order).astype(np.int32)
+    cells = np.concatenate([np.stack(t, axis=1) for t in ((a, mc, mb), (mc, b, ma), (mb, ma, c), (ma, mb, mc))])
+    cells = number[cells]
+    by_lowest = np.argsort(cells.min(axis=1), kind="stable")
+    new = {name: values[order] for name, values in new.items()}
+    return new | {"cells": cells[by_lowest], "fluid": np.tile(state["fluid"], 4)[by_lowest], "spacing": spacing}
 
 
 def simulation_of(state: dict[str, Array], numerics: Numerics | None = None) -> tp.Simulation:

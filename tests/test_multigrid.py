@@ -1,6 +1,5 @@
 """Multigrid on the background grid, and the preconditioner made with it."""
 
-
 from __future__ import annotations
 
 import itertools
@@ -12,6 +11,7 @@ import pytest
 from scipy import sparse
 
 import tipfem as tp
+from tipfem import connectivity, linear_system, multigrid
 from tipfem.device import Buffers, download
 from tipfem.flow import ElementProperties, FlowProblem, Workspace
 from tipfem.linear_system import SCHUR_SCALE
@@ -223,6 +223,36 @@ def test_the_pressure_laplacian_is_the_stiffness_matrix(size):
     expected = twin.laplacian(mesh.position, mesh.cells, 1 / (density * cm))
     assert abs(got - expected).max() < 1e-12 * abs(expected).max()
     assert abs(np.asarray(got.sum(axis=1))).max() < 1e-12 * abs(expected).max()
+
+
+@pytest.mark.parametrize("size", [(1.0, 0.8), (1.0, 1.0, 0.75)], ids=["2-D", "3-D"])
+def test_one_thread_and_all_set_up_the_same_system(size, monkeypatch):
+    """Bit by bit; the grid is finer than the mesh in places, so that there are links."""
+    particles, mesh, density = two_fluids(size, 0.05 if len(size) == 2 else 0.2)
+    nothing = np.zeros(len(mesh.cells))
+    monkeypatch.setattr(linear_system, "GRID_SPACING", 0.8)
+    monkeypatch.setattr(multigrid, "SERIAL_SIZE", 30)
+    found = []
+    for single in (True, False):
+        for module in (linear_system, multigrid):
+            monkeypatch.setattr(module, "alone", lambda turns, cost, single=single: single)
+        monkeypatch.setattr(connectivity, "one_thread_counts", lambda single=single: single)
+        monkeypatch.setattr(multigrid, "one_thread_counts", lambda single=single: single)
+        problem = FlowProblem(
+            mesh, particles, ElementProperties(density, nothing + 1e-3, nothing), GeneralizedAlpha(0.5, 2e-3),
+            np.zeros_like(mesh.position), 0.25, Workspace(),
+        )  # fmt: skip
+        laplacian, grid = problem.system.laplacian(), problem.system.multigrid
+        links = download(grid.buffers.get("mg.links", 0, integer=True), problem.nodes + 1)[-1]
+        assert links > 0
+        found.append([
+            *(download(a, len(mesh.cells) * len(mesh.cells[0])) for a in problem._topology[2:]),
+            laplacian.indptr, laplacian.indices, laplacian.data, download(problem._scale, problem.size),
+            download(grid._order, problem.nodes + links), download(grid._stencil, grid._stencil.shape[0]),
+            download(grid._weights, grid._weights.shape[0]),
+        ])  # fmt: skip
+    for one, all_of_them in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, all_of_them)
 
 
 @pytest.mark.parametrize("size", [(1.0, 0.8), (1.0, 1.0, 0.75)], ids=["2-D", "3-D"])

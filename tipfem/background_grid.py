@@ -208,12 +208,15 @@ def _coarsen_line(
 def coarsen_axis(
     stencil: ti.types.ndarray(), weights: ti.types.ndarray(), grid: ti.types.ndarray(), fine: ti.i32,
     parts: ti.i32, spread: ti.template(), axis: ti.template(), dim: ti.template(),
+    alone: ti.template(),
 ):  # fmt: skip
     """Weights of a grid along an axis, and the Galerkin product on the one that is coarser along it."""
+    ti.loop_config(serialize=alone)
     for t in range(parts * spread):
         first, last = part_of(t, parts, spread, lines(grid, fine))
         for line in range(first, last):
             _weigh_line(stencil, weights, grid, fine, line, axis, dim)
+    ti.loop_config(serialize=alone)
     for t in range(parts * spread):
         coarse = grid[fine, NEXT]
         first, last = part_of(t, parts, spread, lines(grid, coarse))

@@ -34,14 +34,19 @@ def connect_light(
                 i = cells[e, a]
                 if parent[i] < 0:
                     parent[i] = i
-            one = root(parent, cells[e, 0])
+            one = parent[cells[e, 0]]
+            connected = True
             for a in range(1, width):
-                other = root(parent, cells[e, a])
-                if other < one:
-                    parent[one] = other
-                    one = other
-                else:
-                    parent[other] = one
+                connected = connected and parent[cells[e, a]] == one
+            if not connected:
+                one = root(parent, one)
+                for a in range(1, width):
+                    other = root(parent, cells[e, a])
+                    if other < one:
+                        parent[one] = other
+                        one = other
+                    else:
+                        parent[other] = one
     for i in range(nodes):
         if parent[i] >= 0:
             j = i

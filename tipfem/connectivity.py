@@ -4,17 +4,60 @@ Lists of lists are CSR: ``offsets`` (N + 1,) says where the list of each particl
 within a list does not depend on the number of threads, so that sums over it are repeatable bit by bit.
 """
 
+import os
+
 import taichi as ti
+
+from tipfem.device import settings
+
+FEW = 4
+
+
+def one_thread_counts() -> bool:
+    """Whether one thread lists faster than all do: without atomic operations, and in order from the start."""
+    here = settings()
+    return here.get("arch") == "cpu" and (here["threads"] or os.cpu_count() or 1) <= FEW
+
+
+@ti.func
+def take(cursor: ti.template(), i, alone: ti.template()):
+    """Count cursor[i] up by one; what it was. Not an atomic operation where one thread is alone."""
+    value = 0
+    if ti.static(alone):
+        value = cursor[i]
+        cursor[i] = value + 1
+    else:
+        value = ti.atomic_add(cursor[i], 1)
+    return value
 
 
 @ti.kernel
-def count_uses(cells: ti.types.ndarray(), count: ti.types.ndarray(), elements: ti.i32, nodes: ti.i32, width: ti.i32):
-    """count[i + 1] (N + 1,): in how many cells (M, width) particle i is; count[0] = 0."""
+def list_uses(
+    cells: ti.types.ndarray(), offsets: ti.types.ndarray(), cursor: ti.types.ndarray(), corners: ti.types.ndarray(),
+    elements: ti.i32, nodes: ti.i32, width: ti.i32, alone: ti.template(),
+):  # fmt: skip
+    """corners: places e * width + a of each particle in ``cells`` (M, width), in ascending order; ``offsets``.
+
+    ``cursor`` (N,) is scratch.
+    """
+    ti.loop_config(serialize=alone)
     for i in range(nodes + 1):
-        count[i] = 0
+        offsets[i] = 0
+    ti.loop_config(serialize=alone)
     for e in range(elements):
         for a in range(width):
-            ti.atomic_add(count[cells[e, a] + 1], 1)
+            take(offsets, cells[e, a] + 1, alone)
+    ti.loop_config(serialize=True)
+    for i in range(nodes):
+        cursor[i] = offsets[i]
+        offsets[i + 1] = offsets[i] + offsets[i + 1]
+    ti.loop_config(serialize=alone)
+    for e in range(elements):
+        for a in range(width):
+            corners[take(cursor, cells[e, a], alone)] = e * width + a
+    if ti.static(not alone):
+        for i in range(nodes):
+            insertion_sort(corners, offsets[i], offsets[i + 1])
 
 
 @ti.kernel
@@ -25,20 +68,6 @@ def accumulate(count: ti.types.ndarray(), cursor: ti.types.ndarray(), n: ti.i32)
         cursor[i] = count[i]
         count[i + 1] = count[i] + count[i + 1]
     return count[n]
-
-
-@ti.kernel
-def list_uses(
-    cells: ti.types.ndarray(), offsets: ti.types.ndarray(), cursor: ti.types.ndarray(), corners: ti.types.ndarray(),
-    elements: ti.i32, nodes: ti.i32, width: ti.i32,
-):  # fmt: skip
-    """corners: places e * width + a of each particle in ``cells``, in ascending order; see `count_uses`."""
-    for e in range(elements):
-        for a in range(width):
-            slot = ti.atomic_add(cursor[cells[e, a]], 1)
-            corners[slot] = e * width + a
-    for i in range(nodes):
-        insertion_sort(corners, offsets[i], offsets[i + 1])
 
 
 @ti.func
@@ -53,53 +82,41 @@ def insertion_sort(values: ti.template(), first, last):
         values[t] = value
 
 
+@ti.func
+def behind(own, other: ti.template(), dim: ti.template()):
+    """The corner of a cell that comes ``other`` behind ``own``, round and round."""
+    b = own + other
+    return b - ti.select(b > dim, dim + 1, 0)
+
+
 @ti.kernel
 def find_neighbours(
     cells: ti.types.ndarray(), offsets: ti.types.ndarray(), corners: ti.types.ndarray(), wide: ti.types.ndarray(),
-    count: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
+    count: ti.types.ndarray(), places: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(), alone: ti.template(),
 ):  # fmt: skip
     """count[i + 1]: particles that share a cell with particle i, itself included; ``wide`` lists them with gaps.
 
-    The list of i starts at dim * offsets[i] + i with i itself, the others follow in ascending order.
+    The list of i starts at dim * offsets[i] + i with i itself; the others follow as they are met in its cells.
+    places (M (d + 1) d,): of each entry c of ``corners`` where in that list the other particles of its cell are, the
+    one `behind` it by k at c * d + k - 1.
     """
+    ti.loop_config(serialize=alone)
     for i in range(nodes):
         first = dim * offsets[i] + i
         n = 1
         wide[first] = i
         for c in range(offsets[i], offsets[i + 1]):
             e = corners[c] // (dim + 1)
-            for a in ti.static(range(dim + 1)):
-                j = cells[e, a]
-                known = False
-                for s in range(first, first + n):
-                    known = known or wide[s] == j
-                if not known:
-                    wide[first + n] = j
+            own = corners[c] - e * (dim + 1)
+            for other in ti.static(range(1, dim + 1)):
+                j = cells[e, behind(own, other, dim)]
+                wide[first + n] = j  # so that the search ends
+                s = 1
+                while wide[first + s] != j:
+                    s += 1
+                if s == n:
                     n += 1
-        insertion_sort(wide, first + 1, first + n)
+                places[c * dim + other - 1] = s
         count[i + 1] = n
         if i == 0:
             count[0] = 0
-
-
-@ti.kernel
-def list_neighbours(
-    cells: ti.types.ndarray(), offsets: ti.types.ndarray(), corners: ti.types.ndarray(), wide: ti.types.ndarray(),
-    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), places: ti.types.ndarray(), nodes: ti.i32,
-    dim: ti.template(),
-):  # fmt: skip
-    """The lists of `find_neighbours` without gaps, and where in them cells find their particles.
-
-    places (M (d + 1)^2,): of each entry of ``corners`` the places in ``columns`` of all particles of its cell.
-    """
-    for i in range(nodes):
-        start = dim * offsets[i] + i
-        for s in range(row_offsets[i], row_offsets[i + 1]):
-            columns[s] = wide[start + s - row_offsets[i]]
-        for c in range(offsets[i], offsets[i + 1]):
-            e = corners[c] // (dim + 1)
-            for a in ti.static(range(dim + 1)):
-                s = row_offsets[i]
-                while columns[s] != cells[e, a]:
-                    s += 1
-                places[c * (dim + 1) + a] = s

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tipfem import assembly, balance_kernels, block_kernels, krylov, krylov_kernels
+from tipfem import assembly, balance_kernels, krylov, krylov_kernels
 from tipfem.device import alone, chunks, download, spread
 from tipfem.errors import StepRefused
 from tipfem.linear_system import LinearSystem, Workspace
@@ -136,19 +136,15 @@ class FlowProblem:
         fixed = particles.wall if walls is None else walls.fixed
         self._surface = free = mesh.surface or no_surface(len(mesh.position))
         self._flight = parabola(particles.velocity, body_force, scheme.dt)
-        buffers.launch(
-            block_kernels.row_scale, *self._topology, self._position, self._density, self._viscosity,
-            put("fixed", fixed | free.loose), put("pinned", free.pinned), self._scale,
-            scheme.cm, scheme.cv, particles.spacing, self.nodes, d,
-        )  # fmt: skip
-        self._walls = None if walls is None else WallRows(walls, d, self._scale, buffers)
         # A tank that moves stands still in its own frame, and so does the grid; the Laplacian is the same there.
         frame = mesh.position if walls is None else walls.frame
         extremes = (properties.density.min(initial=np.inf), properties.density.max(initial=0.0))
         self.system = LinearSystem(
-            self._topology, mesh, self._position, self._density, extremes, self._scale, scheme,
-            workspace.multigrid(frame, particles.spacing), frame, buffers,
+            self._topology, mesh, self._position, (self._density, self._viscosity), extremes,
+            (put("fixed", fixed | free.loose), put("pinned", free.pinned)), self._scale, scheme,
+            workspace.multigrid(frame, particles.spacing), frame, particles.spacing, buffers,
         )  # fmt: skip
+        self._walls = None if walls is None else WallRows(walls, d, self._scale, buffers)
 
     def predict(self) -> Any:
         """First iterate: constant acceleration and pressure, or no motion where that would invert an element."""

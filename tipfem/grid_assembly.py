@@ -14,14 +14,14 @@ from tipfem.background_grid import (
     PLACES,
     SHAPE,
     SIZE,
-    cell_at,
     cell_number,
     corners,
+    line_at,
     line_start,
     lines,
     weight,
 )
-from tipfem.connectivity import insertion_sort
+from tipfem.connectivity import insertion_sort, take
 from tipfem.device import part_of
 
 
@@ -77,9 +77,10 @@ def add_hat(
 @ti.kernel
 def count_links(
     row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(), cell: ti.types.ndarray(),
-    fraction: ti.types.ndarray(), links: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
+    fraction: ti.types.ndarray(), links: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(), alone: ti.template(),
 ):  # fmt: skip
     """links[i + 1] (N + 1,): how many links the chains from node ``i`` to its neighbours of higher number have."""
+    ti.loop_config(serialize=alone)
     for i in range(nodes):
         number = 0
         for s in range(row_offsets[i], row_offsets[i + 1]):
@@ -94,11 +95,12 @@ def count_links(
 def lay_links(
     row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(), cell: ti.types.ndarray(),
     fraction: ti.types.ndarray(), links: ti.types.ndarray(), rows: ti.types.ndarray(), residual: ti.types.ndarray(),
-    count: ti.types.ndarray(), grid: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
+    count: ti.types.ndarray(), grid: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(), alone: ti.template(),
 ):  # fmt: skip
     """Cells, fractions and rows of the links, and their ``residual``, which is always zero; in ``count`` their cells
     have one node more for each.
     """
+    ti.loop_config(serialize=alone)
     for i in range(nodes):
         link = nodes + links[i]
         for s in range(row_offsets[i], row_offsets[i + 1]):
@@ -117,7 +119,7 @@ def lay_links(
                     add_hat(rows, link, 2 * stiffness, here, cell, grid, dim)
                     add_hat(rows, link, -stiffness, here - piece, cell, grid, dim)
                     add_hat(rows, link, -stiffness, here + piece, cell, grid, dim)
-                    ti.atomic_add(count[cell_number(cell, grid, link, dim) + 1], 1)
+                    take(count, cell_number(cell, grid, link, dim) + 1, alone)
                     link += 1
 
 
@@ -125,28 +127,60 @@ def lay_links(
 def find_cells(
     position: ti.types.ndarray(), lower: ti.types.ndarray(), grid: ti.types.ndarray(), cell: ti.types.ndarray(),
     fraction: ti.types.ndarray(), count: ti.types.ndarray(), spacing: float, nodes: ti.i32, cells: ti.i32,
-    dim: ti.template(),
+    dim: ti.template(), alone: ti.template(),
 ):  # fmt: skip
     """cell (N, d) of each mesh node and where in it, fraction (N, d) of its side; count[c + 1]: nodes in cell c."""
+    ti.loop_config(serialize=alone)
     for c in range(cells + 1):
         count[c] = 0
+    ti.loop_config(serialize=alone)
     for i in range(nodes):
         scaled = ti.Vector([(position[i, k] - lower[k]) / spacing for k in ti.static(range(dim))])
         settle(scaled, cell, fraction, grid, i, dim)
-        ti.atomic_add(count[cell_number(cell, grid, i, dim) + 1], 1)
+        take(count, cell_number(cell, grid, i, dim) + 1, alone)
 
 
 @ti.kernel
 def sort_into_cells(
     cell: ti.types.ndarray(), grid: ti.types.ndarray(), start: ti.types.ndarray(), cursor: ti.types.ndarray(),
-    order: ti.types.ndarray(), nodes: ti.i32, cells: ti.i32, dim: ti.template(),
+    order: ti.types.ndarray(), nodes: ti.i32, cells: ti.i32, dim: ti.template(), alone: ti.template(),
 ):  # fmt: skip
     """order (N,): the mesh nodes cell by cell, in ascending order; those of cell c from start[c] on."""
+    ti.loop_config(serialize=alone)
     for i in range(nodes):
-        slot = ti.atomic_add(cursor[cell_number(cell, grid, i, dim)], 1)
-        order[slot] = i
-    for c in range(cells):
-        insertion_sort(order, start[c], start[c + 1])
+        order[take(cursor, cell_number(cell, grid, i, dim), alone)] = i
+    if ti.static(not alone):
+        for c in range(cells):
+            insertion_sort(order, start[c], start[c + 1])
+
+
+@ti.func
+def _add_cell(
+    fraction: ti.template(), order: ti.template(), rows: ti.template(), stencil: ti.template(), grid: ti.template(),
+    first, last, one, two, j, dim: ti.template(),
+):  # fmt: skip
+    """Add P^T times the rows of the mesh nodes order[first:last], all those of a cell, to its corners' stencils."""
+    number = ti.static(len(corners(dim)))
+    for q in range(ti.static(4 ** (dim - 1))):
+        # Row q of the 4^d grid nodes around the cell.
+        total = ti.Matrix.zero(float, number, 4)
+        for m in range(first, last):
+            i = order[m]
+            for k in ti.static(range(number)):
+                w = weight(fraction, i, ti.static(corners(dim)[k]), dim)
+                for u in ti.static(range(4)):
+                    total[k, u] += w * rows[i, q * 4 + u]
+        for k in ti.static(range(number)):
+            corner = ti.static(corners(dim)[k])
+            row, at = q + 1 - corner[0], j + corner[dim - 1]
+            if ti.static(dim == 3):
+                row = (q // 4 + 1 - corner[0]) * PLACES + q % 4 + 1 - corner[1]
+                at += line_at(grid, 0, one + corner[0], two + corner[1], dim)
+            else:
+                at += line_at(grid, 0, one, two + corner[0], dim)
+            for u in ti.static(range(4)):
+                to = (row * PLACES + u + 1 - corner[dim - 1]) * grid[0, SIZE] + at
+                stencil[to] = stencil[to] + total[k, u]
 
 
 @ti.kernel
@@ -154,14 +188,15 @@ def assemble_first(
     cell: ti.types.ndarray(), fraction: ti.types.ndarray(), order: ti.types.ndarray(), start: ti.types.ndarray(),
     row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
     rows: ti.types.ndarray(), stencil: ti.types.ndarray(), grid: ti.types.ndarray(), nodes: ti.i32,
-    parts: ti.i32, spread: ti.template(), dim: ti.template(),
+    parts: ti.i32, spread: ti.template(), dim: ti.template(), alone: ti.template(),
 ):  # fmt: skip
     """Galerkin product P^T A P on the finest grid.
 
-    First A P, row by row of the mesh: ``rows`` (N, 4^d) on the grid nodes around the node's cell. Then each grid node
-    gathers from the mesh nodes, and the links, of its 2^d cells. Long connections that pull nodes apart are left out,
+    First A P, row by row of the mesh: ``rows`` (N, 4^d) on the grid nodes around the node's cell. Then each cell adds,
+    for its mesh nodes and links, to its 2^d corners. Long connections that pull nodes apart are left out,
     with their part of the diagonal, so that rows still sum to zero. Rows of the links must be there already.
     """
+    ti.loop_config(serialize=alone)
     for i in range(nodes):
         for s in range(ti.static(4**dim)):
             rows[i, s] = 0.0
@@ -182,25 +217,26 @@ def assemble_first(
                 add_hat(rows, i, (1 - m) * values[s], own, cell, grid, dim)
             else:
                 add_hat(rows, i, values[s], own, cell, grid, dim)
+    ti.loop_config(serialize=alone)
     for t in range(parts * spread):
         first, last = part_of(t, parts, spread, lines(grid, 0))
         for line in range(first, last):
-            size, at = grid[0, SIZE], line_start(grid, 0, line, dim)
-            for j in range(grid[0, SHAPE + 2]):
-                for s in range(ti.static(PLACES**dim)):
-                    stencil[s * size + at + j] = 0.0
-                for corner in ti.static(corners(dim)):
-                    c = cell_at(grid, line, j, corner, dim)
-                    if c >= 0:
-                        for m in range(start[c], start[c + 1]):
-                            i = order[m]
-                            w = weight(fraction, i, corner, dim)
-                            for q in range(ti.static(4 ** (dim - 1))):
-                                # Row q of the 4^d grid nodes around the cell, seen from this corner.
-                                row = q + 1 - corner[0]
-                                if ti.static(dim == 3):
-                                    row = (q // 4 + 1 - corner[0]) * PLACES + q % 4 + 1 - corner[1]
-                                place = row * PLACES + 1 - corner[dim - 1]
-                                for u in ti.static(range(4)):
-                                    to = (place + u) * size + at + j
-                                    stencil[to] = stencil[to] + w * rows[i, q * 4 + u]
+            at = line_start(grid, 0, line, dim)
+            for place in range(ti.static(PLACES**dim)):
+                for j in range(grid[0, SHAPE + 2]):
+                    stencil[place * grid[0, SIZE] + at + j] = 0.0
+    # Lines of cells add to the lines of nodes on either side: those that have none in common go together.
+    for colour in ti.static(corners(dim - 1)):
+        ti.loop_config(serialize=alone)
+        for t in range(parts * spread):
+            first, last = part_of(t, parts, spread, lines(grid, 0))
+            for line in range(first, last):
+                one, two = line // grid[0, SHAPE + 1], line % grid[0, SHAPE + 1]
+                turn = two % 2 == colour[dim - 2]
+                if ti.static(dim == 3):
+                    turn = turn and one % 2 == colour[0]
+                if turn:
+                    for j in range(grid[0, SHAPE + 2]):
+                        c = line * grid[0, SHAPE + 2] + j
+                        if start[c + 1] > start[c]:
+                            _add_cell(fraction, order, rows, stencil, grid, start[c], start[c + 1], one, two, j, dim)

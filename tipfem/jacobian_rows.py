@@ -40,7 +40,7 @@ def gather_rows(
     pu: A / (d + 1) c_b + A tau {cm / (d + 1) g_a + cf [(g_a . f) g_b - (g_a . g_b) f - (g_b . q) g_a]}
     pp: A tau J / rho g_a . g_b
 
-    ``places`` as in `connectivity.list_neighbours`.
+    ``places`` as in `connectivity.find_neighbours`.
     """
     for i in range(nodes):
         first, last = row_offsets[i], row_offsets[i + 1]
@@ -82,9 +82,7 @@ def gather_rows(
                 growth = area / (dim + 1) * around(c_next, own, other)
                 growth = scale_p * (growth + inertia + a_f * g_b - both * f - g_b.dot(q) * g_a)
                 value = scale_p * by_pressure * both
-                b = own + other
-                b -= ti.select(b > dim, dim + 1, 0)
-                s = places[c * (dim + 1) + b]
+                s = first + places[c * dim + other - 1]
                 for k in ti.static(range(dim)):
                     for m in ti.static(range(dim)):
                         entry = scale_u[k] * block[k, m]

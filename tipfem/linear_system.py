@@ -22,6 +22,7 @@ GRID_SPACING = 2.0
 # middle of that, a twentieth of the Krylov iterations is saved.
 SCHUR_SCALE = 1.3
 ROW = 30.0  # nanoseconds that a thread takes to multiply a particle's rows
+SEARCH = 80.0  # to find a particle's neighbours, and for its row of the Laplacian
 
 
 class Topology(NamedTuple):
@@ -62,10 +63,10 @@ class Workspace:
         cells = self.buffers.upload("cells", mesh.cells)
         offsets, cursor = (self.buffers.get(name, nodes + 1, integer=True) for name in ("offsets", "cursor"))
         corners = self.buffers.get("corners", elements * width, integer=True)
-        launch = self.buffers.launch
-        launch(connectivity.count_uses, cells, offsets, elements, nodes, width)
-        launch(connectivity.accumulate, offsets, cursor, nodes)
-        launch(connectivity.list_uses, cells, offsets, cursor, corners, elements, nodes, width)
+        self.buffers.launch(
+            connectivity.list_uses, cells, offsets, cursor, corners, elements, nodes, width,
+            connectivity.one_thread_counts(),
+        )  # fmt: skip
         return Topology(cells, offsets, corners)
 
 
@@ -76,50 +77,50 @@ class LinearSystem:
         topology: of the mesh.
         mesh: M simplices on N particles.
         position: (N, d) device array [m].
-        density: (M,) device array [kg/m^3].
+        material: device arrays of the elements' density [kg/m^3] and viscosity [Pa s], (M,) both.
         extremes: lowest and highest of the densities.
-        scale: device array of the rows' scales, see `block_kernels.row_scale`.
+        held: device arrays of where displacements are fixed and where pressures are pinned, (N,) both.
+        scale: device array (N (d + 1),) that takes the rows' scales, see `block_kernels.scale_and_laplacian`.
         scheme: generalized-alpha with the step's length.
         multigrid: over a box around ``frame``.
         frame: (N, d) where the particles are in the frame of the grid [m].
+        spacing: of the particles [m].
         buffers: what is used again from step to step.
     """
 
     def __init__(
-        self, topology: Topology, mesh: Mesh, position: Any, density: Any,
-        extremes: tuple[float, float], scale: Any, scheme: GeneralizedAlpha,
-        multigrid: BackgroundMultigrid, frame: Array, buffers: Buffers,
+        self, topology: Topology, mesh: Mesh, position: Any, material: tuple[Any, Any],
+        extremes: tuple[float, float], held: tuple[Any, Any], scale: Any, scheme: GeneralizedAlpha,
+        multigrid: BackgroundMultigrid, frame: Array, spacing: float, buffers: Buffers,
     ) -> None:  # fmt: skip
-        self._topology, self._density, self._scale, self._scheme = topology, density, scale, scheme
+        self._topology, self._density, self._scale, self._scheme = topology, material[0], scale, scheme
         self._nodes, self._dimension = len(mesh.position), mesh.dimension
         n, d = self._nodes, self._dimension
         self._alone = alone(n, ROW)
         # Each corner names at most d neighbours.
         wide = buffers.get("wide", mesh.cells.size * d + n, integer=True)
         self._row_offsets = buffers.get("row_offsets", n + 1, integer=True)
-        self._launch = launch = buffers.launch
-        launch(connectivity.find_neighbours, *topology, wide, self._row_offsets, n, d)
-        count = launch(connectivity.accumulate, self._row_offsets, buffers.get("cursor", n + 1, integer=True), n)
+        self._places = buffers.get("places", mesh.cells.size * d, integer=True)
+        self._launch, single = buffers.launch, alone(n, SEARCH)
+        self._launch(connectivity.find_neighbours, *topology, wide, self._row_offsets, self._places, n, d, single)
+        cursor = buffers.get("cursor", n + 1, integer=True)
+        count = self._launch(connectivity.accumulate, self._row_offsets, cursor, n)
         self._columns = buffers.get("columns", count, integer=True)
-        self._places = buffers.get("places", mesh.cells.size * (d + 1), integer=True)
-        launch(
-            connectivity.list_neighbours, *topology, wide, self._row_offsets, self._columns, self._places, n, d
-        )
         widths = {"uu": d * d, "up": d, "pu": d, "pp": 1}
         self._blocks = tuple(buffers.get(f"rows.{name}", count * width) for name, width in widths.items())
         self._schur_b, self._schur_x = buffers.get("schur_b", n), buffers.get("schur_x", n)
         self._laplacian = values = buffers.get("laplacian", count)
-        launch(
-            block_kernels.pressure_laplacian, *topology, position, density, scale, self._row_offsets, self._places,
-            values, SCHUR_SCALE * scheme.cm, n, d,
+        self._launch(
+            block_kernels.scale_and_laplacian, *topology, position, *material, *held, wide, self._places,
+            self._row_offsets, self._columns, values, scale, scheme.cm, scheme.cv, SCHUR_SCALE, spacing, n, d, single,
         )  # fmt: skip
         self.multigrid = multigrid
         if frame is not mesh.position:
             position = buffers.upload("frame", frame)
         multigrid.build(position, self._row_offsets, self._columns, values, n)
         self._bubbles = Bubbles(
-            topology.cells, density, extremes, (len(mesh.cells), n, d + 1), (self._row_offsets, self._columns, values),
-            buffers,
+            topology.cells, material[0], extremes, (len(mesh.cells), n, d + 1),
+            (self._row_offsets, self._columns, values), buffers,
         )  # fmt: skip
 
     def gather(self, record: Any) -> None:

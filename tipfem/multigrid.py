@@ -19,7 +19,7 @@ from tipfem.background_grid import (
     coarsen_axis,
     coarsen_rest,
 )
-from tipfem.connectivity import accumulate
+from tipfem.connectivity import accumulate, one_thread_counts
 from tipfem.cycle_kernels import coarse_cycle, down_grid, up_grid
 from tipfem.device import Buffers, alone, chunks, settings, spread
 from tipfem.grid_assembly import assemble_first, count_links, find_cells, lay_links, sort_into_cells
@@ -27,7 +27,10 @@ from tipfem.mesh_cycle_kernels import damped_inverse_diagonals, down_mesh, up_me
 
 COARSEST_SWEEPS = 20
 ENTRY = 3.0  # nanoseconds that a thread takes for a grid node in a transfer
-ROW = 30.0  # nanoseconds that a thread takes for a particle's row in a sweep
+ENTRIES = 40.0  # for a grid node in the product along an axis
+FIND = 10.0  # for a particle's cell
+ROW = 30.0  # for a particle's row in a sweep
+PRODUCT = 60.0  # for a particle in the product on the finest grid
 # On the CPU, levels of at most this many grid nodes are handled together by one thread in one launch.
 SERIAL_SIZE = 3000
 
@@ -79,7 +82,8 @@ class BackgroundMultigrid:
         self._nodes, launch = nodes, self.buffers.launch
         self._alone = alone(nodes, ROW)
         self._matrix = (row_offsets, columns, values)
-        get, dim, parts = self.buffers.get, self.dimension, (chunks(), spread())
+        get, dim = self.buffers.get, self.dimension
+        counts, short = one_thread_counts(), alone(nodes, FIND)
         self._start = get("mg.start", self._cells + 1, integer=True)
         cursor = get("mg.cursor", max(self._cells, nodes), integer=True)
 
@@ -87,12 +91,12 @@ class BackgroundMultigrid:
             self._cell, self._fraction = get("mg.cell", room, dim, integer=True), get("mg.fraction", room, dim)
             launch(
                 find_cells, position, self._lower, self._grid, self._cell, self._fraction, self._start, self.spacing,
-                nodes, self._cells, dim,
+                nodes, self._cells, dim, short,
             )  # fmt: skip
 
         settle_nodes(nodes)
         links = get("mg.links", nodes + 1, integer=True)
-        launch(count_links, *self._matrix, self._cell, self._fraction, links, nodes, dim)
+        launch(count_links, *self._matrix, self._cell, self._fraction, links, nodes, dim, alone(nodes, ROW))
         count = nodes + launch(accumulate, links, cursor, nodes)
         rows, self._residual = get("mg.rows", count, 4**dim), get("mg.residual", count)
         if count > nodes:
@@ -100,19 +104,23 @@ class BackgroundMultigrid:
                 settle_nodes(count)
             launch(
                 lay_links, *self._matrix, self._cell, self._fraction, links, rows, self._residual, self._start,
-                self._grid, nodes, dim,
+                self._grid, nodes, dim, alone(nodes, ROW),
             )  # fmt: skip
         self._order = get("mg.order", count, integer=True)
         launch(accumulate, self._start, cursor, self._cells)
-        launch(sort_into_cells, self._cell, self._grid, self._start, cursor, self._order, count, self._cells, dim)
+        launch(
+            sort_into_cells, self._cell, self._grid, self._start, cursor, self._order, count, self._cells, dim, counts
+        )
+        single = alone(nodes, PRODUCT)
         launch(
             assemble_first, self._cell, self._fraction, self._order, self._start, *self._matrix, rows, self._stencil,
-            self._grid, nodes, *parts, dim,
+            self._grid, nodes, chunks(), spread(single), dim, single,
         )  # fmt: skip
         operators = (self._stencil, self._weights, self._grid)
         for level, fine, axis in self._passes:
             if level < self._products_from:
-                launch(coarsen_axis, *operators, fine, *parts, axis, dim)
+                single = alone(int(self.grid[fine, SIZE]), ENTRIES)
+                launch(coarsen_axis, *operators, fine, chunks(), spread(single), axis, dim, single)
         launch(coarsen_rest, *operators, self._products_from, self.levels, dim)
         self._relax = get("mg.relax", nodes)
         launch(

@@ -94,7 +94,8 @@ def triangulate(position: Array, wall: Array, spacing: float) -> Mesh:
         spacing: target distance h between particles [m], the scale of what counts as flat.
 
     Returns:
-        The mesh, cells positively oriented, slivers along straight walls dropped.
+        The mesh, cells positively oriented and in the order of their lowest particles, slivers along straight walls
+        dropped.
 
     Raises:
         TriangulationError: Qhull gave up, left out a particle, or a flat simplex holds a
@@ -111,7 +112,8 @@ def triangulate(position: Array, wall: Array, spacing: float) -> Mesh:
     if not used.all():
         i = int(np.argmin(used))
         raise TriangulationError(f"particle {i} at {position[i].tolist()} is in no simplex of the mesh")
-    return Mesh(position, cells)
+    # Cells that are next to each other in memory as in space take half of the time in loops over them.
+    return Mesh(position, cells[np.argsort(cells.min(axis=1), kind="stable")])
 
 
 def wall_fluid(mesh: Mesh, fluid: Array, wall: Array) -> Array:
