@@ -66,8 +66,8 @@ def slide(t: Triangulation, held, reach: float = 2.0, way: float = 10.0) -> None
     mark = t.marks()
     kernels.slide_contacts(
         t.state, t.cells, t.across, t.fluid, t.corner, held, t.density, mark,
-        np.where(mark < 2, [[way], [0.0]], 0.0).T.copy(), np.empty(4 * (STAR + 1), dtype=np.int32), len(t.state), reach,
-        0.35, 0.02,
+        np.where(mark < 2, [[way], [0.0]], 0.0).T.copy(), np.empty(4 * (STAR + 1), dtype=np.int32),
+        np.zeros(len(t.cells), dtype=np.int8), len(t.state), reach, 0.35, 0.02,
     )  # fmt: skip
 
 

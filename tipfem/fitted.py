@@ -75,7 +75,7 @@ def repair(
     t.slide_contacts(sticks, particles.position - mesh.position, rule.reach, 0.35, LEAST)
     broken = t.break_films(rule.film)
     if taken := t.take_in(SLIVER, 1.0):
-        flips += taken + t.make_delaunay(rule.slack)
+        flips += taken + t.make_delaunay(rule.slack, again=True)
     relocated = _follow_targets(t, held, rule) if graded else _set_elsewhere(t, held, rule)
     t.compact()
     new = Mesh(np.ascontiguousarray(t.state[:, :2]), t.cells, t.fluid)
@@ -106,8 +106,9 @@ def _set_elsewhere(t: Triangulation, held: Array, rule: FittedRule) -> Array:
         if not len(t.freed):
             break
         t.refine(edges, room)
-        t.make_delaunay(rule.slack)
-        edges, _ = t.longest_edges(rule.long, t.wanted_edges())
+        t.make_delaunay(rule.slack, again=True)
+        if len(t.freed):
+            edges, _ = t.longest_edges(rule.long, t.wanted_edges())
     if len(t.freed):
         raise TriangulationError(f"{len(t.freed)} particles that crowded others find no room elsewhere")
     return relocated
@@ -127,7 +128,7 @@ def _follow_targets(t: Triangulation, held: Array, rule: FittedRule) -> Array:
             break
         t.provide(len(edges))
         t.refine(edges, room)
-        t.make_delaunay(rule.slack)
+        t.make_delaunay(rule.slack, again=True)
     relocated = np.zeros(len(t.state), dtype=bool)
     relocated[gone] = True
     relocated[before:] = True
