@@ -26,7 +26,7 @@ def break_films(t: Triangulation, thin: float) -> int:
     """How many cells break."""
     count, flag = np.zeros(2, dtype=np.int32), np.empty(len(t.cells), dtype=np.int32)
     kernels.break_films(
-        t.state, t.cells, t.across, t.fluid, t.marks(), t.density, flag, count, len(t.cells), thin
+        t.state, t.cells, t.across, t.fluid, t.marks(), t.density, flag, count, len(t.cells), thin, True
     )  # fmt: skip
     return int(count[0])
 

@@ -70,7 +70,7 @@ def repair(
         raise TriangulationError("a triangle was inverted before it could be repaired")
     held = fixed.astype(bool)
     t = Triangulation.of(particles, mesh, density, moved)
-    flips = t.make_delaunay(rule.slack)
+    flips = t.make_delaunay(rule.slack, position=np.ascontiguousarray(particles.position))
     sticks = held if slippery is None else held | (slippery > 0)
     t.slide_contacts(sticks, particles.position - mesh.position, rule.reach, 0.35, LEAST)
     broken = t.break_films(rule.film)
@@ -88,6 +88,7 @@ def repair(
         numbers = t.drop()
         kept = numbers >= 0
         position, relocated, renumbered = position[kept], relocated[kept], numbers[: len(particles)]
+        new.__dict__["bodies_at"] = new.__dict__["bodies_at"].compress(kept, axis=1)
     return Repaired(*_taken(t, particles, new, position), relocated, renumbered)
 
 
@@ -142,14 +143,10 @@ def _taken(t: Triangulation, particles: Particles, new: Mesh, position: Array) -
     if (new.measure <= 0).any():
         place = position[t.cells[np.argmin(new.measure), 0]].tolist()
         raise TriangulationError(f"the triangle at {place} has no area after the repair")
-    velocity, acceleration, pressure, target = (
-        np.ascontiguousarray(t.state[:, k]) for k in (slice(2, 4), slice(4, 6), 6, 8)
-    )
     state = particles.changed(
-        position=position, velocity=velocity, acceleration=acceleration, pressure=pressure, target=target,
-        wall=t.wall.astype(bool), fluid=np.zeros(len(position), dtype=np.int32),
-    )  # fmt: skip
+        position=position, wall=t.wall.astype(bool), fluid=np.zeros(len(position), dtype=np.int32), **t.carried()
+    )
     mesh = Mesh(position, t.cells, t.fluid)
-    for name in ("across", "measure", "bodies"):
+    for name in ("across", "measure", "bodies", "bodies_at"):
         mesh.__dict__[name] = new.__dict__[name]
     return state, mesh

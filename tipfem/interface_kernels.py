@@ -23,9 +23,13 @@ from tipfem.surgery import (
 @ti.kernel
 def mark_particles(
     cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(), mark: ti.types.ndarray(),
-    elements: ti.i32,
+    elements: ti.i32, alone: ti.template(),
 ):  # fmt: skip
-    """Set bit 1 of ``mark`` at particles on an interface, bit 2 at those on the hull; ``mark`` starts at zero."""
+    """Set bit 1 of ``mark`` at particles on an interface, bit 2 at those on the hull; ``mark`` starts at zero.
+
+    ``alone``: by one thread.
+    """
+    ti.loop_config(serialize=alone)
     for t in range(elements):
         if fluid[t] >= 0:
             for i in ti.static(range(3)):
@@ -45,13 +49,14 @@ def mark_particles(
 def break_films(
     x: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
     mark: ti.types.ndarray(), density: ti.types.ndarray(), flag: ti.types.ndarray(), count: ti.types.ndarray(),
-    elements: ti.i32, thin: ti.f64,
+    elements: ti.i32, thin: ti.f64, alone: ti.template(),
 ):  # fmt: skip
     """Give films to the fluid beside them: cells with no particle inside their fluid, lower than ``thin`` targets.
 
     A film that thin is about to let two surfaces meet, or a filament to break. Its cells go to the fluid
-    beyond their longest edge at an interface. count[0]: how many.
+    beyond their longest edge at an interface. count[0]: how many. ``alone``: cells are looked at by one thread.
     """
+    ti.loop_config(serialize=alone)
     for t in range(elements):
         flag[t] = 0
         if fluid[t] >= 0:

@@ -47,20 +47,28 @@ class Triangulation:
         ``measure`` (M,) are the triangles' areas there [m^2].
         """
         assert mesh.fluid is not None
-        share = density[mesh.fluid] * measure / 3
-        mass = np.bincount(mesh.cells.T.ravel(), weights=np.tile(share, 3), minlength=len(particles))
-        state = np.column_stack(
-            [particles.position, particles.velocity, particles.acceleration, particles.pressure, mass, particles.target]
-        )
-        corner = np.full(len(state), -1, dtype=np.int32)
-        corner[mesh.cells.ravel()] = np.arange(mesh.cells.size, dtype=np.int32) // 3
+        count = len(particles)
+        state, corner = np.empty((count, 9)), np.empty(count, dtype=np.int32)
+        remeshing_kernels.gather(
+            *map(np.ascontiguousarray, (particles.position, particles.velocity, particles.acceleration)),
+            *map(np.ascontiguousarray, (particles.pressure, particles.target, mesh.cells, mesh.fluid)),
+            measure, density, np.empty(count), state, corner, count, len(mesh.cells),
+        )  # fmt: skip
         wall = particles.wall.astype(np.int32)
         return cls(state, mesh.cells.copy(), mesh.across.copy(), mesh.fluid.copy(), corner, wall, density)
 
-    def make_delaunay(self, slack: float, *, again: bool = False) -> int:
+    def carried(self) -> dict[str, Array]:
+        """What particles carry, by the names of `Particles`: all of `state` but positions and masses."""
+        count = len(self.state)
+        velocity, acceleration, pressure, wanted = np.empty((count, 2)), np.empty((count, 2)), *np.empty((2, count))
+        remeshing_kernels.scatter(self.state, velocity, acceleration, pressure, wanted, count)
+        return {"velocity": velocity, "acceleration": acceleration, "pressure": pressure, "target": wanted}
+
+    def make_delaunay(self, slack: float, *, again: bool = False, position: Array | None = None) -> int:
         """Flip what is not Delaunay; how many flips it took.
 
-        ``again``: but for this object's own changes, all was as it had to be after the last time.
+        ``again``: but for this object's own changes, all was as it had to be after the last time. ``position`` (N, 2):
+        the same as in `state`, and quicker to look through.
 
         Raises:
             TriangulationError: the flips did not come to an end.
@@ -69,8 +77,9 @@ class Triangulation:
         if not again:
             self._stale = np.zeros(elements, dtype=np.int8)
             flip_kernels.find_flips(
-                self.state, self.cells, self.across, self.fluid, self._stale, elements, slack, alone(elements, 40.0)
-            )
+                self.state if position is None else position, self.cells, self.across, self.fluid, self._stale,
+                elements, slack, alone(elements, 40.0),
+            )  # fmt: skip
         count, stack = np.zeros(3, dtype=np.int32), np.empty(max(8 * elements, 64), dtype=np.int32)
         while True:
             count[2] = 0
@@ -141,7 +150,7 @@ class Triangulation:
         count = np.zeros(1, dtype=np.int32)
         interface_kernels.break_films(
             self.state, self.cells, self.across, self.fluid, self.marks(), self.density,
-            np.empty(len(self.cells), dtype=np.int32), count, len(self.cells), thin,
+            np.empty(len(self.cells), dtype=np.int32), count, len(self.cells), thin, alone(len(self.cells), 10.0),
         )  # fmt: skip
         self._changed(count[0], of_fluids=True)
         return int(count[0])
@@ -167,6 +176,7 @@ class Triangulation:
             self.state, self.cells, self.across, self.fluid, self.corner, held.astype(np.int32), self.wall,
             self.density, _scratch(), np.empty(max(len(self.cells), len(self.state)), dtype=np.int32), self._stale,
             freed, count, len(self.cells), len(self.state), close, chain, edge, film, least, most,
+            alone(len(self.cells), 15.0),
         )  # fmt: skip
         self.freed = np.concatenate([self.freed, freed[: count[0]]])
         self._changed(count[0])
@@ -239,8 +249,9 @@ def marks(cells: Array, across: Array, fluid: Array, count: int) -> Array:
     """(N,) of ``count`` particles, see `Triangulation.marks`; the arrays are those of `surgery`."""
     mark = np.zeros(count, dtype=np.int32)
     interface_kernels.mark_particles(
-        np.ascontiguousarray(cells), np.ascontiguousarray(across), np.ascontiguousarray(fluid), mark, len(cells)
-    )
+        np.ascontiguousarray(cells), np.ascontiguousarray(across), np.ascontiguousarray(fluid), mark, len(cells),
+        alone(len(cells), 5.0),
+    )  # fmt: skip
     return mark
 
 

@@ -28,6 +28,50 @@ from tipfem.surgery import (
 )
 
 
+@on_arrays
+@ti.kernel
+def gather(
+    position: ti.types.ndarray(), velocity: ti.types.ndarray(), acceleration: ti.types.ndarray(),
+    pressure: ti.types.ndarray(), wanted: ti.types.ndarray(), cells: ti.types.ndarray(), fluid: ti.types.ndarray(),
+    measure: ti.types.ndarray(), density: ti.types.ndarray(), mass: ti.types.ndarray(), state: ti.types.ndarray(),
+    corner: ti.types.ndarray(), particles: ti.i32, elements: ti.i32,
+):  # fmt: skip
+    """The rows of ``state`` from the particles' arrays, targets ``wanted`` (N,), and masses; ``corner`` (N,) is the
+    last cell at each. ``mass`` (N,) is scratch."""
+    ti.loop_config(serialize=True)
+    for n in range(particles):
+        mass[n], corner[n] = 0.0, -1
+    ti.loop_config(serialize=True)
+    for t in range(elements):
+        share = density[fluid[t]] * measure[t] / 3.0
+        for k in ti.static(range(3)):
+            n = cells[t, k]
+            mass[n] = mass[n] + share
+            corner[n] = t
+    ti.loop_config(serialize=True)
+    for n in range(particles):
+        for k in ti.static(range(2)):
+            state[n, k] = position[n, k]
+            state[n, 2 + k] = velocity[n, k]
+            state[n, 4 + k] = acceleration[n, k]
+        state[n, 6], state[n, 7], state[n, 8] = pressure[n], mass[n], wanted[n]
+
+
+@on_arrays
+@ti.kernel
+def scatter(
+    state: ti.types.ndarray(), velocity: ti.types.ndarray(), acceleration: ti.types.ndarray(),
+    pressure: ti.types.ndarray(), wanted: ti.types.ndarray(), particles: ti.i32,
+):  # fmt: skip
+    """What `gather` did to the rows, undone."""
+    ti.loop_config(serialize=True)
+    for n in range(particles):
+        for k in ti.static(range(2)):
+            velocity[n, k] = state[n, 2 + k]
+            acceleration[n, k] = state[n, 4 + k]
+        pressure[n], wanted[n] = state[n, 6], state[n, 8]
+
+
 @ti.func
 def keep_area(
     state: ti.template(), cells: ti.template(), fluid: ti.template(), density: ti.template(), star: ti.template(),
@@ -64,7 +108,7 @@ def coarsen(
     corner: ti.types.ndarray(), fixed: ti.types.ndarray(), wall: ti.types.ndarray(), density: ti.types.ndarray(),
     star: ti.types.ndarray(), flag: ti.types.ndarray(), stale: ti.types.ndarray(), freed: ti.types.ndarray(),
     count: ti.types.ndarray(), elements: ti.i32, particles: ti.i32, close: ti.f64, chain: ti.f64, edge: ti.f64,
-    film: ti.f64, least: ti.f64, most: ti.i32,
+    film: ti.f64, least: ti.f64, most: ti.i32, alone: ti.template(),
 ):  # fmt: skip
     """Take out particles that crowd others: by collapsing the edge to a neighbour.
 
@@ -73,26 +117,36 @@ def coarsen(
     ``film`` to a wall, which the interface then meets. On a wall: closer than ``chain`` to the next on
     it, or than ``film`` where an interface meets the wall. ``fixed`` (N,) stay. No cell is left with less than twice
     the area ``least``; at most ``most`` go. All in target spacings, squared for the area. freed[:count[0]]: who
-    went. ``stale`` (M,): see `surgery.touch`. ``star`` is scratch.
+    went. ``stale`` (M,): see `surgery.touch`. ``star`` is scratch. ``alone``: the look at all
+    cells is one thread's.
     """
+    ti.loop_config(serialize=alone)
     for i in range(particles):
         flag[i] = 0
+    ti.loop_config(serialize=alone)
     for t in range(elements):
         if fluid[t] >= 0:
             for i in ti.static(range(3)):
-                b, c = cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
-                length, wanted = distance(state, b, c), target(state, b, c)
-                if length < ti.max(close, chain) * wanted:
-                    ti.atomic_or(flag[b], 1)
-                    ti.atomic_or(flag[c], 1)
                 o = across[t, i]
                 border = o < 0
                 if not border:
                     border = fluid[o] != fluid[t]
-                if border and double_area(state, cells[t, 0], cells[t, 1], cells[t, 2]) < edge * wanted * length:
-                    ti.atomic_or(flag[cells[t, i]], 2)
-                if o < 0 and double_area(state, cells[t, 0], cells[t, 1], cells[t, 2]) < film * wanted * length:
-                    ti.atomic_or(flag[cells[t, i]], 4)
+                if border or o > t:
+                    b, c = cells[t, ti.static((i + 1) % 3)], cells[t, ti.static((i + 2) % 3)]
+                    wanted = target(state, b, c)
+                    reach = ti.max(close, chain) * wanted * (1 + 1e-12)
+                    near = (state[b, 0] - state[c, 0]) ** 2 + (state[b, 1] - state[c, 1]) ** 2 < reach * reach
+                    if near or border:
+                        length = distance(state, b, c)
+                        if length < ti.max(close, chain) * wanted:
+                            ti.atomic_or(flag[b], 1)
+                            ti.atomic_or(flag[c], 1)
+                        if border:
+                            height = double_area(state, cells[t, 0], cells[t, 1], cells[t, 2])
+                            if height < edge * wanted * length:
+                                ti.atomic_or(flag[cells[t, i]], 2)
+                            if o < 0 and height < film * wanted * length:
+                                ti.atomic_or(flag[cells[t, i]], 4)
     ti.loop_config(serialize=True)
     for p in range(particles):
         if flag[p] > 0 and fixed[p] == 0 and corner[p] >= 0 and count[0] < most:
