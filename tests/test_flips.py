@@ -1,4 +1,4 @@
-"""The flips of tipfem/remeshing_kernels.py: against Qhull, and what becomes of momentum."""
+"""tipfem/flip_kernels.py: against Qhull, and what becomes of momentum."""
 
 import numpy as np
 import pytest
@@ -101,6 +101,27 @@ def test_a_slack_leaves_what_is_delaunay_but_for_it():
     assert t.make_delaunay(1e-3) == 0
     assert 1e-9 < circle_test(x, inner_edges(t)).max() <= 1e-3  # ties are left as they were
     assert as_set(t.cells) != as_set(delaunay(x))
+
+
+def test_after_changes_of_its_own_only_what_changed_is_looked_at():
+    """The same flips as after a look at all cells, when particles were put in and taken out."""
+    flips = 0
+    for seed in range(20):
+        x = 8 * cloud("jittered lattice", seed)
+        results = []
+        for again in (False, True):
+            t = of(x, delaunay(x))
+            shuffled(t, seed)
+            t.make_delaunay(1e-3)
+            t.coarsen(t.wall.astype(bool), 0.8, 0.1, 0.2, 0.0, 0.02, most=len(x))
+            assert len(t.freed)
+            edges, _ = t.longest_edges(1.5, t.wanted_edges())
+            t.refine(edges, 0.1)
+            flips += t.make_delaunay(1e-3, again=again)
+            results.append((t.state, t.cells, t.across, t.fluid))
+        for one, other in zip(*results, strict=True):
+            np.testing.assert_array_equal(one, other)
+    assert flips > 100
 
 
 def test_interfaces_are_never_flipped():

@@ -26,7 +26,7 @@ def break_films(t: Triangulation, thin: float) -> int:
     """How many cells break."""
     count, flag = np.zeros(2, dtype=np.int32), np.empty(len(t.cells), dtype=np.int32)
     kernels.break_films(
-        t.state, t.cells, t.across, t.fluid, t.marks(), t.density, flag, count, len(t.cells), thin
+        t.state, t.cells, t.across, t.fluid, t.marks(), t.density, flag, count, len(t.cells), thin, True
     )  # fmt: skip
     return int(count[0])
 
@@ -66,8 +66,8 @@ def slide(t: Triangulation, held, reach: float = 2.0, way: float = 10.0) -> None
     mark = t.marks()
     kernels.slide_contacts(
         t.state, t.cells, t.across, t.fluid, t.corner, held, t.density, mark,
-        np.where(mark < 2, [[way], [0.0]], 0.0).T.copy(), np.empty(4 * (STAR + 1), dtype=np.int32), len(t.state), reach,
-        0.35, 0.02,
+        np.where(mark < 2, [[way], [0.0]], 0.0).T.copy(), np.empty(4 * (STAR + 1), dtype=np.int32),
+        np.zeros(len(t.cells), dtype=np.int8), len(t.state), reach, 0.35, 0.02,
     )  # fmt: skip
 
 

@@ -18,8 +18,9 @@ def coarsened(t: Triangulation, close, chain, edge, held=None, *, film=0.0, most
     freed, count = np.empty(n, dtype=np.int32), np.zeros(2, dtype=np.int32)
     kernels.coarsen(
         t.state, t.cells, t.across, t.fluid, t.corner, held, t.wall, t.density,
-        np.empty(4 * (STAR + 1), dtype=np.int32), np.empty(max(n, len(t.cells)), dtype=np.int32), freed, count,
-        len(t.cells), n, close, chain, edge, film, 0.02, most,
+        np.empty(4 * (STAR + 1), dtype=np.int32), np.empty(max(n, len(t.cells)), dtype=np.int32),
+        np.zeros(len(t.cells), dtype=np.int8), freed, count, len(t.cells), n, close, chain, edge, film, 0.02, most,
+        True,
     )  # fmt: skip
     return freed[: count[0]]
 

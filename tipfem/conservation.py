@@ -7,11 +7,27 @@ no source can. So the loss is measured after every step, body by body, and undon
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from tipfem import conservation_kernels as kernels
 from tipfem.mesh import Mesh, simplex_measure
 from tipfem.particles import Array
+
+
+class Known(NamedTuple):
+    """Of triangles (M, 3) in K bodies, some of whose particles may move.
+
+    Attributes:
+        measure: (M,) their areas [m^2].
+        volume: (K,) of the bodies [m^2].
+        near: numbers of the triangles with a particle that may move.
+    """
+
+    measure: Array
+    volume: Array
+    near: Array
 
 
 def bodies(across: Array, fluid: Array) -> Array:
@@ -35,6 +51,18 @@ def bodies_of(mesh: Mesh) -> Array:
     return np.asarray(found)
 
 
+def bodies_at(mesh: Mesh, fluids: int) -> Array:
+    """(F, N) a body of each of the fluids at each particle of a mesh that knows its fluids, -1 for none; found once."""
+    found = mesh.__dict__.get("bodies_at")
+    if found is None or len(found) != fluids:
+        assert mesh.fluid is not None
+        found = np.full((fluids, len(mesh.position)), -1, dtype=np.int32)
+        # Of a particle's bodies of one fluid any will do.
+        kernels.bodies_at(mesh.cells, mesh.fluid, bodies_of(mesh), found, len(mesh.cells))
+        mesh.__dict__["bodies_at"] = found
+    return np.asarray(found)
+
+
 def restore(
     position: Array, new: Mesh, mark: Array, old: Mesh, moved: Array, relocated: Array, total: Array | None,
     limit: float,
@@ -55,40 +83,39 @@ def restore(
     assert new.fluid is not None
     before, after = bodies_of(old), bodies_of(new)
     changes = np.zeros(int(before.max()) + 1) if total is None else np.bincount(before, weights=old.measure - moved)
-    loss = inherit((old.cells, old.fluid, before), (new.cells, new.fluid, after), changes, relocated)
-    measure, volume = np.empty(len(new.cells)), np.zeros(len(loss))
+    fluids = max(int(old.fluid.max()), int(new.fluid.max())) + 1
+    loss = inherit(bodies_at(old, fluids), bodies_at(new, fluids), changes, relocated, int(after.max()) + 1)
+    measure, volume, near = np.empty(len(new.cells)), np.zeros(len(loss)), np.empty(len(new.cells), dtype=np.int32)
     fluid, free = np.zeros(len(loss), dtype=np.int32), np.zeros(len(loss), dtype=np.int32)
-    kernels.survey(position, new.cells, new.fluid, after, mark, measure, volume, fluid, free, len(new.cells))
+    count = kernels.survey(
+        position, new.cells, new.fluid, after, mark, measure, volume, fluid, free, near, len(new.cells)
+    )
     total = np.bincount(old.fluid, weights=moved) if total is None else total
     total = np.pad(total, (0, max(0, fluid.max() + 1 - len(total))))
     wanted = share_out(volume, loss, fluid, total, free > 0)
     new.__dict__["measure"] = measure
-    return move_interfaces(position, new.cells, after, mark == 1, wanted, limit, measure)
+    return move_interfaces(
+        position, new.cells, after, mark == 1, wanted, limit, Known(measure, volume, near[:count])
+    )
 
 
-def inherit(
-    old: tuple[Array, Array, Array], new: tuple[Array, Array, Array], loss: Array, moved: Array
-) -> Array:
+def inherit(old: Array, new: Array, loss: Array, moved: Array, number: int) -> Array:
     """What bodies of a new mesh have to make good of the losses of those of the old one.
 
     A body hands its loss on in equal parts with its particles: so bodies may merge and split.
 
     Args:
-        old: cells (M, 3), fluid (M,) and body (M,) of each triangle.
-        new: the same after remeshing.
+        old: (F, N) from `bodies_at`.
+        new: the same after remeshing; of more particles, maybe.
         loss: (K,) of the old bodies [m^2].
         moved: (N,) mask of particles that were set elsewhere; they hand on nothing.
+        number: of new bodies.
 
     Returns:
         (K',) loss of the new bodies [m^2]; that of a body which is gone is in none.
     """
-    fluids, count = int(max(old[1].max(), new[1].max())) + 1, len(moved)
-    at = np.full((2, fluids, count), -1, dtype=np.int32)
-    for (cells, fluid, body), where in zip((old, new), at, strict=True):
-        # Of a particle's bodies of one fluid any will do.
-        kernels.bodies_at(cells, fluid, body, where, len(cells))
-    result, parts = np.zeros(int(new[2].max()) + 1), np.zeros(len(loss), dtype=np.int32)
-    kernels.hand_on(at[0], at[1], moved.view(np.int8), loss, parts, result, fluids, count)
+    result, parts = np.zeros(number), np.zeros(len(loss), dtype=np.int32)
+    kernels.hand_on(old, new, moved.view(np.int8), loss, parts, result, *old.shape)
     return result
 
 
@@ -115,7 +142,7 @@ def share_out(volume: Array, loss: Array, fluid: Array, total: Array, free: Arra
 
 def move_interfaces(
     position: Array, cells: Array, body: Array, movable: Array, wanted: Array, limit: float,
-    measure: Array | None = None,
+    known: Known | None = None,
 ) -> Array:  # fmt: skip
     """Where particles go so that bodies get the volumes wanted.
 
@@ -129,7 +156,7 @@ def move_interfaces(
         movable: (N,) mask of the particles that may move: those of interfaces, off the walls.
         wanted: (K,) volumes [m^2].
         limit: of a particle's shift in one round [m].
-        measure: (M,) the triangles' areas, if known already [m^2]; changed to those at the new positions.
+        known: what is known of it already; its areas are changed to those at the new positions.
 
     Returns:
         (N, 2) new positions.
@@ -138,10 +165,12 @@ def move_interfaces(
     if not len(nodes):
         return position
     x = position.copy()
-    measure = simplex_measure(x, cells) if measure is None else measure
-    volume: Array = np.bincount(body, weights=measure, minlength=len(wanted))
-    near, head = np.empty(len(cells), dtype=np.int32), np.full(len(x), -2, dtype=np.int32)
-    count = kernels.triangles_at(cells, np.ascontiguousarray(movable).view(np.int8), near, len(cells))
+    if known is None:
+        measure, near = simplex_measure(x, cells), np.empty(len(cells), dtype=np.int32)
+        count = kernels.triangles_at(cells, np.ascontiguousarray(movable).view(np.int8), near, len(cells))
+        known = Known(measure, np.bincount(body, weights=measure, minlength=len(wanted)), near[:count])
+    measure, volume, near = known
+    count, head = len(near), np.full(len(x), -2, dtype=np.int32)
     chain, gradient, way = np.empty((3 * count, 2), dtype=np.int32), np.empty((3 * count, 2)), np.empty((len(x), 4))
     for _ in range(4):
         missing = wanted - volume

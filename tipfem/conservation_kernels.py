@@ -37,13 +37,16 @@ def find_bodies(
     cells; returns how many there are."""
     ti.loop_config(serialize=True)
     for t in range(elements):
+        root = t
         body[t] = t
         for i in ti.static(range(3)):
             o = across[t, i]
             if 0 <= o < t:
-                if fluid[o] == fluid[t]:
-                    one, other = root_of(body, t), root_of(body, o)
-                    body[ti.max(one, other)] = ti.min(one, other)
+                if fluid[o] == fluid[t] and body[o] != root:
+                    other = root_of(body, o)
+                    body[ti.max(root, other)] = ti.min(root, other)
+                    root = ti.min(root, other)
+        body[t] = root
     count = 0
     ti.loop_config(serialize=True)
     for t in range(elements):  # numbers as -1 - number until all are there
@@ -63,9 +66,13 @@ def find_bodies(
 def survey(
     x: ti.types.ndarray(), cells: ti.types.ndarray(), fluid: ti.types.ndarray(), body: ti.types.ndarray(),
     mark: ti.types.ndarray(), measure: ti.types.ndarray(), volume: ti.types.ndarray(), of: ti.types.ndarray(),
-    free: ti.types.ndarray(), elements: ti.i32,
-):  # fmt: skip
-    """Areas ``measure`` (M,); volume (K,), fluid ``of`` (K,), and free (K,): 1 for bodies with a particle of mark 1."""
+    free: ti.types.ndarray(), near: ti.types.ndarray(), elements: ti.i32,
+) -> ti.i32:  # fmt: skip
+    """Areas ``measure`` (M,); volume (K,), fluid ``of`` (K,), and free (K,): 1 for bodies with a particle of mark 1.
+
+    near (M,): the triangles with such a particle; returns how many there are.
+    """
+    count = 0
     ti.loop_config(serialize=True)
     for t in range(elements):
         b = body[t]
@@ -75,6 +82,9 @@ def survey(
         of[b] = fluid[t]
         if mark[cells[t, 0]] == 1 or mark[cells[t, 1]] == 1 or mark[cells[t, 2]] == 1:
             free[b] = 1
+            near[count] = t
+            count += 1
+    return count
 
 
 @on_arrays

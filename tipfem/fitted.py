@@ -71,12 +71,12 @@ def repair(
         raise TriangulationError("a triangle was inverted before it could be repaired")
     held = fixed.astype(bool)
     t = Triangulation.of(particles, mesh, density, moved)
-    flips = t.make_delaunay(rule.slack)
+    flips = t.make_delaunay(rule.slack, position=np.ascontiguousarray(particles.position))
     sticks = held if slippery is None else held | (slippery > 0)
     t.slide_contacts(sticks, particles.position - mesh.position, rule.reach, 0.35, LEAST)
     broken = t.break_films(rule.film)
     if taken := t.take_in(SLIVER, 1.0):
-        flips += taken + t.make_delaunay(rule.slack)
+        flips += taken + t.make_delaunay(rule.slack, again=True)
     relocated = _follow_targets(t, held, rule) if graded else _set_elsewhere(t, held, rule)
     t.compact()
     new = Mesh(np.ascontiguousarray(t.state[:, :2]), t.cells, t.fluid)
@@ -89,6 +89,7 @@ def repair(
         numbers = t.drop()
         kept = numbers >= 0
         position, relocated, renumbered = position[kept], relocated[kept], numbers[: len(particles)]
+        new.__dict__["bodies_at"] = new.__dict__["bodies_at"].compress(kept, axis=1)
     return Repaired(*_taken(t, particles, new, position), relocated, renumbered)
 
 
@@ -107,8 +108,9 @@ def _set_elsewhere(t: Triangulation, held: Array, rule: FittedRule) -> Array:
         if not len(t.freed):
             break
         t.refine(edges, room)
-        t.make_delaunay(rule.slack)
-        edges, _ = t.longest_edges(rule.long, t.wanted_edges())
+        t.make_delaunay(rule.slack, again=True)
+        if len(t.freed):
+            edges, _ = t.longest_edges(rule.long, t.wanted_edges())
     if len(t.freed):
         raise TriangulationError(f"{len(t.freed)} particles that crowded others find no room elsewhere")
     return relocated
@@ -128,7 +130,7 @@ def _follow_targets(t: Triangulation, held: Array, rule: FittedRule) -> Array:
             break
         t.provide(len(edges))
         t.refine(edges, room)
-        t.make_delaunay(rule.slack)
+        t.make_delaunay(rule.slack, again=True)
     relocated = np.zeros(len(t.state), dtype=bool)
     relocated[gone] = True
     relocated[before:] = True
@@ -142,14 +144,10 @@ def _taken(t: Triangulation, particles: Particles, new: Mesh, position: Array) -
     if (new.measure <= 0).any():
         place = position[t.cells[np.argmin(new.measure), 0]].tolist()
         raise TriangulationError(f"the triangle at {place} has no area after the repair")
-    velocity, acceleration, pressure, target = (
-        np.ascontiguousarray(t.state[:, k]) for k in (slice(2, 4), slice(4, 6), 6, 8)
-    )
     state = particles.changed(
-        position=position, velocity=velocity, acceleration=acceleration, pressure=pressure, target=target,
-        wall=t.wall.astype(bool), fluid=np.zeros(len(position), dtype=np.int32),
-    )  # fmt: skip
+        position=position, wall=t.wall.astype(bool), fluid=np.zeros(len(position), dtype=np.int32), **t.carried()
+    )
     mesh = Mesh(position, t.cells, t.fluid)
-    for name in ("across", "measure", "bodies"):
+    for name in ("across", "measure", "bodies", "bodies_at"):
         mesh.__dict__[name] = new.__dict__[name]
     return state, mesh

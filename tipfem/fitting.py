@@ -75,8 +75,12 @@ def with_fluids(mesh: Mesh, particles: Particles, density: Array) -> Mesh:
 
 def particle_fluid(mesh: Mesh, count: int, density: Array) -> Array:
     """(N,) the heaviest fluid at each of ``count`` particles."""
-    fluid = np.zeros(count, dtype=np.int32)
+    fluid, at = np.zeros(count, dtype=np.int32), mesh.__dict__.get("bodies_at")
     for f in np.argsort(density, kind="stable"):
+        if at is not None:  # see `conservation`
+            if f < len(at):
+                fluid[at[f] >= 0] = f
+            continue
         fluid[mesh.cells[mesh.fluid == f].ravel()] = f
     return fluid
 

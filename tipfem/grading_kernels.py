@@ -29,11 +29,14 @@ def limit_growth(
                     if target[a] > target[b]:
                         a, b = b, a
                     # Most edges join equal targets: no need to know how long they are.
-                    if target[b] > target[a]:
-                        highest = target[a] + growth * distance(x, a, b)
-                        if target[b] > highest * (1 + 1e-9):
-                            target[b] = highest
-                            changed = True
+                    more = target[b] - target[a]
+                    if more > 0:
+                        dx, dy = growth * (x[a, 0] - x[b, 0]), growth * (x[a, 1] - x[b, 1])
+                        if more * more > dx * dx + dy * dy:  # roots are for those that may be too high
+                            highest = target[a] + growth * distance(x, a, b)
+                            if target[b] > highest * (1 + 1e-9):
+                                target[b] = highest
+                                changed = True
             if changed:
                 sweeps = sweep + 1
     return sweeps

@@ -14,6 +14,7 @@ from tipfem.surgery import (
     interface_edges,
     ring,
     target,
+    touch,
     weigh,
 )
 
@@ -22,9 +23,13 @@ from tipfem.surgery import (
 @ti.kernel
 def mark_particles(
     cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(), mark: ti.types.ndarray(),
-    elements: ti.i32,
+    elements: ti.i32, alone: ti.template(),
 ):  # fmt: skip
-    """Set bit 1 of ``mark`` at particles on an interface, bit 2 at those on the hull; ``mark`` starts at zero."""
+    """Set bit 1 of ``mark`` at particles on an interface, bit 2 at those on the hull; ``mark`` starts at zero.
+
+    ``alone``: by one thread.
+    """
+    ti.loop_config(serialize=alone)
     for t in range(elements):
         if fluid[t] >= 0:
             for i in ti.static(range(3)):
@@ -44,13 +49,14 @@ def mark_particles(
 def break_films(
     x: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
     mark: ti.types.ndarray(), density: ti.types.ndarray(), flag: ti.types.ndarray(), count: ti.types.ndarray(),
-    elements: ti.i32, thin: ti.f64,
+    elements: ti.i32, thin: ti.f64, alone: ti.template(),
 ):  # fmt: skip
     """Give films to the fluid beside them: cells with no particle inside their fluid, lower than ``thin`` targets.
 
     A film that thin is about to let two surfaces meet, or a filament to break. Its cells go to the fluid
-    beyond their longest edge at an interface. count[0]: how many.
+    beyond their longest edge at an interface. count[0]: how many. ``alone``: cells are looked at by one thread.
     """
+    ti.loop_config(serialize=alone)
     for t in range(elements):
         flag[t] = 0
         if fluid[t] >= 0:
@@ -96,16 +102,17 @@ def take_in(
             for i in ti.static(range(3)):
                 o = across[t, i]
                 if o >= 0:
-                    b, c = cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
-                    length, wanted = distance(x, b, c), target(x, b, c)
-                    flat = double_area(x, cells[t, i], b, c)
-                    on_edge = length > long * wanted and flat < low * wanted * length
-                    if fluid[o] != fluid[t] and on_edge and mark[cells[t, i]] == 0:
-                        weigh(x, cells, fluid, density, t, -1)
-                        fluid[t] = fluid[o]
-                        weigh(x, cells, fluid, density, t, 1)
-                        mark[cells[t, i]] = 1
-                        count[0] += 1
+                    if fluid[o] != fluid[t]:
+                        b, c = cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
+                        length, wanted = distance(x, b, c), target(x, b, c)
+                        flat = double_area(x, cells[t, i], b, c)
+                        on_edge = length > long * wanted and flat < low * wanted * length
+                        if on_edge and mark[cells[t, i]] == 0:
+                            weigh(x, cells, fluid, density, t, -1)
+                            fluid[t] = fluid[o]
+                            weigh(x, cells, fluid, density, t, 1)
+                            mark[cells[t, i]] = 1
+                            count[0] += 1
 
 
 @on_arrays
@@ -113,8 +120,8 @@ def take_in(
 def slide_contacts(
     state: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
     corner: ti.types.ndarray(), fixed: ti.types.ndarray(), density: ti.types.ndarray(),
-    mark: ti.types.ndarray(), way: ti.types.ndarray(), star: ti.types.ndarray(), particles: ti.i32, reach: ti.f64,
-    gap: ti.f64, least: ti.f64,
+    mark: ti.types.ndarray(), way: ti.types.ndarray(), star: ti.types.ndarray(), stale: ti.types.ndarray(),
+    particles: ti.i32, reach: ti.f64, gap: ti.f64, least: ti.f64,
 ):  # fmt: skip
     """Let an interface meet the wall where it points to: its particle on the wall slides along it.
 
@@ -122,7 +129,7 @@ def slide_contacts(
     most ``reach`` from the foot of A. In a step it goes at most twice as far as A did (``way`` (N, 2) is the
     particles' [m]): the fluid wets walls by its motion, and does not creep along them. The particle stays ``gap``
     away from the next ones on the wall, and no cell is left with less than twice the area ``least``. All three
-    are relative to the particle's target spacing.
+    are relative to the particle's target spacing. ``stale`` (M,): see `surgery.touch`.
     """
     ti.loop_config(serialize=True)
     for w in range(particles):
@@ -174,29 +181,4 @@ def slide_contacts(
                             state[w, 0], state[w, 1] = wx, wy
                     for m in range(n):
                         weigh(state, cells, fluid, density, star[m], 1)
-
-
-@on_arrays
-@ti.kernel
-def edge_lengths(
-    x: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
-    key: ti.types.ndarray(), elements: ti.i32, long: ti.f64, first: ti.f64,
-):  # fmt: skip
-    """key (3 M,): length of each edge over its target, once, by the name 3 * cell + opposite corner; -1 the second
-    time and in dead cells.
-
-    To edges of interfaces and of the hull that are longer than ``long``, ``first`` is added.
-    """
-    for t in range(elements):
-        for i in ti.static(range(3)):
-            o = across[t, i]
-            length = -1.0
-            if fluid[t] >= 0 and (o < 0 or o > t):
-                b, c = cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
-                length = distance(x, b, c) / target(x, b, c)
-                border = o < 0
-                if not border:
-                    border = fluid[o] != fluid[t]
-                if border and length > long:
-                    length += first
-            key[3 * t + i] = length
+                        touch(across, stale, star[m])

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tipfem import interface_kernels, remeshing_kernels
+from tipfem import edge_kernels, flip_kernels, interface_kernels, remeshing_kernels
+from tipfem.device import alone
 from tipfem.mesh import Mesh
 from tipfem.particles import Array, Particles
 from tipfem.surgery import STAR
@@ -33,7 +34,11 @@ class Triangulation:
     wall: Array
     density: Array
     freed: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
-    _marks: Array | None = None  # flips and motion leave them as they are; all else forgets them
+    _stale: Array = field(init=False)  # (M,) see `flip_kernels`
+    _marks: Array | None = field(init=False, default=None)  # flips and motion leave them; all else forgets them
+
+    def __post_init__(self) -> None:
+        self._stale = np.ones(len(self.cells), dtype=np.int8)
 
     @classmethod
     def of(cls, particles: Particles, mesh: Mesh, density: Array, measure: Array) -> Triangulation:
@@ -42,29 +47,45 @@ class Triangulation:
         ``measure`` (M,) are the triangles' areas there [m^2].
         """
         assert mesh.fluid is not None
-        share = density[mesh.fluid] * measure / 3
-        mass = np.bincount(mesh.cells.T.ravel(), weights=np.tile(share, 3), minlength=len(particles))
-        state = np.column_stack(
-            [particles.position, particles.velocity, particles.acceleration, particles.pressure, mass, particles.target]
-        )
-        corner = np.full(len(state), -1, dtype=np.int32)
-        corner[mesh.cells.ravel()] = np.arange(mesh.cells.size, dtype=np.int32) // 3
+        count = len(particles)
+        state, corner = np.empty((count, 9)), np.empty(count, dtype=np.int32)
+        remeshing_kernels.gather(
+            *map(np.ascontiguousarray, (particles.position, particles.velocity, particles.acceleration)),
+            *map(np.ascontiguousarray, (particles.pressure, particles.target, mesh.cells, mesh.fluid)),
+            measure, density, np.empty(count), state, corner, count, len(mesh.cells),
+        )  # fmt: skip
         wall = particles.wall.astype(np.int32)
         return cls(state, mesh.cells.copy(), mesh.across.copy(), mesh.fluid.copy(), corner, wall, density)
 
-    def make_delaunay(self, slack: float) -> int:
+    def carried(self) -> dict[str, Array]:
+        """What particles carry, by the names of `Particles`: all of `state` but positions and masses."""
+        count = len(self.state)
+        velocity, acceleration, pressure, wanted = np.empty((count, 2)), np.empty((count, 2)), *np.empty((2, count))
+        remeshing_kernels.scatter(self.state, velocity, acceleration, pressure, wanted, count)
+        return {"velocity": velocity, "acceleration": acceleration, "pressure": pressure, "target": wanted}
+
+    def make_delaunay(self, slack: float, *, again: bool = False, position: Array | None = None) -> int:
         """Flip what is not Delaunay; how many flips it took.
+
+        ``again``: but for this object's own changes, all was as it had to be after the last time. ``position`` (N, 2):
+        the same as in `state`, and quicker to look through.
 
         Raises:
             TriangulationError: the flips did not come to an end.
         """
-        count = np.zeros(3, dtype=np.int32)
-        stack = np.empty(max(8 * len(self.cells), 64), dtype=np.int32)
+        elements = len(self.cells)
+        if not again:
+            self._stale = np.zeros(elements, dtype=np.int8)
+            flip_kernels.find_flips(
+                self.state if position is None else position, self.cells, self.across, self.fluid, self._stale,
+                elements, slack, alone(elements, 40.0),
+            )  # fmt: skip
+        count, stack = np.zeros(3, dtype=np.int32), np.empty(max(8 * elements, 64), dtype=np.int32)
         while True:
             count[2] = 0
-            remeshing_kernels.make_delaunay(
+            flip_kernels.make_delaunay(
                 self.state, self.cells, self.across, self.fluid, self.corner, self.wall, self.density, stack,
-                np.empty(len(self.cells), dtype=np.int32), np.empty(4, dtype=np.int32), count, len(self.cells), slack,
+                self._stale, np.empty(4, dtype=np.int32), count, elements, slack,
             )  # fmt: skip
             if count[1]:
                 raise TriangulationError(f"flipping edges does not come to an end ({count[0]} flips)")
@@ -91,42 +112,37 @@ class Triangulation:
         for array in (self.cells, self.across, self.fluid):
             array[target] = array[source]
         self.cells, self.across, self.fluid = self.cells[:count], self.across[:count], self.fluid[:count]
+        self._stale = np.ones(count, dtype=np.int8)
         for array in (self.across, self.corner):
             far = array >= count
             array[far] = number[array[far]]
 
     def longest_edges(self, long: float, most: int | None = None) -> tuple[Array, int]:
-        """Edges as 3 * cell + opposite corner, longest over its target first, but those of interfaces and walls longer
+        """Edges by name (see `edge_kernels`), the longest first, but those of interfaces and hull that are longer
         than ``long`` before all others, ``most`` of them; and how many are longer, of those inside a fluid than 1.4
         times that.
         """
-        key = self._lengths(long)
-        edges = np.flatnonzero(key >= 0) if most is None else np.flatnonzero(key > 0.5 * long)
-        if most is not None and len(edges) > most:
-            # Those longer than the last that is wanted, and all as long as that: ties in the order of their names.
-            least = np.partition(key[edges], len(edges) - most)[len(edges) - most]
-            edges = edges[key[edges] >= least]
-        order = np.argsort(-key[edges], kind="stable")[:most]
-        return edges[order].astype(np.int32), int((key > 1.4 * long).sum())
+        size = 3 * len(self.cells) if most is None else most
+        edge, key, count = np.empty(size, dtype=np.int32), np.empty(size), np.zeros(2, dtype=np.int32)
+        edge_kernels.longest_edges(
+            self.state, self.cells, self.across, self.fluid, edge, key, count, len(self.cells), long,
+            0.0 if most is None else 0.5 * long, 1.4 * long, size,
+        )  # fmt: skip
+        return _sorted(edge, key, int(count[0])), int(count[1])
 
     def long_edges(self, long: float) -> Array:
         """All edges longer than ``long`` targets, in the order of `longest_edges`."""
-        key = self._lengths(long)
-        edges = np.flatnonzero(key > long)
-        return edges[np.argsort(-key[edges], kind="stable")].astype(np.int32)
-
-    def _lengths(self, long: float) -> Array:
-        key = np.empty(3 * len(self.cells))
-        interface_kernels.edge_lengths(
-            self.state, self.cells, self.across, self.fluid, key, len(self.cells), long, 1e3 * long
-        )
-        return key
+        size = 3 * len(self.cells)
+        edge, key = np.empty(size, dtype=np.int32), np.empty(size)
+        return _sorted(edge, key, edge_kernels.long_edges(
+            self.state, self.cells, self.across, self.fluid, edge, key, len(self.cells), long, long
+        ))  # fmt: skip
 
     def slide_contacts(self, held: Array, way: Array, reach: float, gap: float, least: float) -> None:
         """Let interfaces meet walls where they point to; see `interface_kernels.slide_contacts`."""
         interface_kernels.slide_contacts(
             self.state, self.cells, self.across, self.fluid, self.corner, held.astype(np.int32), self.density,
-            self.marks(), way, _scratch(), len(self.state), reach, gap, least,
+            self.marks(), way, _scratch(), self._stale, len(self.state), reach, gap, least,
         )  # fmt: skip
 
     def break_films(self, thin: float) -> int:
@@ -134,9 +150,9 @@ class Triangulation:
         count = np.zeros(1, dtype=np.int32)
         interface_kernels.break_films(
             self.state, self.cells, self.across, self.fluid, self.marks(), self.density,
-            np.empty(len(self.cells), dtype=np.int32), count, len(self.cells), thin,
+            np.empty(len(self.cells), dtype=np.int32), count, len(self.cells), thin, alone(len(self.cells), 10.0),
         )  # fmt: skip
-        self._changed(count[0])
+        self._changed(count[0], of_fluids=True)
         return int(count[0])
 
     def take_in(self, low: float, long: float) -> int:
@@ -147,7 +163,7 @@ class Triangulation:
             interface_kernels.take_in(
                 self.state, self.cells, self.across, self.fluid, mark, self.density, count, len(self.cells), low, long
             )
-        self._changed(count[0])
+        self._changed(count[0], of_fluids=True)
         return int(count[0])
 
     def coarsen(
@@ -158,8 +174,9 @@ class Triangulation:
         freed = np.empty(len(self.state), dtype=np.int32)
         remeshing_kernels.coarsen(
             self.state, self.cells, self.across, self.fluid, self.corner, held.astype(np.int32), self.wall,
-            self.density, _scratch(), np.empty(max(len(self.cells), len(self.state)), dtype=np.int32), freed, count,
-            len(self.cells), len(self.state), close, chain, edge, film, least, most,
+            self.density, _scratch(), np.empty(max(len(self.cells), len(self.state)), dtype=np.int32), self._stale,
+            freed, count, len(self.cells), len(self.state), close, chain, edge, film, least, most,
+            alone(len(self.cells), 15.0),
         )  # fmt: skip
         self.freed = np.concatenate([self.freed, freed[: count[0]]])
         self._changed(count[0])
@@ -186,10 +203,12 @@ class Triangulation:
         self._marks = None
         return number
 
-    def _changed(self, count: int) -> None:
+    def _changed(self, count: int, *, of_fluids: bool = False) -> None:
         """Forget what so many changes have made wrong."""
         if count:
             self._marks = None
+            if of_fluids:
+                self._stale = np.ones(len(self.cells), dtype=np.int8)
 
     def wanted_edges(self) -> int:
         """How many edges are looked at for places for the particles of `freed`."""
@@ -205,24 +224,34 @@ class Triangulation:
             self.cells = np.concatenate([self.cells, np.zeros((short, 3), dtype=np.int32)])
             self.across = np.concatenate([self.across, np.full((short, 3), -1, dtype=np.int32)])
             self.fluid = np.concatenate([self.fluid, np.full(short, -1, dtype=np.int32)])
+            self._stale = np.concatenate([self._stale, np.zeros(short, dtype=np.int8)])
             free = np.concatenate([free, np.arange(first, first + short, dtype=np.int32)])
         count = np.zeros(2, dtype=np.int32)
-        candidates = edges[: self.wanted_edges()]
+        candidates, touched = edges[: self.wanted_edges()], np.zeros(len(self.cells), dtype=np.int8)
         remeshing_kernels.refine(
             self.state, self.cells, self.across, self.fluid, self.corner, self.wall, self.density,
-            np.zeros(len(self.cells), dtype=np.int32), candidates, len(candidates), free, self.freed, count,
-            room, wanted,
+            touched, candidates, len(candidates), free, self.freed, count, room, wanted,
         )  # fmt: skip
+        new = np.flatnonzero(touched)
+        beyond = self.across[new]
+        self._stale[new] = self._stale[beyond[beyond >= 0]] = 1
         self.freed = self.freed[count[0] :]
         self._changed(count[0])
+
+
+def _sorted(edge: Array, key: Array, count: int) -> Array:
+    """The first ``count`` names ``edge``, the largest keys first, those of the same key by name."""
+    edge, key = edge[:count], key[:count]
+    return edge[np.lexsort((edge, -key))]
 
 
 def marks(cells: Array, across: Array, fluid: Array, count: int) -> Array:
     """(N,) of ``count`` particles, see `Triangulation.marks`; the arrays are those of `surgery`."""
     mark = np.zeros(count, dtype=np.int32)
     interface_kernels.mark_particles(
-        np.ascontiguousarray(cells), np.ascontiguousarray(across), np.ascontiguousarray(fluid), mark, len(cells)
-    )
+        np.ascontiguousarray(cells), np.ascontiguousarray(across), np.ascontiguousarray(fluid), mark, len(cells),
+        alone(len(cells), 5.0),
+    )  # fmt: skip
     return mark
 
 

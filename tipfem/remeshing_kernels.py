@@ -1,10 +1,9 @@
-"""Kernels that keep a triangulation good while its particles move: each works on the arrays of `surgery`, in place.
+"""Kernels that take particles out of a triangulation and put some in: each works on the arrays of `surgery`, in place.
 
 A look at all cells runs in parallel and flags what needs attention; the few changes that follow run in one thread.
 ``state`` (N, 9) holds position, velocity, acceleration, pressure, lumped mass and target spacing; thresholds are
-relative to the targets where they are applied. Edges between cells of two fluids, the interface, are never flipped;
-nor is the hull. A change that would change momentum, for it deals out masses anew, gives the difference back to
-the particles around that no wall holds.
+relative to the targets where they are applied. A change that would change momentum, for it deals out masses anew,
+gives the difference back to the particles around that no wall holds.
 """
 
 import taichi as ti
@@ -17,72 +16,60 @@ from tipfem.surgery import (
     collect_star,
     distance,
     double_area,
-    flip,
     give,
     interface_edges,
     momentum,
     place,
     ring,
-    should_flip,
     split,
     target,
+    touch,
     weigh,
 )
 
 
 @on_arrays
 @ti.kernel
-def make_delaunay(
-    x: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
-    corner: ti.types.ndarray(), wall: ti.types.ndarray(), density: ti.types.ndarray(), stack: ti.types.ndarray(),
-    flag: ti.types.ndarray(), star: ti.types.ndarray(), count: ti.types.ndarray(), elements: ti.i32, slack: ti.f64,
+def gather(
+    position: ti.types.ndarray(), velocity: ti.types.ndarray(), acceleration: ti.types.ndarray(),
+    pressure: ti.types.ndarray(), wanted: ti.types.ndarray(), cells: ti.types.ndarray(), fluid: ti.types.ndarray(),
+    measure: ti.types.ndarray(), density: ti.types.ndarray(), mass: ti.types.ndarray(), state: ti.types.ndarray(),
+    corner: ti.types.ndarray(), particles: ti.i32, elements: ti.i32,
 ):  # fmt: skip
-    """Lawson's flips until every edge but interfaces and hull is Delaunay.
-
-    ``x`` is the state; density (F,) of the fluids. ``stack`` (S,), ``flag`` (M,) and ``star`` are scratch.
-    count: [0] flips made, [1] set to 1 if the flips did not come to an end, [2] set to 1 if the stack was full,
-    so that the kernel must run again.
-    """
-    for t in range(elements):
-        found = 0
-        for i in ti.static(range(3)):
-            if should_flip(x, cells, across, fluid, t, i, slack):
-                found = 1
-        flag[t] = found
+    """The rows of ``state`` from the particles' arrays, targets ``wanted`` (N,), and masses; ``corner`` (N,) is the
+    last cell at each. ``mass`` (N,) is scratch."""
+    ti.loop_config(serialize=True)
+    for n in range(particles):
+        mass[n], corner[n] = 0.0, -1
     ti.loop_config(serialize=True)
     for t in range(elements):
-        if flag[t] > 0 and count[1] == 0:
-            height = 3
-            for i in ti.static(range(3)):
-                stack[i] = 3 * t + i
-            while height > 0:
-                height -= 1
-                s, i = stack[height] // 3, stack[height] % 3
-                if should_flip(x, cells, across, fluid, s, i, slack):
-                    o = across[s, i]
-                    for k in ti.static(range(3)):
-                        star[k] = cells[s, k]
-                    star[3] = cells[o, place(across, o, s)]
-                    before = momentum(x, star, 0, 4)
-                    weigh(x, cells, fluid, density, s, -1)
-                    weigh(x, cells, fluid, density, o, -1)
-                    flip(cells, across, corner, s, i)
-                    weigh(x, cells, fluid, density, s, 1)
-                    weigh(x, cells, fluid, density, o, 1)
-                    give(x, wall, star, 0, 4, before - momentum(x, star, 0, 4))
-                    count[0] += 1
-                    if height + 4 > stack.shape[0]:
-                        count[2] = 1
-                    else:
-                        # The four edges around: opposite a and the second particle of either cell.
-                        stack[height] = 3 * s
-                        stack[height + 1] = 3 * s + 2
-                        stack[height + 2] = 3 * o
-                        stack[height + 3] = 3 * o + 1
-                        height += 4
-                    if count[0] > 40 * elements:
-                        count[1] = 1
-                        height = 0
+        share = density[fluid[t]] * measure[t] / 3.0
+        for k in ti.static(range(3)):
+            n = cells[t, k]
+            mass[n] = mass[n] + share
+            corner[n] = t
+    ti.loop_config(serialize=True)
+    for n in range(particles):
+        for k in ti.static(range(2)):
+            state[n, k] = position[n, k]
+            state[n, 2 + k] = velocity[n, k]
+            state[n, 4 + k] = acceleration[n, k]
+        state[n, 6], state[n, 7], state[n, 8] = pressure[n], mass[n], wanted[n]
+
+
+@on_arrays
+@ti.kernel
+def scatter(
+    state: ti.types.ndarray(), velocity: ti.types.ndarray(), acceleration: ti.types.ndarray(),
+    pressure: ti.types.ndarray(), wanted: ti.types.ndarray(), particles: ti.i32,
+):  # fmt: skip
+    """What `gather` did to the rows, undone."""
+    ti.loop_config(serialize=True)
+    for n in range(particles):
+        for k in ti.static(range(2)):
+            velocity[n, k] = state[n, 2 + k]
+            acceleration[n, k] = state[n, 4 + k]
+        pressure[n], wanted[n] = state[n, 6], state[n, 8]
 
 
 @ti.func
@@ -119,9 +106,9 @@ def keep_area(
 def coarsen(
     state: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
     corner: ti.types.ndarray(), fixed: ti.types.ndarray(), wall: ti.types.ndarray(), density: ti.types.ndarray(),
-    star: ti.types.ndarray(), flag: ti.types.ndarray(), freed: ti.types.ndarray(), count: ti.types.ndarray(),
-    elements: ti.i32, particles: ti.i32, close: ti.f64, chain: ti.f64, edge: ti.f64, film: ti.f64, least: ti.f64,
-    most: ti.i32,
+    star: ti.types.ndarray(), flag: ti.types.ndarray(), stale: ti.types.ndarray(), freed: ti.types.ndarray(),
+    count: ti.types.ndarray(), elements: ti.i32, particles: ti.i32, close: ti.f64, chain: ti.f64, edge: ti.f64,
+    film: ti.f64, least: ti.f64, most: ti.i32, alone: ti.template(),
 ):  # fmt: skip
     """Take out particles that crowd others: by collapsing the edge to a neighbour.
 
@@ -130,26 +117,36 @@ def coarsen(
     ``film`` to a wall, which the interface then meets. On a wall: closer than ``chain`` to the next on
     it, or than ``film`` where an interface meets the wall. ``fixed`` (N,) stay. No cell is left with less than twice
     the area ``least``; at most ``most`` go. All in target spacings, squared for the area. freed[:count[0]]: who
-    went. ``star`` is scratch.
+    went. ``stale`` (M,): see `surgery.touch`. ``star`` is scratch. ``alone``: the look at all
+    cells is one thread's.
     """
+    ti.loop_config(serialize=alone)
     for i in range(particles):
         flag[i] = 0
+    ti.loop_config(serialize=alone)
     for t in range(elements):
         if fluid[t] >= 0:
             for i in ti.static(range(3)):
-                b, c = cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
-                length, wanted = distance(state, b, c), target(state, b, c)
-                if length < ti.max(close, chain) * wanted:
-                    ti.atomic_or(flag[b], 1)
-                    ti.atomic_or(flag[c], 1)
                 o = across[t, i]
                 border = o < 0
                 if not border:
                     border = fluid[o] != fluid[t]
-                if border and double_area(state, cells[t, 0], cells[t, 1], cells[t, 2]) < edge * wanted * length:
-                    ti.atomic_or(flag[cells[t, i]], 2)
-                if o < 0 and double_area(state, cells[t, 0], cells[t, 1], cells[t, 2]) < film * wanted * length:
-                    ti.atomic_or(flag[cells[t, i]], 4)
+                if border or o > t:
+                    b, c = cells[t, ti.static((i + 1) % 3)], cells[t, ti.static((i + 2) % 3)]
+                    wanted = target(state, b, c)
+                    reach = ti.max(close, chain) * wanted * (1 + 1e-12)
+                    near = (state[b, 0] - state[c, 0]) ** 2 + (state[b, 1] - state[c, 1]) ** 2 < reach * reach
+                    if near or border:
+                        length = distance(state, b, c)
+                        if length < ti.max(close, chain) * wanted:
+                            ti.atomic_or(flag[b], 1)
+                            ti.atomic_or(flag[c], 1)
+                        if border:
+                            height = double_area(state, cells[t, 0], cells[t, 1], cells[t, 2])
+                            if height < edge * wanted * length:
+                                ti.atomic_or(flag[cells[t, i]], 2)
+                            if o < 0 and height < film * wanted * length:
+                                ti.atomic_or(flag[cells[t, i]], 4)
     ti.loop_config(serialize=True)
     for p in range(particles):
         if flag[p] > 0 and fixed[p] == 0 and corner[p] >= 0 and count[0] < most:
@@ -214,6 +211,11 @@ def coarsen(
                                     change += keep_area(
                                         state, cells, fluid, density, star, a, p, q, b, n2, STAR + 1, smallest
                                     )
+                                    for m in range(n2):
+                                        touch(across, stale, star[STAR + 1 + m])
+                        for m in range(n):
+                            if fluid[star[m]] >= 0:
+                                touch(across, stale, star[m])
                         lost = change[2] * mean - ti.Vector([change[0], change[1]])
                         give(state, wall, star, base, around, lost)
 

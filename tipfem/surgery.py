@@ -90,6 +90,18 @@ def should_flip(x: ti.template(), cells: ti.template(), across: ti.template(), f
 
 
 @ti.func
+def touch(across: ti.template(), stale: ti.template(), t):
+    """Note in ``stale`` (M,) int8 that a cell and its neighbours have to be looked at again: sets 0 to 1."""
+    if stale[t] == 0:
+        stale[t] = ti.i8(1)
+    for k in ti.static(range(3)):
+        o = across[t, k]
+        if o >= 0:
+            if stale[o] == 0:
+                stale[o] = ti.i8(1)
+
+
+@ti.func
 def flip(cells: ti.template(), across: ti.template(), corner: ti.template(), t, i):
     """Turn the edge b-c between cells (a, b, c) and (d, c, b) into a-d."""
     o = across[t, i]
