@@ -47,6 +47,7 @@ def test_cells_are_positive_fill_the_hull_use_all_particles_and_are_delaunay(dim
     assert mesh.cells.dtype == np.int32
     assert mesh.cells.shape[1] == dimension + 1
     assert mesh.dimension == dimension
+    assert (np.diff(mesh.cells.min(axis=1)) >= 0).all()
     assert (mesh.measure > 0).all()
     assert mesh.measure.sum() == pytest.approx(ConvexHull(p.position).volume, rel=1e-12)
     assert np.unique(mesh.cells).tolist() == list(range(len(p)))

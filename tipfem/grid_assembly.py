@@ -161,6 +161,14 @@ def _add_cell(
 ):  # fmt: skip
     """Add P^T times the rows of the mesh nodes order[first:last], all those of a cell, to its corners' stencils."""
     number = ti.static(len(corners(dim)))
+    # All of the grid is read before anything is written: the compiler does not keep what it has read beyond that.
+    size, at = grid[0, SIZE], ti.Vector.zero(ti.i32, number)
+    for k in ti.static(range(number)):
+        corner = ti.static(corners(dim)[k])
+        if ti.static(dim == 3):
+            at[k] = line_at(grid, 0, one + corner[0], two + corner[1], dim) + j + corner[2]
+        else:
+            at[k] = line_at(grid, 0, one, two + corner[0], dim) + j + corner[1]
     for q in range(ti.static(4 ** (dim - 1))):
         # Row q of the 4^d grid nodes around the cell.
         total = ti.Matrix.zero(float, number, 4)
@@ -172,14 +180,11 @@ def _add_cell(
                     total[k, u] += w * rows[i, q * 4 + u]
         for k in ti.static(range(number)):
             corner = ti.static(corners(dim)[k])
-            row, at = q + 1 - corner[0], j + corner[dim - 1]
+            row = q + 1 - corner[0]
             if ti.static(dim == 3):
                 row = (q // 4 + 1 - corner[0]) * PLACES + q % 4 + 1 - corner[1]
-                at += line_at(grid, 0, one + corner[0], two + corner[1], dim)
-            else:
-                at += line_at(grid, 0, one, two + corner[0], dim)
             for u in ti.static(range(4)):
-                to = (row * PLACES + u + 1 - corner[dim - 1]) * grid[0, SIZE] + at
+                to = (row * PLACES + u + 1 - corner[dim - 1]) * size + at[k]
                 stencil[to] = stencil[to] + total[k, u]
 
 
@@ -221,10 +226,10 @@ def assemble_first(
     for t in range(parts * spread):
         first, last = part_of(t, parts, spread, lines(grid, 0))
         for line in range(first, last):
-            at = line_start(grid, 0, line, dim)
+            at, size, width = line_start(grid, 0, line, dim), grid[0, SIZE], grid[0, SHAPE + 2]
             for place in range(ti.static(PLACES**dim)):
-                for j in range(grid[0, SHAPE + 2]):
-                    stencil[place * grid[0, SIZE] + at + j] = 0.0
+                for j in range(width):
+                    stencil[place * size + at + j] = 0.0
     # Lines of cells add to the lines of nodes on either side: those that have none in common go together.
     for colour in ti.static(corners(dim - 1)):
         ti.loop_config(serialize=alone)
