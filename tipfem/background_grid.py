@@ -184,10 +184,9 @@ def _coarsen_line(
             if ti.static(k != axis):
                 shift += (rest % PLACES - REACH) * axis_stride(grid, fine, k, dim)
                 rest = rest // PLACES
-        for place in ti.static(range(PLACES)):
-            target = to + (base + place * apart) * to_size
-            source = at + base * from_size
-            for j in range(grid[coarse, SHAPE + 2]):
+        target, source = to + base * to_size, at + base * from_size
+        for j in range(grid[coarse, SHAPE + 2]):
+            for place in ti.static(range(PLACES)):
                 total = 0.0
                 for near, fine_place, column, side in ti.static(parents(place)):
                     row = near * stride + step * j
@@ -201,7 +200,7 @@ def _coarsen_line(
                     if ti.static(side == 1):
                         value *= 1.0 - weights[points + shift + column * stride + step * j]
                     total += value
-                stencil[target + j] = total
+                stencil[target + place * apart * to_size + j] = total
 
 
 @ti.kernel
