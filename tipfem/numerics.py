@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from tipfem.alpha_shape import SurfaceRule
 from tipfem.fitting import FittedRule
-from tipfem.particles import Array
+from tipfem.particles import Array, largest_length
 from tipfem.relocation_rule import RelocationRule
 from tipfem.validation import is_number
 
@@ -92,6 +90,6 @@ class Numerics:
             spacing: of the particles [m].
             smallest: what round-off leaves of a residual [spacings].
         """
-        strength = float(np.sqrt((force**2).sum(axis=1).max()))
+        strength = largest_length(force)
         by_force = self.acceleration_tolerance * strength / (cm * spacing) if strength > 0 else float("inf")
         return max(min(self.newton_tolerance, by_force), smallest)
