@@ -54,12 +54,35 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
     if threads is not None:
         options["cpu_max_num_threads"] = threads
     # "Starting on arch" is a bare print of Taichi's, and a missing GPU must be an error, not a CPU run.
+    before = _own_threads()
     try:
         with open(os.devnull, "w") as sink, contextlib.redirect_stdout(sink):
             ti.init(arch=_ARCHES[arch], enable_fallback=False, **options)
     except Exception as error:
         raise RuntimeError(f"init: Taichi cannot start on {arch!r}: {error}") from error
     _running.update(wanted)
+    if arch == "cpu":
+        _give_each_a_core([thread for thread in _own_threads() if thread not in before], threads)
+
+
+def _own_threads() -> list[int]:
+    """The threads of this process in the order of their creation; none where the system does not tell."""
+    try:
+        return [int(name) for name in os.listdir("/proc/self/task")]
+    except OSError:
+        return []
+
+
+def _give_each_a_core(started: list[int], threads: int | None) -> None:
+    """Bind Taichi's workers, the last of the threads it ``started``, to a core each, if they are to use all cores.
+
+    Their turns are short and so are the pauses between them. Schedulers then like to keep them on one core, and two
+    threads are no faster than one.
+    """
+    cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_setaffinity") else []
+    if len(cores) > 1 and len(cores) == (threads or os.cpu_count()) and len(started) >= len(cores):
+        for thread, core in zip(started[-len(cores) :], cores, strict=True):
+            os.sched_setaffinity(thread, {core})
 
 
 def require_init() -> None:
