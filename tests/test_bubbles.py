@@ -64,8 +64,8 @@ def test_bubbles_are_the_smaller_components_of_the_light_fluid(fluids):
         assert found.count == 0
         return
     expected = sorted(light_components(mesh, n), key=len)[:-1]
-    starts = download(found._offsets, found.count + 1)
-    members = download(found._members, starts[-1])
+    starts = download(found.arrays[0], found.count + 1)
+    members = download(found.arrays[1], starts[-1])
     got = [frozenset(part.tolist()) for part in np.split(members, starts[1:-1])]
     assert len(got) == 9
     assert set(got) == set(expected)

@@ -39,6 +39,7 @@ ORDER = [
     "array_launch",
     "launcher",
     "device",
+    "teamwork",
     "surgery",
     "grading_kernels",
     "interface_kernels",
@@ -58,11 +59,12 @@ ORDER = [
     "grid_assembly",
     "mesh_cycle_kernels",
     "cycle_kernels",
-    "multigrid",
+    "bubble_kernels",
     "krylov_kernels",
+    "iteration_kernels",
+    "multigrid",
     "krylov",
     "newton",
-    "bubble_kernels",
     "bubbles",
     "time_integration",
     "linear_system",
@@ -92,7 +94,7 @@ TAICHI = {
     "array_launch", "launcher", "device", "surgery", "grading_kernels", "interface_kernels", "conservation_kernels",
     "remeshing_kernels", "connectivity", "element", "assembly", "jacobian_rows", "block_kernels", "balance_kernels",
     "wall_kernels", "background_grid", "grid_assembly", "mesh_cycle_kernels", "cycle_kernels", "krylov_kernels",
-    "bubble_kernels", "relocation_kernels", "edge_kernels", "flip_kernels",
+    "teamwork", "iteration_kernels", "bubble_kernels", "relocation_kernels", "edge_kernels", "flip_kernels",
 }  # fmt: skip
 RENDER_TAICHI = {"ggui", "rasterizer"}  # and of render/, beside at most one file that starts it
 RENDER_START_LINES = 100  # that file stays small

@@ -78,16 +78,14 @@ def test_two_launchers_do_not_meet():
 @pytest.mark.parametrize("size", [1, 700, 40_000])
 def test_one_thread_and_all_of_them_give_the_same_bits(size):
     buffers, rng = Buffers(), np.random.default_rng(size)
-    w, z, found = buffers.upload("w", rng.normal(size=size)), buffers.upload("z", rng.normal(size=size)), []
-    start = rng.normal(size=3 * size)
+    vector, start, found = rng.normal(size=size), rng.normal(size=3 * size), []
     for single in (False, True):
         basis, out = buffers.upload("basis", start), np.zeros(4)
-        v, partial = buffers.get("v", size), buffers.get("partial", chunks() * 3)
+        w, partial = buffers.upload("w", vector), buffers.get("partial", chunks() * 3)
         buffers.launch(
-            krylov_kernels.orthogonalise, basis, buffers.get("directions", 2 * size), w, z, v, partial, out, 1, size,
-            chunks(), spread(single), single, 0.0,
-        )  # fmt: skip
-        found.append(np.concatenate([download(v, size), download(basis, 3 * size), out]))
+            krylov_kernels.orthogonalise, basis, w, partial, out, 1, size, chunks(), spread(single), single, 0.0
+        )
+        found.append(np.concatenate([download(w, size), download(basis, 3 * size), out]))
     np.testing.assert_array_equal(*found)
 
 

@@ -11,7 +11,7 @@ import pytest
 from scipy import sparse
 
 import tipfem as tp
-from tipfem import connectivity, linear_system, multigrid
+from tipfem import connectivity, krylov, linear_system, multigrid
 from tipfem.device import Buffers, download
 from tipfem.flow import ElementProperties, FlowProblem, Workspace
 from tipfem.linear_system import SCHUR_SCALE
@@ -231,7 +231,6 @@ def test_one_thread_and_all_set_up_the_same_system(size, monkeypatch):
     particles, mesh, density = two_fluids(size, 0.05 if len(size) == 2 else 0.2)
     nothing = np.zeros(len(mesh.cells))
     monkeypatch.setattr(linear_system, "GRID_SPACING", 0.8)
-    monkeypatch.setattr(multigrid, "SERIAL_SIZE", 30)
     found = []
     for single in (True, False):
         for module in (linear_system, multigrid):
@@ -291,6 +290,45 @@ def test_the_preconditioner_is_made_of_the_blocks_of_the_derivative(size):
     pressure = problem.buffers.get("test.z", n)
     problem.system.multigrid.apply(problem.buffers.upload("test.schur", schur), pressure)
     np.testing.assert_allclose(z[:, -1], download(pressure, n), atol=1e-11 * abs(z[:, -1]).max())
+
+
+@pytest.mark.parametrize("size", [(1.0, 0.8), (1.0, 1.0, 0.75)], ids=["2-D", "3-D"])
+def test_a_team_one_thread_and_staged_kernels_solve_alike(size, monkeypatch):
+    """With a bubble, and more iterations than the basis first has room for. A team's bits do not depend on its size;
+    staged kernels are compiled in other surroundings, so that their sums may be rounded otherwise."""
+    water, air = tp.Fluid("water", density=998.0, viscosity=1e-3), tp.Fluid("air", density=1.2, viscosity=1.8e-5)
+    spacing, ball = (0.04, 0.15) if len(size) == 2 else (0.125, 0.1)
+    tank = tp.tank(size, spacing, jitter=0.1, seed=2).fill(water)
+    tank = tank.fill(air, box=((0.0,) * (len(size) - 1) + (0.8 * size[-1],), size))
+    tank = tank.fill(air, disc=((0.5, 0.35, 0.2)[: len(size)], ball))
+    particles = tank.sample([water, air])
+    mesh = triangulate(particles.position, particles.wall, spacing)
+    fluid = particles.fluid[mesh.cells].max(axis=1) == 1
+    density, nothing = np.where(fluid, 1.2, 998.0), np.zeros(len(mesh.cells))
+    body_force = np.tile([0.0, -9.81, 0.0][: len(size)], (len(particles), 1))
+    found = []
+    for single, together in ((False, True), (True, True), (False, False)):
+        monkeypatch.setattr(linear_system, "alone", lambda turns, cost, single=single: single)
+        monkeypatch.setattr(krylov, "alone", lambda turns, cost, single=single: single)
+        problem = FlowProblem(
+            mesh, particles, ElementProperties(density, nothing + 1e-3, nothing), GeneralizedAlpha(0.0, 1e-3),
+            body_force, 0.25, Workspace(),
+        )  # fmt: skip
+        problem.system.multigrid.together = together
+        assert (problem.system.iteration is not None) is together
+        x = problem.predict()
+        problem.residual(x)
+        problem.linearise()
+        out = problem.buffers.get("test.z", problem.size)
+        problem.precondition(problem._r, out)
+        preconditioned = download(out, problem.size)
+        result = problem.correct(x, 1e-13)
+        assert result.iterations > krylov.ROOM
+        assert problem.system._bubbles.count == 1
+        found.append([preconditioned, download(x, problem.size), np.array([result.iterations])])
+    for team, one, staged in zip(*found, strict=True):
+        np.testing.assert_array_equal(team, one)
+        np.testing.assert_allclose(team, staged, atol=1e-11 * abs(staged).max())
 
 
 @pytest.mark.parametrize(("size", "most"), [((1.0, 0.8), 20), ((1.0, 1.0, 0.75), 45)], ids=["2-D", "3-D"])

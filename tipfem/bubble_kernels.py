@@ -73,14 +73,12 @@ def bubble_energies(
         energy[k] = total
 
 
-@ti.kernel
-def lift_bubbles(
-    b: ti.types.ndarray(), x: ti.types.ndarray(),
-    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
-    offsets: ti.types.ndarray(), members: ti.types.ndarray(), energy: ti.types.ndarray(), bubbles: ti.i32,
+@ti.func
+def lift(
+    b: ti.template(), x: ti.template(), row_offsets: ti.template(), columns: ti.template(), values: ti.template(),
+    offsets: ti.template(), members: ti.template(), energy: ti.template(), bubbles,
 ):  # fmt: skip
     """One after the other, the level of x in each bubble is set so that its equations hold in the sum."""
-    ti.loop_config(serialize=True)
     for k in range(bubbles):
         missing = 0.0
         for m in range(offsets[k], offsets[k + 1]):
@@ -94,3 +92,15 @@ def lift_bubbles(
                 for s in range(row_offsets[i], row_offsets[i + 1]):
                     if columns[s] == i and values[s] > 0.0:  # not where pressure is prescribed
                         x[i] = x[i] + missing / energy[k]
+
+
+@ti.kernel
+def lift_bubbles(
+    b: ti.types.ndarray(), x: ti.types.ndarray(),
+    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
+    offsets: ti.types.ndarray(), members: ti.types.ndarray(), energy: ti.types.ndarray(), bubbles: ti.i32,
+):  # fmt: skip
+    """`lift` by one thread."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        lift(b, x, row_offsets, columns, values, offsets, members, energy, bubbles)

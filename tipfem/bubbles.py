@@ -34,6 +34,9 @@ class Bubbles:
         matrix: tuple[Any, Any, Any], buffers: Buffers,
     ) -> None:  # fmt: skip
         self.count, self._matrix, self._launch = 0, matrix, buffers.launch
+        names = {"offsets": True, "at": True, "energy": False}
+        # Offsets, members and energies; nobody looks at them without bubbles.
+        self.arrays = tuple(buffers.get(f"bubbles.{name}", 1, integer=kind) for name, kind in names.items())
         (lowest, highest), (elements, nodes, width) = extremes, shape
         if highest < JUMP * lowest:
             return
@@ -44,18 +47,14 @@ class Bubbles:
         self.count = len(offsets) - 1
         if not self.count:
             return
-        self._offsets, self._members = buffers.upload("bubbles.offsets", offsets), buffers.upload("bubbles.at", members)
-        self._energy = buffers.get("bubbles.energy", self.count)
-        buffers.launch(
-            bubble_kernels.bubble_energies, *matrix, label, self._offsets, self._members, self._energy, self.count
-        )
+        energy = buffers.get("bubbles.energy", self.count)
+        self.arrays = (buffers.upload("bubbles.offsets", offsets), buffers.upload("bubbles.at", members), energy)
+        buffers.launch(bubble_kernels.bubble_energies, *matrix, label, *self.arrays, self.count)
 
     def lift(self, b: Any, x: Any) -> None:
         """Set the level of x (N,) in every bubble so that the equations for b hold in the sum over its particles."""
         if self.count:
-            self._launch(
-                bubble_kernels.lift_bubbles, b, x, *self._matrix, self._offsets, self._members, self._energy, self.count
-            )
+            self._launch(bubble_kernels.lift_bubbles, b, x, *self._matrix, *self.arrays, self.count)
 
 
 def _small(label: Array) -> tuple[Array, Array]:

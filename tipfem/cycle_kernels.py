@@ -1,7 +1,8 @@
 """Kernels of the multigrid cycle on the background grid: transfers and smoothing.
 
 Grids are laid out as in `tipfem.background_grid`. ``relax`` is the damped inverse diagonal of an operator. Where no
-other thread writes, ``a[i] = a[i] + b`` stands for ``a[i] += b``, which would be an atomic operation.
+other thread writes, ``a[i] = a[i] + b`` stands for ``a[i] += b``, which would be an atomic operation. As in
+`tipfem.mesh_cycle_kernels`, functions do a line, kernels are for devices whose threads cannot wait for each other.
 """
 
 import taichi as ti
@@ -26,7 +27,7 @@ from tipfem.mesh_cycle_kernels import OMEGA
 
 
 @ti.func
-def _subtract_product(
+def subtract_product(
     stencil: ti.template(), x: ti.template(), b: ti.template(), r: ti.template(), grid: ti.template(), level, line,
     dim: ti.template(),
 ):  # fmt: skip
@@ -47,7 +48,7 @@ def _subtract_product(
 
 
 @ti.func
-def _restrict(
+def restrict(
     r: ti.template(), b: ti.template(), weights: ti.template(), grid: ti.template(), fine, coarse, line,
     axis: ti.template(), dim: ti.template(),
 ):  # fmt: skip
@@ -63,7 +64,7 @@ def _restrict(
 
 
 @ti.func
-def _prolong(
+def prolong(
     x: ti.template(), weights: ti.template(), grid: ti.template(), fine, coarse, line, axis: ti.template(),
     dim: ti.template(),
 ):  # fmt: skip
@@ -97,136 +98,111 @@ def _prolong(
                 x[to + j] = x[at + j]
 
 
+@ti.func
+def relax_line(
+    relax: ti.template(), right: ti.template(), x: ti.template(), grid: ti.template(), level, line,
+    keep: ti.template(), dim: ti.template(),
+):  # fmt: skip
+    """A line of x = relax right, added to what is there if ``keep``."""
+    at = grid[level, START] + line_start(grid, level, line, dim)
+    for j in range(at, at + grid[level, SHAPE + 2]):
+        x[j] = (x[j] if ti.static(keep) else 0.0) + relax[j] * right[j]
+
+
+@ti.func
+def solve_coarsest(
+    stencil: ti.template(), relax: ti.template(), x: ti.template(), b: ti.template(), grid: ti.template(), last,
+    sweeps, dim: ti.template(),
+):  # fmt: skip
+    """The coarsest level, number ``last``, by symmetric Gauss-Seidel sweeps."""
+    at, size = grid[last, START], grid[last, SIZE]
+    for t in range(at, at + size):
+        x[t] = 0.0
+    n, width = lines(grid, last), grid[last, SHAPE + 2]
+    for step in range(sweeps * n * width):
+        g = step % (n * width)
+        if step // (n * width) % 2 == 1:
+            g = n * width - 1 - g
+        inside = line_start(grid, last, g // width, dim) + g % width
+        total = b[at + inside]
+        for row in range(ti.static(PLACES ** (dim - 1))):
+            near = at + inside + row_shift(grid, last, row, dim) - REACH
+            entries = grid[last, STENCIL] + row * PLACES * size + inside
+            for k in ti.static(range(PLACES)):
+                total -= stencil[entries + k * size] * x[near + k]
+        x[at + inside] = x[at + inside] + relax[at + inside] / OMEGA * total
+
+
 @ti.kernel
 def down_grid(
     stencil: ti.types.ndarray(), weights: ti.types.ndarray(), relax: ti.types.ndarray(), x: ti.types.ndarray(),
     b: ti.types.ndarray(), r: ti.types.ndarray(), grid: ti.types.ndarray(), level: ti.i32, parts: ti.i32,
-    spread: ti.template(), alone: ti.template(), dim: ti.template(),
+    spread: ti.template(), dim: ti.template(),
 ):  # fmt: skip
-    """One sweep from zero on a grid, and what is left restricted to the next coarser one.
-
-    ``alone`` concerns all but the residual, which takes most of the time.
-    """
-    light = ti.static(1 if alone else spread)
-    ti.loop_config(serialize=alone)
-    for t in range(grid[level, SIZE]):
-        at = grid[level, START] + t
-        x[at] = relax[at] * b[at]
+    """One sweep from zero on a grid, and what is left restricted to the next coarser one."""
     for t in range(parts * spread):
         first, last = part_of(t, parts, spread, lines(grid, level))
         for line in range(first, last):
-            _subtract_product(stencil, x, b, r, grid, level, line, dim)
+            relax_line(relax, b, x, grid, level, line, False, dim)
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, lines(grid, level))
+        for line in range(first, last):
+            subtract_product(stencil, x, b, r, grid, level, line, dim)
     one = grid[level, NEXT]
-    ti.loop_config(serialize=alone)
-    for t in range(parts * light):
-        first, last = part_of(t, parts, light, lines(grid, one))
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, lines(grid, one))
         for line in range(first, last):
-            _restrict(r, b, weights, grid, level, one, line, ti.static(dim - 1), dim)
+            restrict(r, b, weights, grid, level, one, line, ti.static(dim - 1), dim)
     two = grid[one, NEXT]
-    ti.loop_config(serialize=alone)
-    for t in range(parts * light):
-        first, last = part_of(t, parts, light, lines(grid, two))
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, lines(grid, two))
         for line in range(first, last):
-            _restrict(b, b, weights, grid, one, two, line, ti.static(dim - 2), dim)
+            restrict(b, b, weights, grid, one, two, line, ti.static(dim - 2), dim)
     if ti.static(dim == 3):
-        ti.loop_config(serialize=alone)
-        for t in range(parts * light):
-            first, last = part_of(t, parts, light, lines(grid, level + 1))
+        for t in range(parts * spread):
+            first, last = part_of(t, parts, spread, lines(grid, level + 1))
             for line in range(first, last):
-                _restrict(b, b, weights, grid, two, level + 1, line, 0, dim)
+                restrict(b, b, weights, grid, two, level + 1, line, 0, dim)
 
 
 @ti.kernel
-def coarse_cycle(
-    stencil: ti.types.ndarray(), weights: ti.types.ndarray(), relax: ti.types.ndarray(), x: ti.types.ndarray(),
-    b: ti.types.ndarray(), r: ti.types.ndarray(), grid: ti.types.ndarray(),
-    first: ti.i32, levels: ti.i32, sweeps: ti.i32, dim: ti.template(),
+def coarsest_grid(
+    stencil: ti.types.ndarray(), relax: ti.types.ndarray(), x: ti.types.ndarray(), b: ti.types.ndarray(),
+    grid: ti.types.ndarray(), levels: ti.i32, sweeps: ti.i32, dim: ti.template(),
 ):  # fmt: skip
-    """The cycle from level ``first`` down, in one thread: on small grids launches cost more than work.
-
-    The coarsest level is solved by symmetric Gauss-Seidel sweeps.
-    """
+    """The coarsest grid's equations solved, by one thread."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        for level in range(first, levels - 1):
-            for t in range(grid[level, START], grid[level, START] + grid[level, SIZE]):
-                x[t] = relax[t] * b[t]
-            for line in range(lines(grid, level)):
-                _subtract_product(stencil, x, b, r, grid, level, line, dim)
-            fine = level
-            for axis in ti.static(range(dim - 1, -1, -1)):
-                coarse = grid[fine, NEXT]
-                for line in range(lines(grid, coarse)):
-                    if ti.static(axis == dim - 1):
-                        _restrict(r, b, weights, grid, fine, coarse, line, axis, dim)
-                    else:
-                        _restrict(b, b, weights, grid, fine, coarse, line, axis, dim)
-                fine = coarse
-        last = levels - 1
-        at, size = grid[last, START], grid[last, SIZE]
-        for t in range(at, at + size):
-            x[t] = 0.0
-        n, width = lines(grid, last), grid[last, SHAPE + 2]
-        for step in range(sweeps * n * width):
-            g = step % (n * width)
-            if step // (n * width) % 2 == 1:
-                g = n * width - 1 - g
-            inside = line_start(grid, last, g // width, dim) + g % width
-            total = b[at + inside]
-            for row in range(ti.static(PLACES ** (dim - 1))):
-                near = at + inside + row_shift(grid, last, row, dim) - REACH
-                entries = grid[last, STENCIL] + row * PLACES * size + inside
-                for k in ti.static(range(PLACES)):
-                    total -= stencil[entries + k * size] * x[near + k]
-            x[at + inside] = x[at + inside] + relax[at + inside] / OMEGA * total
-        for up in range(levels - 1 - first):
-            level = levels - 2 - up
-            one = grid[level, NEXT]
-            two = grid[one, NEXT]
-            if ti.static(dim == 3):
-                for line in range(lines(grid, two)):
-                    _prolong(x, weights, grid, two, level + 1, line, 0, dim)
-            for line in range(lines(grid, one)):
-                _prolong(x, weights, grid, one, two, line, ti.static(dim - 2), dim)
-            for line in range(lines(grid, level)):
-                _prolong(x, weights, grid, level, one, line, ti.static(dim - 1), dim)
-            for line in range(lines(grid, level)):
-                _subtract_product(stencil, x, b, r, grid, level, line, dim)
-            for t in range(grid[level, START], grid[level, START] + grid[level, SIZE]):
-                x[t] = x[t] + relax[t] * r[t]
+        solve_coarsest(stencil, relax, x, b, grid, levels - 1, sweeps, dim)
 
 
 @ti.kernel
 def up_grid(
     stencil: ti.types.ndarray(), weights: ti.types.ndarray(), relax: ti.types.ndarray(), x: ti.types.ndarray(),
     b: ti.types.ndarray(), r: ti.types.ndarray(), grid: ti.types.ndarray(), level: ti.i32, parts: ti.i32,
-    spread: ti.template(), alone: ti.template(), dim: ti.template(),
+    spread: ti.template(), dim: ti.template(),
 ):  # fmt: skip
-    """The coarser grid's correction added on ``level``, and one sweep; ``alone`` as in `down_grid`."""
-    light = ti.static(1 if alone else spread)
+    """The coarser grid's correction added on ``level``, and one sweep."""
     one = grid[level, NEXT]
     two = grid[one, NEXT]
     if ti.static(dim == 3):
-        ti.loop_config(serialize=alone)
-        for t in range(parts * light):
-            first, last = part_of(t, parts, light, lines(grid, two))
+        for t in range(parts * spread):
+            first, last = part_of(t, parts, spread, lines(grid, two))
             for line in range(first, last):
-                _prolong(x, weights, grid, two, level + 1, line, 0, dim)
-    ti.loop_config(serialize=alone)
-    for t in range(parts * light):
-        first, last = part_of(t, parts, light, lines(grid, one))
+                prolong(x, weights, grid, two, level + 1, line, 0, dim)
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, lines(grid, one))
         for line in range(first, last):
-            _prolong(x, weights, grid, one, two, line, ti.static(dim - 2), dim)
-    ti.loop_config(serialize=alone)
-    for t in range(parts * light):
-        first, last = part_of(t, parts, light, lines(grid, level))
-        for line in range(first, last):
-            _prolong(x, weights, grid, level, one, line, ti.static(dim - 1), dim)
+            prolong(x, weights, grid, one, two, line, ti.static(dim - 2), dim)
     for t in range(parts * spread):
         first, last = part_of(t, parts, spread, lines(grid, level))
         for line in range(first, last):
-            _subtract_product(stencil, x, b, r, grid, level, line, dim)
-    ti.loop_config(serialize=alone)
-    for t in range(grid[level, SIZE]):
-        at = grid[level, START] + t
-        x[at] = x[at] + relax[at] * r[at]
+            prolong(x, weights, grid, level, one, line, ti.static(dim - 1), dim)
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, lines(grid, level))
+        for line in range(first, last):
+            subtract_product(stencil, x, b, r, grid, level, line, dim)
+    for t in range(parts * spread):
+        first, last = part_of(t, parts, spread, lines(grid, level))
+        for line in range(first, last):
+            relax_line(relax, r, x, grid, level, line, True, dim)

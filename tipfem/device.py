@@ -130,6 +130,16 @@ def alone(turns: int, cost: float) -> bool:
 WORTH_WAKING = 1.2e5  # [ns]
 
 
+def together() -> bool:
+    """Whether threads can wait for each other inside a kernel, see `tipfem.teamwork`."""
+    return _running.get("arch") == "cpu"
+
+
+def members(alone: bool = False) -> int:
+    """How many threads share a kernel made for a team."""
+    return 1 if alone else min(_running.get("threads") or os.cpu_count() or 1, chunks())
+
+
 @ti.func
 def part_of(t, parts, spread: ti.template(), n):  # type: ignore[no-untyped-def]
     """First and last + 1 of 0 ... n that turn ``t`` of ``parts * spread`` has to do; nothing for idle turns."""

@@ -229,6 +229,7 @@ class FlowProblem:
         result = krylov.fgmres(
             self.product, self.precondition, self._r, self._dx, self.size,
             tolerance=tolerance, max_iterations=MAX_KRYLOV_ITERATIONS, buffers=self.buffers,
+            iteration=None if self._walls else self.system.iteration,
         )  # fmt: skip
         self.buffers.launch(krylov_kernels.add, self._dx, x, -1.0, self.size, alone(self.size, krylov.ENTRY))
         return result

@@ -101,6 +101,64 @@ def gather_rows(
         pp[first] = own_pp
 
 
+@ti.func
+def row_product(
+    row_offsets: ti.template(), columns: ti.template(),
+    uu: ti.template(), up: ti.template(), pu: ti.template(), pp: ti.template(),
+    x: ti.template(), begin, out: ti.template(), i, dim: ti.template(),
+):  # fmt: skip
+    """Particle i's rows of out = K x, of an ``x`` that begins at the entry ``begin``."""
+    force = ti.Vector.zero(float, dim)
+    growth = 0.0
+    for s in range(row_offsets[i], row_offsets[i + 1]):
+        at = begin + columns[s] * (dim + 1)
+        p = x[at + dim]
+        for m in ti.static(range(dim)):
+            u = x[at + m]
+            for k in ti.static(range(dim)):
+                force[k] += uu[s * dim * dim + k * dim + m] * u
+            growth += pu[s * dim + m] * u
+        for k in ti.static(range(dim)):
+            force[k] += up[s * dim + k] * p
+        growth += pp[s] * p
+    for k in ti.static(range(dim)):
+        out[i * (dim + 1) + k] = force[k]
+    out[i * (dim + 1) + dim] = growth
+
+
+@ti.func
+def schur_row(
+    row_offsets: ti.template(), columns: ti.template(), pu: ti.template(), scale: ti.template(),
+    r: ti.template(), begin, i, dim: ti.template(),
+):  # fmt: skip
+    """r_p - D r_u at particle i without the scale of the rows, from a scaled residual r that begins at ``begin``."""
+    row = i * (dim + 1) + dim
+    total = r[begin + row]
+    for s in range(row_offsets[i], row_offsets[i + 1]):
+        at = begin + columns[s] * (dim + 1)
+        for k in ti.static(range(dim)):
+            total -= pu[s * dim + k] * r[at + k]
+    # Not where pressure is prescribed.
+    return ti.select(scale[row] > 0.0, total / ti.max(scale[row], 1e-300), 0.0)
+
+
+@ti.func
+def correction_row(
+    row_offsets: ti.template(), columns: ti.template(), up: ti.template(), r: ti.template(), pressure: ti.template(),
+    out: ti.template(), begin, i, dim: ti.template(),
+):  # fmt: skip
+    """Particle i's entries of (r_u + G z_p, z_p), z_p = ``pressure`` (N,); r and out begin at ``begin``."""
+    u = unknown(r, begin // (dim + 1) + i, dim)
+    for s in range(row_offsets[i], row_offsets[i + 1]):
+        p = pressure[columns[s]]
+        for k in ti.static(range(dim)):
+            u[k] -= up[s * dim + k] * p
+    at = begin + i * (dim + 1)
+    for k in ti.static(range(dim)):
+        out[at + k] = u[k]
+    out[at + dim] = pressure[i]
+
+
 @ti.kernel
 def multiply(
     row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(),
@@ -110,55 +168,24 @@ def multiply(
     """out = K x."""
     ti.loop_config(serialize=alone)
     for i in range(nodes):
-        force = ti.Vector.zero(float, dim)
-        growth = 0.0
-        for s in range(row_offsets[i], row_offsets[i + 1]):
-            j = columns[s]
-            u = unknown(x, j, dim)
-            p = x[j * (dim + 1) + dim]
-            for k in ti.static(range(dim)):
-                for m in ti.static(range(dim)):
-                    force[k] += uu[s * dim * dim + k * dim + m] * u[m]
-                force[k] += up[s * dim + k] * p
-                growth += pu[s * dim + k] * u[k]
-            growth += pp[s] * p
-        for k in ti.static(range(dim)):
-            out[i * (dim + 1) + k] = force[k]
-        out[i * (dim + 1) + dim] = growth
+        row_product(row_offsets, columns, uu, up, pu, pp, x, 0, out, i, dim)
 
 
 @ti.kernel
 def schur_right_side(
     row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), pu: ti.types.ndarray(), scale: ti.types.ndarray(),
-    r: ti.types.ndarray(), out: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(), alone: ti.template(),
+    r: ti.types.ndarray(), out: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
 ):  # fmt: skip
     """out (N,) = r_p - D r_u without the scale of the rows, from a scaled residual ``r``."""
-    ti.loop_config(serialize=alone)
     for i in range(nodes):
-        row = i * (dim + 1) + dim
-        total = r[row]
-        for s in range(row_offsets[i], row_offsets[i + 1]):
-            u = unknown(r, columns[s], dim)
-            for k in ti.static(range(dim)):
-                total -= pu[s * dim + k] * u[k]
-        # Not where pressure is prescribed.
-        out[i] = ti.select(scale[row] > 0.0, total / ti.max(scale[row], 1e-300), 0.0)
+        out[i] = schur_row(row_offsets, columns, pu, scale, r, 0, i, dim)
 
 
 @ti.kernel
 def pressure_correction(
     row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), up: ti.types.ndarray(),
     r: ti.types.ndarray(), pressure: ti.types.ndarray(), out: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
-    alone: ti.template(),
 ):  # fmt: skip
     """out = (r_u + G z_p, z_p) with z_p = ``pressure`` (N,), which is 0 where pressure is prescribed."""
-    ti.loop_config(serialize=alone)
     for i in range(nodes):
-        u = unknown(r, i, dim)
-        for s in range(row_offsets[i], row_offsets[i + 1]):
-            p = pressure[columns[s]]
-            for k in ti.static(range(dim)):
-                u[k] -= up[s * dim + k] * p
-        for k in ti.static(range(dim)):
-            out[i * (dim + 1) + k] = u[k]
-        out[i * (dim + 1) + dim] = pressure[i]
+        correction_row(row_offsets, columns, up, r, pressure, out, 0, i, dim)

@@ -11,6 +11,9 @@ from tipfem import krylov_kernels
 from tipfem.device import Buffers, alone, chunks, spread
 
 Operator = Callable[[Any, Any], None]
+# (k, basis, directions, w, partial, out, cancelled): z_k = M v_k, w = A z_k, and what `krylov_kernels.orthogonalise`
+# makes of w, itself becoming v_{k+1}. v_k and z_k are what stands in basis and directions at k times the size.
+Iteration = Callable[[int, Any, Any, Any, Any, Any, float], None]
 
 # Nanoseconds that a thread takes for an entry of a vector: of one vector, and of one to be made orthogonal to a few.
 ENTRY, ENTRY_OF_MANY = 2.0, 10.0
@@ -38,6 +41,7 @@ def fgmres(
     tolerance: float,
     max_iterations: int,
     buffers: Buffers,
+    iteration: Iteration | None = None,
 ) -> KrylovResult:
     """Solve A x = b from x = 0 by flexible GMRES with right preconditioning.
 
@@ -53,6 +57,7 @@ def fgmres(
         tolerance: of the residual norm relative to that of ``right_side``.
         max_iterations: when to give up; also the length of the basis, there is no restart.
         buffers: where the basis lives between solves.
+        iteration: does both, and the first pass of the orthogonalisation, at once.
 
     Raises:
         FloatingPointError: a norm is not finite.
@@ -60,10 +65,9 @@ def fgmres(
     single = alone(size, ENTRY)
     parts = (chunks(), spread(single), single)
     basis = _Basis(size, tolerance, buffers)
-    v, z, w = (buffers.get(f"krylov.{name}", size) for name in "vzw")
     out = np.zeros(1)
     partial = buffers.get("krylov.partial", chunks(), 1)
-    buffers.launch(krylov_kernels.start, right_side, v, basis.orthonormal, partial, out, size, *parts)
+    buffers.launch(krylov_kernels.start, right_side, basis.orthonormal, partial, out, size, *parts)
     beta = float(out[0])
     if not math.isfinite(beta):
         raise FloatingPointError("the residual is not finite")
@@ -76,10 +80,9 @@ def fgmres(
     sine: list[float] = []
     g = [beta]
     k = 0
+    iteration = iteration or basis.by_parts(operator, preconditioner)
     while k < max_iterations and abs(g[k]) > tolerance * beta:
-        preconditioner(v, z)
-        operator(z, w)
-        column = basis.extend(k, w, z, v)
+        column = basis.extend(k, iteration)
         if not all(map(math.isfinite, column)):
             raise FloatingPointError("a Krylov vector is not finite")
         for i in range(k):
@@ -120,36 +123,55 @@ class _Basis:
         self.directions = self._buffers.grow("krylov.directions", room * self.size)
         self._room = room
 
-    def extend(self, k: int, w: Any, z: Any, v: Any) -> list[float]:
-        """Take over z_k = z and make of w = A z_k the vector v_{k+1}, in ``v`` too.
+    def by_parts(self, operator: Operator, preconditioner: Operator) -> Iteration:
+        """An iteration that does one after the other."""
+        size, single = self.size, alone(self.size, ENTRY)
+        launch, (v, z) = self._buffers.launch, (self._buffers.get(f"krylov.{name}", size) for name in "vz")
+
+        def iteration(k: int, basis: Any, directions: Any, w: Any, partial: Any, out: Any, cancelled: float) -> None:
+            launch(krylov_kernels.move, basis, k * size, v, 0, size, single)
+            preconditioner(v, z)
+            operator(z, w)
+            launch(krylov_kernels.move, z, 0, directions, k * size, size, single)
+            self._orthogonalise(k, basis, directions, w, partial, out, cancelled)
+
+        return iteration
+
+    def extend(self, k: int, iteration: Iteration) -> list[float]:
+        """Make z_k = M v_k, and of A z_k the vector v_{k+1}.
 
         Returns:
             (k + 2,) column k of the Hessenberg matrix.
         """
         if k + 2 > self._room:
             self._make_room(k + 2)
-        single = alone(self.size, ENTRY_OF_MANY)
-        parts, column = chunks(), [0.0] * (k + 2)
-        partial = self._buffers.get("krylov.dots", parts * (k + 2))
+        column = [0.0] * (k + 2)
+        w, partial = self._buffers.get("krylov.w", self.size), self._buffers.get("krylov.dots", chunks() * (k + 2))
         # Below it, what cancellation leaves is neither orthogonal enough nor of a length known well: once more.
         least = max(CANCELLED, ((self._loss + EPSILON) / self._loss_allowed) ** 2)
-        for _ in range(2):
+        for do in (iteration, self._orthogonalise):
             out = np.zeros(k + 3)
-            self._buffers.launch(
-                krylov_kernels.orthogonalise, self.orthonormal, self.directions, w, z, v, partial, out, k, self.size,
-                parts, spread(single), single, least,
-            )  # fmt: skip
+            do(k, self.orthonormal, self.directions, w, partial, out, least)
             *components, before, after = out.tolist()
             for j, component in enumerate(components):
                 column[j] += component
             if not after < least * before:
                 break
-            w, least = v, CANCELLED
+            least = CANCELLED
         # One pass of Gram-Schmidt multiplies what is not orthogonal already by the cancellation.
         grown = (self._loss + EPSILON) * math.sqrt(before / after) if after > 0 else self._loss_allowed
         self._loss = min(max(self._loss, grown), self._loss_allowed)
         column[k + 1] = math.sqrt(max(after, 0.0))
         return column
+
+    def _orthogonalise(
+        self, k: int, basis: Any, _directions: Any, w: Any, partial: Any, out: Any, cancelled: float
+    ) -> None:
+        single = alone(self.size, ENTRY_OF_MANY)
+        self._buffers.launch(
+            krylov_kernels.orthogonalise, basis, w, partial, out, k, self.size, chunks(), spread(single), single,
+            cancelled,
+        )  # fmt: skip
 
 
 # Part of a vector's squared length that must be left when it has been made orthogonal to others.

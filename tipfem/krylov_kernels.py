@@ -14,10 +14,10 @@ BLOCK = 512
 
 @ti.kernel
 def start(
-    b: ti.types.ndarray(), v: ti.types.ndarray(), basis: ti.types.ndarray(), partial: ti.types.ndarray(),
-    out: ti.types.ndarray(), n: ti.i32, parts: ti.i32, spread: ti.template(), alone: ti.template(),
+    b: ti.types.ndarray(), basis: ti.types.ndarray(), partial: ti.types.ndarray(), out: ti.types.ndarray(),
+    n: ti.i32, parts: ti.i32, spread: ti.template(), alone: ti.template(),
 ):  # fmt: skip
-    """out[0] = |b|, v = v_0 = b / |b| (0 if b is 0)."""
+    """out[0] = |b|, v_0 = b / |b| (0 if b is 0)."""
     ti.loop_config(serialize=alone)
     for t in range(parts * spread):
         first, last = part_of(t, parts, spread, n)
@@ -38,84 +38,96 @@ def start(
         first, last = part_of(t, parts, spread, n)
         factor = partial[0, 0]
         for i in range(first, last):
-            v[i] = factor * b[i]
             basis[i] = factor * b[i]
+
+
+@ti.func
+def dots(basis: ti.template(), w: ti.template(), partial: ti.template(), part, k, n, first, last):
+    """Part number ``part`` of the dot products of w with v_0 ... v_k and with itself, into partial (parts, k + 2)."""
+    at = part * (k + 2)
+    for j in range(k + 2):
+        partial[at + j] = 0.0
+    # Block by block, so that w is read from the cache for all v_j.
+    for block in range((last - first + BLOCK - 1) // BLOCK):
+        start = first + block * BLOCK
+        end = ti.min(start + BLOCK, last)
+        for j in range(k + 1):
+            row = j * n
+            total = 0.0
+            for i in range(start, end):
+                total += basis[row + i] * w[i]
+            partial[at + j] = partial[at + j] + total
+        total = 0.0
+        for i in range(start, end):
+            total += w[i] * w[i]
+        partial[at + k + 1] = partial[at + k + 1] + total
+
+
+@ti.func
+def sum_dots(partial: ti.template(), out: ti.template(), k, parts, cancelled):
+    """What `orthogonalise` returns, from the parts; in place of the first part, what its last loop needs."""
+    left = 0.0
+    for m in range(k + 2):
+        j = k + 1 - m  # the length first
+        total = 0.0
+        for c in range(parts):
+            total += partial[c * (k + 2) + j]
+        partial[j] = total
+        out[j] = total
+        left = total if m == 0 else left - total * total
+    out[k + 2] = left
+    partial[k + 1] = ti.select(left < cancelled * out[k + 1], 1.0, 1.0 / ti.sqrt(left))
+
+
+@ti.func
+def subtract(basis: ti.template(), w: ti.template(), partial: ti.template(), k, n, first, last):
+    """The entries from first on of v_{k+1}: w, which becomes the same, less its components, times a factor."""
+    factor = partial[k + 1]
+    for block in range((last - first + BLOCK - 1) // BLOCK):
+        start = first + block * BLOCK
+        end = ti.min(start + BLOCK, last)
+        # Four at a time: loops that write are not done in vectors, and every round writes once.
+        for quarter in range((k + 1) // 4):
+            j = 4 * quarter
+            row = j * n
+            d0, d1, d2, d3 = partial[j], partial[j + 1], partial[j + 2], partial[j + 3]
+            for i in range(start, end):
+                near = d0 * basis[row + i] + d1 * basis[row + n + i]
+                w[i] = w[i] - near - (d2 * basis[row + 2 * n + i] + d3 * basis[row + 3 * n + i])
+        for j in range((k + 1) // 4 * 4, k + 1):
+            row = j * n
+            d = partial[j]
+            for i in range(start, end):
+                w[i] = w[i] - d * basis[row + i]
+        row = (k + 1) * n
+        for i in range(start, end):
+            x = factor * w[i]
+            w[i] = x
+            basis[row + i] = x
 
 
 @ti.kernel
 def orthogonalise(
-    basis: ti.types.ndarray(), directions: ti.types.ndarray(), w: ti.types.ndarray(), z: ti.types.ndarray(),
-    v: ti.types.ndarray(), partial: ti.types.ndarray(), out: ti.types.ndarray(),
+    basis: ti.types.ndarray(), w: ti.types.ndarray(), partial: ti.types.ndarray(), out: ti.types.ndarray(),
     k: ti.i32, n: ti.i32, parts: ti.i32, spread: ti.template(), alone: ti.template(), cancelled: float,
 ):  # fmt: skip
-    """z_k = z; v = v_{k+1} = w less its components d_j along v_0 ... v_k, over the length of that.
+    """v_{k+1} = w less its components d_j along v_0 ... v_k, over the length of that; w becomes the same.
 
     out: d (k + 1,), |w|^2, and |w|^2 - |d|^2, which is the length squared of what is left. Where that is less than
-    the part ``cancelled`` of |w|^2, v is left as long as it is, for another pass.
+    the part ``cancelled`` of |w|^2, it is left as long as it is, for another pass.
     """
     ti.loop_config(serialize=alone)
     for t in range(parts * spread):
         first, last = part_of(t, parts, spread, n)
-        at = t // spread * (k + 2)
         if t % spread == 0:
-            for j in range(k + 2):
-                partial[at + j] = 0.0
-        # Block by block, so that w is read from the cache for all v_j.
-        for block in range((last - first + BLOCK - 1) // BLOCK):
-            start = first + block * BLOCK
-            end = ti.min(start + BLOCK, last)
-            for j in range(k + 1):
-                row = j * n
-                total = 0.0
-                for i in range(start, end):
-                    total += basis[row + i] * w[i]
-                partial[at + j] = partial[at + j] + total
-            total = 0.0
-            for i in range(start, end):
-                total += w[i] * w[i]
-            partial[at + k + 1] = partial[at + k + 1] + total
-            for i in range(start, end):
-                directions[k * n + i] = z[i]
+            dots(basis, w, partial, t // spread, k, n, first, last)
     ti.loop_config(serialize=True)
     for _ in range(1):
-        left = 0.0
-        for m in range(k + 2):
-            j = k + 1 - m  # the length first
-            total = 0.0
-            for c in range(parts):
-                total += partial[c * (k + 2) + j]
-            partial[j] = total
-            out[j] = total
-            left = total if m == 0 else left - total * total
-        out[k + 2] = left
-        partial[k + 1] = ti.select(left < cancelled * out[k + 1], 1.0, 1.0 / ti.sqrt(left))
+        sum_dots(partial, out, k, parts, cancelled)
     ti.loop_config(serialize=alone)
     for t in range(parts * spread):
         first, last = part_of(t, parts, spread, n)
-        factor = partial[k + 1]
-        for block in range((last - first + BLOCK - 1) // BLOCK):
-            start = first + block * BLOCK
-            end = ti.min(start + BLOCK, last)
-            for i in range(start, end):
-                v[i] = w[i]
-            # Four at a time: loops that write are not done in vectors, and every round writes once.
-            for quarter in range((k + 1) // 4):
-                j = 4 * quarter
-                row = j * n
-                d0, d1, d2, d3 = partial[j], partial[j + 1], partial[j + 2], partial[j + 3]
-                for i in range(start, end):
-                    near = d0 * basis[row + i] + d1 * basis[row + n + i]
-                    v[i] = v[i] - near - (d2 * basis[row + 2 * n + i] + d3 * basis[row + 3 * n + i])
-            for j in range((k + 1) // 4 * 4, k + 1):
-                row = j * n
-                d = partial[j]
-                for i in range(start, end):
-                    v[i] = v[i] - d * basis[row + i]
-            row = (k + 1) * n
-            for i in range(start, end):
-                x = factor * v[i]
-                v[i] = x
-                basis[row + i] = x
+        subtract(basis, w, partial, k, n, first, last)
 
 
 @ti.kernel
@@ -144,6 +156,16 @@ def fill(x: ti.types.ndarray(), value: float, n: ti.i32, alone: ti.template()):
     ti.loop_config(serialize=alone)
     for i in range(n):
         x[i] = value
+
+
+@ti.kernel
+def move(
+    x: ti.types.ndarray(), from_x: ti.i32, y: ti.types.ndarray(), from_y: ti.i32, n: ti.i32, alone: ti.template()
+):  # fmt: skip
+    """Copy ``n`` entries of x into y, from an entry of each on."""
+    ti.loop_config(serialize=alone)
+    for i in range(n):
+        y[from_y + i] = x[from_x + i]
 
 
 @ti.kernel

@@ -7,11 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import sparse
 
-from tipfem import block_kernels, connectivity, jacobian_rows
+from tipfem import block_kernels, connectivity, iteration_kernels, jacobian_rows
 from tipfem.bubbles import Bubbles
-from tipfem.device import Buffers, alone, download
+from tipfem.device import Buffers, alone, chunks, download, members, spread
+from tipfem.krylov import Iteration
 from tipfem.mesh import Mesh
-from tipfem.multigrid import BackgroundMultigrid
+from tipfem.multigrid import COARSEST_SWEEPS, BackgroundMultigrid
 from tipfem.particles import Array
 from tipfem.time_integration import GeneralizedAlpha
 
@@ -22,6 +23,7 @@ GRID_SPACING = 2.0
 # middle of that, a twentieth of the Krylov iterations is saved.
 SCHUR_SCALE = 1.3
 ROW = 30.0  # nanoseconds that a thread takes to multiply a particle's rows
+ITERATION = 400.0  # for all that an iteration of Krylov's method does for a particle
 SEARCH = 80.0  # to find a particle's neighbours, and for its row of the Laplacian
 
 
@@ -145,16 +147,35 @@ class LinearSystem:
         z_u = A^-1 r_u;  z_p = S^-1 (r_p - D z_u);  z_u += A^-1 G z_p. Scaled by 1 / diag(A), the momentum rows of r
         are A^-1 r_u already.
         """
+        if self.multigrid.together:
+            self._iterate(0, r, z, z, self._schur_b, self._schur_b, 0.0, whole=False)
+            return
         _uu, up, pu, _pp = self._blocks
         self._launch(
             jacobian_rows.schur_right_side, self._row_offsets, self._columns, pu, self._scale, r, self._schur_b,
-            self._nodes, self._dimension, self._alone,
+            self._nodes, self._dimension,
         )  # fmt: skip
         self.multigrid.apply(self._schur_b, self._schur_x)
         self._bubbles.lift(self._schur_b, self._schur_x)
         self._launch(
             jacobian_rows.pressure_correction, self._row_offsets, self._columns, up, r, self._schur_x, z,
-            self._nodes, self._dimension, self._alone,
+            self._nodes, self._dimension,
+        )  # fmt: skip
+
+    @property
+    def iteration(self) -> Iteration | None:
+        """An iteration of Krylov's method in one launch, where that is possible."""
+        return self._iterate if self.multigrid.together else None
+
+    def _iterate(
+        self, k: int, basis: Any, directions: Any, w: Any, partial: Any, out: Any, cancelled: float, whole: bool = True
+    ) -> None:
+        grid, bubbles, single = self.multigrid, self._bubbles, alone(self._nodes, ITERATION)
+        self._launch(
+            iteration_kernels.iterate, self._row_offsets, self._columns, *self._blocks, self._scale, self._schur_b,
+            self._schur_x, *grid.mesh_arrays, self._laplacian, *grid.grids, *bubbles.arrays, basis, directions, w,
+            partial, out, grid.meeting, k, self._nodes, grid.levels, COARSEST_SWEEPS, bubbles.count, chunks(),
+            members(single), cancelled, spread(single), single, whole, self._dimension,
         )  # fmt: skip
 
     def matrix(self) -> Any:

@@ -1,6 +1,8 @@
 """Kernels of the multigrid cycle on the mesh: smoothing there, and transfers to and from the finest grid.
 
-Grids are laid out as in `tipfem.background_grid`. ``relax`` is the damped inverse diagonal of an operator.
+Grids are laid out as in `tipfem.background_grid`. ``relax`` is the damped inverse diagonal of an operator. What is done
+for a node or a line stands in functions: `tipfem.iteration_kernels` makes one kernel for a team of threads of them,
+`down_mesh` and `up_mesh` are for devices whose threads cannot wait for each other.
 """
 
 import taichi as ti
@@ -24,10 +26,43 @@ OMEGA = 0.8  # damping of Jacobi's method
 
 
 @ti.func
-def _row_product(row_offsets: ti.template(), columns: ti.template(), values: ti.template(), x: ti.template(), i):
-    total = 0.0
+def rest_of_row(
+    row_offsets: ti.template(), columns: ti.template(), values: ti.template(), b: ti.template(), x: ti.template(), i
+):  # fmt: skip
+    """b - A x in row ``i`` of a matrix in CSR."""
+    rest = b[i]
     for s in range(row_offsets[i], row_offsets[i + 1]):
-        total += values[s] * x[columns[s]]
+        rest -= values[s] * x[columns[s]]
+    return rest
+
+
+@ti.func
+def restrict_to_line(
+    residual: ti.template(), fraction: ti.template(), order: ti.template(), start: ti.template(),
+    grid_b: ti.template(), grid: ti.template(), line, dim: ti.template(),
+):  # fmt: skip
+    """A line of the finest grid's right side: what is left at the nodes in the cells around, weighted."""
+    to = grid[0, START] + line_start(grid, 0, line, dim)
+    for j in range(grid[0, SHAPE + 2]):
+        total = 0.0
+        for corner in ti.static(corners(dim)):
+            c = cell_at(grid, line, j, corner, dim)
+            if c >= 0:
+                for m in range(start[c], start[c + 1]):
+                    total += weight(fraction, order[m], corner, dim) * residual[order[m]]
+        grid_b[to + j] = total
+
+
+@ti.func
+def interpolated(
+    cell: ti.template(), fraction: ti.template(), grid_x: ti.template(), grid: ti.template(), i, dim: ti.template()
+):  # fmt: skip
+    """The finest grid's values at node ``i``."""
+    at = ti.Vector([cell[i, k] for k in ti.static(range(dim))])
+    total = 0.0
+    for corner in ti.static(corners(dim)):
+        near = grid[0, START] + entry(grid, 0, at + ti.Vector(corner), dim)
+        total += weight(fraction, i, corner, dim) * grid_x[near]
     return total
 
 
@@ -60,30 +95,17 @@ def down_mesh(
     row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
     fraction: ti.types.ndarray(), order: ti.types.ndarray(), start: ti.types.ndarray(),
     grid_b: ti.types.ndarray(), grid: ti.types.ndarray(), nodes: ti.i32, parts: ti.i32, spread: ti.template(),
-    alone: ti.template(), dim: ti.template(),
+    dim: ti.template(),
 ):  # fmt: skip
     """One sweep from zero on the mesh, and what is left restricted to the finest grid."""
-    ti.loop_config(serialize=alone)
     for i in range(nodes):
         x[i] = relax[i] * b[i]
-        total = b[i]
-        for s in range(row_offsets[i], row_offsets[i + 1]):
-            j = columns[s]
-            total -= values[s] * relax[j] * b[j]
-        residual[i] = total
-    ti.loop_config(serialize=alone)
+    for i in range(nodes):
+        residual[i] = rest_of_row(row_offsets, columns, values, b, x, i)
     for t in range(parts * spread):
         first, last = part_of(t, parts, spread, lines(grid, 0))
         for line in range(first, last):
-            to = grid[0, START] + line_start(grid, 0, line, dim)
-            for j in range(grid[0, SHAPE + 2]):
-                total = 0.0
-                for corner in ti.static(corners(dim)):
-                    c = cell_at(grid, line, j, corner, dim)
-                    if c >= 0:
-                        for m in range(start[c], start[c + 1]):
-                            total += weight(fraction, order[m], corner, dim) * residual[order[m]]
-                grid_b[to + j] = total
+            restrict_to_line(residual, fraction, order, start, grid_b, grid, line, dim)
 
 
 @ti.kernel
@@ -91,18 +113,11 @@ def up_mesh(
     b: ti.types.ndarray(), x: ti.types.ndarray(), corrected: ti.types.ndarray(), relax: ti.types.ndarray(),
     row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
     cell: ti.types.ndarray(), fraction: ti.types.ndarray(), grid_x: ti.types.ndarray(),
-    grid: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(), alone: ti.template(),
+    grid: ti.types.ndarray(), nodes: ti.i32, dim: ti.template(),
 ):  # fmt: skip
     """The finest grid's correction interpolated to the nodes, and one sweep on the mesh; 0 where is no equation."""
-    ti.loop_config(serialize=alone)
     for i in range(nodes):
-        at = ti.Vector([cell[i, k] for k in ti.static(range(dim))])
-        total = x[i]
-        for corner in ti.static(corners(dim)):
-            near = grid[0, START] + entry(grid, 0, at + ti.Vector(corner), dim)
-            total += weight(fraction, i, corner, dim) * grid_x[near]
-        corrected[i] = total
-    ti.loop_config(serialize=alone)
+        corrected[i] = x[i] + interpolated(cell, fraction, grid_x, grid, i, dim)
     for i in range(nodes):
-        rest = b[i] - _row_product(row_offsets, columns, values, corrected, i)
+        rest = rest_of_row(row_offsets, columns, values, b, corrected, i)
         x[i] = ti.select(relax[i] > 0.0, corrected[i] + relax[i] * rest, 0.0)

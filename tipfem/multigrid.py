@@ -20,19 +20,19 @@ from tipfem.background_grid import (
     coarsen_rest,
 )
 from tipfem.connectivity import accumulate, one_thread_counts
-from tipfem.cycle_kernels import coarse_cycle, down_grid, up_grid
-from tipfem.device import Buffers, alone, chunks, settings, spread
+from tipfem.cycle_kernels import coarsest_grid, down_grid, up_grid
+from tipfem.device import Buffers, alone, chunks, members, settings, spread, together
 from tipfem.grid_assembly import assemble_first, count_links, find_cells, lay_links, sort_into_cells
+from tipfem.iteration_kernels import cycle_together
 from tipfem.mesh_cycle_kernels import damped_inverse_diagonals, down_mesh, up_mesh
+from tipfem.teamwork import MEETING
 
 COARSEST_SWEEPS = 20
-ENTRY = 3.0  # nanoseconds that a thread takes for a grid node in a transfer
-ENTRIES = 40.0  # for a grid node in the product along an axis
+ENTRIES = 40.0  # nanoseconds that a thread takes for a grid node in the product along an axis
 FIND = 10.0  # for a particle's cell
 ROW = 30.0  # for a particle's row in a sweep
 PRODUCT = 60.0  # for a particle in the product on the finest grid
-# On the CPU, levels of at most this many grid nodes are handled together by one thread in one launch.
-SERIAL_SIZE = 3000
+CYCLE = 300.0  # for a particle in a cycle
 
 
 class BackgroundMultigrid:
@@ -42,6 +42,10 @@ class BackgroundMultigrid:
         lower, upper: (d,) corners of the box [m].
         spacing: of the finest grid [m]; about twice the particles' distance.
         buffers: where the arrays live between steps.
+
+    Attributes:
+        together: whether a team of threads does a cycle in one launch; it does on processors.
+        meeting: where the team meets, see `tipfem.teamwork`.
     """
 
     def __init__(self, lower: np.ndarray, upper: np.ndarray, spacing: float, buffers: Buffers) -> None:
@@ -67,11 +71,10 @@ class BackgroundMultigrid:
         self._x, self._b, self._r, self._grid_relax, self._weights = (
             buffers.upload(f"mg.{name}", np.zeros(total)) for name in ("x", "b", "r", "grid_relax", "weights")
         )
-        small = np.flatnonzero(sizes <= (SERIAL_SIZE if settings().get("arch") == "cpu" else 0))
-        self._serial_from = int(small[0]) if len(small) else self.levels - 1
         # Of all a step does, forming products takes a hundredth; a kernel for many threads takes a second to start.
         self._products_from = 0 if settings().get("arch") == "cpu" else self.levels - 1
-        self._nodes, self._alone = 0, False
+        self._nodes, self._alone, self.together = 0, False, together()
+        self.meeting = buffers.upload("mg.meeting", np.zeros(MEETING, dtype=np.int32))
 
     def build(self, position: Any, row_offsets: Any, columns: Any, values: Any, nodes: int) -> None:
         """Take over a Laplacian in CSR on ``nodes`` nodes at ``position`` (N, d), and form the coarse operators.
@@ -130,25 +133,43 @@ class BackgroundMultigrid:
 
     def apply(self, b: Any, x: Any) -> None:
         """One V(1,1)-cycle from zero: x (N,) approximates the solution of the Laplacian for b (N,)."""
-        matrix, dim, launch, parts = self._matrix, self.dimension, self.buffers.launch, (chunks(), spread())
-        levels = (self._stencil, self._weights, self._grid_relax, self._x, self._b, self._r, self._grid)
+        launch, dim = self.buffers.launch, self.dimension
+        if self.together:
+            single = alone(self._nodes, CYCLE)
+            launch(
+                cycle_together, b, x, self._residual, self._relax, *self._matrix, *self.grids, self.meeting,
+                self._nodes, self.levels, COARSEST_SWEEPS, members(single), spread(single), single, dim,
+            )  # fmt: skip
+            return
+        _, fraction, order, start, *levels = self.grids
+        stencil, _weights, relax, x_grid, b_grid, _, grid = levels
+        parts = (chunks(), spread())
         launch(
-            down_mesh, b, x, self._residual, self._relax, *matrix, self._fraction, self._order, self._start, self._b,
-            self._grid, self._nodes, chunks(), spread(self._alone), self._alone, dim,
+            down_mesh, b, x, self._residual, self._relax, *self._matrix, fraction, order, start, b_grid, grid,
+            self._nodes, *parts, dim,
         )  # fmt: skip
-        for level in range(self._serial_from):
-            launch(down_grid, *levels, level, *parts, self._light(level), dim)
-        launch(coarse_cycle, *levels, self._serial_from, self.levels, COARSEST_SWEEPS, dim)
-        for level in range(self._serial_from - 1, -1, -1):
-            launch(up_grid, *levels, level, *parts, self._light(level), dim)
+        for level in range(self.levels - 1):
+            launch(down_grid, *levels, level, *parts, dim)
+        launch(coarsest_grid, stencil, relax, x_grid, b_grid, grid, self.levels, COARSEST_SWEEPS, dim)
+        for level in range(self.levels - 2, -1, -1):
+            launch(up_grid, *levels, level, *parts, dim)
         launch(
-            up_mesh, b, x, self._residual, self._relax, *matrix, self._cell, self._fraction, self._x, self._grid,
-            self._nodes, dim, self._alone,
-        )  # fmt: skip
+            up_mesh, b, x, self._residual, self._relax, *self._matrix, *self.grids[:2], x_grid, grid, self._nodes, dim
+        )
 
-    def _light(self, level: int) -> bool:
-        """Whether one thread does the transfers from and to a level."""
-        return alone(int(self.grid[level, SIZE]), ENTRY)
+    @property
+    def mesh_arrays(self) -> tuple[Any, Any]:
+        """Device arrays (N,): what a sweep leaves, and the damped inverse diagonal."""
+        return self._residual, self._relax
+
+    @property
+    def grids(self) -> tuple[Any, ...]:
+        """Device arrays: cell, fraction, order and start of `grid_assembly`, stencil, weights, relax, x, b and r of all
+        levels, and what describes them."""
+        return (
+            self._cell, self._fraction, self._order, self._start, self._stencil, self._weights, self._grid_relax,
+            self._x, self._b, self._r, self._grid,
+        )  # fmt: skip
 
 
 def _layout(shapes: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int, int]]]:

@@ -1,0 +1,189 @@
+"""Kernels for a team of threads: a multigrid cycle, and a whole iteration of Krylov's method, in one launch each.
+
+They do with `tipfem.teamwork` what staged kernels do loop by loop elsewhere, the same but for rounding.
+"""
+
+import taichi as ti
+
+from tipfem.background_grid import NEXT, lines
+from tipfem.bubble_kernels import lift
+from tipfem.cycle_kernels import prolong, relax_line, restrict, solve_coarsest, subtract_product
+from tipfem.jacobian_rows import correction_row, row_product, schur_row
+from tipfem.krylov_kernels import dots, subtract, sum_dots
+from tipfem.mesh_cycle_kernels import interpolated, rest_of_row, restrict_to_line
+from tipfem.teamwork import meet, share
+
+
+@ti.func
+def _down(
+    stencil: ti.template(), weights: ti.template(), relax: ti.template(), x: ti.template(), b: ti.template(),
+    r: ti.template(), grid: ti.template(), level, meeting: ti.template(), member, members, dim: ti.template(),
+):  # fmt: skip
+    """What a sweep from zero on a grid has left, restricted to the next coarser one, and a sweep from zero there."""
+    first, last = share(member, members, lines(grid, level))
+    for line in range(first, last):
+        subtract_product(stencil, x, b, r, grid, level, line, dim)
+    meet(meeting, members)
+    fine = level
+    for axis in ti.static(range(dim - 1, -1, -1)):
+        coarse = grid[fine, NEXT]
+        first, last = share(member, members, lines(grid, coarse))
+        for line in range(first, last):
+            if ti.static(axis == dim - 1):
+                restrict(r, b, weights, grid, fine, coarse, line, axis, dim)
+            else:
+                restrict(b, b, weights, grid, fine, coarse, line, axis, dim)
+            if ti.static(axis == 0):
+                relax_line(relax, b, x, grid, coarse, line, False, dim)
+        meet(meeting, members)
+        fine = coarse
+
+
+@ti.func
+def _up(
+    stencil: ti.template(), weights: ti.template(), relax: ti.template(), x: ti.template(), b: ti.template(),
+    r: ti.template(), grid: ti.template(), level, meeting: ti.template(), member, members, dim: ti.template(),
+):  # fmt: skip
+    """The coarser grid's correction added on a level, and one sweep."""
+    one = grid[level, NEXT]
+    two = grid[one, NEXT]
+    if ti.static(dim == 3):
+        first, last = share(member, members, lines(grid, two))
+        for line in range(first, last):
+            prolong(x, weights, grid, two, level + 1, line, 0, dim)
+        meet(meeting, members)
+    first, last = share(member, members, lines(grid, one))
+    for line in range(first, last):
+        prolong(x, weights, grid, one, two, line, ti.static(dim - 2), dim)
+    meet(meeting, members)
+    first, last = share(member, members, lines(grid, level))
+    for line in range(first, last):
+        prolong(x, weights, grid, level, one, line, ti.static(dim - 1), dim)
+    meet(meeting, members)
+    for line in range(first, last):
+        subtract_product(stencil, x, b, r, grid, level, line, dim)
+    meet(meeting, members)
+    for line in range(first, last):
+        relax_line(relax, r, x, grid, level, line, True, dim)
+    meet(meeting, members)
+
+
+@ti.func
+def _cycle(
+    b: ti.template(), x: ti.template(), residual: ti.template(), relax: ti.template(),
+    row_offsets: ti.template(), columns: ti.template(), values: ti.template(),
+    cell: ti.template(), fraction: ti.template(), order: ti.template(), start: ti.template(),
+    stencil: ti.template(), weights: ti.template(), grid_relax: ti.template(), grid_x: ti.template(),
+    grid_b: ti.template(), grid_r: ti.template(), grid: ti.template(), meeting: ti.template(),
+    nodes, levels, sweeps, member, members, dim: ti.template(),
+):  # fmt: skip
+    """One V(1,1)-cycle for x (N,), which is ``relax`` b already at all nodes."""
+    mine, end = share(member, members, nodes)
+    for i in range(mine, end):
+        residual[i] = rest_of_row(row_offsets, columns, values, b, x, i)
+    meet(meeting, members)
+    first, last = share(member, members, lines(grid, 0))
+    for line in range(first, last):
+        restrict_to_line(residual, fraction, order, start, grid_b, grid, line, dim)
+        relax_line(grid_relax, grid_b, grid_x, grid, 0, line, False, dim)
+    meet(meeting, members)
+    for level in range(levels - 1):
+        _down(stencil, weights, grid_relax, grid_x, grid_b, grid_r, grid, level, meeting, member, members, dim)
+    if member == 0:
+        solve_coarsest(stencil, grid_relax, grid_x, grid_b, grid, levels - 1, sweeps, dim)
+    meet(meeting, members)
+    for up in range(levels - 1):
+        level = levels - 2 - up
+        _up(stencil, weights, grid_relax, grid_x, grid_b, grid_r, grid, level, meeting, member, members, dim)
+    for i in range(mine, end):
+        residual[i] = x[i] + interpolated(cell, fraction, grid_x, grid, i, dim)
+    meet(meeting, members)
+    for i in range(mine, end):
+        rest = rest_of_row(row_offsets, columns, values, b, residual, i)
+        x[i] = ti.select(relax[i] > 0.0, residual[i] + relax[i] * rest, 0.0)
+    meet(meeting, members)
+
+
+@ti.kernel
+def cycle_together(
+    b: ti.types.ndarray(), x: ti.types.ndarray(), residual: ti.types.ndarray(), relax: ti.types.ndarray(),
+    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(), values: ti.types.ndarray(),
+    cell: ti.types.ndarray(), fraction: ti.types.ndarray(), order: ti.types.ndarray(), start: ti.types.ndarray(),
+    stencil: ti.types.ndarray(), weights: ti.types.ndarray(), grid_relax: ti.types.ndarray(),
+    grid_x: ti.types.ndarray(), grid_b: ti.types.ndarray(), grid_r: ti.types.ndarray(), grid: ti.types.ndarray(),
+    meeting: ti.types.ndarray(), nodes: ti.i32, levels: ti.i32, sweeps: ti.i32, members: ti.i32,
+    spread: ti.template(), alone: ti.template(), dim: ti.template(),
+):  # fmt: skip
+    """One V(1,1)-cycle from zero."""
+    ti.loop_config(serialize=alone)
+    for t in range(members * spread):
+        if t % spread == 0:
+            member = t // spread
+            first, last = share(member, members, nodes)
+            for i in range(first, last):
+                x[i] = relax[i] * b[i]
+            meet(meeting, members)
+            _cycle(
+                b, x, residual, relax, row_offsets, columns, values, cell, fraction, order, start, stencil, weights,
+                grid_relax, grid_x, grid_b, grid_r, grid, meeting, nodes, levels, sweeps, member, members, dim,
+            )  # fmt: skip
+
+
+@ti.kernel
+def iterate(
+    row_offsets: ti.types.ndarray(), columns: ti.types.ndarray(),
+    uu: ti.types.ndarray(), up: ti.types.ndarray(), pu: ti.types.ndarray(), pp: ti.types.ndarray(),
+    scale: ti.types.ndarray(), b: ti.types.ndarray(), x: ti.types.ndarray(),
+    residual: ti.types.ndarray(), relax: ti.types.ndarray(), values: ti.types.ndarray(),
+    cell: ti.types.ndarray(), fraction: ti.types.ndarray(), order: ti.types.ndarray(), start: ti.types.ndarray(),
+    stencil: ti.types.ndarray(), weights: ti.types.ndarray(), grid_relax: ti.types.ndarray(),
+    grid_x: ti.types.ndarray(), grid_b: ti.types.ndarray(), grid_r: ti.types.ndarray(), grid: ti.types.ndarray(),
+    offsets: ti.types.ndarray(), inside: ti.types.ndarray(), energy: ti.types.ndarray(),
+    basis: ti.types.ndarray(), directions: ti.types.ndarray(), w: ti.types.ndarray(), partial: ti.types.ndarray(),
+    out: ti.types.ndarray(), meeting: ti.types.ndarray(),
+    k: ti.i32, nodes: ti.i32, levels: ti.i32, sweeps: ti.i32, bubbles: ti.i32, parts: ti.i32, members: ti.i32,
+    cancelled: float, spread: ti.template(), alone: ti.template(), whole: ti.template(), dim: ti.template(),
+):  # fmt: skip
+    """z_k = M v_k, the preconditioner M as in `linear_system.LinearSystem.precondition`, in ``directions``; if
+    ``whole``, also w = K z_k and what `krylov_kernels.orthogonalise` makes of it, w itself becoming v_{k+1}.
+
+    b and x (N,) are the right side and the solution of the cycle; ``offsets``, ``inside`` and ``energy`` describe the
+    bubbles, see `tipfem.bubble_kernels`.
+    """
+    ti.loop_config(serialize=alone)
+    for t in range(members * spread):
+        if t % spread == 0:
+            member = t // spread
+            size = nodes * (dim + 1)
+            begin = k * size
+            mine, end = share(member, members, nodes)
+            for i in range(mine, end):
+                b[i] = schur_row(row_offsets, columns, pu, scale, basis, begin, i, dim)
+                x[i] = relax[i] * b[i]
+            meet(meeting, members)
+            _cycle(
+                b, x, residual, relax, row_offsets, columns, values, cell, fraction, order, start, stencil, weights,
+                grid_relax, grid_x, grid_b, grid_r, grid, meeting, nodes, levels, sweeps, member, members, dim,
+            )  # fmt: skip
+            if bubbles > 0:
+                if member == 0:
+                    lift(b, x, row_offsets, columns, values, offsets, inside, energy, bubbles)
+                meet(meeting, members)
+            for i in range(mine, end):
+                correction_row(row_offsets, columns, up, basis, x, directions, begin, i, dim)
+            if ti.static(whole):
+                meet(meeting, members)
+                for i in range(mine, end):
+                    row_product(row_offsets, columns, uu, up, pu, pp, directions, begin, w, i, dim)
+                meet(meeting, members)
+                first, last = share(member, members, parts)
+                for part in range(first, last):
+                    low, high = share(part, parts, size)
+                    dots(basis, w, partial, part, k, size, low, high)
+                meet(meeting, members)
+                if member == 0:
+                    sum_dots(partial, out, k, parts, cancelled)
+                meet(meeting, members)
+                for part in range(first, last):
+                    low, high = share(part, parts, size)
+                    subtract(basis, w, partial, k, size, low, high)
