@@ -81,7 +81,9 @@ def repair(
     t.compact()
     new = Mesh(np.ascontiguousarray(t.state[:, :2]), t.cells, t.fluid)
     new.__dict__["across"] = t.across
-    position = restore(new.position, new, t.marks(), mesh, moved, relocated, total, 0.05 * particles.spacing)
+    position = restore(
+        new.position, new, None, mesh, moved, relocated, total, 0.05 * particles.spacing, len(density)
+    )  # fmt: skip
     if not (flips or broken or relocated.any() or (position != particles.position).any()):
         return Repaired(particles, mesh.carried(particles.position), relocated)
     renumbered = None
@@ -90,6 +92,7 @@ def repair(
         kept = numbers >= 0
         position, relocated, renumbered = position[kept], relocated[kept], numbers[: len(particles)]
         new.__dict__["bodies_at"] = new.__dict__["bodies_at"].compress(kept, axis=1)
+        new.__dict__["marks"] = new.__dict__["marks"][kept]
     return Repaired(*_taken(t, particles, new, position), relocated, renumbered)
 
 
@@ -148,6 +151,6 @@ def _taken(t: Triangulation, particles: Particles, new: Mesh, position: Array) -
         position=position, wall=t.wall.astype(bool), fluid=np.zeros(len(position), dtype=np.int32), **t.carried()
     )
     mesh = Mesh(position, t.cells, t.fluid)
-    for name in ("across", "measure", "bodies", "bodies_at"):
+    for name in ("across", "measure", "bodies", "bodies_at", "marks"):
         mesh.__dict__[name] = new.__dict__[name]
     return state, mesh

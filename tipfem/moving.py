@@ -55,7 +55,10 @@ class Triangulation:
             measure, density, np.empty(count), state, corner, count, len(mesh.cells),
         )  # fmt: skip
         wall = particles.wall.astype(np.int32)
-        return cls(state, mesh.cells.copy(), mesh.across.copy(), mesh.fluid.copy(), corner, wall, density)
+        t = cls(state, mesh.cells.copy(), mesh.across.copy(), mesh.fluid.copy(), corner, wall, density)
+        known = mesh.__dict__.get("marks")
+        t._marks = None if known is None else known.copy()
+        return t
 
     def carried(self) -> dict[str, Array]:
         """What particles carry, by the names of `Particles`: all of `state` but positions and masses."""
