@@ -193,7 +193,8 @@ class FittedRemesher:
             mark = mesh.__dict__["marks"] = marks(mesh.cells, mesh.across, np.asarray(mesh.fluid), len(particles))
         at_interface = mark & 1 > 0
         target = grading.wishes(particles.position, particles.fluid, at_interface, largest, particles.spacing)
-        limit_growth(particles.position, mesh.cells, target, grading.growth, len(mesh.cells))
+        lowered = np.zeros(len(target), dtype=np.int32)
+        limit_growth(particles.position, mesh.cells, target, lowered, grading.growth, len(mesh.cells))
         return target
 
 
