@@ -10,6 +10,7 @@ from test_element_residual import DIMENSIONS, HEAVY, LIGHT, SCHEMES, THICK, Sett
 import tipfem as tp
 from tipfem import balance_kernels, device
 from tipfem.budget import lumped
+from tipfem.mesh import simplex_measure
 from tipfem.probes import nodal_mass
 from tipfem.triangulation import triangulate
 
@@ -115,18 +116,25 @@ def test_sums_over_particles(dimension, count):
     x, v, a, v_old, a_old, relative, force, u = rng.standard_normal((8, count, d))
     sums = np.zeros(1 + 2 * d)
     balance_kernels.state_sums(
-        mass, x, v, np.empty((parts, len(sums))), sums, count, parts, device.spread(), d
+        mass, x, v, np.empty((parts, len(sums))), sums, count, parts, device.spread(), d, False
     )
-    np.testing.assert_allclose(sums, [mass @ (v * v).sum(axis=1), *(mass @ x), *(mass @ v)], rtol=1e-12, atol=1e-12)
-    gravity, sums = rng.standard_normal(d), np.zeros(2 + 2 * d)
+    of_state = [mass @ (v * v).sum(axis=1), *(mass @ x), *(mass @ v)]
+    np.testing.assert_allclose(sums, of_state, rtol=1e-12, atol=1e-12)
+    gravity, sums, volume = rng.standard_normal(d), np.zeros(3 + 4 * d), np.zeros(2)
+    cells, fluid = rng.integers(0, count, (count, 3), dtype=np.int32), rng.integers(0, 2, count, dtype=np.int32)
+    measure, elements = np.empty(count), count if d == 2 else 0
     balance_kernels.step_sums(
-        mass, wall.view(np.int8), v_old, a_old, v, a, relative, force, gravity, u, np.empty((parts, len(sums))), sums,
-        0.3, 0.7, count, parts, device.spread(), d,
+        mass, wall.view(np.int8), v_old, a_old, x, v, a, relative, force, gravity, u, cells, fluid, measure, volume,
+        np.empty((parts, len(sums))), sums, 0.3, 0.7, count, elements, parts, device.spread(True), d, True,
     )  # fmt: skip
+    if d == 2:
+        np.testing.assert_array_equal(measure, simplex_measure(x, cells))
+        np.testing.assert_array_equal(volume, np.bincount(fluid, weights=measure, minlength=2))
     inertia = relative + force
     change = np.where(wall[:, None], 0.7 * inertia, v - v_old + 0.3 * (a - a_old))
     expected = [mass @ (inertia * u).sum(axis=1), mass @ ((force - gravity) * u).sum(axis=1)]
-    np.testing.assert_allclose(sums, [*expected, *(mass @ change), *(mass @ force)], rtol=1e-12, atol=1e-12)
+    expected += [*(mass @ change), *(mass @ force), *of_state]
+    np.testing.assert_allclose(sums, expected, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -135,6 +143,4 @@ def test_lumped_masses_are_those_of_numpy(dimension, water):
     particles = tp.tank((1.0,) * dimension, 0.2, jitter=0.2).fill(water).sample([water])
     mesh = triangulate(particles.position, particles.wall, particles.spacing)
     density = np.random.default_rng(0).uniform(1, 1000, len(mesh.cells))
-    mass, volume = lumped(mesh, density)
-    np.testing.assert_allclose(mass, nodal_mass(mesh, density), rtol=1e-14)
-    np.testing.assert_allclose(volume, nodal_mass(mesh, np.ones(len(density))), rtol=1e-14)
+    np.testing.assert_allclose(lumped(mesh, density), nodal_mass(mesh, density), rtol=1e-14)

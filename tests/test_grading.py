@@ -86,7 +86,7 @@ def test_growth_is_limited_along_every_edge_of_a_mesh(growth):
         np.minimum.at(expected, edges[:, 0], expected[edges[:, 1]] + growth * length)
     for cells in (mesh.cells, mesh.cells[rng.permutation(len(mesh.cells))][:, [2, 0, 1]].copy()):
         target = wish.copy()
-        assert limit_growth(x, cells, target, growth, len(cells)) < 100
+        assert limit_growth(x, cells, target, np.zeros(len(x), dtype=np.int32), growth, len(cells)) < 100
         np.testing.assert_allclose(target, expected, rtol=1e-8)
 
 

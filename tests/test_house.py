@@ -45,6 +45,7 @@ ORDER = [
     "interface_kernels",
     "edge_kernels",
     "flip_kernels",
+    "state_kernels",
     "conservation_kernels",
     "conservation",
     "remeshing_kernels",
@@ -95,6 +96,7 @@ TAICHI = {
     "remeshing_kernels", "connectivity", "element", "assembly", "jacobian_rows", "block_kernels", "balance_kernels",
     "wall_kernels", "background_grid", "grid_assembly", "mesh_cycle_kernels", "cycle_kernels", "krylov_kernels",
     "teamwork", "iteration_kernels", "bubble_kernels", "relocation_kernels", "edge_kernels", "flip_kernels",
+    "state_kernels",
 }  # fmt: skip
 RENDER_TAICHI = {"ggui", "rasterizer"}  # and of render/, beside at most one file that starts it
 RENDER_START_LINES = 100  # that file stays small

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 from triangulations import areas, border, check, cloud, delaunay, grid, masses, of
 
-from tipfem import interface_kernels as kernels
 from tipfem.fitted import Triangulation
 from tipfem.mesh import simplex_measure
-from tipfem.surgery import STAR
 
 
 def test_marks_are_of_interfaces_and_of_the_hull():
@@ -24,11 +22,8 @@ def test_marks_are_of_interfaces_and_of_the_hull():
 
 def break_films(t: Triangulation, thin: float) -> int:
     """How many cells break."""
-    count, flag = np.zeros(2, dtype=np.int32), np.empty(len(t.cells), dtype=np.int32)
-    kernels.break_films(
-        t.state, t.cells, t.across, t.fluid, t.marks(), t.density, flag, count, len(t.cells), thin, True
-    )  # fmt: skip
-    return int(count[0])
+    held, still = np.ones(len(t.state), dtype=np.int32), np.zeros((len(t.state), 2))
+    return t.tidy(held, still, 0.0, 0.35, 0.02, thin, 0.0)[0]
 
 
 def broken(height: float) -> tuple[int, np.ndarray]:
@@ -64,11 +59,7 @@ def test_a_layer_with_particles_inside_is_no_film():
 def slide(t: Triangulation, held, reach: float = 2.0, way: float = 10.0) -> None:
     """Let all contacts slide but those held, after a step of length ``way`` of all that is not on a wall."""
     mark = t.marks()
-    kernels.slide_contacts(
-        t.state, t.cells, t.across, t.fluid, t.corner, held, t.density, mark,
-        np.where(mark < 2, [[way], [0.0]], 0.0).T.copy(), np.empty(4 * (STAR + 1), dtype=np.int32),
-        np.zeros(len(t.cells), dtype=np.int8), len(t.state), reach, 0.35, 0.02,
-    )  # fmt: skip
+    assert t.tidy(held, np.where(mark < 2, [[way], [0.0]], 0.0).T, reach, 0.35, 0.02, 0.0, 0.0) == (0, 0)
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.3, -0.7])

@@ -15,12 +15,12 @@ def coarsened(t: Triangulation, close, chain, edge, held=None, *, film=0.0, most
     """The particles that go."""
     n = len(t.state)
     held = np.zeros(n, dtype=np.int32) if held is None else held.astype(np.int32)
-    freed, count = np.empty(n, dtype=np.int32), np.zeros(2, dtype=np.int32)
+    freed, count = np.empty(n, dtype=np.int32), np.zeros(3, dtype=np.int32)
     kernels.coarsen(
         t.state, t.cells, t.across, t.fluid, t.corner, held, t.wall, t.density,
         np.empty(4 * (STAR + 1), dtype=np.int32), np.empty(max(n, len(t.cells)), dtype=np.int32),
-        np.zeros(len(t.cells), dtype=np.int8), freed, count, len(t.cells), n, close, chain, edge, film, 0.02, most,
-        True,
+        np.zeros(len(t.cells), dtype=np.int8), freed, np.empty(len(t.cells)), np.empty(1, dtype=np.int32), np.empty(1),
+        count, len(t.cells), n, close, chain, edge, film, 0.02, most, 0.0, 0, 0, True,
     )  # fmt: skip
     return freed[: count[0]]
 
@@ -249,3 +249,22 @@ def test_the_longest_edges_come_first_and_long_borders_before_them():
     assert (np.diff(length[:first]) <= 0).all()
     assert (np.diff(length[first:]) <= 0).all()
     assert needed == first + (length[first:] > 1.4 * 1.05).sum()
+
+
+@pytest.mark.parametrize("every", [False, True])
+def test_a_coarsening_finds_the_edges_that_a_look_at_all_cells_does(every):
+    """On rough clouds, of which some particles go; none of them where they may not."""
+    for seed in range(5):
+        for most in (0, 1000):
+            t = rough(seed, wall=True)
+            t.make_delaunay(1e-3)
+            held = t.wall.astype(bool)
+            edges, needed = t.coarsen(held, 0.9, 0.8, 0.4, 0.0, 0.02, most, long=1.1, every=every)
+            assert (len(t.freed) > 0) == (most > 0)
+            assert len(edges) > 0
+            if every:
+                np.testing.assert_array_equal(edges, t.long_edges(1.1))
+            else:
+                expected, number = t.longest_edges(1.1, t.wanted_edges())
+                np.testing.assert_array_equal(edges, expected)
+                assert needed == number

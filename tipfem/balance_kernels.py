@@ -8,6 +8,7 @@ import taichi as ti
 
 from tipfem.array_launch import on_arrays
 from tipfem.assembly import gathered, linearisation, unknown
+from tipfem.conservation_kernels import area_of
 from tipfem.device import part_of
 
 WORKS = 6  # sums of `step_work` before the force of the walls
@@ -80,15 +81,14 @@ def step_work(
 @ti.kernel
 def lump(
     cells: ti.types.ndarray(), measure: ti.types.ndarray(), density: ti.types.ndarray(), mass: ti.types.ndarray(),
-    volume: ti.types.ndarray(), elements: ti.i32, dim: ti.template(),
+    elements: ti.i32, dim: ti.template(),
 ):  # fmt: skip
-    """Lumped mass [kg] and volume [m^d] (N,) of the particles, both zero before; in the order of the elements."""
+    """Lumped mass [kg] (N,) of the particles, zero before; in the order of the elements."""
     ti.loop_config(serialize=True)
     for e in range(elements):
-        m, v = density[e] * measure[e] / (dim + 1), measure[e] / (dim + 1)
+        m = density[e] * measure[e] / (dim + 1)
         for a in ti.static(range(dim + 1)):
             mass[cells[e, a]] = mass[cells[e, a]] + m
-            volume[cells[e, a]] = volume[cells[e, a]] + v
 
 
 @ti.func
@@ -102,9 +102,13 @@ def vector_of(values: ti.template(), i, dim: ti.template()):
 def state_sums(
     mass: ti.types.ndarray(), position: ti.types.ndarray(), velocity: ti.types.ndarray(),
     partial: ti.types.ndarray(), result: ti.types.ndarray(), nodes: ti.i32, parts: ti.i32, spread: ti.template(),
-    dim: ti.template(),
+    dim: ti.template(), alone: ti.template(),
 ):  # fmt: skip
-    """Sums over the particles, added to result (1 + 2 d,): m v . v, then m x and m v in each direction."""
+    """Sums over the particles, added to result (1 + 2 d,): m v . v, then m x and m v in each direction.
+
+    ``alone``: by one thread.
+    """
+    ti.loop_config(serialize=alone)
     for t in range(parts * spread):
         energy, place, momentum = 0.0, ti.Vector.zero(float, dim), ti.Vector.zero(float, dim)
         first, last = part_of(t, parts, spread, nodes)
@@ -127,21 +131,37 @@ def state_sums(
 @ti.kernel
 def step_sums(
     mass: ti.types.ndarray(), wall: ti.types.ndarray(), old_velocity: ti.types.ndarray(),
-    old_acceleration: ti.types.ndarray(), velocity: ti.types.ndarray(), acceleration: ti.types.ndarray(),
-    relative: ti.types.ndarray(), force: ti.types.ndarray(), gravity: ti.types.ndarray(), u: ti.types.ndarray(),
-    partial: ti.types.ndarray(), result: ti.types.ndarray(), shift: float, dt: float, nodes: ti.i32, parts: ti.i32,
-    spread: ti.template(), dim: ti.template(),
+    old_acceleration: ti.types.ndarray(), position: ti.types.ndarray(), velocity: ti.types.ndarray(),
+    acceleration: ti.types.ndarray(), relative: ti.types.ndarray(), force: ti.types.ndarray(),
+    gravity: ti.types.ndarray(), u: ti.types.ndarray(), cells: ti.types.ndarray(), fluid: ti.types.ndarray(),
+    measure: ti.types.ndarray(), volume: ti.types.ndarray(), partial: ti.types.ndarray(), result: ti.types.ndarray(),
+    shift: float, dt: float, nodes: ti.i32, elements: ti.i32, parts: ti.i32, spread: ti.template(),
+    dim: ti.template(), alone: ti.template(),
 ):  # fmt: skip
-    """Sums over the particles of a step with displacements ``u``, added to result (2 + 2 d,).
+    """Sums over the particles of a step with displacements ``u``, added to result (3 + 4 d,).
 
     With a_alpha = relative + force: m a_alpha . u and m (force - gravity) . u, then in each direction m times the
-    change of velocity + shift * acceleration (of wall particles dt a_alpha) and m force.
+    change of velocity + shift * acceleration (of wall particles dt a_alpha) and m force; then those of `state_sums`.
+    Of triangles ``cells`` (M, 3) also the areas (M,) at ``position``, and the volume (F,) of each ``fluid`` (M,).
+    ``alone``: by one thread.
     """
+    ti.loop_config(serialize=alone)
+    for e in range(elements):
+        measure[e] = area_of(position, cells, e)
+    ti.loop_config(serialize=True)
+    for e in range(elements):
+        volume[fluid[e]] = volume[fluid[e]] + measure[e]
+    ti.loop_config(serialize=alone)
     for t in range(parts * spread):
-        inertia, external = 0.0, 0.0
+        inertia, external, energy = 0.0, 0.0, 0.0
         change, weight = ti.Vector.zero(float, dim), ti.Vector.zero(float, dim)
+        place, momentum = ti.Vector.zero(float, dim), ti.Vector.zero(float, dim)
         first, last = part_of(t, parts, spread, nodes)
         for i in range(first, last):
+            v = vector_of(velocity, i, dim)
+            energy += mass[i] * v.dot(v)
+            place += mass[i] * vector_of(position, i, dim)
+            momentum += mass[i] * v
             b, way = vector_of(force, i, dim), vector_of(u, i, dim)
             a = vector_of(relative, i, dim) + b
             inertia += mass[i] * a.dot(way)
@@ -152,12 +172,16 @@ def step_sums(
                 change += mass[i] * dt * a
             else:
                 turn = vector_of(acceleration, i, dim) - vector_of(old_acceleration, i, dim)
-                change += mass[i] * (vector_of(velocity, i, dim) - vector_of(old_velocity, i, dim) + shift * turn)
+                change += mass[i] * (v - vector_of(old_velocity, i, dim) + shift * turn)
         if t % spread == 0:
             partial[t // spread, 0], partial[t // spread, 1] = inertia, external
             for k in ti.static(range(dim)):
                 partial[t // spread, 2 + k], partial[t // spread, 2 + dim + k] = change[k], weight[k]
+            partial[t // spread, 2 + 2 * dim] = energy
+            for k in ti.static(range(dim)):
+                partial[t // spread, 3 + 2 * dim + k] = place[k]
+                partial[t // spread, 3 + 3 * dim + k] = momentum[k]
     ti.loop_config(serialize=True)
     for c in range(parts):
-        for k in range(ti.static(2 + 2 * dim)):
+        for k in range(ti.static(3 + 4 * dim)):
             result[k] = result[k] + partial[c, k]

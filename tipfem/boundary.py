@@ -255,7 +255,7 @@ class Boundary:
         relative = particles.velocity
         if self.motion is not None:
             relative = relative - self.pose(time, step).rigid_velocity(particles.position)
-        return float(np.sqrt(((relative**2).sum(axis=1) / particles.target**2).max()))
+        return float(np.sqrt((sum(axis * axis for axis in relative.T) / particles.target**2).max()))
 
     def held(self, y: Array, displacement: Array) -> Array:
         """The places y (W, d) nearest to the given ones that are on all sides, displaced by (S,) [m]."""

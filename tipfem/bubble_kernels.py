@@ -47,6 +47,7 @@ def connect_light(
                         one = other
                     else:
                         parent[other] = one
+    ti.loop_config(serialize=True)
     for i in range(nodes):
         if parent[i] >= 0:
             j = i

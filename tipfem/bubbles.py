@@ -59,9 +59,11 @@ class Bubbles:
 
 def _small(label: Array) -> tuple[Array, Array]:
     """Offsets (B + 1,) and particles of the bubbles, from labels (N,) that are -1 outside the light fluid."""
-    size = np.bincount(label[label >= 0], minlength=len(label))
-    size[np.argmax(size)] = 0  # the largest is no bubble, however small
-    inside = np.flatnonzero((label >= 0) & (size[label] > 0) & (size[label] <= LARGEST))
+    light = np.flatnonzero(label >= 0)
+    of_light = label.take(light)
+    size = np.bincount(of_light, minlength=1)
+    size[np.argmax(size)] = LARGEST + 1  # the largest is no bubble, however small
+    inside = light[size.take(of_light) <= LARGEST]
     inside = inside[np.argsort(label[inside], kind="stable")]
     starts = np.flatnonzero(np.diff(label[inside], prepend=-1))
     return np.append(starts, len(inside)).astype(np.int32), inside.astype(np.int32)

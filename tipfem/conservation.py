@@ -30,6 +30,54 @@ class Known(NamedTuple):
     near: Array
 
 
+class Stock(NamedTuple):
+    """What K bodies of fluids have, in M triangles on N particles.
+
+    Attributes:
+        body: (M,) number of the connected body of one fluid that each triangle belongs to, from 0.
+        at: (F, N) a body of each of the fluids at each particle, -1 for none.
+        mark: (N,) see `moving.marks`.
+        measure: (M,) areas [m^2].
+        volume: (K,) of the bodies [m^2].
+        fluid: (K,) of the bodies.
+        free: (K,) 1 for bodies with a particle on an interface and off the hull.
+        near: numbers of the triangles with such a particle.
+    """
+
+    body: Array
+    at: Array
+    mark: Array
+    measure: Array
+    volume: Array
+    fluid: Array
+    free: Array
+    near: Array
+
+
+def take_stock(
+    position: Array, cells: Array, across: Array, fluid: Array, fluids: int, mark: Array | None = None
+) -> Stock:
+    """What bodies there are and what they have.
+
+    Args:
+        position: (N, 2) [m].
+        cells, across, fluid: see `surgery`; no cell is gone.
+        fluids: F.
+        mark: (N,) if it is known.
+    """
+    elements, particles = len(cells), len(position)
+    body, near, measure = np.empty(elements, dtype=np.int32), np.empty(elements, dtype=np.int32), np.empty(elements)
+    volume, of, free = np.zeros(elements), np.zeros(elements, dtype=np.int32), np.zeros(elements, dtype=np.int32)
+    at, count = np.full((fluids, particles), -1, dtype=np.int32), np.zeros(2, dtype=np.int32)
+    marks = np.zeros(particles, dtype=np.int32) if mark is None else mark
+    kernels.take_stock(
+        *map(np.ascontiguousarray, (position, cells, across, fluid)), body, marks, measure, volume, of, free, near, at,
+        count, elements, particles, int(mark is not None),
+    )  # fmt: skip
+    number, beside = count.tolist()
+    return Stock(body, at, marks, measure, volume[:number], of[:number], free[:number], near[:beside])
+
+
 def bodies(across: Array, fluid: Array) -> Array:
     """Number (M,) of the connected body of one fluid that each triangle belongs to, from 0.
 
@@ -37,9 +85,7 @@ def bodies(across: Array, fluid: Array) -> Array:
         across: (M, 3) neighbours, -1 for none.
         fluid: (M,) of each triangle.
     """
-    body = np.empty(len(across), dtype=np.int32)
-    kernels.find_bodies(np.ascontiguousarray(across), np.ascontiguousarray(fluid), body, len(across))
-    return body
+    return take_stock(np.zeros((1, 2)), np.zeros_like(across), across, fluid, int(fluid.max()) + 1).body
 
 
 def bodies_of(mesh: Mesh) -> Array:
@@ -56,47 +102,41 @@ def bodies_at(mesh: Mesh, fluids: int) -> Array:
     found = mesh.__dict__.get("bodies_at")
     if found is None or len(found) != fluids:
         assert mesh.fluid is not None
-        found = np.full((fluids, len(mesh.position)), -1, dtype=np.int32)
         # Of a particle's bodies of one fluid any will do.
-        kernels.bodies_at(mesh.cells, mesh.fluid, bodies_of(mesh), found, len(mesh.cells))
+        found = take_stock(mesh.position, mesh.cells, mesh.across, mesh.fluid, fluids).at
         mesh.__dict__["bodies_at"] = found
     return np.asarray(found)
 
 
 def restore(
-    position: Array, new: Mesh, mark: Array, old: Mesh, moved: Array, relocated: Array, total: Array | None,
-    limit: float,
+    position: Array, new: Mesh, mark: Array | None, old: Mesh, moved: Array, relocated: Array, total: Array | None,
+    limit: float, fluids: int | None = None,
 ) -> Array:  # fmt: skip
     """Positions (N, 2) at which each body has the volume that it should have.
 
     Args:
         position: (N, 2) after remeshing [m].
-        new: the triangles there, which know their fluids and neighbours; it learns its areas at the result.
-        mark: (N,) 1 for particles on an interface and off the hull.
+        new: the triangles there, which know their fluids and neighbours; it learns its areas at the result, its bodies
+            and its marks.
+        mark: (N,) 1 for particles on an interface and off the hull; None to find them.
         old: the mesh of the step, at its start.
         moved: (M,) areas of the old triangles after the step's motion [m^2].
         relocated: (N,) mask of the particles that were set elsewhere.
         total: (F,) volume that each fluid is to have [m^2]; by default what it had after the motion.
         limit: of a particle's shift in a round [m].
+        fluids: F; by default as many as there are in the triangles.
     """
     assert old.fluid is not None
     assert new.fluid is not None
-    before, after = bodies_of(old), bodies_of(new)
+    fluids = max(int(old.fluid.max()), int(new.fluid.max())) + 1 if fluids is None else fluids
+    stock, before = take_stock(position, new.cells, new.across, new.fluid, fluids, mark), bodies_of(old)
+    new.__dict__.update(bodies=stock.body, bodies_at=stock.at, measure=stock.measure, marks=stock.mark)
     changes = np.zeros(int(before.max()) + 1) if total is None else np.bincount(before, weights=old.measure - moved)
-    fluids = max(int(old.fluid.max()), int(new.fluid.max())) + 1
-    loss = inherit(bodies_at(old, fluids), bodies_at(new, fluids), changes, relocated, int(after.max()) + 1)
-    measure, volume, near = np.empty(len(new.cells)), np.zeros(len(loss)), np.empty(len(new.cells), dtype=np.int32)
-    fluid, free = np.zeros(len(loss), dtype=np.int32), np.zeros(len(loss), dtype=np.int32)
-    count = kernels.survey(
-        position, new.cells, new.fluid, after, mark, measure, volume, fluid, free, near, len(new.cells)
-    )
-    total = np.bincount(old.fluid, weights=moved) if total is None else total
-    total = np.pad(total, (0, max(0, fluid.max() + 1 - len(total))))
-    wanted = share_out(volume, loss, fluid, total, free > 0)
-    new.__dict__["measure"] = measure
-    return move_interfaces(
-        position, new.cells, after, mark == 1, wanted, limit, Known(measure, volume, near[:count])
-    )
+    loss = inherit(bodies_at(old, fluids), stock.at, changes, relocated, len(stock.volume))
+    total = np.bincount(old.fluid, weights=moved, minlength=fluids) if total is None else total
+    wanted = share_out(stock.volume, loss, stock.fluid, total, stock.free > 0)
+    known = Known(stock.measure, stock.volume, stock.near)
+    return move_interfaces(position, new.cells, stock.body, stock.mark == 1, wanted, limit, known)
 
 
 def inherit(old: Array, new: Array, loss: Array, moved: Array, number: int) -> Array:

@@ -30,74 +30,68 @@ def root_of(body: ti.template(), t):
 
 @on_arrays
 @ti.kernel
-def find_bodies(
-    across: ti.types.ndarray(), fluid: ti.types.ndarray(), body: ti.types.ndarray(), elements: ti.i32,
-) -> ti.i32:  # fmt: skip
-    """body (M,): number of the connected body of one fluid that each cell belongs to, in the order of their first
-    cells; returns how many there are."""
+def take_stock(
+    x: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
+    body: ti.types.ndarray(), mark: ti.types.ndarray(), measure: ti.types.ndarray(), volume: ti.types.ndarray(),
+    of: ti.types.ndarray(), free: ti.types.ndarray(), near: ti.types.ndarray(), at: ti.types.ndarray(),
+    count: ti.types.ndarray(), elements: ti.i32, particles: ti.i32, marked: ti.i32,
+):  # fmt: skip
+    """What bodies there are in the triangles, and what they have.
+
+    body (M,): number of the connected body of one fluid that each cell belongs to, in the order of their first cells.
+    mark (N,): see `interface_kernels.mark_particles`; zero before, unless it is given, ``marked``. measure (M,): areas.
+    volume (K,), fluid ``of`` (K,), free (K,): 1 for bodies with a particle of mark 1. near (M,): the triangles with
+    such a particle. at (F, N): a body of each fluid at each particle, -1 before, where there is none.
+    count: [0] bodies, [1] triangles in ``near``.
+    """
     ti.loop_config(serialize=True)
     for t in range(elements):
         root = t
         body[t] = t
         for i in ti.static(range(3)):
             o = across[t, i]
+            bit = 0
             if 0 <= o < t:
-                if fluid[o] == fluid[t] and body[o] != root:
+                if fluid[o] != fluid[t]:
+                    bit = 1
+                elif body[o] != root:
                     other = root_of(body, o)
                     body[ti.max(root, other)] = ti.min(root, other)
                     root = ti.min(root, other)
+            elif o < 0:
+                bit = 2
+            if bit > 0 and marked == 0:
+                for k in ti.static(range(1, 3)):
+                    n = cells[t, ti.static((i + k) % 3)]
+                    mark[n] = mark[n] | bit
         body[t] = root
-    count = 0
     ti.loop_config(serialize=True)
     for t in range(elements):  # numbers as -1 - number until all are there
         if body[t] == t:
-            body[t] = -1 - count
-            count += 1
+            body[t] = -1 - count[0]
+            count[0] = count[0] + 1
         else:
             body[t] = body[body[t]]
     ti.loop_config(serialize=True)
     for t in range(elements):
-        body[t] = -1 - body[t]
-    return count
-
-
-@on_arrays
-@ti.kernel
-def survey(
-    x: ti.types.ndarray(), cells: ti.types.ndarray(), fluid: ti.types.ndarray(), body: ti.types.ndarray(),
-    mark: ti.types.ndarray(), measure: ti.types.ndarray(), volume: ti.types.ndarray(), of: ti.types.ndarray(),
-    free: ti.types.ndarray(), near: ti.types.ndarray(), elements: ti.i32,
-) -> ti.i32:  # fmt: skip
-    """Areas ``measure`` (M,); volume (K,), fluid ``of`` (K,), and free (K,): 1 for bodies with a particle of mark 1.
-
-    near (M,): the triangles with such a particle; returns how many there are.
-    """
-    count = 0
-    ti.loop_config(serialize=True)
-    for t in range(elements):
-        b = body[t]
+        b, f, bits = -1 - body[t], fluid[t], 0
         area = area_of(x, cells, t)
-        measure[t] = area
+        body[t], measure[t] = b, area
         volume[b] = volume[b] + area
-        of[b] = fluid[t]
-        if mark[cells[t, 0]] == 1 or mark[cells[t, 1]] == 1 or mark[cells[t, 2]] == 1:
+        of[b] = f
+        for k in ti.static(range(3)):
+            n = cells[t, k]
+            bits = bits | ti.select(mark[n] == 1, 1, 0)
+            if at[f, n] & 3 <= k or at[f, n] < 0:  # of several it is that of the last cell that has it last
+                at[f, n] = 4 * b + k
+        if bits > 0:
             free[b] = 1
-            near[count] = t
-            count += 1
-    return count
-
-
-@on_arrays
-@ti.kernel
-def bodies_at(
-    cells: ti.types.ndarray(), fluid: ti.types.ndarray(), body: ti.types.ndarray(), at: ti.types.ndarray(),
-    elements: ti.i32,
-):  # fmt: skip
-    """at (F, N): a body of each fluid at each particle, where there is one; others stay as they are."""
-    for k in ti.static(range(3)):
-        ti.loop_config(serialize=True)
-        for t in range(elements):
-            at[fluid[t], cells[t, k]] = body[t]
+            near[count[1]] = t
+            count[1] = count[1] + 1
+    ti.loop_config(serialize=True)
+    for n in range(particles):
+        for f in range(at.shape[0]):
+            at[f, n] = at[f, n] >> 2
 
 
 @on_arrays

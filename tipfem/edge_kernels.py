@@ -50,6 +50,38 @@ def exchange(key: ti.template(), edge: ti.template(), m, n):
     key[n], edge[n] = k, e
 
 
+@ti.func
+def keep_longest(
+    edge: ti.template(), key: ti.template(), count: ti.template(), found, name, bound, needed, most,
+):  # fmt: skip
+    """Put an edge of key ``found`` above ``bound`` into a heap of the ``most`` edges of the largest keys, count[1] of
+    them with the last on top. count[2]: how many keys are above ``needed``."""
+    if found > needed:
+        count[2] = count[2] + 1
+    if found > bound and most > 0:
+        m = 0
+        if count[1] < most:
+            m = count[1]
+            count[1] = m + 1
+            key[m], edge[m] = found, name
+            while m > 0 and comes_after(key, edge, m, (m - 1) // 2):
+                exchange(key, edge, m, (m - 1) // 2)
+                m = (m - 1) // 2
+        else:
+            key[0], edge[0] = found, name
+            going = True
+            while going:
+                last = m
+                for side in ti.static(range(1, 3)):
+                    if 2 * m + side < most:
+                        if comes_after(key, edge, 2 * m + side, last):
+                            last = 2 * m + side
+                going = last != m
+                if going:
+                    exchange(key, edge, m, last)
+                    m = last
+
+
 @on_arrays
 @ti.kernel
 def longest_edges(
@@ -59,7 +91,7 @@ def longest_edges(
 ):  # fmt: skip
     """edge, key (most,): the ``most`` edges of the largest keys above ``least``, unsorted.
 
-    count: [0] how many there are, [1] how many keys are above ``needed``.
+    count: [1] how many there are, [2] how many keys are above ``needed``.
     """
     ti.loop_config(serialize=True)
     for t in range(elements):
@@ -67,33 +99,10 @@ def longest_edges(
             for i in ti.static(range(3)):
                 # A heap with the last edge on top: once it is full, no shorter one is asked for more.
                 bound = least
-                if count[0] == most and most > 0:
+                if count[1] == most and most > 0:
                     bound = ti.max(bound, key[0])
                 found = key_of(x, cells, across, fluid, t, i, long, ti.min(bound, needed))
-                if found > needed:
-                    count[1] = count[1] + 1
-                if found > bound and most > 0:
-                    m = 0
-                    if count[0] < most:
-                        m = count[0]
-                        count[0] = m + 1
-                        key[m], edge[m] = found, 3 * t + i
-                        while m > 0 and comes_after(key, edge, m, (m - 1) // 2):
-                            exchange(key, edge, m, (m - 1) // 2)
-                            m = (m - 1) // 2
-                    else:
-                        key[0], edge[0] = found, 3 * t + i
-                        going = True
-                        while going:
-                            last = m
-                            for side in ti.static(range(1, 3)):
-                                if 2 * m + side < most:
-                                    if comes_after(key, edge, 2 * m + side, last):
-                                        last = 2 * m + side
-                            going = last != m
-                            if going:
-                                exchange(key, edge, m, last)
-                                m = last
+                keep_longest(edge, key, count, found, 3 * t + i, bound, needed, most)
 
 
 @on_arrays

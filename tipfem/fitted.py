@@ -70,38 +70,39 @@ def repair(
     if (moved <= 0).any():
         raise TriangulationError("a triangle was inverted before it could be repaired")
     held = fixed.astype(bool)
-    t = Triangulation.of(particles, mesh, density, moved)
-    flips = t.make_delaunay(rule.slack, position=np.ascontiguousarray(particles.position))
+    t = Triangulation.of(particles, mesh, density, moved, rule.slack)
+    flips = t.make_delaunay(rule.slack, again=True)
     sticks = held if slippery is None else held | (slippery > 0)
-    t.slide_contacts(sticks, particles.position - mesh.position, rule.reach, 0.35, LEAST)
-    broken = t.break_films(rule.film)
-    if taken := t.take_in(SLIVER, 1.0):
+    way = particles.position - mesh.position
+    broken, taken = t.tidy(sticks, way, rule.reach, 0.35, LEAST, rule.film, SLIVER)
+    if taken:
         flips += taken + t.make_delaunay(rule.slack, again=True)
     relocated = _follow_targets(t, held, rule) if graded else _set_elsewhere(t, held, rule)
     t.compact()
     new = Mesh(np.ascontiguousarray(t.state[:, :2]), t.cells, t.fluid)
     new.__dict__["across"] = t.across
-    position = restore(new.position, new, t.marks(), mesh, moved, relocated, total, 0.05 * particles.spacing)
+    position = restore(
+        new.position, new, None, mesh, moved, relocated, total, 0.05 * particles.spacing, len(density)
+    )  # fmt: skip
     if not (flips or broken or relocated.any() or (position != particles.position).any()):
         return Repaired(particles, mesh.carried(particles.position), relocated)
     renumbered = None
     if len(t.freed) or len(t.state) > len(particles):
-        numbers = t.drop()
-        kept = numbers >= 0
-        position, relocated, renumbered = position[kept], relocated[kept], numbers[: len(particles)]
-        new.__dict__["bodies_at"] = new.__dict__["bodies_at"].compress(kept, axis=1)
+        numbers, kept = t.drop()
+        position, relocated = position.take(kept, axis=0), relocated.take(kept)
+        renumbered = numbers[: len(particles)]
+        for name in ("bodies_at", "marks"):
+            new.__dict__[name] = new.__dict__[name].take(kept, axis=-1)
     return Repaired(*_taken(t, particles, new, position), relocated, renumbered)
 
 
 def _set_elsewhere(t: Triangulation, held: Array, rule: FittedRule) -> Array:
     """Take out particles that crowd others, and put them where the triangles are large; (N,) mask of them."""
     sizes = (rule.chain, rule.edge, rule.film, LEAST)
-    t.coarsen(held, rule.close, *sizes, most=len(held))
-    edges, needed = t.longest_edges(rule.long, t.wanted_edges())
+    edges, needed = t.coarsen(held, rule.close, *sizes, most=len(held), long=rule.long)
     if needed > len(t.freed):
         # Nothing that crowds is left to take: take from where particles stand closest.
-        t.coarsen(held, rule.spare, *sizes, most=needed - len(t.freed))
-        edges, _ = t.longest_edges(rule.long, t.wanted_edges())
+        edges, _ = t.coarsen(held, rule.spare, *sizes, most=needed - len(t.freed), long=rule.long)
     relocated = np.zeros(len(held), dtype=bool)
     relocated[t.freed] = True
     for room in ROOM:
@@ -122,10 +123,12 @@ def _follow_targets(t: Triangulation, held: Array, rule: FittedRule) -> Array:
     Those left over stay in ``t.freed``.
     """
     before = len(held)
-    t.coarsen(held, WIDER * rule.close, WIDER * rule.chain, rule.edge, rule.film, LEAST, most=before)
+    sizes = (WIDER * rule.chain, rule.edge, rule.film, LEAST)
+    edges, _ = t.coarsen(held, WIDER * rule.close, *sizes, most=before, long=WIDER * rule.long, every=True)
     gone = t.freed
-    for room, longer in ROUNDS:
-        edges = t.long_edges(longer * WIDER * rule.long)
+    for number, (room, longer) in enumerate(ROUNDS):
+        if number:
+            edges = t.long_edges(longer * WIDER * rule.long)
         if not len(edges):
             break
         t.provide(len(edges))
@@ -148,6 +151,6 @@ def _taken(t: Triangulation, particles: Particles, new: Mesh, position: Array) -
         position=position, wall=t.wall.astype(bool), fluid=np.zeros(len(position), dtype=np.int32), **t.carried()
     )
     mesh = Mesh(position, t.cells, t.fluid)
-    for name in ("across", "measure", "bodies", "bodies_at"):
+    for name in ("across", "measure", "bodies", "bodies_at", "marks"):
         mesh.__dict__[name] = new.__dict__[name]
     return state, mesh

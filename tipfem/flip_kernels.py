@@ -10,39 +10,47 @@ from tipfem.array_launch import on_arrays
 from tipfem.surgery import flip, give, momentum, place, should_flip, touch, weigh
 
 
+@ti.func
+def note_flips(
+    x: ti.template(), cells: ti.template(), across: ti.template(), fluid: ti.template(), stale: ti.template(), t, slack,
+):  # fmt: skip
+    """Set ``stale`` (M,) to 1 where an edge of cell t may have to be flipped: both cells of it, but by one of them.
+
+    The edge is looked at once, with a margin for round-off.
+    """
+    f = fluid[t]
+    if f >= 0:
+        for i in ti.static(range(3)):
+            o = across[t, i]
+            if o > t:
+                if fluid[o] == f:
+                    a, b, c = cells[t, i], cells[t, ti.static((i + 1) % 3)], cells[t, ti.static((i + 2) % 3)]
+                    d = cells[o, 0] + cells[o, 1] + cells[o, 2] - b - c
+                    ax, ay = x[a, 0] - x[d, 0], x[a, 1] - x[d, 1]
+                    bx, by = x[b, 0] - x[d, 0], x[b, 1] - x[d, 1]
+                    cx, cy = x[c, 0] - x[d, 0], x[c, 1] - x[d, 1]
+                    a2, b2, c2 = ax * ax + ay * ay, bx * bx + by * by, cx * cx + cy * cy
+                    inside = a2 * (bx * cy - cx * by) - b2 * (ax * cy - cx * ay) + c2 * (ax * by - bx * ay)
+                    if inside > 0.0:
+                        # From d the largest distance is one, from a another.
+                        ab = (ax - bx) * (ax - bx) + (ay - by) * (ay - by)
+                        ac = (ax - cx) * (ax - cx) + (ay - cy) * (ay - cy)
+                        largest = ti.max(a2, ti.min(ti.max(b2, c2), ti.max(ab, ac)))
+                        if inside > 0.9 * slack * largest * largest:
+                            stale[t] = ti.i8(1)
+                            stale[o] = ti.i8(1)
+
+
 @on_arrays
 @ti.kernel
 def find_flips(
     x: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
     stale: ti.types.ndarray(), elements: ti.i32, slack: ti.f64, alone: ti.template(),
 ):  # fmt: skip
-    """Set ``stale`` (M,) to 1 where an edge may have to be flipped: both cells of it, whichever is the one to say so.
-
-    The edge is looked at once, with a margin for round-off. ``alone``: by one thread.
-    """
+    """`note_flips` of all cells; ``alone``: by one thread."""
     ti.loop_config(serialize=alone)
     for t in range(elements):
-        f = fluid[t]
-        if f >= 0:
-            for i in ti.static(range(3)):
-                o = across[t, i]
-                if o > t:
-                    if fluid[o] == f:
-                        a, b, c = cells[t, i], cells[t, ti.static((i + 1) % 3)], cells[t, ti.static((i + 2) % 3)]
-                        d = cells[o, 0] + cells[o, 1] + cells[o, 2] - b - c
-                        ax, ay = x[a, 0] - x[d, 0], x[a, 1] - x[d, 1]
-                        bx, by = x[b, 0] - x[d, 0], x[b, 1] - x[d, 1]
-                        cx, cy = x[c, 0] - x[d, 0], x[c, 1] - x[d, 1]
-                        a2, b2, c2 = ax * ax + ay * ay, bx * bx + by * by, cx * cx + cy * cy
-                        inside = a2 * (bx * cy - cx * by) - b2 * (ax * cy - cx * ay) + c2 * (ax * by - bx * ay)
-                        if inside > 0.0:
-                            # From d the largest distance is one, from a another.
-                            ab = (ax - bx) * (ax - bx) + (ay - by) * (ay - by)
-                            ac = (ax - cx) * (ax - cx) + (ay - cy) * (ay - cy)
-                            largest = ti.max(a2, ti.min(ti.max(b2, c2), ti.max(ab, ac)))
-                            if inside > 0.9 * slack * largest * largest:
-                                stale[t] = ti.i8(1)
-                                stale[o] = ti.i8(1)
+        note_flips(x, cells, across, fluid, stale, t, slack)
 
 
 @on_arrays

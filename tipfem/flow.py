@@ -120,8 +120,8 @@ class FlowProblem:
         self._source = put("source", properties.source)
         velocity, acceleration = scheme.history(particles)
         if walls is None:
-            velocity[particles.wall] = 0.0
-            acceleration[particles.wall] = 0.0
+            held = particles.wall.nonzero()[0]
+            velocity[held] = acceleration[held] = 0.0
         else:
             velocity, acceleration = walls.histories(velocity, acceleration)
         acceleration -= body_force
@@ -134,8 +134,8 @@ class FlowProblem:
         self._linearised = False
         self._dx = buffers.get("correction", self.size)
         fixed = particles.wall if walls is None else walls.fixed
-        self._surface = free = mesh.surface or no_surface(len(mesh.position))
-        self._flight = parabola(particles.velocity, body_force, scheme.dt)
+        free = mesh.surface or no_surface(len(mesh.position))
+        self._flight = parabola(particles.velocity, body_force, scheme.dt) if mesh.surface else None
         # A tank that moves stands still in its own frame, and so does the grid; the Laplacian is the same there.
         frame = mesh.position if walls is None else walls.frame
         extremes = (properties.density.min(initial=np.inf), properties.density.max(initial=0.0))
@@ -155,16 +155,18 @@ class FlowProblem:
 
     def vector(self, displacement: Array, pressure: Array) -> Any:
         """Device vector of unknowns from (N, d) and (N,); wall particles are displaced as their walls want it."""
+        x = np.empty((self.nodes, self.dimension + 1))
+        moving = displacement if self.walls is None else self.walls.constrain(displacement)
+        x[:, :-1], x[:, -1] = moving, pressure
         if self.walls is None:
-            moving = np.where(self.particles.wall[:, None], 0.0, displacement)
-        else:
-            moving = self.walls.constrain(displacement)
-        moving, pressure = self._surface.constrain(moving, pressure, self._flight)
-        return self.buffers.upload("unknowns", np.concatenate([moving, pressure[:, None]], axis=1).ravel())
+            x[self.particles.wall.nonzero()[0], :-1] = 0.0
+        if self._flight is not None and self.mesh.surface:
+            x[:, :-1], x[:, -1] = self.mesh.surface.constrain(x[:, :-1], pressure, self._flight)
+        return self.buffers.upload("unknowns", x.ravel())
 
     def split(self, x: Any) -> tuple[Array, Array]:
         """Displacements (N, d) and pressures (N,) of a device vector of unknowns."""
-        values = download(x, self.size).astype(np.float64).reshape(self.nodes, self.dimension + 1)
+        values = download(x, self.size).astype(np.float64, copy=False).reshape(self.nodes, self.dimension + 1)
         return values[:, :-1].copy(), values[:, -1].copy()
 
     def residual(self, x: Any) -> float:

@@ -91,7 +91,8 @@ class Grading:
         Raises:
             ValueError: `where` gives what it must not.
         """
-        wish = np.minimum(np.where(at_interface, spacing, largest[fluid]), np.ptp(position, axis=0).max())
+        widest = max(axis.max() - axis.min() for axis in position.T)
+        wish = np.minimum(np.where(at_interface, spacing, largest.take(fluid)), widest)
         if self.where is not None:
             given = numbers(self.where(position.copy()))
             if given.shape != wish.shape:

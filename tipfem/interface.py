@@ -76,7 +76,8 @@ class SharpInterface:
         """Density (M,) [kg/m^3] and viscosity (M,) [Pa s] of a mesh's elements; the particles' ``fluid`` has no say."""
         density = np.array([f.density for f in fluids])
         viscosity = np.array([f.viscosity for f in fluids])
-        return density[mesh.fluid], viscosity[mesh.fluid]
+        of = np.asarray(mesh.fluid)
+        return density.take(of), viscosity.take(of)
 
     def fluid_fraction(self, mesh: Mesh, fluid: Array, count: int) -> Array:
         """Part of each element that each fluid fills, (M, count): all or nothing."""

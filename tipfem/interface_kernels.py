@@ -46,90 +46,31 @@ def mark_particles(
 
 @on_arrays
 @ti.kernel
-def break_films(
-    x: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
-    mark: ti.types.ndarray(), density: ti.types.ndarray(), flag: ti.types.ndarray(), count: ti.types.ndarray(),
-    elements: ti.i32, thin: ti.f64, alone: ti.template(),
-):  # fmt: skip
-    """Give films to the fluid beside them: cells with no particle inside their fluid, lower than ``thin`` targets.
-
-    A film that thin is about to let two surfaces meet, or a filament to break. Its cells go to the fluid
-    beyond their longest edge at an interface. count[0]: how many. ``alone``: cells are looked at by one thread.
-    """
-    ti.loop_config(serialize=alone)
-    for t in range(elements):
-        flag[t] = 0
-        if fluid[t] >= 0:
-            a, b, c = cells[t, 0], cells[t, 1], cells[t, 2]
-            if mark[a] > 0 and mark[b] > 0 and mark[c] > 0:
-                longest = ti.max(distance(x, a, b), distance(x, b, c), distance(x, c, a))
-                if double_area(x, a, b, c) < thin * (x[a, 8] + x[b, 8] + x[c, 8]) / 3.0 * longest:
-                    flag[t] = 1
-    ti.loop_config(serialize=True)
-    for t in range(elements):
-        if flag[t] > 0:
-            best, taker = 0.0, -1
-            for i in ti.static(range(3)):
-                o = across[t, i]
-                if o >= 0:
-                    length = distance(x, cells[t, (i + 1) % 3], cells[t, (i + 2) % 3])
-                    if fluid[o] != fluid[t] and length > best:
-                        best, taker = length, fluid[o]
-            if taker >= 0:
-                weigh(x, cells, fluid, density, t, -1)
-                fluid[t] = taker
-                weigh(x, cells, fluid, density, t, 1)
-                count[0] += 1
-
-
-@on_arrays
-@ti.kernel
-def take_in(
-    x: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
-    mark: ti.types.ndarray(), density: ti.types.ndarray(), count: ti.types.ndarray(), elements: ti.i32, low: ti.f64,
-    long: ti.f64,
-):  # fmt: skip
-    """Take particles that all but lie on an edge of an interface into it.
-
-    A cell lower than ``low`` over an interface's edge longer than ``long``, both in target spacings, goes to the fluid
-    beyond the edge, if its third particle is neither on an interface nor on the hull: there is no room on such an edge
-    for another one, and that one cannot be taken out where others lie as close. count[0]: how many cells; ``mark``
-    (N,) is kept.
-    """
-    ti.loop_config(serialize=True)
-    for t in range(elements):
-        if fluid[t] >= 0:
-            for i in ti.static(range(3)):
-                o = across[t, i]
-                if o >= 0:
-                    if fluid[o] != fluid[t]:
-                        b, c = cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
-                        length, wanted = distance(x, b, c), target(x, b, c)
-                        flat = double_area(x, cells[t, i], b, c)
-                        on_edge = length > long * wanted and flat < low * wanted * length
-                        if on_edge and mark[cells[t, i]] == 0:
-                            weigh(x, cells, fluid, density, t, -1)
-                            fluid[t] = fluid[o]
-                            weigh(x, cells, fluid, density, t, 1)
-                            mark[cells[t, i]] = 1
-                            count[0] += 1
-
-
-@on_arrays
-@ti.kernel
-def slide_contacts(
+def tidy(
     state: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
-    corner: ti.types.ndarray(), fixed: ti.types.ndarray(), density: ti.types.ndarray(),
-    mark: ti.types.ndarray(), way: ti.types.ndarray(), star: ti.types.ndarray(), stale: ti.types.ndarray(),
-    particles: ti.i32, reach: ti.f64, gap: ti.f64, least: ti.f64,
+    corner: ti.types.ndarray(), fixed: ti.types.ndarray(), density: ti.types.ndarray(), mark: ti.types.ndarray(),
+    way: ti.types.ndarray(), star: ti.types.ndarray(), stale: ti.types.ndarray(), flag: ti.types.ndarray(),
+    count: ti.types.ndarray(), particles: ti.i32, elements: ti.i32, reach: ti.f64, gap: ti.f64, least: ti.f64,
+    thin: ti.f64, low: ti.f64, long: ti.f64, alone: ti.template(),
 ):  # fmt: skip
-    """Let an interface meet the wall where it points to: its particle on the wall slides along it.
+    """Let interfaces meet walls where they point to, break films, and take in what all but lies on an interface.
 
-    The line through the last two particles of the interface off the wall, A and B, is carried on to the wall, at
-    most ``reach`` from the foot of A. In a step it goes at most twice as far as A did (``way`` (N, 2) is the
-    particles' [m]): the fluid wets walls by its motion, and does not creep along them. The particle stays ``gap``
-    away from the next ones on the wall, and no cell is left with less than twice the area ``least``. All three
-    are relative to the particle's target spacing. ``stale`` (M,): see `surgery.touch`.
+    Contacts slide along walls: the line through the last two particles of the interface off the wall, A and B, is
+    carried on to the wall, at most ``reach`` from the foot of A. In a step it goes at most twice as far as A did
+    (``way`` (N, 2) is the particles' [m]): the fluid wets walls by its motion, and does not creep along them. The
+    particle stays ``gap`` away from the next ones on the wall, and no cell is left with less than twice the area
+    ``least``. ``stale`` (M,): see `surgery.touch`. None slides where ``particles`` is 0.
+
+    Films go to the fluid beside them: cells with no particle inside their fluid, lower than ``thin``. A film that thin
+    is about to let two surfaces meet, or a filament to break. Its cells go to the fluid beyond their longest edge at an
+    interface. count[0]: how many.
+
+    If no film breaks, for then the marks are wrong: a cell lower than ``low`` over an interface's edge longer than
+    ``long`` goes to the fluid beyond the edge, if its third particle is neither on an interface nor on the hull: there
+    is no room on such an edge for another one, and that one cannot be taken out where others lie as close. count[1]:
+    how many cells; ``mark`` (N,) is kept.
+
+    All lengths are relative to the targets. ``flag`` (M,), ``star``: scratch. ``alone``: one thread looks at the cells.
     """
     ti.loop_config(serialize=True)
     for w in range(particles):
@@ -182,3 +123,54 @@ def slide_contacts(
                     for m in range(n):
                         weigh(state, cells, fluid, density, star[m], 1)
                         touch(across, stale, star[m])
+    ti.loop_config(serialize=alone)
+    for t in range(elements):
+        flag[t] = 0
+        if fluid[t] >= 0:
+            bits = 0
+            for i in ti.static(range(3)):
+                o = across[t, i]
+                if o >= 0:
+                    if fluid[o] != fluid[t]:
+                        bits = 2
+            a, b, c = cells[t, 0], cells[t, 1], cells[t, 2]
+            if mark[a] > 0 and mark[b] > 0 and mark[c] > 0:
+                longest = ti.max(distance(state, a, b), distance(state, b, c), distance(state, c, a))
+                if double_area(state, a, b, c) < thin * (state[a, 8] + state[b, 8] + state[c, 8]) / 3.0 * longest:
+                    bits += 1
+            flag[t] = bits
+    ti.loop_config(serialize=True)
+    for t in range(elements):
+        if flag[t] & 1 > 0:
+            best, taker = 0.0, -1
+            for i in ti.static(range(3)):
+                o = across[t, i]
+                if o >= 0:
+                    length = distance(state, cells[t, (i + 1) % 3], cells[t, (i + 2) % 3])
+                    if fluid[o] != fluid[t] and length > best:
+                        best, taker = length, fluid[o]
+            if taker >= 0:
+                weigh(state, cells, fluid, density, t, -1)
+                fluid[t] = taker
+                weigh(state, cells, fluid, density, t, 1)
+                count[0] = count[0] + 1
+    ti.loop_config(serialize=True)
+    for t in range(elements):
+        if flag[t] & 2 > 0 and count[0] == 0:
+            for i in ti.static(range(3)):
+                o = across[t, i]
+                if o >= 0:
+                    if fluid[o] != fluid[t]:
+                        b, c = cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
+                        length, wanted = distance(state, b, c), target(state, b, c)
+                        flat = double_area(state, cells[t, i], b, c)
+                        on_edge = length > long * wanted and flat < low * wanted * length
+                        if on_edge and mark[cells[t, i]] == 0:
+                            weigh(state, cells, fluid, density, t, -1)
+                            fluid[t] = fluid[o]
+                            weigh(state, cells, fluid, density, t, 1)
+                            mark[cells[t, i]] = 1
+                            count[1] = count[1] + 1
+                            for k in ti.static(range(3)):
+                                if across[t, k] >= 0:
+                                    flag[across[t, k]] = flag[across[t, k]] | 2

@@ -94,7 +94,7 @@ class Mesh:
     def moved(self, position: Array) -> Mesh:
         """The same simplices at other positions (N, d); shares what depends on the connectivity alone."""
         mesh = Mesh(position, self.cells, self.fluid, self.surface)
-        for name in ("edges", "used", "incidence", "adjacency", "across", "bodies"):
+        for name in ("edges", "used", "incidence", "adjacency", "across", "bodies", "bodies_at", "marks"):
             if name in self.__dict__:
                 mesh.__dict__[name] = self.__dict__[name]
         return mesh

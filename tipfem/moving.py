@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tipfem import edge_kernels, flip_kernels, interface_kernels, remeshing_kernels
+from tipfem import edge_kernels, flip_kernels, interface_kernels, remeshing_kernels, state_kernels
 from tipfem.device import alone
 from tipfem.mesh import Mesh
 from tipfem.particles import Array, Particles
@@ -41,34 +41,43 @@ class Triangulation:
         self._stale = np.ones(len(self.cells), dtype=np.int8)
 
     @classmethod
-    def of(cls, particles: Particles, mesh: Mesh, density: Array, measure: Array) -> Triangulation:
+    def of(cls, particles: Particles, mesh: Mesh, density: Array, measure: Array, slack: float) -> Triangulation:
         """A copy of ``mesh``, which must know its fluids of ``density`` (F,), moved to where ``particles`` are.
 
-        ``measure`` (M,) are the triangles' areas there [m^2].
+        ``measure`` (M,) are the triangles' areas there [m^2]. It has been looked through for what `make_delaunay` has
+        to do ``again``, and has some room for more cells.
         """
         assert mesh.fluid is not None
         count = len(particles)
         state, corner = np.empty((count, 9)), np.empty(count, dtype=np.int32)
-        remeshing_kernels.gather(
+        elements = len(mesh.cells)
+        room = elements + elements // 64 + 64  # for cells to come
+        cells, across = np.empty((room, 3), dtype=np.int32), np.empty((room, 3), dtype=np.int32)
+        fluid, stale = np.full(room, -1, dtype=np.int32), np.zeros(room, dtype=np.int8)
+        cells[:elements], across[:elements], fluid[:elements] = mesh.cells, mesh.across, mesh.fluid
+        state_kernels.gather(
             *map(np.ascontiguousarray, (particles.position, particles.velocity, particles.acceleration)),
-            *map(np.ascontiguousarray, (particles.pressure, particles.target, mesh.cells, mesh.fluid)),
-            measure, density, np.empty(count), state, corner, count, len(mesh.cells),
+            *map(np.ascontiguousarray, (particles.pressure, particles.target)), cells, across, fluid,
+            measure, density, np.empty(count), state, corner, stale, count, elements, slack, alone(elements, 40.0),
         )  # fmt: skip
         wall = particles.wall.astype(np.int32)
-        return cls(state, mesh.cells.copy(), mesh.across.copy(), mesh.fluid.copy(), corner, wall, density)
+        t = cls(state, cells, across, fluid, corner, wall, density)
+        t._stale = stale
+        known = mesh.__dict__.get("marks")
+        t._marks = None if known is None else known.copy()
+        return t
 
     def carried(self) -> dict[str, Array]:
         """What particles carry, by the names of `Particles`: all of `state` but positions and masses."""
         count = len(self.state)
         velocity, acceleration, pressure, wanted = np.empty((count, 2)), np.empty((count, 2)), *np.empty((2, count))
-        remeshing_kernels.scatter(self.state, velocity, acceleration, pressure, wanted, count)
+        state_kernels.scatter(self.state, velocity, acceleration, pressure, wanted, count)
         return {"velocity": velocity, "acceleration": acceleration, "pressure": pressure, "target": wanted}
 
-    def make_delaunay(self, slack: float, *, again: bool = False, position: Array | None = None) -> int:
+    def make_delaunay(self, slack: float, *, again: bool = False) -> int:
         """Flip what is not Delaunay; how many flips it took.
 
-        ``again``: but for this object's own changes, all was as it had to be after the last time. ``position`` (N, 2):
-        the same as in `state`, and quicker to look through.
+        ``again``: but for this object's own changes, all was as it had to be after the last time.
 
         Raises:
             TriangulationError: the flips did not come to an end.
@@ -77,8 +86,7 @@ class Triangulation:
         if not again:
             self._stale = np.zeros(elements, dtype=np.int8)
             flip_kernels.find_flips(
-                self.state if position is None else position, self.cells, self.across, self.fluid, self._stale,
-                elements, slack, alone(elements, 40.0),
+                self.state, self.cells, self.across, self.fluid, self._stale, elements, slack, alone(elements, 40.0)
             )  # fmt: skip
         count, stack = np.zeros(3, dtype=np.int32), np.empty(max(8 * elements, 64), dtype=np.int32)
         while True:
@@ -107,6 +115,10 @@ class Triangulation:
         count = len(self.cells) - len(gone)
         last = np.arange(count, len(self.cells))
         source, target = last[self.fluid[count:] >= 0], gone[gone < count]
+        if not len(source):
+            self.cells, self.across, self.fluid = self.cells[:count], self.across[:count], self.fluid[:count]
+            self._stale = self._stale[:count]
+            return
         number = np.full(len(self.cells) + 1, -1, dtype=np.int32)  # beyond the hull stays -1
         number[source] = target
         for array in (self.cells, self.across, self.fluid):
@@ -123,12 +135,12 @@ class Triangulation:
         times that.
         """
         size = 3 * len(self.cells) if most is None else most
-        edge, key, count = np.empty(size, dtype=np.int32), np.empty(size), np.zeros(2, dtype=np.int32)
+        edge, key, count = np.empty(size, dtype=np.int32), np.empty(size), np.zeros(3, dtype=np.int32)
         edge_kernels.longest_edges(
             self.state, self.cells, self.across, self.fluid, edge, key, count, len(self.cells), long,
             0.0 if most is None else 0.5 * long, 1.4 * long, size,
         )  # fmt: skip
-        return _sorted(edge, key, int(count[0])), int(count[1])
+        return _sorted(edge, key, int(count[1])), int(count[2])
 
     def long_edges(self, long: float) -> Array:
         """All edges longer than ``long`` targets, in the order of `longest_edges`."""
@@ -138,48 +150,50 @@ class Triangulation:
             self.state, self.cells, self.across, self.fluid, edge, key, len(self.cells), long, long
         ))  # fmt: skip
 
-    def slide_contacts(self, held: Array, way: Array, reach: float, gap: float, least: float) -> None:
-        """Let interfaces meet walls where they point to; see `interface_kernels.slide_contacts`."""
-        interface_kernels.slide_contacts(
-            self.state, self.cells, self.across, self.fluid, self.corner, held.astype(np.int32), self.density,
-            self.marks(), way, _scratch(), self._stale, len(self.state), reach, gap, least,
-        )  # fmt: skip
-
-    def break_films(self, thin: float) -> int:
-        """Give films thinner than ``thin`` targets to the fluid beside them; how many cells."""
-        count = np.zeros(1, dtype=np.int32)
-        interface_kernels.break_films(
-            self.state, self.cells, self.across, self.fluid, self.marks(), self.density,
-            np.empty(len(self.cells), dtype=np.int32), count, len(self.cells), thin, alone(len(self.cells), 10.0),
-        )  # fmt: skip
-        self._changed(count[0], of_fluids=True)
-        return int(count[0])
-
-    def take_in(self, low: float, long: float) -> int:
-        """Take particles lower than ``low`` targets over interface edges longer than ``long`` into them; how many."""
-        count, before, mark = np.zeros(1, dtype=np.int32), -1, self.marks()
-        while count[0] != before:  # the parts of an edge may be long, too
-            before = int(count[0])
-            interface_kernels.take_in(
-                self.state, self.cells, self.across, self.fluid, mark, self.density, count, len(self.cells), low, long
-            )
-        self._changed(count[0], of_fluids=True)
-        return int(count[0])
+    def tidy(
+        self, held: Array, way: Array, reach: float, gap: float, least: float, thin: float, sliver: float
+    ) -> tuple[int, int]:
+        """Interfaces meet walls where they point to, those ``held`` (N,) excepted; films break, particles that lie as
+        good as on an interface are taken in; see `interface_kernels.tidy`. How many broke, and how many were taken in.
+        """
+        elements, single = len(self.cells), alone(len(self.cells), 10.0)
+        flag, count = np.empty(elements, dtype=np.int32), np.zeros(2, dtype=np.int32)
+        fixed, contacts, before, way = held.astype(np.int32), len(self.state), -1, np.ascontiguousarray(way)
+        broken = 0
+        while count[1] != before:  # the parts of an edge may be long, too
+            before = int(count[1])
+            interface_kernels.tidy(
+                self.state, self.cells, self.across, self.fluid, self.corner, fixed, self.density, self.marks(), way,
+                _scratch(), self._stale, flag, count, contacts, elements, reach, gap, least, thin, sliver, 1.0, single,
+            )  # fmt: skip
+            contacts, thin = 0, 0.0
+            if count[0]:
+                broken, before, count[0] = int(count[0]), -1, 0
+                self._changed(broken, of_fluids=True)
+        self._changed(count[1], of_fluids=True)
+        return broken, int(count[1])
 
     def coarsen(
-        self, held: Array, close: float, chain: float, edge: float, film: float, least: float, most: int
-    ) -> None:
-        """Take out up to ``most`` particles that crowd others, into `freed`; see `remeshing_kernels.coarsen`."""
-        count = np.zeros(2, dtype=np.int32)
-        freed = np.empty(len(self.state), dtype=np.int32)
+        self, held: Array, close: float, chain: float, edge: float, film: float, least: float, most: int,
+        *, long: float = 0.0, every: bool = False,
+    ) -> tuple[Array, int]:  # fmt: skip
+        """Take out up to ``most`` particles that crowd others, into `freed`; see `remeshing_kernels.coarsen`.
+
+        What `longest_edges` returns then of as many as are wanted, or `long_edges` if it is ``every`` one, where
+        ``long`` is not 0.
+        """
+        count, elements = np.zeros(3, dtype=np.int32), len(self.cells)
+        freed, size = np.empty(len(self.state), dtype=np.int32), 3 * elements if long else 1
+        edges, keys, span = np.empty(size, dtype=np.int32), np.empty(size), np.empty(elements)
         remeshing_kernels.coarsen(
             self.state, self.cells, self.across, self.fluid, self.corner, held.astype(np.int32), self.wall,
-            self.density, _scratch(), np.empty(max(len(self.cells), len(self.state)), dtype=np.int32), self._stale,
-            freed, count, len(self.cells), len(self.state), close, chain, edge, film, least, most,
-            alone(len(self.cells), 15.0),
+            self.density, _scratch(), np.empty(max(elements, len(self.state)), dtype=np.int32), self._stale,
+            freed, span, edges, keys, count, elements, len(self.state), close, chain, edge, film, least, most, long,
+            int(every), len(self.freed), alone(elements, 15.0),
         )  # fmt: skip
         self.freed = np.concatenate([self.freed, freed[: count[0]]])
         self._changed(count[0])
+        return _sorted(edges, keys, int(count[1])), int(count[2])
 
     def provide(self, count: int) -> None:
         """Let `freed` hold ``count`` particles, new ones if need be."""
@@ -192,16 +206,20 @@ class Triangulation:
             self.freed = np.concatenate([self.freed, np.arange(first, first + more, dtype=np.int32)])
             self._marks = None
 
-    def drop(self) -> Array:
-        """Drop the particles of `freed`, for good; the new numbers (N,) of all, -1 of those dropped."""
+    def drop(self) -> tuple[Array, Array]:
+        """Drop the particles of `freed`, for good; the new numbers (N,) of all, -1 of those dropped, and the old ones
+        of those that stay.
+        """
         keep = np.ones(len(self.state), dtype=bool)
         keep[self.freed] = False
-        number = np.where(keep, np.cumsum(keep) - 1, -1).astype(np.int32)
-        self.state, self.corner, self.wall = self.state[keep], self.corner[keep], self.wall[keep]
-        self.cells = number[self.cells]
+        kept, number = keep.nonzero()[0], np.full(len(keep), -1, dtype=np.int32)
+        number[kept] = np.arange(len(kept), dtype=np.int32)
+        self.state = self.state.take(kept, axis=0)
+        self.corner, self.wall = self.corner.take(kept), self.wall.take(kept)
+        self.cells = number.take(self.cells)
         self.freed = self.freed[:0]
         self._marks = None
-        return number
+        return number, kept
 
     def _changed(self, count: int, *, of_fluids: bool = False) -> None:
         """Forget what so many changes have made wrong."""

@@ -188,9 +188,13 @@ class FittedRemesher:
     def _targets(self, particles: Particles, mesh: Mesh, grading: Grading) -> Array:
         """(N,) target spacings of the particles, which moved with a mesh [m]."""
         largest = grading.of_fluids(self._names, particles.spacing)
-        at_interface = marks(mesh.cells, mesh.across, np.asarray(mesh.fluid), len(particles)) & 1 > 0
+        mark = mesh.__dict__.get("marks")
+        if mark is None:
+            mark = mesh.__dict__["marks"] = marks(mesh.cells, mesh.across, np.asarray(mesh.fluid), len(particles))
+        at_interface = mark & 1 > 0
         target = grading.wishes(particles.position, particles.fluid, at_interface, largest, particles.spacing)
-        limit_growth(particles.position, mesh.cells, target, grading.growth, len(mesh.cells))
+        lowered = np.zeros(len(target), dtype=np.int32)
+        limit_growth(particles.position, mesh.cells, target, lowered, grading.growth, len(mesh.cells))
         return target
 
 

@@ -9,6 +9,7 @@ gives the difference back to the particles around that no wall holds.
 import taichi as ti
 
 from tipfem.array_launch import on_arrays
+from tipfem.edge_kernels import keep_longest, key_of
 from tipfem.surgery import (
     STAR,
     can_collapse,
@@ -26,50 +27,6 @@ from tipfem.surgery import (
     touch,
     weigh,
 )
-
-
-@on_arrays
-@ti.kernel
-def gather(
-    position: ti.types.ndarray(), velocity: ti.types.ndarray(), acceleration: ti.types.ndarray(),
-    pressure: ti.types.ndarray(), wanted: ti.types.ndarray(), cells: ti.types.ndarray(), fluid: ti.types.ndarray(),
-    measure: ti.types.ndarray(), density: ti.types.ndarray(), mass: ti.types.ndarray(), state: ti.types.ndarray(),
-    corner: ti.types.ndarray(), particles: ti.i32, elements: ti.i32,
-):  # fmt: skip
-    """The rows of ``state`` from the particles' arrays, targets ``wanted`` (N,), and masses; ``corner`` (N,) is the
-    last cell at each. ``mass`` (N,) is scratch."""
-    ti.loop_config(serialize=True)
-    for n in range(particles):
-        mass[n], corner[n] = 0.0, -1
-    ti.loop_config(serialize=True)
-    for t in range(elements):
-        share = density[fluid[t]] * measure[t] / 3.0
-        for k in ti.static(range(3)):
-            n = cells[t, k]
-            mass[n] = mass[n] + share
-            corner[n] = t
-    ti.loop_config(serialize=True)
-    for n in range(particles):
-        for k in ti.static(range(2)):
-            state[n, k] = position[n, k]
-            state[n, 2 + k] = velocity[n, k]
-            state[n, 4 + k] = acceleration[n, k]
-        state[n, 6], state[n, 7], state[n, 8] = pressure[n], mass[n], wanted[n]
-
-
-@on_arrays
-@ti.kernel
-def scatter(
-    state: ti.types.ndarray(), velocity: ti.types.ndarray(), acceleration: ti.types.ndarray(),
-    pressure: ti.types.ndarray(), wanted: ti.types.ndarray(), particles: ti.i32,
-):  # fmt: skip
-    """What `gather` did to the rows, undone."""
-    ti.loop_config(serialize=True)
-    for n in range(particles):
-        for k in ti.static(range(2)):
-            velocity[n, k] = state[n, 2 + k]
-            acceleration[n, k] = state[n, 4 + k]
-        pressure[n], wanted[n] = state[n, 6], state[n, 8]
 
 
 @ti.func
@@ -107,8 +64,9 @@ def coarsen(
     state: ti.types.ndarray(), cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(),
     corner: ti.types.ndarray(), fixed: ti.types.ndarray(), wall: ti.types.ndarray(), density: ti.types.ndarray(),
     star: ti.types.ndarray(), flag: ti.types.ndarray(), stale: ti.types.ndarray(), freed: ti.types.ndarray(),
-    count: ti.types.ndarray(), elements: ti.i32, particles: ti.i32, close: ti.f64, chain: ti.f64, edge: ti.f64,
-    film: ti.f64, least: ti.f64, most: ti.i32, alone: ti.template(),
+    span: ti.types.ndarray(), edges: ti.types.ndarray(), keys: ti.types.ndarray(), count: ti.types.ndarray(),
+    elements: ti.i32, particles: ti.i32, close: ti.f64, chain: ti.f64, edge: ti.f64, film: ti.f64, least: ti.f64,
+    most: ti.i32, long: ti.f64, every: ti.i32, waiting: ti.i32, alone: ti.template(),
 ):  # fmt: skip
     """Take out particles that crowd others: by collapsing the edge to a neighbour.
 
@@ -119,6 +77,11 @@ def coarsen(
     the area ``least``; at most ``most`` go. All in target spacings, squared for the area. freed[:count[0]]: who
     went. ``stale`` (M,): see `surgery.touch`. ``star`` is scratch. ``alone``: the look at all
     cells is one thread's.
+
+    Afterwards, where ``long`` > 0: the edges and keys (E,) of `edge_kernels.longest_edges` for the particles freed and
+    ``waiting``, in no order, or of `edge_kernels.long_edges` if it is to be ``every`` one. count[1]: how many there
+    are; count[2]: how many are needed. ``span`` (M,) is scratch: squares of the cells' longest edges over their
+    targets, before.
     """
     ti.loop_config(serialize=alone)
     for i in range(particles):
@@ -126,6 +89,7 @@ def coarsen(
     ti.loop_config(serialize=alone)
     for t in range(elements):
         if fluid[t] >= 0:
+            longest = 0.0
             for i in ti.static(range(3)):
                 o = across[t, i]
                 border = o < 0
@@ -135,8 +99,9 @@ def coarsen(
                     b, c = cells[t, ti.static((i + 1) % 3)], cells[t, ti.static((i + 2) % 3)]
                     wanted = target(state, b, c)
                     reach = ti.max(close, chain) * wanted * (1 + 1e-12)
-                    near = (state[b, 0] - state[c, 0]) ** 2 + (state[b, 1] - state[c, 1]) ** 2 < reach * reach
-                    if near or border:
+                    square = (state[b, 0] - state[c, 0]) ** 2 + (state[b, 1] - state[c, 1]) ** 2
+                    longest = ti.max(longest, square / (wanted * wanted))
+                    if square < reach * reach or border:
                         length = distance(state, b, c)
                         if length < ti.max(close, chain) * wanted:
                             ti.atomic_or(flag[b], 1)
@@ -147,6 +112,7 @@ def coarsen(
                                 ti.atomic_or(flag[cells[t, i]], 2)
                             if o < 0 and height < film * wanted * length:
                                 ti.atomic_or(flag[cells[t, i]], 4)
+            span[t] = longest
     ti.loop_config(serialize=True)
     for p in range(particles):
         if flag[p] > 0 and fixed[p] == 0 and corner[p] >= 0 and count[0] < most:
@@ -218,6 +184,25 @@ def coarsen(
                                 touch(across, stale, star[m])
                         lost = change[2] * mean - ti.Vector([change[0], change[1]])
                         give(state, wall, star, base, around, lost)
+    ti.loop_config(serialize=True)
+    for t in range(elements):
+        if long > 0 and fluid[t] >= 0:
+            wanted = ti.min(8 * (count[0] + waiting) + 32, edges.shape[0])
+            bound = long if every != 0 else 0.5 * long
+            if every == 0 and count[1] == wanted:
+                bound = ti.max(bound, keys[0])
+            lowest = ti.min(bound, long)
+            if stale[t] != 0 or span[t] * (1 + 1e-9) > lowest * lowest:
+                for i in ti.static(range(3)):
+                    if every == 0 and count[1] == wanted:
+                        bound = ti.max(bound, keys[0])
+                    needed = 1.4 * long
+                    found = key_of(state, cells, across, fluid, t, i, long, ti.min(bound, needed))
+                    if every == 0:
+                        keep_longest(edges, keys, count, found, 3 * t + i, bound, needed, wanted)
+                    elif found > long:
+                        edges[count[1]], keys[count[1]] = 3 * t + i, found
+                        count[1] = count[1] + 1
 
 
 @on_arrays

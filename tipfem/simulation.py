@@ -75,7 +75,7 @@ class Simulation:
                 "every output shortens steps to end at it"
             )
         device.require_init()
-        self.case = case
+        self.case, self.boundary = case, case.boundary
         self.output_interval = output_interval
         self.columns = own_columns(columns or {})
         self.time, self.step_number = 0.0, 0
@@ -84,10 +84,9 @@ class Simulation:
         frequency = case.natural_frequency()
         largest = time_step or (0.05 / frequency if frequency else 1e-3)
         self.control = StepControl(largest, target=case.numerics.largest_move)
-        self.budget = Budget(case)
-        self._workspace = Workspace()
+        self.budget, self._workspace = Budget(case), Workspace()
         self._walls: WallStep | None = None
-        self.boundary = case.boundary
+        self._nodal_density: Array | None = None  # around each particle, where no fluid is known of elements
         self._reference = case.pressure_reference()
         self.remesher = remesher_for(case, self._reference)
         self._started, self._outputs = clock.perf_counter(), 0
@@ -185,7 +184,8 @@ class Simulation:
         """
         numerics = self.case.numerics
         scheme = GeneralizedAlpha(numerics.rho_inf, dt)
-        position = self.particles.position + scheme.cf * scheme.predict(self.particles)
+        position, varies = self.particles.position, self.case.body_force is not None
+        position = position + scheme.cf * scheme.predict(self.particles) if varies else position
         force = self.case.acceleration(position, self.time + scheme.cf * dt)
         before, source = self.particles, self.volume_control.source(self.mesh, self._fraction, dt)
         material = ElementProperties(self._density, self._viscosity, source)
@@ -193,7 +193,8 @@ class Simulation:
         problem = FlowProblem(
             self.mesh, before, material, scheme, force, numerics.stabilisation, self._workspace, self._walls
         )
-        tolerance = numerics.tolerance(force, scheme.cm, self.particles.spacing, device.round_off())
+        forces = force if varies else force[:1]
+        tolerance = numerics.tolerance(forces, scheme.cm, before.spacing, device.round_off())
         if self.step_number == 0:  # what the first step leaves of pressure's error would slosh for long
             tolerance = min(tolerance, 10 * device.round_off())
         result = newton(
@@ -219,18 +220,17 @@ class Simulation:
             self._reference = int(renumbered[self._reference])
         fluid, fluids = particles.fluid, self.case.fluids
         density, viscosity = self.interface.element_properties(mesh, fluid, fluids)
-        mass, volume = lumped(mesh, density)
-        around = nodal_density(mass, volume)
-        # Where interfaces run along edges, no particle changes its weight much with the mesh.
-        if before is not None and self.case.numerics.momentum_transfer and mesh.fluid is None:
-            before = np.where(relocated, np.nan, before)
-            particles = transfer_momentum(particles, mesh, before, around, self.boundary.still)
+        mass = lumped(mesh, density)
+        if mesh.fluid is None:  # with one, no particle changes its weight much with the mesh
+            self._nodal_density = around = nodal_density(mass, lumped(mesh, np.ones(len(density))))
+            if before is not None and self.case.numerics.momentum_transfer:
+                before = np.where(relocated, np.nan, before)
+                particles = transfer_momentum(particles, mesh, before, around, self.boundary.still)
         if self._walls and mesh.fluid is not None:
             self.boundary = self._walls.reassign(particles)
         elif self._walls:
             particles = self._walls.impose(particles)
-        self.mesh, self.particles = mesh, particles
-        self._density, self._viscosity, self._nodal_density = density, viscosity, around
+        self.mesh, self.particles, self._density, self._viscosity = mesh, particles, density, viscosity
         self._fraction = None if mesh.fluid is not None else self.interface.fluid_fraction(mesh, fluid, len(fluids))
         self.budget.remeshed(mesh, particles, mass, self._fraction)
 

@@ -79,7 +79,7 @@ class GeneralizedAlpha:
         """The state at the end of the step, from displacements (N, d) and pressures (N,)."""
         a_next = self.acceleration(u, particles)
         v_next = self.velocity(a_next, particles)
-        fixed = particles.wall
+        fixed = particles.wall.nonzero()[0]
         a_next[fixed] = 0.0
         v_next[fixed] = 0.0
         return particles.changed(
