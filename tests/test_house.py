@@ -49,6 +49,7 @@ ORDER = [
     "remeshing_kernels",
     "connectivity",
     "element",
+    "pace_kernels",
     "assembly",
     "jacobian_rows",
     "block_kernels",
@@ -92,7 +93,7 @@ TAICHI = {
     "array_launch", "launcher", "device", "surgery", "grading_kernels", "interface_kernels", "conservation_kernels",
     "remeshing_kernels", "connectivity", "element", "assembly", "jacobian_rows", "block_kernels", "balance_kernels",
     "wall_kernels", "background_grid", "grid_assembly", "mesh_cycle_kernels", "cycle_kernels", "krylov_kernels",
-    "bubble_kernels", "relocation_kernels", "edge_kernels", "flip_kernels",
+    "bubble_kernels", "relocation_kernels", "edge_kernels", "flip_kernels", "pace_kernels",
 }  # fmt: skip
 RENDER_TAICHI = {"ggui", "rasterizer"}  # and of render/, beside at most one file that starts it
 RENDER_START_LINES = 100  # that file stays small

@@ -32,8 +32,9 @@ class Numerics:
             The largest is that of a few particles where the mesh has just changed; the root of the mean square
             of all is a fiftieth of it.
         newton_iterations: after which a step is refused.
-        largest_move: displacement of the fastest particle that the length of a step aims at, in spacings; a step
-            in which one moves by 0.15 spacings more is refused.
+        largest_move: displacement of the fastest particle that the length of a step aims at, in spacings; more than
+            0.5 only where no element would be crushed (see `StepControl`). A step in which one moves by 0.15 spacings
+            more is refused.
         smallest_jacobian: a step in which an element's J falls below it is refused.
         triangulation: of the interpolated interface in 2-D, between walls: "repair" flips the last mesh, and takes
             relocated particles out of it and puts them in, where that can be done; "rebuild" asks Qhull every time.
