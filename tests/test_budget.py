@@ -49,7 +49,7 @@ def column(simulation, name):
 @pytest.mark.parametrize("interface", ["interpolated", "sharp"])
 def test_energy_closes_in_the_dam_break(water, air, rho_inf, interface):
     """What is left is a millionth of what is dissipated, through remeshing, relocation and transfer of momentum."""
-    simulation = dam_break(water, air, rho_inf=rho_inf, interface=interface)
+    simulation = dam_break(water, air, rho_inf=rho_inf, interface=interface, newton_tolerance=2e-7)
     before = sum(simulation.energy())
     while simulation.time < 0.1:
         simulation.step()
@@ -89,7 +89,7 @@ def test_the_residual_of_energy_follows_the_newton_tolerance(water, air):
 
 def test_a_decaying_vortex_loses_what_is_dissipated():
     """No force, no gravity: the kinetic energy goes where the columns say; most of it into viscosity."""
-    simulation = vortex_in_a_box(Vortex(0.02), 24, 0.01, 0.2, forced=False)
+    simulation = vortex_in_a_box(Vortex(0.02), 24, 0.01, 0.2, forced=False, newton_tolerance=1e-7)
     row = simulation.history
     lost = row[0]["kinetic_energy"] - row[-1]["kinetic_energy"]
     viscous, numerical = (column(simulation, f"{name}_dissipation")[1:].sum() for name in ("viscous", "numerical"))
@@ -231,6 +231,7 @@ def test_volumes_add_up(water, air):
     untouched = 0
     while simulation.time < 0.08:
         mesh, fraction, before = simulation.mesh, simulation._fraction, simulation.budget.totals().volume
+        fluid = simulation.particles.fluid  # of wall particles, remeshing may change it and nothing else
         simulation.step()
         row = simulation.history[-1]
         solve, remeshing, given = (
@@ -244,7 +245,8 @@ def test_volumes_add_up(water, air):
         if row["relocated"] == 0:
             moved = mesh.moved(simulation.particles.position).measure @ fraction
             np.testing.assert_allclose(solve, moved - before, rtol=0, atol=1e-14)
-            if {*map(tuple, np.sort(mesh.cells))} == {*map(tuple, np.sort(simulation.mesh.cells))}:
+            same = {*map(tuple, np.sort(mesh.cells))} == {*map(tuple, np.sort(simulation.mesh.cells))}
+            if same and (simulation.particles.fluid == fluid).all():
                 untouched += 1
                 assert np.abs(remeshing).max() < 1e-14
         source += abs(given[0])

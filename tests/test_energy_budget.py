@@ -33,10 +33,10 @@ def test_the_command_leaves_table_figure_and_figures(demo, tmp_path, capsys):
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["check"] == "passed"
     for run, name in zip(summary["runs"], ("rho_inf_0", "rho_inf_0.8"), strict=True):
-        assert run["closure"] < 1e-5
+        assert run["closure"] < 5e-5
         parts = sum(run[f"{part}_dissipation"] for part in demo.PARTS)
         assert run["numerical_dissipation"] == pytest.approx(parts, rel=1e-9)
-        assert run["lost_energy"] == pytest.approx(run["numerical_dissipation"] + run["viscous_dissipation"], rel=1e-5)
+        assert run["lost_energy"] == pytest.approx(run["numerical_dissipation"] + run["viscous_dissipation"], rel=5e-5)
         assert run["lost_energy"] > 0.5
         rows = list(csv.DictReader((tmp_path / name / "history.csv").open()))
         assert len(rows) == run["steps"]

@@ -51,6 +51,7 @@ ORDER = [
     "remeshing_kernels",
     "connectivity",
     "element",
+    "pace_kernels",
     "assembly",
     "jacobian_rows",
     "block_kernels",
@@ -96,7 +97,7 @@ TAICHI = {
     "remeshing_kernels", "connectivity", "element", "assembly", "jacobian_rows", "block_kernels", "balance_kernels",
     "wall_kernels", "background_grid", "grid_assembly", "mesh_cycle_kernels", "cycle_kernels", "krylov_kernels",
     "teamwork", "iteration_kernels", "bubble_kernels", "relocation_kernels", "edge_kernels", "flip_kernels",
-    "state_kernels",
+    "state_kernels", "pace_kernels",
 }  # fmt: skip
 RENDER_TAICHI = {"ggui", "rasterizer"}  # and of render/, beside at most one file that starts it
 RENDER_START_LINES = 100  # that file stays small

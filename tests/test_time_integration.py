@@ -10,7 +10,8 @@ import numpy_twin as twin
 import pytest
 
 import tipfem as tp
-from tipfem.time_integration import GeneralizedAlpha, StepControl
+from tipfem.time_integration import GeneralizedAlpha, StepControl, smallest_jacobian
+from tipfem.triangulation import triangulate
 
 SPECTRAL_RADII = pytest.mark.parametrize("rho_inf", [0.0, 0.5, 1.0])
 
@@ -152,6 +153,37 @@ def test_step_control_aims_at_a_displacement():
     assert control.length(2.0 / 0.01, math.inf) == pytest.approx(0.35 * 0.01 / 2.0, rel=1e-14)
     assert control.length(0.01 / 0.01, math.inf) == 0.1  # too slow to matter
     assert control.length(1e9 / 0.01, math.inf) >= control.smallest  # too fast for any step
+
+
+def test_step_control_takes_long_moves_only_where_nothing_is_crushed():
+    """In a flow whose J is 1 - (rate dt)^2: up to the target, shortened by J, but no shorter than half a spacing."""
+    control, pace = StepControl(1.0, target=0.8), 2.0
+    for rate, expected in ((0.1, 0.8 / pace), (2.0, 0.99 * math.sqrt(0.6) / 2.0), (20.0, 0.5 / pace)):
+        dt = control.length(pace, math.inf, lambda dt, rate=rate: 1 - (rate * dt) ** 2)
+        assert dt == pytest.approx(expected, rel=1e-12)
+    asked = []
+    assert StepControl(1.0, target=0.4).length(pace, math.inf, asked.append) == pytest.approx(0.2)
+    assert control.refuse(0.2)
+    assert control.length(pace, math.inf, asked.append) == pytest.approx(0.1)
+    assert asked == []  # short steps need no look at the elements
+
+
+def test_step_control_gives_up_on_what_is_always_crushed():
+    """An element that is flat already does not make steps shorter than half a spacing."""
+    control = StepControl(1.0, target=0.8)
+    for shrunk in (-1e9, 0.399, -math.inf):
+        assert control.length(2.0, math.inf, lambda _dt, j=shrunk: j) == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_smallest_jacobian_is_that_of_numpy(dimension, water):
+    tp.init()
+    particles = tp.tank((1.0,) * dimension, 0.2, jitter=0.2).fill(water).sample([water])
+    mesh = triangulate(particles.position, particles.wall, particles.spacing)
+    particles.velocity = np.random.default_rng(0).standard_normal(particles.position.shape)
+    for dt in (1e-3, 0.05):
+        moved = mesh.moved(particles.position + dt * particles.velocity).measure
+        assert smallest_jacobian(mesh, particles, dt) == pytest.approx((moved / mesh.measure).min(), rel=1e-10)
 
 
 @pytest.mark.parametrize("remaining", [0.25, 0.1, 0.1 + 1e-13, 1.0, 0.101, 0.0999, 7.77])

@@ -252,4 +252,4 @@ class FlowProblem:
 
 
 MAX_KRYLOV_ITERATIONS = 80
-KEEPS_JACOBIAN = 1e-2  # linear tolerance from which on an iteration does without a new Jacobian
+KEEPS_JACOBIAN = 3e-2  # linear tolerance from which on an iteration does without a new Jacobian

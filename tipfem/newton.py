@@ -70,7 +70,7 @@ def newton(
     while (norm > tolerance or (iterations == 0 and norm > noise)) and iterations < max_iterations:
         if not math.isfinite(norm):
             break
-        enough = POLISH if within else 0.3 * tolerance / norm
+        enough = POLISH if within else 0.6 * tolerance / norm
         result = problem.correct(x, max(forcing, enough, SMALLEST_FORCING))
         iterations += 1
         krylov_iterations += result.iterations
@@ -81,6 +81,8 @@ def newton(
     return NewtonResult(x, iterations, krylov_iterations, norm, norm <= tolerance)
 
 
-FIRST_FORCING = 1e-3
+# What the first correction leaves of the residual by what is not linear, at the particles where it is largest, is a
+# hundredth or more in steps of half a spacing.
+FIRST_FORCING = 1e-2
 POLISH = 1e-2  # linear tolerance where the residual is within the tolerance already
 SMALLEST_FORCING = 1e-10

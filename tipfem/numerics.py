@@ -29,9 +29,12 @@ class Numerics:
         newton_tolerance: of the largest scaled residual, in spacings: how far it would move its particle.
         acceleration_tolerance: of the same residual as an acceleration, relative to gravity; the
             tighter of both holds. Without it, short steps and large spacings would leave pressure loose.
+            The largest is that of a few particles where the mesh has just changed; the root of the mean square
+            of all is a fiftieth of it.
         newton_iterations: after which a step is refused.
-        largest_move: displacement of the fastest particle that the length of a step aims at, in spacings; a step
-            in which one moves by 0.15 spacings more is refused.
+        largest_move: displacement of the fastest particle that the length of a step aims at, in spacings; more than
+            0.5 only where no element would be crushed (see `StepControl`). A step in which one moves by 0.15 spacings
+            more is refused.
         smallest_jacobian: a step in which an element's J falls below it is refused.
         triangulation: of the interpolated interface in 2-D, between walls: "repair" flips the last mesh, and takes
             relocated particles out of it and puts them in, where that can be done; "rebuild" asks Qhull every time.
@@ -47,8 +50,8 @@ class Numerics:
     stabilisation: float = 0.25
     volume_correction: float = 1.0
     momentum_transfer: bool = True
-    newton_tolerance: float = 1e-6
-    acceleration_tolerance: float = 5e-4
+    newton_tolerance: float = 1e-5
+    acceleration_tolerance: float = 1e-2
     newton_iterations: int = 8
     largest_move: float = 0.35
     smallest_jacobian: float = 0.05

@@ -22,7 +22,7 @@ from tipfem.output import ResultsFolder, fill_columns, own_columns
 from tipfem.particles import Array, Particles
 from tipfem.progress import RunProgress
 from tipfem.remeshing import Remeshed, remesher_for
-from tipfem.time_integration import GeneralizedAlpha, StepControl
+from tipfem.time_integration import GeneralizedAlpha, StepControl, smallest_jacobian
 from tipfem.transfer import nodal_density, transfer_momentum
 from tipfem.triangulation import TriangulationError
 from tipfem.validation import is_number
@@ -118,7 +118,7 @@ class Simulation:
             raise ValueError(f"step: until is {until!r} s; it must be later than the present {self.time:g} s")
         while True:
             pace = self.boundary.largest_pace(self.particles, self.time, self.control.current)
-            dt = self.control.length(pace, until - self.time)
+            dt = self.control.length(pace, until - self.time, lambda s: smallest_jacobian(self.mesh, self.particles, s))
             try:
                 moved, result = self._solve(dt)
                 remeshed = self.remesher.remesh(moved, self.mesh, self._walls)

@@ -3,9 +3,30 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from tipfem import pace_kernels
+from tipfem.device import chunks, spread
+from tipfem.mesh import Mesh
 from tipfem.particles import Array, Particles
+
+# Steps in which a particle moves by more spacings than that must not crush elements; shorter ones hardly can. Without
+# that least length, a particle that sinks to a wall would make steps ever shorter and never get there.
+LONG_MOVE = 0.5
+GENTLE = 0.4  # smallest J of an element at the present speeds that such a step may lead to
+
+
+def smallest_jacobian(mesh: Mesh, particles: Particles, dt: float) -> float:
+    """Smallest J of an element if all particles went on at their velocities for ``dt`` [s]."""
+    parts, result = chunks(), np.array([1e30])
+    pace_kernels.smallest_jacobian(
+        np.ascontiguousarray(mesh.cells), mesh.position, np.ascontiguousarray(particles.velocity), np.empty(parts),
+        result, dt, len(mesh.cells), parts, spread(), mesh.dimension,
+    )  # fmt: skip
+    return float(result[0])
 
 
 @dataclass(frozen=True)
@@ -97,7 +118,8 @@ class StepControl:
         growth: factor by which an accepted step may grow.
         reach: largest displacement of a particle in a step, in spacings; steps that would exceed it
             are refused. 0.15 more than the target by default.
-        target: displacement that the next step aims at, in spacings, from the present speed.
+        target: displacement that the next step aims at, in spacings, from the present speed; more than half a
+            spacing only where that crushes no element.
     """
 
     largest: float
@@ -114,16 +136,25 @@ class StepControl:
         self.current = self.current or self.largest
         self.reach = self.reach or self.target + 0.15
 
-    def length(self, pace: float, remaining: float) -> float:
+    def length(self, pace: float, remaining: float, jacobian: Callable[[float], float] = lambda _dt: 1.0) -> float:
         """Length of the next step [s].
 
         Args:
             pace: largest speed of a particle, in its target spacings [1/s].
             remaining: time to the next moment that a step must end at [s]; it is divided evenly.
+            jacobian: smallest J of an element at the present speeds, as a function of the step's length.
         """
         dt = self.current
         if pace > 0:
             dt = min(dt, self.target / pace)
+            least = min(dt, LONG_MOVE / pace)
+            for _ in range(3):
+                if dt <= least or (smallest := jacobian(dt)) >= GENTLE:
+                    break
+                # Of a flow without divergence, 1 - J grows as dt^2.
+                dt = max(least, 0.99 * dt * math.sqrt((1 - GENTLE) / (1 - smallest)))
+            else:
+                dt = least
         dt = max(dt, self.smallest)
         if math.isfinite(remaining):
             dt = remaining / max(1, math.ceil(remaining / dt - 1e-9))
