@@ -1,10 +1,13 @@
 """Threads that share a kernel: shares, and meetings."""
 
+import os
+
 import numpy as np
 import pytest
 import taichi as ti
 
-from tipfem.device import Buffers, init, members, settings, spread
+from tipfem import device
+from tipfem.device import Buffers, Team, init, settings, spread
 from tipfem.teamwork import MEETING, meet, share
 
 
@@ -43,11 +46,11 @@ def test_nobody_runs_ahead():
     expected = start.copy()
     for _ in range(rounds):
         expected = (expected + np.roll(expected, -(n // 2))) % 1000003
-    for team in {1, members()}:
+    for many in {1, min(settings()["threads"] or os.cpu_count(), 16)}:
         values = buffers.upload("values", np.concatenate([start, start]))
         meeting = buffers.upload("meeting", np.zeros(MEETING, dtype=np.int32))
         for k in (rounds - 1, 1):  # a team meets again where it has met before
-            buffers.launch(sum_ahead, values, meeting, n, k, team, spread(team == 1))
+            buffers.launch(sum_ahead, values, meeting, n, k, many, spread(many == 1))
         np.testing.assert_array_equal(np.asarray(values.to_numpy())[n : 2 * n], expected)
 
 
@@ -60,6 +63,31 @@ def test_shares_cover_all_once(n, team):
     np.testing.assert_array_equal(done, np.arange(n))
 
 
-def test_a_team_is_no_larger_than_the_threads_there_are():
-    assert members(True) == 1
-    assert 1 <= members() <= (settings()["threads"] or 1_000_000)
+def test_a_team_is_one_thread_while_others_want_the_processor(monkeypatch):
+    """Kernels of 4 ms on a clock of our own, whose threads run for a part of the time."""
+    now, ran, part, sizes = [100.0], [0.0], [1.0], []
+    monkeypatch.setattr(device.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(device.time, "process_time", lambda: ran[0])
+    monkeypatch.setitem(device._running, "threads", 2)
+    crew = Team()
+
+    def launch(_kernel, number, members, spread, alone, dim):
+        assert (number, dim, spread) == (7, 2, device.spread(alone))
+        now[0] += 0.004
+        ran[0] += 0.004 * members * part[0]
+        sizes.append(members)
+
+    def launches(count, single=False):
+        sizes.clear()
+        for _ in range(count):
+            crew.launch(launch, None, (7,), single, 2)
+        return sizes
+
+    assert launches(10) == [2] * 10
+    assert launches(2, single=True) == [1, 1]
+    part[0] = 0.9 * Team.RUNNING
+    assert 1 in launches(10)
+    part[0] = 1.0
+    assert launches(int(0.8 * Team.REST / 0.004)) == [1] * int(0.8 * Team.REST / 0.004)
+    now[0] += 0.3 * Team.REST
+    assert launches(10) == [2] * 10

@@ -8,6 +8,7 @@ used again; kernels are told how much of them is alive.
 import contextlib
 import os
 import tempfile
+import time
 from typing import Any
 
 import numpy as np
@@ -135,9 +136,38 @@ def together() -> bool:
     return _running.get("arch") == "cpu"
 
 
-def members(alone: bool = False) -> int:
-    """How many threads share a kernel made for a team."""
-    return 1 if alone else min(_running.get("threads") or os.cpu_count() or 1, chunks())
+class Team:
+    """How many threads share a kernel in which they meet: all, unless others want the processor too.
+
+    Who waits there for a thread that is not running waits for milliseconds. So a team whose threads have run for less
+    than `RUNNING` of the time is one thread for a while. Results do not depend on it.
+    """
+
+    RUNNING = 0.65
+    LOOK, REST = 0.01, 0.5  # seconds: of work between two looks, and how long to go on with one thread
+
+    def __init__(self) -> None:
+        self._worked = self._ran = self._rest_until = 0.0
+
+    def launch(self, launcher: Launcher, kernel: Any, arguments: tuple[Any, ...], alone: bool, dim: int) -> None:
+        """Start ``kernel`` with ``arguments``, then members, spread, whether one thread does it, and ``dim``."""
+        begin = time.perf_counter()
+        members = min(_running.get("threads") or os.cpu_count() or 1, chunks())
+        if alone or begin < self._rest_until:
+            members = 1
+        ran = time.process_time()
+        launcher(kernel, *arguments, members, spread(alone), alone, dim)
+        if members > 1:
+            end = time.perf_counter()
+            self._worked += members * (end - begin)
+            self._ran += time.process_time() - ran
+            if self._worked > members * self.LOOK:
+                if self._ran < self.RUNNING * self._worked:
+                    self._rest_until = end + self.REST
+                self._worked = self._ran = 0.0
+
+
+team = Team()
 
 
 @ti.func

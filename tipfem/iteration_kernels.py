@@ -141,8 +141,9 @@ def iterate(
     offsets: ti.types.ndarray(), inside: ti.types.ndarray(), energy: ti.types.ndarray(),
     basis: ti.types.ndarray(), directions: ti.types.ndarray(), w: ti.types.ndarray(), partial: ti.types.ndarray(),
     out: ti.types.ndarray(), meeting: ti.types.ndarray(),
-    k: ti.i32, nodes: ti.i32, levels: ti.i32, sweeps: ti.i32, bubbles: ti.i32, parts: ti.i32, members: ti.i32,
-    cancelled: float, spread: ti.template(), alone: ti.template(), whole: ti.template(), dim: ti.template(),
+    k: ti.i32, nodes: ti.i32, levels: ti.i32, sweeps: ti.i32, bubbles: ti.i32, parts: ti.i32,
+    cancelled: float, whole: ti.template(), members: ti.i32, spread: ti.template(), alone: ti.template(),
+    dim: ti.template(),
 ):  # fmt: skip
     """z_k = M v_k, the preconditioner M as in `linear_system.LinearSystem.precondition`, in ``directions``; if
     ``whole``, also w = K z_k and what `krylov_kernels.orthogonalise` makes of it, w itself becoming v_{k+1}.

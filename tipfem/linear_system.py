@@ -9,7 +9,7 @@ from scipy import sparse
 
 from tipfem import block_kernels, connectivity, iteration_kernels, jacobian_rows
 from tipfem.bubbles import Bubbles
-from tipfem.device import Buffers, alone, chunks, download, members, spread
+from tipfem.device import Buffers, alone, chunks, download, team
 from tipfem.krylov import Iteration
 from tipfem.mesh import Mesh
 from tipfem.multigrid import COARSEST_SWEEPS, BackgroundMultigrid
@@ -170,13 +170,14 @@ class LinearSystem:
     def _iterate(
         self, k: int, basis: Any, directions: Any, w: Any, partial: Any, out: Any, cancelled: float, whole: bool = True
     ) -> None:
-        grid, bubbles, single = self.multigrid, self._bubbles, alone(self._nodes, ITERATION)
-        self._launch(
-            iteration_kernels.iterate, self._row_offsets, self._columns, *self._blocks, self._scale, self._schur_b,
-            self._schur_x, *grid.mesh_arrays, self._laplacian, *grid.grids, *bubbles.arrays, basis, directions, w,
-            partial, out, grid.meeting, k, self._nodes, grid.levels, COARSEST_SWEEPS, bubbles.count, chunks(),
-            members(single), cancelled, spread(single), single, whole, self._dimension,
+        grid, bubbles = self.multigrid, self._bubbles
+        arguments = (
+            self._row_offsets, self._columns, *self._blocks, self._scale, self._schur_b, self._schur_x,
+            *grid.mesh_arrays, self._laplacian, *grid.grids, *bubbles.arrays, basis, directions, w, partial, out,
+            grid.meeting, k, self._nodes, grid.levels, COARSEST_SWEEPS, bubbles.count, chunks(), cancelled, whole,
         )  # fmt: skip
+        single = alone(self._nodes, ITERATION)
+        team.launch(self._launch, iteration_kernels.iterate, arguments, single, self._dimension)
 
     def matrix(self) -> Any:
         """K, scaled, as a SciPy matrix in CSR; unknowns interleaved as in vectors, rows of what is held empty."""

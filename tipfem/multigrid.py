@@ -21,7 +21,7 @@ from tipfem.background_grid import (
 )
 from tipfem.connectivity import accumulate, one_thread_counts
 from tipfem.cycle_kernels import coarsest_grid, down_grid, up_grid
-from tipfem.device import Buffers, alone, chunks, members, settings, spread, together
+from tipfem.device import Buffers, alone, chunks, settings, spread, team, together
 from tipfem.grid_assembly import assemble_first, count_links, find_cells, lay_links, sort_into_cells
 from tipfem.iteration_kernels import cycle_together
 from tipfem.mesh_cycle_kernels import damped_inverse_diagonals, down_mesh, up_mesh
@@ -135,11 +135,11 @@ class BackgroundMultigrid:
         """One V(1,1)-cycle from zero: x (N,) approximates the solution of the Laplacian for b (N,)."""
         launch, dim = self.buffers.launch, self.dimension
         if self.together:
-            single = alone(self._nodes, CYCLE)
-            launch(
-                cycle_together, b, x, self._residual, self._relax, *self._matrix, *self.grids, self.meeting,
-                self._nodes, self.levels, COARSEST_SWEEPS, members(single), spread(single), single, dim,
+            arguments = (
+                b, x, self._residual, self._relax, *self._matrix, *self.grids, self.meeting, self._nodes, self.levels,
+                COARSEST_SWEEPS,
             )  # fmt: skip
+            team.launch(launch, cycle_together, arguments, alone(self._nodes, CYCLE), dim)
             return
         _, fraction, order, start, *levels = self.grids
         stencil, _weights, relax, x_grid, b_grid, _, grid = levels
