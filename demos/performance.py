@@ -95,7 +95,7 @@ def _where(figures: Mapping[str, Any]) -> str:
 
 def table(found: Sequence[Mapping[str, Any]]) -> str:
     """The figures as tables in Markdown."""
-    parts = [*cases.COLUMNS, "remeshing"]
+    parts = [*cases.COLUMNS, *cases.SHARED, "remeshing"]
     lines = [
         "Milliseconds a step, and where they go:", "",
         "| nodes | on | step | " + " | ".join(parts) + " | rest | us a node | of copying 12.5 kB a node | Newton "
@@ -139,7 +139,7 @@ def plot(path: Path, found: Sequence[Mapping[str, Any]]) -> None:
     left, right = figure.subplots(1, 2)
     rows = [f for f in found if "solvers" in f]
     place, bottom = np.arange(len(rows)), np.zeros(len(rows))
-    parts = [*cases.COLUMNS, "remeshing"]
+    parts = [*cases.COLUMNS, *cases.SHARED, "remeshing"]
     for name, colour in zip([*parts, "rest"], COLOURS, strict=False):
         value = np.array([
             (f["step"] - sum(f["parts"].values()) if name == "rest" else f["parts"].get(name, 0.0)) / f["nodes"] * 1e6

@@ -47,7 +47,7 @@ def test_a_refined_state_is_the_same_flow_on_four_times_the_triangles(state):
 def test_a_refined_state_runs_and_is_measured(state):
     figures = cases.measure_steps(states.refined(state), steps=2)
     assert figures["nodes"] == len(states.refined(state)["position"])
-    assert set(figures["parts"]) == {*cases.COLUMNS, "remeshing"}
+    assert set(figures["parts"]) == {*cases.COLUMNS, *cases.SHARED, "remeshing"}
     assert 0 < sum(figures["parts"].values()) < figures["step"]
     assert 1e8 < figures["copy"] < 1e12
     json.dumps(figures)
