@@ -61,7 +61,7 @@ def take_stock(
 
     Args:
         position: (N, 2) [m].
-        cells, across, fluid: see `surgery`; no cell is gone.
+        cells, across, fluid: see `surgery`; what is said of cells that are gone has no meaning.
         fluids: F.
         mark: (N,) if it is known.
     """

@@ -1,7 +1,7 @@
 """Kernels that keep the volumes of bodies: which triangles make one, what each has, and how interfaces move.
 
 All run in one thread, in the order of the triangles: sums are the same every time. Arrays are those of
-`conservation`; marks of particles are those of `interface_kernels.mark_particles`.
+`conservation`.
 """
 
 import taichi as ti
@@ -38,10 +38,11 @@ def take_stock(
 ):  # fmt: skip
     """What bodies there are in the triangles, and what they have.
 
-    body (M,): number of the connected body of one fluid that each cell belongs to, in the order of their first cells.
-    mark (N,): see `interface_kernels.mark_particles`; zero before, unless it is given, ``marked``. measure (M,): areas.
-    volume (K,), fluid ``of`` (K,), free (K,): 1 for bodies with a particle of mark 1. near (M,): the triangles with
-    such a particle. at (F, N): a body of each fluid at each particle, -1 before, where there is none.
+    body (M,): number of the connected body of one fluid that each cell belongs to, in the order of their first cells,
+    -1 for cells that are gone. mark (N,): bit 1 for particles on an interface, bit 2 for those on the hull; zero
+    before, unless it is given, ``marked``. measure (M,): areas. volume (K,), fluid ``of`` (K,), free (K,): 1 for bodies
+    with a particle of mark 1. near (M,): the triangles with such a particle. at (F, N): a body of each fluid at each
+    particle, -1 before, where there is none.
     count: [0] bodies, [1] triangles in ``near``.
     """
     ti.loop_config(serialize=True)
@@ -51,7 +52,9 @@ def take_stock(
         for i in ti.static(range(3)):
             o = across[t, i]
             bit = 0
-            if 0 <= o < t:
+            if fluid[t] < 0:
+                bit = 0
+            elif 0 <= o < t:
                 if fluid[o] != fluid[t]:
                     bit = 1
                 elif body[o] != root:
@@ -67,7 +70,9 @@ def take_stock(
         body[t] = root
     ti.loop_config(serialize=True)
     for t in range(elements):  # numbers as -1 - number until all are there
-        if body[t] == t:
+        if fluid[t] < 0:
+            body[t] = 0
+        elif body[t] == t:
             body[t] = -1 - count[0]
             count[0] = count[0] + 1
         else:
@@ -75,19 +80,23 @@ def take_stock(
     ti.loop_config(serialize=True)
     for t in range(elements):
         b, f, bits = -1 - body[t], fluid[t], 0
-        area = area_of(x, cells, t)
-        body[t], measure[t] = b, area
-        volume[b] = volume[b] + area
-        of[b] = f
-        for k in ti.static(range(3)):
-            n = cells[t, k]
-            bits = bits | ti.select(mark[n] == 1, 1, 0)
-            if at[f, n] & 3 <= k or at[f, n] < 0:  # of several it is that of the last cell that has it last
-                at[f, n] = 4 * b + k
-        if bits > 0:
-            free[b] = 1
-            near[count[1]] = t
-            count[1] = count[1] + 1
+        body[t] = b
+        if f >= 0:
+            area = area_of(x, cells, t)
+            measure[t] = area
+            volume[b] = volume[b] + area
+            of[b] = f
+            for k in ti.static(range(3)):
+                n = cells[t, k]
+                if mark[n] == 1:
+                    bits = 1
+                known = at[f, n]
+                if known != 4 * b + k and (known & 3 <= k or known < 0):  # of several that of the last to end in it
+                    at[f, n] = 4 * b + k
+            if bits > 0:
+                free[b] = 1
+                near[count[1]] = t
+                count[1] = count[1] + 1
     ti.loop_config(serialize=True)
     for n in range(particles):
         for f in range(at.shape[0]):

@@ -1,6 +1,6 @@
-"""Kernels for interfaces that run along edges: where they are, films that break, and where they meet walls.
+"""Kernel for interfaces that run along edges: films that break, what is taken in, and where they meet walls.
 
-Arrays are those of `remeshing_kernels`.
+Arrays are those of `remeshing_kernels`; marks of particles those of `conservation_kernels.take_stock`.
 """
 
 import taichi as ti
@@ -17,31 +17,6 @@ from tipfem.surgery import (
     touch,
     weigh,
 )
-
-
-@on_arrays
-@ti.kernel
-def mark_particles(
-    cells: ti.types.ndarray(), across: ti.types.ndarray(), fluid: ti.types.ndarray(), mark: ti.types.ndarray(),
-    elements: ti.i32, alone: ti.template(),
-):  # fmt: skip
-    """Set bit 1 of ``mark`` at particles on an interface, bit 2 at those on the hull; ``mark`` starts at zero.
-
-    ``alone``: by one thread.
-    """
-    ti.loop_config(serialize=alone)
-    for t in range(elements):
-        if fluid[t] >= 0:
-            for i in ti.static(range(3)):
-                o = across[t, i]
-                bit = 0
-                if o < 0:
-                    bit = 2
-                elif fluid[o] != fluid[t]:
-                    bit = 1
-                if bit > 0:
-                    ti.atomic_or(mark[cells[t, (i + 1) % 3]], bit)
-                    ti.atomic_or(mark[cells[t, (i + 2) % 3]], bit)
 
 
 @on_arrays

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tipfem import edge_kernels, flip_kernels, interface_kernels, remeshing_kernels, state_kernels
+from tipfem.conservation import take_stock
 from tipfem.device import alone
 from tipfem.mesh import Mesh
 from tipfem.particles import Array, Particles
@@ -58,7 +59,7 @@ class Triangulation:
         state_kernels.gather(
             *map(np.ascontiguousarray, (particles.position, particles.velocity, particles.acceleration)),
             *map(np.ascontiguousarray, (particles.pressure, particles.target)), cells, across, fluid,
-            measure, density, np.empty(count), state, corner, stale, count, elements, slack, alone(elements, 40.0),
+            measure, density, np.empty(count), state, corner, stale, count, elements, slack, alone(elements, 20.0),
         )  # fmt: skip
         wall = particles.wall.astype(np.int32)
         t = cls(state, cells, across, fluid, corner, wall, density)
@@ -265,12 +266,7 @@ def _sorted(edge: Array, key: Array, count: int) -> Array:
 
 def marks(cells: Array, across: Array, fluid: Array, count: int) -> Array:
     """(N,) of ``count`` particles, see `Triangulation.marks`; the arrays are those of `surgery`."""
-    mark = np.zeros(count, dtype=np.int32)
-    interface_kernels.mark_particles(
-        np.ascontiguousarray(cells), np.ascontiguousarray(across), np.ascontiguousarray(fluid), mark, len(cells),
-        alone(len(cells), 5.0),
-    )  # fmt: skip
-    return mark
+    return take_stock(np.zeros((count, 2)), cells, across, fluid, int(fluid.max()) + 1).mark
 
 
 def _scratch() -> Array:
