@@ -1,6 +1,10 @@
 """Kernels that are started through what was prepared for their arrays, and loops that one thread does."""
 
+import ast
 import importlib.util
+import inspect
+import sys
+import textwrap
 
 import numpy as np
 import pytest
@@ -8,7 +12,7 @@ import taichi as ti
 
 from tipfem import krylov_kernels
 from tipfem.device import Buffers, alone, chunks, download, init, settings, spread
-from tipfem.launcher import Launcher
+from tipfem.launcher import Launcher, _source
 
 
 @ti.kernel
@@ -23,6 +27,23 @@ def count(values: ti.types.ndarray(), n: ti.i32) -> ti.i32:
     for i in range(n):
         total += values[i]
     return total
+
+
+@ti.data_oriented
+class Shifted:
+    """A kernel and its function in a class."""
+
+    def __init__(self, shift):
+        self.shift = shift
+
+    @ti.func
+    def shifted(self, i):
+        return i + self.shift
+
+    @ti.kernel
+    def fill(self, values: ti.types.ndarray()):
+        for i in range(values.shape[0]):
+            values[i] = self.shifted(i)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -107,3 +128,27 @@ def test_messages_of_taichi_say_file_line_and_kernel(tmp_path):
     spec.loader.exec_module(module)
     with pytest.raises(ti.TaichiCompilationError, match=r'wrong_kernel.py", line 5, in wrong'):
         module.wrong(3)
+
+
+def test_sources_are_found_as_python_finds_them():
+    found = 0
+    for module in [m for name, m in sys.modules.items() if name.startswith("tipfem.")]:
+        for value in vars(module).values():
+            kernel = getattr(value, "__wrapped__", value)  # of one that `on_arrays` starts
+            taichi = getattr(kernel, "_primal", None) or getattr(kernel, "func", None)
+            function = getattr(taichi, "func", None)
+            if inspect.isfunction(function):
+                file, lines, first, text = _source(function)
+                expected, number = inspect.getsourcelines(function)
+                assert (file, first) == (inspect.getsourcefile(function), number)
+                assert [line.rstrip() for line in expected] == lines[: len(expected)]
+                assert ast.dump(ast.parse(text)) == ast.dump(ast.parse(textwrap.dedent("".join(expected))))
+                found += 1
+    assert found > 20
+
+
+def test_kernels_in_classes_are_told_from_others():
+    values = np.zeros(3, np.int32)
+    Shifted(4).fill(values)
+    assert values.tolist() == [4, 5, 6]
+    assert inspect.getframeinfo(sys._getframe()).code_context  # as it was before Taichi was imported

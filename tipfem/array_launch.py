@@ -12,6 +12,8 @@ import taichi as ti
 from taichi.lang import impl
 from taichi.lang._ndarray import Ndarray
 
+from tipfem.launcher import compiled, on_host
+
 
 def on_arrays(kernel: Any) -> Callable[..., Any]:
     """A kernel that starts three times as fast, on NumPy arrays that are C-contiguous, device arrays and numbers.
@@ -47,11 +49,9 @@ def on_arrays(kernel: Any) -> Callable[..., Any]:
         program = impl.get_runtime().prog
         found = ready.get(tuple(key))
         if found is None or found[0] is not program:
-            compiled = primal.compiled_kernels[primal.ensure_compiled(*arguments)]
-            data = program.compile_kernel(program.config(), program.get_device_caps(), compiled)
+            form, data = compiled(kernel, arguments)
             # Where memory is the host's, one context serves every launch.
-            kept = compiled.make_launch_context() if impl.current_cfg().arch == ti.cpu else None
-            found = ready[tuple(key)] = (program, compiled, data, kept)
+            found = ready[tuple(key)] = (program, form, data, form.make_launch_context() if on_host() else None)
         context, place = found[3] or found[1].make_launch_context(), 0
         for value, template, real in zip(arguments, templates, reals, strict=True):
             if template:  # is part of the compiled kernel

@@ -3,14 +3,19 @@
 Taichi looks at every argument of every call, which takes longer than many a kernel.
 """
 
+import ast
 import ctypes
 import functools
+import linecache
 import math
+import sys
+import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import taichi as ti
-from taichi.lang import impl
+from taichi.lang import impl, kernel_impl
 from taichi.lang._ndarray import Ndarray
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 from taichi.types import primitive_types
@@ -26,6 +31,51 @@ def _position(context: Any, node: Any) -> str:
 ASTTransformerContext.get_pos_info = _position
 
 
+@functools.cache
+def _source(function: Any) -> tuple[str, list[str], int, str]:
+    """File, lines, number of the first line, and text without indentation of a kernel or a function of one."""
+    code = function.__code__
+    first = code.co_firstlineno
+    lines = linecache.getlines(code.co_filename)[first - 1 :]
+    if not lines:  # typed in
+        lines, first = kernel_impl.getsourcelines(function)
+    head = lines[0][: len(lines[0]) - len(lines[0].lstrip())]
+    end = max(line for *_, line in code.co_lines() if line) - first + 1
+    while end < len(lines) and (not lines[end].strip() or lines[end].startswith((head + " ", head + ")", head + "]"))):
+        end += 1  # the rest of the last statement
+    lines = [line.expandtabs(4).rstrip() for line in lines[:end]]
+    return kernel_impl.getsourcefile(function), lines, first, textwrap.dedent("\n".join(lines))
+
+
+def _tree_and_context(
+    self: Any, excluded_parameters: Any = (), is_kernel: bool = True, arg_features: Any = None, args: Any = None,
+    ast_builder: Any = None, is_real_function: bool = False,
+) -> tuple[ast.Module, ASTTransformerContext]:  # fmt: skip
+    """What Taichi 1.7.4 does at every call of a function in a kernel, with the source looked for once."""
+    file, lines, first, text = _source(self.func)
+    tree = ast.parse(text)
+    tree.body[0].decorator_list = []  # type: ignore[attr-defined]
+    known = kernel_impl._get_global_vars(self.func)
+    if is_kernel or is_real_function:
+        known.update({self.arguments[i].name: args[i] for i in self.template_slot_locations})
+    return tree, ASTTransformerContext(
+        excluded_parameters=excluded_parameters, is_kernel=is_kernel, func=self, arg_features=arg_features,
+        global_vars=known, argument_data=args, src=lines, start_lineno=first, file=file, ast_builder=ast_builder,
+        is_real_function=is_real_function,
+    )  # fmt: skip
+
+
+kernel_impl._get_tree_and_ctx = _tree_and_context
+
+
+def _in_class(level_of_class_stackframe: int) -> bool:
+    """Whether a kernel is defined in a class; Taichi 1.7.4 reads the source around it to find that out."""
+    return "__qualname__" in sys._getframe(level_of_class_stackframe - 1).f_locals
+
+
+kernel_impl._inside_class = _in_class
+
+
 def on_host() -> bool:
     """Whether the processor can read and write device arrays itself."""
     return bool(impl.current_cfg().arch == ti.cpu)
@@ -37,6 +87,13 @@ def seen(array: Any) -> np.ndarray:
     place = impl.get_runtime().prog.get_ndarray_data_ptr_as_int(array.arr)
     flat: np.ndarray = np.ctypeslib.as_array((kinds[array.dtype] * math.prod(array.shape)).from_address(place))
     return flat.reshape(array.shape)
+
+
+def compiled(kernel: Any, arguments: Sequence[Any]) -> tuple[Any, Any]:
+    """A kernel's form for such arguments, as Taichi reads it, and as it compiles it or finds it in its cache."""
+    program = impl.get_runtime().prog
+    form = kernel._primal.compiled_kernels[kernel._primal.ensure_compiled(*arguments)]
+    return form, program.compile_kernel(program.config(), program.get_device_caps(), form)
 
 
 class Launcher:
@@ -82,9 +139,8 @@ class _Launch:
 
     def __init__(self, kernel: Any, arguments: tuple[Any, ...]) -> None:
         primal = kernel._primal
-        self._compiled = primal.compiled_kernels[primal.ensure_compiled(*arguments)]
-        self._program = program = impl.get_runtime().prog
-        self._data = program.compile_kernel(program.config(), program.get_device_caps(), self._compiled)
+        self._program = impl.get_runtime().prog
+        self._compiled, self._data = compiled(kernel, arguments)
         self._returns = primal.return_type is not None
         self._arrays: list[tuple[tuple[int], Any]] = []
         self._reals: list[tuple[tuple[int], int]] = []

@@ -20,7 +20,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TextIO
 
-import meshio
 import numpy as np
 
 from tipfem.case import Case
@@ -117,6 +116,8 @@ class ResultsFolder:
             particles: the state.
             density: (N,) of each particle's fluid [kg/m^3].
         """
+        import meshio  # here, for it takes a while and not every run writes fields
+
         if self._case:
             self._widen_case(particles.position)
         name = f"fields/step_{step:06d}.vtu"
