@@ -268,3 +268,17 @@ def test_a_coarsening_finds_the_edges_that_a_look_at_all_cells_does(every):
                 expected, number = t.longest_edges(1.1, t.wanted_edges())
                 np.testing.assert_array_equal(edges, expected)
                 assert needed == number
+
+
+def test_a_particle_between_touching_interfaces_goes_into_the_wall_it_lies_on():
+    """Two interfaces meet at it, a film's width from a wall: four of its edges are theirs, and it is in no chain."""
+    x = np.array([[-0.79, 0], [0.1, 0], [0.12, 1.32], [-0.29, 1.49], [-1.5, 0.84], [0, 2e-4]])
+    cells = np.array([[5, k, (k + 1) % 5] for k in range(5)])
+    held, wall = np.arange(6) < 5, (x[:, 1] == 0).astype(np.int32)
+    fluid = np.array([0, 1, 0, 1, 0])
+    assert coarsened(of(x, cells, fluid, wall=wall), 0.1, 0.55, 0.05, held, film=0.0).tolist() == []
+    t = of(x, cells, fluid, wall=wall)
+    assert coarsened(t, 0.1, 0.55, 0.05, held, film=0.3).tolist() == [5]
+    t.compact()
+    assert as_set(t.cells) == as_set(np.array([[1, 2, 3], [1, 3, 4], [1, 4, 0]]))
+    np.testing.assert_allclose(t.state[:, 7], masses(t), atol=1e-12 * masses(t).sum())

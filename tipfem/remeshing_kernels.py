@@ -72,10 +72,10 @@ def coarsen(
 
     Off interfaces and walls: closer than ``close`` to another, or than ``edge`` to an edge of interface or wall.
     On an interface: closer than ``chain`` to the next on it, and the area enclosed is kept; or closer than
-    ``film`` to a wall, which the interface then meets. On a wall: closer than ``chain`` to the next on
-    it, or than ``film`` where an interface meets the wall. ``fixed`` (N,) stay. No cell is left with less than twice
-    the area ``least``; at most ``most`` go. All in target spacings, squared for the area. freed[:count[0]]: who
-    went. ``stale`` (M,): see `surgery.touch`. ``star`` is scratch. ``alone``: the look at all
+    ``film`` to a wall, which the interface then meets; where interfaces touch, only this. On a wall: closer than
+    ``chain`` to the next on it, or than ``film`` where an interface meets the wall. ``fixed`` (N,) stay. No cell is
+    left with less than twice the area ``least``; at most ``most`` go. All in target spacings, squared for the area.
+    freed[:count[0]]: who went. ``stale`` (M,): see `surgery.touch`. ``star`` is scratch. ``alone``: the look at all
     cells is one thread's.
 
     Afterwards, where ``long`` > 0: the edges and keys (E,) of `edge_kernels.longest_edges` for the particles freed and
@@ -127,16 +127,17 @@ def coarsen(
                     q = one if distance(state, p, one) < distance(state, p, other) else other
                     if distance(state, p, q) >= (chain if number == 0 else film) * target(state, p, q):
                         q = -1
-                elif closed == 1 and number == 2:
+                elif closed == 1 and number >= 2:
                     q = first if distance(state, p, first) < distance(state, p, second) else second
-                    if distance(state, p, q) >= chain * target(state, p, q) or first == second:
+                    if number > 2 or distance(state, p, q) >= chain * target(state, p, q) or first == second:
                         q = -1
                     along = q >= 0
                     if q < 0 and flag[p] >= 4:
                         for m in range(n):
                             r = ring(cells, star, 0, n, p, m)
                             length = distance(state, p, r)
-                            nearer = wall[r] == 1 and r != first and r != second and length < gap
+                            ends = r == first or r == second
+                            nearer = wall[r] == 1 and (number > 2 or not ends) and length < gap
                             if nearer and can_collapse(state, cells, star, 0, n, p, r, smallest):
                                 q, gap = r, length
                 elif closed == 1 and number == 0:
