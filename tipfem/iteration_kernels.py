@@ -82,8 +82,9 @@ def _cycle(
     for i in range(mine, end):
         residual[i] = rest_of_row(row_offsets, columns, values, b, x, i)
     meet(meeting, members)
-    first, last = share(member, members, lines(grid, 0))
-    for line in range(first, last):
+    # By turns: of lines side by side, one member's might hold most of the particles.
+    for turn in range((lines(grid, 0) - member + members - 1) // members):
+        line = turn * members + member
         restrict_to_line(residual, fraction, order, start, grid_b, grid, line, dim)
         relax_line(grid_relax, grid_b, grid_x, grid, 0, line, False, dim)
     meet(meeting, members)

@@ -10,6 +10,7 @@ from tipfem.device import part_of
 
 # Rows of a vector that are worked on at once: what of all basis vectors fits into a core's cache.
 BLOCK = 512
+LANES = 256  # and at once, in memory of a thread's own
 
 
 @ti.kernel
@@ -83,26 +84,30 @@ def sum_dots(partial: ti.template(), out: ti.template(), k, parts, cancelled):
 def subtract(basis: ti.template(), w: ti.template(), partial: ti.template(), k, n, first, last):
     """The entries from first on of v_{k+1}: w, which becomes the same, less its components, times a factor."""
     factor = partial[k + 1]
-    for block in range((last - first + BLOCK - 1) // BLOCK):
-        start = first + block * BLOCK
-        end = ti.min(start + BLOCK, last)
-        # Four at a time: loops that write are not done in vectors, and every round writes once.
+    # In memory of our own: what writes to arrays is not turned into vector instructions.
+    for block in range((last - first + LANES - 1) // LANES):
+        start = first + block * LANES
+        width = ti.min(LANES, last - start)
+        rest = ti.Vector.zero(float, LANES)
+        for i in range(width):
+            rest[i] = w[start + i]
+        # Four at a time, so that every round reads and writes once.
         for quarter in range((k + 1) // 4):
             j = 4 * quarter
-            row = j * n
+            row = j * n + start
             d0, d1, d2, d3 = partial[j], partial[j + 1], partial[j + 2], partial[j + 3]
-            for i in range(start, end):
+            for i in range(width):
                 near = d0 * basis[row + i] + d1 * basis[row + n + i]
-                w[i] = w[i] - near - (d2 * basis[row + 2 * n + i] + d3 * basis[row + 3 * n + i])
+                rest[i] = rest[i] - near - (d2 * basis[row + 2 * n + i] + d3 * basis[row + 3 * n + i])
         for j in range((k + 1) // 4 * 4, k + 1):
-            row = j * n
+            row = j * n + start
             d = partial[j]
-            for i in range(start, end):
-                w[i] = w[i] - d * basis[row + i]
-        row = (k + 1) * n
-        for i in range(start, end):
-            x = factor * w[i]
-            w[i] = x
+            for i in range(width):
+                rest[i] = rest[i] - d * basis[row + i]
+        row = (k + 1) * n + start
+        for i in range(width):
+            x = factor * rest[i]
+            w[start + i] = x
             basis[row + i] = x
 
 
