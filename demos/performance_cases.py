@@ -123,10 +123,11 @@ def _shares(simulation: tp.Simulation) -> dict[str, float]:
             v, z, w = (problem.buffers.get(f"krylov.{name}", size) for name in "vzw")
             basis = krylov._Basis(size, 1e-3, problem.buffers)
             partial, out = problem.buffers.get("krylov.dots", (k + 2) * device.chunks()), np.zeros(k + 3)
+            again = (k, basis.orthonormal, basis.directions, w, partial, out, 0.0, True)
             krylov_kernels.move(problem._r, 0, v, 0, size, False)
             found.append(_best(lambda: problem.product(v, w)))
             found.append(_best(lambda: problem.precondition(v, z)))
-            found.append(_best(lambda: basis._orthogonalise(k, basis.orthonormal, None, w, partial, out, 0.0)))
+            found.append(_best(lambda: basis.by_parts(problem.product, problem.precondition)(*again)))
         return result
 
     FlowProblem.correct = correct  # type: ignore[method-assign]

@@ -20,6 +20,7 @@ import itertools
 import taichi as ti
 
 from tipfem.device import part_of
+from tipfem.teamwork import meet, share
 
 REACH = 2  # a mesh edge joins nodes of neighbouring cells, whose corners are two grid nodes apart
 PLACES = 2 * REACH + 1  # of a stencil along an axis
@@ -104,22 +105,32 @@ def weight(fraction: ti.template(), i, corner: ti.template(), dim: ti.template()
 
 
 @ti.func
-def axis_stride(grid: ti.template(), level, axis: ti.template(), dim: ti.template()):
+def axis_stride(grid: ti.template(), level, axis, dim: ti.template()):
     """How far apart neighbours along an axis are, in entries."""
     stride = 1
-    if ti.static(axis < dim - 1):
+    if axis < dim - 1:
         stride = grid[level, STRIDE + 3 - dim + axis]
     return stride
 
 
 @ti.func
-def fine_start(grid: ti.template(), fine, coarse, line, axis: ti.template(), dim: ti.template()):
+def places_apart(axis, dim: ti.template()):
+    """How far apart neighbouring places of a stencil along an axis are."""
+    apart = 1
+    for k in ti.static(range(dim - 1)):
+        if axis <= k:
+            apart *= PLACES
+    return apart
+
+
+@ti.func
+def fine_start(grid: ti.template(), fine, coarse, line, axis, dim: ti.template()):
     """Where the fine line begins that has twice the coarse one's number along the axis, relative to the first entry."""
     across = grid[coarse, SHAPE + 1]
     one, two = line // across, line % across
-    if ti.static(axis == dim - 2):
+    if axis == dim - 2:
         two *= 2
-    if ti.static(axis == dim - 3):
+    if axis == dim - 3:
         one *= 2
     return line_at(grid, fine, one, two, dim)
 
@@ -141,15 +152,14 @@ def parents(place: int) -> list[tuple[int, int, int, int]]:
 
 @ti.func
 def _weigh_line(
-    stencil: ti.template(), weights: ti.template(), grid: ti.template(), fine, line, axis: ti.template(),
-    dim: ti.template(),
+    stencil: ti.template(), weights: ti.template(), grid: ti.template(), fine, line, axis, dim: ti.template()
 ):  # fmt: skip
     """Weights of a line of a grid, laid out as it is: the part of a node's value along an axis that comes from the
     lower side.
     """
     size, inside = grid[fine, SIZE], line_start(grid, fine, line, dim)
     entries = grid[fine, STENCIL] + inside
-    apart = ti.static(PLACES ** (dim - 1 - axis))
+    apart = places_apart(axis, dim)
     for j in range(grid[fine, SHAPE + 2]):
         lower, upper = 0.0, 0.0
         for others in range(ti.static(PLACES ** (dim - 1))):
@@ -164,24 +174,23 @@ def _weigh_line(
 
 @ti.func
 def _coarsen_line(
-    stencil: ti.template(), weights: ti.template(), grid: ti.template(), fine, coarse, line, axis: ti.template(),
-    dim: ti.template(),
+    stencil: ti.template(), weights: ti.template(), grid: ti.template(), fine, coarse, line, axis, dim: ti.template()
 ):  # fmt: skip
     """A line of the Galerkin product along one axis with these weights; P^T A P takes one for each axis."""
     from_size, to_size = grid[fine, SIZE], grid[coarse, SIZE]
     to = grid[coarse, STENCIL] + line_start(grid, coarse, line, dim)
     inside = fine_start(grid, fine, coarse, line, axis, dim)
     at, points = grid[fine, STENCIL] + inside, grid[fine, START] + inside
-    step = ti.static(2 if axis == dim - 1 else 1)
+    step = 2 if axis == dim - 1 else 1
     stride = axis_stride(grid, fine, axis, dim)
-    apart = ti.static(PLACES ** (dim - 1 - axis))
+    apart = places_apart(axis, dim)
     for others in range(ti.static(PLACES ** (dim - 1))):
         # The place along the axis is zero here; all others are what ``others`` counts, and where its column is.
         base = others // apart * (apart * PLACES) + others % apart
         shift = 0
         rest = others
         for k in ti.static(range(dim - 1, -1, -1)):
-            if ti.static(k != axis):
+            if k != axis:
                 shift += (rest % PLACES - REACH) * axis_stride(grid, fine, k, dim)
                 rest = rest // PLACES
         target, source = to + base * to_size, at + base * from_size
@@ -205,17 +214,14 @@ def _coarsen_line(
 
 @ti.kernel
 def coarsen_axis(
-    stencil: ti.types.ndarray(), weights: ti.types.ndarray(), grid: ti.types.ndarray(), fine: ti.i32,
-    parts: ti.i32, spread: ti.template(), axis: ti.template(), dim: ti.template(),
-    alone: ti.template(),
+    stencil: ti.types.ndarray(), weights: ti.types.ndarray(), grid: ti.types.ndarray(), fine: ti.i32, axis: ti.i32,
+    parts: ti.i32, spread: ti.template(), dim: ti.template(),
 ):  # fmt: skip
     """Weights of a grid along an axis, and the Galerkin product on the one that is coarser along it."""
-    ti.loop_config(serialize=alone)
     for t in range(parts * spread):
         first, last = part_of(t, parts, spread, lines(grid, fine))
         for line in range(first, last):
             _weigh_line(stencil, weights, grid, fine, line, axis, dim)
-    ti.loop_config(serialize=alone)
     for t in range(parts * spread):
         coarse = grid[fine, NEXT]
         first, last = part_of(t, parts, spread, lines(grid, coarse))
@@ -224,19 +230,27 @@ def coarsen_axis(
 
 
 @ti.kernel
-def coarsen_rest(
-    stencil: ti.types.ndarray(), weights: ti.types.ndarray(), grid: ti.types.ndarray(), first: ti.i32, levels: ti.i32,
-    dim: ti.template(),
+def coarsen_together(
+    stencil: ti.types.ndarray(), weights: ti.types.ndarray(), grid: ti.types.ndarray(), meeting: ti.types.ndarray(),
+    levels: ti.i32, members: ti.i32, spread: ti.template(), alone: ti.template(), dim: ti.template(),
 ):  # fmt: skip
-    """The same from level ``first`` down to the coarsest, in one thread."""
-    ti.loop_config(serialize=True)
-    for _ in range(1):
-        for level in range(first, levels - 1):
-            fine = level
-            for axis in ti.static(range(dim - 1, -1, -1)):
+    """The same for all levels and axes, by a team of threads."""
+    ti.loop_config(serialize=alone)
+    for t in range(members * spread):
+        if t % spread == 0:
+            member = t // spread
+            fine = 0
+            for number in range((levels - 1) * dim):
+                axis = dim - 1 - number % dim
+                if axis == dim - 1:
+                    fine = number // dim
                 coarse = grid[fine, NEXT]
-                for line in range(lines(grid, fine)):
+                first, last = share(member, members, lines(grid, fine))
+                for line in range(first, last):
                     _weigh_line(stencil, weights, grid, fine, line, axis, dim)
-                for line in range(lines(grid, coarse)):
+                meet(meeting, members)
+                first, last = share(member, members, lines(grid, coarse))
+                for line in range(first, last):
                     _coarsen_line(stencil, weights, grid, fine, coarse, line, axis, dim)
+                meet(meeting, members)
                 fine = coarse

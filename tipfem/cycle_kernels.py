@@ -36,20 +36,18 @@ def subtract_product(
     """r = b - A x along a line of a level."""
     size, n = grid[level, SIZE], grid[level, SHAPE + 2]
     inside = line_start(grid, level, line, dim)
-    # Block by block in memory of our own: what writes to arrays is not turned into vector instructions.
+    # Block by block in memory of our own: what writes to arrays is not turned into vector instructions. All places in
+    # one loop: unrolled, they take a third of the time less, but half a second to be made at every start.
     for block in range((n + LANES - 1) // LANES):
         entry = inside + block * LANES
         width = ti.min(LANES, n - block * LANES)
         at = grid[level, START] + entry
         total = ti.Vector.zero(float, LANES)
-        for row in range(ti.static(PLACES ** (dim - 1))):
-            entries = grid[level, STENCIL] + row * PLACES * size + entry
-            near = at + row_shift(grid, level, row, dim) - REACH
+        for place in range(ti.static(PLACES**dim)):
+            entries = grid[level, STENCIL] + place * size + entry
+            near = at + row_shift(grid, level, place // PLACES, dim) + place % PLACES - REACH
             for j in range(width):
-                part = total[j]
-                for k in ti.static(range(PLACES)):
-                    part = part + stencil[entries + k * size + j] * x[near + k + j]
-                total[j] = part
+                total[j] = total[j] + stencil[entries + j] * x[near + j]
         for j in range(width):
             r[at + j] = b[at + j] - total[j]
 

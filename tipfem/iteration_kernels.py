@@ -15,57 +15,52 @@ from tipfem.teamwork import meet, share
 
 
 @ti.func
-def _down(
+def _visit(
     stencil: ti.template(), weights: ti.template(), relax: ti.template(), x: ti.template(), b: ti.template(),
-    r: ti.template(), grid: ti.template(), level, meeting: ti.template(), member, members, dim: ti.template(),
+    r: ti.template(), grid: ti.template(), level, down, meeting: ti.template(), member, members, dim: ti.template(),
 ):  # fmt: skip
-    """What a sweep from zero on a grid has left, restricted to the next coarser one, and a sweep from zero there."""
-    first, last = share(member, members, lines(grid, level))
-    for line in range(first, last):
-        subtract_product(stencil, x, b, r, grid, level, line, dim)
-    meet(meeting, members)
-    fine = level
-    for axis in ti.static(range(dim - 1, -1, -1)):
-        coarse = grid[fine, NEXT]
-        first, last = share(member, members, lines(grid, coarse))
-        for line in range(first, last):
-            if ti.static(axis == dim - 1):
-                restrict(r, b, weights, grid, fine, coarse, line, axis, dim)
-            else:
-                restrict(b, b, weights, grid, fine, coarse, line, axis, dim)
-            if ti.static(axis == 0):
-                relax_line(relax, b, x, grid, coarse, line, False, dim)
-        meet(meeting, members)
-        fine = coarse
+    """On the way ``down``, what a sweep from zero on a level has left, restricted to the next coarser one, and a sweep
+    from zero there; else the coarser grid's correction added on the level, and one sweep.
 
-
-@ti.func
-def _up(
-    stencil: ti.template(), weights: ti.template(), relax: ti.template(), x: ti.template(), b: ti.template(),
-    r: ti.template(), grid: ti.template(), level, meeting: ti.template(), member, members, dim: ti.template(),
-):  # fmt: skip
-    """The coarser grid's correction added on a level, and one sweep."""
+    One function for both ways, so that the product stands in the kernel once: machine code is made at every start.
+    """
     one = grid[level, NEXT]
     two = grid[one, NEXT]
-    if ti.static(dim == 3):
-        first, last = share(member, members, lines(grid, two))
-        for line in range(first, last):
-            prolong(x, weights, grid, two, level + 1, line, 0, dim)
-        meet(meeting, members)
-    first, last = share(member, members, lines(grid, one))
-    for line in range(first, last):
-        prolong(x, weights, grid, one, two, line, ti.static(dim - 2), dim)
-    meet(meeting, members)
     first, last = share(member, members, lines(grid, level))
-    for line in range(first, last):
-        prolong(x, weights, grid, level, one, line, ti.static(dim - 1), dim)
-    meet(meeting, members)
+    if not down:
+        if ti.static(dim == 3):
+            begin, end = share(member, members, lines(grid, two))
+            for line in range(begin, end):
+                prolong(x, weights, grid, two, level + 1, line, 0, dim)
+            meet(meeting, members)
+        begin, end = share(member, members, lines(grid, one))
+        for line in range(begin, end):
+            prolong(x, weights, grid, one, two, line, ti.static(dim - 2), dim)
+        meet(meeting, members)
+        for line in range(first, last):
+            prolong(x, weights, grid, level, one, line, ti.static(dim - 1), dim)
+        meet(meeting, members)
     for line in range(first, last):
         subtract_product(stencil, x, b, r, grid, level, line, dim)
     meet(meeting, members)
-    for line in range(first, last):
-        relax_line(relax, r, x, grid, level, line, True, dim)
-    meet(meeting, members)
+    if down:
+        fine = level
+        for axis in ti.static(range(dim - 1, -1, -1)):
+            coarse = grid[fine, NEXT]
+            begin, end = share(member, members, lines(grid, coarse))
+            for line in range(begin, end):
+                if ti.static(axis == dim - 1):
+                    restrict(r, b, weights, grid, fine, coarse, line, axis, dim)
+                else:
+                    restrict(b, b, weights, grid, fine, coarse, line, axis, dim)
+                if ti.static(axis == 0):
+                    relax_line(relax, b, x, grid, coarse, line, False, dim)
+            meet(meeting, members)
+            fine = coarse
+    else:
+        for line in range(first, last):
+            relax_line(relax, r, x, grid, level, line, True, dim)
+        meet(meeting, members)
 
 
 @ti.func
@@ -88,14 +83,17 @@ def _cycle(
         restrict_to_line(residual, fraction, order, start, grid_b, grid, line, dim)
         relax_line(grid_relax, grid_b, grid_x, grid, 0, line, False, dim)
     meet(meeting, members)
-    for level in range(levels - 1):
-        _down(stencil, weights, grid_relax, grid_x, grid_b, grid_r, grid, level, meeting, member, members, dim)
-    if member == 0:
-        solve_coarsest(stencil, grid_relax, grid_x, grid_b, grid, levels - 1, sweeps, dim)
-    meet(meeting, members)
-    for up in range(levels - 1):
-        level = levels - 2 - up
-        _up(stencil, weights, grid_relax, grid_x, grid_b, grid_r, grid, level, meeting, member, members, dim)
+    for turn in range(2 * levels - 1):
+        if turn == levels - 1:
+            if member == 0:
+                solve_coarsest(stencil, grid_relax, grid_x, grid_b, grid, levels - 1, sweeps, dim)
+            meet(meeting, members)
+        else:
+            down = turn < levels
+            level = turn if down else 2 * levels - 2 - turn
+            _visit(
+                stencil, weights, grid_relax, grid_x, grid_b, grid_r, grid, level, down, meeting, member, members, dim
+            )
     for i in range(mine, end):
         residual[i] = x[i] + interpolated(cell, fraction, grid_x, grid, i, dim)
     meet(meeting, members)
@@ -143,11 +141,12 @@ def iterate(
     basis: ti.types.ndarray(), directions: ti.types.ndarray(), w: ti.types.ndarray(), partial: ti.types.ndarray(),
     out: ti.types.ndarray(), meeting: ti.types.ndarray(),
     k: ti.i32, nodes: ti.i32, levels: ti.i32, sweeps: ti.i32, bubbles: ti.i32, parts: ti.i32,
-    cancelled: float, whole: ti.template(), members: ti.i32, spread: ti.template(), alone: ti.template(),
+    cancelled: float, again: ti.i32, whole: ti.template(), members: ti.i32, spread: ti.template(), alone: ti.template(),
     dim: ti.template(),
 ):  # fmt: skip
     """z_k = M v_k, the preconditioner M as in `linear_system.LinearSystem.precondition`, in ``directions``; if
-    ``whole``, also w = K z_k and what `krylov_kernels.orthogonalise` makes of it, w itself becoming v_{k+1}.
+    ``whole``, also w = K z_k and what `krylov_kernels.orthogonalise` makes of it, w itself becoming v_{k+1}; ``again``
+    leaves it at the latter.
 
     b and x (N,) are the right side and the solution of the cycle; ``offsets``, ``inside`` and ``energy`` describe the
     bubbles, see `tipfem.bubble_kernels`.
@@ -158,26 +157,29 @@ def iterate(
             member = t // spread
             size = nodes * (dim + 1)
             begin = k * size
-            mine, end = share(member, members, nodes)
-            for i in range(mine, end):
-                b[i] = schur_row(row_offsets, columns, pu, scale, basis, begin, i, dim)
-                x[i] = relax[i] * b[i]
-            meet(meeting, members)
-            _cycle(
-                b, x, residual, relax, row_offsets, columns, values, cell, fraction, order, start, stencil, weights,
-                grid_relax, grid_x, grid_b, grid_r, grid, meeting, nodes, levels, sweeps, member, members, dim,
-            )  # fmt: skip
-            if bubbles > 0:
-                if member == 0:
-                    lift(b, x, row_offsets, columns, values, offsets, inside, energy, bubbles)
-                meet(meeting, members)
-            for i in range(mine, end):
-                correction_row(row_offsets, columns, up, basis, x, directions, begin, i, dim)
-            if ti.static(whole):
-                meet(meeting, members)
+            if not again:
+                mine, end = share(member, members, nodes)
                 for i in range(mine, end):
-                    row_product(row_offsets, columns, uu, up, pu, pp, directions, begin, w, i, dim)
+                    b[i] = schur_row(row_offsets, columns, pu, scale, basis, begin, i, dim)
+                    x[i] = relax[i] * b[i]
                 meet(meeting, members)
+                _cycle(
+                    b, x, residual, relax, row_offsets, columns, values, cell, fraction, order, start, stencil,
+                    weights, grid_relax, grid_x, grid_b, grid_r, grid, meeting, nodes, levels, sweeps, member, members,
+                    dim,
+                )  # fmt: skip
+                if bubbles > 0:
+                    if member == 0:
+                        lift(b, x, row_offsets, columns, values, offsets, inside, energy, bubbles)
+                    meet(meeting, members)
+                for i in range(mine, end):
+                    correction_row(row_offsets, columns, up, basis, x, directions, begin, i, dim)
+                if ti.static(whole):
+                    meet(meeting, members)
+                    for i in range(mine, end):
+                        row_product(row_offsets, columns, uu, up, pu, pp, directions, begin, w, i, dim)
+                    meet(meeting, members)
+            if ti.static(whole):
                 first, last = share(member, members, parts)
                 for part in range(first, last):
                     low, high = share(part, parts, size)

@@ -11,9 +11,10 @@ from tipfem import krylov_kernels
 from tipfem.device import Buffers, alone, chunks, spread
 
 Operator = Callable[[Any, Any], None]
-# (k, basis, directions, w, partial, out, cancelled): z_k = M v_k, w = A z_k, and what `krylov_kernels.orthogonalise`
-# makes of w, itself becoming v_{k+1}. v_k and z_k are what stands in basis and directions at k times the size.
-Iteration = Callable[[int, Any, Any, Any, Any, Any, float], None]
+# (k, basis, directions, w, partial, out, cancelled, again): z_k = M v_k, w = A z_k, and what
+# `krylov_kernels.orthogonalise` makes of w, itself becoming v_{k+1}; only the latter if ``again``. v_k and z_k are what
+# stands in basis and directions at k times the size.
+Iteration = Callable[[int, Any, Any, Any, Any, Any, float, bool], None]
 
 # Nanoseconds that a thread takes for an entry of a vector: of one vector, and of one to be made orthogonal to a few.
 ENTRY, ENTRY_OF_MANY = 2.0, 10.0
@@ -128,12 +129,18 @@ class _Basis:
         size, single = self.size, alone(self.size, ENTRY)
         launch, (v, z) = self._buffers.launch, (self._buffers.get(f"krylov.{name}", size) for name in "vz")
 
-        def iteration(k: int, basis: Any, directions: Any, w: Any, partial: Any, out: Any, cancelled: float) -> None:
-            launch(krylov_kernels.move, basis, k * size, v, 0, size, single)
-            preconditioner(v, z)
-            operator(z, w)
-            launch(krylov_kernels.move, z, 0, directions, k * size, size, single)
-            self._orthogonalise(k, basis, directions, w, partial, out, cancelled)
+        def iteration(
+            k: int, basis: Any, directions: Any, w: Any, partial: Any, out: Any, cancelled: float, again: bool
+        ) -> None:
+            if not again:
+                launch(krylov_kernels.move, basis, k * size, v, 0, size, single)
+                preconditioner(v, z)
+                operator(z, w)
+                launch(krylov_kernels.move, z, 0, directions, k * size, size, single)
+            many = alone(size, ENTRY_OF_MANY)
+            launch(
+                krylov_kernels.orthogonalise, basis, w, partial, out, k, size, chunks(), spread(many), many, cancelled
+            )
 
         return iteration
 
@@ -149,9 +156,9 @@ class _Basis:
         w, partial = self._buffers.get("krylov.w", self.size), self._buffers.get("krylov.dots", chunks() * (k + 2))
         # Below it, what cancellation leaves is neither orthogonal enough nor of a length known well: once more.
         least = max(CANCELLED, ((self._loss + EPSILON) / self._loss_allowed) ** 2)
-        for do in (iteration, self._orthogonalise):
+        for again in (False, True):
             out = np.zeros(k + 3)
-            do(k, self.orthonormal, self.directions, w, partial, out, least)
+            iteration(k, self.orthonormal, self.directions, w, partial, out, least, again)
             *components, before, after = out.tolist()
             for j, component in enumerate(components):
                 column[j] += component
@@ -163,15 +170,6 @@ class _Basis:
         self._loss = min(max(self._loss, grown), self._loss_allowed)
         column[k + 1] = math.sqrt(max(after, 0.0))
         return column
-
-    def _orthogonalise(
-        self, k: int, basis: Any, _directions: Any, w: Any, partial: Any, out: Any, cancelled: float
-    ) -> None:
-        single = alone(self.size, ENTRY_OF_MANY)
-        self._buffers.launch(
-            krylov_kernels.orthogonalise, basis, w, partial, out, k, self.size, chunks(), spread(single), single,
-            cancelled,
-        )  # fmt: skip
 
 
 # Part of a vector's squared length that must be left when it has been made orthogonal to others.

@@ -91,15 +91,7 @@ def subtract(basis: ti.template(), w: ti.template(), partial: ti.template(), k, 
         rest = ti.Vector.zero(float, LANES)
         for i in range(width):
             rest[i] = w[start + i]
-        # Four at a time, so that every round reads and writes once.
-        for quarter in range((k + 1) // 4):
-            j = 4 * quarter
-            row = j * n + start
-            d0, d1, d2, d3 = partial[j], partial[j + 1], partial[j + 2], partial[j + 3]
-            for i in range(width):
-                near = d0 * basis[row + i] + d1 * basis[row + n + i]
-                rest[i] = rest[i] - near - (d2 * basis[row + 2 * n + i] + d3 * basis[row + 3 * n + i])
-        for j in range((k + 1) // 4 * 4, k + 1):
+        for j in range(k + 1):
             row = j * n + start
             d = partial[j]
             for i in range(width):

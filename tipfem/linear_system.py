@@ -148,7 +148,7 @@ class LinearSystem:
         are A^-1 r_u already.
         """
         if self.multigrid.together:
-            self._iterate(0, r, z, z, self._schur_b, self._schur_b, 0.0, whole=False)
+            self._iterate(0, r, z, z, self._schur_b, self._schur_b, 0.0, False, whole=False)
             return
         _uu, up, pu, _pp = self._blocks
         self._launch(
@@ -168,13 +168,15 @@ class LinearSystem:
         return self._iterate if self.multigrid.together else None
 
     def _iterate(
-        self, k: int, basis: Any, directions: Any, w: Any, partial: Any, out: Any, cancelled: float, whole: bool = True
-    ) -> None:
+        self, k: int, basis: Any, directions: Any, w: Any, partial: Any, out: Any, cancelled: float, again: bool,
+        whole: bool = True,
+    ) -> None:  # fmt: skip
         grid, bubbles = self.multigrid, self._bubbles
         arguments = (
             self._row_offsets, self._columns, *self._blocks, self._scale, self._schur_b, self._schur_x,
             *grid.mesh_arrays, self._laplacian, *grid.grids, *bubbles.arrays, basis, directions, w, partial, out,
-            grid.meeting, k, self._nodes, grid.levels, COARSEST_SWEEPS, bubbles.count, chunks(), cancelled, whole,
+            grid.meeting, k, self._nodes, grid.levels, COARSEST_SWEEPS, bubbles.count, chunks(), cancelled,
+            again, whole,
         )  # fmt: skip
         single = alone(self._nodes, ITERATION)
         team.launch(self._launch, iteration_kernels.iterate, arguments, single, self._dimension)

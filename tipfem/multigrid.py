@@ -17,11 +17,11 @@ from tipfem.background_grid import (
     SIZE,
     STENCIL,
     coarsen_axis,
-    coarsen_rest,
+    coarsen_together,
 )
 from tipfem.connectivity import accumulate, one_thread_counts
 from tipfem.cycle_kernels import coarsest_grid, down_grid, up_grid
-from tipfem.device import Buffers, alone, chunks, settings, spread, team, together
+from tipfem.device import Buffers, alone, chunks, spread, team, together
 from tipfem.grid_assembly import assemble_first, count_links, find_cells, lay_links, sort_into_cells
 from tipfem.iteration_kernels import cycle_together
 from tipfem.mesh_cycle_kernels import damped_inverse_diagonals, down_mesh, up_mesh
@@ -71,8 +71,6 @@ class BackgroundMultigrid:
         self._x, self._b, self._r, self._grid_relax, self._weights = (
             buffers.upload(f"mg.{name}", np.zeros(total)) for name in ("x", "b", "r", "grid_relax", "weights")
         )
-        # Of all a step does, forming products takes a hundredth; a kernel for many threads takes a second to start.
-        self._products_from = 0 if settings().get("arch") == "cpu" else self.levels - 1
         self._nodes, self._alone, self.together = 0, False, together()
         self.meeting = buffers.upload("mg.meeting", np.zeros(MEETING, dtype=np.int32))
 
@@ -120,11 +118,12 @@ class BackgroundMultigrid:
             self._grid, nodes, chunks(), spread(single), dim, single,
         )  # fmt: skip
         operators = (self._stencil, self._weights, self._grid)
-        for level, fine, axis in self._passes:
-            if level < self._products_from:
-                single = alone(int(self.grid[fine, SIZE]), ENTRIES)
-                launch(coarsen_axis, *operators, fine, chunks(), spread(single), axis, dim, single)
-        launch(coarsen_rest, *operators, self._products_from, self.levels, dim)
+        if self.together:
+            single = alone(int(self.grid[0, SIZE]), ENTRIES)
+            team.launch(launch, coarsen_together, (*operators, self.meeting, self.levels), single, dim)
+        else:
+            for fine, axis in self._passes:
+                launch(coarsen_axis, *operators, fine, axis, chunks(), spread(), dim)
         self._relax = get("mg.relax", nodes)
         launch(
             damped_inverse_diagonals, *self._matrix, self._relax, self._stencil, self._grid_relax, self._grid, nodes,
@@ -172,11 +171,11 @@ class BackgroundMultigrid:
         )  # fmt: skip
 
 
-def _layout(shapes: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int, int]]]:
+def _layout(shapes: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int]]]:
     """Where levels of ``shapes`` (L, d) lie, see `tipfem.background_grid`, and the passes that coarsen them.
 
     Behind the levels come those that stand between two of them, coarser along some axes only; they have stencils
-    alone. A pass is (level, grid, axis): from a level's grid, coarsened so far, to the next along an axis.
+    alone. A pass is (grid, axis): from a grid to the one that is coarser along an axis.
     """
     levels, dim = shapes.shape
     every, passes, after = [list(map(int, shape)) for shape in shapes], [], []
@@ -187,7 +186,7 @@ def _layout(shapes: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int, int]]]
             coarse = level + 1 if axis == 0 else len(every)
             if axis:
                 every.append(list(shape))
-            passes.append((level, fine, axis))
+            passes.append((fine, axis))
             after.append(coarse)
             fine = coarse
     grid = np.zeros((len(every), 9), dtype=np.int32)
@@ -203,6 +202,6 @@ def _layout(shapes: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int, int]]]
         row[:] = [start, size, *[1] * (3 - dim), *shape, *[0] * (3 - dim), *strides, stencil, 0]
         start += size
         stencil += size * PLACES**dim
-    for (_, fine, _), coarse in zip(passes, after, strict=True):
+    for (fine, _), coarse in zip(passes, after, strict=True):
         grid[fine, NEXT] = coarse
     return grid, passes
