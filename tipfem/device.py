@@ -33,6 +33,8 @@ try:
 finally:
     inspect.getframeinfo = _getframeinfo
 
+from taichi.lang import impl  # noqa: E402
+
 from tipfem.launcher import Launcher, on_host, seen  # noqa: E402
 
 _ARCHES = {"cpu": ti.cpu, "cuda": ti.cuda}
@@ -46,7 +48,7 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
     Args:
         arch: "cpu" or "cuda".
         precision: "f64" (the default) or "f32", of all reals in the kernels.
-        threads: number of CPU threads; all cores by default.
+        threads: number of CPU threads; by default as many as there are cores that the process may use.
 
     Raises:
         ValueError: an argument is not one of those.
@@ -64,8 +66,8 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
             raise RuntimeError(f"init: Taichi already runs with {_running}; one process has one runtime, not {wanted}")
         return
     options: dict[str, Any] = {"default_fp": _PRECISIONS[precision], "log_level": ti.ERROR}
-    if threads is not None:
-        options["cpu_max_num_threads"] = threads
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    options["cpu_max_num_threads"] = threads or cores or 1
     # "Starting on arch" is a bare print of Taichi's, and a missing GPU must be an error, not a CPU run.
     before = _own_threads()
     try:
@@ -74,8 +76,9 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
     except Exception as error:
         raise RuntimeError(f"init: Taichi cannot start on {arch!r}: {error}") from error
     _running.update(wanted)
+    team.threads = int(impl.current_cfg().cpu_max_num_threads)  # which the environment may change
     if arch == "cpu":
-        _give_each_a_core([thread for thread in _own_threads() if thread not in before], threads)
+        _give_each_a_core([thread for thread in _own_threads() if thread not in before], team.threads)
 
 
 def _own_threads() -> list[int]:
@@ -86,14 +89,14 @@ def _own_threads() -> list[int]:
         return []
 
 
-def _give_each_a_core(started: list[int], threads: int | None) -> None:
+def _give_each_a_core(started: list[int], threads: int) -> None:
     """Bind Taichi's workers, the last of the threads it ``started``, to a core each, if they are to use all cores.
 
     Their turns are short and so are the pauses between them. Schedulers then like to keep them on one core, and two
     threads are no faster than one.
     """
     cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_setaffinity") else []
-    if len(cores) > 1 and len(cores) == (threads or os.cpu_count()) and len(started) >= len(cores):
+    if len(cores) > 1 and len(cores) == threads and len(started) >= len(cores):
         for thread, core in zip(started[-len(cores) :], cores, strict=True):
             os.sched_setaffinity(thread, {core})
 
@@ -137,7 +140,7 @@ def alone(turns: int, cost: float) -> bool:
 
     To wake the others takes 10 to 50 us a loop. It is an argument ``alone`` of kernels; results are the same.
     """
-    return _running.get("arch") == "cpu" and (_running["threads"] == 1 or turns * cost < WORTH_WAKING)
+    return _running.get("arch") == "cpu" and (team.threads == 1 or turns * cost < WORTH_WAKING)
 
 
 WORTH_WAKING = 1.2e5  # [ns]
@@ -153,18 +156,22 @@ class Team:
 
     Who waits there for a thread that is not running waits for milliseconds. So a team whose threads have run for less
     than `RUNNING` of the time is one thread for a while. Results do not depend on it.
+
+    Attributes:
+        threads: that Taichi has; a team of more would wait for ever.
     """
 
     RUNNING = 0.65
     LOOK, REST = 0.01, 0.5  # seconds: of work between two looks, and how long to go on with one thread
 
     def __init__(self) -> None:
+        self.threads = 1
         self._worked = self._ran = self._rest_until = 0.0
 
     def launch(self, launcher: Launcher, kernel: Any, arguments: tuple[Any, ...], alone: bool, dim: int) -> None:
         """Start ``kernel`` with ``arguments``, then members, spread, whether one thread does it, and ``dim``."""
         begin = time.perf_counter()
-        members = min(_running.get("threads") or os.cpu_count() or 1, chunks())
+        members = min(self.threads, chunks())
         if alone or begin < self._rest_until:
             members = 1
         ran = time.process_time()
