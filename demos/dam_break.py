@@ -33,7 +33,7 @@ import experiments
 
 # Resolution: 5 mm is the coarser of the paper's two.
 SPACING = 0.005  # [m]
-TIME_STEP = 1.5e-3  # [s]
+TIME_STEP = 1.2e-3  # [s]
 LARGEST_MOVE = 0.8  # of a particle in a step, in spacings; more than 0.5 where no element is crushed
 END_TIME = 0.4  # [s]
 FRAMES_PER_SECOND = 250.0  # of simulated time; at 25 pictures a second the movie is ten times slower
