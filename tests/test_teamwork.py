@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from tipfem import device
-from tipfem.device import Buffers, Team, init, spread, team
-from tipfem.teamwork import MEETING, meet, share
+from tipfem import device, teamwork
+from tipfem.device import Buffers, init, spread, threads
+from tipfem.teamwork import MEETING, Team, meet, share
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -47,7 +47,7 @@ def test_nobody_runs_ahead():
     expected = start.copy()
     for _ in range(rounds):
         expected = (expected + np.roll(expected, -(n // 2))) % 1000003
-    for many in {1, min(team.threads, 16)}:
+    for many in {1, min(threads(), 16)}:
         values = buffers.upload("values", np.concatenate([start, start]))
         meeting = buffers.upload("meeting", np.zeros(MEETING, dtype=np.int32))
         for k in (rounds - 1, 1):  # a team meets again where it has met before
@@ -67,10 +67,10 @@ def test_shares_cover_all_once(n, team):
 def test_a_team_is_one_thread_while_others_want_the_processor(monkeypatch):
     """Kernels of 4 ms on a clock of our own, whose threads run for a part of the time."""
     now, ran, part, sizes = [100.0], [0.0], [1.0], []
-    monkeypatch.setattr(device.time, "perf_counter", lambda: now[0])
-    monkeypatch.setattr(device.time, "process_time", lambda: ran[0])
+    monkeypatch.setattr(teamwork.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(teamwork.time, "process_time", lambda: ran[0])
+    monkeypatch.setattr(teamwork, "threads", lambda: 2)
     crew = Team()
-    crew.threads = 2
 
     def launch(_kernel, number, members, spread, alone, dim):
         assert (number, dim, spread) == (7, 2, device.spread(alone))
@@ -97,12 +97,12 @@ def test_a_team_is_one_thread_while_others_want_the_processor(monkeypatch):
 def test_a_team_has_no_more_members_than_taichi_has_threads(monkeypatch):
     """Whatever the environment says: a team of more would wait for ever."""
     code = (
-        "import tipfem as tp; from tipfem.device import team; tp.init(threads={}); "
-        "from taichi.lang import impl; print(team.threads, impl.current_cfg().cpu_max_num_threads)"
+        "import tipfem as tp; from tipfem.device import threads; tp.init(threads={}); "
+        "from taichi.lang import impl; print(threads(), impl.current_cfg().cpu_max_num_threads)"
     )
     monkeypatch.setenv("TI_CPU_MAX_NUM_THREADS", "1")
-    for threads in (None, 3):
-        out = subprocess.run([sys.executable, "-c", code.format(threads)], capture_output=True, text=True, check=True)
+    for wanted in (None, 3):
+        out = subprocess.run([sys.executable, "-c", code.format(wanted)], capture_output=True, text=True, check=True)
         assert len(set(out.stdout.split()[-2:])) == 1
     monkeypatch.delenv("TI_CPU_MAX_NUM_THREADS")
     out = subprocess.run([sys.executable, "-c", code.format(3)], capture_output=True, text=True, check=True)

@@ -9,7 +9,6 @@ import contextlib
 import inspect
 import os
 import tempfile
-import time
 from typing import Any
 
 import numpy as np
@@ -40,6 +39,7 @@ from tipfem.launcher import Launcher, on_host, seen  # noqa: E402
 _ARCHES = {"cpu": ti.cpu, "cuda": ti.cuda}
 _PRECISIONS = {"f64": ti.f64, "f32": ti.f32}
 _running: dict[str, Any] = {}
+_threads = [1]
 
 
 def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) -> None:
@@ -76,9 +76,9 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
     except Exception as error:
         raise RuntimeError(f"init: Taichi cannot start on {arch!r}: {error}") from error
     _running.update(wanted)
-    team.threads = int(impl.current_cfg().cpu_max_num_threads)  # which the environment may change
+    _threads[0] = int(impl.current_cfg().cpu_max_num_threads)  # which the environment may change
     if arch == "cpu":
-        _give_each_a_core([thread for thread in _own_threads() if thread not in before], team.threads)
+        _give_each_a_core([thread for thread in _own_threads() if thread not in before], _threads[0])
 
 
 def _own_threads() -> list[int]:
@@ -140,7 +140,7 @@ def alone(turns: int, cost: float) -> bool:
 
     To wake the others takes 10 to 50 us a loop. It is an argument ``alone`` of kernels; results are the same.
     """
-    return _running.get("arch") == "cpu" and (team.threads == 1 or turns * cost < WORTH_WAKING)
+    return _running.get("arch") == "cpu" and (_threads[0] == 1 or turns * cost < WORTH_WAKING)
 
 
 WORTH_WAKING = 1.2e5  # [ns]
@@ -151,42 +151,9 @@ def together() -> bool:
     return _running.get("arch") == "cpu"
 
 
-class Team:
-    """How many threads share a kernel in which they meet: all, unless others want the processor too.
-
-    Who waits there for a thread that is not running waits for milliseconds. So a team whose threads have run for less
-    than `RUNNING` of the time is one thread for a while. Results do not depend on it.
-
-    Attributes:
-        threads: that Taichi has; a team of more would wait for ever.
-    """
-
-    RUNNING = 0.65
-    LOOK, REST = 0.01, 0.5  # seconds: of work between two looks, and how long to go on with one thread
-
-    def __init__(self) -> None:
-        self.threads = 1
-        self._worked = self._ran = self._rest_until = 0.0
-
-    def launch(self, launcher: Launcher, kernel: Any, arguments: tuple[Any, ...], alone: bool, dim: int) -> None:
-        """Start ``kernel`` with ``arguments``, then members, spread, whether one thread does it, and ``dim``."""
-        begin = time.perf_counter()
-        members = min(self.threads, chunks())
-        if alone or begin < self._rest_until:
-            members = 1
-        ran = time.process_time()
-        launcher(kernel, *arguments, members, spread(alone), alone, dim)
-        if members > 1:
-            end = time.perf_counter()
-            self._worked += members * (end - begin)
-            self._ran += time.process_time() - ran
-            if self._worked > members * self.LOOK:
-                if self._ran < self.RUNNING * self._worked:
-                    self._rest_until = end + self.REST
-                self._worked = self._ran = 0.0
-
-
-team = Team()
+def threads() -> int:
+    """How many threads Taichi has on the processor."""
+    return _threads[0]
 
 
 @ti.func

@@ -9,11 +9,12 @@ from scipy import sparse
 
 from tipfem import block_kernels, connectivity, iteration_kernels, jacobian_rows
 from tipfem.bubbles import Bubbles
-from tipfem.device import Buffers, alone, chunks, download, team
+from tipfem.device import Buffers, alone, chunks, download
 from tipfem.krylov import Iteration
 from tipfem.mesh import Mesh
 from tipfem.multigrid import COARSEST_SWEEPS, BackgroundMultigrid
 from tipfem.particles import Array
+from tipfem.teamwork import team
 from tipfem.time_integration import GeneralizedAlpha
 
 # Spacing of the finest background grid in particle spacings. Finer ones need as many iterations, from 1.2 on more:

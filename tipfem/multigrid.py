@@ -21,11 +21,11 @@ from tipfem.background_grid import (
 )
 from tipfem.connectivity import accumulate, one_thread_counts
 from tipfem.cycle_kernels import coarsest_grid, down_grid, up_grid
-from tipfem.device import Buffers, alone, chunks, spread, team, together
+from tipfem.device import Buffers, alone, chunks, spread, together
 from tipfem.grid_assembly import assemble_first, count_links, find_cells, lay_links, sort_into_cells
 from tipfem.iteration_kernels import cycle_together
 from tipfem.mesh_cycle_kernels import damped_inverse_diagonals, down_mesh, up_mesh
-from tipfem.teamwork import MEETING
+from tipfem.teamwork import MEETING, team
 
 COARSEST_SWEEPS = 20
 ENTRIES = 40.0  # nanoseconds that a thread takes for a grid node in the product along an axis
