@@ -24,9 +24,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tipfem.demos import harness
 
 import tipfem as tp
-from tipfem import cli, probes
+from tipfem.mesh import probes
 
 sys.path.insert(0, str(Path(__file__).parent))
 import experiments
@@ -94,7 +95,7 @@ def simulate(arguments: argparse.Namespace) -> tp.Simulation:
         output_interval=1.0 / arguments.frames_per_second,
         columns={"front": front, "column_height": column_height},
     )
-    cli.run_demo(simulation, arguments.end_time)
+    harness.run_demo(simulation, arguments.end_time)
     return simulation
 
 
@@ -158,7 +159,7 @@ def check(figures: Mapping[str, Any], spacing: float) -> list[str]:
         limits["volume_error"] = 0.05
     if fine:
         limits["height_rms"] = LARGEST_HEIGHT_ERROR
-    missed = cli.above(figures, limits)
+    missed = harness.above(figures, limits)
     if fine and abs(figures.get("front_slope", SLOPE) / SLOPE - 1) > LARGEST_SLOPE_ERROR:
         missed.append(f"front_slope is {figures['front_slope']:.3f}, more than 10 % off {SLOPE}")
     return missed
@@ -214,36 +215,54 @@ def compare(folders: Sequence[Path], out: Path) -> None:
 
 def main(words: Sequence[str] | None = None) -> None:
     """Run the demo with the given command line, or the process's."""
-    arguments = cli.demo_arguments(
-        __doc__.split("\n\n")[0], spacing=SPACING, end_time=END_TIME, time_step=TIME_STEP, out="out/dam_break",
-        frames_per_second=FRAMES_PER_SECOND, further=_own_options, arguments=words,
-    )  # fmt: skip
-    with cli.one_message():
+    arguments = harness.demo_arguments(
+        __doc__.split("\n\n")[0],
+        spacing=SPACING,
+        end_time=END_TIME,
+        time_step=TIME_STEP,
+        out="out/dam_break",
+        frames_per_second=FRAMES_PER_SECOND,
+        further=_own_options,
+        arguments=words,
+    )
+    with harness.one_message():
         if arguments.compare:
             compare(arguments.compare, arguments.out)
             return
         simulation = simulate(arguments)
     figures = validate(simulation.history)
     label = name_of(arguments.spacing, arguments.air_spacing is not None)
-    cli.finish_demo(
-        simulation, arguments, figures, check(figures, arguments.spacing),
+    harness.finish_demo(
+        simulation,
+        arguments,
+        figures,
+        check(figures, arguments.spacing),
         plot=lambda: experiments.plot_front(
-            arguments.out / "front.png", {label: fronts_of(simulation.history)}, COLUMN[0], GRAVITY,
+            arguments.out / "front.png",
+            {label: fronts_of(simulation.history)},
+            COLUMN[0],
+            GRAVITY,
             shift=figures.get("front_shift", 0.0),
         ),
         strip=[time for time in SHOWN if time <= arguments.end_time],
-    )  # fmt: skip
+    )
 
 
 def _own_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--air-spacing", type=cli.positive, metavar="H",
+        "--air-spacing",
+        type=harness.positive,
+        metavar="H",
         help="distance between particles in the air, far from the water [m]; by default that of all others",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--compare", type=Path, nargs="+", default=[], metavar="RUN",
+        "--compare",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="RUN",
         help="run nothing; draw the fronts of these folders of finished runs in one figure, fronts.png",
-    )  # fmt: skip
+    )
 
 
 if __name__ == "__main__":

@@ -17,9 +17,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tipfem.demos import harness
 
 import tipfem as tp
-from tipfem import cli, probes
+from tipfem.mesh import probes
 
 sys.path.insert(0, str(Path(__file__).parent))
 import dam_break
@@ -83,7 +84,7 @@ def simulate(arguments: argparse.Namespace) -> tp.Simulation:
         output_interval=1.0 / arguments.frames_per_second,
         columns={"front": front, "column_height": column_height, "spray": spray},
     )
-    cli.run_demo(simulation, arguments.end_time)
+    harness.run_demo(simulation, arguments.end_time)
     return simulation
 
 
@@ -115,7 +116,7 @@ def check(figures: Mapping[str, Any], spacing: float) -> list[str]:
     limits = {"front_rms": LARGEST_RMS if fine else 0.06, "volume_error": LARGEST_VOLUME_ERROR}
     if fine:
         limits["height_rms"] = LARGEST_HEIGHT_ERROR
-    missed = cli.above(figures, limits)
+    missed = harness.above(figures, limits)
     slope = figures.get("front_slope", dam_break.SLOPE)
     if fine and abs(slope / dam_break.SLOPE - 1) > LARGEST_SLOPE_ERROR:
         missed.append(f"front_slope is {slope:.3f}, more than 10 % off {dam_break.SLOPE}")
@@ -124,7 +125,7 @@ def check(figures: Mapping[str, Any], spacing: float) -> list[str]:
 
 def main(words: Sequence[str] | None = None) -> None:
     """Run the demo with the given command line, or the process's."""
-    arguments = cli.demo_arguments(
+    arguments = harness.demo_arguments(
         __doc__.split("\n\n")[0],
         spacing=SPACING,
         end_time=END_TIME,
@@ -134,17 +135,23 @@ def main(words: Sequence[str] | None = None) -> None:
         interface=None,
         arguments=words,
     )
-    with cli.one_message():
+    with harness.one_message():
         simulation = simulate(arguments)
     figures = validate(simulation.history)
     front = dam_break.fronts_of(simulation.history)
-    cli.finish_demo(
-        simulation, arguments, figures, check(figures, arguments.spacing),
+    harness.finish_demo(
+        simulation,
+        arguments,
+        figures,
+        check(figures, arguments.spacing),
         plot=lambda: experiments.plot_front(
-            arguments.out / "front.png", {f"tipfem, free surface, {arguments.spacing * 1e3:g} mm": front}, COLUMN[0],
-            GRAVITY, shift=figures.get("front_shift", 0.0),
+            arguments.out / "front.png",
+            {f"tipfem, free surface, {arguments.spacing * 1e3:g} mm": front},
+            COLUMN[0],
+            GRAVITY,
+            shift=figures.get("front_shift", 0.0),
         ),
-    )  # fmt: skip
+    )
 
 
 if __name__ == "__main__":

@@ -21,10 +21,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tipfem.demos import harness
 
 import tipfem as tp
-from tipfem import cli
-from tipfem.case import INTERFACES
+from tipfem.mesh.interface import INTERFACES
 
 sys.path.insert(0, str(Path(__file__).parent))
 import dam_break
@@ -38,15 +38,21 @@ LARGEST_MOMENTUM_RESIDUAL = 5e-4  # of gravity's impulse, at the default toleran
 
 
 def measure(
-    spacing: float = SPACING, *, rho_inf: float = 0.0, interface: str = "interpolated", end_time: float = END_TIME,
-    time_step: float = TIME_STEP, out: str | Path | None = None, **numerics: Any,
+    spacing: float = SPACING,
+    *,
+    rho_inf: float = 0.0,
+    interface: str = "interpolated",
+    end_time: float = END_TIME,
+    time_step: float = TIME_STEP,
+    out: str | Path | None = None,
+    **numerics: Any,
 ) -> tuple[dict[str, float], list[dict[str, float]]]:
     """Run the dam break and add up its budget.
 
     Args:
         spacing: distance between particles [m].
         rho_inf: of the time integration, 0 to 1.
-        interface: rule for elements between two fluids; one of `tipfem.case.INTERFACES`.
+        interface: rule for elements between two fluids; one of `tipfem.case.case.INTERFACES`.
         end_time: end of the run [s].
         time_step: largest time step [s].
         out: folder for the history, or None.
@@ -81,6 +87,7 @@ def figures(history: Sequence[Mapping[str, float]], start: float) -> dict[str, f
         the step; what remeshing added to momentum, as its sum and as the sum of its absolute values [N s]; the
         largest volume of water that the solve and that remeshing moved in a step, over that of all water.
     """
+
     def column(name: str) -> np.ndarray:
         return np.array([row[name] for row in history])
 
@@ -211,13 +218,17 @@ def main(words: Sequence[str] | None = None) -> None:
     add("--out", type=Path, default=Path("out/energy_budget"), metavar="FOLDER", help="folder for the results")
     given = parser.parse_args(words)
     results, runs = [], {}
-    with cli.one_message():
+    with harness.one_message():
         tp.init(arch=given.arch)
         for rho_inf in given.rho_inf:
             result, runs[f"rho_inf = {rho_inf:g}"] = measure(
-                given.spacing, rho_inf=rho_inf, interface=given.interface, end_time=given.end_time,
-                time_step=given.time_step, out=given.out / f"rho_inf_{rho_inf:g}",
-            )  # fmt: skip
+                given.spacing,
+                rho_inf=rho_inf,
+                interface=given.interface,
+                end_time=given.end_time,
+                time_step=given.time_step,
+                out=given.out / f"rho_inf_{rho_inf:g}",
+            )
             results.append(result)
     (given.out / "table.md").write_text(table(results), encoding="utf-8")
     missed = [f"rho_inf {r['rho_inf']:g}: {text}" for r in results for text in check(r)]
@@ -225,7 +236,7 @@ def main(words: Sequence[str] | None = None) -> None:
     (given.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     plot(given.out / "energy.png", runs)
     print(table(results))
-    cli.conclude(given.out, missed)
+    harness.conclude(given.out, missed)
 
 
 if __name__ == "__main__":

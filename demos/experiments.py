@@ -213,7 +213,12 @@ def compare_front(
 
 
 def compare_height(
-    time: ArrayLike, height: ArrayLike, initial_height: float, width: float, gravity: float = GRAVITY, *,
+    time: ArrayLike,
+    height: ArrayLike,
+    initial_height: float,
+    width: float,
+    gravity: float = GRAVITY,
+    *,
     shift: float = 0.0,
 ) -> HeightComparison:
     """Compare the height of the water at the back wall with table 6 of Martin & Moyce, up to tau = 3.0.
@@ -251,8 +256,13 @@ def compare_height(
 
 
 def plot_front(
-    path: str | Path, runs: Mapping[str, tuple[ArrayLike, ArrayLike]], width: float, gravity: float = GRAVITY,
-    *, shift: float = 0.0, title: str = "Dam break: the front of the water",
+    path: str | Path,
+    runs: Mapping[str, tuple[ArrayLike, ArrayLike]],
+    width: float,
+    gravity: float = GRAVITY,
+    *,
+    shift: float = 0.0,
+    title: str = "Dam break: the front of the water",
 ) -> Path:
     """Draw the front Z against T of one or more runs among the reference points; return the picture's path.
 

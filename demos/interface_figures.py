@@ -79,11 +79,18 @@ def states(path: Path, shown: Mapping[str, Sequence[State]], size: Sequence[floa
         for axes, state in zip(grid[:, column], several, strict=True):
             x, y = state.position.T
             if state.cell_fluid is None:  # through the middle of the edges: where interpolated labels are one half
-                axes.tricontourf(x, y, state.cells, state.fluid.astype(float), levels=[-1, 0.5, 2],
-                                 colors=FILL.colors)  # fmt: skip
+                axes.tricontourf(x, y, state.cells, state.fluid.astype(float), levels=[-1, 0.5, 2], colors=FILL.colors)
             else:
-                axes.tripcolor(x, y, state.cells, facecolors=state.cell_fluid.astype(float), cmap=FILL, vmin=0,
-                               vmax=1, antialiased=False)  # fmt: skip
+                axes.tripcolor(
+                    x,
+                    y,
+                    state.cells,
+                    facecolors=state.cell_fluid.astype(float),
+                    cmap=FILL,
+                    vmin=0,
+                    vmax=1,
+                    antialiased=False,
+                )
             axes.set_aspect("equal")
             axes.set_xlim(0, size[0])
             axes.set_ylim(0, size[1])

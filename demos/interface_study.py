@@ -25,9 +25,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tipfem.demos import harness
 
 import tipfem as tp
-from tipfem import cli
 
 sys.path.insert(0, str(Path(__file__).parent))
 import dam_break
@@ -187,7 +187,7 @@ def check(figures: Figures, spacing: float, short: bool = False) -> list[str]:
     end = sharp.get("sloshing_end", 0.0)
     if end >= SHORT["sloshing"][1]:  # before, the wave is still at its height
         limits["sloshing_decay"] = LARGEST_DECAY if end >= FINE["sloshing"][1] else LARGEST_SHORT_DECAY
-    missed = cli.above(sharp, limits)
+    missed = harness.above(sharp, limits)
     flow = {name.removeprefix("dam_"): value for name, value in sharp.items() if name.startswith("dam_")}
     # A coarse front is known to its spacing only.
     missed += [] if short else dam_break.check(flow, spacing)
@@ -218,7 +218,7 @@ def main(words: Sequence[str] | None = None) -> None:
     for name in ("rest_cells", "spacing", "sloshing_end"):
         value = getattr(given, name)
         if value is not None and not (np.isfinite(value) and value > 0):
-            cli.stop(f"--{name.replace('_', '-')} is {value:g}; it must be > 0")
+            harness.stop(f"--{name.replace('_', '-')} is {value:g}; it must be > 0")
     sizes = dict(SHORT if given.short else FINE)
     if given.rest_cells is not None:
         sizes["rest"] = (given.rest_cells, sizes["rest"][1])
@@ -239,13 +239,13 @@ def main(words: Sequence[str] | None = None) -> None:
             seconds[name] = round(time.perf_counter() - began, 1)
             print(f"{name}: {seconds[name]:.0f} s", flush=True)
     except (ValueError, RuntimeError, OSError) as error:
-        cli.stop(str(error))
+        harness.stop(str(error))
     missed = check(figures, sizes["dam"][0], given.short)
     (given.out / "table.md").write_text(table(figures), encoding="utf-8")
     summary = {"short": given.short, "wall_seconds": seconds, "figures": figures, "check": missed or "passed"}
     (given.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     print(table(figures))
-    cli.conclude(given.out, missed)
+    harness.conclude(given.out, missed)
 
 
 if __name__ == "__main__":

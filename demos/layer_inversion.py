@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tipfem.demos import harness
 
 import tipfem as tp
-from tipfem import cli
 
 sys.path.insert(0, str(Path(__file__).parent))
 import profiles
@@ -130,12 +130,18 @@ def check(figures: Mapping[str, float], end_time: float) -> list[str]:
 
 def main(words: Sequence[str] | None = None) -> None:
     """Run the demo with the given command line, or the process's."""
-    arguments = cli.demo_arguments(
-        __doc__.split("\n\n")[0], spacing=SPACING, end_time=END_TIME, time_step=TIME_STEP, out="out/layer_inversion",
-        frames_per_second=FRAMES_PER_SECOND, interface=INTERFACE, arguments=words,
-    )  # fmt: skip
+    arguments = harness.demo_arguments(
+        __doc__.split("\n\n")[0],
+        spacing=SPACING,
+        end_time=END_TIME,
+        time_step=TIME_STEP,
+        out="out/layer_inversion",
+        frames_per_second=FRAMES_PER_SECOND,
+        interface=INTERFACE,
+        arguments=words,
+    )
     end = arguments.end_time
-    with cli.one_message():
+    with harness.one_message():
         tp.init(arch=arguments.arch)
         case = build(arguments.spacing, interface=arguments.interface)
         watch = profiles.PressureWatch(inverted(case), GRAVITY, since=max(0.9 * end, end - AVERAGED))
@@ -146,13 +152,16 @@ def main(words: Sequence[str] | None = None) -> None:
             output_interval=1.0 / arguments.frames_per_second,
             columns={"pressure_error": watch},
         )
-    cli.run_demo(simulation, end)
+    harness.run_demo(simulation, end)
     figures = validate(simulation, watch)
-    cli.finish_demo(
-        simulation, arguments, figures, check(figures, end),
+    harness.finish_demo(
+        simulation,
+        arguments,
+        figures,
+        check(figures, end),
         plot=lambda: profiles.plot_pressure(arguments.out / "pressure.png", simulation, watch),
         strip=[time for time in SHOWN if time <= end],
-    )  # fmt: skip
+    )
 
 
 if __name__ == "__main__":

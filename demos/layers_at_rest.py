@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tipfem.demos import harness
 
 import tipfem as tp
-from tipfem import cli
 
 sys.path.insert(0, str(Path(__file__).parent))
 import profiles
@@ -91,17 +91,23 @@ def check(figures: Mapping[str, float], interface: str) -> list[str]:
     }
     if interface == "sharp":
         limits["rest_speed"] = LARGEST_REST_SPEED
-    return cli.above(figures, limits)
+    return harness.above(figures, limits)
 
 
 def main(words: Sequence[str] | None = None) -> None:
     """Run the demo with the given command line, or the process's."""
-    arguments = cli.demo_arguments(
-        __doc__.split("\n\n")[0], spacing=SPACING, end_time=END_TIME, time_step=TIME_STEP, out="out/layers_at_rest",
-        frames_per_second=FRAMES_PER_SECOND, further=_own_options, arguments=words,
-    )  # fmt: skip
+    arguments = harness.demo_arguments(
+        __doc__.split("\n\n")[0],
+        spacing=SPACING,
+        end_time=END_TIME,
+        time_step=TIME_STEP,
+        out="out/layers_at_rest",
+        frames_per_second=FRAMES_PER_SECOND,
+        further=_own_options,
+        arguments=words,
+    )
     layers = arguments.layers
-    with cli.one_message():
+    with harness.one_message():
         tp.init(arch=arguments.arch)
         simulation = tp.Simulation(
             build(arguments.spacing, layers, interface=arguments.interface),
@@ -112,15 +118,20 @@ def main(words: Sequence[str] | None = None) -> None:
         )
         first = tp.Simulation(simulation.case, time_step=arguments.time_step)
         first.step()
-    cli.run_demo(simulation, arguments.end_time)
+    harness.run_demo(simulation, arguments.end_time)
     figures = validate(simulation.history, layers)
-    cli.finish_demo(
-        simulation, arguments, figures, check(figures, arguments.interface),
+    harness.finish_demo(
+        simulation,
+        arguments,
+        figures,
+        check(figures, arguments.interface),
         plot=lambda: profiles.plot_layers(
-            arguments.out / "layers.png", {"after the first step": first, f"t = {simulation.time:g} s": simulation},
-            fluids_of(layers), GRAVITY,
+            arguments.out / "layers.png",
+            {"after the first step": first, f"t = {simulation.time:g} s": simulation},
+            fluids_of(layers),
+            GRAVITY,
         ),
-    )  # fmt: skip
+    )
 
 
 def _own_options(parser: argparse.ArgumentParser) -> None:

@@ -19,9 +19,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tipfem.demos import harness
 
 import tipfem as tp
-from tipfem import cli, probes
+from tipfem.mesh import probes
 
 sys.path.insert(0, str(Path(__file__).parent))
 import experiments
@@ -85,10 +86,12 @@ def simulate(arguments: argparse.Namespace) -> tp.Simulation:
         time_step=arguments.time_step,
         output_interval=1.0 / arguments.frames_per_second,
         columns={
-            "front": front, "water_height": lambda s: mean_height(s, 0), "oil_height": lambda s: mean_height(s, 1)
+            "front": front,
+            "water_height": lambda s: mean_height(s, 0),
+            "oil_height": lambda s: mean_height(s, 1),
         },
-    )  # fmt: skip
-    cli.run_demo(simulation, arguments.end_time)
+    )
+    harness.run_demo(simulation, arguments.end_time)
     return simulation
 
 
@@ -132,10 +135,12 @@ def check(figures: Mapping[str, float], spacing: float) -> list[str]:
     """
     largest = LARGEST_VOLUME_ERROR if spacing <= 1.01 * SPACING else 0.04
     limits = {
-        "volume_error_water": largest, "volume_error_oil": largest,
-        "energy_gain": LARGEST_GAIN, "front_rms": LARGEST_RMS,
-    }  # fmt: skip
-    missed = cli.above(figures, limits)
+        "volume_error_water": largest,
+        "volume_error_oil": largest,
+        "energy_gain": LARGEST_GAIN,
+        "front_rms": LARGEST_RMS,
+    }
+    missed = harness.above(figures, limits)
     if not figures["oil_over_water"] > 0:
         missed.append(f"oil_over_water is {figures['oil_over_water']:.4f} m: the oil has sunk")
     return missed
@@ -143,7 +148,7 @@ def check(figures: Mapping[str, float], spacing: float) -> list[str]:
 
 def main(words: Sequence[str] | None = None) -> None:
     """Run the demo with the given command line, or the process's."""
-    arguments = cli.demo_arguments(
+    arguments = harness.demo_arguments(
         __doc__.split("\n\n")[0],
         spacing=SPACING,
         end_time=END_TIME,
@@ -153,19 +158,24 @@ def main(words: Sequence[str] | None = None) -> None:
         interface=None,
         arguments=words,
     )
-    with cli.one_message():
+    with harness.one_message():
         simulation = simulate(arguments)
     figures = validate(simulation.history)
     time, water, oil = (
         np.array([row[name] for row in simulation.history]) for name in ("time", "water_height", "oil_height")
     )
-    cli.finish_demo(
-        simulation, arguments, figures, check(figures, arguments.spacing),
+    harness.finish_demo(
+        simulation,
+        arguments,
+        figures,
+        check(figures, arguments.spacing),
         plot=lambda: line_figure.plot_lines(
-            arguments.out / "heights.png", {"water": (time, water), "oil": (time, oil)}, "t [s]",
+            arguments.out / "heights.png",
+            {"water": (time, water), "oil": (time, oil)},
+            "t [s]",
             "mean height over the floor [m]",
         ),
-    )  # fmt: skip
+    )
 
 
 if __name__ == "__main__":

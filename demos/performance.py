@@ -23,9 +23,9 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
+from tipfem.demos import harness
 
 import tipfem as tp
-from tipfem import cli
 
 sys.path.insert(0, str(Path(__file__).parent))
 import performance_cases as cases
@@ -65,8 +65,11 @@ def measure(arguments: argparse.Namespace) -> list[dict[str, Any]]:
         path = folder / f"state_{spacing * 1e3:g}mm.npz"
         if not path.exists():
             print(f"running the dam break at {spacing * 1e3:g} mm to t = {states.STATE_TIME:g} s", flush=True)
-            _python("-c", f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import pathlib, "
-                    f"performance_states as s; s.make_state(pathlib.Path({str(path)!r}), {spacing!r})")  # fmt: skip
+            _python(
+                "-c",
+                f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import pathlib, "
+                f"performance_states as s; s.make_state(pathlib.Path({str(path)!r}), {spacing!r})",
+            )
     jobs = [(size, arguments.threads, "cpu") for size in sizes]
     jobs.insert(len(jobs) // 2 + 1, (sizes[len(sizes) // 2], 1, "cpu"))
     if arguments.arch == "cuda":
@@ -74,10 +77,21 @@ def measure(arguments: argparse.Namespace) -> list[dict[str, Any]]:
     for (spacing, refine), threads, arch in jobs:
         result = folder / "worker.json"
         _python(
-            __file__, "--worker", str(folder / f"state_{spacing * 1e3:g}mm.npz"), "--refine", str(refine),
-            "--threads", str(threads), "--arch", arch, "--steps", str(arguments.steps), "--result", str(result),
+            __file__,
+            "--worker",
+            str(folder / f"state_{spacing * 1e3:g}mm.npz"),
+            "--refine",
+            str(refine),
+            "--threads",
+            str(threads),
+            "--arch",
+            arch,
+            "--steps",
+            str(arguments.steps),
+            "--result",
+            str(result),
             *(["--solvers"] if threads == arguments.threads and arch == "cpu" else []),
-        )  # fmt: skip
+        )
         found.append({"threads": threads, "arch": arch, **json.loads(result.read_text())})
         result.unlink()
         print(f"{found[-1]['nodes']} nodes, {_where(found[-1])}: {found[-1]['step'] * 1e3:.0f} ms a step", flush=True)
@@ -86,7 +100,7 @@ def measure(arguments: argparse.Namespace) -> list[dict[str, Any]]:
 
 def _python(*words: str) -> None:
     if subprocess.run([sys.executable, *words], check=False).returncode:
-        cli.stop("a measurement failed; its message stands above")
+        harness.stop("a measurement failed; its message stands above")
 
 
 def _where(figures: Mapping[str, Any]) -> str:
@@ -97,26 +111,30 @@ def table(found: Sequence[Mapping[str, Any]]) -> str:
     """The figures as tables in Markdown."""
     parts = [*cases.COLUMNS, *cases.SHARED, "remeshing"]
     lines = [
-        "Milliseconds a step, and where they go:", "",
+        "Milliseconds a step, and where they go:",
+        "",
         "| nodes | on | step | " + " | ".join(parts) + " | rest | us a node | of copying 12.5 kB a node | Newton "
         "| Krylov per Newton | memory, MB | writing fields | Qhull |",
         "|" + "---|" * (len(parts) + 12),
-    ]  # fmt: skip
+    ]
     for f in found:
         ms = [f["parts"].get(name, 0.0) * 1e3 for name in parts]
         rest = f["step"] * 1e3 - sum(ms)
         copied = f["step"] / (f["nodes"] * cases.BYTES_OF_A_STEP / f["copy"])
         lines.append(
-            f"| {f['nodes']} | {_where(f)} | {f['step'] * 1e3:.0f} | " + " | ".join(f"{v:.1f}" for v in ms)
+            f"| {f['nodes']} | {_where(f)} | {f['step'] * 1e3:.0f} | "
+            + " | ".join(f"{v:.1f}" for v in ms)
             + f" | {rest:.1f} | {f['step'] / f['nodes'] * 1e6:.2f} | {copied:.1f} | {f['newton']:.1f} | "
             f"{f['krylov']:.1f} | {f['memory'] / 1e6:.0f} | {f['output'] * 1e3:.0f} | {f['qhull'] * 1e3:.0f} |"
         )
     lines += [
-        "", "The first Newton system of a step, to 1e-6 (seconds; times of ours in brackets):", "",
+        "",
+        "The first Newton system of a step, to 1e-6 (seconds; times of ours in brackets):",
+        "",
         "| nodes | FGMRES iterations | ours | with pyamg's cycle | PARDISO | SuperLU | product over copying its bytes "
         "| matrix-free product over it |",
         "|" + "---|" * 8,
-    ]  # fmt: skip
+    ]
     for f in found:
         if "solvers" not in f:
             continue
@@ -125,7 +143,8 @@ def table(found: Sequence[Mapping[str, Any]]) -> str:
         amg = f"{s['pyamg']:.2f} ({s['pyamg_iterations']} iterations)" if "pyamg" in s else "not installed"
         direct = [f"{s[n]:.2f} ({s[n] / s['ours']:.0f})" if n in s else "-" for n in ("pardiso", "superlu")]
         lines.append(
-            f"| {s['nodes']} | {s['iterations']} | {s['ours']:.3f} | {amg} | " + " | ".join(direct)
+            f"| {s['nodes']} | {s['iterations']} | {s['ours']:.3f} | {amg} | "
+            + " | ".join(direct)
             + f" | {product:.1f} | {s['matrix_free_product'] / s['product']:.1f} |"
         )
     speeds = ", ".join(f"{f['copy'] / 1e9:.0f} ({f['nodes']}, {_where(f)})" for f in found)
@@ -141,10 +160,14 @@ def plot(path: Path, found: Sequence[Mapping[str, Any]]) -> None:
     place, bottom = np.arange(len(rows)), np.zeros(len(rows))
     parts = [*cases.COLUMNS, *cases.SHARED, "remeshing"]
     for name, colour in zip([*parts, "rest"], COLOURS, strict=False):
-        value = np.array([
-            (f["step"] - sum(f["parts"].values()) if name == "rest" else f["parts"].get(name, 0.0)) / f["nodes"] * 1e6
-            for f in rows
-        ])  # fmt: skip
+        value = np.array(
+            [
+                (f["step"] - sum(f["parts"].values()) if name == "rest" else f["parts"].get(name, 0.0))
+                / f["nodes"]
+                * 1e6
+                for f in rows
+            ]
+        )
         left.bar(place, value, 0.7, bottom=bottom, color=colour, label=name, edgecolor="white")
         bottom += value
     left.set_xticks(place, [f"{f['nodes'] / 1e3:.0f}k" for f in rows])
@@ -152,9 +175,11 @@ def plot(path: Path, found: Sequence[Mapping[str, Any]]) -> None:
     left.set_ylim(0, 1.45 * bottom.max())
     left.legend(fontsize=9, ncols=3, loc="upper left")
     for name, key, style in (
-        ("tipfem", "ours", "o-"), ("with pyamg's cycle", "pyamg", "v:"), ("PARDISO", "pardiso", "s--"),
+        ("tipfem", "ours", "o-"),
+        ("with pyamg's cycle", "pyamg", "v:"),
+        ("PARDISO", "pardiso", "s--"),
         ("SuperLU", "superlu", "^-."),
-    ):  # fmt: skip
+    ):
         known = [(f["solvers"]["nodes"], f["solvers"][key]) for f in rows if key in f["solvers"]]
         if known:
             right.loglog(*zip(*known, strict=True), style, label=name, linewidth=2, markersize=7)
@@ -197,7 +222,7 @@ def main(words: Sequence[str] | None = None) -> None:
     add("--solvers", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args(words)
     if arguments.steps < 1 or arguments.threads < 1:
-        cli.stop(f"--steps is {arguments.steps}, --threads {arguments.threads}; both must be >= 1")
+        harness.stop(f"--steps is {arguments.steps}, --threads {arguments.threads}; both must be >= 1")
     if arguments.worker:
         worker(arguments)
         return

@@ -17,11 +17,13 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import Delaunay
 
 import tipfem as tp
-from tipfem import assembly, device, krylov, krylov_kernels
-from tipfem.device import download
-from tipfem.flow import FlowProblem
-from tipfem.linear_system import LinearSystem
+from tipfem.backend import runtime
+from tipfem.backend.runtime import download
+from tipfem.fem import residual
+from tipfem.linalg import fgmres, vector_kernels
 from tipfem.output import ResultsFolder
+from tipfem.step.flow import FlowProblem
+from tipfem.step.linear_system import LinearSystem
 
 sys.path.insert(0, str(Path(__file__).parent))
 from performance_states import simulation_of
@@ -53,7 +55,7 @@ class Stopwatch:
             try:
                 return original(*arguments, **options)
             finally:
-                device.finish()
+                runtime.finish()
                 self.seconds[name] += time.perf_counter() - start
 
         setattr(owner, attribute, timed)
@@ -62,14 +64,14 @@ class Stopwatch:
 def copy_speed(nodes: int) -> float:
     """Bytes read and written per second [1/s] when as much is copied as a step must move, at most 1 GB."""
     n = min(int(nodes * BYTES_OF_A_STEP / 16), 60_000_000)
-    buffers = device.Buffers()
+    buffers = runtime.Buffers()
     source, target = buffers.get("source", n), buffers.get("target", n)
     source.fill(1.0)
     best = np.inf
     for _ in range(5):
         start = time.perf_counter()
-        device.copy(source, target, n)
-        device.finish()
+        runtime.copy(source, target, n)
+        runtime.finish()
         best = min(best, time.perf_counter() - start)
     return 16 * n / best
 
@@ -82,13 +84,13 @@ def measure_steps(state: dict[str, Array], steps: int) -> dict[str, Any]:
     watch, nodes = Stopwatch(), len(simulation.particles)
     for name, (owner, attribute) in COLUMNS.items():
         watch.watch(name, owner, attribute)
-    watch.watch("Krylov", krylov, "fgmres")
+    watch.watch("Krylov", fgmres, "fgmres")
     watch.watch("remeshing", simulation.remesher, "remesh")
     total = []
     for _ in range(steps):
         start = time.perf_counter()
         simulation.step()
-        device.finish()
+        runtime.finish()
         total.append(time.perf_counter() - start)
     rows = simulation.history[-steps:]
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024  # before anything large is copied
@@ -106,10 +108,16 @@ def measure_steps(state: dict[str, Array], steps: int) -> dict[str, Any]:
     qhull = time.perf_counter() - start
     newton, krylov_iterations = (sum(row[name] for row in rows) for name in ("newton_iterations", "krylov_iterations"))
     return {
-        "nodes": nodes, "step": float(np.mean(total)), "parts": parts, "output": output, "qhull": qhull,
-        "newton": newton / steps, "krylov": krylov_iterations / newton, "copy": speed,
+        "nodes": nodes,
+        "step": float(np.mean(total)),
+        "parts": parts,
+        "output": output,
+        "qhull": qhull,
+        "newton": newton / steps,
+        "krylov": krylov_iterations / newton,
+        "copy": speed,
         "memory": memory,
-    }  # fmt: skip
+    }
 
 
 def _shares(simulation: tp.Simulation) -> dict[str, float]:
@@ -121,10 +129,10 @@ def _shares(simulation: tp.Simulation) -> dict[str, float]:
         if not found:
             size, k = problem.size, 3
             v, z, w = (problem.buffers.get(f"krylov.{name}", size) for name in "vzw")
-            basis = krylov._Basis(size, 1e-3, problem.buffers)
-            partial, out = problem.buffers.get("krylov.dots", (k + 2) * device.chunks()), np.zeros(k + 3)
+            basis = fgmres._Basis(size, 1e-3, problem.buffers)
+            partial, out = problem.buffers.get("krylov.dots", (k + 2) * runtime.chunks()), np.zeros(k + 3)
             again = (k, basis.orthonormal, basis.directions, w, partial, out, 0.0, True)
-            krylov_kernels.move(problem._r, 0, v, 0, size, False)
+            vector_kernels.move(problem._r, 0, v, 0, size, False)
             found.append(_best(lambda: problem.product(v, w)))
             found.append(_best(lambda: problem.precondition(v, z)))
             found.append(_best(lambda: basis.by_parts(problem.product, problem.precondition)(*again)))
@@ -147,7 +155,7 @@ def measure_solvers(state: dict[str, Array], direct: bool) -> dict[str, Any]:
     def timed_build(self: LinearSystem, *arguments: Any) -> None:
         start = time.perf_counter()
         build(self, *arguments)
-        device.finish()
+        runtime.finish()
         seconds["build"] = time.perf_counter() - start
 
     def correct(problem: FlowProblem, x: Any, tolerance: float) -> Any:
@@ -165,15 +173,22 @@ def measure_solvers(state: dict[str, Array], direct: bool) -> dict[str, Any]:
 def _solvers(problem: FlowProblem, x: Any, build: float, direct: bool) -> dict[str, Any]:
     start = time.perf_counter()
     problem.linearise()
-    device.finish()
+    runtime.finish()
     gather = time.perf_counter() - start
 
     def solve() -> tuple[float, Any]:
         begin = time.perf_counter()
-        result = krylov.fgmres(
-            problem.product, problem.precondition, problem._r, problem._dx, problem.size, tolerance=1e-6,
-            max_iterations=80, buffers=problem.buffers, iteration=problem.system.iteration,
-        )  # fmt: skip
+        result = fgmres.fgmres(
+            problem.product,
+            problem.precondition,
+            problem._r,
+            problem._dx,
+            problem.size,
+            tolerance=1e-6,
+            max_iterations=80,
+            buffers=problem.buffers,
+            iteration=problem.system.iteration,
+        )
         return time.perf_counter() - begin, result
 
     solve()
@@ -183,11 +198,22 @@ def _solvers(problem: FlowProblem, x: Any, build: float, direct: bool) -> dict[s
     found["product"] = _best(lambda: problem.product(v, out))
     s = problem.scheme
     found["matrix_free_product"] = _best(
-        lambda: assembly.jacobian_product(
-            *problem._topology, problem._density, problem._record, problem._scale, v, problem._local, out,
-            s.cm, s.cv, s.cf, problem.elements, problem.nodes, problem.dimension,
+        lambda: residual.jacobian_product(
+            *problem._topology,
+            problem._density,
+            problem._record,
+            problem._scale,
+            v,
+            problem._local,
+            out,
+            s.cm,
+            s.cv,
+            s.cf,
+            problem.elements,
+            problem.nodes,
+            problem.dimension,
         )
-    )  # fmt: skip
+    )
     matrix, right = problem.system.matrix(), download(problem._r, problem.size).astype(float)
     count = matrix.nnz // (problem.dimension + 1) ** 2
     found["product_bytes"] = count * (9 * 8 + 4) + problem.nodes * (6 * 8 + 4)
@@ -241,6 +267,6 @@ def _best(function: Callable[[], None], times: int = 20) -> float:
     for _ in range(times):
         start = time.perf_counter()
         function()
-        device.finish()
+        runtime.finish()
         best = min(best, time.perf_counter() - start)
     return float(best)

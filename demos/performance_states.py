@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 import tipfem as tp
-from tipfem.fitting import particle_fluid, with_fluids
-from tipfem.flow import ElementProperties, FlowProblem
-from tipfem.linear_system import Workspace
-from tipfem.mesh import Mesh
-from tipfem.numerics import Numerics
-from tipfem.time_integration import GeneralizedAlpha
-from tipfem.triangulation import triangulate
+from tipfem.case.numerics import Numerics
+from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.mesh.delaunay import triangulate
+from tipfem.mesh.mesh import Mesh
+from tipfem.remesh.fitted import particle_fluid, with_fluids
+from tipfem.step.flow import ElementProperties, FlowProblem
+from tipfem.step.linear_system import Workspace
 
 sys.path.insert(0, str(Path(__file__).parent))
 import dam_break
@@ -36,9 +36,16 @@ def make_state(path: Path, spacing: float) -> None:
     simulation.run(STATE_TIME, progress=False)
     p, mesh = simulation.particles, simulation.mesh
     np.savez(
-        path, position=p.position, velocity=p.velocity, acceleration=p.acceleration, pressure=p.pressure, wall=p.wall,
-        cells=mesh.cells, fluid=mesh.fluid, spacing=spacing,
-    )  # fmt: skip
+        path,
+        position=p.position,
+        velocity=p.velocity,
+        acceleration=p.acceleration,
+        pressure=p.pressure,
+        wall=p.wall,
+        cells=mesh.cells,
+        fluid=mesh.fluid,
+        spacing=spacing,
+    )
 
 
 def refined(state: dict[str, Array]) -> dict[str, Array]:
@@ -75,9 +82,14 @@ def simulation_of(state: dict[str, Array], numerics: Numerics | None = None) -> 
     spacing = float(state["spacing"])
     density = np.array([f.density for f in fluids])
     particles = tp.Particles(
-        position=state["position"], fluid=particle_fluid(mesh, len(mesh.position), density), wall=state["wall"],
-        spacing=spacing, velocity=state["velocity"], acceleration=state["acceleration"], pressure=state["pressure"],
-    )  # fmt: skip
+        position=state["position"],
+        fluid=particle_fluid(mesh, len(mesh.position), density),
+        wall=state["wall"],
+        spacing=spacing,
+        velocity=state["velocity"],
+        acceleration=state["acceleration"],
+        pressure=state["pressure"],
+    )
     numerics = numerics or Numerics(largest_move=dam_break.LARGEST_MOVE)
     case = tp.Case(particles, fluids, gravity=(0, -dam_break.GRAVITY), numerics=numerics)
     return tp.Simulation(case, time_step=largest_step(spacing))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 import tipfem as tp
-from tipfem import probes
+from tipfem.mesh import probes
 
 Array = np.ndarray
 Layers = Sequence[tuple[tp.Fluid, float]]
@@ -99,8 +99,7 @@ def plot_layers(path: Path, states: Mapping[str, tp.Simulation], layers: Layers,
         (viscosity, mu, "viscosity", "viscosity [Pa s]"),
     ):
         exact = [getattr(fluid, attribute) for fluid, _ in layers]
-        axes.plot(np.repeat(exact, 2), np.repeat(top, 2)[1:-1], color="black", linewidth=4, alpha=0.35,
-                  label="fluids")  # fmt: skip
+        axes.plot(np.repeat(exact, 2), np.repeat(top, 2)[1:-1], color="black", linewidth=4, alpha=0.35, label="fluids")
         axes.plot(values, y, color=COLOURS[0], linewidth=1.6, label="elements")
         axes.set_xlabel(text, fontsize=12)
         axes.grid(alpha=0.3)
@@ -124,16 +123,20 @@ def plot_pressure(path: Path, simulation: tp.Simulation, watch: PressureWatch) -
     _pressure(axes, {f"t = {simulation.time:g} s": simulation}, watch.layers, watch.gravity)
     height, error = watch.mean
     axes.plot(
-        watch.exact(height) + error * watch.largest, height, MARKERS[1], color=COLOURS[1], markersize=8,
-        markeredgewidth=1.8, linestyle="none", label=f"mean over {watch.since:g} to {simulation.time:g} s",
-    )  # fmt: skip
+        watch.exact(height) + error * watch.largest,
+        height,
+        MARKERS[1],
+        color=COLOURS[1],
+        markersize=8,
+        markeredgewidth=1.8,
+        linestyle="none",
+        label=f"mean over {watch.since:g} to {simulation.time:g} s",
+    )
     axes.legend(fontsize=11, loc="upper right")
     return save()
 
 
-def plot_drop(
-    path: Path, history: Sequence[Mapping[str, float]], start: Mapping[str, float], depth: float
-) -> Path:
+def plot_drop(path: Path, history: Sequence[Mapping[str, float]], start: Mapping[str, float], depth: float) -> Path:
     """Draw the height of a drop's centre over time, and how far each fluid's volume is from that at the start.
 
     Args:
@@ -154,8 +157,9 @@ def plot_drop(
     height.set_ylim(bottom=0.0)
     for number, (name, begun) in enumerate(start.items()):
         change = np.abs(np.array([row[f"volume_{name}"] for row in history]) / begun - 1)
-        volume.semilogy(time, np.maximum(change, 1e-17), ("-", "--", "-.")[number % 3], color=COLOURS[number],
-                        label=name)  # fmt: skip
+        volume.semilogy(
+            time, np.maximum(change, 1e-17), ("-", "--", "-.")[number % 3], color=COLOURS[number], label=name
+        )
     volume.set_ylabel("change of volume / volume", fontsize=12)
     for axes in (height, volume):
         axes.set_xlabel("t [s]", fontsize=12)
@@ -169,9 +173,16 @@ def _pressure(axes: Any, states: Mapping[str, tp.Simulation], layers: Layers, gr
     for number, (label, simulation) in enumerate(states.items()):
         particles = simulation.particles
         axes.plot(
-            particles.pressure, particles.position[:, 1], MARKERS[number], color=COLOURS[number], markersize=5,
-            markerfacecolor="none", markeredgewidth=1.0, linestyle="none", label=label,
-        )  # fmt: skip
+            particles.pressure,
+            particles.position[:, 1],
+            MARKERS[number],
+            color=COLOURS[number],
+            markersize=5,
+            markerfacecolor="none",
+            markeredgewidth=1.0,
+            linestyle="none",
+            label=label,
+        )
     exact = probes.hydrostatic_pressure(height, layers, gravity)
     axes.plot(exact, height, color="black", linewidth=1.4, label="analytic")
     for place in np.cumsum([thickness for _, thickness in layers])[:-1]:

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tipfem.demos import harness
 
 import tipfem as tp
-from tipfem import cli
 
 sys.path.insert(0, str(Path(__file__).parent))
 import profiles
@@ -101,16 +101,21 @@ def check(figures: Mapping[str, float], end_time: float) -> list[str]:
     limits["largest_speed"] = LARGEST_SPEED
     if end_time >= SUNK_AFTER:
         limits |= {"centre": HIGHEST_CENTRE, "dry": LARGEST_DRY}
-    return cli.above(figures, limits)
+    return harness.above(figures, limits)
 
 
 def main(words: Sequence[str] | None = None) -> None:
     """Run the demo with the given command line, or the process's."""
-    arguments = cli.demo_arguments(
-        __doc__.split("\n\n")[0], spacing=SPACING, end_time=END_TIME, time_step=TIME_STEP, out="out/sinking_drop",
-        frames_per_second=FRAMES_PER_SECOND, arguments=words,
-    )  # fmt: skip
-    with cli.one_message():
+    arguments = harness.demo_arguments(
+        __doc__.split("\n\n")[0],
+        spacing=SPACING,
+        end_time=END_TIME,
+        time_step=TIME_STEP,
+        out="out/sinking_drop",
+        frames_per_second=FRAMES_PER_SECOND,
+        arguments=words,
+    )
+    with harness.one_message():
         tp.init(arch=arguments.arch)
         simulation = tp.Simulation(
             build(arguments.spacing, interface=arguments.interface),
@@ -120,13 +125,16 @@ def main(words: Sequence[str] | None = None) -> None:
             columns={"centre_height": centre_height},
         )
     start = {fluid.name: simulation.volume(fluid.name) for fluid in FLUIDS}
-    cli.run_demo(simulation, arguments.end_time)
+    harness.run_demo(simulation, arguments.end_time)
     figures = validate(simulation, start)
-    cli.finish_demo(
-        simulation, arguments, figures, check(figures, arguments.end_time),
+    harness.finish_demo(
+        simulation,
+        arguments,
+        figures,
+        check(figures, arguments.end_time),
         plot=lambda: profiles.plot_drop(arguments.out / "drop.png", simulation.history, start, DEPTH),
         strip=[time for time in SHOWN if time <= arguments.end_time],
-    )  # fmt: skip
+    )
 
 
 if __name__ == "__main__":

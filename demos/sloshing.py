@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import curve_fit
+from tipfem.demos import harness
 
 import tipfem as tp
-from tipfem import cli
 
 sys.path.insert(0, str(Path(__file__).parent))
 import line_figure
@@ -82,7 +82,7 @@ def simulate(arguments: argparse.Namespace) -> tp.Simulation:
         output_interval=1.0 / arguments.frames_per_second,
         columns={"amplitude": amplitude},
     )
-    cli.run_demo(simulation, arguments.end_time)
+    harness.run_demo(simulation, arguments.end_time)
     return simulation
 
 
@@ -132,7 +132,7 @@ def check(figures: Mapping[str, float]) -> list[str]:
 
 def main(words: Sequence[str] | None = None) -> None:
     """Run the demo with the given command line, or the process's."""
-    arguments = cli.demo_arguments(
+    arguments = harness.demo_arguments(
         __doc__.split("\n\n")[0],
         spacing=SPACING,
         end_time=END_TIME,
@@ -142,18 +142,21 @@ def main(words: Sequence[str] | None = None) -> None:
         interface=None,
         arguments=words,
     )
-    with cli.one_message():
+    with harness.one_message():
         simulation = simulate(arguments)
     figures = validate(simulation.history)
     time, size = (np.array([row[name] for row in simulation.history]) for name in ("time", "amplitude"))
     theory = damped_wave(time, AMPLITUDE, FREQUENCY, DAMPING, 0.0)
     lines = {"linear theory": (time, theory), f"tipfem, {arguments.spacing * 1e3:g} mm": (time, size)}
-    cli.finish_demo(
-        simulation, arguments, figures, check(figures),
+    harness.finish_demo(
+        simulation,
+        arguments,
+        figures,
+        check(figures),
         plot=lambda: line_figure.plot_lines(
             arguments.out / "amplitude.png", lines, "t [s]", "amplitude of the wave [m]"
         ),
-    )  # fmt: skip
+    )
 
 
 if __name__ == "__main__":

@@ -48,10 +48,16 @@ def taylor_green(cells: int, viscosity: float = 0.1, *, jitter: float = 0.0) -> 
     convective = 0.5 * k * np.sin(2 * k * x)
     particles.acceleration = convective - 2 * viscosity * k**2 * particles.velocity
     case = tp.Case(
-        particles, [fluid], (0, 0), numerics=tp.Numerics(newton_tolerance=1e-6),
-        walls=[tp.Wall(f"{c}{axis}", particles=np.flatnonzero(x[:, axis] == c), slip=True)
-               for axis in (0, 1) for c in (0.0, 1.0)],
-    )  # fmt: skip
+        particles,
+        [fluid],
+        (0, 0),
+        numerics=tp.Numerics(newton_tolerance=1e-6),
+        walls=[
+            tp.Wall(f"{c}{axis}", particles=np.flatnonzero(x[:, axis] == c), slip=True)
+            for axis in (0, 1)
+            for c in (0.0, 1.0)
+        ],
+    )
     return tp.Simulation(case, time_step=0.35 / cells)
 
 

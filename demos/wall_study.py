@@ -20,9 +20,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tipfem.demos import harness
 
 import tipfem as tp
-from tipfem import cli
 
 sys.path.insert(0, str(Path(__file__).parent))
 import dam_break
@@ -33,21 +33,54 @@ import wall_flows as flows
 DATA = Path(__file__).resolve().parent / "data"
 
 # Resolution: spacings over the height or a side, of the driven cavity by Reynolds number; --short is for tests.
-FINE = {"vortex": (16, 32, 64), "long": 16, "driven": {100: 40, 400: 56}, "dam": 0.01, "sloshed": 32,
-        "rolled": (16, 32), "pistons": 10}  # fmt: skip
-SHORT = {"vortex": (12, 24), "long": 10, "driven": {100: 20}, "dam": 0.02, "sloshed": 16,
-         "rolled": (12, 24), "pistons": 8}  # fmt: skip
+FINE = {
+    "vortex": (16, 32, 64),
+    "long": 16,
+    "driven": {100: 40, 400: 56},
+    "dam": 0.01,
+    "sloshed": 32,
+    "rolled": (16, 32),
+    "pistons": 10,
+}
+SHORT = {
+    "vortex": (12, 24),
+    "long": 10,
+    "driven": {100: 20},
+    "dam": 0.02,
+    "sloshed": 16,
+    "rolled": (12, 24),
+    "pistons": 8,
+}
 DRIVEN_END = {100: 10.0, 400: 20.0}  # [s], by which the flow is steady; --short goes a third of the way
 DAM_END = 0.24  # [s]; T = 2.8
 
 # Fluids and geometry: in wall_flows.py and dam_break.py.
 
 # Check: the largest figures that a run may show, and the smallest orders of convergence.
-LIMITS = {"vortex_decay": 0.01, "long_no_slip": 0.01, "long_slip_length": 0.01, "long_two_fluids": 0.02,
-          "driven_100": 0.03, "driven_400": 0.03, "dam_no_slip_rms": 0.05, "dam_slip_rms": 0.10,
-          "sway_pressure": 2e-3, "slosh_moment": 0.06, "roll_velocity": 0.03, "piston_flow": 0.02}  # fmt: skip
-SHORT_LIMITS = {**LIMITS, "vortex_decay": 0.015, "roll_velocity": 0.05, "driven_100": 0.25, "dam_slip_rms": 0.2,
-                "dam_no_slip_rms": 0.2, "long_two_fluids": 0.03, "slosh_moment": 0.1}  # fmt: skip
+LIMITS = {
+    "vortex_decay": 0.01,
+    "long_no_slip": 0.01,
+    "long_slip_length": 0.01,
+    "long_two_fluids": 0.02,
+    "driven_100": 0.03,
+    "driven_400": 0.03,
+    "dam_no_slip_rms": 0.05,
+    "dam_slip_rms": 0.10,
+    "sway_pressure": 2e-3,
+    "slosh_moment": 0.06,
+    "roll_velocity": 0.03,
+    "piston_flow": 0.02,
+}
+SHORT_LIMITS = {
+    **LIMITS,
+    "vortex_decay": 0.015,
+    "roll_velocity": 0.05,
+    "driven_100": 0.25,
+    "dam_slip_rms": 0.2,
+    "dam_no_slip_rms": 0.2,
+    "long_two_fluids": 0.03,
+    "slosh_moment": 0.1,
+}
 SMALLEST_ORDER = 1.7  # of the vortex's velocity
 
 
@@ -138,9 +171,11 @@ def dam_breaks(sizes: Mapping[str, Any], out: Path) -> dict[str, float]:
         fronts[f"{name.replace('_', '-')} walls, {1e3 * sizes['dam']:g} mm"] = (t, x)
         water = np.array([row["volume_water"] for row in simulation.history])
         figures |= {
-            f"dam_{name}_rms": compared.rms, f"dam_{name}_shift": compared.shift, f"dam_{name}_slope": compared.slope,
+            f"dam_{name}_rms": compared.rms,
+            f"dam_{name}_shift": compared.shift,
+            f"dam_{name}_slope": compared.slope,
             f"dam_{name}_volume": float(np.abs(water / np.prod(dam_break.COLUMN) - 1).max()),
-        }  # fmt: skip
+        }
     experiments.plot_front(out / "dam_break.png", fronts, dam_break.COLUMN[0], dam_break.GRAVITY)
     return figures
 
@@ -181,8 +216,12 @@ def moving_tanks(sizes: Mapping[str, Any], out: Path) -> dict[str, float]:
 
 
 STUDIES: dict[str, Callable[[Mapping[str, Any], Path], dict[str, float]]] = {
-    "vortex": vortex, "long": long_cavities, "driven": driven_cavities, "dam": dam_breaks, "moving": moving_tanks,
-}  # fmt: skip
+    "vortex": vortex,
+    "long": long_cavities,
+    "driven": driven_cavities,
+    "dam": dam_breaks,
+    "moving": moving_tanks,
+}
 
 
 def check(figures: Mapping[str, float], short: bool = False) -> list[str]:
@@ -193,7 +232,7 @@ def check(figures: Mapping[str, float], short: bool = False) -> list[str]:
         short: whether they are of the short version.
     """
     limits = SHORT_LIMITS if short else LIMITS
-    missed = cli.above(figures, limits)
+    missed = harness.above(figures, limits)
     if not figures.get("vortex_order", SMALLEST_ORDER) >= SMALLEST_ORDER:
         missed.append(f"vortex_order is {figures['vortex_order']:.2f}, below {SMALLEST_ORDER}")
     return missed
@@ -219,11 +258,11 @@ def main(words: Sequence[str] | None = None) -> None:
             figures |= found
             print(f"{name} ({seconds[name]:.0f} s): " + ", ".join(f"{key} {value:.4g}" for key, value in found.items()))
     except (ValueError, RuntimeError, OSError) as error:
-        cli.stop(str(error))
+        harness.stop(str(error))
     missed = check(figures, arguments.short)
     summary = {"short": arguments.short, "wall_seconds": seconds, "figures": figures, "check": missed or "passed"}
     (arguments.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    cli.conclude(arguments.out, missed)
+    harness.conclude(arguments.out, missed)
 
 
 if __name__ == "__main__":

@@ -29,10 +29,20 @@ class Animation(NamedTuple):
     field_range: tuple[float, float] | None
 
 
-def animate(out, field: str | None = None, frames: bool = True,
-            movie: str | Iterable[str] | None = "animation.mp4", playback_rate: float = 25.0, *,
-            size=(1280, 720), field_range=None, mesh: bool = False, particles: bool = False,
-            backend: str = "auto", fluid_colours: Mapping[str, str] | None = None) -> Animation:
+def animate(
+    out,
+    field: str | None = None,
+    frames: bool = True,
+    movie: str | Iterable[str] | None = "animation.mp4",
+    playback_rate: float = 25.0,
+    *,
+    size=(1280, 720),
+    field_range=None,
+    mesh: bool = False,
+    particles: bool = False,
+    backend: str = "auto",
+    fluid_colours: Mapping[str, str] | None = None,
+) -> Animation:
     """Draw every stored time of the results folder `out`, one picture each.
 
     Frames go to out/frames/frame_0000.png, ..., movies to `out`. With a field its name is in theirs:
@@ -49,8 +59,7 @@ def animate(out, field: str | None = None, frames: bool = True,
     names = [movie] if isinstance(movie, str) else list(movie or [])
     names = [check_movie_name(name) for name in names]
     if not 0 < playback_rate <= 1000:
-        raise ValueError(f"playback rate {playback_rate:g}: expected pictures a second, "
-                         "above 0 and up to 1000")
+        raise ValueError(f"playback rate {playback_rate:g}: expected pictures a second, above 0 and up to 1000")
     if not (frames or names):
         raise ValueError("nothing to write: neither frames nor a movie is asked for")
     if field_range is not None:

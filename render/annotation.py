@@ -127,8 +127,9 @@ class Annotator:
         """A fluid's colour and its name; `room` [px] is what both may take."""
         (x, y), u = at, self.unit
         side = 22 * u
-        self.draw.rectangle([x, y, x + side, y + side], fill=_bytes(fill), outline=colours.WALL,
-                            width=max(1, round(1.2 * u)))
+        self.draw.rectangle(
+            [x, y, x + side, y + side], fill=_bytes(fill), outline=colours.WALL, width=max(1, round(1.2 * u))
+        )
         self.text((x + side + 12 * u, y + side / 2), name, NORMAL, anchor="lm", limit=room - side - 12 * u)
 
     def interface_key(self, at, scene):
@@ -136,8 +137,9 @@ class Annotator:
         (x, y), u = at, self.unit
         if len(scene.fluid_names) < 2:
             return y
-        self.draw.line([(x, y + 10 * u), (x + 24 * u, y + 10 * u)], fill=colours.INTERFACE,
-                       width=max(1, round(1.8 * u)))
+        self.draw.line(
+            [(x, y + 10 * u), (x + 24 * u, y + 10 * u)], fill=colours.INTERFACE, width=max(1, round(1.8 * u))
+        )
         self.text((x + 34 * u, y + 10 * u), "interface", NORMAL, anchor="lm")
         return y + 44 * u
 

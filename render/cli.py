@@ -27,33 +27,71 @@ def parser() -> argparse.ArgumentParser:
     made = argparse.ArgumentParser(
         prog="python -m tipfem.render",
         description="Draw the results folder of a run as pictures and a movie.",
-        epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter)
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     made.add_argument("out", metavar="OUT", type=Path, help="results folder, with case.json and fields.pvd")
-    made.add_argument("--field", default="none", metavar="NAME",
-                      help="colour by speed [m/s], velocity_x [m/s], velocity_y [m/s], pressure [Pa], "
-                           "density [kg/m^3] or another scalar of the results; none shows the fluids "
-                           "(default)")
-    made.add_argument("--range", nargs=2, type=float, metavar=("LOW", "HIGH"), dest="field_range",
-                      help="values at the ends of the colours, in the field's unit "
-                           "(default: from the results, the same for all pictures)")
+    made.add_argument(
+        "--field",
+        default="none",
+        metavar="NAME",
+        help="colour by speed [m/s], velocity_x [m/s], velocity_y [m/s], pressure [Pa], "
+        "density [kg/m^3] or another scalar of the results; none shows the fluids "
+        "(default)",
+    )
+    made.add_argument(
+        "--range",
+        nargs=2,
+        type=float,
+        metavar=("LOW", "HIGH"),
+        dest="field_range",
+        help="values at the ends of the colours, in the field's unit "
+        "(default: from the results, the same for all pictures)",
+    )
     made.add_argument("--mesh", action="store_true", help="draw the edges of the cells")
     made.add_argument("--particles", action="store_true", help="draw the particles as dots")
-    made.add_argument("--size", type=_size, default=(1280, 720), metavar="WIDTHxHEIGHT",
-                      help="size of the pictures in pixels, even numbers (default: 1280x720)")
-    made.add_argument("--backend", choices=BACKENDS, default="auto",
-                      help="ggui: Taichi's GGUI, offscreen, needs a Vulkan driver; "
-                           "raster: Taichi kernels alone; "
-                           "auto: ggui where there is a driver, else raster (default)")
-    made.add_argument("--movie", nargs="*", default=["animation.mp4"], metavar="FILE",
-                      help="movies to write in OUT, ending in .mp4, .gif or .webp; without a FILE, none "
-                           "(default: animation.mp4)")
-    made.add_argument("--playback-rate", type=float, default=25.0, metavar="RATE",
-                      help="pictures shown a second [1/s] (default: 25)")
-    made.add_argument("--strip", nargs="+", type=float, default=[], metavar="TIME",
-                      help="draw the fluids at these times [s] side by side, in OUT/strip.png")
+    made.add_argument(
+        "--size",
+        type=_size,
+        default=(1280, 720),
+        metavar="WIDTHxHEIGHT",
+        help="size of the pictures in pixels, even numbers (default: 1280x720)",
+    )
+    made.add_argument(
+        "--backend",
+        choices=BACKENDS,
+        default="auto",
+        help="ggui: Taichi's GGUI, offscreen, needs a Vulkan driver; "
+        "raster: Taichi kernels alone; "
+        "auto: ggui where there is a driver, else raster (default)",
+    )
+    made.add_argument(
+        "--movie",
+        nargs="*",
+        default=["animation.mp4"],
+        metavar="FILE",
+        help="movies to write in OUT, ending in .mp4, .gif or .webp; without a FILE, none (default: animation.mp4)",
+    )
+    made.add_argument(
+        "--playback-rate", type=float, default=25.0, metavar="RATE", help="pictures shown a second [1/s] (default: 25)"
+    )
+    made.add_argument(
+        "--strip",
+        nargs="+",
+        type=float,
+        default=[],
+        metavar="TIME",
+        help="draw the fluids at these times [s] side by side, in OUT/strip.png",
+    )
     made.add_argument("--no-frames", action="store_true", help="write no PNG files")
-    made.add_argument("--colour", action="append", default=[], type=_colour, metavar="FLUID=#RRGGBB",
-                      help="colour of a fluid; may be given several times")
+    made.add_argument(
+        "--colour",
+        action="append",
+        default=[],
+        type=_colour,
+        metavar="FLUID=#RRGGBB",
+        help="colour of a fluid; may be given several times",
+    )
     return made
 
 
@@ -66,9 +104,18 @@ def main(arguments=None) -> int:
             if given.no_frames and not given.movie:
                 return 0
         done = animate(
-            given.out, None if given.field == "none" else given.field, not given.no_frames, given.movie,
-            given.playback_rate, size=given.size, field_range=given.field_range, mesh=given.mesh,
-            particles=given.particles, backend=given.backend, fluid_colours=dict(given.colour))
+            given.out,
+            None if given.field == "none" else given.field,
+            not given.no_frames,
+            given.movie,
+            given.playback_rate,
+            size=given.size,
+            field_range=given.field_range,
+            mesh=given.mesh,
+            particles=given.particles,
+            backend=given.backend,
+            fluid_colours=dict(given.colour),
+        )
     except (ValueError, OSError, RuntimeError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -21,8 +21,19 @@ GAS_DENSITY = 50.0  # [kg/m^3]: gases below, liquids above, near room conditions
 # viridis (S. van der Walt and N. Smith, 2015, CC0) at nine equal steps.
 VIRIDIS = ("#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30", "#fde725")
 # RdBu from C. Brewer's ColorBrewer, reversed: blue below, white in the middle, red above.
-BLUE_RED = ("#053061", "#2166ac", "#4393c3", "#92c5de", "#d1e5f0", "#f7f7f7",
-            "#fddbc7", "#f4a582", "#d6604d", "#b2182b", "#67001f")
+BLUE_RED = (
+    "#053061",
+    "#2166ac",
+    "#4393c3",
+    "#92c5de",
+    "#d1e5f0",
+    "#f7f7f7",
+    "#fddbc7",
+    "#f4a582",
+    "#d6604d",
+    "#b2182b",
+    "#67001f",
+)
 
 
 def rgb(code: str) -> np.ndarray:

@@ -106,8 +106,10 @@ class GGUICanvas:
     def __init__(self, size):
         self.size = size
         if max(size) * SAMPLES > _LARGEST:
-            raise ValueError(f"size {size[0]}x{size[1]}: GGUI draws up to {_LARGEST // SAMPLES} pixels "
-                             "a side; the backend 'raster' draws larger pictures")
+            raise ValueError(
+                f"size {size[0]}x{size[1]}: GGUI draws up to {_LARGEST // SAMPLES} pixels "
+                "a side; the backend 'raster' draws larger pictures"
+            )
         with _no_settings_file():
             _window((size[0] * SAMPLES, size[1] * SAMPLES))
 

@@ -54,8 +54,10 @@ def check_size(size) -> tuple[int, int]:
         raise ValueError(f"size {size!r}: expected two whole numbers of pixels, (width, height)") from None
     small = width < SMALLEST[0] or height < SMALLEST[1]
     if small or max(width, height) > LARGEST or width % 2 or height % 2:
-        raise ValueError(f"size {width}x{height}: expected even numbers of pixels, from "
-                         f"{SMALLEST[0]}x{SMALLEST[1]} to {LARGEST}x{LARGEST}")
+        raise ValueError(
+            f"size {width}x{height}: expected even numbers of pixels, from "
+            f"{SMALLEST[0]}x{SMALLEST[1]} to {LARGEST}x{LARGEST}"
+        )
     return width, height
 
 

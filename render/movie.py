@@ -13,16 +13,27 @@ _CODECS = {
     ".mp4": dict(
         codec="libx264",
         pix_fmt_out="yuv420p",
-        output_params=["-preset", "veryfast", "-crf", "17", "-movflags", "+faststart",
-                       "-vf", "scale=out_color_matrix=bt709:out_range=tv", *_BT709],
+        output_params=[
+            "-preset",
+            "veryfast",
+            "-crf",
+            "17",
+            "-movflags",
+            "+faststart",
+            "-vf",
+            "scale=out_color_matrix=bt709:out_range=tv",
+            *_BT709,
+        ],
     ),
     ".gif": dict(
         codec="gif",
         pix_fmt_out="pal8",
         # A palette a frame: one for the whole movie would hold every frame in memory.
-        output_params=["-filter_complex",
-                       "split[a][b];[a]palettegen=stats_mode=single[p];"
-                       "[b][p]paletteuse=new=1:dither=bayer:bayer_scale=5:diff_mode=rectangle"],
+        output_params=[
+            "-filter_complex",
+            "split[a][b];[a]palettegen=stats_mode=single[p];"
+            "[b][p]paletteuse=new=1:dither=bayer:bayer_scale=5:diff_mode=rectangle",
+        ],
     ),
     ".webp": dict(
         codec="libwebp_anim",
@@ -58,8 +69,13 @@ class MovieWriter:
         self.size = tuple(size)
         # quality=None: the parameters above say it.
         self._pipe = imageio_ffmpeg.write_frames(
-            str(self.part), self.size, fps=float(frame_rate), quality=None, macro_block_size=2,
-            ffmpeg_log_level="fatal", **_CODECS[suffix],
+            str(self.part),
+            self.size,
+            fps=float(frame_rate),
+            quality=None,
+            macro_block_size=2,
+            ffmpeg_log_level="fatal",
+            **_CODECS[suffix],
         )
         self._pipe.send(None)
 
@@ -69,8 +85,10 @@ class MovieWriter:
             self._pipe.send(np.ascontiguousarray(image))
         except OSError as error:
             self.discard()
-            raise MovieError(f"{self.path}: writing the movie stopped at frame {self.count}; "
-                             f"is the disk full? ({str(error).splitlines()[0]})") from None
+            raise MovieError(
+                f"{self.path}: writing the movie stopped at frame {self.count}; "
+                f"is the disk full? ({str(error).splitlines()[0]})"
+            ) from None
         self.count += 1
 
     def finish(self) -> Path:
@@ -80,8 +98,7 @@ class MovieWriter:
             # The encoder says nothing when the disk is full: count what can be read back.
             found = _count_frames(self.part)
             if found != self.count:
-                raise MovieError(f"{self.path}: {found} of {self.count} frames can be read back; "
-                                 "is the disk full?")
+                raise MovieError(f"{self.path}: {found} of {self.count} frames can be read back; is the disk full?")
             self.part.replace(self.path)
         except BaseException:
             self.discard()

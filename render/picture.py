@@ -16,9 +16,15 @@ MESH_WIDTH = 0.8
 
 
 def draw_scene(
-    scene: Scene, layout: Layout, fills: np.ndarray, *, field: str | None = None,
-    field_range: tuple[float, float] = (0.0, 1.0), mesh: bool = False, particles: bool = False,
-) -> Drawing:  # fmt: skip
+    scene: Scene,
+    layout: Layout,
+    fills: np.ndarray,
+    *,
+    field: str | None = None,
+    field_range: tuple[float, float] = (0.0, 1.0),
+    mesh: bool = False,
+    particles: bool = False,
+) -> Drawing:
     """Drawing of one scene.
 
     fills: (F, 3) colours of the fluids; field: a name in `scene.fields`, or None to show the fluids;

@@ -131,8 +131,9 @@ class Rasterizer:
         snapped = np.clip(vertices * np.float32(SAMPLES), -_FARTHEST, _FARTHEST) * np.float32(_SUBGRID)
         _cover(np.rint(snapped).astype(np.int32).reshape(-1, 6), self._owner)
         image = np.empty((height, width, 3), np.uint8)
-        _resolve(np.ascontiguousarray(vertices), np.ascontiguousarray(colours), self._owner,
-                 *map(float, background), image)
+        _resolve(
+            np.ascontiguousarray(vertices), np.ascontiguousarray(colours), self._owner, *map(float, background), image
+        )
         return image
 
     def close(self):

@@ -44,10 +44,8 @@ class Renderer:
             scene.field_values(field)
             field_range = field_limits([scene], field) if field_range is None else check_range(field_range)
         fills = colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours)
-        layout = make_layout(self.size, scene.lower, scene.upper, bool(scene.title),
-                             panel_width(scene, field))
-        drawing = draw_scene(scene, layout, fills, field=field, field_range=field_range,
-                             mesh=mesh, particles=particles)
+        layout = make_layout(self.size, scene.lower, scene.upper, bool(scene.title), panel_width(scene, field))
+        drawing = draw_scene(scene, layout, fills, field=field, field_range=field_range, mesh=mesh, particles=particles)
         image = self._canvas.paint(*drawing.arrays(), colours.BACKGROUND)
         return annotate(image, scene, layout, fills, field, field_range)
 
@@ -67,8 +65,16 @@ class Renderer:
         self.close()
 
 
-def render_frame(scene: Scene, size=(1280, 720), field=None, field_range=None, mesh=False, particles=False,
-                 backend="auto", fluid_colours: Mapping[str, str] | None = None) -> np.ndarray:
+def render_frame(
+    scene: Scene,
+    size=(1280, 720),
+    field=None,
+    field_range=None,
+    mesh=False,
+    particles=False,
+    backend="auto",
+    fluid_colours: Mapping[str, str] | None = None,
+) -> np.ndarray:
     """One picture of a scene, (H, W, 3) uint8.
 
     field: name of a field in `scene.fields` to colour by; None shows the fluids.
@@ -90,8 +96,10 @@ def _canvas(size, backend):
         return GGUICanvas(size)
     except DriverError as error:
         if backend == "ggui":
-            raise RuntimeError(f"backend 'ggui' needs a Vulkan driver: {error}; install one (on Debian "
-                               "libvulkan1 and mesa-vulkan-drivers) or choose backend 'raster'") from None
+            raise RuntimeError(
+                f"backend 'ggui' needs a Vulkan driver: {error}; install one (on Debian "
+                "libvulkan1 and mesa-vulkan-drivers) or choose backend 'raster'"
+            ) from None
     if not _told:
         _told = True
         print("tipfem.render: no Vulkan driver for GGUI, drawing with the rasteriser", file=sys.stderr)

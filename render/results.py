@@ -33,11 +33,14 @@ class Results:
         case = self._read_case()
         try:
             if case["format"] != FORMAT:
-                raise ResultsError(f"{self.folder / 'case.json'}: format {case['format']!r}, "
-                                   f"this version reads format {FORMAT}")
+                raise ResultsError(
+                    f"{self.folder / 'case.json'}: format {case['format']!r}, this version reads format {FORMAT}"
+                )
             if case["dimension"] != 2:
-                raise ResultsError(f"{self.folder / 'case.json'}: dimension {case['dimension']}, "
-                                   "only results in 2 dimensions can be drawn")
+                raise ResultsError(
+                    f"{self.folder / 'case.json'}: dimension {case['dimension']}, "
+                    "only results in 2 dimensions can be drawn"
+                )
             self.fluid_names = tuple(fluid["name"] for fluid in case["fluids"])
             self.fluid_densities = tuple(float(fluid["density"]) for fluid in case["fluids"])
             self.lower = np.asarray(case["lower"], float)[:2]

@@ -63,8 +63,10 @@ class Scene:
 
         names = tuple(str(name) for name in self.fluid_names)
         if self.fluid_densities is not None and len(self.fluid_densities) != len(names):
-            raise ValueError(f"fluid_densities: {len(self.fluid_densities)} values, "
-                             f"expected {len(names)}, one for each of fluid_names")
+            raise ValueError(
+                f"fluid_densities: {len(self.fluid_densities)} values, "
+                f"expected {len(names)}, one for each of fluid_names"
+            )
         fluid = _integers("fluid", self.fluid, count)
         _check_index("fluid", fluid, len(names), "fluid_names")
         wall = np.zeros(count, bool) if self.wall is None else _integers("wall", self.wall, count) != 0
@@ -93,9 +95,20 @@ class Scene:
         if not spacing > 0:
             raise ValueError(f"spacing: {spacing}, expected a length above 0 m")
 
-        values = dict(position=position, cells=cells, fluid=fluid, wall=wall, fields=fields,
-                      cell_fields=cell_fields, time=float(self.time), fluid_names=names, lower=lower, upper=upper,
-                      cell_fluid=cell_fluid, spacing=spacing)
+        values = dict(
+            position=position,
+            cells=cells,
+            fluid=fluid,
+            wall=wall,
+            fields=fields,
+            cell_fields=cell_fields,
+            time=float(self.time),
+            fluid_names=names,
+            lower=lower,
+            upper=upper,
+            cell_fluid=cell_fluid,
+            spacing=spacing,
+        )
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
@@ -122,8 +135,9 @@ class Scene:
     def _finite(self, name, values, of):
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
-            raise ValueError(f"field {name!r} at t = {self.time:g} s: {len(bad)} values are not finite, "
-                             f"the first at {of} {bad[0]}")
+            raise ValueError(
+                f"field {name!r} at t = {self.time:g} s: {len(bad)} values are not finite, the first at {of} {bad[0]}"
+            )
         return values
 
 
@@ -136,5 +150,4 @@ def _integers(name, values, count):
 
 def _check_index(name, values, count, of):
     if values.size and (values.min() < 0 or values.max() >= count):
-        raise ValueError(f"{name}: indices from {values.min()} to {values.max()}, "
-                         f"expected 0 to {count - 1} ({of})")
+        raise ValueError(f"{name}: indices from {values.min()} to {values.max()}, expected 0 to {count - 1} ({of})")

@@ -19,8 +19,16 @@ _HEAD, _FOOT, _SIDE = 40.0, 14.0, 14.0  # around a tank, for its time and the ne
 _LEGEND = 52.0
 
 
-def strip(out, times: Iterable[float], path=None, *, columns: int | None = None, width: int = WIDTH,
-          backend: str = "auto", fluid_colours: Mapping[str, str] | None = None) -> Path:
+def strip(
+    out,
+    times: Iterable[float],
+    path=None,
+    *,
+    columns: int | None = None,
+    width: int = WIDTH,
+    backend: str = "auto",
+    fluid_colours: Mapping[str, str] | None = None,
+) -> Path:
     """Draw the fluids of a results folder at several times, side by side in one PNG.
 
     times: [s]; of the stored times those closest to them are drawn, each once, under the time they are of.

@@ -1,7 +1,7 @@
 """Edges that cross an interface, or that it runs along: how long they are, and for how long they stay so.
 
-    python tests/interface_edges.py inversion --interface interpolated
-    python tests/interface_edges.py dam-break --spacing 0.01
+python tests/interface_edges.py inversion --interface interpolated
+python tests/interface_edges.py dam-break --spacing 0.01
 """
 
 from __future__ import annotations

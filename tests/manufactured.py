@@ -1,7 +1,7 @@
 """A flow known in closed form: one vortex in the unit square, no-slip walls, kept up by a body force.
 
-    psi = sin^2(pi x) sin^2(pi y) / pi,  u = (d psi / dy, -d psi / dx) g(t),  p = cos(pi x) cos(pi y) g(t),
-    b = Du/Dt + grad p / rho - nu lap u,  with rho = 1.
+psi = sin^2(pi x) sin^2(pi y) / pi,  u = (d psi / dy, -d psi / dx) g(t),  p = cos(pi x) cos(pi y) g(t),
+b = Du/Dt + grad p / rho - nu lap u,  with rho = 1.
 """
 
 from __future__ import annotations

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem.mesh import Mesh
+from tipfem.mesh.delaunay import triangulate
+from tipfem.mesh.mesh import Mesh
 from tipfem.output import ResultsFolder, own_columns
-from tipfem.triangulation import triangulate
 
 
 def state(water: tp.Fluid, air: tp.Fluid, dimension: int = 2, seed: int = 0) -> tuple[tp.Particles, Mesh]:

@@ -11,7 +11,7 @@ import numpy_twin as twin
 import pytest
 
 import tipfem as tp
-from tipfem.triangulation import triangulate
+from tipfem.mesh.delaunay import triangulate
 
 DT = 1e-3
 CELLS = 10
@@ -28,9 +28,19 @@ def blocks(densities, stabilisation, rho_inf=0.0):
     density = np.array([f.density for f in fluids])[particles.fluid[mesh.cells]].mean(axis=1)
     n, zero = len(particles), np.zeros_like(particles.position)
     step = twin.Step(
-        mesh.position, mesh.cells, particles.wall, zero, zero, np.tile(GRAVITY, (n, 1)), density, 1e-12 + 0 * density,
-        0 * density, twin.Alpha(rho_inf, DT), stabilisation, particles.spacing,
-    )  # fmt: skip
+        mesh.position,
+        mesh.cells,
+        particles.wall,
+        zero,
+        zero,
+        np.tile(GRAVITY, (n, 1)),
+        density,
+        1e-12 + 0 * density,
+        0 * density,
+        twin.Alpha(rho_inf, DT),
+        stabilisation,
+        particles.spacing,
+    )
     eps = 1e-7
 
     def column(du, dp):

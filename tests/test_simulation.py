@@ -13,7 +13,7 @@ import pytest
 
 import tipfem as tp
 from tipfem.simulation import StepRefused
-from tipfem.volume_source import volume_source
+from tipfem.step.volume_source import volume_source
 
 
 def dam_break(water, air, spacing=0.02, **options):
@@ -256,6 +256,7 @@ def test_a_body_force_of_wrong_shape_is_refused(water):
 
 def test_a_column_that_fails_leaves_its_row_and_says_which(water, air, tmp_path):
     """The step is accepted, so its row is there, with NaN for what could not be had."""
+
     def front(simulation):
         if simulation.step_number == 2:
             raise ZeroDivisionError("no front")

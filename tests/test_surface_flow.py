@@ -12,12 +12,12 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 import tipfem as tp
-from tipfem.device import download
-from tipfem.flow import ElementProperties, FlowProblem, Workspace
-from tipfem.free_surface import SurfaceMesher
-from tipfem.linear_system import SCHUR_SCALE
-from tipfem.probes import extent
-from tipfem.time_integration import GeneralizedAlpha
+from tipfem.backend.runtime import download
+from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.mesh.free_surface import SurfaceMesher
+from tipfem.mesh.probes import extent
+from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
+from tipfem.step.linear_system import SCHUR_SCALE
 
 GRAVITY = np.array([0.0, -9.81])
 WATER = tp.Fluid("water", density=1000.0, viscosity=1e-3)
@@ -29,9 +29,12 @@ def with_drops(tank: tp.Tank, place, velocity) -> tp.Particles:
     p = tank.sample([WATER], empty=True)
     place, velocity = np.asarray(place, float), np.asarray(velocity, float)
     return tp.Particles(
-        np.concatenate([p.position, place]), np.append(p.fluid, [0] * len(place)),
-        np.append(p.wall, [False] * len(place)), velocity=np.concatenate([p.velocity, velocity]), spacing=p.spacing,
-    )  # fmt: skip
+        np.concatenate([p.position, place]),
+        np.append(p.fluid, [0] * len(place)),
+        np.append(p.wall, [False] * len(place)),
+        velocity=np.concatenate([p.velocity, velocity]),
+        spacing=p.spacing,
+    )
 
 
 def simulate(particles, steps: int, *, fluids=(WATER,), dt: float = 2e-3, watch=None, **options) -> tp.Simulation:
@@ -204,9 +207,10 @@ def test_a_tank_that_is_full_has_no_surface():
 def problem_with_surface(dt: float = 2e-3) -> tuple[FlowProblem, twin.Step, tp.Particles]:
     """A jittered pool with two particles above it, on the device and in NumPy."""
     p = with_drops(
-        tp.tank((1.0, 0.9), 0.1, jitter=0.1).fill(WATER, box=((0, 0), (1, 0.5))), [[0.3, 0.75], [0.6, 0.75]],
+        tp.tank((1.0, 0.9), 0.1, jitter=0.1).fill(WATER, box=((0, 0), (1, 0.5))),
+        [[0.3, 0.75], [0.6, 0.75]],
         [[1.0, 0.0], [0.0, -1.0]],
-    )  # fmt: skip
+    )
     rng = np.random.default_rng(4)
     p.velocity[~p.wall] = rng.uniform(-0.2, 0.2, (int((~p.wall).sum()), 2))
     mesh = SurfaceMesher(tp.SurfaceRule(), np.zeros(len(p), dtype=bool)).start(p)
@@ -214,9 +218,19 @@ def problem_with_surface(dt: float = 2e-3) -> tuple[FlowProblem, twin.Step, tp.P
     material = ElementProperties(np.full(m, 1000.0), np.full(m, 1e-3), np.zeros(m))
     problem = FlowProblem(mesh, p, material, GeneralizedAlpha(0.0, dt), force, 0.25, Workspace())
     step = twin.Step(
-        mesh.position, mesh.cells, p.wall, p.velocity, p.acceleration, force, material.density, material.viscosity,
-        material.source, twin.Alpha(0.0, dt), 0.25, p.spacing,
-    )  # fmt: skip
+        mesh.position,
+        mesh.cells,
+        p.wall,
+        p.velocity,
+        p.acceleration,
+        force,
+        material.density,
+        material.viscosity,
+        material.source,
+        twin.Alpha(0.0, dt),
+        0.25,
+        p.spacing,
+    )
     return problem, step, p
 
 

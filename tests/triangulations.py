@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import Delaunay
 
-from tipfem.fitted import Triangulation
-from tipfem.mesh import Mesh, simplex_measure
+from tipfem.mesh.mesh import Mesh, simplex_measure
+from tipfem.remesh.fitted import Triangulation
 
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
@@ -26,9 +26,7 @@ def of(position, cells, fluid=None, *, wall=None, density=None) -> Triangulation
         cell, i = np.nonzero(mesh.across < 0)
         wall[cells[cell, (i + 1) % 3]] = wall[cells[cell, (i + 2) % 3]] = 1
     density = np.ones(fluid.max() + 1) if density is None else np.array(density, dtype=float)
-    t = Triangulation(
-        state, cells.copy(), mesh.across.copy(), fluid, corner, np.array(wall, dtype=np.int32), density
-    )  # fmt: skip
+    t = Triangulation(state, cells.copy(), mesh.across.copy(), fluid, corner, np.array(wall, dtype=np.int32), density)
     t.state[:, 7] = masses(t)
     return t
 
@@ -107,7 +105,7 @@ def inner_edges(t: Triangulation):
 
 
 def circle_test(x, four) -> np.ndarray:
-    """`surgery.in_circle` in NumPy, by a general determinant."""
+    """`edge_operations.in_circle` in NumPy, by a general determinant."""
     v = x[four[:, :3]] - x[four[:, 3:]]
     square = (v**2).sum(axis=2)
     return np.linalg.det(np.concatenate([v, square[..., None]], axis=2)) / square.max(axis=1) ** 2

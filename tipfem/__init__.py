@@ -1,17 +1,14 @@
 """tipfem: two immiscible incompressible fluids by the position-based Particle Finite Element Method."""
 
-from tipfem.alpha_shape import SurfaceRule
-from tipfem.case import Case
-from tipfem.device import init
-from tipfem.fitting import FittedRule
-from tipfem.fluid import Fluid
-from tipfem.geometry import Tank, tank
-from tipfem.grading import Grading
-from tipfem.numerics import Numerics
-from tipfem.particles import Particles
-from tipfem.relocation_rule import RelocationRule
+from tipfem.backend.runtime import init
+from tipfem.case.case import Case
+from tipfem.case.fluid import Fluid
+from tipfem.case.grading import Grading
+from tipfem.case.numerics import FittedRule, Numerics, RelocationRule, SurfaceRule
+from tipfem.case.particles import Particles
+from tipfem.case.tank import Tank, tank
+from tipfem.case.walls import Motion, Wall
 from tipfem.simulation import Simulation, SimulationError
-from tipfem.walls import Motion, Wall
 
 __version__ = "0.1.0"
 

@@ -22,15 +22,25 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from tipfem.case import Case
-from tipfem.mesh import Mesh
-from tipfem.particles import Array, Particles
+from tipfem.case.case import Case
+from tipfem.case.particles import Particles
+from tipfem.mesh.mesh import Mesh
+from tipfem.typing import Array
 
 # What an earlier run left, pictures drawn of it included: they would tell of another run than the numbers.
 _OWN_FILES = (
-    "fields/step_*.vtu", "fields.pvd", "history.csv", "summary.json", "case.json",
-    "frames*/frame_*.png", "animation*.*", "strip.png", "front.png", "amplitude.png", "heights.png",
-)  # fmt: skip
+    "fields/step_*.vtu",
+    "fields.pvd",
+    "history.csv",
+    "summary.json",
+    "case.json",
+    "frames*/frame_*.png",
+    "animation*.*",
+    "strip.png",
+    "front.png",
+    "amplitude.png",
+    "heights.png",
+)
 
 
 class ResultsFolder:
@@ -177,9 +187,17 @@ class ResultsFolder:
 
 # What a row of the history begins with; the budgets' columns follow, and a user's own.
 STEP_COLUMNS = (
-    "step", "time", "time_step", "particles", "newton_iterations", "krylov_iterations", "relocated", "rebuilt",
-    "max_speed", "wall_seconds",
-)  # fmt: skip
+    "step",
+    "time",
+    "time_step",
+    "particles",
+    "newton_iterations",
+    "krylov_iterations",
+    "relocated",
+    "rebuilt",
+    "max_speed",
+    "wall_seconds",
+)
 
 
 def own_columns(columns: Mapping[str, Callable[[Any], float]]) -> dict[str, Callable[[Any], float]]:

@@ -12,23 +12,26 @@ from typing import Any
 
 import numpy as np
 
-from tipfem import device, probes
-from tipfem.budget import Budget, lumped
-from tipfem.case import INTERFACES, Case
+from tipfem.arguments import is_number
+from tipfem.backend import runtime
+from tipfem.case.case import Case
+from tipfem.case.particles import Particles
 from tipfem.errors import SimulationError, StepRefused
-from tipfem.flow import ElementProperties, FlowProblem, Workspace
-from tipfem.newton import NewtonResult, newton
+from tipfem.fem.time_integration import GeneralizedAlpha, StepControl, smallest_jacobian
+from tipfem.linalg.newton import NewtonResult, newton
+from tipfem.mesh import probes
+from tipfem.mesh.delaunay import TriangulationError
+from tipfem.mesh.interface import INTERFACES
 from tipfem.output import ResultsFolder, fill_columns, own_columns
-from tipfem.particles import Array, Particles
 from tipfem.progress import RunProgress
-from tipfem.remeshing import Remeshed, remesher_for
-from tipfem.time_integration import GeneralizedAlpha, StepControl, smallest_jacobian
-from tipfem.transfer import nodal_density, transfer_momentum
-from tipfem.triangulation import TriangulationError
-from tipfem.validation import is_number
-from tipfem.volume_source import VolumeControl
-from tipfem.wall_motion import set_off
-from tipfem.wall_step import WallStep, walls_in_step
+from tipfem.remesh.momentum_transfer import nodal_density, transfer_momentum
+from tipfem.remesh.remeshers import Remeshed, remesher_for
+from tipfem.step.budget import Budget, lumped
+from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
+from tipfem.step.volume_source import VolumeControl
+from tipfem.typing import Array
+from tipfem.walls.motion import set_off
+from tipfem.walls.step import WallStep, walls_in_step
 
 Probe = Callable[["Simulation"], float]
 
@@ -74,7 +77,7 @@ class Simulation:
                 f"Simulation: output_interval is {output_interval:g} s, far below the time step of {time_step:g} s; "
                 "every output shortens steps to end at it"
             )
-        device.require_init()
+        runtime.require_init()
         self.case, self.boundary = case, case.boundary
         self.output_interval = output_interval
         self.columns = own_columns(columns or {})
@@ -194,13 +197,16 @@ class Simulation:
             self.mesh, before, material, scheme, force, numerics.stabilisation, self._workspace, self._walls
         )
         forces = force if varies else force[:1]
-        tolerance = numerics.tolerance(forces, scheme.cm, before.spacing, device.round_off())
+        tolerance = numerics.tolerance(forces, scheme.cm, before.spacing, runtime.round_off())
         if self.step_number == 0:  # what the first step leaves of pressure's error would slosh for long
-            tolerance = min(tolerance, 10 * device.round_off())
+            tolerance = min(tolerance, 10 * runtime.round_off())
         result = newton(
-            problem, problem.predict(), tolerance=tolerance, max_iterations=numerics.newton_iterations,
-            noise=device.round_off(),
-        )  # fmt: skip
+            problem,
+            problem.predict(),
+            tolerance=tolerance,
+            max_iterations=numerics.newton_iterations,
+            noise=runtime.round_off(),
+        )
         result.require()
         limits = problem.limits(result.solution)
         limits.require(numerics.smallest_jacobian, self.control.reach)
@@ -255,7 +261,7 @@ class Simulation:
                 "spacing": self.particles.spacing,
                 "grading": self.case.grading.summary() if self.case.grading else None,
                 "largest_time_step": self.control.largest,
-                **device.settings(),
+                **runtime.settings(),
                 "interface": self.case.interface,
                 "numerics": dataclasses.asdict(self.case.numerics),
                 "fluids": [vars(f) for f in self.case.fluids],

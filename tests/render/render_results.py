@@ -72,8 +72,18 @@ def write_results(out, times=(0.0, 0.1, 0.2), count=24, sharp=False):
         lines.append(f'<DataSet timestep="{time}" part="0" file="fields/step_{step:06d}.vtu"/>')
     (out / "fields.pvd").write_text(
         '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1"><Collection>'
-        + "".join(lines) + "</Collection></VTKFile>")
-    case = {"format": 1, "dimension": 2, "fluids": FLUIDS, "lower": [0, 0], "upper": [SIDE, SIDE],
-            "spacing": SIDE / count, "gravity": [0, -9.81], "title": "Sloshing"}
+        + "".join(lines)
+        + "</Collection></VTKFile>"
+    )
+    case = {
+        "format": 1,
+        "dimension": 2,
+        "fluids": FLUIDS,
+        "lower": [0, 0],
+        "upper": [SIDE, SIDE],
+        "spacing": SIDE / count,
+        "gravity": [0, -9.81],
+        "title": "Sloshing",
+    }
     (out / "case.json").write_text(json.dumps(case))
     return out

@@ -30,8 +30,17 @@ def driver():
 @pytest.fixture(scope="module")
 def scene():
     points, cells, fluid, wall = tank(0.0)
-    return Scene(position=points, cells=cells, fluid=fluid, wall=wall, fluid_names=("water", "air"),
-                 fields={"pressure": 1000 * points[:, 1]}, lower=(0, 0), upper=(SIDE, SIDE), title="GGUI")
+    return Scene(
+        position=points,
+        cells=cells,
+        fluid=fluid,
+        wall=wall,
+        fluid_names=("water", "air"),
+        fields={"pressure": 1000 * points[:, 1]},
+        lower=(0, 0),
+        upper=(SIDE, SIDE),
+        title="GGUI",
+    )
 
 
 @pytest.mark.vulkan

@@ -12,9 +12,16 @@ from tipfem.render.scales import field_limits, round_ticks, tick_labels
 
 def made_scene(**changes):
     points, cells, fluid, wall = tank(0.0)
-    given = dict(position=points, cells=cells, fluid=fluid, wall=wall, fluid_names=("water", "air"),
-                 fields={"pressure": 1000 * points[:, 1], "velocity_x": points[:, 0] - 0.1},
-                 lower=(0, 0), upper=(SIDE, SIDE))
+    given = dict(
+        position=points,
+        cells=cells,
+        fluid=fluid,
+        wall=wall,
+        fluid_names=("water", "air"),
+        fields={"pressure": 1000 * points[:, 1], "velocity_x": points[:, 0] - 0.1},
+        lower=(0, 0),
+        upper=(SIDE, SIDE),
+    )
     return Scene(**(given | changes))
 
 

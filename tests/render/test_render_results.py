@@ -68,7 +68,11 @@ def test_frames_and_mp4(out):
     done = animate(out, size=SIZE, backend="raster")
     assert [path.name for path in done.frames] == ["frame_0000.png", "frame_0001.png", "frame_0002.png"]
     assert sorted(path.name for path in (out / "frames").iterdir()) == [
-        "frame_0000.png", "frame_0001.png", "frame_0002.png", "notes.txt"]
+        "frame_0000.png",
+        "frame_0001.png",
+        "frame_0002.png",
+        "notes.txt",
+    ]
     movie = imageio.imread(out / "animation.mp4", plugin="FFMPEG")
     assert movie.shape == (3, SIZE[1], SIZE[0], 3)
     frame = np.asarray(Image.open(done.frames[1])).astype(int)
@@ -114,8 +118,24 @@ def test_failure_midway_leaves_no_movie(out):
 
 
 def test_command_line(out):
-    done = command(out, "--field", "speed", "--range", "0", "0.5", "--mesh", "--particles", "--size",
-                   "480x320", "--backend", "raster", "--movie", "a.mp4", "--colour", "water=#005588")
+    done = command(
+        out,
+        "--field",
+        "speed",
+        "--range",
+        "0",
+        "0.5",
+        "--mesh",
+        "--particles",
+        "--size",
+        "480x320",
+        "--backend",
+        "raster",
+        "--movie",
+        "a.mp4",
+        "--colour",
+        "water=#005588",
+    )
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     assert "[Taichi]" not in done.stdout

@@ -18,10 +18,19 @@ FILLS = fluid_colours(("water", "air"))
 
 def made_scene(**changes):
     points, cells, fluid, cell_fluid, wall = sharp_tank(0.0, COUNT)
-    given = dict(position=points, cells=cells, fluid=fluid, cell_fluid=cell_fluid, wall=wall,
-                 fluid_names=("water", "air"), lower=(0, 0), upper=(SIDE, SIDE), spacing=SIDE / COUNT,
-                 fields={"density": DENSITIES[fluid], "pressure": 1000 * points[:, 1]},
-                 cell_fields={"density": DENSITIES[cell_fluid]})
+    given = dict(
+        position=points,
+        cells=cells,
+        fluid=fluid,
+        cell_fluid=cell_fluid,
+        wall=wall,
+        fluid_names=("water", "air"),
+        lower=(0, 0),
+        upper=(SIDE, SIDE),
+        spacing=SIDE / COUNT,
+        fields={"density": DENSITIES[fluid], "pressure": 1000 * points[:, 1]},
+        cell_fields={"density": DENSITIES[cell_fluid]},
+    )
     return Scene(**(given | changes))
 
 
@@ -85,8 +94,9 @@ def test_other_fields_do_not_depend_on_the_fluid_of_the_cells():
     scene = made_scene()
     rows, columns, _ = away_from_the_interface(scene, layout_of(scene, "pressure"), 3)
     sharp = render_frame(scene, SIZE, "pressure", (0, 500), backend="raster")
-    plain = render_frame(made_scene(fluid=0 * scene.fluid, cell_fluid=None), SIZE, "pressure", (0, 500),
-                         backend="raster")
+    plain = render_frame(
+        made_scene(fluid=0 * scene.fluid, cell_fluid=None), SIZE, "pressure", (0, 500), backend="raster"
+    )
     assert (sharp[rows, columns] == plain[rows, columns]).all()
 
 
@@ -123,8 +133,15 @@ def test_mesh_lines_in_a_bubble_are_those_of_its_fluid():
 
 def test_scenes_without_a_fluid_for_the_cells_are_cut_as_before():
     points, cells, fluid, wall = tank(0.0, COUNT)
-    scene = Scene(position=points, cells=cells, fluid=fluid, wall=wall, fluid_names=("water", "air"),
-                  lower=(0, 0), upper=(SIDE, SIDE))
+    scene = Scene(
+        position=points,
+        cells=cells,
+        fluid=fluid,
+        wall=wall,
+        fluid_names=("water", "air"),
+        lower=(0, 0),
+        upper=(SIDE, SIDE),
+    )
     mixed = np.flatnonzero(np.ptp(fluid[cells], axis=1))
     corners = points[cells[mixed]]
     image = render_frame(scene, SIZE, backend="raster")

@@ -1,0 +1,1 @@
+"""Demos: one script a case."""

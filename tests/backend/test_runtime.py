@@ -1,0 +1,65 @@
+"""Device buffers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tipfem.backend.runtime import Buffers, download
+
+
+def test_buffers_grow_and_are_used_again():
+    buffers = Buffers()
+    first = buffers.get("a", 100)
+    assert first.shape[0] >= 100
+    assert buffers.get("a", 100) is first
+    assert buffers.get("a", 3) is first
+    assert buffers.get("a", 0) is first
+    assert buffers.get("b", 100) is not first
+    larger = buffers.get("a", 1000)
+    assert larger is not first
+    assert larger.shape[0] >= 1000
+    assert buffers.get("a", 100) is larger
+    assert buffers.get("table", 10, 3).shape[1] == 3
+    assert buffers.get("nothing", 0).shape[0] >= 1
+
+
+@pytest.mark.parametrize("shape", [(7,), (1,), (5, 3), (64, 2)])
+@pytest.mark.parametrize("kind", [np.float64, np.int32, np.int64, bool])
+def test_upload_and_download_are_a_round_trip(shape, kind):
+    buffers = Buffers()
+    values = (np.random.default_rng(0).uniform(-9, 9, shape)).astype(kind)
+    back = download(buffers.upload("a", values), shape[0])
+    assert back.dtype == (np.float64 if kind is np.float64 else np.int32)
+    np.testing.assert_array_equal(back, values)
+    smaller = values[: (shape[0] + 1) // 2]
+    np.testing.assert_array_equal(download(buffers.upload("a", smaller), len(smaller)), smaller)
+
+
+def test_upload_takes_slices_and_empty_arrays():
+    buffers = Buffers()
+    table = np.arange(24.0).reshape(6, 4)
+    np.testing.assert_array_equal(download(buffers.upload("a", table[::2, 1:3]), 3), table[::2, 1:3])
+    np.testing.assert_array_equal(download(buffers.upload("b", table.T), 4), table.T)
+    assert len(download(buffers.upload("empty", np.zeros(0)), 0)) == 0
+
+
+def test_memory_stays_flat_while_sizes_change():
+    buffers = Buffers()
+    rng = np.random.default_rng(2)
+
+    def use(rows):
+        buffers.upload("vector", np.zeros(rows))
+        buffers.upload("cells", np.zeros((2 * rows, 3), dtype=np.int32))
+        buffers.get("work", 3 * rows, 4)
+
+    use(1000)
+    held = buffers.memory()
+    assert held >= 1000 * (8 + 2 * 3 * 4 + 3 * 4 * 8)
+    assert held <= 1.2 * 1000 * (8 + 2 * 3 * 4 + 3 * 4 * 8)
+    for _ in range(200):
+        use(int(rng.integers(1, 1001)))
+    assert buffers.memory() == held
+    # creeping growth does not ask for a new array every time
+    arrays = {id(buffers.get("vector", rows)) for rows in range(1000, 1100)}
+    assert len(arrays) == 1

@@ -1,0 +1,214 @@
+"""Generalized-alpha and the length of the step, without the flow."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy_twin as twin
+import pytest
+
+import tipfem as tp
+from tipfem.fem.time_integration import GeneralizedAlpha, StepControl, smallest_jacobian
+from tipfem.mesh.delaunay import triangulate
+
+SPECTRAL_RADII = pytest.mark.parametrize("rho_inf", [0.0, 0.5, 1.0])
+
+
+@pytest.mark.parametrize("rho_inf", [0.0, 0.2, 0.5, 0.8, 1.0])
+def test_generalized_alpha_coefficients(rho_inf):
+    """Chung & Hulbert's conditions, and the derivatives of the intermediate values by differences."""
+    dt = 0.03
+    scheme = GeneralizedAlpha(rho_inf, dt)
+    assert scheme.alpha_m == pytest.approx((2 * rho_inf - 1) / (rho_inf + 1), rel=1e-15)
+    assert scheme.alpha_f == pytest.approx(rho_inf / (rho_inf + 1), rel=1e-15)
+    assert scheme.gamma == pytest.approx(0.5 - scheme.alpha_m + scheme.alpha_f, rel=1e-15)  # order 2
+    assert scheme.beta == pytest.approx(0.25 * (0.5 + scheme.gamma) ** 2, rel=1e-15)  # largest damping
+    assert scheme.alpha_m <= scheme.alpha_f <= 0.5  # stability
+    rng = np.random.default_rng(1)
+    v, a, u = rng.standard_normal((3, 7, 2))
+    particles = tp.Particles(rng.uniform(size=(7, 2)), np.zeros(7), np.zeros(7), v, a, spacing=0.1)
+    v0, a0 = scheme.history(particles)
+    v_alpha, a_alpha = twin.Alpha(rho_inf, dt).intermediate(u, v, a)
+    np.testing.assert_allclose(scheme.cv * u + v0, v_alpha, atol=1e-11)
+    np.testing.assert_allclose(scheme.cm * u + a0, a_alpha, atol=1e-9)
+    assert scheme.cf == pytest.approx(1 / (1 + rho_inf))
+    # a constant acceleration is what the prediction keeps
+    predicted = scheme.predict(particles)
+    np.testing.assert_allclose(scheme.acceleration(predicted, particles), a, atol=1e-9)
+    np.testing.assert_allclose(scheme.velocity(a, particles), v + dt * a, atol=1e-13)
+
+
+def oscillate(rho_inf, dt, steps, *, stiffness, damping, position=1.0, velocity=0.0):
+    """x'' + c x' + k x = 0 by `steps` steps; Particles at the end."""
+    scheme = GeneralizedAlpha(rho_inf, dt)
+    start = np.array([[position, 0.5 * position]])
+    speed = np.array([[velocity, 0.5 * velocity]])
+    particles = tp.Particles(start, np.zeros(1), np.zeros(1), speed, -stiffness * start - damping * speed, spacing=1.0)
+    for _ in range(steps):
+        v0, a0 = scheme.history(particles)
+        slope = scheme.cm + damping * scheme.cv + stiffness * scheme.cf
+        u = -(a0 + damping * v0 + stiffness * particles.position) / slope
+        particles = scheme.advance(particles, u, particles.pressure)
+    return particles
+
+
+@SPECTRAL_RADII
+def test_generalized_alpha_is_of_second_order(rho_inf):
+    """Positions and velocities of a damped oscillator at t = 2 against the exact solution."""
+    k, c, end = 9.0, 0.4, 2.0
+    omega = math.sqrt(k - c * c / 4)
+    decay = math.exp(-c * end / 2)
+    x = decay * (math.cos(omega * end) + c / (2 * omega) * math.sin(omega * end))
+    v = -decay * k / omega * math.sin(omega * end)
+    errors = []
+    for steps in (400, 800, 1600):
+        result = oscillate(rho_inf, end / steps, steps, stiffness=k, damping=c)
+        errors.append([abs(result.position[0, 0] - x), abs(result.velocity[0, 0] - v)])
+        np.testing.assert_allclose(result.position[0, 1], 0.5 * result.position[0, 0], rtol=1e-12)
+    order = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+    assert abs(order - 2).max() < 0.1
+    assert np.max(errors[-1]) < 1e-3
+
+
+@pytest.mark.parametrize("rho_inf", [0.0, 0.3, 0.7, 1.0])
+def test_generalized_alpha_damps_high_frequencies_as_it_promises(rho_inf):
+    """Spectral radius of one step's map of (x, dt v, dt^2 a) at omega dt = 1e5; at most 1 at any frequency."""
+    dt = 0.1
+
+    def radius(omega_dt):
+        stiffness = (omega_dt / dt) ** 2
+        scheme = GeneralizedAlpha(rho_inf, dt)
+        columns = []
+        for x, v, a in np.eye(3):
+            state = tp.Particles([[x, 0.0]], np.zeros(1), np.zeros(1), [[v / dt, 0.0]], [[a / dt**2, 0.0]], spacing=1.0)
+            _, a0 = scheme.history(state)
+            u = -(a0 + stiffness * state.position) / (scheme.cm + stiffness * scheme.cf)
+            after = scheme.advance(state, u, state.pressure)
+            columns.append([after.position[0, 0], dt * after.velocity[0, 0], dt**2 * after.acceleration[0, 0]])
+        return abs(np.linalg.eigvals(np.array(columns).T)).max()
+
+    assert radius(1e5) == pytest.approx(rho_inf, abs=5e-4)
+    for omega_dt in (0.01, 0.3, 1.0, 3.0, 10.0, 100.0):
+        assert radius(omega_dt) <= 1 + 1e-8
+
+
+def test_generalized_alpha_keeps_energy_at_most_and_walls_at_rest():
+    undamped = oscillate(1.0, 0.05, 400, stiffness=9.0, damping=0.0)
+    energy = undamped.velocity[0, 0] ** 2 / 2 + 9.0 * undamped.position[0, 0] ** 2 / 2
+    assert energy == pytest.approx(4.5, rel=1e-2)
+    wall = np.array([True, False])
+    particles = tp.Particles(np.eye(2), np.zeros(2), wall, acceleration=np.ones((2, 2)), spacing=1.0)
+    after = GeneralizedAlpha(0.5, 0.1).advance(particles, np.array([[0.0, 0.0], [0.1, 0.2]]), np.array([3.0, 4.0]))
+    assert (after.velocity[0] == 0).all()
+    assert (after.acceleration[0] == 0).all()
+    assert (after.velocity[1] != 0).all()
+    np.testing.assert_array_equal(after.position, [[1.0, 0.0], [0.1, 1.2]])
+    np.testing.assert_array_equal(after.pressure, [3.0, 4.0])
+    assert (particles.acceleration == 1).all()
+
+
+@SPECTRAL_RADII
+def test_histories_are_the_intermediate_values_of_a_particle_that_stays(rho_inf):
+    scheme, rng = GeneralizedAlpha(rho_inf, 0.03), np.random.default_rng(2)
+    v, a = rng.standard_normal((2, 7, 2))
+    particles = tp.Particles(rng.uniform(size=(7, 2)), np.zeros(7), np.zeros(7), v, a, spacing=0.1)
+    a_next = scheme.acceleration(np.zeros((7, 2)), particles)
+    v_next = scheme.velocity(a_next, particles)
+    velocity, acceleration = scheme.history(particles)
+    np.testing.assert_allclose(velocity, (1 - scheme.alpha_f) * v_next + scheme.alpha_f * v, atol=1e-13)
+    np.testing.assert_allclose(acceleration, (1 - scheme.alpha_m) * a_next + scheme.alpha_m * a, atol=1e-10)
+
+
+def test_step_control_halves_and_grows_back():
+    control = StepControl(0.1, growth=1.5)
+    assert control.length(0.0, math.inf) == 0.1
+    assert control.refuse(0.1)
+    assert control.length(0.0, math.inf) == 0.05
+    assert control.refuse(0.05)
+    dt = control.length(0.0, math.inf)
+    lengths = []
+    for _ in range(5):
+        dt = control.length(0.0, math.inf)
+        lengths.append(dt)
+        control.accept(dt)
+    np.testing.assert_allclose(lengths, [0.025, 0.0375, 0.05625, 0.084375, 0.1], rtol=1e-14)
+
+
+def test_step_control_is_not_shortened_for_good_by_a_short_remainder():
+    control = StepControl(0.1)
+    dt = control.length(0.0, 0.003)
+    assert dt == 0.003
+    control.accept(dt)
+    assert control.length(0.0, math.inf) == 0.1
+
+
+def test_step_control_aims_at_a_displacement():
+    control = StepControl(0.1, target=0.35)
+    assert control.length(2.0 / 0.01, math.inf) == pytest.approx(0.35 * 0.01 / 2.0, rel=1e-14)
+    assert control.length(0.01 / 0.01, math.inf) == 0.1  # too slow to matter
+    assert control.length(1e9 / 0.01, math.inf) >= control.smallest  # too fast for any step
+
+
+def test_step_control_takes_long_moves_only_where_nothing_is_crushed():
+    """In a flow whose J is 1 - (rate dt)^2: up to the target, shortened by J, but no shorter than half a spacing."""
+    control, pace = StepControl(1.0, target=0.8), 2.0
+    for rate, expected in ((0.1, 0.8 / pace), (2.0, 0.99 * math.sqrt(0.6) / 2.0), (20.0, 0.5 / pace)):
+        dt = control.length(pace, math.inf, lambda dt, rate=rate: 1 - (rate * dt) ** 2)
+        assert dt == pytest.approx(expected, rel=1e-12)
+    asked = []
+    assert StepControl(1.0, target=0.4).length(pace, math.inf, asked.append) == pytest.approx(0.2)
+    assert control.refuse(0.2)
+    assert control.length(pace, math.inf, asked.append) == pytest.approx(0.1)
+    assert asked == []  # short steps need no look at the elements
+
+
+def test_step_control_gives_up_on_what_is_always_crushed():
+    """An element that is flat already does not make steps shorter than half a spacing."""
+    control = StepControl(1.0, target=0.8)
+    for shrunk in (-1e9, 0.399, -math.inf):
+        assert control.length(2.0, math.inf, lambda _dt, j=shrunk: j) == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_smallest_jacobian_is_that_of_numpy(dimension, water):
+    tp.init()
+    particles = tp.tank((1.0,) * dimension, 0.2, jitter=0.2).fill(water).sample([water])
+    mesh = triangulate(particles.position, particles.wall, particles.spacing)
+    particles.velocity = np.random.default_rng(0).standard_normal(particles.position.shape)
+    for dt in (1e-3, 0.05):
+        moved = mesh.moved(particles.position + dt * particles.velocity).measure
+        assert smallest_jacobian(mesh, particles, dt) == pytest.approx((moved / mesh.measure).min(), rel=1e-10)
+
+
+@pytest.mark.parametrize("remaining", [0.25, 0.1, 0.1 + 1e-13, 1.0, 0.101, 0.0999, 7.77])
+def test_step_control_divides_the_remaining_time_evenly(remaining):
+    control = StepControl(0.1)
+    time, lengths = 0.0, []
+    while remaining - time > 1e-12:
+        lengths.append(control.length(0.0, remaining - time))
+        control.accept(lengths[-1])
+        time += lengths[-1]
+    assert len(lengths) == math.ceil(remaining / 0.1 - 1e-9)
+    np.testing.assert_allclose(lengths, remaining / len(lengths), rtol=1e-9)
+
+
+@pytest.mark.parametrize("remaining", [math.inf, 0.77])
+@pytest.mark.parametrize("speed", [0.0, 1e6])
+def test_step_control_gives_up(remaining, speed):
+    """Steps that are all refused end, whatever the speed and whether or not there is an end time."""
+    control = StepControl(0.1, smallest=1e-4)
+    lengths = []
+    while True:
+        lengths.append(control.length(speed / 0.01, remaining))
+        if not control.refuse(lengths[-1]):
+            break
+        assert len(lengths) < 50, f"never gives up: {lengths[-3:]}"
+    assert lengths[-1] < 1e-3
+    assert (np.diff(lengths) < 0).all()
+
+
+@pytest.mark.parametrize("largest_step", [0.0, -1.0, math.nan, math.inf])
+def test_step_control_rejects_a_senseless_length(largest_step):
+    with pytest.raises(ValueError, match="time step"):
+        StepControl(largest_step)

@@ -1,0 +1,173 @@
+"""The works of a step's forces: against NumPy, and a linear velocity field in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy_twin as twin
+import pytest
+from test_element_residual import DIMENSIONS, HEAVY, LIGHT, SCHEMES, THICK, Setting
+
+import tipfem as tp
+from tipfem.backend import runtime
+from tipfem.fem import work as balance_kernels
+from tipfem.mesh.delaunay import triangulate
+from tipfem.mesh.mesh import simplex_measure
+from tipfem.mesh.probes import nodal_mass
+from tipfem.step.budget import lumped
+
+
+def works_in_numpy(step, u, p):
+    """What `step_work` sums up, from the residual's terms in NumPy; the force and the work of all particles' rows."""
+    cells, dt = step.cells, step.alpha.dt
+    big_g, area = twin.reference_gradients(step.position, cells)
+    v_alpha = step.alpha.intermediate(u, step.velocity, step.acceleration)[0]
+    x_alpha, x_next = step.position + (1 - step.alpha.f) * u, step.position + u
+    f = np.einsum("mai,maj->mij", x_alpha[cells], big_g)
+    j_next = np.linalg.det(np.einsum("mai,maj->mij", x_next[cells], big_g))
+    g = np.einsum("mji,maj->mai", np.linalg.inv(f), big_g)
+    w = area * np.linalg.det(f)
+    l, big_l = (np.einsum("mai,maj->mij", field[cells], g) for field in (v_alpha, u))
+    d = (l + np.swapaxes(l, 1, 2)) / 2
+    mean_p = p[cells].mean(axis=1)
+    stabilisation = twin.parts(step, u, p)[3]
+    rows, _ = twin.residual(step, u, p)
+    of_walls = step.wall[:, None] * rows[:, :-1]
+    return [
+        dt * (2 * step.viscosity * w * (d * d).sum(axis=(1, 2))).sum(),
+        (2 * step.viscosity * w * (d * big_l).sum(axis=(1, 2))).sum(),
+        (mean_p * (w * np.trace(big_l, axis1=1, axis2=2) - area * (j_next - 1))).sum(),
+        (p[cells] * stabilisation).sum(),
+        (area * mean_p * step.source).sum(),
+        (of_walls * u).sum(),
+        of_walls.sum(axis=0),
+    ]
+
+
+@DIMENSIONS
+@SCHEMES
+@pytest.mark.parametrize("fluids", [[HEAVY, LIGHT], [THICK]], ids=["two fluids", "one fluid"])
+def test_works_equal_those_in_numpy(dimension, rho_inf, fluids):
+    """Every sum, on a random state; the walls move too, for their work would be zero otherwise."""
+    setting = Setting(dimension, fluids, walls=True)
+    u, p, v, a = setting.random_state(amplitude=0.05)
+    setting.source = np.random.default_rng(4).uniform(-0.1, 0.1, len(setting.mesh.cells))
+    u[setting.particles.wall] = np.random.default_rng(5).uniform(-0.002, 0.002, u[setting.particles.wall].shape)
+    problem, step = setting.pose(rho_inf, 0.01, v, a)
+    x = problem.buffers.upload("unknowns", np.concatenate([u, p[:, None]], axis=1).ravel())
+    problem.residual(x)
+    work = problem.work(x)
+    expected = works_in_numpy(step, u, p)
+    found = [
+        work.viscous_dissipation,
+        work.viscous,
+        work.geometry,
+        work.stabilisation,
+        work.source,
+        work.walls,
+    ]
+    # A sum over elements that cancels is as exact as its terms are; those of pressure are of this size.
+    size = np.abs(p).max() * setting.mesh.measure.sum() * 1e-2
+    np.testing.assert_allclose(found, expected[:-1], rtol=1e-9, atol=1e-11 * size)
+    np.testing.assert_allclose(work.wall_force, expected[-1], rtol=1e-9)
+    if rho_inf == 1.0 and dimension == 2:
+        assert work.geometry == 0  # the mid-point rule is exact for areas
+
+
+@DIMENSIONS
+@pytest.mark.parametrize("rho_inf", [0.0, 0.8])
+def test_viscous_dissipation_of_a_linear_velocity(dimension, rho_inf):
+    """v = B x for a step: v_alpha = B x_n, so that l = B (I + cf dt B)^-1 and w sums to the deformed volume."""
+    setting = Setting(dimension, [THICK], walls=False)
+    b = np.random.default_rng(1).uniform(-1, 1, (dimension, dimension))
+    dt = 0.1
+    x, zero = setting.mesh.position, np.zeros_like(setting.mesh.position)
+    problem, _ = setting.pose(rho_inf, dt, x @ b.T, zero)
+    unknowns = problem.vector(dt * x @ b.T, np.zeros(len(x)))
+    problem.residual(unknowns)
+    f = np.eye(dimension) + problem.scheme.cf * dt * b
+    l = b @ np.linalg.inv(f)
+    d = (l + l.T) / 2
+    volume = setting.mesh.measure.sum() * np.linalg.det(f)
+    rate = 2 * THICK.viscosity * (d * d).sum() * volume
+    assert problem.work(unknowns).viscous_dissipation == pytest.approx(dt * rate, rel=1e-11)
+    # The work against the stress is over the displacement dt v_n, which is that of v_alpha.
+    assert problem.work(unknowns).viscous == pytest.approx(dt * rate, rel=1e-11)
+
+
+@DIMENSIONS
+def test_a_rigid_rotation_dissipates_nothing(dimension):
+    """Where nothing is strained; a shear of the same speed dissipates."""
+    setting = Setting(dimension, [THICK], walls=False)
+    spin = np.zeros((dimension, dimension))
+    spin[0, 1], spin[1, 0] = -2.0, 2.0
+    x = setting.mesh.position
+    dissipated = []
+    for b in (spin, abs(spin)):
+        problem, _ = setting.pose(0.0, 0.1, x @ b.T, np.zeros_like(x))
+        # At u = 0 the mesh stands still, and with rho_inf = 0 v_alpha is -v_n / 2: still a rotation, or a shear.
+        unknowns = problem.vector(np.zeros_like(x), np.zeros(len(x)))
+        problem.residual(unknowns)
+        dissipated.append(problem.work(unknowns).viscous_dissipation)
+    assert dissipated[1] > 0.1
+    assert abs(dissipated[0]) < 1e-20 * dissipated[1]
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("count", [5, 700])
+def test_sums_over_particles(dimension, count):
+    """Against NumPy, with more and with fewer particles than parts of the loop."""
+    tp.init()
+    rng, d, parts = np.random.default_rng(count), dimension, runtime.chunks()
+    mass, wall = rng.uniform(size=count), (rng.uniform(size=count) < 0.3)
+    x, v, a, v_old, a_old, relative, force, u = rng.standard_normal((8, count, d))
+    sums = np.zeros(1 + 2 * d)
+    balance_kernels.state_sums(mass, x, v, np.empty((parts, len(sums))), sums, count, parts, runtime.spread(), d, False)
+    of_state = [mass @ (v * v).sum(axis=1), *(mass @ x), *(mass @ v)]
+    np.testing.assert_allclose(sums, of_state, rtol=1e-12, atol=1e-12)
+    gravity, sums, volume = rng.standard_normal(d), np.zeros(3 + 4 * d), np.zeros(2)
+    cells, fluid = rng.integers(0, count, (count, 3), dtype=np.int32), rng.integers(0, 2, count, dtype=np.int32)
+    measure, elements = np.empty(count), count if d == 2 else 0
+    balance_kernels.step_sums(
+        mass,
+        wall.view(np.int8),
+        v_old,
+        a_old,
+        x,
+        v,
+        a,
+        relative,
+        force,
+        gravity,
+        u,
+        cells,
+        fluid,
+        measure,
+        volume,
+        np.empty((parts, len(sums))),
+        sums,
+        0.3,
+        0.7,
+        count,
+        elements,
+        parts,
+        runtime.spread(True),
+        d,
+        True,
+    )
+    if d == 2:
+        np.testing.assert_array_equal(measure, simplex_measure(x, cells))
+        np.testing.assert_array_equal(volume, np.bincount(fluid, weights=measure, minlength=2))
+    inertia = relative + force
+    change = np.where(wall[:, None], 0.7 * inertia, v - v_old + 0.3 * (a - a_old))
+    expected = [mass @ (inertia * u).sum(axis=1), mass @ ((force - gravity) * u).sum(axis=1)]
+    expected += [*(mass @ change), *(mass @ force), *of_state]
+    np.testing.assert_allclose(sums, expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_lumped_masses_are_those_of_numpy(dimension, water):
+    tp.init()
+    particles = tp.tank((1.0,) * dimension, 0.2, jitter=0.2).fill(water).sample([water])
+    mesh = triangulate(particles.position, particles.wall, particles.spacing)
+    density = np.random.default_rng(0).uniform(1, 1000, len(mesh.cells))
+    np.testing.assert_allclose(lumped(mesh, density), nodal_mass(mesh, density), rtol=1e-14)

@@ -1,0 +1,200 @@
+"""Flexible GMRES on device vectors."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from tipfem.backend.runtime import Buffers, download
+from tipfem.linalg.fgmres import KrylovResult, fgmres, largest
+from tipfem.linalg.vector_kernels import add
+
+
+def overwrite(array, values):
+    """Set the first entries of a device array, leave the others."""
+    whole = array.to_numpy()
+    whole[: len(values)] = values
+    array.from_numpy(whole)
+
+
+def on_device(function, size):
+    """An operator on device vectors from a function on NumPy vectors."""
+    return lambda v, out: overwrite(out, function(download(v, size)))
+
+
+def solve(matrix, b, *, preconditioner=None, tolerance=1e-12, max_iterations=60, buffers=None):
+    """The solution and the result of fgmres, which starts on a solution vector full of rubbish."""
+    n = len(b)
+    buffers = buffers or Buffers()
+    operator = matrix if callable(matrix) else lambda v: matrix @ v
+    solution = buffers.upload("test.x", np.full(n, 1e30))
+    result = fgmres(
+        on_device(operator, n),
+        on_device(preconditioner or (lambda v: v), n),
+        buffers.upload("test.b", b),
+        solution,
+        n,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+        buffers=buffers,
+    )
+    return download(solution, n), result
+
+
+def system(n, seed=0, spread=0.6):
+    """A well-conditioned matrix without symmetry, and a right side."""
+    rng = np.random.default_rng(seed)
+    matrix = np.eye(n) * 2 + spread * rng.standard_normal((n, n)) / math.sqrt(n) + np.triu(np.ones((n, n)), 1) / n
+    return matrix, rng.standard_normal(n)
+
+
+@pytest.mark.parametrize("n", [1, 2, 9, 40, 333])
+def test_fgmres_equals_a_direct_solve(n):
+    matrix, b = system(n, seed=n)
+    x, result = solve(matrix, b)
+    assert result.converged
+    assert result.iterations <= min(n, 40)
+    np.testing.assert_allclose(x, np.linalg.solve(matrix, b), atol=1e-10 * abs(b).max())
+    residual = np.linalg.norm(matrix @ x - b) / np.linalg.norm(b)
+    assert residual <= 2e-12
+    assert abs(residual - result.relative_residual) < 1e-14
+
+
+def test_fgmres_reports_the_residual_it_leaves():
+    matrix, b = system(80, spread=0.9)
+    seen = []
+    for tolerance in (1e-1, 1e-3, 1e-6):
+        x, result = solve(matrix, b, tolerance=tolerance)
+        left = np.linalg.norm(matrix @ x - b) / np.linalg.norm(b)
+        assert result.converged
+        assert left <= tolerance
+        np.testing.assert_allclose(result.relative_residual, left, rtol=1e-3)
+        seen.append(result.iterations)
+    assert seen == sorted(set(seen))
+
+
+@pytest.mark.parametrize("n", [7, 8, 9, 16, 17, 26])
+def test_fgmres_needs_and_keeps_the_whole_basis(n):
+    """A cyclic shift: the residual stays 1 until the n-th vector solves it all; bases pass 8 and 16 vectors."""
+    shift = np.roll(np.eye(n), 1, axis=0)
+    b = np.zeros(n)
+    b[0] = 3.0
+    x, result = solve(shift, b, max_iterations=n)
+    assert result == KrylovResult(n, result.relative_residual, True)
+    np.testing.assert_allclose(x, np.roll(b, -1), atol=1e-13)
+    _, result = solve(shift, b, max_iterations=n - 1)
+    assert not result.converged
+    assert result.iterations == n - 1
+    np.testing.assert_allclose(result.relative_residual, 1.0, rtol=1e-12)
+
+
+def test_fgmres_basis_stays_orthogonal_where_one_projection_is_not_enough():
+    """Condition number 1e10: 30 vectors, every Krylov vector nearly in the span of those before."""
+    n = 30
+    rng = np.random.default_rng(4)
+    q, _ = np.linalg.qr(rng.standard_normal((n, n)))
+    matrix = q @ np.diag(np.logspace(0, -10, n)) @ q.T
+    buffers = Buffers()
+    _, result = solve(matrix, rng.standard_normal(n), tolerance=1e-15, max_iterations=20, buffers=buffers)
+    basis = download(buffers.get("krylov.basis", 0), (result.iterations + 1) * n).reshape(-1, n)
+    assert len(basis) > 16
+    np.testing.assert_allclose(basis @ basis.T, np.eye(len(basis)), atol=5e-11)
+
+
+def test_fgmres_gives_up_at_the_limit():
+    matrix, b = system(60, spread=1.2)
+    x, result = solve(matrix, b, tolerance=1e-12, max_iterations=5)
+    assert (result.iterations, result.converged) == (5, False)
+    left = np.linalg.norm(matrix @ x - b) / np.linalg.norm(b)
+    np.testing.assert_allclose(result.relative_residual, left, rtol=1e-10)
+    # the best of the Krylov space: least squares over K_5
+    krylov = [b]
+    for _ in range(4):
+        krylov.append(matrix @ krylov[-1])
+    basis, _ = np.linalg.qr(np.array(krylov).T)
+    best = np.linalg.norm(matrix @ basis @ np.linalg.lstsq(matrix @ basis, b, rcond=None)[0] - b)
+    np.testing.assert_allclose(left, best / np.linalg.norm(b), rtol=1e-8)
+
+
+def test_fgmres_with_a_zero_right_side():
+    matrix, _ = system(12)
+    x, result = solve(matrix, np.zeros(12))
+    assert result == KrylovResult(0, 0.0, True)
+    assert (x == 0).all()
+
+
+def test_fgmres_on_singular_systems():
+    """The zero matrix is reported, not raised; a Neumann Laplacian with a balanced right side is solved."""
+    x, result = solve(np.zeros((5, 5)), np.ones(5))
+    assert not result.converged
+    assert (x == 0).all()
+    n = 20
+    chain = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    chain[0, 0] = chain[-1, -1] = 1.0
+    b = np.random.default_rng(0).standard_normal(n)
+    b -= b.mean()
+    x, result = solve(chain, b, tolerance=1e-10)
+    assert result.converged
+    np.testing.assert_allclose(chain @ x, b, atol=1e-8)
+
+
+def test_fgmres_is_flexible_and_uses_its_preconditioner():
+    matrix, b = system(50, spread=1.0)
+    matrix = np.diag(np.logspace(0, 4, 50)) @ matrix
+    inverse = np.linalg.inv(matrix)
+    x, result = solve(matrix, b, preconditioner=lambda v: inverse @ v)
+    assert result.iterations == 1
+    np.testing.assert_allclose(x, inverse @ b, atol=1e-11)
+    diagonal = np.diag(matrix)
+    calls = itertools.count(1)
+    x, result = solve(matrix, b, preconditioner=lambda v: v / diagonal * (1 + 0.5 * math.sin(7 * next(calls))))
+    assert result.converged
+    np.testing.assert_allclose(matrix @ x, b, atol=1e-9)
+    _, plain = solve(matrix, b, max_iterations=result.iterations)
+    assert not plain.converged
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_fgmres_raises_on_what_is_not_finite(bad):
+    matrix, b = system(20)
+    spoiled = b.copy()
+    spoiled[13] = bad
+    with pytest.raises(FloatingPointError):
+        solve(matrix, spoiled)
+    calls = itertools.count(1)
+    late = np.where(np.arange(20) == 19, bad, 0.0)
+    with pytest.raises(FloatingPointError), np.errstate(invalid="ignore"):
+        solve(lambda v: matrix @ v + (late if next(calls) == 4 else 0.0), b)
+    with pytest.raises(FloatingPointError), np.errstate(invalid="ignore"):
+        solve(matrix, b, preconditioner=lambda v: v + late)
+
+
+def test_fgmres_does_not_look_beyond_the_live_entries():
+    """Buffers that held a larger system, spoiled with NaN, give the same digits as fresh ones."""
+    matrix, b = system(37)
+    fresh, _ = solve(matrix, b)
+    buffers = Buffers()
+    solve(*system(100), buffers=buffers)
+    for name in ("test.x", "test.b", "krylov.v0", "krylov.z0", "krylov.v1"):
+        overwrite(buffers.get(name, 100), np.full(100, np.nan))
+    again, _ = solve(matrix, b, buffers=buffers)
+    np.testing.assert_array_equal(again, fresh)
+
+
+@pytest.mark.parametrize("n", [1, 31, 32, 33, 1000])
+def test_largest_and_add(n):
+    buffers = Buffers()
+    values = np.random.default_rng(n).uniform(-1, 1, n)
+    values[n // 2] = -3.5
+    x = buffers.upload("x", np.concatenate([values, [99.0]]))
+    assert largest(x, n, buffers) == 3.5
+    y = buffers.upload("y", np.arange(n + 1.0))
+    add(x, y, -2.0, n, False)
+    np.testing.assert_allclose(download(y, n + 1), [*(np.arange(n) - 2 * values), n], rtol=1e-15)
+    for place in (0, n - 1):
+        spoiled = values.copy()
+        spoiled[place] = np.nan
+        assert math.isnan(largest(buffers.upload("x", spoiled), n, buffers))

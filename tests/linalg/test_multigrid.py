@@ -1,0 +1,348 @@
+"""Multigrid on the background grid, and the preconditioner made with it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy_twin as twin
+import pytest
+from grid_levels import hierarchy, level_matrix
+from scipy import sparse
+
+import tipfem as tp
+from tipfem.backend.runtime import download
+from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.linalg import fgmres, sparsity
+from tipfem.linalg.multigrid import multigrid
+from tipfem.mesh.delaunay import triangulate
+from tipfem.step import linear_system
+from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
+from tipfem.step.linear_system import SCHUR_SCALE
+
+WATER = tp.Fluid("water", density=998.0, viscosity=1e-3)
+AIR = tp.Fluid("air", density=1.2, viscosity=1.8e-5)
+
+
+def two_fluids(size, spacing):
+    """Particles, mesh, element densities: a column of water 998 in air 1.2, nodes shaken by 0.2 spacings."""
+    upper = np.array(size) * 0.5
+    filled = tp.tank(size, spacing, jitter=0.2, seed=1).fill(AIR).fill(WATER, box=(np.zeros(len(size)), upper))
+    particles = filled.sample([WATER, AIR])
+    mesh = triangulate(particles.position, particles.wall, spacing)
+    density = np.array([998.0, 1.2])[particles.fluid][mesh.cells].mean(axis=1)
+    return particles, mesh, density
+
+
+def along_axis(matrix, shape, axis):
+    """Interpolation to a grid's nodes from every second one along an axis, weighted as the operator couples them."""
+    index = np.indices(shape).reshape(len(shape), -1)
+    coarse = list(shape)
+    coarse[axis] = shape[axis] // 2 + 1
+    entries = matrix.tocoo()
+    way = index[axis][entries.col] - index[axis][entries.row]
+    lower, upper = (
+        np.maximum(np.bincount(entries.row[side], -entries.data[side], index.shape[1]), 0)
+        for side in (way < 0, way > 0)
+    )
+    both = lower + upper
+    part = np.divide(lower, both, out=np.full(len(both), 0.5), where=both > 0)
+    part[index[axis] % 2 == 0] = 1.0
+    rows, columns = [], []
+    for beyond in (0, 1):
+        parent = index.copy()
+        parent[axis] = np.minimum(index[axis] // 2 + beyond, coarse[axis] - 1)
+        rows.append(np.arange(index.shape[1]))
+        columns.append(np.ravel_multi_index(tuple(parent), coarse))
+    values = np.concatenate([part, 1 - part])
+    shape = (index.shape[1], int(np.prod(coarse)))
+    return sparse.csr_matrix((values, (np.concatenate(rows), np.concatenate(columns))), shape=shape), coarse
+
+
+CLOUDS = pytest.mark.parametrize(
+    ("size", "spacing", "grid_spacing"),
+    [((1.0, 0.7), 0.05, 0.1), ((1.3, 0.9), 0.06, 0.09), ((0.3, 2.0), 0.05, 0.1), ((1.0, 0.9, 0.8), 0.2, 0.4)],
+    ids=["even", "coarser by 1.5", "narrow", "3-D"],
+)
+
+
+@CLOUDS
+def test_coarse_operators_are_galerkin_products(size, spacing, grid_spacing):
+    """P^T A P from the mesh to the finest grid with hat functions, from grid to grid with the operator's weights."""
+    particles, mesh, density = two_fluids(size, spacing)
+    matrix = twin.laplacian(mesh.position, mesh.cells, 1 / density)
+    grid, _ = hierarchy(particles.position, matrix, grid_spacing)
+    points = (particles.position - particles.position.min(axis=0)) / grid_spacing
+    p = sparse.csr_matrix(twin.hats(points, tuple(int(n) for n in grid.shapes[0])))
+    np.testing.assert_allclose(p.sum(axis=1), 1.0, rtol=1e-12)
+    expected = p.T @ sparse.csr_matrix(matrix) @ p
+    for level in range(grid.levels):
+        if level:
+            shape = [int(n) for n in grid.shapes[level - 1]]
+            for axis in reversed(range(len(size))):
+                p, shape = along_axis(expected, shape, axis)
+                expected = p.T @ expected @ p
+            assert shape == grid.shapes[level].tolist()
+        got = level_matrix(grid, level)
+        largest_entry = abs(expected).max()
+        assert abs(got - expected).max() < 1e-12 * largest_entry
+        assert abs(got.sum(axis=1)).max() < 1e-12 * largest_entry
+    assert grid.shapes[-1].max() <= 5
+    if max(size) / grid_spacing > 5:
+        assert grid.levels > 1
+
+
+def test_edges_beyond_the_stencil_keep_rows_at_zero_and_symmetry():
+    """A grid finer than the mesh: long edges are left out, and rows still sum to zero on every level."""
+    particles, mesh, density = two_fluids((1.0, 0.7), 0.1)
+    matrix = twin.laplacian(mesh.position, mesh.cells, 1 / density)
+    grid, _ = hierarchy(particles.position, matrix, 0.08)
+    p = twin.hats((particles.position - particles.position.min(axis=0)) / 0.08, grid.shapes[0])
+    whole = p.T @ matrix @ p
+    assert abs(level_matrix(grid, 0) - whole).max() > 1e-3 * abs(whole).max()  # some are left out
+    for level in range(grid.levels):
+        got = level_matrix(grid, level)
+        assert abs(got).max() > 0.1 * abs(whole).max()
+        assert abs(got.sum(axis=1)).max() < 1e-12 * abs(got).max()
+        assert abs(got - got.T).max() < 1e-12 * abs(got).max()
+        assert np.linalg.eigvalsh(got).min() > -1e-12 * abs(got).max()
+
+
+def cg_iterations(matrix, b, apply, limit=60):
+    """Iterations of preconditioned conjugate gradients to a residual of 1e-8."""
+    x, r = np.zeros_like(b), b.copy()
+    z = apply(r)
+    p, rz = z, r @ z
+    for k in range(1, limit + 1):
+        q = matrix @ p
+        step = rz / (p @ q)
+        x, r = x + step * p, r - step * q
+        if np.linalg.norm(r) <= 1e-8 * np.linalg.norm(b):
+            assert np.linalg.norm(matrix @ x - b) < 2e-8 * np.linalg.norm(b)
+            return k
+        z = apply(r)
+        p, rz = z + r @ z / rz * p, r @ z
+    return math.inf
+
+
+def v_cycle(grid, buffers, count):
+    """One cycle of the hierarchy as a function on NumPy vectors."""
+
+    def apply(r):
+        z = buffers.get("test.z", count)
+        grid.apply(buffers.upload("test.r", r), z)
+        return download(z, count)
+
+    return apply
+
+
+@pytest.mark.parametrize(
+    ("steps", "most"),
+    [((60, 120), 14), ((58, 118), 20)],
+    ids=["interface on grid lines", "interface between grid lines"],
+)
+def test_a_cycle_in_conjugate_gradients_takes_few_iterations_on_any_mesh(steps, most):
+    """Pressure Laplacian of water and air, 998 : 1.2, to 1e-8: hardly more iterations on finer meshes.
+
+    A jump of the density that no coarse grid line follows costs iterations, whatever the mesh.
+    """
+    counts = []
+    for n in steps:
+        particles, mesh, density = two_fluids((1.0, 1.0), 1 / n)
+        matrix = twin.laplacian(mesh.position, mesh.cells, 1 / density)
+        grid, buffers = hierarchy(particles.position, matrix, 1.5 / n)
+        b = np.random.default_rng(0).standard_normal(len(particles))
+        counts.append(cg_iterations(matrix, b - b.mean(), v_cycle(grid, buffers, len(particles))))
+    assert len(particles) > 13_500
+    assert max(counts) <= most
+    assert counts[1] <= counts[0] + 3
+
+
+def test_a_cycle_is_linear_and_repeatable():
+    particles, mesh, density = two_fluids((1.0, 0.7), 0.05)
+    matrix = twin.laplacian(mesh.position, mesh.cells, 1 / density)
+    grid, buffers = hierarchy(particles.position, matrix, 0.1)
+    apply = v_cycle(grid, buffers, len(particles))
+    a, b = np.random.default_rng(1).standard_normal((2, len(particles)))
+    combined = apply(2 * a - 3 * b)
+    np.testing.assert_allclose(combined, 2 * apply(a) - 3 * apply(b), atol=1e-11 * abs(combined).max())
+    np.testing.assert_array_equal(apply(a), apply(a))
+
+
+@pytest.mark.parametrize("size", [(1.0, 0.8), (1.0, 1.0, 0.75)], ids=["2-D", "3-D"])
+def test_the_pressure_laplacian_is_the_stiffness_matrix(size):
+    particles, mesh, density = two_fluids(size, 0.1 if len(size) == 2 else 0.25)
+    scheme = GeneralizedAlpha(0.5, 2e-3)
+    nothing = np.zeros(len(mesh.cells))
+    problem = FlowProblem(
+        mesh,
+        particles,
+        ElementProperties(density, nothing, nothing),
+        scheme,
+        np.zeros_like(mesh.position),
+        0.25,
+        Workspace(),
+    )
+    offsets = download(problem.buffers.get("row_offsets", 0, integer=True), len(particles) + 1)
+    columns = download(problem.buffers.get("columns", 0, integer=True), offsets[-1])
+    values = download(problem.buffers.get("laplacian", 0), offsets[-1])
+    got = sparse.csr_matrix((values, columns, offsets))
+    cm = SCHUR_SCALE * (1 - scheme.alpha_m) / (scheme.beta * scheme.dt**2)
+    expected = twin.laplacian(mesh.position, mesh.cells, 1 / (density * cm))
+    assert abs(got - expected).max() < 1e-12 * abs(expected).max()
+    assert abs(np.asarray(got.sum(axis=1))).max() < 1e-12 * abs(expected).max()
+
+
+@pytest.mark.parametrize("size", [(1.0, 0.8), (1.0, 1.0, 0.75)], ids=["2-D", "3-D"])
+def test_one_thread_and_all_set_up_the_same_system(size, monkeypatch):
+    """Bit by bit; the grid is finer than the mesh in places, so that there are links."""
+    particles, mesh, density = two_fluids(size, 0.05 if len(size) == 2 else 0.2)
+    nothing = np.zeros(len(mesh.cells))
+    monkeypatch.setattr(linear_system, "GRID_SPACING", 0.8)
+    found = []
+    for single in (True, False):
+        for module in (linear_system, multigrid):
+            monkeypatch.setattr(module, "alone", lambda turns, cost, single=single: single)
+        monkeypatch.setattr(sparsity, "one_thread_counts", lambda single=single: single)
+        monkeypatch.setattr(multigrid, "one_thread_counts", lambda single=single: single)
+        problem = FlowProblem(
+            mesh,
+            particles,
+            ElementProperties(density, nothing + 1e-3, nothing),
+            GeneralizedAlpha(0.5, 2e-3),
+            np.zeros_like(mesh.position),
+            0.25,
+            Workspace(),
+        )
+        laplacian, grid = problem.system.laplacian(), problem.system.multigrid
+        links = download(grid.buffers.get("mg.links", 0, integer=True), problem.nodes + 1)[-1]
+        assert links > 0
+        found.append(
+            [
+                *(download(a, len(mesh.cells) * len(mesh.cells[0])) for a in problem._topology[2:]),
+                laplacian.indptr,
+                laplacian.indices,
+                laplacian.data,
+                download(problem._scale, problem.size),
+                download(grid._order, problem.nodes + links),
+                download(grid._stencil, grid._stencil.shape[0]),
+                download(grid._weights, grid._weights.shape[0]),
+            ]
+        )
+    for one, all_of_them in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, all_of_them)
+
+
+@pytest.mark.parametrize("size", [(1.0, 0.8), (1.0, 1.0, 0.75)], ids=["2-D", "3-D"])
+def test_the_preconditioner_is_made_of_the_blocks_of_the_derivative(size):
+    """z_p = S (r_p - D r_u) with S one cycle, z_u = r_u + G z_p, rows scaled by diag(A)^-1; D and -G from K's product.
+
+    At rest without forces, where the parts of D that the preconditioner leaves out vanish.
+    """
+    particles, mesh, density = two_fluids(size, 0.1 if len(size) == 2 else 0.25)
+    nothing, still = np.zeros(len(mesh.cells)), np.zeros_like(mesh.position)
+    problem = FlowProblem(
+        mesh,
+        particles,
+        ElementProperties(density, nothing + 1e-3, nothing),
+        GeneralizedAlpha(0.5, 1e-3),
+        still,
+        0.25,
+        Workspace(),
+    )
+    n, width = len(particles), len(size) + 1
+    problem.residual(problem.vector(still, np.zeros(n)))
+    problem.linearise()
+    r = np.random.default_rng(3).uniform(-1, 1, (n, width))
+    r[particles.wall, :-1] = 0.0
+    out = problem.buffers.get("test.out", problem.size)
+
+    def product(values):
+        problem.product(problem.buffers.upload("test.in", values.ravel()), out)
+        return download(out, problem.size).reshape(n, width)
+
+    problem.precondition(problem.buffers.upload("test.r", r.ravel()), out)
+    z = download(out, problem.size).reshape(n, width)
+    only_u, only_p = r.copy(), z.copy()
+    only_u[:, -1] = 0.0
+    only_p[:, :-1] = 0.0
+    coupling = product(only_p)[:, :-1]
+    assert abs(coupling).max() > 1e-3 * abs(r).max()
+    np.testing.assert_allclose(z[:, :-1], r[:, :-1] - coupling, atol=1e-12 * abs(z[:, :-1]).max())
+    volume = np.bincount(mesh.cells.ravel(), np.repeat(mesh.measure / width, width), n)
+    schur = (r - product(only_u))[:, -1] * volume / particles.spacing
+    pressure = problem.buffers.get("test.z", n)
+    problem.system.multigrid.apply(problem.buffers.upload("test.schur", schur), pressure)
+    np.testing.assert_allclose(z[:, -1], download(pressure, n), atol=1e-11 * abs(z[:, -1]).max())
+
+
+@pytest.mark.parametrize("size", [(1.0, 0.8), (1.0, 1.0, 0.75)], ids=["2-D", "3-D"])
+def test_a_team_one_thread_and_staged_kernels_solve_alike(size, monkeypatch):
+    """With a bubble, and more iterations than the basis first has room for. A team's bits do not depend on its size;
+    staged kernels are compiled in other surroundings, so that their sums may be rounded otherwise."""
+    water, air = tp.Fluid("water", density=998.0, viscosity=1e-3), tp.Fluid("air", density=1.2, viscosity=1.8e-5)
+    spacing, ball = (0.04, 0.15) if len(size) == 2 else (0.125, 0.1)
+    tank = tp.tank(size, spacing, jitter=0.1, seed=2).fill(water)
+    tank = tank.fill(air, box=((0.0,) * (len(size) - 1) + (0.8 * size[-1],), size))
+    tank = tank.fill(air, disc=((0.5, 0.35, 0.2)[: len(size)], ball))
+    particles = tank.sample([water, air])
+    mesh = triangulate(particles.position, particles.wall, spacing)
+    fluid = particles.fluid[mesh.cells].max(axis=1) == 1
+    density, nothing = np.where(fluid, 1.2, 998.0), np.zeros(len(mesh.cells))
+    body_force = np.tile([0.0, -9.81, 0.0][: len(size)], (len(particles), 1))
+    found = []
+    for single, together in ((False, True), (True, True), (False, False)):
+        monkeypatch.setattr(linear_system, "alone", lambda turns, cost, single=single: single)
+        monkeypatch.setattr(fgmres, "alone", lambda turns, cost, single=single: single)
+        problem = FlowProblem(
+            mesh,
+            particles,
+            ElementProperties(density, nothing + 1e-3, nothing),
+            GeneralizedAlpha(0.0, 1e-3),
+            body_force,
+            0.25,
+            Workspace(),
+        )
+        problem.system.multigrid.together = together
+        assert (problem.system.iteration is not None) is together
+        x = problem.predict()
+        problem.residual(x)
+        problem.linearise()
+        out = problem.buffers.get("test.z", problem.size)
+        problem.precondition(problem._r, out)
+        preconditioned = download(out, problem.size)
+        result = problem.correct(x, 1e-13)
+        assert result.iterations > fgmres.ROOM
+        assert problem.system._bubbles.count == 1
+        found.append([preconditioned, download(x, problem.size), np.array([result.iterations])])
+    for team, one, staged in zip(*found, strict=True):
+        np.testing.assert_array_equal(team, one)
+        np.testing.assert_allclose(team, staged, atol=1e-11 * abs(staged).max())
+
+
+@pytest.mark.parametrize(("size", "most"), [((1.0, 0.8), 20), ((1.0, 1.0, 0.75), 45)], ids=["2-D", "3-D"])
+def test_a_correction_solves_the_linearised_step(size, most):
+    """K dx = -r to the tolerance asked for; flat tetrahedra cost iterations in 3-D."""
+    particles, mesh, density = two_fluids(size, 0.1 if len(size) == 2 else 0.25)
+    nothing = np.zeros(len(mesh.cells))
+    body_force = np.tile([0.0, -9.81, 0.0][: len(size)], (len(particles), 1))
+    problem = FlowProblem(
+        mesh,
+        particles,
+        ElementProperties(density, nothing + 1e-3, nothing),
+        GeneralizedAlpha(0.0, 1e-3),
+        body_force,
+        0.25,
+        Workspace(),
+    )
+    x = problem.predict()
+    before = problem.residual(x)
+    r = problem.residual_vector().ravel()
+    old = download(x, problem.size)
+    result = problem.correct(x, 1e-8)
+    assert result.converged
+    assert result.iterations <= most
+    out = problem.buffers.get("test.product", problem.size)
+    problem.product(problem.buffers.upload("test.dx", download(x, problem.size) - old), out)
+    assert np.linalg.norm(download(out, problem.size) + r) <= 1.01e-8 * np.linalg.norm(r)
+    assert problem.residual(x) < 1e-3 * before

@@ -1,0 +1,320 @@
+"""tipfem/remeshing_kernels.py: who is taken out, where particles are put in, and what becomes of momentum."""
+
+import numpy as np
+import pytest
+from triangulations import areas, as_set, border, check, cloud, delaunay, grid, masses, momentum, of
+
+from tipfem.mesh.mesh import Mesh, simplex_measure
+from tipfem.remesh import fitted
+from tipfem.remesh.edges import coarsen_refine as kernels
+from tipfem.remesh.edges.edge_operations import STAR
+from tipfem.remesh.fitted import Triangulation
+
+
+def coarsened(t: Triangulation, close, chain, edge, held=None, *, film=0.0, most=1000) -> np.ndarray:
+    """The particles that go."""
+    n = len(t.state)
+    held = np.zeros(n, dtype=np.int32) if held is None else held.astype(np.int32)
+    freed, count = np.empty(n, dtype=np.int32), np.zeros(3, dtype=np.int32)
+    kernels.coarsen(
+        t.state,
+        t.cells,
+        t.across,
+        t.fluid,
+        t.corner,
+        held,
+        t.wall,
+        t.density,
+        np.empty(4 * (STAR + 1), dtype=np.int32),
+        np.empty(max(n, len(t.cells)), dtype=np.int32),
+        np.zeros(len(t.cells), dtype=np.int8),
+        freed,
+        np.empty(len(t.cells)),
+        np.empty(1, dtype=np.int32),
+        np.empty(1),
+        count,
+        len(t.cells),
+        n,
+        close,
+        chain,
+        edge,
+        film,
+        0.02,
+        most,
+        0.0,
+        0,
+        0,
+        True,
+    )
+    return freed[: count[0]]
+
+
+def wavy(wall=None, density=(1.0, 1000.0)):
+    """A grid with a wave on its middle line, which is an interface; two of its particles stand close. And these."""
+    x, cells = grid(np.arange(9), np.arange(7))
+    fluid = (x[cells, 1].mean(axis=1) > 3).astype(int)
+    middle = np.flatnonzero(x[:, 1] == 3)
+    x[middle, 1] += 0.2 * np.sin(1.1 * x[middle, 0])
+    x[middle[4], 0] += 0.3
+    x[middle[5], 0] -= 0.3
+    t = of(x, cells, fluid, wall=wall, density=density)
+    t.state[:, 2:7] = np.random.default_rng(0).normal(size=(len(x), 5))
+    return t, middle
+
+
+def at(t: Triangulation, x, y) -> int:
+    """The particle that stands there."""
+    return int(np.argmin(np.linalg.norm(t.state[:, :2] - [x, y], axis=1)))
+
+
+def test_a_coarser_interface_encloses_the_same_area():
+    t, middle = wavy()
+    state, before = t.state.copy(), areas(t)
+    gone = coarsened(t, 0.1, 0.55, 0.1)
+    assert len(gone) == 1
+    assert gone[0] in middle[4:6]
+    stays = middle[4] if gone[0] == middle[5] else middle[5]
+    t.compact()
+    check(t, gone=1)
+    np.testing.assert_allclose(areas(t), before, rtol=1e-14)
+    rest = np.setdiff1d(np.arange(len(state)), [*gone, stays])
+    np.testing.assert_array_equal(t.state[rest, :2], state[rest, :2])
+    np.testing.assert_array_equal(t.state[:, 4:7], state[:, 4:7])
+    np.testing.assert_allclose(t.state[:, 7], masses(t), atol=1e-12 * masses(t).sum())
+    assert t.state[gone[0], 7] == 0
+    assert len(border(t)) == 2 * 7
+
+
+def test_who_is_fixed_stays():
+    t, middle = wavy()
+    held = np.zeros(len(t.state), dtype=bool)
+    held[middle[4]] = True
+    place = t.state[middle[4], :2].copy()
+    assert coarsened(t, 0.1, 0.55, 0.1, held).tolist() == [middle[5]]
+    np.testing.assert_array_equal(t.state[middle[4], :2], place)
+    held[middle[5]] = True
+    assert len(coarsened(wavy()[0], 0.1, 0.55, 0.1, held)) == 0
+
+
+def test_no_more_go_than_asked_for_and_corners_never():
+    x, cells = grid(0.5 * np.arange(13), 0.5 * np.arange(13))
+    corners = fitted.hull_corners(Mesh(x, cells))
+    assert corners.sum() == 4
+    assert len(coarsened(of(x, cells), 0.6, 0.55, 0.2, corners, most=5)) == 5
+    t = of(x, cells)
+    gone = coarsened(t, 0.6, 0.55, 0.2, corners)
+    assert not corners[gone].any()
+    t.compact()
+    check(t, gone=len(gone))
+    assert simplex_measure(x, t.cells).sum() == pytest.approx(36.0, rel=1e-14)
+
+
+def test_of_a_crowd_every_other_stays():
+    """Whoever goes has somebody left to crowd: no hole is torn."""
+    x, cells = grid(0.5 * np.arange(13), 0.5 * np.arange(13))
+    gone = coarsened(of(x, cells), 0.6, 0.55, 0.2, fitted.hull_corners(Mesh(x, cells)))
+    stays = np.delete(x, gone, axis=0)
+    assert len(gone) > 40
+    assert np.linalg.norm(x[gone, None] - stays, axis=2).min(axis=1).max() < 0.75
+
+
+def test_a_neighbour_that_took_a_particle_in_stays():
+    """A row of seven, each too close to the next, far from all others: whoever goes leaves the one it went to."""
+    lines = np.concatenate([np.arange(4), 4 + 0.5 * np.arange(7), 8 + np.arange(4)])
+    x, cells = grid(lines, np.arange(7))
+    wall = ((x == 0) | (x == [lines[-1], 6])).any(axis=1)
+    gone = coarsened(of(x, cells), 0.6, 0.1, 0.05, wall | (x[:, 1] != 3))
+    stays = np.setdiff1d(lines, x[gone, 0])
+    assert len(gone) >= 2
+    assert np.abs(x[gone, 0][:, None] - stays).min(axis=1).max() == 0.5
+    assert np.diff(stays).max() <= 1.5
+
+
+def rough(seed: int, wall: bool, density=(1.0, 1000.0)) -> Triangulation:
+    """A jittered lattice with two fluids and random velocities, whose hull is of walls, or not."""
+    x = 8 * cloud("jittered lattice", seed)
+    cells = delaunay(x)
+    fluid = (x[cells, 0].mean(axis=1) > 4).astype(int)
+    t = of(x, cells, fluid, wall=None if wall else np.zeros(len(x)), density=density)
+    t.state[:, 2:7] = np.random.default_rng(seed).normal(size=(len(x), 5))
+    return t
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_collapse_gives_momentum_back_to_the_particles_around(seed):
+    """But for collapses along the interface, all in one fluid or beside the other, and none at a wall."""
+    t = rough(seed, wall=False)
+    hull = np.unique(border(t, hull=True))
+    held = np.zeros(len(t.state), dtype=bool)
+    held[hull] = held[border(t)] = True
+    before, scale = momentum(t), np.abs(t.state[:, 7:] * t.state[:, 2:4]).sum()
+    velocity = t.state[:, 2:4].copy()
+    gone = coarsened(t, 0.85, 0.1, 0.2, held)
+    assert len(gone) >= 3
+    assert (t.state[:, 2:4] != velocity).any()
+    np.testing.assert_allclose(momentum(t), before, atol=1e-12 * scale)
+    np.testing.assert_allclose(t.state[:, 7], masses(t), atol=1e-12 * masses(t).sum())
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_collapse_beside_a_wall_changes_no_velocity(seed):
+    t = rough(seed, wall=True)
+    t.wall[:] = 1
+    velocity = t.state[:, 2:7].copy()
+    held = np.zeros(len(t.state), dtype=bool)
+    held[:4] = True
+    assert len(coarsened(t, 0.85, 0.1, 0.2, held)) >= 3
+    np.testing.assert_array_equal(t.state[:, 2:7], velocity)
+
+
+@pytest.mark.parametrize("density", [(1.0, 1.0), (1.0, 1000.0)])
+def test_a_collapse_along_an_interface_keeps_momentum_too(density):
+    t, _ = wavy(wall=np.zeros(63), density=density)
+    before, scale = momentum(t), np.abs(t.state[:, 7:] * t.state[:, 2:4]).sum()
+    assert len(coarsened(t, 0.1, 0.55, 0.1)) == 1
+    np.testing.assert_allclose(momentum(t), before, atol=1e-12 * scale)
+
+
+@pytest.mark.parametrize(("gap", "film", "goes"), [(0.25, 0.3, True), (0.25, 0.2, False), (0.4, 0.3, False)])
+def test_a_contact_close_to_a_corner_passes_on_to_it(gap, film, goes):
+    """The corner is fixed: it is the wall particle where the interface ends that goes."""
+    x, cells = grid(np.concatenate([[0.0, gap], 1 + np.arange(7)]), np.arange(7))
+    fluid = (x[cells, 0].mean(axis=1) > gap).astype(int)
+    top = x[:, 1] > 3
+    x[top & (x[:, 0] == gap), 0] = 0.6
+    t = of(x, cells, fluid)
+    contact, before = at(t, gap, 0), areas(t)
+    held = np.ones(len(x), dtype=bool)
+    held[contact] = False
+    gone = coarsened(t, 0.1, 0.55, 0.05, held, film=film)
+    assert gone.tolist() == ([contact] if goes else [])
+    t.compact()
+    check(t, gone=len(gone))
+    assert (at(t, 0, 0) in border(t)) == goes
+    assert (np.abs(areas(t) - before) <= 0.5 * gap + 1e-12).all()
+
+
+def test_a_wall_particle_without_an_interface_goes_by_the_distance_along_the_wall():
+    x, cells = grid(np.concatenate([[0.0, 0.4], 1 + np.arange(7)]), np.arange(7))
+    t = of(x, cells)
+    held = np.ones(len(x), dtype=bool)
+    held[at(t, 0.4, 0)] = False
+    assert coarsened(t, 0.1, 0.55, 0.05, held, film=0.3).tolist() == [at(of(x, cells), 0.4, 0)]
+
+
+@pytest.mark.parametrize(("height", "goes"), [(0.25, True), (0.35, False)])
+def test_an_interface_that_comes_close_to_a_wall_meets_it(height, goes):
+    x, cells = grid(np.arange(9), np.arange(7))
+    fluid = (x[cells, 1].mean(axis=1) > 1).astype(int)
+    tip = 4 * 7 + 1
+    x[tip, 1] = height
+    t = of(x, cells, fluid)
+    held = t.wall.astype(bool)
+    gone = coarsened(t, 0.1, 0.1, 0.05, held, film=0.3)
+    assert gone.tolist() == ([tip] if goes else [])
+    t.compact()
+    check(t, gone=len(gone))
+    assert (at(t, 4, 0) in border(t)) == goes
+    assert areas(t).sum() == pytest.approx(48.0, rel=1e-14)
+    np.testing.assert_allclose(t.state[:, 7], masses(t), atol=1e-12)
+    np.testing.assert_array_equal(t.state[held, :2], x[held])
+
+
+def refined(t: Triangulation, new: int) -> int:
+    """Put ``new`` particles on the longest edges; how many found room."""
+    n, more = len(t.state), len(t.cells)
+    t.state = np.concatenate([t.state, np.zeros((new, 9))])
+    t.wall, t.corner = (np.concatenate([a, np.full(new, -1, dtype=np.int32)]) for a in (t.wall, t.corner))
+    edges, _ = t.longest_edges(0.5)
+    spare = 2 * new + 1
+    t.cells = np.concatenate([t.cells, np.zeros((spare, 3), dtype=np.int32)])
+    t.across = np.concatenate([t.across, np.full((spare, 3), -1, dtype=np.int32)])
+    t.fluid = np.concatenate([t.fluid, np.full(spare, -1, dtype=np.int32)])
+    count = np.zeros(2, dtype=np.int32)
+    kernels.refine(
+        t.state,
+        t.cells,
+        t.across,
+        t.fluid,
+        t.corner,
+        t.wall,
+        t.density,
+        np.zeros(len(t.cells), dtype=np.int32),
+        edges,
+        len(edges),
+        np.arange(more, more + spare, dtype=np.int32),
+        np.arange(n, n + new, dtype=np.int32),
+        count,
+        0.2,
+        new,
+    )
+    t.compact()
+    return int(count[0])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_splits_change_no_momentum(seed):
+    """Neither inside a fluid, nor on the interface or the walls; whoever was there keeps its velocity."""
+    t = rough(seed, wall=True)
+    n, before, mass = len(t.state), momentum(t), masses(t).sum()
+    state, scale, had = t.state.copy(), np.abs(t.state[:, 7:] * t.state[:, 2:4]).sum(), areas(t)
+    placed = refined(t, 30)
+    assert placed > 15
+    check(t, gone=30 - placed)
+    np.testing.assert_array_equal(t.state[:n, :7], state[:, :7])
+    np.testing.assert_allclose(momentum(t), before, atol=1e-13 * scale)
+    np.testing.assert_allclose(t.state[:, 7], masses(t), atol=1e-13 * mass)
+    np.testing.assert_allclose(areas(t), had, rtol=1e-13)
+    hull = np.zeros(len(t.state), dtype=bool)
+    hull[border(t, hull=True)] = True
+    np.testing.assert_array_equal(t.wall[: n + placed] == 1, hull[: n + placed])
+
+
+def test_the_longest_edges_come_first_and_long_borders_before_them():
+    t, _ = wavy()
+    edges, needed = t.longest_edges(1.05)
+    cell, i = edges // 3, edges % 3
+    ends = np.stack([t.cells[cell, (i + 1) % 3], t.cells[cell, (i + 2) % 3]], axis=1)
+    assert len(as_set(ends)) == len(edges) == len(Mesh(t.state[:, :2], t.cells).edges)
+    length = np.linalg.norm(t.state[ends[:, 0], :2] - t.state[ends[:, 1], :2], axis=1)
+    borders = as_set(np.concatenate([border(t), border(t, hull=True)]))
+    must = [tuple(sorted(pair)) in borders and d > 1.05 for pair, d in zip(ends.tolist(), length, strict=True)]
+    first = int(np.sum(must))
+    assert 0 < first < len(borders)
+    np.testing.assert_array_equal(must, np.arange(len(edges)) < first)
+    assert (np.diff(length[:first]) <= 0).all()
+    assert (np.diff(length[first:]) <= 0).all()
+    assert needed == first + (length[first:] > 1.4 * 1.05).sum()
+
+
+@pytest.mark.parametrize("every", [False, True])
+def test_a_coarsening_finds_the_edges_that_a_look_at_all_cells_does(every):
+    """On rough clouds, of which some particles go; none of them where they may not."""
+    for seed in range(5):
+        for most in (0, 1000):
+            t = rough(seed, wall=True)
+            t.make_delaunay(1e-3)
+            held = t.wall.astype(bool)
+            edges, needed = t.coarsen(held, 0.9, 0.8, 0.4, 0.0, 0.02, most, long=1.1, every=every)
+            assert (len(t.freed) > 0) == (most > 0)
+            assert len(edges) > 0
+            if every:
+                np.testing.assert_array_equal(edges, t.long_edges(1.1))
+            else:
+                expected, number = t.longest_edges(1.1, t.wanted_edges())
+                np.testing.assert_array_equal(edges, expected)
+                assert needed == number
+
+
+def test_a_particle_between_touching_interfaces_goes_into_the_wall_it_lies_on():
+    """Two interfaces meet at it, a film's width from a wall: four of its edges are theirs, and it is in no chain."""
+    x = np.array([[-0.79, 0], [0.1, 0], [0.12, 1.32], [-0.29, 1.49], [-1.5, 0.84], [0, 2e-4]])
+    cells = np.array([[5, k, (k + 1) % 5] for k in range(5)])
+    held, wall = np.arange(6) < 5, (x[:, 1] == 0).astype(np.int32)
+    fluid = np.array([0, 1, 0, 1, 0])
+    assert coarsened(of(x, cells, fluid, wall=wall), 0.1, 0.55, 0.05, held, film=0.0).tolist() == []
+    t = of(x, cells, fluid, wall=wall)
+    assert coarsened(t, 0.1, 0.55, 0.05, held, film=0.3).tolist() == [5]
+    t.compact()
+    assert as_set(t.cells) == as_set(np.array([[1, 2, 3], [1, 3, 4], [1, 4, 0]]))
+    np.testing.assert_allclose(t.state[:, 7], masses(t), atol=1e-12 * masses(t).sum())

@@ -1,0 +1,117 @@
+"""tipfem/interface_kernels.py: particles of interfaces and walls, films that break, contacts that slide."""
+
+import numpy as np
+import pytest
+from triangulations import areas, border, check, cloud, delaunay, grid, masses, of
+
+from tipfem.mesh.mesh import simplex_measure
+from tipfem.remesh.fitted import Triangulation
+
+
+def test_marks_are_of_interfaces_and_of_the_hull():
+    for seed in range(5):
+        x = cloud("walls", seed)
+        cells = delaunay(x)
+        t = of(x, cells, np.random.default_rng(seed).integers(0, 2, len(cells)))
+        expected = np.zeros(len(x), dtype=int)
+        expected[np.unique(border(t))] += 1
+        expected[np.unique(border(t, hull=True))] += 2
+        np.testing.assert_array_equal(t.marks(), expected)
+        assert set(expected) == {0, 1, 2, 3}
+
+
+def break_films(t: Triangulation, thin: float) -> int:
+    """How many cells break."""
+    held, still = np.ones(len(t.state), dtype=np.int32), np.zeros((len(t.state), 2))
+    return t.tidy(held, still, 0.0, 0.35, 0.02, thin, 0.0)[0]
+
+
+def broken(height: float) -> tuple[int, np.ndarray]:
+    """How many cells of a flat film between two layers break at a threshold of 0.3, and the fluids."""
+    x, cells = grid(np.arange(9), np.array([0, 1, 2, 2 + height, 3 + height, 4 + height]))
+    y = x[cells, 1].mean(axis=1)
+    t = of(x, cells, np.where((y > 2) & (y < 2 + height), 1, 0), density=[1.0, 50.0])
+    number = break_films(t, 0.3)
+    np.testing.assert_allclose(t.state[:, 7], masses(t), rtol=1e-12)
+    return number, t.fluid
+
+
+def test_films_break_below_the_threshold_only():
+    number, fluid = broken(0.29)
+    assert number == 16
+    assert (fluid == 0).all()
+    number, fluid = broken(0.33)  # over the longest edge, the diagonal: 0.31
+    assert number == 0
+    assert (fluid == 1).sum() == 16
+
+
+def test_a_layer_with_particles_inside_is_no_film():
+    x, cells = grid(np.arange(9), np.array([0, 1, 2, 2.1, 2.2, 3.2]))
+    y = x[cells, 1].mean(axis=1)
+    t = of(x, cells, np.where((y > 2) & (y < 2.2), 1, 0))
+    mark = t.marks()
+    assert break_films(t, 0.3) == 2
+    assert set(np.flatnonzero(t.fluid != np.where((y > 2) & (y < 2.2), 1, 0))) <= set(
+        np.flatnonzero((mark[cells] > 0).all(axis=1))  # at the walls alone
+    )
+
+
+def slide(t: Triangulation, held, reach: float = 2.0, way: float = 10.0) -> None:
+    """Let all contacts slide but those held, after a step of length ``way`` of all that is not on a wall."""
+    mark = t.marks()
+    assert t.tidy(held, np.where(mark < 2, [[way], [0.0]], 0.0).T, reach, 0.35, 0.02, 0.0, 0.0) == (0, 0)
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.3, -0.7])
+@pytest.mark.parametrize("shift", [0.3, -0.3])
+def test_a_straight_interface_meets_the_wall_where_it_points_to(slope, shift):
+    """Wall particles that were pushed aside slide back onto the line of their interface, to round-off."""
+    x, cells = grid(np.arange(7), np.arange(6))
+    wall = (x[:, 1] == 0) | (x[:, 1] == 5)
+    fluid = (x[cells, 0].mean(axis=1) > 3).astype(int)
+    x[:, 0] += slope * x[:, 1]
+    t = of(x, cells, fluid)
+    contact = np.intersect1d(border(t), np.flatnonzero(wall))
+    assert len(contact) == 2
+    t.state[contact, 0] += shift
+    assert (simplex_measure(t.state[:, :2], t.cells) > 0).all()
+    others = np.setdiff1d(np.arange(len(x)), contact)
+
+    slide(t, np.ones(len(x), dtype=np.int32))
+    np.testing.assert_array_equal(t.state[contact, 0], x[contact, 0] + shift)
+    slide(t, np.zeros(len(x), dtype=np.int32))
+    np.testing.assert_allclose(t.state[contact, :2], x[contact], atol=1e-14)
+    np.testing.assert_array_equal(t.state[others, :2], x[others])
+    slide(t, np.zeros(len(x), dtype=np.int32), reach=0.2)
+    foot = np.where(x[contact, 1] == 0, 3 + slope, 3 + 4 * slope)
+    assert (np.abs(t.state[contact, 0] - foot) < 0.2 + 1e-12).all()
+
+
+def upright(shift: float, wall=None) -> tuple[Triangulation, np.ndarray]:
+    """An upright interface whose ends on the walls were pushed aside, random velocities off the walls; these ends."""
+    x, cells = grid(np.arange(7), np.arange(6))
+    fluid = (x[cells, 0].mean(axis=1) > 3).astype(int)
+    contact = np.flatnonzero((x[:, 0] == 3) & ((x[:, 1] == 0) | (x[:, 1] == 5)))
+    x[contact, 0] += shift
+    t = of(x, cells, fluid, wall=wall, density=[1.0, 1000.0])
+    t.state[:, 2:4] = np.random.default_rng(4).normal(size=(len(x), 2)) * (t.marks() < 2)[:, None]
+    return t, contact
+
+
+@pytest.mark.parametrize("shift", [0.3, -0.3])
+def test_a_contact_that_slides_changes_no_velocity_where_walls_hold_particles(shift):
+    t, contact = upright(shift)
+    velocity, total = t.state[:, 2:4].copy(), areas(t).sum()
+    slide(t, np.zeros(len(t.state), dtype=np.int32))
+    np.testing.assert_allclose(t.state[contact, 0], 3.0, atol=1e-14)
+    np.testing.assert_array_equal(t.state[:, 2:4], velocity)
+    np.testing.assert_allclose(t.state[:, 7], masses(t), rtol=1e-12)
+    assert areas(t).sum() == pytest.approx(total, rel=1e-14)
+    check(t)
+
+
+@pytest.mark.parametrize("way", [0.0, 0.04, 0.1])
+def test_a_contact_goes_at_most_twice_as_far_as_the_interface_above_it_went(way):
+    t, contact = upright(0.3)
+    slide(t, np.zeros(len(t.state), dtype=np.int32), way=way)
+    np.testing.assert_allclose(t.state[contact, 0], 3.3 - 2 * way, atol=1e-14)

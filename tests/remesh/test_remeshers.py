@@ -1,0 +1,250 @@
+"""tipfem/remeshing.py and runs with the sharp interface: fluids at rest stay at rest; bad input is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tipfem as tp
+from tipfem.case.numerics import RelocationRule
+from tipfem.mesh import probes
+from tipfem.mesh.delaunay import triangulate, wall_fluid
+from tipfem.mesh.mesh import Mesh
+from tipfem.remesh import fitted
+from tipfem.remesh.remeshers import DelaunayRemesher, FittedRemesher
+
+
+def pair_of(name, water, air, glycerin) -> list[tp.Fluid]:
+    """Lower and upper fluid."""
+    return [water, air] if name == "water under air" else [glycerin, water]
+
+
+def at_rest(fluids, degrees: float = 0.0, spacing: float = 0.1) -> tp.Simulation:
+    """Two layers on a jittered mesh, gravity and interface tilted."""
+    lower, upper = fluids
+    angle = np.deg2rad(degrees)
+    gravity = 9.81 * np.array([np.sin(angle), -np.cos(angle)])
+    tank = tp.tank((1, 1), spacing, jitter=0.2).fill(upper)
+    if degrees:
+        tank.fill(lower, where=lambda x: (x - [0.5, 0.47]) @ gravity > 0)
+    else:
+        tank.fill(lower, box=((0, 0), (1, 0.5)))
+    return tp.Simulation(tp.Case(tank, fluids, gravity, interface="sharp"), time_step=1e-3)
+
+
+PAIRS = ["water under air", "glycerin under water"]
+
+
+@pytest.mark.parametrize("degrees", [0.0, 10.0])
+@pytest.mark.parametrize("pair", PAIRS)
+def test_layers_at_rest_stay_at_rest(pair, degrees, water, air, glycerin):
+    """On any mesh, to round-off: also where the interface meets the walls between their particles."""
+    fluids = pair_of(pair, water, air, glycerin)
+    simulation = at_rest(fluids, degrees)
+    simulation.step()  # the first repair may find particles that crowd others
+    start = simulation.particles.position.copy()
+    fastest = 0.0
+    for _ in range(49):
+        simulation.step()
+        fastest = max(fastest, simulation.particles.max_speed)
+        assert simulation.history[-1]["relocated"] == 0
+    assert fastest < 1e-9
+    np.testing.assert_allclose(simulation.particles.position, start, atol=1e-10)
+    if not degrees:
+        exact = probes.hydrostatic_pressure(simulation.particles.position[:, 1], [(f, 0.5) for f in fluids])
+        np.testing.assert_allclose(simulation.particles.pressure, exact, atol=1e-5 * exact.max())
+        assert simulation.volume(fluids[0].name) == pytest.approx(0.5, rel=1e-8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pair", PAIRS)
+def test_layers_stay_at_rest_for_long(pair, water, air, glycerin):
+    simulation = at_rest(pair_of(pair, water, air, glycerin), spacing=0.05)
+    volume = [simulation.volume(f.name) for f in simulation.case.fluids]
+    for _ in range(2000):
+        simulation.step()
+        assert simulation.particles.max_speed < 1e-9
+    np.testing.assert_allclose([simulation.volume(f.name) for f in simulation.case.fluids], volume, rtol=1e-12)
+
+
+def test_a_drop_that_falls_keeps_its_volume(water, air):
+    tank = tp.tank((1, 1), 0.08).fill(air).fill(water, disc=((0.5, 0.6), 0.2))
+    simulation = tp.Simulation(tp.Case(tank, [water, air], (0, -9.81), interface="sharp"))
+    volume, height = simulation.volume("water"), probes.extent(simulation.mesh, simulation.particles.fluid, 0, 1)
+    while simulation.time < 0.15:
+        simulation.step()
+        assert simulation.volume("water") == pytest.approx(volume, rel=1e-9)
+        assert simulation.volume("air") == pytest.approx(1.0 - volume, rel=1e-9)
+    fell = height - probes.extent(simulation.mesh, simulation.particles.fluid, 0, 1)
+    assert 0.5 * 0.5 * 9.81 * 0.15**2 < fell < 1.05 * 0.5 * 9.81 * 0.15**2
+
+
+def test_a_fitted_start_gives_triangles_of_each_part(water, air):
+    fluids = [water, air]
+    tank = tp.tank((1, 1), 0.07, jitter=0.2).fill(air).fill(water, where=lambda x: x[:, 1] < 0.3 + 0.4 * x[:, 0])
+    remesher = FittedRemesher(fluids, [5], fitted.FittedRule(), walls_have_fluids=False, keep=True)
+    first = remesher.start(tank.sample(fluids, fitted=True))
+    particles, mesh = first.particles, first.mesh
+    middle = particles.position[mesh.cells].mean(axis=1)
+    below = middle[:, 1] < 0.3 + 0.4 * middle[:, 0]
+    assert not first.relocated.any()
+    assert ((mesh.fluid == 0) != below).sum() <= 2  # where the face meets a wall between two particles
+    touches = np.zeros(len(particles), dtype=bool)
+    touches[mesh.cells[mesh.fluid == 0]] = True
+    np.testing.assert_array_equal(particles.fluid, np.where(touches, 0, 1))
+
+
+def test_a_triangle_has_the_lightest_of_its_fluids_and_a_particle_the_heaviest_of_its_triangles(water, air, glycerin):
+    position = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5]], dtype=float)
+    cells = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]], dtype=np.int32)
+    particles = tp.Particles(position, [0, 0, 1, 2, 2], np.array([1, 1, 1, 1, 0], dtype=bool), spacing=1.0)
+    density = np.array([f.density for f in (water, air, glycerin)])
+    mesh = fitted.with_fluids(Mesh(position, cells), particles, density)
+    assert mesh.fluid.tolist() == [0, 1, 1, 0]
+    assert fitted.particle_fluid(mesh, 5, density).tolist() == [0, 0, 1, 0, 0]
+
+
+def test_the_interpolated_rule_meshes_anew_what_it_relocates(water, air):
+    tank = tp.tank((1, 1), 0.1, jitter=0.2).fill(air).fill(water, box=((0, 0), (1, 0.5)))
+    remesher = DelaunayRemesher(RelocationRule())
+    first = remesher.start(tank.sample([water, air]))
+    particles, mesh = first.particles, first.mesh
+    assert not first.relocated.any()
+    free = np.flatnonzero(~particles.wall)
+    moved = particles.copy()
+    moved.position[free[0]] = moved.position[free[1]] + 1e-3
+    remeshed = remesher.remesh(moved, mesh, None)
+    after, anew = remeshed.particles, remeshed.mesh
+    assert remeshed.relocated.any()
+    np.testing.assert_array_equal(remeshed.relocated, (after.position != moved.position).any(axis=1))
+    expected = triangulate(after.position, after.wall, after.spacing)
+    np.testing.assert_array_equal(anew.cells, expected.cells)
+    np.testing.assert_array_equal(after.fluid, wall_fluid(expected, after.fluid, after.wall))
+    assert anew.fluid is None
+
+
+def test_a_sharp_interface_is_refused_in_3d(water, air):
+    tank = tp.tank((1, 1, 1), 0.25, jitter=0.1).fill(air).fill(water, box=((0, 0, 0), (1, 1, 0.5)))
+    with pytest.raises(ValueError, match="2-D only"):
+        tp.Case(tank, [water, air], (0, 0, -9.81), interface="sharp")
+
+
+def test_particles_in_3d_are_refused_too(water, air):
+    tank = tp.tank((1, 1, 1), 0.25, jitter=0.1).fill(air).fill(water, box=((0, 0, 0), (1, 1, 0.5)))
+    with pytest.raises(ValueError, match="2-D"):
+        tp.Simulation(tp.Case(tank.sample([water, air]), [water, air], (0, 0, -9.81), interface="sharp"))
+
+
+def test_a_layer_without_room_for_two_lines_is_refused(water, air):
+    for thickness, fits in ((0.115, False), (0.125, True)):
+        tank = tp.tank((1, 1), 0.1).fill(air).fill(water, box=((0, 0.4), (1, 0.4 + thickness)))
+        if fits:
+            tp.Case(tank, [water, air], (0, -9.81), interface="sharp")
+        else:
+            with pytest.raises(ValueError, match="two lines"):
+                tp.Case(tank, [water, air], (0, -9.81), interface="sharp")
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_a_fluid_that_gets_no_triangle_is_refused(swapped, water, air):
+    """A disc around one lattice point, smaller than its triangles."""
+    outer, inner = (water, air) if swapped else (air, water)
+    tank = tp.tank((1, 1), 0.1).fill(outer).fill(inner, disc=((0.5, 0.5), 0.03))
+    with pytest.raises(ValueError, match=inner.name):
+        tp.Simulation(tp.Case(tank, [water, air], (0, -9.81), interface="sharp"))
+
+
+L = 0.2  # of the tanks below [m]
+
+
+def turn(time: float) -> float:
+    return 0.3 * np.sin(8 * time) ** 2
+
+
+def push(time: float) -> float:
+    return 0.03 * np.sin(5 * time) ** 2
+
+
+def walled(kind: str, water) -> tp.Simulation:
+    """Water below oil in a small tank, between walls that slide, slip, turn, or push."""
+    oil = tp.Fluid("oil", 500.0, 0.1)
+    tank, motion, gravity = tp.tank((L, L), 0.02).fill(oil).fill(water, box=((0, 0), (L, L / 2))), None, (0, -9.81)
+    if kind == "lid":
+        tank.wall("top", velocity=(0.2, 0))
+    elif kind == "slip":
+        gravity = (6, -9.81)
+        for name in ("left", "right", "bottom"):
+            tank.wall(name, slip=True)
+    elif kind == "roll":
+        motion = tp.Motion(angle=turn, pivot=(L / 2, 0))
+    else:
+        tank.wall("left", motion=push).wall("right", motion=lambda t: -push(t))
+    case = tp.Case(tank, [water, oil], gravity, interface="sharp", tank_motion=motion)
+    return tp.Simulation(case, time_step=4e-3)
+
+
+def in_tank(kind: str, position, time: float) -> np.ndarray:
+    """Positions in a unit square: that of the tank's walls at a time."""
+    y = position.copy()
+    if kind == "roll":
+        c, s = np.cos(turn(time)), np.sin(turn(time))
+        y = (y - [L / 2, 0]) @ np.array([[c, -s], [s, c]]) + [L / 2, 0]
+    elif kind == "pistons":
+        y[:, 0] -= push(time)
+    return y / L
+
+
+@pytest.mark.parametrize("kind", ["lid", "slip", "roll", "pistons"])
+def test_walls_that_move_keep_their_particles_and_the_fluids_their_volumes(kind, water):
+    simulation = walled(kind, water)
+    volume = [simulation.volume(f.name) for f in simulation.case.fluids]
+    mask, swaps = simulation.particles.wall.copy(), 0
+    for _ in range(80):
+        simulation.step()
+        particles, mesh, boundary = simulation.particles, simulation.mesh, simulation.boundary
+        swaps += int((particles.wall != mask).sum())
+        mask = particles.wall.copy()
+        np.testing.assert_array_equal(boundary.index, np.flatnonzero(particles.wall))
+        cell, i = np.nonzero(mesh.across < 0)
+        np.testing.assert_array_equal(np.unique(mesh.cells[cell, (i + 1) % 3]), boundary.index)
+        y = in_tank(kind, particles.position, simulation.time)
+        off = np.minimum(np.abs(y), np.abs(y - 1)).min(axis=1)
+        assert off[particles.wall].max() < 1e-12
+        assert off[~particles.wall].min() > 1e-3
+        corner = np.abs(np.abs(y - 0.5) - 0.5).max(axis=1) < 1e-12
+        assert corner.sum() == 4
+        np.testing.assert_allclose([simulation.volume(f.name) for f in simulation.case.fluids], volume, rtol=1e-12)
+        check_rates(kind, simulation)
+    assert len(particles) == 121
+    assert sum(row["relocated"] for row in simulation.history) > 0
+    if kind != "lid":
+        assert swaps > 0  # wall particles that were set elsewhere, and others that took their place
+    if kind == "lid":
+        home = np.linspace(0, 1, 11)
+        top = particles.wall & (y[:, 1] > 0.5 * (1 + home[-2]))
+        np.testing.assert_allclose(np.sort(y[top, 0]), home, atol=1e-12)
+
+
+def check_rates(kind: str, simulation: tp.Simulation) -> None:
+    """Every wall particle is as fast as its wall."""
+    particles, time, dt = simulation.particles, simulation.time, 1e-5
+    x, v = particles.position[particles.wall], particles.velocity[particles.wall]
+    y = in_tank(kind, particles.position, time)[particles.wall]
+    if kind == "lid":
+        inner_top = (y[:, 1] > 1 - 1e-9) & (np.abs(y[:, 0] - 0.5) < 0.49)
+        np.testing.assert_allclose(v, np.where(inner_top[:, None], [0.2, 0.0], 0.0), atol=1e-12)
+    elif kind == "slip":
+        corner = np.abs(np.abs(y - 0.5) - 0.5).max(axis=1) < 1e-9
+        top = y[:, 1] > 1 - 1e-9
+        assert not v[corner | top].any()
+        for axis in (0, 1):
+            assert np.abs(v[np.abs(np.abs(y[:, axis] - 0.5) - 0.5) < 1e-9, axis]).max() < 1e-12
+    elif kind == "roll":
+        rate = (turn(time + dt) - turn(time - dt)) / (2 * dt)
+        arm = x - [L / 2, 0]
+        np.testing.assert_allclose(v, rate * np.stack([-arm[:, 1], arm[:, 0]], axis=1), atol=2e-4)
+    else:
+        rate = (push(time + dt) - push(time - dt)) / (2 * dt)
+        end = np.abs(np.abs(y[:, 0] - 0.5) - 0.5) < 1e-9
+        np.testing.assert_allclose(v[end, 0], rate, atol=2e-4)
+        assert np.abs(v[:, 1]).max() < 1e-12

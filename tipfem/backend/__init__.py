@@ -1,0 +1,1 @@
+"""Taichi: starting it, its arrays, launching kernels."""

@@ -1,0 +1,1 @@
+"""What a user says: fluids, tanks, particles, walls, gradings, the numbers of the method."""

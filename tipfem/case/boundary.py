@@ -1,0 +1,337 @@
+"""Boundary: which wall particle lies on which straight side, and what its walls leave it free to do."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from tipfem.arguments import numbers
+from tipfem.case.particles import Particles
+from tipfem.case.walls import Motion, Pose, Wall, rates
+from tipfem.errors import SimulationError
+from tipfem.typing import Array
+
+# A wall particle farther than this from a straight line does not lie on it [spacings].
+ON_LINE = 1e-6
+# Part of the tank's volume by which moving walls may change it: their functions' round-off.
+VOLUME_SLACK = 1e-6
+
+
+class Boundary:
+    """The walls of a case on its particles. Places y are those of the tank as it stood at t = 0.
+
+    A particle on one side, n . y = c + s(t) with the inward normal n and the side's displacement s, is held in the
+    direction n; a particle on several sides (in a corner) in the directions of all their normals. Along the side it
+    is free where the wall slips, and otherwise stays where it is.
+
+    Args:
+        particles: the initial state.
+        walls: those that are not simply fixed and no-slip.
+        motion: of the whole tank, or None.
+        closed: whether the fluids fill it, so that moving walls must keep its volume.
+
+    Attributes:
+        active: whether there is anything but fixed no-slip walls.
+        index: (W,) the wall particles.
+        normal: (W, d, d) rows: the normals of the sides a particle lies on; rows left over are zero.
+        inverse: (W, d, d) the pseudo-inverse of each of them.
+        side: (W, d) number of the side that each row belongs to.
+        free: (W, d, d) projector on the directions in which the particle slides with the fluid.
+        sliding: (W,) the wall whose velocity the particle has; -1 for those that have none.
+        pieces: rows of particles along a side, ends included, whose spacing is looked after (2-D), each with their
+            places along it, 0 at one end and 1 at the other; None for those that slip.
+        slides: (K,) places in `index` of the particles that slide.
+        still: (N,) mask of the wall particles that do not slide.
+        stays: (N,) mask of those that are not set elsewhere either.
+        pinned: (W,) mask of those at corners and at the ends of walls.
+
+    Raises:
+        ValueError: a wall has no particles, is not straight, or contradicts another; the tank would change
+            its volume; or a function of time gives what it must not.
+    """
+
+    def __init__(
+        self, particles: Particles, walls: Sequence[Wall], motion: Motion | None, *, closed: bool = True
+    ) -> None:
+        self.walls, self.motion, self.dimension, self.closed = tuple(walls), motion, particles.dimension, closed
+        self.active = bool(self.walls) or motion is not None
+        self.pieces: list[tuple[Array, Array | None]] = []
+        self.stays: Array = particles.wall.copy()
+        self.still: Array = particles.wall.copy()
+        self.index = np.flatnonzero(particles.wall)
+        self.pinned: Array = np.zeros(len(self.index), dtype=bool)
+        self.slides: Array = np.zeros(0, dtype=np.int64)
+        if not self.active:
+            return
+        if motion is not None:
+            motion.check(self.dimension)
+        names = [wall.name for wall in self.walls]
+        if len(set(names)) < len(names):
+            raise ValueError(f"Case: walls are named {names}; every wall needs a name of its own")
+        self._y = particles.position[self.index]
+        self._h = particles.spacing
+        self._find_sides(particles)
+        self.members = [self._members(wall, particles) for wall in self.walls]
+        self._assign()
+        self._check_start(particles)
+        self._volume = self._volume_at(0.0)
+        if any(wall.motion is not None for wall in self.walls):
+            for time in (1e-3, 1e-2, 0.1, 1.0):
+                if message := self._volume_error(time):
+                    raise ValueError(f"Case: {message}")
+
+    def _find_sides(self, particles: Particles) -> None:
+        """The straight sides of the cloud's convex hull, and which wall particles are on each of them."""
+        d, centre = self.dimension, particles.position.mean(axis=0)
+        facets = ConvexHull((particles.position - centre) / self._h).equations
+        facets = facets[np.unique(facets.round(9), axis=0, return_index=True)[1]]
+        normals: list[Array] = []
+        offsets: list[float] = []
+        masks: list[Array] = []
+        for facet in facets:
+            n = np.where(np.abs(facet[:-1]) < 1e-12, 0.0, -facet[:-1])
+            height = (self._y - centre) @ n - facet[-1] * self._h
+            mask = np.abs(height) < ON_LINE * self._h
+            known = [n @ m > 1 - 1e-10 and (mask & other).any() for m, other in zip(normals, masks, strict=True)]
+            if mask.any() and not any(known):
+                normals.append(n)
+                masks.append(mask)
+                offsets.append(float(np.median(self._y[mask] @ n)))  # exact where the walls run along an axis
+        self.side_normal, self.offset, self.on_side = np.array(normals), np.array(offsets), np.stack(masks, axis=1)
+        count = len(self.index)
+        self.normal, self.side = np.zeros((count, d, d)), np.zeros((count, d), dtype=np.int64)
+        for w, mask in enumerate(self.on_side):
+            rank = 0
+            for k in np.flatnonzero(mask):
+                self.normal[w, rank], self.side[w, rank] = self.side_normal[k], k
+                if np.linalg.matrix_rank(self.normal[w], tol=1e-6) > rank:
+                    rank += 1
+                else:
+                    self.normal[w, rank] = 0.0
+                if rank == d:
+                    break
+        self.inverse = np.linalg.pinv(self.normal, rcond=1e-9)
+
+    def _members(self, wall: Wall, particles: Particles) -> tuple[int, Array]:
+        """The side a wall lies on, and its particles as places in `index`, along the wall in 2-D."""
+        here, d = f"Case: wall {wall.name!r}", self.dimension
+        if wall.between is not None:
+            if d != 2:
+                raise ValueError(f"{here}: between is for 2-D; give its particles by index or mask")
+            a, b = numbers(wall.between)
+            along = (self._y - a) @ (b - a) / ((b - a) @ (b - a))
+            off = np.linalg.norm(self._y - a - along[:, None] * (b - a), axis=1)
+            slack = 1e-6 * self._h / np.linalg.norm(b - a)
+            found = np.flatnonzero((off < ON_LINE * self._h) & (along > -slack) & (along < 1 + slack))
+        else:
+            given = np.asarray(wall.particles)
+            given = np.flatnonzero(given) if given.dtype == bool and given.shape == particles.wall.shape else given
+            if given.ndim != 1 or given.dtype.kind not in "iu" or (given < 0).any() or (given >= len(particles)).any():
+                raise ValueError(f"{here}: particles must be indices from 0 to {len(particles) - 1}, or a mask of all")
+            if not particles.wall[given].all():
+                i = int(given[np.argmin(particles.wall[given])])
+                raise ValueError(f"{here}: particle {i} at {particles.position[i].tolist()} is no wall particle")
+            found = np.searchsorted(self.index, np.unique(given))
+        if len(found) < d + 1:
+            raise ValueError(f"{here}: only {len(found)} wall particles belong to it; it takes {d + 1} or more")
+        common = self.on_side[found].all(axis=0)
+        if not common.any():
+            k = int(np.argmax(self.on_side[found].sum(axis=0)))
+            stray = self.index[found[np.argmin(self.on_side[found, k])]]
+            raise ValueError(
+                f"{here}: particle {stray} at {particles.position[stray].tolist()} is not on one straight side of the "
+                "tank with the others; slip, velocity and motion are for straight outer walls"
+            )
+        side = int(np.argmax(common))
+        if d == 2:
+            found = found[np.argsort(self._y[found] @ self._tangent(side))]
+        if (d == 3 or wall.motion is not None) and len(found) < self.on_side[:, side].sum():
+            raise ValueError(
+                f"{here}: it is {len(found)} of the {self.on_side[:, side].sum()} particles of its side; a wall with a "
+                "motion, and any in 3-D, must be the whole side"
+            )
+        return side, found
+
+    def _tangent(self, side: int) -> Array:
+        n = self.side_normal[side]
+        return np.array([-n[1], n[0]])
+
+    def _assign(self) -> None:
+        """What each particle is free to do, and which rows of them are kept evenly spaced."""
+        count, d = len(self.index), self.dimension
+        owner = np.full((count, len(self.offset)), -1)
+        self.pinned = pinned = np.asarray(self.normal[:, 1].any(axis=1))
+        self.mover = np.full(len(self.offset), -1)
+        for number, (side, found) in enumerate(self.members):
+            inner = found[1:-1] if d == 2 else found
+            if (owner[inner, side] >= 0).any() or (self.walls[number].motion is not None and self.mover[side] >= 0):
+                other = max(int(owner[inner, side].max()), int(self.mover[side]))
+                names = [self.walls[k].name for k in (other, number)]
+                raise ValueError(f"Case: walls {names} overlap; every place has one wall")
+            owner[inner, side] = number
+            if d == 2:
+                pinned[found[[0, -1]]] = True
+            if self.walls[number].motion is not None:
+                self.mover[side] = number
+        slips = np.array([wall.slips for wall in self.walls] + [False])  # the last for "no wall", -1
+        # On an edge in 3-D, all of the sides must slip for the particle to slide along it.
+        free: Array = (slips[owner] | ~self.on_side).all(axis=1) & self.on_side.any(axis=1)
+        if d == 2:
+            free = free & ~pinned
+        unit = np.eye(d)
+        self.free = np.where(free[:, None, None], unit - self.inverse @ self.normal, 0.0)
+        self.slides = np.flatnonzero(np.abs(self.free).max(axis=(1, 2)) > 1e-9)
+        self.sliding = np.where(self.normal[:, 1].any(axis=1), -1, owner.max(axis=1))
+        self.still[self.index[self.slides]] = self.stays[self.index[self.slides]] = False
+        if d == 2:
+            self._find_pieces(pinned, slips, owner)
+
+    def _find_pieces(self, pinned: Array, slips: Array, owner: Array) -> None:
+        """Rows between pinned particles that slip or slide, or that a moving wall shortens and lengthens at an end."""
+        slide = np.array([wall.velocity is not None for wall in self.walls] + [False])
+        for side in range(len(self.offset)):
+            row = np.flatnonzero(self.on_side[:, side])
+            row = row[np.argsort(self._y[row] @ self._tangent(side))]
+            stops = np.flatnonzero(pinned[row])
+            for first, last in itertools.pairwise(stops):
+                piece = row[first : last + 1]
+                at_ends: Array = np.asarray(self.on_side[piece[[0, -1]]].any(axis=0))
+                at_ends[side] = False
+                slippery = bool(slips[owner[piece[1:-1], side]].all())
+                if len(piece) > 2 and (slippery or slide[owner[piece[1], side]] or (self.mover[at_ends] >= 0).any()):
+                    along = self._y[piece] @ self._tangent(side)
+                    places = (along - along[0]) / (along[-1] - along[0])
+                    self.pieces.append((self.index[piece], None if slippery else places))
+                    self.stays[self.index[piece[1:-1]]] = False
+
+    def _check_start(self, particles: Particles) -> None:
+        for wall, (side, _) in zip(self.walls, self.members, strict=True):
+            if wall.displacement(0.0) != 0:
+                raise ValueError(
+                    f"Case: wall {wall.name!r}: motion at t = 0 is {wall.displacement(0.0):g} m; it must be zero, for "
+                    "the particles stand where the wall is then"
+                )
+            velocity = wall.sliding(0.0, self.dimension)
+            across = abs(float(velocity @ self.side_normal[side]))
+            if across > 1e-9 * np.linalg.norm(velocity):
+                raise ValueError(
+                    f"Case: wall {wall.name!r}: velocity {velocity.tolist()} m/s is not along the wall; what moves a "
+                    "wall along its normal is motion"
+                )
+        v = particles.velocity[self.index]
+        held = v - np.einsum("wij,wj->wi", self.free, v)
+        if (np.abs(held) > 1e-9 * max(particles.max_speed, 1e-300)).any():
+            w = int(np.argmax(np.abs(held).max(axis=1)))
+            raise ValueError(
+                f"Case: wall particle {self.index[w]} at {self._y[w].tolist()} has velocity {v[w].tolist()} m/s; it "
+                "must be zero in the directions that its walls hold (their own motion is added)"
+            )
+
+    def displacements(self, time: float, step: float) -> tuple[Array, Array, Array]:
+        """Displacement (S,) of the sides along their normals [m], with its first two derivatives."""
+        values = np.zeros((3, len(self.offset)))
+        for side in np.flatnonzero(self.mover >= 0):
+            values[:, side] = rates(self.walls[self.mover[side]].displacement, time, step)
+        return values[0], values[1], values[2]
+
+    def sliding_velocities(self, time: float, step: float) -> tuple[Array, Array]:
+        """Velocity (K + 1, d) [m/s] of the K walls along themselves and its derivative; the last row is zero."""
+        d = self.dimension
+        parts = [rates(partial(wall.sliding, dimension=d), time, step)[:2] for wall in self.walls]
+        still = np.zeros(d)
+        return np.array([*(p[0] for p in parts), still]), np.array([*(p[1] for p in parts), still])
+
+    def pose(self, time: float, step: float) -> Pose:
+        """Where the tank is at a time [s]; ``step`` [s] is that of the finite differences."""
+        return Pose.still(self.dimension) if self.motion is None else self.motion.pose(time, step, self.dimension)
+
+    def largest_pace(self, particles: Particles, time: float, step: float) -> float:
+        """Largest speed of a particle relative to the tank, in its target spacings [1/s], at a time [s]; see `pose`
+        for ``step``.
+        """
+        relative = particles.velocity
+        if self.motion is not None:
+            relative = relative - self.pose(time, step).rigid_velocity(particles.position)
+        return float(np.sqrt((sum(axis * axis for axis in relative.T) / particles.target**2).max()))
+
+    def held(self, y: Array, displacement: Array) -> Array:
+        """The places y (W, d) nearest to the given ones that are on all sides, displaced by (S,) [m]."""
+        missing = (self.offset + displacement)[self.side] - np.einsum("wki,wi->wk", self.normal, y)
+        missing[~self.normal.any(axis=2)] = 0.0
+        return y + np.einsum("wik,wk->wi", self.inverse, missing)
+
+    def require_volume(self, time: float) -> None:
+        """Raises SimulationError if the walls' motions have changed the tank's volume."""
+        if (self.mover >= 0).any() and (message := self._volume_error(time)):
+            raise SimulationError(message)
+
+    def _volume_at(self, time: float) -> float:
+        displacement = np.array([0.0 if m < 0 else float(self.walls[m].displacement(time)) for m in self.mover])
+        corner = self.normal[:, -1].any(axis=1)
+        return float(ConvexHull(self.held(self._y, displacement)[corner]).volume)
+
+    def _volume_error(self, time: float) -> str:
+        if not self.closed:
+            return ""
+        change = self._volume_at(time) / self._volume - 1
+        if abs(change) <= VOLUME_SLACK:
+            return ""
+        return (
+            f"at t = {time:g} s the walls' motions change the volume of the closed tank by {100 * change:.2g} %, and "
+            "fluids are incompressible; another wall must give way, the opposite one by motion=lambda t: -s(t)"
+        )
+
+
+# A wall particle this close to a side's line is on it [spacings]: splits and slides are right to round-off.
+ON_SIDE = 1e-5
+
+
+def reassigned(boundary: Boundary, particles: Particles, pose: Pose, displacement: Array) -> Boundary:
+    """The same walls on other particles, in 2-D; a particle of a wall is one that stands on its line.
+
+    Args:
+        boundary: of the particles as they were; a wall keeps the ends that it has there.
+        particles: as they are.
+        pose: where the tank is.
+        displacement: (S,) of the sides along their normals [m].
+    """
+    new = copy.copy(boundary)
+    new.index = np.flatnonzero(particles.wall)
+    new._y = pose.origin(particles.position[new.index])
+    heights = new._y @ boundary.side_normal.T - (boundary.offset + displacement)
+    new.on_side = np.abs(heights) < ON_SIDE * particles.spacing
+    new.normal, new.side = _frames(boundary.side_normal, new.on_side)
+    new.inverse = np.linalg.pinv(new.normal, rcond=1e-9)
+    new.members = []
+    for side, old in boundary.members:
+        along = new._y @ boundary._tangent(side)
+        found = np.flatnonzero(new.on_side[:, side])
+        if len(old) < boundary.on_side[:, side].sum():  # a part of its side
+            ends = boundary._y[old[[0, -1]]] @ boundary._tangent(side)
+            slack = ON_SIDE * particles.spacing
+            found = found[(along[found] > ends[0] - slack) & (along[found] < ends[1] + slack)]
+        new.members.append((side, found[np.argsort(along[found])]))
+    new.pieces = []
+    new.still, new.stays = particles.wall.copy(), particles.wall.copy()
+    new._assign()
+    return new
+
+
+def _frames(normals: Array, on_side: Array) -> tuple[Array, Array]:
+    """Normals (W, 2, 2) and numbers (W, 2) of the first two sides that each wall particle is on, not parallel."""
+    rows = np.arange(len(on_side))
+    first = np.argmax(on_side, axis=1)
+    cross = normals[first, 0][:, None] * normals[:, 1] - normals[first, 1][:, None] * normals[:, 0]
+    others = on_side & (np.abs(cross) > 1e-6)
+    others[rows, first] = False
+    second = np.argmax(others, axis=1)
+    side = np.stack([first, np.where(others.any(axis=1), second, 0)], axis=1)
+    normal = normals[side]
+    normal[~on_side.any(axis=1), 0] = 0.0
+    normal[~others.any(axis=1), 1] = 0.0
+    return normal, side

@@ -1,0 +1,33 @@
+"""Fluids: incompressible, Newtonian, told apart by density and viscosity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tipfem.arguments import is_number
+
+
+@dataclass(frozen=True)
+class Fluid:
+    """An incompressible Newtonian fluid.
+
+    Attributes:
+        name: what the fluid is called in results and pictures; unique within a case.
+        density: mass density [kg/m^3], > 0.
+        viscosity: dynamic viscosity [Pa s], >= 0.
+
+    Raises:
+        ValueError: the name is empty or no text, or a property is out of range or no finite number.
+    """
+
+    name: str
+    density: float
+    viscosity: float
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise ValueError(f"Fluid: name is {self.name!r}; it must be a non-empty string")
+        if not (is_number(self.density) and self.density > 0):
+            raise ValueError(f"Fluid {self.name!r}: density is {self.density!r} kg/m^3; it must be > 0")
+        if not (is_number(self.viscosity) and self.viscosity >= 0):
+            raise ValueError(f"Fluid {self.name!r}: viscosity is {self.viscosity!r} Pa s; it must be >= 0")

@@ -1,0 +1,206 @@
+"""Lines of the rectilinear lattices on which a tank's particles begin."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Collection, Iterable
+
+import numpy as np
+
+from tipfem.typing import Array
+
+# Halvings of an edge between two parts: to round-off.
+BISECTIONS = 52
+# How far beside a face to look for what is there, in spacings.
+BESIDE = 1e-4
+
+
+def snap_to_faces(
+    position: Array, shape: tuple[int, int], size: Array, part: Callable[[Array], Array]
+) -> tuple[Array, Array]:
+    """Move lattice points onto the faces between parts of a tank.
+
+    On every edge of the lattice, diagonals included, that joins two parts, the end that is closer to the face
+    moves there, along the edge; a point that could go to several places goes to the closest (Labelle & Shewchuk,
+    "Isosurface stuffing", 2007). Then no edge crosses a straight face but where walls are in the way.
+    Points on a wall stay on it, and the corners of the tank where they are.
+
+    Args:
+        position: (N, 2) lattice points [m], the second axis running fastest.
+        shape: points along each axis.
+        size: (2,) of the tank [m].
+        part: from positions (K, 2) to the number (K,) of the part that each lies in.
+
+    Returns:
+        The points (N, 2), and the mask (N,) of those on a face.
+    """
+    index = np.arange(len(position)).reshape(shape)
+    pairs = [(index[:-1], index[1:]), (index[:, :-1], index[:, 1:])]
+    pairs += [(index[:-1, :-1], index[1:, 1:]), (index[:-1, 1:], index[1:, :-1])]
+    one, other = (np.concatenate([pair[k].ravel() for pair in pairs]) for k in (0, 1))
+    label = part(position)
+    mixed = label[one] != label[other]
+    one, other = one[mixed], other[mixed]
+    start, edge = position[one], position[other] - position[one]
+    low, high = np.zeros(len(one)), np.ones(len(one))
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        same = part(start + middle[:, None] * edge) == label[one]
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    place = 0.5 * (low + high)
+    # A face that a lattice line stands on is met at its end, to the last digit; parts overlap by round-off.
+    place = np.where(place < 1e-7, 0.0, np.where(place > 1 - 1e-7, 1.0, place))
+    crossing = start + place[:, None] * edge
+    mover = np.where(place <= 0.5, one, other)
+    on_wall = (position == 0.0) | (position == size)
+    crossing = np.where(on_wall[mover] & (on_wall[one] & on_wall[other]), position[mover], crossing)
+    leaves = (on_wall[mover] & (crossing != position[mover])).any(axis=1)
+    mover, crossing = mover[~leaves], crossing[~leaves]
+    way = np.linalg.norm(crossing - position[mover], axis=1)
+    order = np.lexsort((way, mover))
+    mover, first = np.unique(mover[order], return_index=True)
+    crossing = crossing[order][first]
+    # The two diagonals of a square may meet a face at one place, their middle: there one point goes, and one stays.
+    apart = np.abs(size).max() * 1e-9
+    alone = np.unique(np.round(crossing / apart).astype(np.int64), axis=0, return_index=True)[1]
+    mover, crossing = mover[alone], crossing[alone]
+    snapped = position.copy()
+    snapped[mover] = crossing
+    on_face = np.zeros(len(position), dtype=bool)
+    on_face[mover] = True
+    return snapped, on_face
+
+
+def faces_of_part(
+    faces: Iterable[float], axis: int, size: Array, spacing: float, part: Callable[[Array], Array]
+) -> set[float]:
+    """Those of the faces across one axis beside which, somewhere, a part of the tank ends.
+
+    Args:
+        faces: coordinates along the axis [m].
+        axis: which.
+        size: (d,) of the tank [m].
+        spacing: of its particles [m].
+        part: from positions (K, d) to the mask (K,) of the part.
+    """
+    others = [np.arange(0.25 * spacing, length, 0.5 * spacing) for k, length in enumerate(size) if k != axis]
+    grid = np.stack([x.ravel() for x in np.meshgrid(*others, indexing="ij")], axis=1)
+    found = set()
+    for face in faces:
+        below, above = (np.insert(grid, axis, face + s * BESIDE * spacing, axis=1) for s in (-1, 1))
+        if (part(below) != part(above)).any():
+            found.add(face)
+    return found
+
+
+def heaviest_beside(
+    position: Array, size: Array, spacing: float, fluid: Callable[[Array], Array], density: Array
+) -> Array:
+    """The heaviest fluid (K,) that touches each of the points (K, 2).
+
+    Args:
+        position: points on faces [m].
+        size: (2,) of the tank [m].
+        spacing: of its particles [m].
+        fluid: from positions to fluids.
+        density: of the fluids [kg/m^3].
+    """
+    best = fluid(position)
+    for x in (-1, 1):
+        for y in (-1, 1):
+            near = np.clip(position + BESIDE * spacing * np.array([x, y]), 0.0, size)
+            other = fluid(near)
+            best = np.where(density[other] > density[best], other, best)
+    return best
+
+
+# Lines closer than this, in spacings, would be crowded from the start: relocation moves such particles.
+CLOSEST = 0.6
+
+
+def fitted_lines(axis: int, length: float, spacing: float, faces: Iterable[float]) -> Array:
+    """Coordinates (n,) of the lines along one axis, with one on every face [m]; see `lines`."""
+    # A layer of two lines has a particle inside; with one, all would be shared with its neighbours.
+    edges = _edges(axis, length, spacing, faces, lambda lower, upper: (2 * CLOSEST, "two lines"))
+    pieces = [np.zeros(1)]
+    for lower, upper in itertools.pairwise(edges):
+        n = max(2, round((upper - lower) / spacing))
+        pieces.append(np.linspace(lower, upper, n + 1)[1:])
+    return np.concatenate(pieces)
+
+
+def lines(axis: int, length: float, spacing: float, faces: Iterable[float], on_lines: Collection[float] = ()) -> Array:
+    """Coordinates (n,) of the lines along one axis, with every face midway between two of them [m].
+
+    Args:
+        axis: for messages.
+        length: of the tank along it [m].
+        spacing: h [m].
+        faces: where parts of the tank end [m].
+        on_lines: those of the faces on which a line stands instead.
+
+    Raises:
+        ValueError: two faces are too close to each other.
+    """
+    h = spacing
+    # On a wall stands a line of its own, which the layer's first must keep off.
+    edges = _edges(
+        axis,
+        length,
+        h,
+        faces,
+        lambda lower, upper: (CLOSEST * (1.0 if lower > 0 and upper < length else 1.5), "one line"),
+    )
+    # First every layer by itself: a wall's line stands on the wall, the others half a step off the faces.
+    layers = list(itertools.pairwise(edges))
+    solid = {0.0, length, *on_lines}
+    margins = [(0.0 if a in solid else 0.5) + (0.0 if b in solid else 0.5) for a, b in layers]
+    counts = [max(int(m < 1), round((b - a) / h - m)) for (a, b), m in zip(layers, margins, strict=True)]
+    steps = [(b - a) / (n + m) for (a, b), n, m in zip(layers, counts, margins, strict=True)]
+    # Both sides of a face then take the same half gap: that of the smaller step crowds neither.
+    half = [0.0, *(0.5 * min(s) for s in itertools.pairwise(steps)), 0.0]
+    for k, n in enumerate(counts):
+        if n == 0:  # a line alone stands in the middle of its layer
+            half[k] = half[k + 1] = 0.5 * steps[k]
+    half = [0.0 if edge in solid else gap for edge, gap in zip(edges, half, strict=True)]
+    pieces = []
+    for k, (lower, upper) in enumerate(layers):
+        first, last = lower + half[k], upper - half[k + 1]
+        single = counts[k] == 0 and abs(last - first) < 1e-9 * h
+        n = 0 if single else max(1, round((last - first) / h))
+        if last - first < CLOSEST * n * h * (1 - 1e-9):
+            why = f"its neighbours let it be ({CLOSEST:g} spacings between lines)"
+            raise _thin(axis, lower, upper, h, why)
+        pieces.append(np.linspace(first, last, n + 1))
+    result = np.concatenate(pieces)
+    result = result[np.append(np.diff(result) > 1e-9 * length, True)]  # a line on a face is in two layers
+    result[-1] = length
+    return result
+
+
+def _edges(
+    axis: int, length: float, spacing: float, faces: Iterable[float], limit: Callable[[float, float], tuple[float, str]]
+) -> list[float]:
+    """Coordinates of walls and faces along one axis, ascending [m].
+
+    limit: from two of them that follow each other to the least distance, in spacings, and what it is for.
+    """
+    edges = [0.0]
+    # A face that is on a wall but for round-off is no face inside the tank.
+    inner = {face for face in faces if 1e-9 * length < face < length - 1e-9 * length}
+    for face in [*sorted(inner), length]:
+        if face - edges[-1] < 1e-9 * length:
+            continue
+        least, purpose = limit(edges[-1], face)
+        if face - edges[-1] < least * spacing * (1 - 1e-9):
+            why = f"{least:g} spacings ({least * spacing:g} m), the least for {purpose}"
+            raise _thin(axis, edges[-1], face, spacing, why)
+        edges.append(face)
+    return edges
+
+
+def _thin(axis: int, lower: float, upper: float, spacing: float, limit: str) -> ValueError:
+    return ValueError(
+        f"tank: along axis {axis}, the part between {lower:g} m and {upper:g} m is thinner than {limit}; "
+        f"choose a smaller spacing than {spacing:g} m"
+    )

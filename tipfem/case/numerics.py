@@ -1,0 +1,228 @@
+"""Numerics: the numbers of the method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from tipfem.arguments import is_number
+from tipfem.case.particles import largest_length
+from tipfem.typing import Array
+
+
+@dataclass(frozen=True)
+class RelocationRule:
+    """When a particle is moved, and where to. All lengths in target spacings h.
+
+    Attributes:
+        too_close: a particle closer than this to another is moved.
+        too_close_to_wall: a particle closer than this to a face of the wall is moved.
+        long_edge: edges within a fluid longer than this take a particle at their middle.
+        long_mixed_edge: edges between two fluids longer than this take a particle at a third of
+            their length, so that no gap opens between the fluids.
+        urgent: a particle closer than this to another is moved into any edge longer than h.
+        at_surface: factor on these distances where one of two particles is on a free surface, and
+        along_surface: where both are, and for heights of particles on the surface over a wall.
+
+    Raises:
+        ValueError: a length is not positive, or a rule would undo itself.
+    """
+
+    too_close: float = 0.6
+    too_close_to_wall: float = 0.4
+    long_edge: float = 1.2
+    long_mixed_edge: float = 1.8
+    urgent: float = 0.35
+    at_surface: float = 0.75
+    along_surface: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (is_number(value) and value > 0):
+                raise ValueError(f"RelocationRule: {name} is {value!r}; it must be > 0 (in spacings)")
+        if self.long_edge < 2 * self.too_close - 1e-12:
+            raise ValueError(
+                f"RelocationRule: long_edge {self.long_edge:g} is below twice too_close {self.too_close:g}; "
+                "a particle set into such an edge would be moved again at once"
+            )
+        if self.long_mixed_edge < 3 * self.too_close - 1e-12:
+            raise ValueError(
+                f"RelocationRule: long_mixed_edge {self.long_mixed_edge:g} is below three times too_close "
+                f"{self.too_close:g}; a particle set at a third of such an edge would be moved again at once"
+            )
+
+
+@dataclass(frozen=True)
+class SurfaceRule:
+    """Which simplices are fluid. Lengths in target spacings h; R is the radius of the circumscribed circle (ball).
+
+    Attributes:
+        alpha: simplices inside the fluid, at its surface, are fluid if R < alpha h.
+        inner: the same for simplices with a particle below the surface. Those with no other particles are fluid anyway.
+        first: factor on alpha for the first mesh of particles given as arrays; of a tank it is known what is filled.
+        join: simplices outside the fluid become fluid if R < join h, and
+        gap: if their smallest height is below gap h. So drops merge, and waves close.
+        touch: a particle that is lower than this over a dry wall touches it.
+        wet: the same over a wall that is wet at one end, when the particle has passed the middle between the ends.
+        dry: it leaves that wall again when it is behind this part of the way, half of which is the middle.
+
+    Raises:
+        ValueError: a number is out of range.
+    """
+
+    alpha: float = 1.2
+    inner: float = 1.8
+    first: float = 0.85
+    join: float = 0.8
+    gap: float = 0.6
+    touch: float = 0.6
+    wet: float = 1.2
+    dry: float = 0.25
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("alpha", 0.75, 10.0),
+            ("inner", 0.75, 20.0),
+            ("first", 0.5, 2.0),
+            ("join", 0.3, 10.0),
+            ("gap", 0.1, 2.0),
+            ("touch", 0.4, 2.0),
+            ("wet", 0.4, 3.0),
+            ("dry", 0.0, 0.5),
+        ):
+            value = getattr(self, name)
+            if not (is_number(value) and low <= value <= high):
+                raise ValueError(f"SurfaceRule: {name} is {value!r}; it must lie between {low:g} and {high:g}")
+        if self.inner < self.alpha:
+            raise ValueError(f"SurfaceRule: inner {self.inner:g} is below alpha {self.alpha:g}; it must not be")
+
+
+@dataclass(frozen=True)
+class FittedRule:
+    """When the triangulation is changed; all lengths in particle spacings.
+
+    Attributes:
+        close: particles inside a fluid closer than this to another crowd it, and one goes.
+        edge: the same for the distance to an edge of an interface or a wall.
+        chain: the same along interfaces and walls.
+        long: edges of interfaces and walls longer than this are split before any others.
+        spare: particles inside a fluid closer than this to another are taken where such edges are too many
+            for the particles that crowd others.
+        film: a film thinner than this breaks.
+        reach: how far an interface's end on a wall may be from the foot of the next particle on it.
+        slack: how far a particle may be inside a circumcircle before an edge is flipped; relative, see
+            `edge_operations.in_circle`. Not zero: a flip that gains nothing disturbs fluids at rest.
+
+    Raises:
+        ValueError: a number is out of range or none.
+    """
+
+    close: float = 0.6
+    edge: float = 0.4
+    chain: float = 0.55
+    long: float = 1.5
+    spare: float = 0.75
+    film: float = 0.3
+    reach: float = 0.8
+    slack: float = 1e-3
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("close", 0.1, 0.95),
+            ("edge", 0.05, 0.8),
+            ("chain", 0.1, 0.95),
+            ("long", 1.2, 5.0),
+            ("spare", 0.1, 0.95),
+            ("film", 0.0, 0.8),
+            ("reach", 0.0, 3.0),
+            ("slack", 0.0, 0.2),
+        ):
+            value = getattr(self, name)
+            if not (is_number(value) and low <= value <= high):
+                raise ValueError(f"FittedRule: {name} is {value!r}; it must lie between {low:g} and {high:g}")
+
+
+@dataclass(frozen=True)
+class Numerics:
+    """The numbers of the method.
+
+    Attributes:
+        rho_inf: of generalized-alpha, 0 to 1.
+        stabilisation: c in tau = c dt^2 of the PSPG term, > 0.
+        volume_correction: rate at which the source in J - 1 = s gives lost volume back to a fluid, in
+            units of sqrt(|b| / h) with the largest acceleration b by gravity and body force at the start; 0
+            switches the source off. The higher, the smaller the error of volume and the noisier the pressure.
+            With the sharp interface: whether (> 0) interfaces are moved so that volumes stay those of the
+            start, or (0) only what the remeshing itself changed is undone.
+        momentum_transfer: with the interpolated interface, whether a particle that a remeshing made heavier takes
+            on the velocity of the neighbours its new mass came from (see `momentum_transfer`). The paper's method
+            does not.
+        newton_tolerance: of the largest scaled residual, in spacings: how far it would move its particle.
+        acceleration_tolerance: of the same residual as an acceleration, relative to gravity; the
+            tighter of both holds. Without it, short steps and large spacings would leave pressure loose.
+            The largest is that of a few particles where the mesh has just changed; the root of the mean square
+            of all is a fiftieth of it.
+        newton_iterations: after which a step is refused.
+        largest_move: displacement of the fastest particle that the length of a step aims at, in spacings; more than
+            0.5 only where no element would be crushed (see `StepControl`). A step in which one moves by 0.15 spacings
+            more is refused.
+        smallest_jacobian: a step in which an element's J falls below it is refused.
+        triangulation: of the interpolated interface in 2-D, between walls: "repair" flips the last mesh, and takes
+            relocated particles out of it and puts them in, where that can be done; "rebuild" asks Qhull every time.
+        relocation: when particles are moved, and where to, with the interpolated interface.
+        fitting: when the triangulation is changed, with the sharp interface.
+        surface: which simplices are fluid, with a free surface.
+
+    Raises:
+        ValueError: a number is out of range or none, or a rule is none of its kind.
+    """
+
+    rho_inf: float = 0.0
+    stabilisation: float = 0.25
+    volume_correction: float = 1.0
+    momentum_transfer: bool = True
+    newton_tolerance: float = 1e-5
+    acceleration_tolerance: float = 1e-2
+    newton_iterations: int = 8
+    largest_move: float = 0.35
+    smallest_jacobian: float = 0.05
+    triangulation: str = "repair"
+    relocation: RelocationRule = field(default_factory=RelocationRule)
+    fitting: FittedRule = field(default_factory=FittedRule)
+    surface: SurfaceRule = field(default_factory=SurfaceRule)
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("rho_inf", 0.0, 1.0),
+            ("stabilisation", 1e-6, 10.0),
+            ("volume_correction", 0.0, 100.0),
+            ("newton_tolerance", 1e-14, 1e-1),
+            ("acceleration_tolerance", 1e-12, 1.0),
+            ("newton_iterations", 1, 100),
+            ("largest_move", 0.01, 0.8),
+            ("smallest_jacobian", 0.0, 0.9),
+        ):
+            value = getattr(self, name)
+            if not (is_number(value) and low <= value <= high):
+                raise ValueError(f"Numerics: {name} is {value!r}; it must lie between {low:g} and {high:g}")
+        if self.newton_iterations != int(self.newton_iterations):
+            raise ValueError(f"Numerics: newton_iterations is {self.newton_iterations!r}; it must be a whole number")
+        if self.triangulation not in ("repair", "rebuild"):
+            raise ValueError(f"Numerics: triangulation is {self.triangulation!r}; it must be 'repair' or 'rebuild'")
+        for name, kind in (("relocation", RelocationRule), ("fitting", FittedRule), ("surface", SurfaceRule)):
+            if not isinstance(getattr(self, name), kind):
+                raise ValueError(f"Numerics: {name} is {getattr(self, name)!r}; it must be a {kind.__name__}")
+        if not isinstance(self.momentum_transfer, bool):
+            raise ValueError(f"Numerics: momentum_transfer is {self.momentum_transfer!r}; it must be True or False")
+
+    def tolerance(self, force: Array, cm: float, spacing: float, smallest: float) -> float:
+        """Largest scaled residual that counts as solved [spacings].
+
+        Args:
+            force: (N, d) gravity and body force [m/s^2].
+            cm: d a / d u of the time integration [1/s^2].
+            spacing: of the particles [m].
+            smallest: what round-off leaves of a residual [spacings].
+        """
+        strength = largest_length(force)
+        by_force = self.acceleration_tolerance * strength / (cm * spacing) if strength > 0 else float("inf")
+        return max(min(self.newton_tolerance, by_force), smallest)

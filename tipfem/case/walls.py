@@ -1,0 +1,227 @@
+"""Walls as the user says them: slip, sliding and moving walls, and the motion of a whole tank."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tipfem.arguments import is_number, numbers
+from tipfem.typing import Array
+
+Function = Callable[[float], Any]
+
+# Weights of finite differences of fourth order, for f' (over the step) and f'' (over its square): around a
+# time, and from it onwards where the function may not be defined before (at the start of a run).
+_AROUND = (np.array([1, -8, 0, 8, -1]) / 12, np.array([-1, 16, -30, 16, -1]) / 12)
+_ONWARDS = (np.array([-25, 48, -36, 16, -3, 0]) / 12, np.array([45, -154, 214, -156, 61, -10]) / 12)
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A straight wall, or a part of one, that is not simply fixed and no-slip.
+
+    Which wall particles it is made of: those on the line between two points (2-D), or those given by index or
+    mask. They must lie on one straight side of the cloud. A corner, where it meets a wall of another direction,
+    is fixed in both. So are, in 2-D, the ends of a wall that goes on straight as another wall.
+
+    Attributes:
+        name: what errors call it.
+        between: the two ends [m], each (2,).
+        particles: indices (K,) or mask (N,) of its particles, instead of ``between``.
+        slip: whether the fluid slides along it without friction.
+        slip_length: l [m] of Navier's condition, traction = viscosity / l (v - v_wall) along the wall; > 0.
+        velocity: of a wall that slides along itself, relative to the tank: (d,) [m/s], or a function of time
+            [s] to it. Its particles stay where they are.
+        motion: function of time [s] to the displacement [m] of the wall along its normal since t = 0, relative
+            to the tank; positive into the fluid. It must be smooth: velocity and acceleration are its derivatives.
+
+    Raises:
+        ValueError: a value has the wrong shape or sign, or two of them contradict each other.
+    """
+
+    name: str
+    between: Sequence[Sequence[float]] | None = None
+    particles: Any = None
+    slip: bool = False
+    slip_length: float | None = None
+    velocity: Sequence[float] | Function | None = None
+    motion: Function | None = None
+
+    def __post_init__(self) -> None:
+        here = f"wall {self.name!r}"
+        if not isinstance(self.name, str) or not self.name:
+            raise ValueError(f"wall: name is {self.name!r}; it must be a text")
+        if (self.between is None) == (self.particles is None):
+            raise ValueError(f"{here}: give either its ends, between, or its particles")
+        if not isinstance(self.slip, bool):
+            raise ValueError(f"{here}: slip is {self.slip!r}; it must be True or False (a length is slip_length)")
+        if self.slip_length is not None:
+            if not (is_number(self.slip_length) and self.slip_length > 0):
+                raise ValueError(f"{here}: slip_length is {self.slip_length!r} m; it must be > 0, or left out")
+            if self.slip:
+                raise ValueError(f"{here}: slip=True is free slip and has no slip_length; give one of the two")
+        if self.slip and self.velocity is not None:
+            raise ValueError(f"{here}: velocity has no effect on a fluid that slips freely; leave out one of the two")
+        if self.motion is not None and not callable(self.motion):
+            raise ValueError(f"{here}: motion is {self.motion!r}; it must be a function of time to a displacement in m")
+        if self.between is not None:
+            ends = numbers(self.between)
+            if ends.shape != (2, 2) or not np.isfinite(ends).all() or (ends[0] == ends[1]).all():
+                raise ValueError(f"{here}: between is {self.between!r}; it must be two different points (x, y) in m")
+
+    @property
+    def slips(self) -> bool:
+        """Whether fluid slides along the wall, with friction or without."""
+        return self.slip or self.slip_length is not None
+
+    def displacement(self, time: float) -> Array:
+        """Displacement () along the inward normal [m]; raises ValueError unless it is a finite number."""
+        value = 0.0 if self.motion is None else self.motion(time)
+        if not is_number(value):
+            raise ValueError(f"wall {self.name!r}: motion at t = {time:g} s gave {value!r}; it must be a length in m")
+        return np.array(float(value))
+
+    def sliding(self, time: float, dimension: int) -> Array:
+        """Velocity (d,) of the wall along itself [m/s]; raises ValueError unless it is finite and has d parts."""
+        given = self.velocity(time) if callable(self.velocity) else self.velocity
+        value = np.zeros(dimension) if given is None else numbers(given)
+        if value.shape != (dimension,) or not np.isfinite(value).all():
+            here = f"wall {self.name!r}: velocity at t = {time:g} s"
+            raise ValueError(f"{here} is {given!r}; it must be {dimension} finite speeds in m/s")
+        return value
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The rigid motion of a whole tank: x = pivot + translation(t) + R(angle(t)) (x_0 - pivot).
+
+    Functions must be smooth and zero at t = 0: velocity and acceleration are their derivatives.
+
+    Attributes:
+        translation: function of time [s] to a displacement (d,) [m].
+        angle: function of time [s] to an angle [rad], anticlockwise.
+        pivot: (d,) point [m] about which the tank turns; it is translated with the tank.
+        axis: (3,) direction of the axis of rotation; of a three-dimensional tank only.
+
+    Raises:
+        ValueError: none of the functions is given, one of them is no function, or the axis is no direction.
+    """
+
+    translation: Function | None = None
+    angle: Function | None = None
+    pivot: Sequence[float] | None = None
+    axis: Sequence[float] = (0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        if self.translation is None and self.angle is None:
+            raise ValueError("Motion: neither translation nor angle is given; without them the tank stands still")
+        for name in ("translation", "angle"):
+            value = getattr(self, name)
+            if value is not None and not callable(value):
+                raise ValueError(f"Motion: {name} is {value!r}; it must be a function of time")
+        axis = numbers(self.axis)
+        if axis.shape != (3,) or not np.isfinite(axis).all() or not axis.any():
+            raise ValueError(f"Motion: axis is {self.axis!r}; it must be a direction of 3 numbers")
+        if self.pivot is not None and not np.isfinite(numbers(self.pivot)).all():
+            raise ValueError(f"Motion: pivot is {self.pivot!r}; it must be a point in m")
+
+    def check(self, dimension: int) -> None:
+        """Check against the case's dimension, and the start.
+
+        Raises:
+            ValueError: pivot or translation has the wrong shape, or the tank is not where it stands at t = 0.
+        """
+        if self.pivot is not None and numbers(self.pivot).shape != (dimension,):
+            raise ValueError(f"Motion: pivot is {self.pivot!r}; it must be a point of {dimension} coordinates in m")
+        for name, value in (("translation", self._shift(0.0, dimension)), ("angle", self._angle(0.0))):
+            if np.any(value != 0):
+                raise ValueError(
+                    f"Motion: {name} at t = 0 is {value.tolist()}; it must be zero, for the particles stand where the "
+                    "tank is then"
+                )
+
+    def pose(self, time: float, step: float, dimension: int) -> Pose:
+        """Where the tank is at a time [s], and how it moves; ``step`` [s] is that of the finite differences."""
+        shift, velocity, acceleration = rates(lambda t: self._shift(t, dimension), time, step)
+        angle, speed, rise = (float(value) for value in rates(self._angle, time, step))
+        pivot = np.zeros(dimension) if self.pivot is None else numbers(self.pivot)
+        if dimension == 2:
+            skew = np.array([[0.0, -1.0], [1.0, 0.0]])
+        else:
+            x, y, z = numbers(self.axis) / np.linalg.norm(self.axis)
+            skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        turn = np.eye(dimension) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew  # Rodrigues
+        return Pose(pivot, pivot + shift, turn, speed * skew, rise * skew, velocity, acceleration)
+
+    def _shift(self, time: float, dimension: int) -> Array:
+        given = np.zeros(dimension) if self.translation is None else self.translation(time)
+        value = numbers(given)
+        if value.shape != (dimension,) or not np.isfinite(value).all():
+            raise ValueError(
+                f"Motion: translation at t = {time:g} s gave {given!r}; it must be {dimension} finite lengths in m"
+            )
+        return value
+
+    def _angle(self, time: float) -> Array:
+        value = 0.0 if self.angle is None else self.angle(time)
+        if not is_number(value):
+            raise ValueError(f"Motion: angle at t = {time:g} s gave {value!r}; it must be an angle in rad")
+        return np.array(float(value))
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A rigid motion at one moment: x = centre + turn (y - pivot) for a point y of the tank as it stood at t = 0.
+
+    Attributes:
+        pivot, centre: (d,) the pivot at t = 0 and now [m].
+        turn: (d, d) rotation.
+        spin, spin_rate: (d, d) skew W of the angular velocity [1/s] and acceleration [1/s^2].
+        velocity, acceleration: (d,) of the pivot.
+    """
+
+    pivot: Array
+    centre: Array
+    turn: Array
+    spin: Array
+    spin_rate: Array
+    velocity: Array
+    acceleration: Array
+
+    @classmethod
+    def still(cls, dimension: int) -> Pose:
+        """Of a tank that stands where it stood."""
+        zero, nothing = np.zeros(dimension), np.zeros((dimension, dimension))
+        return cls(zero, zero, np.eye(dimension), nothing, nothing, zero, zero)
+
+    def place(self, y: Array) -> Array:
+        """Places x (K, d) of the tank's points ``y`` (K, d)."""
+        return self.centre + (y - self.pivot) @ self.turn.T
+
+    def origin(self, x: Array) -> Array:
+        """The tank's points y (K, d) that are at ``x`` (K, d)."""
+        return self.pivot + (x - self.centre) @ self.turn
+
+    def rigid_velocity(self, x: Array) -> Array:
+        """Velocity (K, d) of the tank's points at ``x`` (K, d)."""
+        return self.velocity + (x - self.centre) @ self.spin.T
+
+    def rigid_acceleration(self, x: Array) -> Array:
+        """Acceleration (K, d) of the tank's points at ``x`` (K, d)."""
+        return self.acceleration + (x - self.centre) @ (self.spin_rate + self.spin @ self.spin).T
+
+
+def rates(function: Callable[[float], Array], time: float, step: float) -> tuple[Array, Array, Array]:
+    """Value of a function of time and its first two derivatives, by differences over ``step`` [s].
+
+    The function is never asked for a negative time: a motion may begin with the run.
+    """
+    onwards = time < 2 * step
+    weights, first = (_ONWARDS, 0) if onwards else (_AROUND, -2)
+    values = [function(time + (first + k) * step) for k in range(len(weights[0]))]
+    value = values[0] if onwards else values[2]
+    one, two = (sum(w * v for w, v in zip(weight, values, strict=True)) for weight in weights)
+    return value, np.asarray(one) / step, np.asarray(two) / step**2

@@ -1,0 +1,1 @@
+"""The equations on the elements: residual, Jacobian, time integration."""

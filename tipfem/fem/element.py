@@ -1,0 +1,101 @@
+"""Element mathematics of one linear simplex, as Taichi functions; for 2-D and 3-D alike.
+
+Notation: G_a reference gradients of the shape functions, F the deformation from the last step's
+positions to the intermediate ones, g_a = F^-T G_a, J = det F, H = sum_a u_a (x) G_a.
+"""
+
+import taichi as ti
+
+
+@ti.func
+def area_of(x: ti.template(), cells: ti.template(), t):
+    """Signed area of triangle ``t``; in the order of `mesh.simplex_measure`, to the last bit."""
+    a, b, c = cells[t, 0], cells[t, 1], cells[t, 2]
+    return 0.5 * ((x[b, 0] - x[a, 0]) * (x[c, 1] - x[a, 1]) - (x[c, 0] - x[a, 0]) * (x[b, 1] - x[a, 1]))
+
+
+@ti.func
+def row(array: ti.template(), i, dim: ti.template()):
+    """Vector (dim,) from the first ``dim`` entries of row ``i`` of an array."""
+    return ti.Vector([array[i, k] for k in ti.static(range(dim))])
+
+
+@ti.func
+def reference_gradients(cells: ti.template(), e, position: ti.template(), dim: ti.template()):
+    """Gradients G_1 ... G_d as the rows of a matrix, and the measure A. (G_0 = -sum of the others.)"""
+    origin = row(position, cells[e, 0], dim)
+    side = ti.Matrix.zero(float, dim, dim)
+    for a in ti.static(range(dim)):
+        corner = row(position, cells[e, a + 1], dim)
+        for k in ti.static(range(dim)):
+            side[k, a] = corner[k] - origin[k]
+    measure = side.determinant() / (2.0 if ti.static(dim == 2) else 6.0)
+    return side.inverse(), measure
+
+
+@ti.func
+def gradient(rows, a: ti.template()):
+    """Gradient of shape function ``a`` (0 ... d) from the matrix of gradients 1 ... d."""
+    dim = ti.static(rows.n)
+    result = ti.Vector.zero(float, dim)
+    if ti.static(a == 0):
+        for k in ti.static(range(dim)):
+            for b in ti.static(range(dim)):
+                result[k] -= rows[b, k]
+    else:
+        for k in ti.static(range(dim)):
+            result[k] = rows[ti.static(a - 1), k]
+    return result
+
+
+@ti.func
+def volume_change(h):
+    """det(I + H) - 1 without the loss of digits of forming the determinant first."""
+    result = h.trace()
+    if ti.static(h.n == 2):
+        result += h.determinant()
+    else:
+        t = h.trace()
+        result += 0.5 * (t * t - (h @ h).trace()) + h.determinant()
+    return result
+
+
+@ti.func
+def cofactor(f):
+    """J F^-T, for any F, invertible or not."""
+    result = ti.Matrix.zero(float, f.n, f.n)
+    if ti.static(f.n == 2):
+        result = ti.Matrix([[f[1, 1], -f[1, 0]], [-f[0, 1], f[0, 0]]])
+    else:
+        for i in ti.static(range(3)):
+            for j in ti.static(range(3)):
+                result[i, j] = (
+                    f[(i + 1) % 3, (j + 1) % 3] * f[(i + 2) % 3, (j + 2) % 3]
+                    - f[(i + 1) % 3, (j + 2) % 3] * f[(i + 2) % 3, (j + 1) % 3]
+                )
+    return result
+
+
+@ti.func
+def cauchy_stress(velocity_gradient, pressure, viscosity):
+    """sigma = mu (l + l^T) - p I, the push-forward of S = D:Edot - p J C^-1 (Carvalho & Sanches, eqs. 3-4)."""
+    sigma = viscosity * (velocity_gradient + velocity_gradient.transpose())
+    for k in ti.static(range(velocity_gradient.n)):
+        sigma[k, k] -= pressure
+    return sigma
+
+
+@ti.func
+def stabilisation_time(measure, density, viscosity, dt, factor, dim: ti.template()):
+    """tau [s^2] of the PSPG term for the constraint J = 1.
+
+    tau = dt / sqrt((1 / (c dt))^2 + (12 nu / h^2)^2): c dt^2 where inertia rules, dt times the
+    viscous time of Tezduyar (1992) where viscosity does. h is the diameter of the circle (ball) of
+    the element's measure. The constraint is J - 1, about dt div v; hence the factor dt.
+    """
+    length2 = 4.0 / ti.math.pi * measure
+    if ti.static(dim == 3):
+        length2 = (6.0 / ti.math.pi * measure) ** (2.0 / 3.0)
+    inertial = 1.0 / (factor * dt)
+    viscous = 12.0 * viscosity / (density * length2)
+    return dt / ti.sqrt(inertial * inertial + viscous * viscous)

@@ -1,0 +1,301 @@
+"""Kernels that assemble the residual and the Jacobian-vector product.
+
+Every kernel computes element vectors into a buffer and then gathers them per node over the CSR
+incidence, so that results are repeatable bit by bit and no atomics are needed. Vectors of unknowns
+are flat and interleaved: entry ``i * (d + 1) + k`` is displacement component k of particle i for
+k < d, and its pressure for k = d. ``scale`` multiplies the rows; it is zero for fixed unknowns.
+"""
+
+import taichi as ti
+
+from tipfem.backend.runtime import part_of
+from tipfem.fem.element import (
+    cauchy_stress,
+    cofactor,
+    gradient,
+    reference_gradients,
+    row,
+    stabilisation_time,
+    volume_change,
+)
+
+ELEMENT = 15.0  # nanoseconds that a thread takes for an element in `step_limits`
+
+
+def record_width(dim: int) -> int:
+    """Entries of an element's linearisation, see `residual`."""
+    return 4 * dim * dim + 2 * dim + 5
+
+
+@ti.func
+def unknown(x: ti.template(), i, dim: ti.template()):
+    """Displacement (dim,) of particle ``i`` in a vector of unknowns."""
+    return ti.Vector([x[i * (dim + 1) + k] for k in ti.static(range(dim))])
+
+
+@ti.func
+def put_matrix(record: ti.template(), e, start: ti.template(), a):
+    """Write a matrix into an element's record."""
+    for i in ti.static(range(a.n)):
+        for j in ti.static(range(a.n)):
+            record[e, start + i * a.n + j] = a[i, j]
+
+
+@ti.func
+def get_matrix(record: ti.template(), e, start: ti.template(), dim: ti.template()):
+    """Read a matrix (dim, dim) from an element's record."""
+    a = ti.Matrix.zero(float, dim, dim)
+    for i in ti.static(range(dim)):
+        for j in ti.static(range(dim)):
+            a[i, j] = record[e, start + i * dim + j]
+    return a
+
+
+@ti.func
+def get_vector(record: ti.template(), e, start: ti.template(), dim: ti.template()):
+    """Read a vector (dim,) from an element's record."""
+    return ti.Vector([record[e, start + k] for k in ti.static(range(dim))])
+
+
+@ti.func
+def linearisation(record: ti.template(), e, dim: ti.template()):
+    """An element's linearisation, see `residual`: gradients g_1 ... g_d and c_1 ... c_d, sigma, l, q, J / rho grad p,
+    and the vector of w, A, A tau, J / rho and the viscosity."""
+    return (
+        get_matrix(record, e, 0, dim),
+        get_matrix(record, e, ti.static(dim * dim), dim),
+        get_matrix(record, e, ti.static(2 * dim * dim), dim),
+        get_matrix(record, e, ti.static(3 * dim * dim), dim),
+        get_vector(record, e, ti.static(4 * dim * dim), dim),
+        get_vector(record, e, ti.static(4 * dim * dim + dim), dim),
+        get_vector(record, e, ti.static(4 * dim * dim + 2 * dim), 5),
+    )
+
+
+@ti.func
+def gather_node(
+    local: ti.template(),
+    offsets: ti.template(),
+    corners: ti.template(),
+    scale: ti.template(),
+    out: ti.template(),
+    i,
+    dim: ti.template(),
+):
+    """The entries of particle ``i`` in ``out``: sums of the element vectors at its corners, scaled."""
+    total = ti.Vector.zero(float, dim + 1)
+    for c in range(offsets[i], offsets[i + 1]):
+        at = corners[c]
+        for k in ti.static(range(dim + 1)):
+            total[k] += local[at, k]
+    for k in ti.static(range(dim + 1)):
+        out[i * (dim + 1) + k] = scale[i * (dim + 1) + k] * total[k]
+
+
+@ti.func
+def gathered(local: ti.template(), corners: ti.template(), first, last, k, width: ti.template()):
+    """Sum of component ``k`` of the element vectors at the corners ``first`` to ``last``."""
+    total = 0.0
+    for c in range(first, last):
+        total += local[corners[c], k]
+    return total
+
+
+@ti.kernel
+def residual(
+    cells: ti.types.ndarray(),
+    offsets: ti.types.ndarray(),
+    corners: ti.types.ndarray(),
+    position: ti.types.ndarray(),
+    velocity: ti.types.ndarray(),
+    acceleration: ti.types.ndarray(),
+    density: ti.types.ndarray(),
+    viscosity: ti.types.ndarray(),
+    source: ti.types.ndarray(),
+    x: ti.types.ndarray(),
+    scale: ti.types.ndarray(),
+    record: ti.types.ndarray(),
+    local: ti.types.ndarray(),
+    out: ti.types.ndarray(),
+    cm: float,
+    cv: float,
+    cf: float,
+    dt: float,
+    factor: float,
+    elements: ti.i32,
+    nodes: ti.i32,
+    dim: ti.template(),
+):
+    """Momentum and continuity residual at ``x``, scaled, and each element's linearisation.
+
+    velocity, acceleration (N, d): the part of v_alpha and of a_alpha - b that does not depend on
+    the step's displacement u; v_alpha = cv u + velocity, a_alpha - b = cm u + acceleration.
+    source (M,): prescribed volume growth s in J - 1 = s. local (M (d + 1), d + 1) is scratch.
+
+    Momentum, node a:   w sigma g_a + rho A / (d + 1) (a_alpha,a - b_a),  w = A J at the intermediate positions
+    Continuity, node a: A (J_{n+1} - 1 - s) / (d + 1) + A tau g_a . q,  q = mean(a_alpha - b) + J / rho grad p
+    (Carvalho & Sanches, eqs. 5 and 6; in eq. 6 both terms must carry the same sign.)
+    """
+    for e in range(elements):
+        big_g, area = reference_gradients(cells, e, position, dim)
+        h = ti.Matrix.zero(float, dim, dim)
+        l_ref = ti.Matrix.zero(float, dim, dim)
+        grad_p = ti.Vector.zero(float, dim)
+        inertia = ti.Vector.zero(float, dim)
+        mean_p = 0.0
+        # All is read before anything is written: the compiler does not keep what it has read beyond that.
+        accelerations = ti.Matrix.zero(float, dim + 1, dim)
+        for a in ti.static(range(dim + 1)):
+            i = cells[e, a]
+            u = unknown(x, i, dim)
+            g = gradient(big_g, a)
+            p = x[i * (dim + 1) + dim]
+            h += u.outer_product(g)
+            l_ref += (cv * u + row(velocity, i, dim)).outer_product(g)
+            acting = cm * u + row(acceleration, i, dim)
+            for k in ti.static(range(dim)):
+                accelerations[a, k] = acting[k]
+            inertia += acting / (dim + 1)
+            grad_p += p * g
+            mean_p += p / (dim + 1)
+        mu, rho, prescribed = viscosity[e], density[e], source[e]
+        unit = ti.Matrix.identity(float, dim)
+        f_inverse = (unit + cf * h).inverse()
+        jacobian = 1.0 + volume_change(cf * h)
+        w = area * jacobian
+        g_now = big_g @ f_inverse
+        l = l_ref @ f_inverse
+        grad_p = f_inverse.transpose() @ grad_p
+        sigma = cauchy_stress(l, mean_p, mu)
+        tau = stabilisation_time(area, rho, mu, dt, factor, dim)
+        pressure_force = jacobian / rho * grad_p
+        q = inertia + pressure_force
+        mass = rho * area / (dim + 1)
+        growth = area * (volume_change(h) - prescribed) / (dim + 1)
+        for a in ti.static(range(dim + 1)):
+            g = gradient(g_now, a)
+            force = w * (sigma @ g)
+            for k in ti.static(range(dim)):
+                local[e * (dim + 1) + a, k] = force[k] + mass * accelerations[a, k]
+            local[e * (dim + 1) + a, dim] = growth + area * tau * g.dot(q)
+        # (M^T with rows c_b = J_{n+1} grad_{n+1} phi_b)
+        put_matrix(record, e, 0, g_now)
+        put_matrix(record, e, ti.static(dim * dim), big_g @ cofactor(unit + h).transpose())
+        put_matrix(record, e, ti.static(2 * dim * dim), sigma)
+        put_matrix(record, e, ti.static(3 * dim * dim), l)
+        for k in ti.static(range(dim)):
+            record[e, 4 * dim * dim + k] = q[k]
+            record[e, 4 * dim * dim + dim + k] = pressure_force[k]
+        tail = ti.static(4 * dim * dim + 2 * dim)
+        record[e, tail] = w
+        record[e, tail + 1] = area
+        record[e, tail + 2] = area * tau
+        record[e, tail + 3] = jacobian / rho
+        record[e, tail + 4] = mu
+    for i in range(nodes):
+        gather_node(local, offsets, corners, scale, out, i, dim)
+
+
+@ti.kernel
+def jacobian_product(
+    cells: ti.types.ndarray(),
+    offsets: ti.types.ndarray(),
+    corners: ti.types.ndarray(),
+    density: ti.types.ndarray(),
+    record: ti.types.ndarray(),
+    scale: ti.types.ndarray(),
+    x: ti.types.ndarray(),
+    local: ti.types.ndarray(),
+    out: ti.types.ndarray(),
+    cm: float,
+    cv: float,
+    cf: float,
+    elements: ti.i32,
+    nodes: ti.i32,
+    dim: ti.template(),
+):
+    """Exact derivative of the scaled residual along ``x``, from the elements' linearisation.
+
+    With L = cf sum_b du_b (x) g_b:  d(w sigma g_a) = w (tr L sigma + dsigma - sigma L^T) g_a,
+    dl = (cv / cf) L - l L,  d(g_a . q) = g_a . (dq - L q),  dJ_{n+1} = sum_b c_b . du_b.
+    """
+    for e in range(elements):
+        g_now, c_next, sigma, l, q, pressure_force, tail = linearisation(record, e, dim)
+        w, area = tail[0], tail[1]
+        h = ti.Matrix.zero(float, dim, dim)
+        grad_p = ti.Vector.zero(float, dim)
+        mean_u = ti.Vector.zero(float, dim)
+        mean_p = 0.0
+        growth = 0.0
+        for a in ti.static(range(dim + 1)):
+            i = cells[e, a]
+            u = unknown(x, i, dim)
+            p = x[i * (dim + 1) + dim]
+            g = gradient(g_now, a)
+            h += u.outer_product(g)
+            grad_p += p * g
+            mean_u += u / (dim + 1)
+            mean_p += p / (dim + 1)
+            growth += gradient(c_next, a).dot(u)
+        big_l = cf * h
+        stress = cauchy_stress(cv * h - l @ big_l, mean_p, tail[4])
+        stress += big_l.trace() * sigma - sigma @ big_l.transpose()
+        dq = cm * mean_u + big_l.trace() * pressure_force + tail[3] * grad_p
+        dq -= big_l.transpose() @ pressure_force + big_l @ q
+        mass = density[e] * area / (dim + 1) * cm
+        for a in ti.static(range(dim + 1)):
+            g = gradient(g_now, a)
+            force = w * (stress @ g) + mass * unknown(x, cells[e, a], dim)
+            for k in ti.static(range(dim)):
+                local[e * (dim + 1) + a, k] = force[k]
+            local[e * (dim + 1) + a, dim] = area / (dim + 1) * growth + tail[2] * g.dot(dq)
+    for i in range(nodes):
+        gather_node(local, offsets, corners, scale, out, i, dim)
+
+
+@ti.kernel
+def step_limits(
+    cells: ti.types.ndarray(),
+    position: ti.types.ndarray(),
+    target: ti.types.ndarray(),
+    x: ti.types.ndarray(),
+    partial: ti.types.ndarray(),
+    result: ti.types.ndarray(),
+    elements: ti.i32,
+    nodes: ti.i32,
+    parts: ti.i32,
+    spread: ti.template(),
+    alone: ti.template(),
+    dim: ti.template(),
+):
+    """result: smallest J_{n+1}, largest |u|^2 over the square of the particle's ``target`` (N,), and how many entries
+    of ``x`` are not finite.
+    """
+    ti.loop_config(serialize=alone)
+    for t in range(parts * spread):
+        smallest = 1e30
+        largest = 0.0
+        bad = 0.0
+        first, last = part_of(t, parts, spread, elements)
+        for e in range(first, last):
+            big_g, _area = reference_gradients(cells, e, position, dim)
+            h = ti.Matrix.zero(float, dim, dim)
+            for a in ti.static(range(dim + 1)):
+                h += unknown(x, cells[e, a], dim).outer_product(gradient(big_g, a))
+            smallest = ti.min(smallest, 1.0 + volume_change(h))
+        first, last = part_of(t, parts, spread, nodes)
+        for i in range(first, last):
+            u = unknown(x, i, dim)
+            largest = ti.max(largest, u.dot(u) / target[i] ** 2)
+            for k in ti.static(range(dim + 1)):
+                if ti.math.isnan(x[i * (dim + 1) + k]) or ti.math.isinf(x[i * (dim + 1) + k]):
+                    bad += 1.0
+        if t % spread == 0:
+            partial[t // spread, 0] = smallest
+            partial[t // spread, 1] = largest
+            partial[t // spread, 2] = bad
+    ti.loop_config(serialize=True)
+    for c in range(parts):
+        result[0] = ti.min(result[0], partial[c, 0])
+        result[1] = ti.max(result[1], partial[c, 1])
+        result[2] += partial[c, 2]

@@ -1,0 +1,92 @@
+"""Kernel of the block preconditioner: rows' scale, pressure Laplacian.
+
+Vectors of unknowns are laid out as in `tipfem.fem.residual`.
+"""
+
+import taichi as ti
+
+from tipfem.fem.element import gradient, row
+from tipfem.linalg.sparsity import behind
+
+
+@ti.func
+def gradients_from(cells: ti.template(), e, own, position: ti.template(), dim: ti.template()):
+    """As `element.reference_gradients`, but shape function 0 is that of corner ``own`` and k the one `behind` it by k.
+
+    The measure is positive.
+    """
+    origin = row(position, cells[e, own], dim)
+    side = ti.Matrix.zero(float, dim, dim)
+    for a in ti.static(range(dim)):
+        corner = row(position, cells[e, behind(own, ti.static(a + 1), dim)], dim)
+        for k in ti.static(range(dim)):
+            side[k, a] = corner[k] - origin[k]
+    return side.inverse(), ti.abs(side.determinant()) / (2.0 if ti.static(dim == 2) else 6.0)
+
+
+@ti.kernel
+def scale_and_laplacian(
+    cells: ti.types.ndarray(),
+    offsets: ti.types.ndarray(),
+    corners: ti.types.ndarray(),
+    position: ti.types.ndarray(),
+    density: ti.types.ndarray(),
+    viscosity: ti.types.ndarray(),
+    fixed: ti.types.ndarray(),
+    pinned: ti.types.ndarray(),
+    wide: ti.types.ndarray(),
+    places: ti.types.ndarray(),
+    row_offsets: ti.types.ndarray(),
+    columns: ti.types.ndarray(),
+    values: ti.types.ndarray(),
+    scale: ti.types.ndarray(),
+    cm: float,
+    cv: float,
+    schur: float,
+    spacing: float,
+    nodes: ti.i32,
+    dim: ti.template(),
+    alone: ti.template(),
+):
+    """The rows' scale, and the approximate pressure Schur complement in CSR.
+
+    scale: 1 / diag(A) in the momentum rows, h / V_a in the continuity rows; 0 where u is fixed or p pinned. So every
+    scaled row is a length [m]: what its residual would move its particle by.
+
+    values: P1 Laplacian sum_e A / (s cm rho) g_a . g_b with s = ``schur``; rows and columns of pinned pressures are
+    left empty. ``columns`` are those of ``wide`` without the gaps, see `sparsity.find_neighbours`.
+    """
+    ti.loop_config(serialize=alone)
+    for i in range(nodes):
+        first = row_offsets[i]
+        start = dim * offsets[i] + i - first
+        for s in range(first, row_offsets[i + 1]):
+            columns[s] = wide[start + s]
+            values[s] = 0.0
+        diagonal = ti.Vector.zero(float, dim)
+        volume, total = 0.0, 0.0
+        for c in range(offsets[i], offsets[i + 1]):
+            e = corners[c] // (dim + 1)
+            big_g, area = gradients_from(cells, e, corners[c] - e * (dim + 1), position, dim)
+            volume += area / (dim + 1)
+            g = gradient(big_g, 0)
+            diagonal += density[e] * area / (dim + 1) * cm
+            diagonal += viscosity[e] * area * cv * (g.dot(g) + g * g)
+            stiffness = area / (schur * cm * density[e])
+            for other in ti.static(range(1, dim + 1)):
+                value = stiffness * g.dot(gradient(big_g, other))
+                total -= value
+                s = first + places[c * dim + other - 1]
+                values[s] = values[s] + value
+        values[first] = total
+        is_pinned = pinned[i] != 0
+        for s in range(first, row_offsets[i + 1]):
+            if is_pinned or pinned[columns[s]] != 0:
+                values[s] = 0.0
+        for k in ti.static(range(dim)):
+            scale[i * (dim + 1) + k] = 0.0
+            if fixed[i] == 0 and volume > 0.0:
+                scale[i * (dim + 1) + k] = 1.0 / diagonal[k]
+        scale[i * (dim + 1) + dim] = 0.0
+        if not is_pinned and volume > 0.0:
+            scale[i * (dim + 1) + dim] = spacing / volume

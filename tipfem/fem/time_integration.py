@@ -1,0 +1,179 @@
+"""Generalized-alpha, and the length of the time step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tipfem.backend.runtime import chunks, spread
+from tipfem.case.particles import Particles
+from tipfem.fem import step_limits
+from tipfem.mesh.mesh import Mesh
+from tipfem.typing import Array
+
+# Steps in which a particle moves by more spacings than that must not crush elements; shorter ones hardly can. Without
+# that least length, a particle that sinks to a wall would make steps ever shorter and never get there.
+LONG_MOVE = 0.5
+GENTLE = 0.4  # smallest J of an element at the present speeds that such a step may lead to
+
+
+def smallest_jacobian(mesh: Mesh, particles: Particles, dt: float) -> float:
+    """Smallest J of an element if all particles went on at their velocities for ``dt`` [s]."""
+    parts, result = chunks(), np.array([1e30])
+    step_limits.smallest_jacobian(
+        np.ascontiguousarray(mesh.cells),
+        mesh.position,
+        np.ascontiguousarray(particles.velocity),
+        np.empty(parts),
+        result,
+        dt,
+        len(mesh.cells),
+        parts,
+        spread(),
+        mesh.dimension,
+    )
+    return float(result[0])
+
+
+@dataclass(frozen=True)
+class GeneralizedAlpha:
+    """The generalized-alpha method (Chung & Hulbert, J. Appl. Mech. 60, 1993) in displacements.
+
+    With u = x_{n+1} - x_n:
+    a_{n+1} = u / (beta dt^2) - v_n / (beta dt) - (1 / (2 beta) - 1) a_n,
+    v_{n+1} = v_n + dt ((1 - gamma) a_n + gamma a_{n+1}), and (.)_alpha = (1 - alpha) (.)_{n+1} + alpha (.)_n.
+
+    Attributes:
+        rho_inf: spectral radius at infinite frequency, 0 (strongest damping) to 1 (none).
+        dt: time step [s].
+    """
+
+    rho_inf: float
+    dt: float
+    alpha_m: float = field(init=False)
+    alpha_f: float = field(init=False)
+    gamma: float = field(init=False)
+    beta: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        alpha_m = (2 * self.rho_inf - 1) / (self.rho_inf + 1)
+        alpha_f = self.rho_inf / (self.rho_inf + 1)
+        object.__setattr__(self, "alpha_m", alpha_m)
+        object.__setattr__(self, "alpha_f", alpha_f)
+        object.__setattr__(self, "gamma", 0.5 - alpha_m + alpha_f)
+        object.__setattr__(self, "beta", 0.25 * (1 - alpha_m + alpha_f) ** 2)
+
+    @property
+    def cm(self) -> float:
+        """d a_alpha / d u [1/s^2]."""
+        return (1 - self.alpha_m) / (self.beta * self.dt**2)
+
+    @property
+    def cv(self) -> float:
+        """d v_alpha / d u [1/s]."""
+        return (1 - self.alpha_f) * self.gamma / (self.beta * self.dt)
+
+    @property
+    def cf(self) -> float:
+        """d x_alpha / d u."""
+        return 1 - self.alpha_f
+
+    def acceleration(self, u: Array, particles: Particles) -> Array:
+        """a_{n+1} (N, d) [m/s^2] for displacements ``u`` (N, d) [m]."""
+        v, a = particles.velocity, particles.acceleration
+        result = u * (1 / (self.beta * self.dt**2))
+        result -= v * (1 / (self.beta * self.dt))
+        result -= a * (0.5 / self.beta - 1)
+        return result
+
+    def velocity(self, a_next: Array, particles: Particles) -> Array:
+        """v_{n+1} (N, d) [m/s] for accelerations ``a_next`` (N, d)."""
+        return particles.velocity + self.dt * ((1 - self.gamma) * particles.acceleration + self.gamma * a_next)
+
+    def history(self, particles: Particles) -> tuple[Array, Array]:
+        """What v_alpha and a_alpha (N, d) are at u = 0."""
+        v, a = particles.velocity, particles.acceleration
+        by_v, by_a = -1 / (self.beta * self.dt), 1 - 0.5 / self.beta  # a_{n+1} at u = 0 is by_v v_n + by_a a_n
+        share = (1 - self.alpha_f) * self.dt
+        velocity = (1 + share * self.gamma * by_v) * v + share * (1 - self.gamma + self.gamma * by_a) * a
+        return velocity, (1 - self.alpha_m) * by_v * v + ((1 - self.alpha_m) * by_a + self.alpha_m) * a
+
+    def predict(self, particles: Particles) -> Array:
+        """Displacements (N, d) [m] if the acceleration stayed as it is."""
+        return self.dt * particles.velocity + 0.5 * self.dt**2 * particles.acceleration
+
+    def advance(self, particles: Particles, u: Array, pressure: Array) -> Particles:
+        """The state at the end of the step, from displacements (N, d) and pressures (N,)."""
+        a_next = self.acceleration(u, particles)
+        v_next = self.velocity(a_next, particles)
+        fixed = particles.wall.nonzero()[0]
+        a_next[fixed] = 0.0
+        v_next[fixed] = 0.0
+        return particles.changed(
+            position=particles.position + u, velocity=v_next, acceleration=a_next, pressure=pressure
+        )
+
+
+@dataclass
+class StepControl:
+    """The length of the time step: halved when a step is refused, grown back afterwards.
+
+    Attributes:
+        largest: largest time step [s].
+        smallest: where a run gives up [s].
+        growth: factor by which an accepted step may grow.
+        reach: largest displacement of a particle in a step, in spacings; steps that would exceed it
+            are refused. 0.15 more than the target by default.
+        target: displacement that the next step aims at, in spacings, from the present speed; more than half a
+            spacing only where that crushes no element.
+    """
+
+    largest: float
+    smallest: float = 0.0
+    growth: float = 1.25
+    reach: float = 0.0
+    target: float = 0.35
+    current: float = field(default=0.0)
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.largest) and self.largest > 0):
+            raise ValueError(f"time step is {self.largest!r} s; it must be > 0")
+        self.smallest = self.smallest or 1e-5 * self.largest
+        self.current = self.current or self.largest
+        self.reach = self.reach or self.target + 0.15
+
+    def length(self, pace: float, remaining: float, jacobian: Callable[[float], float] = lambda _dt: 1.0) -> float:
+        """Length of the next step [s].
+
+        Args:
+            pace: largest speed of a particle, in its target spacings [1/s].
+            remaining: time to the next moment that a step must end at [s]; it is divided evenly.
+            jacobian: smallest J of an element at the present speeds, as a function of the step's length.
+        """
+        dt = self.current
+        if pace > 0:
+            dt = min(dt, self.target / pace)
+            least = min(dt, LONG_MOVE / pace)
+            for _ in range(3):
+                if dt <= least or (smallest := jacobian(dt)) >= GENTLE:
+                    break
+                # Of a flow without divergence, 1 - J grows as dt^2.
+                dt = max(least, 0.99 * dt * math.sqrt((1 - GENTLE) / (1 - smallest)))
+            else:
+                dt = least
+        dt = max(dt, self.smallest)
+        if math.isfinite(remaining):
+            dt = remaining / max(1, math.ceil(remaining / dt - 1e-9))
+        return dt
+
+    def accept(self, dt: float) -> None:
+        """A step of length ``dt`` was accepted: the next may be longer."""
+        self.current = min(self.largest, max(self.current, dt) * self.growth)
+
+    def refuse(self, dt: float) -> bool:
+        """A step of length ``dt`` was refused: halve it. False when that is below the smallest."""
+        self.current = 0.5 * dt
+        return self.current >= self.smallest

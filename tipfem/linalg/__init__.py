@@ -1,0 +1,1 @@
+"""Newton's method and flexible GMRES; they know no physics."""

@@ -1,0 +1,1 @@
+"""The preconditioner: multigrid on a background grid."""

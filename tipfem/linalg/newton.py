@@ -1,0 +1,86 @@
+"""Newton's method on any residual whose linearisation can be solved approximately."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from tipfem.errors import StepRefused
+from tipfem.linalg.fgmres import KrylovResult
+
+
+class Problem(Protocol):
+    """What `newton` asks of a problem. Vectors are the problem's own business."""
+
+    def residual(self, x: Any) -> float:
+        """Evaluate the residual at ``x``, linearise there, and return the residual's norm."""
+
+    def correct(self, x: Any, tolerance: float) -> KrylovResult:
+        """Solve the linearised problem to a relative ``tolerance`` and add the correction to ``x``."""
+
+
+@dataclass(frozen=True)
+class NewtonResult:
+    """How Newton's method went.
+
+    Attributes:
+        solution: the last iterate.
+        iterations: linear problems solved.
+        krylov_iterations: of all of them together.
+        norm: of the residual at the solution.
+        converged: whether the norm is within the tolerance.
+    """
+
+    solution: Any
+    iterations: int
+    krylov_iterations: int
+    norm: float
+    converged: bool
+
+    def require(self) -> None:
+        """Raises StepRefused unless Newton's method has converged."""
+        if not self.converged:
+            raise StepRefused(
+                f"Newton's method did not converge in {self.iterations} iterations (residual {self.norm:.2e} h)"
+            )
+
+
+def newton(problem: Problem, x: Any, *, tolerance: float, max_iterations: int, noise: float = math.inf) -> NewtonResult:
+    """Inexact Newton iteration from ``x`` until the residual's norm is within ``tolerance``.
+
+    The linear tolerance follows Eisenstat & Walker (1996), choice 2 with gamma = 0.5, alpha = 2:
+    no system is solved more accurately than the quadratic convergence of Newton's method can use,
+    nor than the tolerance asks for.
+
+    Args:
+        problem: residual and correction.
+        x: first iterate, overwritten.
+        tolerance: of the residual's norm, absolute.
+        max_iterations: when to give up.
+        noise: a first residual above it is corrected once even if it is within the tolerance. A flow that is
+            about to come to rest would otherwise drift on at the speed that the tolerance lets pass.
+    """
+    forcing = FIRST_FORCING
+    norm = problem.residual(x)
+    iterations = krylov_iterations = 0
+    within = norm <= tolerance
+    while (norm > tolerance or (iterations == 0 and norm > noise)) and iterations < max_iterations:
+        if not math.isfinite(norm):
+            break
+        enough = POLISH if within else 0.6 * tolerance / norm
+        result = problem.correct(x, max(forcing, enough, SMALLEST_FORCING))
+        iterations += 1
+        krylov_iterations += result.iterations
+        previous, norm = norm, problem.residual(x)
+        if norm > 1e3 * previous:
+            break
+        forcing = min(FIRST_FORCING, 0.5 * (norm / previous) ** 2)
+    return NewtonResult(x, iterations, krylov_iterations, norm, norm <= tolerance)
+
+
+# What the first correction leaves of the residual by what is not linear, at the particles where it is largest, is a
+# hundredth or more in steps of half a spacing.
+FIRST_FORCING = 1e-2
+POLISH = 1e-2  # linear tolerance where the residual is within the tolerance already
+SMALLEST_FORCING = 1e-10

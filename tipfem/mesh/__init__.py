@@ -1,0 +1,1 @@
+"""Simplices on particles: Delaunay, free surfaces, interfaces, and what is measured on them."""

@@ -1,0 +1,150 @@
+"""Delaunay triangulation of the particles, by SciPy (Qhull)."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import Delaunay, QhullError
+
+from tipfem.mesh.mesh import Mesh, simplex_measure
+from tipfem.typing import Array
+
+# A simplex of wall particles alone with less than this part of a regular one's measure has no
+# area but for round-off: it lies in a straight wall.
+SLIVER = 1e-6
+# Qhull's usual options, and Q0: without merging what is all but flat, which takes half of its time.
+QUICK = "Qbb Qc Qz Q12 Q0"
+# Closer than this to a circle through three others, relative to the circle's size, a particle is on it.
+TIE = 1e-9
+
+
+class TriangulationError(RuntimeError):
+    """The particles could not be triangulated."""
+
+
+def delaunay(position: Array, spacing: float, wall: Array | None = None) -> tuple[Array, Array, Array]:
+    """Delaunay simplices of all particles, flat ones included.
+
+    Args:
+        position: (N, d) [m].
+        spacing: the unit h of what is returned [m].
+        wall: (N,) mask of the wall particles, where it does not matter in which way four of them on a circle are
+            joined; in 2-D this takes half of the time, unless others are on circles.
+
+    Returns:
+        Simplices (M, d + 1), positively oriented, int32; their measures (M,) [h^d]; and the number (M, d + 1) of
+        the simplex opposite each corner, -1 for none.
+
+    Raises:
+        TriangulationError: Qhull gave up.
+    """
+    # Qhull loses points silently when the cloud is far from the origin.
+    centred = (position - 0.5 * (position.min(axis=0) + position.max(axis=0))) / spacing
+    if wall is not None and position.shape[1] == 2:
+        try:
+            found = _oriented(centred, QUICK)
+            if _is_the_only_one(centred, *found, wall):
+                return found
+        except QhullError:
+            pass
+    try:
+        return _oriented(centred, None)
+    except QhullError as error:
+        raise TriangulationError(f"Qhull cannot triangulate the particles: {error}") from error
+
+
+def _oriented(position: Array, options: str | None) -> tuple[Array, Array, Array]:
+    """Qhull's simplices of ``position`` (N, d), with what else `delaunay` returns."""
+    found = Delaunay(position, qhull_options=options)
+    cells, beyond = found.simplices.astype(np.int32), found.neighbors.copy()
+    measure = simplex_measure(position, cells)
+    flip = measure < 0
+    cells[flip, :2], beyond[flip, :2] = cells[flip, 1::-1], beyond[flip, 1::-1]
+    return cells, np.abs(measure), beyond
+
+
+def _is_the_only_one(position: Array, cells: Array, measure: Array, beyond: Array, wall: Array) -> bool:
+    """Whether triangles are the Delaunay triangulation of ``position`` (N, 2), and no other is, but among walls.
+
+    None is flat, they are as many as there must be, and over each edge the particle beyond is outside of the circle.
+    """
+    edges = int((beyond < 0).sum())
+    if (measure < SLIVER).any() or len(cells) != 2 * len(position) - 2 - edges:
+        return False
+    # In complex numbers: both coordinates at once.
+    place = np.ascontiguousarray(position).view(np.complex128).ravel()
+    first = np.arange(len(cells))[:, None]
+    edge = np.flatnonzero((beyond >= 0) & (beyond < first))
+    cell, other = edge // 3, beyond.ravel()[edge]
+    around = cells.sum(axis=1)
+    apex = around[other] - around[cell] + cells.ravel()[edge]  # the corner that the other one has alone
+    a, b, c = way = place.take(cells.T.take(cell, axis=1)) - place.take(apex)
+    square = way.real**2 + way.imag**2
+    inside = square[0] * (b.conj() * c).imag + square[1] * (c.conj() * a).imag + square[2] * (a.conj() * b).imag
+    close = inside > -TIE * square.max(axis=0) ** 2
+    fluid = ~wall[cells[cell[close]]].all(axis=1) | ~wall[apex[close]]
+    return not fluid.any() and bool((inside[close] < TIE * square[:, close].max(axis=0) ** 2).all())
+
+
+def triangulate(position: Array, wall: Array, spacing: float) -> Mesh:
+    """Delaunay mesh of all particles.
+
+    Args:
+        position: (N, d) [m].
+        wall: (N,) mask of the wall particles.
+        spacing: target distance h between particles [m], the scale of what counts as flat.
+
+    Returns:
+        The mesh, cells positively oriented and in the order of their lowest particles, slivers along straight walls
+        dropped.
+
+    Raises:
+        TriangulationError: Qhull gave up, left out a particle, or a flat simplex holds a
+            particle that is no wall particle.
+    """
+    cells, measure, _ = delaunay(position, spacing)
+    flat = (measure < SLIVER) & wall[cells].all(axis=1)
+    cells = cells[~flat]
+    if (measure[~flat] <= 1e-14).any():
+        i = int(cells[np.argmin(measure[~flat])].max())
+        raise TriangulationError(f"a simplex at particle {i}, {position[i].tolist()}, has no area")
+    used = np.zeros(len(position), dtype=bool)
+    used[cells.ravel()] = True
+    if not used.all():
+        i = int(np.argmin(used))
+        raise TriangulationError(f"particle {i} at {position[i].tolist()} is in no simplex of the mesh")
+    # Cells that are next to each other in memory as in space take half of the time in loops over them.
+    return Mesh(position, cells[np.argsort(cells.min(axis=1), kind="stable")])
+
+
+def wall_fluid(mesh: Mesh, fluid: Array, wall: Array) -> Array:
+    """Give every wall particle the fluid of the closest particle of the fluids connected to it.
+
+    A wall particle that is connected to wall particles alone (in a corner) takes the fluid of
+    the closest of those that has one already.
+
+    Args:
+        mesh: the mesh on N particles.
+        fluid: (N,) fluid of each particle; what stands at wall particles does not matter.
+        wall: (N,) mask of the wall particles.
+
+    Returns:
+        (N,) fluid of each particle, wall particles included.
+    """
+    fluid = fluid.copy()
+    known = ~wall
+    i, j = mesh.edges.T
+    at_wall = wall[i] | wall[j]
+    i, j = i[at_wall], j[at_wall]
+    length = np.linalg.norm(mesh.position[i] - mesh.position[j], axis=1)
+    one, other = np.concatenate([i, j]), np.concatenate([j, i])
+    length = np.concatenate([length, length])
+    order = np.lexsort((other, length, one))
+    one, other = one[order], other[order]
+    while not known.all():
+        usable = ~known[one] & known[other]
+        if not usable.any():
+            break
+        target, first = np.unique(one[usable], return_index=True)
+        fluid[target] = fluid[other[usable][first]]
+        known[target] = True
+    return fluid

@@ -1,0 +1,214 @@
+"""Free surfaces: which Delaunay simplices are fluid (alpha-shape), and which particles are on the surface.
+
+The fluids fill what they filled before the step, and a little more where they touch something new. So each simplex
+is asked first whether it lies inside what the simplices of the step have become (compare Fernandez, Marti & Ryzhakov,
+arXiv:2305.00228, 2023, who ask a level set): inside, a large one is fluid, too; outside, where it would add volume, it
+must be small. Plain alpha-shapes bridge gaps of two spacings, and gain volume with every drop that lands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from tipfem.case.numerics import SurfaceRule
+from tipfem.case.particles import Particles
+from tipfem.mesh.alpha_shape import Shapes, covered, hanging
+from tipfem.mesh.delaunay import SLIVER, delaunay
+from tipfem.mesh.mesh import Mesh, Surface
+from tipfem.typing import Array
+
+FLAT = 1e-12  # measure in h^d below which a simplex has no gradients
+WALL_REACH = 1.5  # longest edge of a face of the wall that particles touch [spacings]
+
+
+class SurfaceMesher:
+    """Meshes of particles with a free surface.
+
+    Args:
+        rule: which simplices are fluid.
+        slippery: (N,) mask of the wall particles that slide with the fluid.
+        filled: from positions (K, d) to a mask (K,) of those in the fluids at the start, if that is known.
+    """
+
+    def __init__(self, rule: SurfaceRule, slippery: Array, filled: Callable[[Array], Array] | None = None) -> None:
+        self.rule, self.slippery, self.filled = rule, slippery, filled
+
+    def start(self, particles: Particles) -> Mesh:
+        """The first mesh; gives dry wall particles, of fluid -1, a fluid in place.
+
+        Raises:
+            TriangulationError: the particles cannot be triangulated.
+        """
+        x, wall, rule = particles.position, particles.wall, self.rule
+        dry = particles.fluid < 0
+        particles.fluid = np.where(dry, 0, particles.fluid).astype(np.int32)
+        cells, measure, beyond = delaunay(x, particles.spacing)
+        may = (measure > FLAT) & ~dry[cells].any(axis=1)
+        candidate = np.flatnonzero(may & ~wall[cells].all(axis=1))
+        shapes = Shapes.of(x, cells[candidate], particles.spacing)
+        if self.filled is None:
+            fluid = shapes.radius < rule.first * rule.alpha
+        else:
+            fluid = (shapes.radius < rule.inner) & self.filled(x[cells[candidate]].mean(axis=1))
+        keep = np.zeros(len(cells), dtype=bool)
+        keep[candidate[fluid]] = True
+        mesh = self._finish(x, wall, cells, measure, beyond, keep, particles.spacing, may, start=True)
+        return _with_volume(mesh, np.full(len(x), particles.spacing ** x.shape[1]))
+
+    def remesh(self, particles: Particles, before: Mesh, relocated: Array) -> Mesh:
+        """The mesh after a step.
+
+        Args:
+            particles: the state.
+            before: the mesh of the step at the positions that it moved its particles to.
+            relocated: (N,) mask of the particles that were set elsewhere since.
+
+        Raises:
+            TriangulationError: the particles cannot be triangulated.
+        """
+        x, wall, h = particles.position, particles.wall, particles.spacing
+        cells, measure, beyond = delaunay(x, h, wall)
+        old = before.surface
+        assert old is not None
+        used = before.used
+        below = used & ~old.front & ~relocated
+        inner = below[cells]
+        solid = wall[cells].all(axis=1)
+        keep = (measure > FLAT) & ~solid & inner.all(axis=1)
+        asked = np.flatnonzero((measure > FLAT) & ~solid & ~keep)
+        keep[asked[self._fluid(particles, cells[asked], before, below, old, used)]] = True
+        deep = below & ~wall
+        lets_go = hanging(before, particles.pressure, deep) & ~relocated
+        keep &= ~lets_go[cells].any(axis=1) | deep[cells].any(axis=1)
+        mesh = self._finish(x, wall, cells, measure, beyond, keep, h, measure > FLAT)
+        return _with_volume(mesh, _lost_volume(before, mesh, old, wall, h))
+
+    def _fluid(
+        self, particles: Particles, cells: Array, before: Mesh, below: Array, old: Surface, used: Array
+    ) -> Array:
+        """Which of the simplices (K, d + 1) are fluid, not all of whose particles were below the surface."""
+        rule, wall, d = self.rule, particles.wall, particles.dimension
+        shapes = Shapes.of(particles.position, cells, particles.spacing)
+        at_wall = wall[cells].sum(axis=1) == d
+        deep = (below & ~wall)[cells].any(axis=1)
+        inside = deep.copy()
+        # Larger ones are no fluid in either case.
+        ask = np.flatnonzero(~deep & (at_wall | (shapes.radius < max(rule.alpha, rule.join))))
+        middle = particles.position[cells[ask]].mean(axis=1)
+        inside[ask] = covered(middle, cells[ask], before)
+        limit = np.where(deep, rule.inner, np.where(inside, rule.alpha, rule.join))
+        fluid = (shapes.radius < limit) & (inside | (shapes.height.min(axis=1) < rule.gap))
+        k = np.flatnonzero(at_wall & ~deep)
+        fluid[k] = self._touches(particles, cells[k], shapes[k], inside[k], old, used)
+        return fluid
+
+    def _touches(
+        self, particles: Particles, cells: Array, shapes: Shapes, inside: Array, old: Surface, used: Array
+    ) -> Array:
+        """Which of the simplices (K, d + 1) of one particle over a face of the wall are fluid."""
+        rule, d = self.rule, particles.dimension
+        apex = np.argmin(particles.wall[cells], axis=1)
+        rows = np.arange(len(cells))
+        height, foot = shapes.height[rows, apex], shapes.foot(apex)
+        others = np.ones(cells.shape, dtype=bool)
+        others[rows, apex] = False
+        lowest = np.where(others, foot, 1.0).min(axis=1)
+        close = height < 0.5 * rule.touch
+        # How far towards those wall particles that are the last that are wet, and towards those that are dry.
+        ends = (old.front | ~used)[cells] & others
+        partly, way = _towards(ends, others, foot)
+        stays = ~ends.any(axis=1) | ((~partly | (way > 2 * rule.dry / d) | close) & (lowest > -0.25))
+        # A particle may be as low as it likes, as it must not come through.
+        corner = particles.position[cells]
+        longest = np.zeros(len(cells))
+        for a in range(d + 1):
+            for b in range(a):
+                length = np.linalg.norm(corner[:, a] - corner[:, b], axis=1) / particles.spacing
+                longest = np.where(others[:, a] & others[:, b], np.maximum(longest, length), longest)
+        low = (height < rule.touch) & (longest < WALL_REACH)
+        kept = inside & stays & ((shapes.radius < rule.alpha) | low)
+        partly, way = _towards(~used[cells] & others, others, foot)
+        passed = (~partly | (way > 1 / d) | close) & (lowest > -1e-9)
+        low = height < np.where(partly, rule.wet, rule.touch)
+        v = particles.velocity[cells]
+        away = v[rows, apex] - np.where(others[..., None], v, 0.0).sum(axis=1) / d
+        comes = partly | (np.einsum("ki,ki->k", away, shapes.gradient[rows, apex]) < 0)
+        new = ~inside & passed & low & comes & (longest < WALL_REACH)
+        return np.asarray(kept | new)
+
+    def _finish(
+        self,
+        position: Array,
+        wall: Array,
+        cells: Array,
+        measure: Array,
+        beyond: Array,
+        keep: Array,
+        h: float,
+        may: Array,
+        *,
+        start: bool = False,
+    ) -> Mesh:
+        """The mesh of the simplices kept, corners of the walls among them, with its surface but for volumes."""
+        solid = wall[cells].all(axis=1)
+        corner = np.flatnonzero(may & solid & (measure > SLIVER) & _beside(keep, beyond))
+        keep[corner[Shapes.of(position, cells[corner], h).radius < self.rule.alpha]] = True
+        out = keep[:, None] & ~((beyond >= 0) & keep[beyond])
+        k, opposite = np.nonzero(out)
+        facet = np.ones((len(k), cells.shape[1]), dtype=bool)
+        facet[np.arange(len(k)), opposite] = False
+        nodes = cells[k][facet].reshape(len(k), cells.shape[1] - 1)
+        other = beyond[k, opposite]
+        backed = wall[nodes].all(axis=1) & ((other < 0) | solid[other])
+        front = np.zeros(len(position), dtype=bool)
+        front[nodes[~backed]] = True
+        pinned = front & (~wall | self.slippery)
+        # Where all particles of a simplex at a wall were pinned, nothing would hold it off the wall.
+        held = cells[keep & pinned[cells].all(axis=1) & wall[cells].any(axis=1)]
+        pinned[held[wall[held]]] = False
+        if not start:
+            # Simplices without a pressure do nothing: their particles fly. (Corners of the first mesh join on.)
+            keep &= ~pinned[cells].all(axis=1)
+            keep &= ~solid | _beside(keep & ~solid, beyond)
+        mesh = Mesh(position, np.ascontiguousarray(cells[keep]))
+        used = mesh.used
+        surface = Surface(front & used, pinned | ~used, ~used & ~wall, np.zeros(len(position)))
+        return Mesh(position, mesh.cells, surface=surface)
+
+
+def _beside(keep: Array, beyond: Array) -> Array:
+    """Mask (M,) of the simplices that share a facet with one that is kept; ``beyond`` (M, d + 1) as of `delaunay`."""
+    return np.asarray(((beyond >= 0) & keep[beyond]).any(axis=1))
+
+
+def _towards(ends: Array, others: Array, foot: Array) -> tuple[Array, Array]:
+    """Whether some but not all ``others`` are ``ends`` (K, d + 1), and how much of ``foot`` each of them has, (K,)."""
+    count = ends.sum(axis=1)
+    return (count > 0) & (ends != others).any(axis=1), np.where(ends, foot, 0.0).sum(axis=1) / np.maximum(count, 1)
+
+
+def _with_volume(mesh: Mesh, own: Array) -> Mesh:
+    """The mesh with volumes ``own`` (N,) for its loose particles."""
+    s = mesh.surface
+    assert s is not None
+    return Mesh(mesh.position, mesh.cells, surface=Surface(s.front, s.pinned, s.loose, np.where(s.loose, own, 0.0)))
+
+
+def _lost_volume(before: Mesh, mesh: Mesh, old: Surface, wall: Array, h: float) -> Array:
+    """(N,) volumes of particles that fly: what they had, or that of the simplices that they were in, shared with those
+    that left with them; at most 2 h^d."""
+    assert mesh.surface is not None
+    leaving = mesh.surface.loose & ~old.loose
+    flags = leaving[before.cells]
+    share = np.maximum(before.measure, 0.0) / np.maximum(flags.sum(axis=1), 1)
+    got = np.bincount(before.cells[flags], np.repeat(share, flags.sum(axis=1)), len(wall))
+    return np.where(old.loose, old.volume, np.minimum(got, 2 * h**mesh.dimension))
+
+
+def loose_volumes(mesh: Mesh, fluid: Array, count: int) -> Array:
+    """Volumes (count,) that the loose particles of each fluid carry; ``fluid`` (N,) of the particles."""
+    if mesh.surface is None:
+        return np.zeros(count)
+    return np.bincount(fluid, weights=mesh.surface.volume, minlength=count)

@@ -1,0 +1,173 @@
+"""Mesh: linear simplices on the particles, with the connectivity that the solver asks for."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from tipfem.case.particles import Particles
+from tipfem.typing import Array
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Where the simplices on N particles end without a wall.
+
+    Attributes:
+        front: (N,) mask of the particles on the surface, those of walls at its edge included.
+        pinned: (N,) mask of the particles whose pressure is zero: on the surface, and all that are in no simplex.
+        loose: (N,) mask of the particles off the walls that are in no simplex; they fly.
+        volume: (N,) what each loose particle carries of its fluid, zero for all others [m^2, or m^3 in 3-D].
+    """
+
+    front: Array
+    pinned: Array
+    loose: Array
+    volume: Array
+
+    @property
+    def used(self) -> Array:
+        """(N,) mask of the particles in simplices."""
+        return np.asarray(~self.pinned | self.front)
+
+    def dry(self, wall: Array) -> Array:
+        """(N,) mask of the wall particles in no simplex, of those in ``wall`` (N,)."""
+        return np.asarray(wall & ~self.used)
+
+    def constrain(self, u: Array, pressure: Array, flight: Array) -> tuple[Array, Array]:
+        """Displacements (N, d) and pressures (N,) as they must be: loose particles fly, no pressure where pinned."""
+        return np.where(self.loose[:, None], flight, u), np.where(self.pinned, 0.0, pressure)
+
+    def landed(self, before: Particles, moved: Particles, force: Array, dt: float) -> Particles:
+        """The state ``moved`` with loose particles on their parabolas from ``before``; ``force`` (N, d) [m/s^2]."""
+        i = self.loose
+        if not i.any():
+            return moved
+        done = moved.copy()
+        done.position[i] = before.position[i] + parabola(before.velocity[i], force[i], dt)
+        done.velocity[i] = before.velocity[i] + dt * force[i]
+        done.acceleration[i] = force[i]
+        return done
+
+
+def no_surface(count: int) -> Surface:
+    """The surface of a mesh that walls surround: of ``count`` particles none is on it."""
+    none = np.zeros(count, dtype=bool)
+    return Surface(none, none, none, np.zeros(count))
+
+
+def parabola(velocity: Array, force: Array, dt: float) -> Array:
+    """Displacements (K, d) [m] of free flight in a time ``dt`` [s], from velocities and forces (K, d) per mass."""
+    return dt * velocity + 0.5 * dt**2 * force
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Simplices on N particles.
+
+    Attributes:
+        position: (N, d) [m].
+        cells: (M, d + 1) particles of each simplex, positively oriented, int32.
+        fluid: (M,) fluid of each simplex where interfaces run along facets, int32; None where they cut
+            through simplices.
+        surface: where it ends without a wall; None where walls surround it.
+    """
+
+    position: Array
+    cells: Array
+    fluid: Array | None = None
+    surface: Surface | None = None
+
+    @property
+    def dimension(self) -> int:
+        """Number of space dimensions d."""
+        return int(self.position.shape[1])
+
+    @cached_property
+    def measure(self) -> Array:
+        """(M,) signed area [m^2] or volume [m^3] of each simplex."""
+        return simplex_measure(self.position, self.cells)
+
+    def moved(self, position: Array) -> Mesh:
+        """The same simplices at other positions (N, d); shares what depends on the connectivity alone."""
+        mesh = Mesh(position, self.cells, self.fluid, self.surface)
+        for name in ("edges", "used", "incidence", "adjacency", "across", "bodies", "bodies_at", "marks"):
+            if name in self.__dict__:
+                mesh.__dict__[name] = self.__dict__[name]
+        return mesh
+
+    def carried(self, position: Array) -> Mesh:
+        """The same as `moved`, remembered until it is asked for with another array; this one must not change."""
+        last = self.__dict__.get("_carried")
+        if last is None or last.position is not position:
+            last = self.__dict__["_carried"] = self.moved(position)
+        return last
+
+    @cached_property
+    def edges(self) -> Array:
+        """(E, 2) particles at the ends of each edge, lower index first; in no particular order."""
+        if "across" in self.__dict__:  # each edge once, from the cell of the higher number
+            cell, i = np.nonzero(self.across < np.arange(len(self.cells))[:, None])
+            one, other = self.cells[cell, (i + 1) % 3], self.cells[cell, (i + 2) % 3]
+            return np.stack([np.minimum(one, other), np.maximum(one, other)], axis=1)
+        n, corner = len(self.position), np.ascontiguousarray(self.cells.T)
+        one, other = np.array(list(itertools.combinations(range(len(corner)), 2))).T
+        one, other = corner[one].ravel(), corner[other].ravel()
+        ends = np.minimum(one, other), np.maximum(one, other)
+        # Sorted and counted once by SciPy, which counts where NumPy compares.
+        graph = sparse.coo_matrix((np.ones(len(one), dtype=np.int8), ends), shape=(n, n)).tocsr()
+        graph.sort_indices()
+        rows = np.repeat(np.arange(n, dtype=np.int32), np.diff(graph.indptr))
+        return np.stack([rows, graph.indices.astype(np.int32, copy=False)], axis=1)
+
+    @cached_property
+    def used(self) -> Array:
+        """(N,) mask of the particles in simplices."""
+        mask = np.zeros(len(self.position), dtype=bool)
+        mask[self.cells] = True
+        return mask
+
+    @cached_property
+    def across(self) -> Array:
+        """(M, 3) the triangle beyond the edge opposite each corner, -1 beyond the hull, int32; in 2-D only."""
+        start, end = self.cells[:, [1, 2, 0]].ravel().astype(np.int64), self.cells[:, [2, 0, 1]].ravel()
+        count = len(self.position)
+        one, other = start * count + end, end * np.int64(count) + start
+        order = np.argsort(one)
+        found = order[np.minimum(np.searchsorted(one, other, sorter=order), len(order) - 1)]
+        return np.where(one[found] == other, found // 3, -1).astype(np.int32).reshape(self.cells.shape)
+
+    @cached_property
+    def incidence(self) -> tuple[Array, Array]:
+        """Corners at each particle, in CSR: offsets (N + 1,) and corner numbers ``cell * (d + 1) + local``."""
+        n, (m, corners) = len(self.position), self.cells.shape
+        number, starts = np.arange(m * corners, dtype=np.int32), np.arange(0, m * corners + 1, corners, dtype=np.int32)
+        columns = sparse.csr_matrix((number, self.cells.ravel(), starts), shape=(m, n)).tocsc()
+        return columns.indptr.astype(np.int32, copy=False), columns.data
+
+    @cached_property
+    def adjacency(self) -> tuple[Array, Array]:
+        """Particles that share a simplex with each particle, itself included, in CSR (offsets, columns)."""
+        n, (m, corners) = len(self.position), self.cells.shape
+        starts = np.arange(0, m * corners + 1, corners)
+        member = sparse.csr_matrix((np.ones(m * corners, np.int32), self.cells.ravel(), starts), shape=(m, n))
+        graph = (member.T @ member).tocsr()
+        graph.sort_indices()
+        return graph.indptr.astype(np.int32), graph.indices.astype(np.int32)
+
+
+def simplex_measure(position: Array, cells: Array) -> Array:
+    """Signed areas or volumes (M,) of simplices ``cells`` (M, d + 1) at ``position`` (N, d)."""
+    if position.shape[1] == 2:  # complex numbers: both coordinates at once, and corner by corner
+        corner = np.ascontiguousarray(position, dtype=np.float64).view(np.complex128).ravel().take(cells.T)
+        a, b = corner[1:] - corner[0]
+        return np.asarray(0.5 * (a.real * b.imag - b.real * a.imag))
+    # Coordinate by coordinate: gathering from rows takes several times as long.
+    coordinates = [np.ascontiguousarray(axis) for axis in position.T]
+    sides = [[axis[corner] - axis[cells[:, 0]] for axis in coordinates] for corner in cells.T[1:]]
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = sides
+    return np.asarray((ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)) / 6.0)

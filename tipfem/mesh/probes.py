@@ -1,0 +1,137 @@
+"""Probes: volumes, energies, fronts and heights, read off particles and mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from tipfem.case.fluid import Fluid
+from tipfem.case.particles import Particles
+from tipfem.mesh.mesh import Mesh
+from tipfem.typing import Array
+
+
+class Energy(NamedTuple):
+    """Energy of all particles: kinetic and potential [J, per metre of depth in 2-D]."""
+
+    kinetic: float
+    potential: float
+
+
+def fluid_volumes(mesh: Mesh, fraction: Array) -> Array:
+    """Volume of each of F fluids (F,) [m^2 in 2-D, m^3 in 3-D], from their parts of the elements (M, F)."""
+    return mesh.measure @ fraction
+
+
+def nodal_mass(mesh: Mesh, density: Array) -> Array:
+    """Lumped mass (N,) [kg] from the elements' densities (M,)."""
+    corners = mesh.cells.shape[1]
+    share = np.repeat(density * mesh.measure / corners, corners)
+    return np.bincount(mesh.cells.ravel(), weights=share, minlength=len(mesh.position))
+
+
+def energy(mesh: Mesh, particles: Particles, density: Array, gravity: Array) -> Energy:
+    """Kinetic and potential energy, with lumped masses; potential against gravity from the origin."""
+    mass = nodal_mass(mesh, density)
+    kinetic = 0.5 * float(mass @ (particles.velocity**2).sum(axis=1))
+    return Energy(kinetic, -float(mass @ (particles.position @ gravity)))
+
+
+def extent(mesh: Mesh, fluid: Array, index: int, axis: int) -> float:
+    """Largest coordinate that a fluid reaches along an axis [m].
+
+    Where elements have a fluid each, that is the end of the fluid's elements. Otherwise the fluid reaches to
+    the middle of the edges that join it to another one; particles in no element do not count. NaN without any of
+    that fluid.
+    """
+    if mesh.fluid is not None:
+        cells = mesh.cells[mesh.fluid == index]
+        return float(mesh.position[:, axis].take(cells).max()) if len(cells) else float("nan")
+    own = fluid == index
+    if mesh.surface is not None:
+        own = own & mesh.surface.used
+    if not own.any():
+        return float("nan")
+    coordinate = mesh.position[:, axis]
+    i, j = mesh.edges.T
+    mixed = own[i] != own[j]
+    middle = 0.5 * (coordinate[i[mixed]] + coordinate[j[mixed]])
+    return float(max(coordinate[own].max(), middle.max(initial=-np.inf)))
+
+
+def depth(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
+    """Length of a fluid along the vertical line x = ``place`` of a 2-D mesh [m].
+
+    Elements that have a fluid each are taken whole. Others, between fluids, are cut through the middle of their
+    edges: three triangles at the corners, and a fourth between them that belongs to the fluid of most corners
+    (in an element of three fluids, of the first).
+
+    Raises:
+        ValueError: the line does not cross the mesh.
+    """
+    left, right = float(mesh.position[:, 0].min()), float(mesh.position[:, 0].max())
+    if not left <= place <= right:
+        raise ValueError(f"depth: the line x = {place:g} m does not cross the mesh of {left:g} to {right:g} m")
+    # A line along the left wall would be in no element's interior.
+    line = max(place, left + 1e-9 * (right - left))
+    x, y = mesh.position[:, 0] - line, mesh.position[:, 1]
+    before = (x < 0).take(mesh.cells.T)
+    crossed = np.flatnonzero(before.any(axis=0) & ~before.all(axis=0))
+    cells = mesh.cells[crossed]
+    if mesh.fluid is not None:
+        return float(_chord(x[cells], y[cells])[mesh.fluid[crossed] == index].sum())
+    total = 0.0
+    for triangle, label in _mid_edge_pieces(cells, fluid):
+        px = np.stack([x[a] / 2 + x[b] / 2 for a, b in triangle], axis=1)
+        py = np.stack([y[a] / 2 + y[b] / 2 for a, b in triangle], axis=1)
+        total += float(_chord(px, py)[label == index].sum())
+    return total
+
+
+def _mid_edge_pieces(cells: Array, fluid: Array) -> list[tuple[list[tuple[Array, Array]], Array]]:
+    """Four triangles a cell through the mid-edges, points as pairs of particles, and their fluid.
+
+    The middle one belongs to the fluid that has most corners.
+    """
+    a, b, c = cells.T
+    fa, fb, fc = fluid[a], fluid[b], fluid[c]
+    most = np.where((fb == fc) & (fa != fb), fb, fa)
+    pieces = [
+        ([(a, a), (a, b), (a, c)], fa),
+        ([(b, b), (b, c), (a, b)], fb),
+        ([(c, c), (a, c), (b, c)], fc),
+        ([(a, b), (b, c), (a, c)], most),
+    ]
+    return pieces
+
+
+def _chord(x: Array, y: Array) -> Array:
+    """Length (K,) of the line x = 0 inside triangles with corners x, y (K, 3)."""
+    order = np.argsort(x, axis=1)
+    x, y = np.take_along_axis(x, order, axis=1), np.take_along_axis(y, order, axis=1)
+    cut = (x[:, 0] < 0) & (x[:, 2] >= 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        long_side = y[:, 0] - x[:, 0] * (y[:, 2] - y[:, 0]) / (x[:, 2] - x[:, 0])
+        left = y[:, 0] - x[:, 0] * (y[:, 1] - y[:, 0]) / (x[:, 1] - x[:, 0])
+        right = y[:, 2] - x[:, 2] * (y[:, 1] - y[:, 2]) / (x[:, 1] - x[:, 2])
+    other = np.where(x[:, 1] >= 0, left, right)
+    return np.where(cut, np.abs(long_side - other), 0.0)
+
+
+def hydrostatic_pressure(height: Array, layers: Sequence[tuple[Fluid, float]], gravity: float = 9.81) -> Array:
+    """Pressure (K,) [Pa] of layers at rest, zero at their top.
+
+    Args:
+        height: (K,) height over the floor [m].
+        layers: (fluid, thickness [m]) from the floor up.
+        gravity: magnitude [m/s^2].
+    """
+    height = np.asarray(height, dtype=float)
+    pressure, floor = np.zeros_like(height), 0.0
+    for fluid, thickness in layers:
+        covered = np.clip(floor + thickness - height, 0.0, thickness)
+        pressure += fluid.density * gravity * covered
+        floor += thickness
+    return pressure

@@ -1,0 +1,1 @@
+"""The next mesh: triangulations that follow the particles, volumes, relocation."""

@@ -1,0 +1,73 @@
+"""A Delaunay triangulation from the last one: what moved is flipped, what was relocated taken out and put in."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tipfem.mesh.delaunay import TriangulationError
+from tipfem.mesh.mesh import Mesh, simplex_measure
+from tipfem.remesh.edges.edge_operations import STAR
+from tipfem.remesh.insertion_kernels import set_elsewhere
+from tipfem.remesh.triangulation import Triangulation
+from tipfem.typing import Array
+
+# Round-off of the test whether a particle is in a circle, relative to its size: ties stay as they are.
+TIES = 1e-13
+
+
+def repaired(mesh: Mesh, moved: Array, position: Array, moves: Array) -> Mesh | None:
+    """The Delaunay triangulation of particles that moved with a mesh, some of which were then set elsewhere.
+
+    Args:
+        mesh: triangles on N particles; its hull is that of the new positions, too.
+        moved: (N, 2) where the particles were carried to [m].
+        position: (N, 2) where they are now [m].
+        moves: (K, 3) what was set elsewhere: the particle, and the two ends of the edge it is on now.
+
+    Returns:
+        The mesh; None where this cannot be had by repair: a triangle was inverted, a particle set elsewhere cannot be
+        taken out by collapsing an edge, one is not on an edge of the mesh, or flipping did not come to an end.
+    """
+    carried = moved.copy()
+    carried[moves[:, 0]] = position[moves[:, 0]]
+    if (simplex_measure(moved, mesh.cells) <= 0).any() or not np.array_equal(carried, position):
+        return None
+    t = _triangulation(mesh, moved)
+    star = np.empty(2 * (STAR + 1), dtype=np.int32)
+    if len(moves):
+        done = set_elsewhere(
+            t.state,
+            t.cells,
+            t.across,
+            t.fluid,
+            t.corner,
+            star,
+            moves.astype(np.int32),
+            np.ascontiguousarray(position[moves[:, 0]]),
+            len(moves),
+            0.0,
+        )
+        if done < len(moves):
+            return None
+    try:
+        t.make_delaunay(TIES)
+    except TriangulationError:
+        return None
+    new = Mesh(position, t.cells)
+    if (new.measure <= 0).any():
+        return None
+    new.__dict__["across"] = t.across
+    return new
+
+
+def _triangulation(mesh: Mesh, moved: Array) -> Triangulation:
+    """A copy of the mesh that can be changed; without masses, for these flips move no momentum."""
+    count, cells = len(moved), mesh.cells.copy()
+    state = np.zeros((count, 8))
+    state[:, :2] = moved
+    corner = np.full(count, -1, dtype=np.int32)
+    corner[cells.ravel()] = np.arange(cells.size, dtype=np.int32) // 3
+    nothing = np.zeros(len(cells), dtype=np.int32)
+    return Triangulation(
+        state, cells, mesh.across.copy(), nothing, corner, np.zeros(count, dtype=np.int32), np.zeros(1)
+    )

@@ -1,0 +1,1 @@
+"""Kernels that flip, split and collapse edges."""

@@ -1,0 +1,205 @@
+"""Remeshing with interfaces along edges: the triangulation moves with the particles and is repaired in place.
+
+Every triangle belongs to one fluid for good; flips, collapses and splits of edges hand that on. So a
+remeshing moves no volume from one fluid to another but where an interface is made coarser, slides
+along a wall, or a film breaks; and that is undone at once, see `volumes`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tipfem.case.numerics import FittedRule
+from tipfem.case.particles import Particles
+from tipfem.mesh.delaunay import TriangulationError
+from tipfem.mesh.mesh import Mesh
+from tipfem.remesh.triangulation import Triangulation
+from tipfem.remesh.volumes import restore
+from tipfem.typing import Array
+
+# How far from a new particle others must be, in target spacings; less where there is no such place.
+ROOM = (0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
+# Where the number of particles follows the targets: this room for new ones on edges that are that much longer than
+# long ones. Several rounds, for a round changes no triangle twice.
+WIDER = 1.15  # the rule's limits are that much wider then: as many particles stay as where N is kept, within 5 %
+ROUNDS = ((0.6, 1.0), (0.6, 1.0), (0.5, 1.2), (0.4, 1.4), (0.3, 1.6))
+# Height over a long interface edge, in target spacings, below which a particle is taken to be on it.
+SLIVER = 0.05
+LEAST = 0.02  # twice the smallest area that a change may leave, in target spacings squared
+
+
+class Repaired(NamedTuple):
+    """What a repair makes of N particles and their triangles.
+
+    Attributes:
+        particles: the state, on N' particles.
+        mesh: the triangles.
+        relocated: (N',) mask of the particles that have a new place, or are new.
+        renumbered: (N,) what number each particle has now, -1 for those that are gone; None if all have kept theirs.
+    """
+
+    particles: Particles
+    mesh: Mesh
+    relocated: Array
+    renumbered: Array | None = None
+
+
+def repair(
+    particles: Particles,
+    mesh: Mesh,
+    density: Array,
+    fixed: Array,
+    rule: FittedRule,
+    *,
+    slippery: Array | None = None,
+    total: Array | None = None,
+    graded: bool = False,
+) -> Repaired:
+    """Remesh particles that have moved.
+
+    Args:
+        particles: the moved state on N particles with their target spacings; which are walls may change.
+        mesh: the triangles they moved with, none inverted.
+        density: (F,) of the fluids [kg/m^3].
+        fixed: (N,) particles that must keep their place, as the corners of the tank.
+        rule: when to change what.
+        slippery: (N,) wall particles that slide with the fluid; where interfaces meet walls there, they do so, too.
+        total: (F,) volume that each fluid is to have afterwards [m^2]; by default the solve's changes of volume
+            stay, and only those of the remeshing are undone.
+        graded: whether there are to be as many particles as the targets ask for. Otherwise N stays as it is: those
+            that crowd others are set elsewhere.
+
+    Raises:
+        TriangulationError: the repair did not come to an end, or left a triangle without area.
+    """
+    moved = mesh.carried(particles.position).measure
+    if (moved <= 0).any():
+        raise TriangulationError("a triangle was inverted before it could be repaired")
+    held = fixed.astype(bool)
+    t = Triangulation.of(particles, mesh, density, moved, rule.slack)
+    flips = t.make_delaunay(rule.slack, again=True)
+    sticks = held if slippery is None else held | (slippery > 0)
+    way = particles.position - mesh.position
+    broken, taken = t.tidy(sticks, way, rule.reach, 0.35, LEAST, rule.film, SLIVER)
+    if taken:
+        flips += taken + t.make_delaunay(rule.slack, again=True)
+    relocated = _follow_targets(t, held, rule) if graded else _set_elsewhere(t, held, rule)
+    t.compact()
+    new = Mesh(np.ascontiguousarray(t.state[:, :2]), t.cells, t.fluid)
+    new.__dict__["across"] = t.across
+    position = restore(new.position, new, None, mesh, moved, relocated, total, 0.05 * particles.spacing, len(density))
+    if not (flips or broken or relocated.any() or (position != particles.position).any()):
+        return Repaired(particles, mesh.carried(particles.position), relocated)
+    renumbered = None
+    if len(t.freed) or len(t.state) > len(particles):
+        numbers, kept = t.drop()
+        position, relocated = position.take(kept, axis=0), relocated.take(kept)
+        renumbered = numbers[: len(particles)]
+        for name in ("bodies_at", "marks"):
+            new.__dict__[name] = new.__dict__[name].take(kept, axis=-1)
+    return Repaired(*_taken(t, particles, new, position), relocated, renumbered)
+
+
+def _set_elsewhere(t: Triangulation, held: Array, rule: FittedRule) -> Array:
+    """Take out particles that crowd others, and put them where the triangles are large; (N,) mask of them."""
+    sizes = (rule.chain, rule.edge, rule.film, LEAST)
+    edges, needed = t.coarsen(held, rule.close, *sizes, most=len(held), long=rule.long)
+    if needed > len(t.freed):
+        # Nothing that crowds is left to take: take from where particles stand closest.
+        edges, _ = t.coarsen(held, rule.spare, *sizes, most=needed - len(t.freed), long=rule.long)
+    relocated = np.zeros(len(held), dtype=bool)
+    relocated[t.freed] = True
+    for room in ROOM:
+        if not len(t.freed):
+            break
+        t.refine(edges, room)
+        t.make_delaunay(rule.slack, again=True)
+        if len(t.freed):
+            edges, _ = t.longest_edges(rule.long, t.wanted_edges())
+    if len(t.freed):
+        raise TriangulationError(f"{len(t.freed)} particles that crowded others find no room elsewhere")
+    return relocated
+
+
+def _follow_targets(t: Triangulation, held: Array, rule: FittedRule) -> Array:
+    """Take out particles where they are too many and put some in where they are too few; (N',) mask of all these.
+
+    Those left over stay in ``t.freed``.
+    """
+    before = len(held)
+    sizes = (WIDER * rule.chain, rule.edge, rule.film, LEAST)
+    edges, _ = t.coarsen(held, WIDER * rule.close, *sizes, most=before, long=WIDER * rule.long, every=True)
+    gone = t.freed
+    for number, (room, longer) in enumerate(ROUNDS):
+        if number:
+            edges = t.long_edges(longer * WIDER * rule.long)
+        if not len(edges):
+            break
+        t.provide(len(edges))
+        t.refine(edges, room)
+        t.make_delaunay(rule.slack, again=True)
+    relocated = np.zeros(len(t.state), dtype=bool)
+    relocated[gone] = True
+    relocated[before:] = True
+    return relocated
+
+
+def _taken(t: Triangulation, particles: Particles, new: Mesh, position: Array) -> tuple[Particles, Mesh]:
+    """State, still without fluids, and mesh of a repaired triangulation at its last positions (N', 2), with what
+    ``new`` knows of it; see `repair` for errors.
+    """
+    if (new.measure <= 0).any():
+        place = position[t.cells[np.argmin(new.measure), 0]].tolist()
+        raise TriangulationError(f"the triangle at {place} has no area after the repair")
+    state = particles.changed(
+        position=position, wall=t.wall.astype(bool), fluid=np.zeros(len(position), dtype=np.int32), **t.carried()
+    )
+    mesh = Mesh(position, t.cells, t.fluid)
+    for name in ("across", "measure", "bodies", "bodies_at", "marks"):
+        mesh.__dict__[name] = new.__dict__[name]
+    return state, mesh
+
+
+def with_fluids(mesh: Mesh, particles: Particles, density: Array) -> Mesh:
+    """Give each triangle of a first mesh its fluid: the lightest of its particles' fluids.
+
+    So interfaces run along edges through the outermost particles of the heavier fluid.
+
+    Args:
+        mesh: Delaunay triangles.
+        particles: their particles, walls with a fluid too.
+        density: (F,) of the fluids [kg/m^3].
+    """
+    lightest_first = np.argsort(density, kind="stable")
+    rank = np.empty(len(density), dtype=np.int32)
+    rank[lightest_first] = np.arange(len(density))
+    fluid = lightest_first[rank[particles.fluid[mesh.cells]].min(axis=1)].astype(np.int32)
+    return Mesh(mesh.position, mesh.cells, fluid)
+
+
+def particle_fluid(mesh: Mesh, count: int, density: Array) -> Array:
+    """(N,) the heaviest fluid at each of ``count`` particles."""
+    fluid, at = np.zeros(count, dtype=np.int32), mesh.__dict__.get("bodies_at")
+    for f in np.argsort(density, kind="stable"):
+        if at is not None:  # see `volumes`
+            if f < len(at):
+                fluid[at[f] >= 0] = f
+            continue
+        fluid[mesh.cells[mesh.fluid == f].ravel()] = f
+    return fluid
+
+
+def hull_corners(mesh: Mesh) -> Array:
+    """(N,) mask of the particles at which the hull turns."""
+    cell, i = np.nonzero(mesh.across < 0)
+    a, b = mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]
+    direction = mesh.position[b] - mesh.position[a]
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    total = np.zeros_like(mesh.position)
+    np.add.at(total, a, direction)
+    np.add.at(total, b, direction)
+    on = np.zeros(len(mesh.position), dtype=bool)
+    on[a] = True
+    return on & (np.linalg.norm(total, axis=1) < 2 - 1e-9)

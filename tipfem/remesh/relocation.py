@@ -1,0 +1,272 @@
+"""Relocation: keep the cloud even by moving crowded particles to where it is thin, fluid by fluid.
+
+The number of particles of each fluid never changes, as in Carvalho & Sanches: what is taken from
+a crowded place is set into a long edge of the same fluid.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tipfem.case.numerics import RelocationRule
+from tipfem.case.particles import Particles
+from tipfem.mesh.mesh import Mesh
+from tipfem.typing import Array
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Ends ``i``, ``j`` and length [m] of edges, all (E,), and their particles' heights over walls.
+
+    ``height`` (E,): of the fluid's end of an edge over the wall that its other end is in [m]; inf for others.
+    """
+
+    i: Array
+    j: Array
+    length: Array
+    height: Array
+
+    def __getitem__(self, index: Array) -> Edges:
+        return Edges(self.i[index], self.j[index], self.length[index], self.height[index])
+
+
+@dataclass(frozen=True)
+class Places:
+    """Places that can take a particle: between ``start`` and ``end``, at ``weight`` from the start."""
+
+    start: Array
+    end: Array
+    weight: Array
+    length: Array
+
+    def interpolate(self, values: Array) -> Array:
+        """Values of the particles (N, ...), linearly interpolated at the places (K, ...)."""
+        w = self.weight.reshape((-1,) + (1,) * (values.ndim - 1))
+        return (1 - w) * values[self.start] + w * values[self.end]
+
+    def __getitem__(self, index: Array) -> Places:
+        return Places(self.start[index], self.end[index], self.weight[index], self.length[index])
+
+
+def cells_on_walls(mesh: Mesh, wall: Array) -> tuple[Array, Array]:
+    """Cells (K,) of one fluid particle over a face of the wall, and the particle's height (K,) over it [m].
+
+    A face of wall particles that two cells share runs across the fluid (in a corner) and is no wall.
+    """
+    d = mesh.dimension
+    near = np.flatnonzero(wall[mesh.cells].sum(axis=1) >= d)
+    if not len(near):
+        return near, np.zeros(0)
+    corners = mesh.cells[near]
+    facet = np.concatenate([np.sort(np.delete(corners, c, axis=1), axis=1) for c in range(d + 1)])
+    opposite = np.concatenate([corners[:, c] for c in range(d + 1)])
+    cell = np.tile(near, d + 1)
+    of_wall = wall[facet].all(axis=1)
+    facet, opposite, cell = facet[of_wall], opposite[of_wall], cell[of_wall]
+    number = facet[:, 0].astype(np.int64)
+    for column in facet.T[1:]:
+        number = np.unique(number * len(wall) + column, return_inverse=True)[1].ravel()
+    face = (np.bincount(number)[number] == 1) & ~wall[opposite]
+    facet, cell = mesh.position[facet[face]], cell[face]
+    side = facet[:, 1:] - facet[:, :1]
+    if d == 2:
+        area = np.linalg.norm(side[:, 0], axis=1)
+    else:
+        area = 0.5 * np.linalg.norm(np.cross(side[:, 0], side[:, 1]), axis=1)
+    return cell, d * mesh.measure[cell] / area
+
+
+def apex_of(mesh: Mesh, wall: Array, cells: Array) -> Array:
+    """The one particle (K,) of each of the cells (K,) that is no wall particle."""
+    corners = mesh.cells[cells]
+    return corners[np.arange(len(cells)), np.argmin(wall[corners], axis=1)]
+
+
+def measured_edges(mesh: Mesh, wall: Array, on_wall: Array, height: Array) -> Edges:
+    """The edges of a mesh; cells ``on_wall`` (K,) and their ``height`` (K,) are those of `cells_on_walls`."""
+    i, j = np.ascontiguousarray(mesh.edges.T)
+    square = np.zeros(len(i))
+    for axis in mesh.position.T:
+        x = np.ascontiguousarray(axis)
+        square += (x[i] - x[j]) ** 2
+    result = np.full(len(i), np.inf)
+    joins = np.flatnonzero(wall[i] != wall[j])
+    n, apex = len(mesh.position), apex_of(mesh, wall, on_wall).astype(np.int64)
+    number = i[joins].astype(np.int64) * n + j[joins]
+    order = np.argsort(number)
+    joins, number = joins[order], number[order]
+    for c in range(mesh.dimension + 1):
+        foot = mesh.cells[on_wall, c].astype(np.int64)
+        joined = foot != apex
+        key = np.minimum(foot, apex)[joined] * n + np.maximum(foot, apex)[joined]
+        np.minimum.at(result, joins[np.searchsorted(number, key)], height[joined])
+    return Edges(i, j, np.sqrt(square), result)
+
+
+def places_in(
+    edges: Edges, particles: Particles, fluid: int, crowded: Array, shortest: float, rule: RelocationRule
+) -> Places:
+    """Places for particles of a fluid in edges, high enough over the walls; the longest edges first.
+
+    Edges within the fluid that are not longer than ``shortest`` [m] take none, nor do those of crowded particles
+    (N,): they may be gone the next moment.
+    """
+    i, j, length = edges.i, edges.j, edges.length
+    own_i, own_j = particles.fluid[i] == fluid, particles.fluid[j] == fluid
+    mixed = own_i != own_j
+    long_enough = length > np.where(mixed, rule.long_mixed_edge * particles.spacing, shortest)
+    stays = ~(crowded[i] | crowded[j]) & ~(particles.wall[i] & particles.wall[j])
+    edge = np.flatnonzero(long_enough & (own_i | own_j) & stays)
+    edge = edge[np.argsort(-length[edge], kind="stable")]
+    start, end = np.where(own_i, i, j)[edge], np.where(own_i, j, i)[edge]
+    weight = np.where(mixed[edge], 1 / 3, 0.5)
+    over_wall = np.where(particles.wall[start], weight, 1 - weight) * edges.height[edge]
+    high = over_wall >= rule.too_close_to_wall * particles.spacing
+    return Places(start, end, weight, length[edge])[np.flatnonzero(high)]
+
+
+def with_room(places: Places, position: Array, tree: cKDTree, taken: Array, rule: RelocationRule, h: float) -> Places:
+    """Those of the places that are far enough from all particles, from ``taken`` (K, d), and from each other.
+
+    Of two that are too close to each other the first stays, the one in the longer edge.
+    """
+    if not len(places.start):
+        return places
+    point = places.interpolate(position)
+    # An urgent particle may stand half a spacing from the ends of its edge; that is what its edge decides.
+    reach = np.minimum(rule.too_close * h, np.minimum(places.weight, 1 - places.weight) * places.length)
+    free = tree.query(point)[0] >= (1 - 1e-9) * reach
+    if len(taken):
+        free &= cKDTree(taken).query(point)[0] >= rule.too_close * h
+    places, point = places[np.flatnonzero(free)], point[free]
+    if not len(point):
+        return places
+    first, second = np.sort(cKDTree(point).query_pairs(rule.too_close * h, output_type="ndarray"), axis=1).T
+    undecided, chosen = np.ones(len(point), dtype=bool), np.zeros(len(point), dtype=bool)
+    while undecided.any():
+        # A place is chosen when no undecided one before it is too close; then those too close to it are out.
+        live = undecided[first] & undecided[second]
+        winner = undecided.copy()
+        winner[second[live]] = False
+        chosen |= winner
+        undecided &= ~winner
+        undecided[second[winner[first]]] = False
+    return places[np.flatnonzero(chosen)]
+
+
+def relocate(particles: Particles, mesh: Mesh, rule: RelocationRule) -> tuple[Particles, Array]:
+    """Move crowded particles into long edges of their own fluid.
+
+    Args:
+        particles: the state on N particles, after the step's motion.
+        mesh: of the step; its simplices must not be inverted at the particles' positions.
+        rule: the lengths that decide.
+
+    Returns:
+        The new state; and (K, 3) for each particle that was moved, itself and the two ends of the edge that it is on
+        now. It takes velocity, acceleration and pressure from these two, by linear interpolation.
+    """
+    h = particles.spacing
+    mesh = mesh.carried(particles.position)
+    on_wall, height = cells_on_walls(mesh, particles.wall)
+    edges = measured_edges(mesh, particles.wall, on_wall, height)
+    long = edges[np.flatnonzero(edges.length > h)]
+    gone, stuck = np.zeros(len(particles), dtype=bool), np.zeros(len(particles), dtype=bool)
+    moved, moves = particles, np.zeros((0, 3), dtype=np.int64)
+    # Of a close pair one is asked to move; if its fluid has no place for it, then the other.
+    for _ in range(2):
+        crowd = _crowding(mesh, edges, particles.wall, on_wall, height, gone, stuck, rule, h)
+        crowded = np.isfinite(crowd)
+        if not crowded.any():
+            break
+        moved, now = _move(particles, moved, crowd, gone, long, rule)
+        moves = np.concatenate([moves, now])
+        stuck |= crowded
+        stuck[now[:, 0]] = False
+        stuck[now[:, 1:]] = True
+        gone[now[:, 0]] = True
+    return moved, moves
+
+
+def _move(
+    particles: Particles, moved: Particles, crowd: Array, gone: Array, edges: Edges, rule: RelocationRule
+) -> tuple[Particles, Array]:
+    """Set crowded particles into places of their own fluid, the most crowded into the longest edges.
+
+    Args:
+        particles: the state before relocation.
+        moved: the same with what was relocated already, (N,) ``gone``.
+        crowd: (N,) finite for particles that are to move.
+        edges: of the mesh before relocation, those longer than a spacing.
+        rule: the lengths that decide.
+
+    Returns:
+        The new state, and (K, 3) what this call moved, as of `relocate`.
+    """
+    h = particles.spacing
+    crowded = np.isfinite(crowd)
+    moved, gone = moved.copy(), gone.copy()
+    moves = [np.zeros((0, 3), dtype=np.int64)]
+    tree = cKDTree(particles.position, compact_nodes=False, balanced_tree=False)  # for few questions
+    for fluid in np.unique(particles.fluid[crowded]):
+        own = np.flatnonzero(crowded & (particles.fluid == fluid))
+        own = own[np.argsort(crowd[own], kind="stable")]
+        # Ordinary particles need a long edge; urgent ones take what there is.
+        urgent = crowd[own] < rule.urgent * h
+        shortest = h if urgent.any() else rule.long_edge * h
+        every = places_in(edges, particles, int(fluid), crowded | gone, shortest, rule)
+        few = 8 * len(own) + 32
+        while True:  # what is further down the list does not change what comes before
+            places = with_room(
+                every[np.arange(min(few, len(every.start)))], particles.position, tree, moved.position[gone], rule, h
+            )
+            if len(places.start) >= len(own) or few >= len(every.start):
+                break
+            few *= 4
+        k = min(len(own), len(places.start))
+        keep = (places.length[:k] > rule.long_edge * h) | urgent[:k]
+        own, places = own[:k][keep], places[np.flatnonzero(keep)]
+        for name in ("position", "velocity", "acceleration", "pressure"):
+            getattr(moved, name)[own] = places.interpolate(getattr(particles, name))
+        gone[own] = True
+        moves.append(np.stack([own, places.start, places.end], axis=1))
+    return moved, np.concatenate(moves)
+
+
+def _crowding(
+    mesh: Mesh,
+    edges: Edges,
+    wall: Array,
+    on_wall: Array,
+    height: Array,
+    gone: Array,
+    stuck: Array,
+    rule: RelocationRule,
+    h: float,
+) -> Array:
+    """(N,) distance that makes a particle one to move [m]; inf for those that stay.
+
+    Of two particles that are close to each other only one moves: not one that is ``stuck`` (N,) because its
+    fluid has no place for it or another was set beside it, and none if one of them is ``gone`` (N,) already.
+    """
+    edges = edges[np.flatnonzero(edges.length < rule.too_close * h)]
+    i, j, length = edges.i, edges.j, edges.length
+    bound, front = wall | stuck, np.zeros(len(wall), dtype=bool) if mesh.surface is None else mesh.surface.front
+    factor = np.array([1.0, rule.at_surface, rule.along_surface])
+    close = (length < factor[front[i].astype(int) + front[j]] * rule.too_close * h) & ~(gone[i] | gone[j])
+    close &= ~(bound[i] & bound[j])
+    i, j, length = i[close], j[close], length[close]
+    crowd = np.full(len(mesh.position), np.inf)
+    # The surface keeps its shape when what is below it moves.
+    np.minimum.at(crowd, np.where(bound[j] | (front[j] & ~front[i] & ~bound[i]), i, j), length)
+    # Height over a wall counts on the scale of distances, so that both can be compared.
+    apex = apex_of(mesh, wall, on_wall)
+    low = (height < np.where(front, factor[2], 1.0)[apex] * rule.too_close_to_wall * h) & ~(gone | stuck)[apex]
+    np.minimum.at(crowd, apex[low], height[low] * (rule.too_close / rule.too_close_to_wall))
+    both = np.isfinite(crowd[i]) & np.isfinite(crowd[j])
+    i, j = i[both], j[both]
+    crowd[np.where(crowd[i] <= crowd[j], j, i)] = np.inf
+    return crowd

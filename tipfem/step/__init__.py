@@ -1,0 +1,1 @@
+"""The time step: the nonlinear problem, its linear systems, and the budget."""

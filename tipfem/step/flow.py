@@ -1,0 +1,314 @@
+"""FlowProblem: one time step's nonlinear problem, where the kernels and the solvers meet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tipfem.backend.runtime import alone, chunks, download, spread
+from tipfem.case.particles import Particles
+from tipfem.errors import StepRefused
+from tipfem.fem import residual as assembly
+from tipfem.fem import work as balance_kernels
+from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.linalg import fgmres, vector_kernels
+from tipfem.mesh.mesh import Mesh, no_surface, parabola
+from tipfem.step.linear_system import LinearSystem, Workspace
+from tipfem.typing import Array
+from tipfem.walls.constraints import WallRows
+from tipfem.walls.step import WallStep
+
+
+@dataclass(frozen=True)
+class ElementProperties:
+    """What each of the M elements is made of.
+
+    Attributes:
+        density: (M,) [kg/m^3].
+        viscosity: (M,) [Pa s].
+        source: (M,) relative growth of volume in the step, s in J - 1 = s.
+    """
+
+    density: Array
+    viscosity: Array
+    source: Array
+
+
+@dataclass(frozen=True)
+class StepLimits:
+    """How far a solution moves things.
+
+    Attributes:
+        smallest_jacobian: smallest J_{n+1} of an element; the element is inverted when it is <= 0.
+        largest_displacement: of a particle, in its target spacings.
+        finite: whether all unknowns are finite.
+    """
+
+    smallest_jacobian: float
+    largest_displacement: float
+    finite: bool
+
+    def require(self, smallest_jacobian: float, reach: float) -> None:
+        """Raises StepRefused unless all is finite, J >= ``smallest_jacobian``, no way longer than ``reach`` targets."""
+        if not self.finite:
+            raise StepRefused("the solution is not finite")
+        if self.smallest_jacobian < smallest_jacobian:
+            raise StepRefused(f"an element would be inverted or crushed (J = {self.smallest_jacobian:.3g})")
+        if self.largest_displacement > reach:
+            raise StepRefused(f"a particle would move by {self.largest_displacement:g} spacings, more than {reach:g}")
+
+
+@dataclass(frozen=True)
+class StepWork:
+    """What the terms of the residual do when it is tested with displacements and pressures: see `step_work`.
+
+    Attributes:
+        viscous_dissipation: dt int 2 mu d : d [J, per metre of depth in 2-D, as all others].
+        viscous: work against the viscous stress.
+        geometry: work of pressure on the change of volume from the intermediate to the last positions.
+        stabilisation: loss by the stabilisation of pressure.
+        source: work of pressure on the prescribed growth.
+        walls: work of the walls' forces on the fluids.
+        wall_force: (d,) these forces together [N], on the fluids.
+    """
+
+    viscous_dissipation: float
+    viscous: float
+    geometry: float
+    stabilisation: float
+    source: float
+    walls: float
+    wall_force: Array
+
+
+class FlowProblem:
+    """Momentum and continuity of one step; unknowns are displacements [m] and pressures [Pa].
+
+    Args:
+        mesh: simplices on the positions at the step's start.
+        particles: the state there.
+        properties: of the elements.
+        scheme: generalized-alpha with the step's length.
+        body_force: (N, d) acceleration by gravity and the like [m/s^2], at the step's intermediate time.
+        stabilisation: c in tau = c dt^2.
+        workspace: what is used again from step to step.
+        walls: what walls that slip or move make of the step; None if all are fixed and no-slip.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        particles: Particles,
+        properties: ElementProperties,
+        scheme: GeneralizedAlpha,
+        body_force: Array,
+        stabilisation: float,
+        workspace: Workspace,
+        walls: WallStep | None = None,
+    ) -> None:
+        self.mesh, self.particles, self.scheme, self.properties = mesh, particles, scheme, properties
+        self.walls = walls
+        self.stabilisation = stabilisation
+        self.dimension = d = mesh.dimension
+        self.nodes, self.elements = len(mesh.position), len(mesh.cells)
+        self.size = self.nodes * (d + 1)
+        self.buffers = buffers = workspace.buffers
+        put = buffers.upload
+        self._topology = workspace.topology(mesh)
+        self._position, self._target = put("position", mesh.position), put("target", particles.target)
+        self._density = put("density", properties.density)
+        self._viscosity = put("viscosity", properties.viscosity)
+        self._source = put("source", properties.source)
+        velocity, acceleration = scheme.history(particles)
+        if walls is None:
+            held = particles.wall.nonzero()[0]
+            velocity[held] = acceleration[held] = 0.0
+        else:
+            velocity, acceleration = walls.histories(velocity, acceleration)
+        acceleration -= body_force
+        self._velocity, self._acceleration = put("velocity", velocity), put("acceleration", acceleration)
+        self._wall, self._relative = put("wall", particles.wall), acceleration
+        self._local = buffers.get("local", self.elements * (d + 1), d + 1)
+        self._record = buffers.get("record", self.elements, assembly.record_width(d))
+        self._scale = buffers.get("scale", self.size)
+        self._r = buffers.get("residual", self.size)
+        self._linearised = False
+        self._dx = buffers.get("correction", self.size)
+        fixed = particles.wall if walls is None else walls.fixed
+        free = mesh.surface or no_surface(len(mesh.position))
+        self._flight = parabola(particles.velocity, body_force, scheme.dt) if mesh.surface else None
+        # A tank that moves stands still in its own frame, and so does the grid; the Laplacian is the same there.
+        frame = mesh.position if walls is None else walls.frame
+        extremes = (properties.density.min(initial=np.inf), properties.density.max(initial=0.0))
+        self.system = LinearSystem(
+            self._topology,
+            mesh,
+            self._position,
+            (self._density, self._viscosity),
+            extremes,
+            (put("fixed", fixed | free.loose), put("pinned", free.pinned)),
+            self._scale,
+            scheme,
+            workspace.multigrid(frame, particles.spacing),
+            frame,
+            particles.spacing,
+            buffers,
+        )
+        self._walls = None if walls is None else WallRows(walls, d, self._scale, buffers)
+
+    def predict(self) -> Any:
+        """First iterate: constant acceleration and pressure, or no motion where that would invert an element."""
+        x = self.vector(self.scheme.predict(self.particles), self.particles.pressure)
+        if self.limits(x).smallest_jacobian < 0.3:
+            x = self.vector(np.zeros_like(self.mesh.position), self.particles.pressure)
+        return x
+
+    def vector(self, displacement: Array, pressure: Array) -> Any:
+        """Device vector of unknowns from (N, d) and (N,); wall particles are displaced as their walls want it."""
+        x = np.empty((self.nodes, self.dimension + 1))
+        moving = displacement if self.walls is None else self.walls.constrain(displacement)
+        x[:, :-1], x[:, -1] = moving, pressure
+        if self.walls is None:
+            x[self.particles.wall.nonzero()[0], :-1] = 0.0
+        if self._flight is not None and self.mesh.surface:
+            x[:, :-1], x[:, -1] = self.mesh.surface.constrain(x[:, :-1], pressure, self._flight)
+        return self.buffers.upload("unknowns", x.ravel())
+
+    def split(self, x: Any) -> tuple[Array, Array]:
+        """Displacements (N, d) and pressures (N,) of a device vector of unknowns."""
+        values = download(x, self.size).astype(np.float64, copy=False).reshape(self.nodes, self.dimension + 1)
+        return values[:, :-1].copy(), values[:, -1].copy()
+
+    def residual(self, x: Any) -> float:
+        """Evaluate the scaled residual at ``x`` and linearise; largest entry in spacings.
+
+        Every row is scaled to the length [m] by which it would move its particle.
+        """
+        s = self.scheme
+        self.buffers.launch(
+            assembly.residual,
+            *self._topology,
+            self._position,
+            self._velocity,
+            self._acceleration,
+            self._density,
+            self._viscosity,
+            self._source,
+            x,
+            self._scale,
+            self._record,
+            self._local,
+            self._r,
+            s.cm,
+            s.cv,
+            s.cf,
+            s.dt,
+            self.stabilisation,
+            self.elements,
+            self.nodes,
+            self.dimension,
+        )
+        if self._walls:
+            self._walls.residual(self._position, self._velocity, x, self._scale, self._r)
+        return fgmres.largest(self._r, self.size, self.buffers) / self.particles.spacing
+
+    def linearise(self) -> None:
+        """Gather the Jacobian at the last `residual`."""
+        self.system.gather(self._record)
+        self._linearised = True
+
+    def residual_vector(self) -> Array:
+        """The last scaled residual (N, d + 1) [m]."""
+        return download(self._r, self.size).astype(np.float64).reshape(self.nodes, -1)
+
+    def acceleration(self, displacement: Array) -> Array:
+        """a_alpha - b (N, d) [m/s^2] at displacements (N, d): what inertia and body forces together are made of."""
+        return self.scheme.cm * displacement + self._relative
+
+    def work(self, x: Any) -> StepWork:
+        """Work of each term at ``x``, where the last `residual` was; no `product` may come between."""
+        result = np.zeros(balance_kernels.WORKS + self.dimension)
+        parts = chunks()
+        self.buffers.launch(
+            balance_kernels.step_work,
+            *self._topology,
+            self._record,
+            self._source,
+            self._local,
+            self._wall,
+            x,
+            self.buffers.get("work", parts, len(result)),
+            result,
+            self.scheme.cf,
+            self.scheme.dt,
+            self.elements,
+            self.nodes,
+            parts,
+            spread(),
+            self.dimension,
+        )
+        viscous_dissipation, viscous, geometry, stabilisation, source, walls, *force = result.tolist()
+        return StepWork(viscous_dissipation, viscous, geometry, stabilisation, source, walls, np.array(force))
+
+    def product(self, v: Any, out: Any) -> None:
+        """out = K v, the derivative of the scaled residual at the last `linearise` along ``v``."""
+        self.system.product(v, out)
+        if self._walls:
+            self._walls.product(v, self._scale, out)
+
+    def precondition(self, r: Any, z: Any) -> None:
+        """z ~ K^-1 r, see `LinearSystem`."""
+        self.system.precondition(r, z)
+        if self._walls:
+            self._walls.project(z)
+
+    def correct(self, x: Any, tolerance: float) -> fgmres.KrylovResult:
+        """Solve K dx = -r, linearised at the last `residual`, by preconditioned FGMRES and add dx to ``x``.
+
+        A correction that need not be better than the change of K since the last one keeps that one's K.
+        """
+        if tolerance < KEEPS_JACOBIAN or not self._linearised:
+            self.linearise()
+        result = fgmres.fgmres(
+            self.product,
+            self.precondition,
+            self._r,
+            self._dx,
+            self.size,
+            tolerance=tolerance,
+            max_iterations=MAX_KRYLOV_ITERATIONS,
+            buffers=self.buffers,
+            iteration=None if self._walls else self.system.iteration,
+        )
+        self.buffers.launch(vector_kernels.add, self._dx, x, -1.0, self.size, alone(self.size, fgmres.ENTRY))
+        return result
+
+    def limits(self, x: Any) -> StepLimits:
+        """Smallest J_{n+1} and largest displacement of ``x``, relative to the tank's motion."""
+        result = np.array([1e30, 0.0, 0.0])
+        parts, single = chunks(), alone(self.elements, assembly.ELEMENT)
+        self.buffers.launch(
+            assembly.step_limits,
+            self._topology[0],
+            self._position,
+            self._target,
+            x,
+            self.buffers.get("limits", parts, 3),
+            result,
+            self.elements,
+            self.nodes,
+            parts,
+            spread(single),
+            single,
+            self.dimension,
+        )
+        if self.walls is not None and self.walls.carried is not None:
+            way = ((self.split(x)[0] - self.walls.carried) ** 2).sum(axis=1)
+            result[1] = (way / self.particles.target**2).max()
+        return StepLimits(float(result[0]), float(np.sqrt(result[1])), result[2] == 0)
+
+
+MAX_KRYLOV_ITERATIONS = 80
+KEEPS_JACOBIAN = 3e-2  # linear tolerance from which on an iteration does without a new Jacobian

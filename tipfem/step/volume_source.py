@@ -1,0 +1,84 @@
+"""The source that gives each fluid back the volume that remeshing and relocation took from it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tipfem.mesh.mesh import Mesh
+from tipfem.typing import Array
+
+# Largest |s_f| of a step. A fluid of which next to nothing is left would otherwise be told to grow many
+# times over in one step, and the elements around it to shrink below zero.
+LARGEST_GROWTH = 0.05
+
+# Largest part of the missing volume that comes back in a step: where next to nothing is missing, and where CALM of a
+# fluid's volume or more is. Flips of edges at an interface move less than that, to and fro; a source that answers them
+# within a step or two makes the pressure jump with every one.
+SMALLEST_PART, LARGEST_PART = 0.1, 0.5
+CALM = 0.005
+
+
+class VolumeControl:
+    """Gives each fluid back what it lost, smoothly: jumps of the source would be jumps of the pressure.
+
+    A remeshing changes volumes by jumps, back and forth. What counts as missing therefore follows the measured
+    loss with a delay of 1 / (4 rate): with the source, a critically damped loop that forgets a loss at 2 rate.
+    Where steps are long for the rate, the loop takes ten of them for as long as little is missing, see `part`.
+
+    Args:
+        wanted: (F,) volume that each fluid should have [m^2, or m^3 in 3-D].
+        rate: part of the missing volume that comes back per time [1/s].
+        balanced: whether walls surround the fluids; see `volume_source`.
+    """
+
+    def __init__(self, wanted: Array, rate: float, *, balanced: bool = True) -> None:
+        self.wanted, self.rate, self.balanced = wanted, rate, balanced
+        self.missing = np.zeros(len(wanted))
+
+    def part(self, dt: float) -> float:
+        """Part of what counts as missing that comes back in a step of length ``dt`` [s]."""
+        error = np.divide(np.abs(self.missing), self.wanted, out=np.zeros(len(self.wanted)), where=self.wanted > 0)
+        urgent = min(float(error.max()) / CALM, 1.0)
+        return min(self.rate * dt, SMALLEST_PART + urgent * (LARGEST_PART - SMALLEST_PART))
+
+    def observe(self, volume: Array, dt: float) -> None:
+        """Take note of the volumes (F,) after a step of length ``dt`` [s]."""
+        self.missing += (1 - math.exp(-4 * self.part(dt))) * (self.wanted - volume - self.missing)
+
+    def source(self, mesh: Mesh, fraction: Array | None, dt: float) -> Array:
+        """Growth s (M,) of the elements in a step of length ``dt`` [s]; see `volume_source`. None without fractions."""
+        if self.rate == 0.0 or fraction is None:
+            return np.zeros(len(mesh.cells))
+        wanted = mesh.measure @ fraction + self.missing
+        return volume_source(mesh, fraction, wanted, self.part(dt), balanced=self.balanced)
+
+
+def volume_source(mesh: Mesh, fraction: Array, initial_volume: Array, part: float, *, balanced: bool = True) -> Array:
+    """Growth s of each element in the constraint J = 1 + s.
+
+    s_f = part (V0_f - V_f) / V_f with one part for all fluids: in a closed tank, where what one fluid
+    lost the others gained, the elements' total growth is zero. Where an |s_f| would exceed 0.05, the
+    part is reduced, again for all fluids alike.
+
+    Args:
+        mesh: M elements.
+        fraction: (M, F) part of each element that each fluid fills.
+        initial_volume: (F,) volume that each fluid should have [m^2, or m^3 in 3-D].
+        part: of the missing volume that is to come back in this step.
+        balanced: whether the total growth must be zero; not with a free surface, which gives way.
+
+    Returns:
+        (M,) relative growth of each element; if balanced, the total growth, weighted by measure, is zero.
+    """
+    volume = mesh.measure @ fraction
+    missing = np.divide(initial_volume - volume, volume, out=np.zeros(len(volume)), where=volume > 0)
+    largest = part * float(np.abs(missing).max())
+    if largest > LARGEST_GROWTH:
+        part *= LARGEST_GROWTH / largest
+    growth = part * fraction @ missing
+    if not balanced:
+        return np.asarray(growth)
+    # A fluid that has vanished from the mesh cannot take part; the total must still be zero.
+    return growth - float(growth @ mesh.measure) / float(mesh.measure.sum())

@@ -1,0 +1,5 @@
+"""Types of arrays."""
+
+import numpy as np
+
+Array = np.ndarray

@@ -1,0 +1,1 @@
+"""Walls that slip, slide or move, in a time step."""

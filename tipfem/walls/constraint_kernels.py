@@ -1,0 +1,160 @@
+"""Kernels of walls: projection of constrained unknowns, and friction along walls that slip.
+
+They work on what `tipfem.fem.residual` and `tipfem.fem.schur` have computed, for the few particles concerned; vectors
+of unknowns are laid out as there. The projector P = I - N^+ N of a wall particle (with its walls' normals in the rows
+of N) applies to its momentum rows and to its displacement.
+"""
+
+import taichi as ti
+
+from tipfem.fem.element import row
+from tipfem.fem.residual import unknown
+
+
+def face_record_width(dim: int) -> int:
+    """Entries of a face's linearisation, see `slip_residual`."""
+    return 1 + 2 * dim * dim
+
+
+@ti.func
+def face_measure(side, n):
+    """Length of an edge, or area of a triangle, spanned by the rows of ``side`` (d - 1, d), with a normal n."""
+    result = 0.0
+    if ti.static(n.n == 2):
+        result = n[0] * side[0, 1] - n[1] * side[0, 0]
+    else:
+        one = ti.Vector([side[0, k] for k in ti.static(range(3))])
+        two = ti.Vector([side[1, k] for k in ti.static(range(3))])
+        result = 0.5 * n.dot(one.cross(two))
+    return result
+
+
+@ti.func
+def measure_change(side, change, n):
+    """Derivative of `face_measure` along a change (d - 1, d) of ``side``."""
+    result = 0.0
+    if ti.static(n.n == 2):
+        result = face_measure(change, n)
+    else:
+        for a in ti.static(range(2)):
+            mixed = side
+            for k in ti.static(range(3)):
+                mixed[a, k] = change[a, k]
+            result += face_measure(mixed, n)
+    return result
+
+
+@ti.kernel
+def project(
+    index: ti.types.ndarray(), projector: ti.types.ndarray(), x: ti.types.ndarray(), count: ti.i32, dim: ti.template()
+):
+    """x_i = P_i x_i for the displacements of ``count`` particles; projector (count, d * d)."""
+    for s in range(count):
+        i = index[s]
+        u = unknown(x, i, dim)
+        for k in ti.static(range(dim)):
+            total = 0.0
+            for j in ti.static(range(dim)):
+                total += projector[s, k * dim + j] * u[j]
+            x[i * (dim + 1) + k] = total
+
+
+@ti.kernel
+def slip_scale(
+    index: ti.types.ndarray(),
+    friction: ti.types.ndarray(),
+    scale: ti.types.ndarray(),
+    count: ti.i32,
+    dim: ti.template(),
+):
+    """One scale for all momentum rows of a sliding particle, so that scaling commutes with the projection.
+
+    friction (count,) is what the wall adds to diag(A).
+    """
+    for s in range(count):
+        i = index[s]
+        diagonal = friction[s]
+        if scale[i * (dim + 1)] > 0.0:  # not of particles in no element
+            for k in ti.static(range(dim)):
+                diagonal += 1.0 / (dim * scale[i * (dim + 1) + k])
+            for k in ti.static(range(dim)):
+                scale[i * (dim + 1) + k] = 1.0 / diagonal
+
+
+@ti.kernel
+def slip_residual(
+    faces: ti.types.ndarray(),
+    coefficient: ti.types.ndarray(),
+    normal: ti.types.ndarray(),
+    wall_velocity: ti.types.ndarray(),
+    position: ti.types.ndarray(),
+    velocity: ti.types.ndarray(),
+    x: ti.types.ndarray(),
+    scale: ti.types.ndarray(),
+    record: ti.types.ndarray(),
+    out: ti.types.ndarray(),
+    cv: float,
+    cf: float,
+    count: ti.i32,
+    dim: ti.template(),
+):
+    """Add Navier's friction to the scaled residual: node a of a face gets A / d mu / l (v_alpha,a - v_wall,a).
+
+    A is the face's measure at the intermediate positions; the sum over nodes instead of an integral keeps
+    friction on the diagonal, however short the slip length. faces (F, d); coefficient mu / l (F,); normal (F, d);
+    wall_velocity (F, d * d). The normal part of it falls to the projection. Serial: nodes share faces.
+    """
+    ti.loop_config(serialize=True)
+    for f in range(count):
+        n = row(normal, f, dim)
+        first = row(position, faces[f, 0], dim) + cf * unknown(x, faces[f, 0], dim)
+        side = ti.Matrix.zero(float, dim - 1, dim)
+        for a in ti.static(range(1, dim)):
+            corner = row(position, faces[f, a], dim) + cf * unknown(x, faces[f, a], dim)
+            for k in ti.static(range(dim)):
+                side[a - 1, k] = corner[k] - first[k]
+                record[f, 1 + dim * dim + (a - 1) * dim + k] = side[a - 1, k]
+        measure = face_measure(side, n)
+        record[f, 0] = measure
+        for a in ti.static(range(dim)):
+            i = faces[f, a]
+            for k in ti.static(range(dim)):
+                slip = cv * x[i * (dim + 1) + k] + velocity[i, k] - wall_velocity[f, a * dim + k]
+                record[f, 1 + a * dim + k] = slip
+                r = i * (dim + 1) + k
+                out[r] += scale[r] * measure / dim * coefficient[f] * slip
+
+
+@ti.kernel
+def slip_product(
+    faces: ti.types.ndarray(),
+    coefficient: ti.types.ndarray(),
+    normal: ti.types.ndarray(),
+    record: ti.types.ndarray(),
+    scale: ti.types.ndarray(),
+    x: ti.types.ndarray(),
+    out: ti.types.ndarray(),
+    cv: float,
+    cf: float,
+    count: ti.i32,
+    dim: ti.template(),
+):
+    """Add the derivative of `slip_residual` along ``x``, from the faces' linearisation."""
+    ti.loop_config(serialize=True)
+    for f in range(count):
+        n = row(normal, f, dim)
+        first = unknown(x, faces[f, 0], dim)
+        side = ti.Matrix.zero(float, dim - 1, dim)
+        change = ti.Matrix.zero(float, dim - 1, dim)
+        for a in ti.static(range(1, dim)):
+            corner = unknown(x, faces[f, a], dim)
+            for k in ti.static(range(dim)):
+                side[a - 1, k] = record[f, 1 + dim * dim + (a - 1) * dim + k]
+                change[a - 1, k] = cf * (corner[k] - first[k])
+        growth = measure_change(side, change, n)
+        for a in ti.static(range(dim)):
+            i = faces[f, a]
+            for k in ti.static(range(dim)):
+                r = i * (dim + 1) + k
+                force = growth * record[f, 1 + a * dim + k] + record[f, 0] * cv * x[r]
+                out[r] += scale[r] * force / dim * coefficient[f]

@@ -1,0 +1,84 @@
+"""Constraints and friction of walls that slip, as the linear algebra of a step sees them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tipfem.backend.runtime import Buffers
+from tipfem.walls import constraint_kernels
+from tipfem.walls.step import WallStep
+
+
+class WallRows:
+    """Constraints and friction of walls that slip, on the device; see `tipfem.walls.constraint_kernels`.
+
+    Args:
+        walls: of the step.
+        dimension: d.
+        scale: of the rows, which friction and projection change.
+        buffers: where the arrays live.
+    """
+
+    def __init__(self, walls: WallStep, dimension: int, scale: Any, buffers: Buffers) -> None:
+        self._count, self._dimension, self._scheme = len(walls.sliding), dimension, walls.scheme
+        self._faces = 0
+        if not self._count:
+            return
+        put, faces = buffers.upload, walls.faces
+        self._index = put("walls.index", walls.sliding)
+        self._rows, self._columns = put("walls.rows", walls.rows), put("walls.columns", walls.columns)
+        friction = np.zeros(self._count) if faces is None else faces.friction
+        constraint_kernels.slip_scale(self._index, put("walls.friction", friction), scale, self._count, dimension)
+        if faces is not None:
+            self._faces = len(faces.nodes)
+            self._nodes, self._coefficient = put("walls.nodes", faces.nodes), put("walls.mu", faces.coefficient)
+            self._normal, self._velocity = put("walls.normal", faces.normal), put("walls.v", faces.wall_velocity)
+            self._record = buffers.get("walls.record", self._faces, constraint_kernels.face_record_width(dimension))
+
+    def residual(self, position: Any, velocity: Any, x: Any, scale: Any, out: Any) -> None:
+        """Add friction at ``x`` to the scaled residual ``out``, and project its momentum rows."""
+        if self._faces:
+            constraint_kernels.slip_residual(
+                self._nodes,
+                self._coefficient,
+                self._normal,
+                self._velocity,
+                position,
+                velocity,
+                x,
+                scale,
+                self._record,
+                out,
+                self._scheme.cv,
+                self._scheme.cf,
+                self._faces,
+                self._dimension,
+            )
+        if self._count:
+            constraint_kernels.project(self._index, self._rows, out, self._count, self._dimension)
+
+    def product(self, v: Any, scale: Any, out: Any) -> None:
+        """The same for the derivative along ``v``."""
+        if self._faces:
+            constraint_kernels.slip_product(
+                self._nodes,
+                self._coefficient,
+                self._normal,
+                self._record,
+                scale,
+                v,
+                out,
+                self._scheme.cv,
+                self._scheme.cf,
+                self._faces,
+                self._dimension,
+            )
+        if self._count:
+            constraint_kernels.project(self._index, self._rows, out, self._count, self._dimension)
+
+    def project(self, z: Any) -> None:
+        """Project the displacements of a correction."""
+        if self._count:
+            constraint_kernels.project(self._index, self._columns, z, self._count, self._dimension)

@@ -1,0 +1,85 @@
+"""WallMotion: how fast the walls are at one moment, where their particles stand."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tipfem.case.boundary import Boundary
+from tipfem.case.particles import Particles
+from tipfem.typing import Array
+
+
+class WallMotion:
+    """Velocities and accelerations that the walls prescribe at a time.
+
+    They are the derivatives of the prescribed functions, not what generalized-alpha makes of
+    displacements, which would ring.
+
+    Args:
+        boundary: of the case.
+        time: [s].
+        step: of the finite differences [s].
+
+    Attributes:
+        pose: where the tank is.
+        displacement: (S,) of the sides along their normals [m].
+        free: (W, d, d) projectors on the directions in which the wall particles slide, in space.
+        sliding: (W, d) velocity of walls that slide along themselves, in the tank's frame [m/s].
+
+    Raises:
+        ValueError: a function of time gives what it must not.
+    """
+
+    def __init__(self, boundary: Boundary, time: float, step: float) -> None:
+        self._boundary = b = boundary
+        self.pose = b.pose(time, step)
+        self.displacement, *speeds = b.displacements(time, step)
+        self._own, own_rate = b.sliding_velocities(time, step)
+        self.sliding = self._own[b.sliding]
+        turn = self.pose.turn
+        self.free = turn @ b.free @ turn.T
+        across, across_rate = (np.einsum("wik,wk->wi", b.inverse, speed[b.side]) for speed in speeds)
+        self._relative = (across + self.sliding) @ turn.T
+        self._relative_rate = (across_rate + own_rate[b.sliding]) @ turn.T
+
+    def place(self, y: Array) -> Array:
+        """Places (W, d) [m] of the wall particles that are at y (W, d) in the tank at t = 0, or slide from there."""
+        return self.pose.place(self._boundary.held(y, self.displacement))
+
+    def held(self, values: Array) -> Array:
+        """The parts of vectors (W, d) in the directions that the walls hold."""
+        return values - np.einsum("wij,wj->wi", self.free, values)
+
+    def slid(self, values: Array) -> Array:
+        """The parts of vectors (W, d) along the walls that slip."""
+        return np.einsum("wij,wj->wi", self.free, values)
+
+    def rates(self, x: Array, velocity: Array) -> tuple[Array, Array]:
+        """Velocity and acceleration (W, d) of the walls at x (W, d).
+
+        velocity (W, d) is the particles' own: what slides along a wall that turns is accelerated by Coriolis.
+        """
+        rigid = self.pose.rigid_velocity(x)
+        v = rigid + self._relative
+        relative = self.slid(velocity) + self.held(v) - rigid
+        coriolis = 2 * relative @ self.pose.spin.T
+        return v, self.pose.rigid_acceleration(x) + self._relative_rate + coriolis
+
+    def along(self, wall: int, x: Array) -> Array:
+        """Velocity (K, d) at x (K, d) of a wall along itself, by its number."""
+        return self.pose.rigid_velocity(x) + self.pose.turn @ self._own[wall]
+
+    def impose(self, particles: Particles) -> None:
+        """Set what the walls prescribe of the velocities and accelerations of their particles, in place."""
+        index = self._boundary.index
+        v, a = particles.velocity[index], particles.acceleration[index]
+        v_wall, a_wall = self.rates(particles.position[index], v)
+        particles.velocity[index] = v + self.held(v_wall - v)
+        particles.acceleration[index] = a + self.held(a_wall - a)
+
+
+def set_off(boundary: Boundary, particles: Particles, step: float) -> Particles:
+    """The initial state, with the walls' own motion at t = 0; ``step`` [s] is that of its finite differences."""
+    if boundary.active:
+        WallMotion(boundary, 0.0, step).impose(particles)
+    return particles
