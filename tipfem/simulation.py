@@ -29,6 +29,7 @@ from tipfem.remesh.remeshers import Remeshed, remesher_for
 from tipfem.step.budget import Budget, lumped
 from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
 from tipfem.step.volume_source import VolumeControl
+from tipfem.timers import Timings, timer
 from tipfem.typing import Array
 from tipfem.walls.motion import set_off
 from tipfem.walls.step import WallStep, walls_in_step
@@ -53,6 +54,7 @@ class Simulation:
         particles: the present state; position, velocity, pressure, fluid, wall are NumPy arrays.
         mesh: simplices on the present positions.
         history: one dict a step, as in history.csv.
+        timings: wall-clock seconds by part of a step; see `tipfem.timers`.
 
     Raises:
         ValueError: an argument is out of range, or ``out`` cannot be written to.
@@ -83,6 +85,7 @@ class Simulation:
         self.columns = own_columns(columns or {})
         self.time, self.step_number = 0.0, 0
         self.history: list[dict[str, float]] = []
+        self.timings = Timings()
         self.interface = INTERFACES[case.interface]()
         frequency = case.natural_frequency()
         largest = time_step or (0.05 / frequency if frequency else 1e-3)
@@ -119,12 +122,17 @@ class Simulation:
         """
         if not until > self.time:
             raise ValueError(f"step: until is {until!r} s; it must be later than the present {self.time:g} s")
+        with self.timings.active(), timer("step"):
+            self._step(until)
+
+    def _step(self, until: float) -> None:
         while True:
             pace = self.boundary.largest_pace(self.particles, self.time, self.control.current)
             dt = self.control.length(pace, until - self.time, lambda s: smallest_jacobian(self.mesh, self.particles, s))
             try:
                 moved, result = self._solve(dt)
-                remeshed = self.remesher.remesh(moved, self.mesh, self._walls)
+                with timer("remeshing"):
+                    remeshed = self.remesher.remesh(moved, self.mesh, self._walls)
                 self._take(remeshed, self._nodal_density)
                 break
             except (StepRefused, TriangulationError, FloatingPointError) as reason:
@@ -179,6 +187,7 @@ class Simulation:
                     self._write_fields()
                 self.write_summary({"status": status})
 
+    @timer("solve")
     def _solve(self, dt: float) -> tuple[Particles, NewtonResult]:
         """The state after a step of length ``dt``, before relocation.
 
@@ -216,9 +225,11 @@ class Simulation:
         after = scheme.advance(before, displacement, pressure)
         after = self._walls.finish(before, displacement, after) if self._walls else after
         after = self.mesh.surface.landed(before, after, force, dt) if self.mesh.surface else after
-        self.budget.solved(problem, result.solution, displacement, after, force)
+        with timer("budget"):
+            self.budget.solved(problem, result.solution, displacement, after, force)
         return after, result
 
+    @timer("state")
     def _take(self, remeshed: Remeshed, before: Array | None = None) -> None:
         """Make particles on a new mesh the present state; before (N,) is the density around each on the old mesh."""
         particles, mesh, relocated, _number, renumbered = remeshed
@@ -269,6 +280,7 @@ class Simulation:
             }
         )
 
+    @timer("history")
     def _record(self, dt: float, result: NewtonResult, relocated: int) -> None:
         """Add the step to the history, in memory and on disk."""
         row: dict[str, float] = {
@@ -302,4 +314,5 @@ class Simulation:
             self._outputs = math.floor(self.time / self.output_interval + 1e-9) + 1
         if self.results:
             density = np.array([f.density for f in self.case.fluids])[self.particles.fluid]
-            self.results.write_fields(self.step_number, self.time, self.mesh, self.particles, density)
+            with self.timings.active(), timer("output"):
+                self.results.write_fields(self.step_number, self.time, self.mesh, self.particles, density)

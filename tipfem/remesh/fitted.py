@@ -17,6 +17,7 @@ from tipfem.mesh.delaunay import TriangulationError
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh.triangulation import Triangulation
 from tipfem.remesh.volumes import restore
+from tipfem.timers import timer
 from tipfem.typing import Array
 
 # How far from a new particle others must be, in target spacings; less where there is no such place.
@@ -78,18 +79,23 @@ def repair(
     if (moved <= 0).any():
         raise TriangulationError("a triangle was inverted before it could be repaired")
     held = fixed.astype(bool)
-    t = Triangulation.of(particles, mesh, density, moved, rule.slack)
-    flips = t.make_delaunay(rule.slack, again=True)
+    with timer("flips"):
+        t = Triangulation.of(particles, mesh, density, moved, rule.slack)
+        flips = t.make_delaunay(rule.slack, again=True)
     sticks = held if slippery is None else held | (slippery > 0)
     way = particles.position - mesh.position
-    broken, taken = t.tidy(sticks, way, rule.reach, 0.35, LEAST, rule.film, SLIVER)
-    if taken:
-        flips += taken + t.make_delaunay(rule.slack, again=True)
-    relocated = _follow_targets(t, held, rule) if graded else _set_elsewhere(t, held, rule)
+    with timer("interface repair"):
+        broken, taken = t.tidy(sticks, way, rule.reach, 0.35, LEAST, rule.film, SLIVER)
+        if taken:
+            flips += taken + t.make_delaunay(rule.slack, again=True)
+    with timer("relocation"):
+        relocated = _follow_targets(t, held, rule) if graded else _set_elsewhere(t, held, rule)
     t.compact()
     new = Mesh(np.ascontiguousarray(t.state[:, :2]), t.cells, t.fluid)
     new.__dict__["across"] = t.across
-    position = restore(new.position, new, None, mesh, moved, relocated, total, 0.05 * particles.spacing, len(density))
+    limit = 0.05 * particles.spacing
+    with timer("volumes"):
+        position = restore(new.position, new, None, mesh, moved, relocated, total, limit, len(density))
     if not (flips or broken or relocated.any() or (position != particles.position).any()):
         return Repaired(particles, mesh.carried(particles.position), relocated)
     renumbered = None

@@ -20,6 +20,7 @@ from tipfem.remesh.fitted import hull_corners, particle_fluid, repair, with_flui
 from tipfem.remesh.relocation import relocate
 from tipfem.remesh.sizing import limit_growth
 from tipfem.remesh.triangulation import marks
+from tipfem.timers import timer
 from tipfem.typing import Array
 from tipfem.walls.step import WallStep
 
@@ -91,15 +92,17 @@ class DelaunayRemesher:
 
     def remesh(self, particles: Particles, mesh: Mesh, walls: WallStep | None) -> Remeshed:
         """See `Remesher.remesh`."""
-        state, moves = relocate(particles, mesh, self.rule)
-        state, of_walls = walls.space(state, mesh.surface) if walls else (state, 0)
+        with timer("relocation"):
+            state, moves = relocate(particles, mesh, self.rule)
+            state, of_walls = walls.space(state, mesh.surface) if walls else (state, 0)
         relocated, moved = (state.position != particles.position).any(axis=1), mesh.carried(particles.position)
-        if self.surface is not None:
-            new = self.surface.remesh(state, moved, relocated)
-        else:
-            found = repaired(mesh, moved.position, state.position, moves) if self.repairs else None
-            self.rebuilt += found is None
-            new = found or triangulate(state.position, state.wall, state.spacing)
+        with timer("triangulation"):
+            if self.surface is not None:
+                new = self.surface.remesh(state, moved, relocated)
+            else:
+                found = repaired(mesh, moved.position, state.position, moves) if self.repairs else None
+                self.rebuilt += found is None
+                new = found or triangulate(state.position, state.wall, state.spacing)
         return self._labelled(state, new, relocated, len(moves) + of_walls)
 
     def _labelled(self, particles: Particles, mesh: Mesh, relocated: Array, count: int) -> Remeshed:
@@ -174,7 +177,8 @@ class FittedRemesher:
             slippery = np.zeros(len(fixed), dtype=np.int32)
             slippery[boundary.index[boundary.slides]] = 1
         if self._grading:
-            particles = particles.changed(target=self._targets(particles, mesh, self._grading))
+            with timer("grading"):
+                particles = particles.changed(target=self._targets(particles, mesh, self._grading))
         state, mesh, relocated, renumbered = repair(
             particles,
             mesh,

@@ -16,6 +16,7 @@ from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg import fgmres, vector_kernels
 from tipfem.mesh.mesh import Mesh, no_surface, parabola
 from tipfem.step.linear_system import LinearSystem, Workspace
+from tipfem.timers import timer
 from tipfem.typing import Array
 from tipfem.walls.constraints import WallRows
 from tipfem.walls.step import WallStep
@@ -97,6 +98,7 @@ class FlowProblem:
         walls: what walls that slip or move make of the step; None if all are fixed and no-slip.
     """
 
+    @timer("set-up")
     def __init__(
         self,
         mesh: Mesh,
@@ -142,20 +144,21 @@ class FlowProblem:
         # A tank that moves stands still in its own frame, and so does the grid; the Laplacian is the same there.
         frame = mesh.position if walls is None else walls.frame
         extremes = (properties.density.min(initial=np.inf), properties.density.max(initial=0.0))
-        self.system = LinearSystem(
-            self._topology,
-            mesh,
-            self._position,
-            (self._density, self._viscosity),
-            extremes,
-            (put("fixed", fixed | free.loose), put("pinned", free.pinned)),
-            self._scale,
-            scheme,
-            workspace.multigrid(frame, particles.spacing),
-            frame,
-            particles.spacing,
-            buffers,
-        )
+        with timer("preconditioner"):
+            self.system = LinearSystem(
+                self._topology,
+                mesh,
+                self._position,
+                (self._density, self._viscosity),
+                extremes,
+                (put("fixed", fixed | free.loose), put("pinned", free.pinned)),
+                self._scale,
+                scheme,
+                workspace.multigrid(frame, particles.spacing),
+                frame,
+                particles.spacing,
+                buffers,
+            )
         self._walls = None if walls is None else WallRows(walls, d, self._scale, buffers)
 
     def predict(self) -> Any:
@@ -181,6 +184,7 @@ class FlowProblem:
         values = download(x, self.size).astype(np.float64, copy=False).reshape(self.nodes, self.dimension + 1)
         return values[:, :-1].copy(), values[:, -1].copy()
 
+    @timer("residual")
     def residual(self, x: Any) -> float:
         """Evaluate the scaled residual at ``x`` and linearise; largest entry in spacings.
 
@@ -214,6 +218,7 @@ class FlowProblem:
             self._walls.residual(self._position, self._velocity, x, self._scale, self._r)
         return fgmres.largest(self._r, self.size, self.buffers) / self.particles.spacing
 
+    @timer("jacobian")
     def linearise(self) -> None:
         """Gather the Jacobian at the last `residual`."""
         self.system.gather(self._record)
@@ -271,17 +276,18 @@ class FlowProblem:
         """
         if tolerance < KEEPS_JACOBIAN or not self._linearised:
             self.linearise()
-        result = fgmres.fgmres(
-            self.product,
-            self.precondition,
-            self._r,
-            self._dx,
-            self.size,
-            tolerance=tolerance,
-            max_iterations=MAX_KRYLOV_ITERATIONS,
-            buffers=self.buffers,
-            iteration=None if self._walls else self.system.iteration,
-        )
+        with timer("krylov"):
+            result = fgmres.fgmres(
+                self.product,
+                self.precondition,
+                self._r,
+                self._dx,
+                self.size,
+                tolerance=tolerance,
+                max_iterations=MAX_KRYLOV_ITERATIONS,
+                buffers=self.buffers,
+                iteration=None if self._walls else self.system.iteration,
+            )
         self.buffers.launch(vector_kernels.add, self._dx, x, -1.0, self.size, alone(self.size, fgmres.ENTRY))
         return result
 
