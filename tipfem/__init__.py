@@ -1,14 +1,22 @@
-"""tipfem: two immiscible incompressible fluids by the position-based Particle Finite Element Method."""
+"""tipfem: two immiscible incompressible fluids by the position-based Particle Finite Element Method.
 
-from tipfem.backend.runtime import init
-from tipfem.case.case import Case
-from tipfem.case.fluid import Fluid
-from tipfem.case.grading import Grading
-from tipfem.case.numerics import FittedRule, Numerics, RelocationRule, SurfaceRule
-from tipfem.case.particles import Particles
-from tipfem.case.tank import Tank, tank
-from tipfem.case.walls import Motion, Wall
-from tipfem.simulation import Simulation, SimulationError
+Names are imported when they are first used: reading a case file or a command's help needs no Taichi, whose import
+takes most of a second.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tipfem.backend.runtime import init
+    from tipfem.case.case import Case
+    from tipfem.case.fluid import Fluid
+    from tipfem.case.grading import Grading
+    from tipfem.case.numerics import FittedRule, Numerics, RelocationRule, SurfaceRule
+    from tipfem.case.particles import Particles
+    from tipfem.case.tank import Tank, tank
+    from tipfem.case.walls import Motion, Wall
+    from tipfem.simulation import Simulation, SimulationError
 
 __version__ = "0.1.0"
 
@@ -29,3 +37,34 @@ __all__ = [
     "init",
     "tank",
 ]
+
+_MODULES = {
+    "Case": "case.case",
+    "FittedRule": "case.numerics",
+    "Fluid": "case.fluid",
+    "Grading": "case.grading",
+    "Motion": "case.walls",
+    "Numerics": "case.numerics",
+    "Particles": "case.particles",
+    "RelocationRule": "case.numerics",
+    "Simulation": "simulation",
+    "SimulationError": "errors",
+    "SurfaceRule": "case.numerics",
+    "Tank": "case.tank",
+    "Wall": "case.walls",
+    "init": "backend.runtime",
+    "tank": "case.tank",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, imported now and kept."""
+    if name not in _MODULES:
+        raise AttributeError(f"module 'tipfem' has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(f"tipfem.{_MODULES[name]}"), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    """The public names, imported or not."""
+    return sorted({*globals(), *__all__})

@@ -45,6 +45,7 @@ class Case:
         tank_motion: rigid motion of all walls together, or None.
         grading: of the distance between particles, from the spacing at interfaces to more elsewhere; None for the same
             distance everywhere. With the sharp interface only.
+        tank: the tank that the particles were sampled from; None for particles given as arrays.
 
     Raises:
         ValueError: something does not fit together; the message names what, where and what would.
@@ -61,6 +62,7 @@ class Case:
     walls: Sequence[Wall] = ()
     tank_motion: Motion | None = None
     grading: Grading | None = None
+    tank: Tank | None = field(init=False, default=None, repr=False)
     # A tank knows what is at its walls; of other particles those off the walls say it.
     walls_have_fluids: bool = field(init=False, default=False, repr=False)
     # And where there is any fluid: a mask (K,) of positions (K, d).
@@ -97,7 +99,7 @@ class Case:
         if self.grading and self.interface != "sharp":
             raise ValueError(f"Case: with grading, interface must be 'sharp', in 2-D; it is {self.interface!r}")
         if isinstance(self.particles, Tank):
-            filled = self.particles
+            self.tank = filled = self.particles
             self.particles = filled.sample(
                 self.fluids, fitted=self.interface == "sharp", empty=self.free_surface, grading=self.grading
             )

@@ -22,13 +22,19 @@ SIDES = {name: (k // 2, k % 2 == 1) for k, name in enumerate(["left", "right", "
 
 
 @dataclass
-class _Region:
-    """A part of the tank: which fluid is in it, what the user called it, and which points belong to it."""
+class Region:
+    """A part of the tank: which fluid is in it, what the user called it, and which points belong to it.
+
+    Attributes:
+        given: the argument of `Tank.fill` that says what the part is, "box", "disc" or "where", with its value; empty
+            for the whole tank.
+    """
 
     fluid: Fluid
     part: str
     contains: Callable[[Array], Array]
     box: Array | None = None
+    given: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass
@@ -58,7 +64,7 @@ class Tank:
     spacing: float
     jitter: float = 0.0
     seed: int = 0
-    _regions: list[_Region] = field(default_factory=list, repr=False)
+    _regions: list[Region] = field(default_factory=list, repr=False)
     _walls: dict[str, dict[str, Any]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -112,7 +118,9 @@ class Tank:
             if (corners[1] <= 0).any() or (corners[0] >= size).any():
                 raise ValueError(f"fill {fluid.name!r}: box {box!r} lies outside the tank of {size.tolist()} m")
             corners = np.clip(corners, 0.0, size)
-            self._regions.append(_Region(fluid, f"box {box!r}", lambda x: _in_box(x, corners, size), corners))
+            self._regions.append(
+                Region(fluid, f"box {box!r}", lambda x: _in_box(x, corners, size), corners, {"box": box})
+            )
         elif disc is not None:
             given, radius = disc if isinstance(disc, Sequence) and len(disc) == 2 else (None, None)
             centre = numbers(given)
@@ -122,14 +130,19 @@ class Tank:
                     f"{len(size)} coordinates and a radius > 0"
                 )
             self._regions.append(
-                _Region(fluid, f"disc {disc!r}", lambda x: ((x - centre) ** 2).sum(axis=1) < radius**2)
+                Region(
+                    fluid,
+                    f"disc {disc!r}",
+                    lambda x: ((x - centre) ** 2).sum(axis=1) < radius**2,
+                    given={"disc": (centre, radius)},
+                )
             )
         elif where is not None:
             if not callable(where):
                 raise ValueError(f"fill {fluid.name!r}: where is {where!r}; it must be a function of positions")
-            self._regions.append(_Region(fluid, "where", where))
+            self._regions.append(Region(fluid, "where", where, given={"where": where}))
         else:
-            self._regions.append(_Region(fluid, "tank", lambda x: np.ones(len(x), dtype=bool)))
+            self._regions.append(Region(fluid, "tank", lambda x: np.ones(len(x), dtype=bool)))
         return self
 
     def wall(self, side: str, **what: Any) -> Tank:
@@ -156,6 +169,16 @@ class Tank:
         Wall(side, particles=[], **what)  # refuses bad values here
         self._walls[side] = what
         return self
+
+    @property
+    def regions(self) -> tuple[Region, ...]:
+        """What `fill` was told, in its order."""
+        return tuple(self._regions)
+
+    @property
+    def wall_options(self) -> dict[str, dict[str, Any]]:
+        """What `wall` was told, by the wall's name."""
+        return {name: dict(what) for name, what in self._walls.items()}
 
     def walls(self, particles: Particles) -> list[Wall]:
         """The walls described by `wall`, on the tank's own particles as `sample` gives them."""
@@ -256,7 +279,7 @@ class Tank:
                 )
         return [list(fluids).index(region.fluid) for region in self._regions]
 
-    def _mask(self, region: _Region, position: Array, wall: Array) -> Array:
+    def _mask(self, region: Region, position: Array, wall: Array) -> Array:
         """Mask (N,) of the lattice points in a region; see `sample` for errors."""
         inside = np.asarray(region.contains(position.copy()))  # a copy: a user's function may work in place
         if inside.shape != wall.shape or inside.dtype != bool:
