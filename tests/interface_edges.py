@@ -22,8 +22,8 @@ def interface_edges(mesh, fluid) -> np.ndarray:
     if mesh.fluid is None:
         i, j = mesh.edges.T
         return mesh.edges[fluid[i] != fluid[j]]
-    cell, corner = np.nonzero(mesh.across > np.arange(len(mesh.cells))[:, None])
-    other = mesh.across[cell, corner]
+    cell, corner = np.nonzero(mesh.neighbours > np.arange(len(mesh.cells))[:, None])
+    other = mesh.neighbours[cell, corner]
     between = mesh.fluid[cell] != mesh.fluid[other]
     cell, corner = cell[between], corner[between]
     return np.sort(np.stack([mesh.cells[cell, (corner + 1) % 3], mesh.cells[cell, (corner + 2) % 3]], axis=1), axis=1)

@@ -8,6 +8,7 @@ import meshio
 import numpy as np
 import numpy_twin as twin
 import pytest
+from mesh_twins import adjacency
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
@@ -66,7 +67,7 @@ def sound(simulation: tp.Simulation) -> None:
 
 def bodies(simulation: tp.Simulation) -> int:
     """Number of connected bodies of fluid, single particles not counted."""
-    offsets, columns = simulation.mesh.adjacency
+    offsets, columns = adjacency(simulation.mesh)
     n = len(simulation.particles)
     graph = sparse.csr_matrix((np.ones(len(columns)), columns, offsets), shape=(n, n))
     body = connected_components(graph, directed=False)[1]

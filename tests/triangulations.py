@@ -23,10 +23,12 @@ def of(position, cells, fluid=None, *, wall=None, density=None) -> Triangulation
     fluid = np.zeros(len(cells), dtype=np.int32) if fluid is None else np.array(fluid, dtype=np.int32)
     if wall is None:
         wall = np.zeros(len(position))
-        cell, i = np.nonzero(mesh.across < 0)
+        cell, i = np.nonzero(mesh.neighbours < 0)
         wall[cells[cell, (i + 1) % 3]] = wall[cells[cell, (i + 2) % 3]] = 1
     density = np.ones(fluid.max() + 1) if density is None else np.array(density, dtype=float)
-    t = Triangulation(state, cells.copy(), mesh.across.copy(), fluid, corner, np.array(wall, dtype=np.int32), density)
+    t = Triangulation(
+        state, cells.copy(), mesh.neighbours.copy(), fluid, corner, np.array(wall, dtype=np.int32), density
+    )
     t.state[:, 7] = masses(t)
     return t
 
@@ -72,7 +74,7 @@ def check(t: Triangulation, gone: int = 0) -> None:
     number = np.where(alive, np.cumsum(alive) - 1, -1)
     x = np.ascontiguousarray(t.state[:, :2])
     np.testing.assert_array_equal(
-        np.where(t.across[alive] >= 0, number[t.across[alive]], -1), Mesh(x, cells).across, "neighbours"
+        np.where(t.across[alive] >= 0, number[t.across[alive]], -1), Mesh(x, cells).neighbours, "neighbours"
     )
     assert (simplex_measure(x, cells) > 0).all()
     used = np.unique(cells)

@@ -127,7 +127,7 @@ class Simulation:
 
     def _step(self, until: float) -> None:
         while True:
-            pace = self.boundary.largest_pace(self.particles, self.time, self.control.current)
+            pace = self.boundary.speed_over_spacing(self.particles, self.time, self.control.current)
             dt = self.control.length(pace, until - self.time, lambda s: smallest_jacobian(self.mesh, self.particles, s))
             try:
                 moved, result = self._solve(dt)

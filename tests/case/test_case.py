@@ -212,7 +212,7 @@ def test_numbers_of_the_method_of_another_kind_are_refused():
     refusal(ValueError, lambda: tp.Numerics(relocation=0.6), "relocation is 0.6", "RelocationRule")
     refusal(ValueError, lambda: tp.Numerics(momentum_transfer="no"), "momentum_transfer is 'no'", "True or False")
     refusal(ValueError, lambda: tp.Numerics(fitting=0.6), "fitting is 0.6", "FittedRule")
-    refusal(ValueError, lambda: tp.FittedRule(close=2), "close is 2", "between 0.1 and 0.95")
+    refusal(ValueError, lambda: tp.FittedRule(too_close=2), "too_close is 2", "between 0.1 and 0.95")
 
 
 def test_acceleration_is_gravity_plus_the_body_force(case):

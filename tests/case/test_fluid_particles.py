@@ -153,7 +153,7 @@ def test_values_that_are_not_finite_are_refused_with_their_place(name, value):
 
 def test_a_changed_state_shares_what_is_not_changed():
     p, velocity = square(spacing=0.2), np.array([[3.0, 4.0], [0.0, 0.0], [-6.0, 8.0], [1.0, 1.0]])
-    q = p.changed(velocity=velocity)
+    q = p.shallow_copy(velocity=velocity)
     assert q.velocity is velocity
     assert q.position is p.position
     assert q.spacing == 0.2

@@ -176,7 +176,7 @@ def test_a_repair_creates_and_removes_by_the_targets(factor):
     particles.pressure = 3.0 - 2.0 * x[:, 0] + x[:, 1]
     count = len(particles)
     for _ in range(6):
-        particles = particles.changed(target=np.full(len(particles), 0.02 * factor))
+        particles = particles.shallow_copy(target=np.full(len(particles), 0.02 * factor))
         particles, mesh, _relocated, _renumbered = repair(
             particles, mesh, np.array([998.0, 1.2]), hull_corners(mesh), FittedRule(), graded=True
         )
@@ -186,7 +186,7 @@ def test_a_repair_creates_and_removes_by_the_targets(factor):
     else:
         assert 0.6 < len(particles) * factor**2 / count < 1.7
     x = particles.position
-    inner = marks(mesh.cells, mesh.across, mesh.fluid, len(x)) & 1 == 0
+    inner = marks(mesh.cells, mesh.neighbours, mesh.fluid, len(x)) & 1 == 0
     error = np.abs(particles.pressure - (3.0 - 2.0 * x[:, 0] + x[:, 1]))[inner]
     # What was set between two particles of the interface, which keeps its area but not its nodes, has their error.
     assert (error < 1e-9).mean() > 0.99

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mesh_twins import fluid_volumes
 
 import tipfem as tp
 from tipfem.mesh.delaunay import triangulate, wall_fluid
 from tipfem.mesh.interface import InterpolatedInterface
-from tipfem.mesh.probes import fluid_volumes
 
 NAN = float("nan")
 

@@ -34,7 +34,7 @@ def test_a_refined_state_is_the_same_flow_on_four_times_the_triangles(state):
         old = simplex_measure(state["position"], state["cells"])[state["fluid"] == fluid].sum()
         assert measure[finer["fluid"] == fluid].sum() == pytest.approx(old, rel=1e-12)
     mesh = Mesh(finer["position"], finer["cells"])
-    cell, i = np.nonzero(mesh.across < 0)
+    cell, i = np.nonzero(mesh.neighbours < 0)
     hull = np.unique([mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]])
     np.testing.assert_array_equal(np.flatnonzero(finer["wall"]), hull)
     number = {tuple(x): i for i, x in enumerate(finer["position"].tolist())}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy_twin as twin
 import pytest
+from mesh_twins import nodal_mass
 from test_element_residual import DIMENSIONS, HEAVY, LIGHT, SCHEMES, THICK, Setting
 
 import tipfem as tp
@@ -12,7 +13,6 @@ from tipfem.backend import runtime
 from tipfem.fem import work as balance_kernels
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import simplex_measure
-from tipfem.mesh.probes import nodal_mass
 from tipfem.step.budget import lumped
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mesh_twins import adjacency
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
@@ -53,7 +54,7 @@ def test_bubbles_are_the_smaller_components_of_the_light_fluid(fluids):
     buffers, n = Buffers(), len(particles)
     density = {"both": DENSITY, "water alone": DENSITY[[0, 0]], "glycerin and water": np.array([1261.0, 998.0])}[fluids]
     density = density[mesh.fluid]
-    offsets, columns = mesh.adjacency
+    offsets, columns = adjacency(mesh)
     put = buffers.upload
     matrix = (put("rows", offsets), put("columns", columns), put("values", np.ones(len(columns))))
     found = Bubbles(
@@ -78,7 +79,7 @@ def test_bubbles_are_the_smaller_components_of_the_light_fluid(fluids):
 def test_a_lift_makes_the_equations_of_each_bubble_hold_in_the_sum():
     particles, mesh = bubbly(0.02, grid_of_discs(6, 0.04))
     n, rng, buffers = len(particles), np.random.default_rng(5), Buffers()
-    offsets, columns = mesh.adjacency
+    offsets, columns = adjacency(mesh)
     matrix = sparse.csr_matrix((rng.uniform(-1, 0, len(columns)), columns, offsets), shape=(n, n))
     matrix = (matrix + matrix.T + 14 * sparse.identity(n)).tocsr()
     matrix.sort_indices()
@@ -107,7 +108,7 @@ def test_a_lift_makes_the_equations_of_each_bubble_hold_in_the_sum():
 def test_light_bubbles_cost_few_iterations(spacing):
     """26 bubbles of air three particles wide in water, first Newton system to 1e-6."""
     particles, mesh = bubbly(spacing, grid_of_discs(26, 1.6 * spacing))
-    assert len(np.unique(bodies(mesh.across, mesh.fluid))) == 28
+    assert len(np.unique(bodies(mesh.neighbours, mesh.fluid))) == 28
     nothing = np.zeros(len(mesh.cells))
     force = np.tile([0.0, -9.81], (len(particles), 1))
     problem = FlowProblem(

@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+from mesh_twins import adjacency
 from scipy.spatial import ConvexHull
 
 import tipfem as tp
@@ -167,13 +168,13 @@ def test_edges_incidence_and_adjacency_are_those_of_the_cells(dimension):
     assert sorted(mesh.edges.tolist()) == sorted(map(list, edges))
     if dimension == 2:
         again = Mesh(mesh.position, mesh.cells)
-        again.across  # noqa: B018  (known, it finds the edges faster)
+        again.neighbours  # noqa: B018  (known, it finds the edges faster)
         assert sorted(again.edges.tolist()) == sorted(map(list, edges))
     assert mesh.used.tolist() == [bool(at) for at in corners]
     offsets, flat = mesh.incidence
     assert len(offsets) == len(p) + 1
     assert [flat[a:b].tolist() for a, b in itertools.pairwise(offsets)] == corners
-    offsets, columns = mesh.adjacency
+    offsets, columns = adjacency(mesh)
     assert [columns[a:b].tolist() for a, b in itertools.pairwise(offsets)] == [sorted(s) for s in neighbours]
     assert len(columns) == offsets[-1]
 
@@ -227,15 +228,15 @@ def test_a_corner_that_meets_walls_alone_takes_the_fluid_of_the_closer_one():
     assert found.tolist() == [5, 5, 7, 5, 7, 5, 7, 7]
 
 
-def test_a_carried_mesh_is_remembered_for_its_positions():
+def test_a_moved_mesh_is_remembered_for_its_positions():
     mesh = mesh_of(cloud(2))
     moved = mesh.position + 1.0
-    carried = mesh.carried(moved)
-    assert mesh.carried(moved) is carried
+    carried = mesh.moved(moved)
+    assert mesh.moved(moved) is carried
     np.testing.assert_array_equal(carried.measure, mesh.moved(moved).measure)
-    other = mesh.carried(2.0 * mesh.position)
+    other = mesh.moved(2.0 * mesh.position)
     np.testing.assert_allclose(other.measure, 4.0 * mesh.measure, rtol=1e-10)
-    assert mesh.carried(moved) is not carried
+    assert mesh.moved(moved) is not carried
 
 
 def off_walls(cells: np.ndarray, wall: np.ndarray) -> list[list[int]]:
@@ -259,7 +260,7 @@ def test_qhull_without_its_precautions_gives_the_same_triangles(seed, monkeypatc
     np.testing.assert_allclose(measure, simplex_measure(x, cells) / p.spacing**2, rtol=1e-10)
     assert measure.sum() == pytest.approx(expected[1].sum(), rel=1e-12)
     mesh = Mesh(x, cells)
-    np.testing.assert_array_equal(beyond, mesh.across)
+    np.testing.assert_array_equal(beyond, mesh.neighbours)
 
 
 def test_qhull_takes_its_precautions_where_particles_are_on_circles():

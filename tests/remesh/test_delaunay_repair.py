@@ -22,7 +22,7 @@ def shaken(x, cells, rng, size):
 
 def hull_edges(x, cells):
     """Particles of the edges that have one triangle."""
-    cell, i = np.nonzero(Mesh(x, cells).across < 0)
+    cell, i = np.nonzero(Mesh(x, cells).neighbours < 0)
     return [cells[cell, (i + 1) % 3], cells[cell, (i + 2) % 3]]
 
 
@@ -30,7 +30,7 @@ def some_moves(x, cells, rng, most):
     """Particles off the hull, each with an inner edge between two that stay, no particle used twice; and new places."""
     hull = set(np.concatenate(hull_edges(x, cells)).tolist())
     mesh = Mesh(x, cells)
-    cell, i = np.nonzero(mesh.across > np.arange(len(cells))[:, None])
+    cell, i = np.nonzero(mesh.neighbours > np.arange(len(cells))[:, None])
     edges = np.stack([cells[cell, (i + 1) % 3], cells[cell, (i + 2) % 3]], axis=1)
     inner = [p for p in range(len(x)) if p not in hull]
     leaving = rng.permutation(inner)[: min(most, len(inner) // 4)]
@@ -52,7 +52,7 @@ def some_moves(x, cells, rng, most):
 def is_delaunay(mesh, x):
     """All that must hold, ties between Qhull's mesh and ours let pass."""
     t = of(x, mesh.cells)
-    np.testing.assert_array_equal(mesh.across, t.across)
+    np.testing.assert_array_equal(mesh.neighbours, t.across)
     assert (mesh.measure > 0).all()
     assert circle_test(x, inner_edges(t)).max(initial=-1.0) < 1e-12
     expected = delaunay(x)

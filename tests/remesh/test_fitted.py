@@ -67,7 +67,7 @@ def test_a_stirred_mesh_stays_a_mesh(kind, seed, keep):
         remeshed = remesher.remesh(after, mesh, None)
         particles, mesh = remeshed.particles, remeshed.mesh
         check(of(particles.position, mesh.cells, mesh.fluid))
-        np.testing.assert_array_equal(mesh.across, Mesh(mesh.position, mesh.cells).across)
+        np.testing.assert_array_equal(mesh.neighbours, Mesh(mesh.position, mesh.cells).neighbours)
         assert len(particles) == count
         np.testing.assert_array_equal(particles.position[fixed], corners)
         on_wall = ((particles.position == 0) | (particles.position == 1)).any(axis=1)
@@ -216,6 +216,6 @@ def test_a_body_that_cannot_move_costs_its_fluid_no_volume():
     assert (mesh.measure > 0).all()
     volume = np.bincount(fluid, weights=mesh.measure)
     wanted = volume + [-0.05, 0.05]
-    rule = fitting.FittedRule(film=0.0)
+    rule = fitting.FittedRule(thin_film=0.0)
     after = fitted.repair(particles, mesh, DENSITY, fitting.hull_corners(mesh), rule, total=wanted)[1]
     np.testing.assert_allclose(np.bincount(after.fluid, weights=after.measure), wanted, rtol=1e-10)

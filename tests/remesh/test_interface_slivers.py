@@ -59,7 +59,7 @@ def test_particles_on_a_long_edge_are_taken_into_it(above):
     corner = particles.position[mesh.cells]
     length = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2)
     assert (2 * mesh.measure / length.max(axis=1)).min() > 0.1
-    cell, i = np.nonzero(mesh.across >= 0)
-    between = mesh.fluid[cell] != mesh.fluid[mesh.across[cell, i]]
+    cell, i = np.nonzero(mesh.neighbours >= 0)
+    between = mesh.fluid[cell] != mesh.fluid[mesh.neighbours[cell, i]]
     ends = [particles.position[mesh.cells[cell, (i + k) % 3]][between] for k in (1, 2)]
     assert np.linalg.norm(ends[1] - ends[0], axis=1).max() <= 2.0

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mesh_twins import nodal_mass
 
 import tipfem as tp
 from tipfem.mesh.delaunay import triangulate
-from tipfem.mesh.probes import nodal_mass
 from tipfem.remesh.momentum_transfer import nodal_density, transfer_momentum
 
 

@@ -205,7 +205,7 @@ def test_walls_that_move_keep_their_particles_and_the_fluids_their_volumes(kind,
         swaps += int((particles.wall != mask).sum())
         mask = particles.wall.copy()
         np.testing.assert_array_equal(boundary.index, np.flatnonzero(particles.wall))
-        cell, i = np.nonzero(mesh.across < 0)
+        cell, i = np.nonzero(mesh.neighbours < 0)
         np.testing.assert_array_equal(np.unique(mesh.cells[cell, (i + 1) % 3]), boundary.index)
         y = in_tank(kind, particles.position, simulation.time)
         off = np.minimum(np.abs(y), np.abs(y - 1)).min(axis=1)

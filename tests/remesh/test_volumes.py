@@ -30,9 +30,9 @@ def test_bodies_are_those_of_a_flood_fill():
         mesh = Mesh(x, delaunay(x))
         for fluids in (1, 2, 4):
             fluid = np.random.default_rng(seed).integers(0, fluids, len(mesh.cells), dtype=np.int32)
-            body = bodies(mesh.across, fluid)
+            body = bodies(mesh.neighbours, fluid)
             found = [set(np.flatnonzero(body == k).tolist()) for k in range(body.max() + 1)]
-            assert sorted(map(sorted, found)) == sorted(map(sorted, flood(mesh.across, fluid)))
+            assert sorted(map(sorted, found)) == sorted(map(sorted, flood(mesh.neighbours, fluid)))
 
 
 def test_bodies_have_numbers_in_the_order_of_their_first_cells_and_are_found_once():
@@ -40,7 +40,7 @@ def test_bodies_have_numbers_in_the_order_of_their_first_cells_and_are_found_onc
     fluid = np.random.default_rng(3).integers(0, 3, len(delaunay(x)), dtype=np.int32)
     mesh = Mesh(x, delaunay(x), fluid)
     body = bodies_of(mesh)
-    np.testing.assert_array_equal(body, bodies(mesh.across, fluid))
+    np.testing.assert_array_equal(body, bodies(mesh.neighbours, fluid))
     first = [int(np.argmax(body == k)) for k in range(body.max() + 1)]
     assert first == sorted(first)
     assert bodies_of(mesh) is body
@@ -57,7 +57,7 @@ def strip(*fluid: int):
     """Cells, fluids and bodies where the squares have these fluids."""
     fluids = np.array(fluid, dtype=np.int32)[SQUARE]
     mesh = Mesh(np.stack([np.arange(10) % 5, np.arange(10) // 5], axis=1).astype(float), STRIP)
-    return STRIP, fluids, bodies(mesh.across, fluids)
+    return STRIP, fluids, bodies(mesh.neighbours, fluids)
 
 
 def handed_on(old, new, loss, moved):
@@ -79,7 +79,7 @@ def test_a_loss_stays_with_its_body():
     # The same cells in another order: bodies have other numbers then.
     turned = np.arange(8)[::-1]
     mesh = Mesh(np.stack([np.arange(10) % 5, np.arange(10) // 5], axis=1).astype(float), STRIP[turned])
-    new = (STRIP[turned], old[1][turned], bodies(mesh.across, old[1][turned]))
+    new = (STRIP[turned], old[1][turned], bodies(mesh.neighbours, old[1][turned]))
     np.testing.assert_allclose(handed_on(old, new, loss, STAYED)[new[2][turned]], loss[old[2]], rtol=1e-14)
 
 
@@ -179,8 +179,8 @@ def discs():
     fluid = np.zeros(len(middle), dtype=int)
     for centre, radius in (((0.25, 0.3), 0.15), ((0.7, 0.7), 0.2), ((1.0, 0.2), 0.17)):
         fluid[np.linalg.norm(middle - centre, axis=1) < radius] = 1
-    body = bodies(mesh.across, fluid)
-    edge, i = np.nonzero((mesh.across >= 0) & (fluid[mesh.across] != fluid[:, None]))
+    body = bodies(mesh.neighbours, fluid)
+    edge, i = np.nonzero((mesh.neighbours >= 0) & (fluid[mesh.neighbours] != fluid[:, None]))
     on = np.zeros(len(x), dtype=bool)
     on[mesh.cells[edge, (i + 1) % 3]] = True
     return x, mesh, body, on & inside

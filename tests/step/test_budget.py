@@ -8,10 +8,10 @@ import time
 import numpy as np
 import pytest
 from manufactured import PI, Vortex
+from mesh_twins import nodal_mass
 
 import tipfem as tp
 from tipfem.mesh.delaunay import TriangulationError
-from tipfem.mesh.probes import nodal_mass
 
 TIGHT = {"newton_tolerance": 1e-13, "acceleration_tolerance": 1e-12, "newton_iterations": 12}
 

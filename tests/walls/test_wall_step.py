@@ -167,7 +167,7 @@ def test_a_step_ends_exactly_on_walls_that_move(dimension):
     assert (np.abs(y @ b.side_normal.T - b.offset)[b.on_side] < 1e-14).all()
     slides = b.slides
     assert np.abs(y[slides] - pose.origin(setting.particles.position[index])[slides]).max() > 1e-3
-    normal = b.normal[slides, 0] @ pose.turn.T
+    normal = b.normal[slides, 0] @ pose.rotation.T
     relative = done.velocity - pose.rigid_velocity(done.position)
     assert abs((relative[walls.sliding] * normal).sum(axis=1)).max() < 1e-9
     assert abs(relative[walls.fixed]).max() < 1e-9
@@ -193,5 +193,5 @@ def test_what_slides_on_a_turning_wall_feels_coriolis_and_the_centripetal_accele
     state.velocity[place] = (path(t + e) - path(t - e)) / (2 * e)
     acceleration = (path(t + e) - 2 * path(t) + path(t - e)) / e**2
     walls.impose(state)
-    got = (state.acceleration[place] - acceleration) @ (pose.turn @ normal)
+    got = (state.acceleration[place] - acceleration) @ (pose.rotation @ normal)
     assert abs(got) < 1e-5 * np.linalg.norm(acceleration)

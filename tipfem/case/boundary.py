@@ -250,7 +250,7 @@ class Boundary:
         """Where the tank is at a time [s]; ``step`` [s] is that of the finite differences."""
         return Pose.still(self.dimension) if self.motion is None else self.motion.pose(time, step, self.dimension)
 
-    def largest_pace(self, particles: Particles, time: float, step: float) -> float:
+    def speed_over_spacing(self, particles: Particles, time: float, step: float) -> float:
         """Largest speed of a particle relative to the tank, in its target spacings [1/s], at a time [s]; see `pose`
         for ``step``.
         """

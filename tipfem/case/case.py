@@ -120,7 +120,7 @@ class Case:
         if self.grading:
             largest = self.grading.of_fluids([f.name for f in self.fluids], particles.spacing)
             inside = np.zeros(len(particles), dtype=bool)
-            self.grading.wishes(particles.position, particles.fluid, inside, largest, particles.spacing)
+            self.grading.sizing(particles.position, particles.fluid, inside, largest, particles.spacing)
         lowest = np.where(particles.wall & self.free_surface, -1, 0)  # -1: a wall where there is no fluid
         bad = (particles.fluid < lowest) | (particles.fluid >= len(self.fluids))
         if bad.any():

@@ -78,7 +78,7 @@ class Grading:
         others = np.inf if self.where and not self.largest else spacing
         return np.array([self.largest.get(name, others) for name in names], dtype=float)
 
-    def wishes(self, position: Array, fluid: Array, at_interface: Array, largest: Array, spacing: float) -> Array:
+    def sizing(self, position: Array, fluid: Array, at_interface: Array, largest: Array, spacing: float) -> Array:
         """(N,) targets if they could change from one particle to the next [m].
 
         Args:
@@ -130,7 +130,7 @@ def thinned(
         at_interface[one] |= differs
         at_interface[other] |= differs
     largest = grading.of_fluids([f.name for f in fluids], spacing)
-    wish = grading.wishes(position, fluid, at_interface.ravel(), largest, spacing)
+    wish = grading.sizing(position, fluid, at_interface.ravel(), largest, spacing)
     target = graded(position, wish, grading.growth)
     stride = STRIDES[np.searchsorted(STRIDES, ROUNDED * target / spacing, side="right") - 1].reshape(shape)
     row, column = (np.minimum(np.arange(n), np.arange(n)[::-1]) for n in shape)  # lines are counted from the next wall

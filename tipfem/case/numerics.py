@@ -98,43 +98,46 @@ class SurfaceRule:
 
 @dataclass(frozen=True)
 class FittedRule:
-    """When the triangulation is changed; all lengths in particle spacings.
+    """When the triangulation is changed with the sharp interface. All lengths in target spacings h.
+
+    "Interface" here includes walls: both are chains of edges that the triangulation keeps.
 
     Attributes:
-        close: particles inside a fluid closer than this to another crowd it, and one goes.
-        edge: the same for the distance to an edge of an interface or a wall.
-        chain: the same along interfaces and walls.
-        long: edges of interfaces and walls longer than this are split before any others.
-        spare: particles inside a fluid closer than this to another are taken where such edges are too many
-            for the particles that crowd others.
-        film: a film thinner than this breaks.
-        reach: how far an interface's end on a wall may be from the foot of the next particle on it.
-        slack: how far a particle may be inside a circumcircle before an edge is flipped; relative, see
-            `edge_operations.in_circle`. Not zero: a flip that gains nothing disturbs fluids at rest.
+        too_close: a particle inside a fluid closer than this to another is removed.
+        too_close_to_interface: the same for its distance to an edge of an interface or a wall.
+        too_close_along_interface: the same for the distance between neighbours along an interface or a wall.
+        long_edge: edges of interfaces and walls longer than this are split before any others.
+        removable: particles inside a fluid closer than this to another are removed too, if there are more long
+            edges to split than particles removed so far.
+        thin_film: a film thinner than this breaks.
+        contact_reach: how far a contact may slide along a wall in one repair, from the foot of the interface's
+            next particle on the wall.
+        flip_tolerance: how far a particle may be inside a circumcircle before an edge is flipped; relative, see
+            `edge_operations.in_circle`. Positive, because flips without a gain disturb fluids at rest.
 
     Raises:
-        ValueError: a number is out of range or none.
+        ValueError: a number is out of range, or not a number.
     """
 
-    close: float = 0.6
-    edge: float = 0.4
-    chain: float = 0.55
-    long: float = 1.5
-    spare: float = 0.75
-    film: float = 0.3
-    reach: float = 0.8
-    slack: float = 1e-3
+    too_close: float = 0.6
+    too_close_to_interface: float = 0.4
+    too_close_along_interface: float = 0.55
+    long_edge: float = 1.5
+    removable: float = 0.75
+    thin_film: float = 0.3
+    contact_reach: float = 0.8
+    flip_tolerance: float = 1e-3
 
     def __post_init__(self) -> None:
         for name, low, high in (
-            ("close", 0.1, 0.95),
-            ("edge", 0.05, 0.8),
-            ("chain", 0.1, 0.95),
-            ("long", 1.2, 5.0),
-            ("spare", 0.1, 0.95),
-            ("film", 0.0, 0.8),
-            ("reach", 0.0, 3.0),
-            ("slack", 0.0, 0.2),
+            ("too_close", 0.1, 0.95),
+            ("too_close_to_interface", 0.05, 0.8),
+            ("too_close_along_interface", 0.1, 0.95),
+            ("long_edge", 1.2, 5.0),
+            ("removable", 0.1, 0.95),
+            ("thin_film", 0.0, 0.8),
+            ("contact_reach", 0.0, 3.0),
+            ("flip_tolerance", 0.0, 0.2),
         ):
             value = getattr(self, name)
             if not (is_number(value) and low <= value <= high):

@@ -109,7 +109,7 @@ class Particles:
         new._own_arrays()
         return new
 
-    def changed(self, **changes: Any) -> Particles:
+    def shallow_copy(self, **changes: Any) -> Particles:
         """The state with ``changes`` in place of some of its arrays; it shares the others, and nothing is checked.
 
         For what a step computes by itself: `copy` is for everybody else.

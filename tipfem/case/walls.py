@@ -146,15 +146,15 @@ class Motion:
     def pose(self, time: float, step: float, dimension: int) -> Pose:
         """Where the tank is at a time [s], and how it moves; ``step`` [s] is that of the finite differences."""
         shift, velocity, acceleration = rates(lambda t: self._shift(t, dimension), time, step)
-        angle, speed, rise = (float(value) for value in rates(self._angle, time, step))
+        angle, rate, rate_change = (float(value) for value in rates(self._angle, time, step))
         pivot = np.zeros(dimension) if self.pivot is None else numbers(self.pivot)
         if dimension == 2:
             skew = np.array([[0.0, -1.0], [1.0, 0.0]])
         else:
             x, y, z = numbers(self.axis) / np.linalg.norm(self.axis)
             skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        turn = np.eye(dimension) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew  # Rodrigues
-        return Pose(pivot, pivot + shift, turn, speed * skew, rise * skew, velocity, acceleration)
+        rotation = np.eye(dimension) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew  # Rodrigues
+        return Pose(pivot, pivot + shift, rotation, rate * skew, rate_change * skew, velocity, acceleration)
 
     def _shift(self, time: float, dimension: int) -> Array:
         given = np.zeros(dimension) if self.translation is None else self.translation(time)
@@ -174,20 +174,23 @@ class Motion:
 
 @dataclass(frozen=True)
 class Pose:
-    """A rigid motion at one moment: x = centre + turn (y - pivot) for a point y of the tank as it stood at t = 0.
+    """A rigid motion at one time: x = centre + rotation (y - pivot) for a point y of the tank at t = 0.
 
     Attributes:
-        pivot, centre: (d,) the pivot at t = 0 and now [m].
-        turn: (d, d) rotation.
-        spin, spin_rate: (d, d) skew W of the angular velocity [1/s] and acceleration [1/s^2].
-        velocity, acceleration: (d,) of the pivot.
+        pivot: (d,) the pivot at t = 0 [m].
+        centre: (d,) the pivot at this time [m].
+        rotation: (d, d) orthogonal matrix.
+        angular_velocity: (d, d) skew-symmetric matrix W of w x r = W r [1/s].
+        angular_acceleration: (d, d) skew-symmetric matrix, the time derivative of ``angular_velocity`` [1/s^2].
+        velocity: (d,) of the pivot [m/s].
+        acceleration: (d,) of the pivot [m/s^2].
     """
 
     pivot: Array
     centre: Array
-    turn: Array
-    spin: Array
-    spin_rate: Array
+    rotation: Array
+    angular_velocity: Array
+    angular_acceleration: Array
     velocity: Array
     acceleration: Array
 
@@ -199,19 +202,20 @@ class Pose:
 
     def place(self, y: Array) -> Array:
         """Places x (K, d) of the tank's points ``y`` (K, d)."""
-        return self.centre + (y - self.pivot) @ self.turn.T
+        return self.centre + (y - self.pivot) @ self.rotation.T
 
     def origin(self, x: Array) -> Array:
         """The tank's points y (K, d) that are at ``x`` (K, d)."""
-        return self.pivot + (x - self.centre) @ self.turn
+        return self.pivot + (x - self.centre) @ self.rotation
 
     def rigid_velocity(self, x: Array) -> Array:
         """Velocity (K, d) of the tank's points at ``x`` (K, d)."""
-        return self.velocity + (x - self.centre) @ self.spin.T
+        return self.velocity + (x - self.centre) @ self.angular_velocity.T
 
     def rigid_acceleration(self, x: Array) -> Array:
         """Acceleration (K, d) of the tank's points at ``x`` (K, d)."""
-        return self.acceleration + (x - self.centre) @ (self.spin_rate + self.spin @ self.spin).T
+        w = self.angular_velocity
+        return self.acceleration + (x - self.centre) @ (self.angular_acceleration + w @ w).T
 
 
 def rates(function: Callable[[float], Array], time: float, step: float) -> tuple[Array, Array, Array]:

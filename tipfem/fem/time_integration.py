@@ -112,7 +112,7 @@ class GeneralizedAlpha:
         fixed = particles.wall.nonzero()[0]
         a_next[fixed] = 0.0
         v_next[fixed] = 0.0
-        return particles.changed(
+        return particles.shallow_copy(
             position=particles.position + u, velocity=v_next, acceleration=a_next, pressure=pressure
         )
 

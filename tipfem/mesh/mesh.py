@@ -93,25 +93,23 @@ class Mesh:
         return simplex_measure(self.position, self.cells)
 
     def moved(self, position: Array) -> Mesh:
-        """The same simplices at other positions (N, d); shares what depends on the connectivity alone."""
-        mesh = Mesh(position, self.cells, self.fluid, self.surface)
-        for name in ("edges", "used", "incidence", "adjacency", "across", "bodies", "bodies_at", "marks"):
-            if name in self.__dict__:
-                mesh.__dict__[name] = self.__dict__[name]
-        return mesh
+        """The same simplices at other positions (N, d) [m]; shares what depends on the connectivity alone.
 
-    def carried(self, position: Array) -> Mesh:
-        """The same as `moved`, remembered until it is asked for with another array; this one must not change."""
-        last = self.__dict__.get("_carried")
+        The last result is kept and returned again for the same array, which must not be changed in between.
+        """
+        last = self.__dict__.get("_moved")
         if last is None or last.position is not position:
-            last = self.__dict__["_carried"] = self.moved(position)
+            last = self.__dict__["_moved"] = Mesh(position, self.cells, self.fluid, self.surface)
+            for name in ("edges", "used", "incidence", "neighbours", "bodies", "bodies_at", "marks"):
+                if name in self.__dict__:
+                    last.__dict__[name] = self.__dict__[name]
         return last
 
     @cached_property
     def edges(self) -> Array:
         """(E, 2) particles at the ends of each edge, lower index first; in no particular order."""
-        if "across" in self.__dict__:  # each edge once, from the cell of the higher number
-            cell, i = np.nonzero(self.across < np.arange(len(self.cells))[:, None])
+        if "neighbours" in self.__dict__:  # each edge once, from the cell of the higher number
+            cell, i = np.nonzero(self.neighbours < np.arange(len(self.cells))[:, None])
             one, other = self.cells[cell, (i + 1) % 3], self.cells[cell, (i + 2) % 3]
             return np.stack([np.minimum(one, other), np.maximum(one, other)], axis=1)
         n, corner = len(self.position), np.ascontiguousarray(self.cells.T)
@@ -132,8 +130,8 @@ class Mesh:
         return mask
 
     @cached_property
-    def across(self) -> Array:
-        """(M, 3) the triangle beyond the edge opposite each corner, -1 beyond the hull, int32; in 2-D only."""
+    def neighbours(self) -> Array:
+        """(M, 3) the triangle across the edge opposite each corner, -1 at the boundary, int32; in 2-D only."""
         start, end = self.cells[:, [1, 2, 0]].ravel().astype(np.int64), self.cells[:, [2, 0, 1]].ravel()
         count = len(self.position)
         one, other = start * count + end, end * np.int64(count) + start
@@ -148,16 +146,6 @@ class Mesh:
         number, starts = np.arange(m * corners, dtype=np.int32), np.arange(0, m * corners + 1, corners, dtype=np.int32)
         columns = sparse.csr_matrix((number, self.cells.ravel(), starts), shape=(m, n)).tocsc()
         return columns.indptr.astype(np.int32, copy=False), columns.data
-
-    @cached_property
-    def adjacency(self) -> tuple[Array, Array]:
-        """Particles that share a simplex with each particle, itself included, in CSR (offsets, columns)."""
-        n, (m, corners) = len(self.position), self.cells.shape
-        starts = np.arange(0, m * corners + 1, corners)
-        member = sparse.csr_matrix((np.ones(m * corners, np.int32), self.cells.ravel(), starts), shape=(m, n))
-        graph = (member.T @ member).tocsr()
-        graph.sort_indices()
-        return graph.indptr.astype(np.int32), graph.indices.astype(np.int32)
 
 
 def simplex_measure(position: Array, cells: Array) -> Array:

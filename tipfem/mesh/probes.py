@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from tipfem.case.fluid import Fluid
-from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
@@ -18,25 +17,6 @@ class Energy(NamedTuple):
 
     kinetic: float
     potential: float
-
-
-def fluid_volumes(mesh: Mesh, fraction: Array) -> Array:
-    """Volume of each of F fluids (F,) [m^2 in 2-D, m^3 in 3-D], from their parts of the elements (M, F)."""
-    return mesh.measure @ fraction
-
-
-def nodal_mass(mesh: Mesh, density: Array) -> Array:
-    """Lumped mass (N,) [kg] from the elements' densities (M,)."""
-    corners = mesh.cells.shape[1]
-    share = np.repeat(density * mesh.measure / corners, corners)
-    return np.bincount(mesh.cells.ravel(), weights=share, minlength=len(mesh.position))
-
-
-def energy(mesh: Mesh, particles: Particles, density: Array, gravity: Array) -> Energy:
-    """Kinetic and potential energy, with lumped masses; potential against gravity from the origin."""
-    mass = nodal_mass(mesh, density)
-    kinetic = 0.5 * float(mass @ (particles.velocity**2).sum(axis=1))
-    return Energy(kinetic, -float(mass @ (particles.position @ gravity)))
 
 
 def extent(mesh: Mesh, fluid: Array, index: int, axis: int) -> float:

@@ -56,7 +56,7 @@ def repaired(mesh: Mesh, moved: Array, position: Array, moves: Array) -> Mesh | 
     new = Mesh(position, t.cells)
     if (new.measure <= 0).any():
         return None
-    new.__dict__["across"] = t.across
+    new.__dict__["neighbours"] = t.across
     return new
 
 
@@ -69,5 +69,5 @@ def _triangulation(mesh: Mesh, moved: Array) -> Triangulation:
     corner[cells.ravel()] = np.arange(cells.size, dtype=np.int32) // 3
     nothing = np.zeros(len(cells), dtype=np.int32)
     return Triangulation(
-        state, cells, mesh.across.copy(), nothing, corner, np.zeros(count, dtype=np.int32), np.zeros(1)
+        state, cells, mesh.neighbours.copy(), nothing, corner, np.zeros(count, dtype=np.int32), np.zeros(1)
     )

@@ -75,29 +75,29 @@ def repair(
     Raises:
         TriangulationError: the repair did not come to an end, or left a triangle without area.
     """
-    moved = mesh.carried(particles.position).measure
+    moved = mesh.moved(particles.position).measure
     if (moved <= 0).any():
         raise TriangulationError("a triangle was inverted before it could be repaired")
     held = fixed.astype(bool)
     with timer("flips"):
-        t = Triangulation.of(particles, mesh, density, moved, rule.slack)
-        flips = t.make_delaunay(rule.slack, again=True)
+        t = Triangulation.of(particles, mesh, density, moved, rule.flip_tolerance)
+        flips = t.make_delaunay(rule.flip_tolerance, again=True)
     sticks = held if slippery is None else held | (slippery > 0)
     way = particles.position - mesh.position
     with timer("interface repair"):
-        broken, taken = t.tidy(sticks, way, rule.reach, 0.35, LEAST, rule.film, SLIVER)
+        broken, taken = t.tidy(sticks, way, rule.contact_reach, 0.35, LEAST, rule.thin_film, SLIVER)
         if taken:
-            flips += taken + t.make_delaunay(rule.slack, again=True)
+            flips += taken + t.make_delaunay(rule.flip_tolerance, again=True)
     with timer("relocation"):
         relocated = _follow_targets(t, held, rule) if graded else _set_elsewhere(t, held, rule)
     t.compact()
     new = Mesh(np.ascontiguousarray(t.state[:, :2]), t.cells, t.fluid)
-    new.__dict__["across"] = t.across
+    new.__dict__["neighbours"] = t.across
     limit = 0.05 * particles.spacing
     with timer("volumes"):
         position = restore(new.position, new, None, mesh, moved, relocated, total, limit, len(density))
     if not (flips or broken or relocated.any() or (position != particles.position).any()):
-        return Repaired(particles, mesh.carried(particles.position), relocated)
+        return Repaired(particles, mesh.moved(particles.position), relocated)
     renumbered = None
     if len(t.freed) or len(t.state) > len(particles):
         numbers, kept = t.drop()
@@ -110,20 +110,20 @@ def repair(
 
 def _set_elsewhere(t: Triangulation, held: Array, rule: FittedRule) -> Array:
     """Take out particles that crowd others, and put them where the triangles are large; (N,) mask of them."""
-    sizes = (rule.chain, rule.edge, rule.film, LEAST)
-    edges, needed = t.coarsen(held, rule.close, *sizes, most=len(held), long=rule.long)
+    sizes = (rule.too_close_along_interface, rule.too_close_to_interface, rule.thin_film, LEAST)
+    edges, needed = t.coarsen(held, rule.too_close, *sizes, most=len(held), long=rule.long_edge)
     if needed > len(t.freed):
         # Nothing that crowds is left to take: take from where particles stand closest.
-        edges, _ = t.coarsen(held, rule.spare, *sizes, most=needed - len(t.freed), long=rule.long)
+        edges, _ = t.coarsen(held, rule.removable, *sizes, most=needed - len(t.freed), long=rule.long_edge)
     relocated = np.zeros(len(held), dtype=bool)
     relocated[t.freed] = True
     for room in ROOM:
         if not len(t.freed):
             break
         t.refine(edges, room)
-        t.make_delaunay(rule.slack, again=True)
+        t.make_delaunay(rule.flip_tolerance, again=True)
         if len(t.freed):
-            edges, _ = t.longest_edges(rule.long, t.wanted_edges())
+            edges, _ = t.longest_edges(rule.long_edge, t.wanted_edges())
     if len(t.freed):
         raise TriangulationError(f"{len(t.freed)} particles that crowded others find no room elsewhere")
     return relocated
@@ -135,17 +135,17 @@ def _follow_targets(t: Triangulation, held: Array, rule: FittedRule) -> Array:
     Those left over stay in ``t.freed``.
     """
     before = len(held)
-    sizes = (WIDER * rule.chain, rule.edge, rule.film, LEAST)
-    edges, _ = t.coarsen(held, WIDER * rule.close, *sizes, most=before, long=WIDER * rule.long, every=True)
+    sizes = (WIDER * rule.too_close_along_interface, rule.too_close_to_interface, rule.thin_film, LEAST)
+    edges, _ = t.coarsen(held, WIDER * rule.too_close, *sizes, most=before, long=WIDER * rule.long_edge, every=True)
     gone = t.freed
     for number, (room, longer) in enumerate(ROUNDS):
         if number:
-            edges = t.long_edges(longer * WIDER * rule.long)
+            edges = t.long_edges(longer * WIDER * rule.long_edge)
         if not len(edges):
             break
         t.provide(len(edges))
         t.refine(edges, room)
-        t.make_delaunay(rule.slack, again=True)
+        t.make_delaunay(rule.flip_tolerance, again=True)
     relocated = np.zeros(len(t.state), dtype=bool)
     relocated[gone] = True
     relocated[before:] = True
@@ -159,11 +159,11 @@ def _taken(t: Triangulation, particles: Particles, new: Mesh, position: Array) -
     if (new.measure <= 0).any():
         place = position[t.cells[np.argmin(new.measure), 0]].tolist()
         raise TriangulationError(f"the triangle at {place} has no area after the repair")
-    state = particles.changed(
+    state = particles.shallow_copy(
         position=position, wall=t.wall.astype(bool), fluid=np.zeros(len(position), dtype=np.int32), **t.carried()
     )
     mesh = Mesh(position, t.cells, t.fluid)
-    for name in ("across", "measure", "bodies", "bodies_at", "marks"):
+    for name in ("neighbours", "measure", "bodies", "bodies_at", "marks"):
         mesh.__dict__[name] = new.__dict__[name]
     return state, mesh
 
@@ -199,7 +199,7 @@ def particle_fluid(mesh: Mesh, count: int, density: Array) -> Array:
 
 def hull_corners(mesh: Mesh) -> Array:
     """(N,) mask of the particles at which the hull turns."""
-    cell, i = np.nonzero(mesh.across < 0)
+    cell, i = np.nonzero(mesh.neighbours < 0)
     a, b = mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]
     direction = mesh.position[b] - mesh.position[a]
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)

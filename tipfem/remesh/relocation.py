@@ -170,7 +170,7 @@ def relocate(particles: Particles, mesh: Mesh, rule: RelocationRule) -> tuple[Pa
         now. It takes velocity, acceleration and pressure from these two, by linear interpolation.
     """
     h = particles.spacing
-    mesh = mesh.carried(particles.position)
+    mesh = mesh.moved(particles.position)
     on_wall, height = cells_on_walls(mesh, particles.wall)
     edges = measured_edges(mesh, particles.wall, on_wall, height)
     long = edges[np.flatnonzero(edges.length > h)]

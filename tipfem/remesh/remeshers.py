@@ -95,7 +95,7 @@ class DelaunayRemesher:
         with timer("relocation"):
             state, moves = relocate(particles, mesh, self.rule)
             state, of_walls = walls.space(state, mesh.surface) if walls else (state, 0)
-        relocated, moved = (state.position != particles.position).any(axis=1), mesh.carried(particles.position)
+        relocated, moved = (state.position != particles.position).any(axis=1), mesh.moved(particles.position)
         with timer("triangulation"):
             if self.surface is not None:
                 new = self.surface.remesh(state, moved, relocated)
@@ -178,7 +178,7 @@ class FittedRemesher:
             slippery[boundary.index[boundary.slides]] = 1
         if self._grading:
             with timer("grading"):
-                particles = particles.changed(target=self._targets(particles, mesh, self._grading))
+                particles = particles.shallow_copy(target=self._targets(particles, mesh, self._grading))
         state, mesh, relocated, renumbered = repair(
             particles,
             mesh,
@@ -206,9 +206,9 @@ class FittedRemesher:
         largest = grading.of_fluids(self._names, particles.spacing)
         mark = mesh.__dict__.get("marks")
         if mark is None:
-            mark = mesh.__dict__["marks"] = marks(mesh.cells, mesh.across, np.asarray(mesh.fluid), len(particles))
+            mark = mesh.__dict__["marks"] = marks(mesh.cells, mesh.neighbours, np.asarray(mesh.fluid), len(particles))
         at_interface = mark & 1 > 0
-        target = grading.wishes(particles.position, particles.fluid, at_interface, largest, particles.spacing)
+        target = grading.sizing(particles.position, particles.fluid, at_interface, largest, particles.spacing)
         lowered = np.zeros(len(target), dtype=np.int32)
         limit_growth(particles.position, mesh.cells, target, lowered, grading.growth, len(mesh.cells))
         return target

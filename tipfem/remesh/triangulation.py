@@ -57,7 +57,7 @@ class Triangulation:
         room = elements + elements // 64 + 64  # for cells to come
         cells, across = np.empty((room, 3), dtype=np.int32), np.empty((room, 3), dtype=np.int32)
         fluid, stale = np.full(room, -1, dtype=np.int32), np.zeros(room, dtype=np.int8)
-        cells[:elements], across[:elements], fluid[:elements] = mesh.cells, mesh.across, mesh.fluid
+        cells[:elements], across[:elements], fluid[:elements] = mesh.cells, mesh.neighbours, mesh.fluid
         flips.gather(
             *map(np.ascontiguousarray, (particles.position, particles.velocity, particles.acceleration)),
             *map(np.ascontiguousarray, (particles.pressure, particles.target)),

@@ -104,7 +104,7 @@ def bodies_of(mesh: Mesh) -> Array:
     found = mesh.__dict__.get("bodies")
     if found is None:
         assert mesh.fluid is not None
-        found = mesh.__dict__["bodies"] = bodies(mesh.across, mesh.fluid)
+        found = mesh.__dict__["bodies"] = bodies(mesh.neighbours, mesh.fluid)
     return np.asarray(found)
 
 
@@ -114,7 +114,7 @@ def bodies_at(mesh: Mesh, fluids: int) -> Array:
     if found is None or len(found) != fluids:
         assert mesh.fluid is not None
         # Of a particle's bodies of one fluid any will do.
-        found = take_stock(mesh.position, mesh.cells, mesh.across, mesh.fluid, fluids).at
+        found = take_stock(mesh.position, mesh.cells, mesh.neighbours, mesh.fluid, fluids).at
         mesh.__dict__["bodies_at"] = found
     return np.asarray(found)
 
@@ -147,7 +147,7 @@ def restore(
     assert old.fluid is not None
     assert new.fluid is not None
     fluids = max(int(old.fluid.max()), int(new.fluid.max())) + 1 if fluids is None else fluids
-    stock, before = take_stock(position, new.cells, new.across, new.fluid, fluids, mark), bodies_of(old)
+    stock, before = take_stock(position, new.cells, new.neighbours, new.fluid, fluids, mark), bodies_of(old)
     new.__dict__.update(bodies=stock.body, bodies_at=stock.at, measure=stock.measure, marks=stock.mark)
     changes = np.zeros(int(before.max()) + 1) if total is None else np.bincount(before, weights=old.measure - moved)
     loss = inherit(bodies_at(old, fluids), stock.at, changes, relocated, len(stock.volume))

@@ -150,7 +150,7 @@ class Budget:
         # dt a_alpha is the change of v + (1/2 - alpha_f) dt a, but at walls, where the state is prescribed.
         old, shift = problem.particles, (0.5 - scheme.alpha_f) * scheme.dt
         d, parts, single = mesh.dimension, chunks(), alone(len(mass), SUM)
-        sums, carried, here = np.zeros(3 + 4 * d), mesh.carried(moved.position), self._fraction is None
+        sums, carried, here = np.zeros(3 + 4 * d), mesh.moved(moved.position), self._fraction is None
         fluid, measure = (np.asarray(mesh.fluid), np.empty(len(mesh.cells))) if here else (NO_FLUID, carried.measure)
         volume = np.zeros(len(self._names))
         balance_kernels.step_sums(

@@ -36,7 +36,7 @@ class WallMotion:
         self.displacement, *speeds = b.displacements(time, step)
         self._own, own_rate = b.sliding_velocities(time, step)
         self.sliding = self._own[b.sliding]
-        turn = self.pose.turn
+        turn = self.pose.rotation
         self.free = turn @ b.free @ turn.T
         across, across_rate = (np.einsum("wik,wk->wi", b.inverse, speed[b.side]) for speed in speeds)
         self._relative = (across + self.sliding) @ turn.T
@@ -62,12 +62,12 @@ class WallMotion:
         rigid = self.pose.rigid_velocity(x)
         v = rigid + self._relative
         relative = self.slid(velocity) + self.held(v) - rigid
-        coriolis = 2 * relative @ self.pose.spin.T
+        coriolis = 2 * relative @ self.pose.angular_velocity.T
         return v, self.pose.rigid_acceleration(x) + self._relative_rate + coriolis
 
     def along(self, wall: int, x: Array) -> Array:
         """Velocity (K, d) at x (K, d) of a wall along itself, by its number."""
-        return self.pose.rigid_velocity(x) + self.pose.turn @ self._own[wall]
+        return self.pose.rigid_velocity(x) + self.pose.rotation @ self._own[wall]
 
     def impose(self, particles: Particles) -> None:
         """Set what the walls prescribe of the velocities and accelerations of their particles, in place."""

@@ -87,7 +87,7 @@ class WallStep:
         self.carried = self._after.pose.place(self.frame) - x if moving else None
         self._home = self._after.place(self.frame[index])
         slid = 0.5 * scheme.dt * (self._before.sliding + self._after.sliding)
-        w = self._after.held(self._home + slid @ self._after.pose.turn.T - x[index])
+        w = self._after.held(self._home + slid @ self._after.pose.rotation.T - x[index])
         self.displacement = np.zeros_like(x)
         self.displacement[index] = w
         self.sliding = index[slides]
@@ -100,7 +100,7 @@ class WallStep:
         self._velocity = self._after.held((1 - scheme.alpha_f) * v_next + scheme.alpha_f * v)
         self._acceleration = self._after.held((1 - scheme.alpha_m) * a_next + scheme.alpha_m * a)
         # The rotation in between: the direction of the chords from the old places to the new.
-        u, _, vt = np.linalg.svd(scheme.cf * self._after.pose.turn + scheme.alpha_f * self._before.pose.turn)
+        u, _, vt = np.linalg.svd(scheme.cf * self._after.pose.rotation + scheme.alpha_f * self._before.pose.rotation)
         self._turn = u @ vt
         self.rows = (self._turn @ boundary.free[slides] @ self._turn.T).reshape(len(slides), x.shape[1] ** 2)
         self.columns = self._after.free[slides].reshape(len(slides), x.shape[1] ** 2)
