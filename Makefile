@@ -12,13 +12,14 @@ RUN := $(VENV)/bin/python
 .DELETE_ON_ERROR:
 # One environment serves all targets, and two pips must not write to it at once.
 .NOTPARALLEL:
-.PHONY: help demo test test-slow lint wheel clean
+.PHONY: help demo test test-slow lint docs wheel clean
 
 help:
 	@echo "make demo       run demos/dam_break.py; options go in ARGS=\"...\""
 	@echo "make test       run the tests, without the slow ones; pytest's options go in ARGS"
 	@echo "make test-slow  run the slow tests"
-	@echo "make lint       ruff and mypy"
+	@echo "make lint       ruff, mypy, and the layers of import-linter"
+	@echo "make docs       build the documentation in build/site; warnings are errors"
 	@echo "make wheel      build dist/tipfem-*.whl"
 	@echo "make clean      remove what was built and the caches; keeps $(VENV) and results"
 
@@ -33,7 +34,13 @@ test-slow: $(VENV)/.installed-plot,test
 
 lint: $(VENV)/.installed-lint
 	$(RUN) -m ruff check .
+	$(RUN) -m ruff format --check .
 	$(RUN) -m mypy tipfem render
+	$(VENV)/bin/lint-imports
+
+docs: $(VENV)/.installed-docs
+	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --quiet --strict
+	@echo "build/site/index.html; with search: $(RUN) -m http.server --directory build/site"
 
 # setuptools reuses build/, and would pack files that are gone from the tree.
 wheel: $(VENV)/.installed-lint

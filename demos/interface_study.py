@@ -4,7 +4,7 @@ The rule of Carvalho & Sanches, "Analysis of two-phase flows using position-base
 properties are interpolated between particles, and the interface runs through the middle of edges. The
 sharp rule: every element belongs to one fluid, and the interface runs along edges. Flows: layers at rest;
 the dam break of Martin & Moyce (1952), see dam_break.py; layers that slosh and come to rest.
-docs/interfaces.md says what came out.
+docs/theory/interfaces.md says what came out.
 
     summary.json      all figures
     table.md          the same as a table

@@ -1,4 +1,4 @@
-"""docs/method.md names functions, tests and demos: all of them exist, and those it cites compute what it says."""
+"""docs/theory/method.md names functions, tests and demos: all of them exist, and those it cites compute what it says."""
 
 from __future__ import annotations
 

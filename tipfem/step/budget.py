@@ -1,7 +1,7 @@
 """Budgets of energy, momentum and volume: where each of them goes in a step.
 
 The momentum equation of the step, tested with its displacements u, and the continuity equation, tested with its
-pressures, say what became of the energy (docs/energy.md derives it):
+pressures, say what became of the energy (docs/theory/energy.md derives it):
 
     dKE + dPE + viscous + (time + geometry + stabilisation + source + remeshing) - external = residual
 
