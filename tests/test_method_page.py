@@ -1,4 +1,4 @@
-"""docs/theory/method.md names functions, tests and demos: all of them exist, and those it cites compute what it says."""
+"""docs/theory/method.md names functions, tests and demos: all exist, and its numbers are the defaults."""
 
 from __future__ import annotations
 
