@@ -6,7 +6,8 @@ import numpy as np
 from scipy.spatial import Delaunay
 
 from tipfem.mesh.mesh import Mesh, simplex_measure
-from tipfem.remesh.fitted import Triangulation
+from tipfem.remesh.triangulation import Triangulation
+from tipfem.remesh.volumes import label_components
 
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
@@ -74,7 +75,7 @@ def check(t: Triangulation, gone: int = 0) -> None:
     number = np.where(alive, np.cumsum(alive) - 1, -1)
     x = np.ascontiguousarray(t.state[:, :2])
     np.testing.assert_array_equal(
-        np.where(t.across[alive] >= 0, number[t.across[alive]], -1), Mesh(x, cells).neighbours, "neighbours"
+        np.where(t.neighbours[alive] >= 0, number[t.neighbours[alive]], -1), Mesh(x, cells).neighbours, "neighbours"
     )
     assert (simplex_measure(x, cells) > 0).all()
     used = np.unique(cells)
@@ -82,7 +83,7 @@ def check(t: Triangulation, gone: int = 0) -> None:
     assert (t.cells[t.corner[used]] == used[:, None]).any(axis=1).all()
     assert alive[t.corner[used]].all()
     assert len(used) == len(x) - gone
-    hull = int((t.across[alive] < 0).sum())
+    hull = int((t.neighbours[alive] < 0).sum())
     assert len(cells) == 2 * len(used) - 2 - hull  # Euler, of a disc
 
 
@@ -93,15 +94,19 @@ def as_set(cells) -> set[tuple[int, ...]]:
 
 def border(t: Triangulation, hull: bool = False) -> np.ndarray:
     """The edges (K, 2) between two fluids, or those of the hull."""
-    cell, i = np.nonzero(t.across < 0 if hull else (t.across >= 0) & (t.fluid[t.across] != t.fluid[:, None]))
+    cell, i = np.nonzero(
+        t.neighbours < 0 if hull else (t.neighbours >= 0) & (t.fluid[t.neighbours] != t.fluid[:, None])
+    )
     return np.stack([t.cells[cell, (i + 1) % 3], t.cells[cell, (i + 2) % 3]], axis=1)
 
 
 def inner_edges(t: Triangulation):
     """The four particles (K, 4) around each inner edge of one fluid: those of a cell, and the one beyond."""
-    cell, i = np.nonzero((t.across > np.arange(len(t.cells))[:, None]) & (t.fluid[t.across] == t.fluid[:, None]))
-    o = t.across[cell, i]
-    j = np.argmax(t.across[o] == cell[:, None], axis=1)
+    cell, i = np.nonzero(
+        (t.neighbours > np.arange(len(t.cells))[:, None]) & (t.fluid[t.neighbours] == t.fluid[:, None])
+    )
+    o = t.neighbours[cell, i]
+    j = np.argmax(t.neighbours[o] == cell[:, None], axis=1)
     four = np.stack([t.cells[cell, i], t.cells[cell, (i + 1) % 3], t.cells[cell, (i + 2) % 3], t.cells[o, j]], axis=1)
     return four.astype(np.int32)
 
@@ -136,6 +141,12 @@ def cloud(kind: str, seed: int) -> np.ndarray:
         x = np.concatenate([x, *side, near])
     stretch = {"thin": (1.0, 1e-3), "stretched": (1.0, 10.0)}.get(kind, (1.0, 1.0))
     return np.concatenate([CORNERS, x]) * stretch
+
+
+def component_labels(neighbours, fluid) -> np.ndarray:
+    """Connected component (M,) of one fluid that each cell belongs to."""
+    nowhere = np.zeros((1, 2))
+    return label_components(nowhere, np.zeros_like(neighbours), neighbours, fluid, int(fluid.max()) + 1)[0].label
 
 
 KINDS = ["random", "clustered", "circles", "lattice", "jittered lattice", "walls", "thin", "stretched"]

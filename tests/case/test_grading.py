@@ -13,12 +13,12 @@ from scipy.spatial import cKDTree
 import tipfem as tp
 from tipfem.case.grading import Grading, graded, thinned
 from tipfem.case.numerics import FittedRule
+from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh.fitted import hull_corners, repair
 from tipfem.remesh.remeshers import FittedRemesher
 from tipfem.remesh.sizing import limit_growth
-from tipfem.remesh.triangulation import marks
 
 WATER = tp.Fluid("water", density=998.0, viscosity=1e-3)
 AIR = tp.Fluid("air", density=1.2, viscosity=1.8e-5)
@@ -186,7 +186,7 @@ def test_a_repair_creates_and_removes_by_the_targets(factor):
     else:
         assert 0.6 < len(particles) * factor**2 / count < 1.7
     x = particles.position
-    inner = marks(mesh.cells, mesh.neighbours, mesh.fluid, len(x)) & 1 == 0
+    inner = mesh.components.mark & ON_INTERFACE == 0
     error = np.abs(particles.pressure - (3.0 - 2.0 * x[:, 0] + x[:, 1]))[inner]
     # What was set between two particles of the interface, which keeps its area but not its nodes, has their error.
     assert (error < 1e-9).mean() > 0.99

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from interface_edges import watched
+from triangulations import component_labels
 
 import tipfem as tp
-from tipfem.remesh.volumes import bodies
 
 DEMOS = Path(__file__).resolve().parents[2] / "demos"
 
@@ -138,7 +138,7 @@ def test_any_number_of_fluids(count, interface, water, air, glycerin):
     assert density.min() >= fluids[-1].density - 1e-9
     assert density.max() <= fluids[0].density + 1e-9
     if interface == "sharp":
-        assert len(np.unique(bodies(simulation.mesh.neighbours, simulation.mesh.fluid))) >= count
+        assert len(np.unique(component_labels(simulation.mesh.neighbours, simulation.mesh.fluid))) >= count
     assert simulation.particles.max_speed < 6
 
 

@@ -7,6 +7,7 @@ import pytest
 from mesh_twins import adjacency
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
+from triangulations import component_labels
 
 import tipfem as tp
 from tipfem.backend.runtime import Buffers, download
@@ -14,7 +15,6 @@ from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg.multigrid.deflation import Bubbles
 from tipfem.mesh.delaunay import triangulate
 from tipfem.remesh.fitted import with_fluids
-from tipfem.remesh.volumes import bodies
 from tipfem.step.flow import ElementProperties, FlowProblem
 from tipfem.step.linear_system import Workspace
 
@@ -108,7 +108,7 @@ def test_a_lift_makes_the_equations_of_each_bubble_hold_in_the_sum():
 def test_light_bubbles_cost_few_iterations(spacing):
     """26 bubbles of air three particles wide in water, first Newton system to 1e-6."""
     particles, mesh = bubbly(spacing, grid_of_discs(26, 1.6 * spacing))
-    assert len(np.unique(bodies(mesh.neighbours, mesh.fluid))) == 28
+    assert len(np.unique(component_labels(mesh.neighbours, mesh.fluid))) == 28
     nothing = np.zeros(len(mesh.cells))
     force = np.tile([0.0, -9.81], (len(particles), 1))
     problem = FlowProblem(

@@ -19,7 +19,7 @@ def coarsened(t: Triangulation, close, chain, edge, held=None, *, film=0.0, most
     kernels.coarsen(
         t.state,
         t.cells,
-        t.across,
+        t.neighbours,
         t.fluid,
         t.corner,
         held,
@@ -228,13 +228,13 @@ def refined(t: Triangulation, new: int) -> int:
     edges, _ = t.longest_edges(0.5)
     spare = 2 * new + 1
     t.cells = np.concatenate([t.cells, np.zeros((spare, 3), dtype=np.int32)])
-    t.across = np.concatenate([t.across, np.full((spare, 3), -1, dtype=np.int32)])
+    t.neighbours = np.concatenate([t.neighbours, np.full((spare, 3), -1, dtype=np.int32)])
     t.fluid = np.concatenate([t.fluid, np.full(spare, -1, dtype=np.int32)])
     count = np.zeros(2, dtype=np.int32)
     kernels.refine(
         t.state,
         t.cells,
-        t.across,
+        t.neighbours,
         t.fluid,
         t.corner,
         t.wall,

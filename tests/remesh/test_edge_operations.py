@@ -20,7 +20,7 @@ def in_circles(x: ti.types.ndarray(), four: ti.types.ndarray(), result: ti.types
 @ti.kernel
 def split_edge(
     cells: ti.types.ndarray(),
-    across: ti.types.ndarray(),
+    neighbours: ti.types.ndarray(),
     corner: ti.types.ndarray(),
     fluid: ti.types.ndarray(),
     t: ti.i32,
@@ -31,13 +31,13 @@ def split_edge(
 ):
     ti.loop_config(serialize=True)
     for _ in range(1):
-        edge_operations.split(cells, across, corner, fluid, t, i, n, t2, o2)
+        edge_operations.split(cells, neighbours, corner, fluid, t, i, n, t2, o2)
 
 
 @ti.kernel
 def star_of(
     cells: ti.types.ndarray(),
-    across: ti.types.ndarray(),
+    neighbours: ti.types.ndarray(),
     corner: ti.types.ndarray(),
     p: ti.i32,
     star: ti.types.ndarray(),
@@ -45,7 +45,7 @@ def star_of(
 ):
     ti.loop_config(serialize=True)
     for _ in range(1):
-        count, closed = edge_operations.collect_star(cells, across, corner, p, star, 0)
+        count, closed = edge_operations.collect_star(cells, neighbours, corner, p, star, 0)
         result[0], result[1] = count, closed
 
 
@@ -53,7 +53,7 @@ def star_of(
 def collapse_edge(
     x: ti.types.ndarray(),
     cells: ti.types.ndarray(),
-    across: ti.types.ndarray(),
+    neighbours: ti.types.ndarray(),
     corner: ti.types.ndarray(),
     fluid: ti.types.ndarray(),
     star: ti.types.ndarray(),
@@ -64,9 +64,9 @@ def collapse_edge(
 ):
     ti.loop_config(serialize=True)
     for _ in range(1):
-        count, _closed = edge_operations.collect_star(cells, across, corner, p, star, 0)
+        count, _closed = edge_operations.collect_star(cells, neighbours, corner, p, star, 0)
         if edge_operations.can_collapse(x, cells, star, 0, count, p, q, least):
-            edge_operations.collapse(cells, across, corner, fluid, star, 0, count, p, q)
+            edge_operations.collapse(cells, neighbours, corner, fluid, star, 0, count, p, q)
             done[0] = 1
 
 
@@ -98,13 +98,13 @@ def test_a_split_edge_has_its_particle_and_the_areas_are_kept(seed):
         for i in range(3):
             t = of(x, first.cells, fluid)
             b, c = t.cells[t0, (i + 1) % 3], t.cells[t0, (i + 2) % 3]
-            hull = t.across[t0, i] < 0
+            hull = t.neighbours[t0, i] < 0
             t = of(np.concatenate([x, [0.5 * (x[b] + x[c])]]), t.cells, fluid)
             more = len(t.cells)
             t.cells = np.concatenate([t.cells, np.zeros((2, 3), dtype=np.int32)])
-            t.across = np.concatenate([t.across, np.full((2, 3), -1, dtype=np.int32)])
+            t.neighbours = np.concatenate([t.neighbours, np.full((2, 3), -1, dtype=np.int32)])
             t.fluid = np.concatenate([t.fluid, np.full(2, -1, dtype=np.int32)])
-            split_edge(t.cells, t.across, t.corner, t.fluid, t0, i, len(x), more + 1, more)
+            split_edge(t.cells, t.neighbours, t.corner, t.fluid, t0, i, len(x), more + 1, more)
             assert (t.fluid[more:] >= 0).tolist() == [not hull, True]
             t.compact()
             check(t)
@@ -124,7 +124,7 @@ def test_a_star_goes_round_its_particle():
         on_hull = np.unique(border(t, hull=True))
         for p in range(len(x)):
             star, result = np.empty(edge_operations.STAR + 1, dtype=np.int32), np.zeros(2, dtype=np.int32)
-            star_of(t.cells, t.across, t.corner, p, star, result)
+            star_of(t.cells, t.neighbours, t.corner, p, star, result)
             around = star[: result[0]]
             assert sorted(around) == np.flatnonzero((t.cells == p).any(axis=1)).tolist()
             assert result[1] == (p not in on_hull)
@@ -140,7 +140,7 @@ def test_a_star_of_too_many_cells_is_left_alone():
         x = np.concatenate([np.stack([np.cos(angle), np.sin(angle)], axis=1), [[0.0, 0.0]]])
         t = of(x, np.stack([np.arange(n), (np.arange(n) + 1) % n, np.full(n, n)], axis=1))
         star, result = np.full(edge_operations.STAR + 4, -7, dtype=np.int32), np.zeros(2, dtype=np.int32)
-        star_of(t.cells, t.across, t.corner, n, star, result)
+        star_of(t.cells, t.neighbours, t.corner, n, star, result)
         assert result[0] == expected
         assert (star[edge_operations.STAR + 1 :] == -7).all()
 
@@ -161,7 +161,7 @@ def test_a_collapsed_edge_takes_two_cells_along_and_the_rest_keeps_its_area(kind
                 t = of(x, first.cells)
                 done[0] = 0
                 star = np.empty(edge_operations.STAR + 1, dtype=np.int32)
-                collapse_edge(t.state, t.cells, t.across, t.corner, t.fluid, star, int(p), int(q), 1e-9, done)
+                collapse_edge(t.state, t.cells, t.neighbours, t.corner, t.fluid, star, int(p), int(q), 1e-9, done)
                 kept = np.where(first.cells == p, q, first.cells)
                 kept = kept[~((first.cells == p).any(axis=1) & (first.cells == q).any(axis=1))]
                 assert done[0] == (2 * simplex_measure(x, kept)[(kept == q).any(axis=1)] >= 1e-9).all()

@@ -26,7 +26,7 @@ from tipfem.remesh.fitted import Triangulation
 def flip_edges(
     x: ti.types.ndarray(),
     cells: ti.types.ndarray(),
-    across: ti.types.ndarray(),
+    neighbours: ti.types.ndarray(),
     fluid: ti.types.ndarray(),
     corner: ti.types.ndarray(),
     edges: ti.types.ndarray(),
@@ -37,13 +37,13 @@ def flip_edges(
     ti.loop_config(serialize=True)
     for k in range(edges.shape[0]):
         t, i = edges[k] // 3, edges[k] % 3
-        o = across[t, i]
+        o = neighbours[t, i]
         if o >= 0:
             a, b, c = cells[t, i], cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
-            d = cells[o, edge_operations.place(across, o, t)]
+            d = cells[o, edge_operations.place(neighbours, o, t)]
             convex = edge_operations.double_area(x, a, b, d) > flat and edge_operations.double_area(x, a, d, c) > flat
             if fluid[o] == fluid[t] and convex:
-                edge_operations.flip(cells, across, corner, t, i)
+                edge_operations.flip(cells, neighbours, corner, t, i)
                 count[0] += 1
 
 
@@ -52,7 +52,7 @@ def shuffled(t: Triangulation, seed: int) -> int:
     count = np.zeros(1, dtype=np.int32)
     edges = np.random.default_rng(seed).permutation(np.tile(np.arange(t.cells.size, dtype=np.int32), 3))
     flat = 1e-10 * float(np.ptp(t.state[:, 1]))
-    flip_edges(t.state, t.cells, t.across, t.fluid, t.corner, edges, flat, count)
+    flip_edges(t.state, t.cells, t.neighbours, t.fluid, t.corner, edges, flat, count)
     return int(count[0])
 
 
@@ -124,7 +124,7 @@ def test_after_changes_of_its_own_only_what_changed_is_looked_at():
             edges, _ = t.longest_edges(1.5, t.wanted_edges())
             t.refine(edges, 0.1)
             flips += t.make_delaunay(1e-3, again=again)
-            results.append((t.state, t.cells, t.across, t.fluid))
+            results.append((t.state, t.cells, t.neighbours, t.fluid))
         for one, other in zip(*results, strict=True):
             np.testing.assert_array_equal(one, other)
     assert flips > 100

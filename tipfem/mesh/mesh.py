@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy import sparse
 
 from tipfem.case.particles import Particles
+from tipfem.mesh.components import Components
 from tipfem.typing import Array
 
 
@@ -65,6 +67,10 @@ def parabola(velocity: Array, force: Array, dt: float) -> Array:
     return dt * velocity + 0.5 * dt**2 * force
 
 
+# Cached properties of `Mesh` that do not depend on positions.
+_OF_CONNECTIVITY = ("edges", "used", "incidence", "neighbours")
+
+
 @dataclass(frozen=True)
 class Mesh:
     """Simplices on N particles.
@@ -75,12 +81,14 @@ class Mesh:
         fluid: (M,) fluid of each simplex where interfaces run along facets, int32; None where they cut
             through simplices.
         surface: where it ends without a wall; None where walls surround it.
+        components: the connected components of the fluids, where cells have a fluid; None where they are not labelled.
     """
 
     position: Array
     cells: Array
     fluid: Array | None = None
     surface: Surface | None = None
+    components: Components | None = None
 
     @property
     def dimension(self) -> int:
@@ -92,18 +100,40 @@ class Mesh:
         """(M,) signed area [m^2] or volume [m^3] of each simplex."""
         return simplex_measure(self.position, self.cells)
 
-    def moved(self, position: Array) -> Mesh:
+    def with_(
+        self, *, measure: Array | None = None, neighbours: Array | None = None, components: Components | None = None
+    ) -> Mesh:
+        """This mesh with what the caller knows of it already, so that it is not computed again.
+
+        Args:
+            measure: (M,) as of `measure`.
+            neighbours: (M, 3) as of `neighbours`.
+            components: the labelled components of its fluids.
+        """
+        mesh = replace(self, components=self.components if components is None else components)
+        mesh.__dict__.update(self._computed("measure", *_OF_CONNECTIVITY))
+        given = {"measure": measure, "neighbours": neighbours}
+        mesh.__dict__.update({name: value for name, value in given.items() if value is not None})
+        return mesh
+
+    def moved(self, position: Array, measure: Array | None = None) -> Mesh:
         """The same simplices at other positions (N, d) [m]; shares what depends on the connectivity alone.
 
         The last result is kept and returned again for the same array, which must not be changed in between.
+        ``measure`` (M,) are the simplices' areas or volumes there, where the caller knows them.
         """
-        last = self.__dict__.get("_moved")
+        last: Mesh | None = self.__dict__.get("_moved")
         if last is None or last.position is not position:
-            last = self.__dict__["_moved"] = Mesh(position, self.cells, self.fluid, self.surface)
-            for name in ("edges", "used", "incidence", "neighbours", "bodies", "bodies_at", "marks"):
-                if name in self.__dict__:
-                    last.__dict__[name] = self.__dict__[name]
+            last = replace(self, position=position)
+            last.__dict__.update(self._computed(*_OF_CONNECTIVITY))
+        if measure is not None:
+            last = last.with_(measure=measure)
+        self.__dict__["_moved"] = last
         return last
+
+    def _computed(self, *names: str) -> dict[str, Any]:
+        """Those of the cached properties ``names`` that have been computed."""
+        return {name: self.__dict__[name] for name in names if name in self.__dict__}
 
     @cached_property
     def edges(self) -> Array:

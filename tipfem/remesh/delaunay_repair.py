@@ -38,7 +38,7 @@ def repaired(mesh: Mesh, moved: Array, position: Array, moves: Array) -> Mesh | 
         done = set_elsewhere(
             t.state,
             t.cells,
-            t.across,
+            t.neighbours,
             t.fluid,
             t.corner,
             star,
@@ -56,8 +56,7 @@ def repaired(mesh: Mesh, moved: Array, position: Array, moves: Array) -> Mesh | 
     new = Mesh(position, t.cells)
     if (new.measure <= 0).any():
         return None
-    new.__dict__["neighbours"] = t.across
-    return new
+    return new.with_(neighbours=t.neighbours)
 
 
 def _triangulation(mesh: Mesh, moved: Array) -> Triangulation:

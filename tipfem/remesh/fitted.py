@@ -16,7 +16,7 @@ from tipfem.case.particles import Particles
 from tipfem.mesh.delaunay import TriangulationError
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh.triangulation import Triangulation
-from tipfem.remesh.volumes import restore
+from tipfem.remesh.volumes import restore_volumes, with_components
 from tipfem.timers import timer
 from tipfem.typing import Array
 
@@ -91,11 +91,10 @@ def repair(
     with timer("relocation"):
         relocated = _follow_targets(t, held, rule) if graded else _set_elsewhere(t, held, rule)
     t.compact()
-    new = Mesh(np.ascontiguousarray(t.state[:, :2]), t.cells, t.fluid)
-    new.__dict__["neighbours"] = t.across
-    limit = 0.05 * particles.spacing
+    new = Mesh(np.ascontiguousarray(t.state[:, :2]), t.cells, t.fluid).with_(neighbours=t.neighbours)
     with timer("volumes"):
-        position = restore(new.position, new, None, mesh, moved, relocated, total, limit, len(density))
+        new = restore_volumes(new, mesh, moved, relocated, total, 0.05 * particles.spacing, len(density))
+    position = new.position
     if not (flips or broken or relocated.any() or (position != particles.position).any()):
         return Repaired(particles, mesh.moved(particles.position), relocated)
     renumbered = None
@@ -103,8 +102,8 @@ def repair(
         numbers, kept = t.drop()
         position, relocated = position.take(kept, axis=0), relocated.take(kept)
         renumbered = numbers[: len(particles)]
-        for name in ("bodies_at", "marks"):
-            new.__dict__[name] = new.__dict__[name].take(kept, axis=-1)
+        assert new.components is not None
+        new = new.with_(components=new.components.renumbered(kept))
     return Repaired(*_taken(t, particles, new, position), relocated, renumbered)
 
 
@@ -162,10 +161,8 @@ def _taken(t: Triangulation, particles: Particles, new: Mesh, position: Array) -
     state = particles.shallow_copy(
         position=position, wall=t.wall.astype(bool), fluid=np.zeros(len(position), dtype=np.int32), **t.carried()
     )
-    mesh = Mesh(position, t.cells, t.fluid)
-    for name in ("neighbours", "measure", "bodies", "bodies_at", "marks"):
-        mesh.__dict__[name] = new.__dict__[name]
-    return state, mesh
+    mesh = Mesh(position, t.cells, t.fluid, components=new.components)
+    return state, mesh.with_(neighbours=t.neighbours, measure=new.measure)
 
 
 def with_fluids(mesh: Mesh, particles: Particles, density: Array) -> Mesh:
@@ -182,18 +179,15 @@ def with_fluids(mesh: Mesh, particles: Particles, density: Array) -> Mesh:
     rank = np.empty(len(density), dtype=np.int32)
     rank[lightest_first] = np.arange(len(density))
     fluid = lightest_first[rank[particles.fluid[mesh.cells]].min(axis=1)].astype(np.int32)
-    return Mesh(mesh.position, mesh.cells, fluid)
+    return with_components(Mesh(mesh.position, mesh.cells, fluid), len(density))
 
 
 def particle_fluid(mesh: Mesh, count: int, density: Array) -> Array:
     """(N,) the heaviest fluid at each of ``count`` particles."""
-    fluid, at = np.zeros(count, dtype=np.int32), mesh.__dict__.get("bodies_at")
+    fluid, components = np.zeros(count, dtype=np.int32), with_components(mesh, len(density)).components
+    assert components is not None
     for f in np.argsort(density, kind="stable"):
-        if at is not None:  # see `volumes`
-            if f < len(at):
-                fluid[at[f] >= 0] = f
-            continue
-        fluid[mesh.cells[mesh.fluid == f].ravel()] = f
+        fluid[components.at_particle[f] >= 0] = f
     return fluid
 
 

@@ -26,7 +26,7 @@ ON_EDGE = 1e-9  # how far beside an edge of length 1 a place may be by round-off
 def set_elsewhere(
     x: ti.types.ndarray(),
     cells: ti.types.ndarray(),
-    across: ti.types.ndarray(),
+    neighbours: ti.types.ndarray(),
     fluid: ti.types.ndarray(),
     corner: ti.types.ndarray(),
     star: ti.types.ndarray(),
@@ -46,7 +46,7 @@ def set_elsewhere(
     for m in range(count):
         if done == m:
             p, start, end = moves[m, 0], moves[m, 1], moves[m, 2]
-            n, closed = collect_star(cells, across, corner, p, star, 0)
+            n, closed = collect_star(cells, neighbours, corner, p, star, 0)
             q, gap = -1, 1e30
             if closed == 1:
                 for k in range(n):
@@ -55,14 +55,14 @@ def set_elsewhere(
                     if length < gap and can_collapse(x, cells, star, 0, n, p, r, least):
                         q, gap = r, length
             if q >= 0:
-                collapse(cells, across, corner, fluid, star, 0, n, p, q)
+                collapse(cells, neighbours, corner, fluid, star, 0, n, p, q)
                 one, other = -1, -1
                 for k in range(n):
                     if fluid[star[k]] < 0:
                         other = one
                         one = star[k]
                 x[p, 0], x[p, 1] = target[m, 0], target[m, 1]
-                around, closed2 = collect_star(cells, across, corner, start, star, STAR + 1)
+                around, closed2 = collect_star(cells, neighbours, corner, start, star, STAR + 1)
                 # A particle of another fluid may have been set into the same edge: then its half is what is split.
                 t, near = -1, -1
                 for k in range(around):
@@ -75,7 +75,7 @@ def set_elsewhere(
                         t, near = star[STAR + 1 + k], r
                 if t >= 0 and one >= 0 and other >= 0 and (near == end or closed2 == 1):
                     i = 3 - place(cells, t, start) - place(cells, t, near)
-                    if across[t, i] >= 0:
-                        split(cells, across, corner, fluid, t, i, p, one, other)
+                    if neighbours[t, i] >= 0:
+                        split(cells, neighbours, corner, fluid, t, i, p, one, other)
                         done += 1
     return done

@@ -12,6 +12,7 @@ from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import FittedRule, RelocationRule
 from tipfem.case.particles import Particles
+from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.delaunay import TriangulationError, triangulate, wall_fluid
 from tipfem.mesh.free_surface import SurfaceMesher
 from tipfem.mesh.mesh import Mesh
@@ -19,7 +20,7 @@ from tipfem.remesh.delaunay_repair import repaired
 from tipfem.remesh.fitted import hull_corners, particle_fluid, repair, with_fluids
 from tipfem.remesh.relocation import relocate
 from tipfem.remesh.sizing import limit_growth
-from tipfem.remesh.triangulation import marks
+from tipfem.remesh.volumes import with_components
 from tipfem.timers import timer
 from tipfem.typing import Array
 from tipfem.walls.step import WallStep
@@ -204,10 +205,9 @@ class FittedRemesher:
     def _targets(self, particles: Particles, mesh: Mesh, grading: Grading) -> Array:
         """(N,) target spacings of the particles, which moved with a mesh [m]."""
         largest = grading.of_fluids(self._names, particles.spacing)
-        mark = mesh.__dict__.get("marks")
-        if mark is None:
-            mark = mesh.__dict__["marks"] = marks(mesh.cells, mesh.neighbours, np.asarray(mesh.fluid), len(particles))
-        at_interface = mark & 1 > 0
+        components = with_components(mesh, len(self.density)).components
+        assert components is not None
+        at_interface = components.mark & ON_INTERFACE > 0
         target = grading.sizing(particles.position, particles.fluid, at_interface, largest, particles.spacing)
         lowered = np.zeros(len(target), dtype=np.int32)
         limit_growth(particles.position, mesh.cells, target, lowered, grading.growth, len(mesh.cells))

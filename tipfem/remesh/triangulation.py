@@ -13,7 +13,7 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.remesh.edges import coarsen_refine, films_contacts, flips
 from tipfem.remesh.edges import long_edges as edge_kernels
 from tipfem.remesh.edges.edge_operations import STAR
-from tipfem.remesh.volumes import take_stock
+from tipfem.remesh.volumes import label_components
 from tipfem.typing import Array
 
 
@@ -23,7 +23,7 @@ class Triangulation:
 
     Attributes:
         state: (N, 9) position, velocity, acceleration, pressure, lumped mass and target spacing of the particles.
-        cells, across, fluid, corner: see `edge_operations`.
+        cells, neighbours, fluid, corner: see `edge_operations`.
         wall: (N,) 1 for wall particles.
         density: (F,) of the fluids [kg/m^3].
         freed: particles that have been taken out and not been placed elsewhere yet.
@@ -31,7 +31,7 @@ class Triangulation:
 
     state: Array
     cells: Array
-    across: Array
+    neighbours: Array
     fluid: Array
     corner: Array
     wall: Array
@@ -55,14 +55,14 @@ class Triangulation:
         state, corner = np.empty((count, 9)), np.empty(count, dtype=np.int32)
         elements = len(mesh.cells)
         room = elements + elements // 64 + 64  # for cells to come
-        cells, across = np.empty((room, 3), dtype=np.int32), np.empty((room, 3), dtype=np.int32)
+        cells, neighbours = np.empty((room, 3), dtype=np.int32), np.empty((room, 3), dtype=np.int32)
         fluid, stale = np.full(room, -1, dtype=np.int32), np.zeros(room, dtype=np.int8)
-        cells[:elements], across[:elements], fluid[:elements] = mesh.cells, mesh.neighbours, mesh.fluid
+        cells[:elements], neighbours[:elements], fluid[:elements] = mesh.cells, mesh.neighbours, mesh.fluid
         flips.gather(
             *map(np.ascontiguousarray, (particles.position, particles.velocity, particles.acceleration)),
             *map(np.ascontiguousarray, (particles.pressure, particles.target)),
             cells,
-            across,
+            neighbours,
             fluid,
             measure,
             density,
@@ -76,10 +76,9 @@ class Triangulation:
             alone(elements, 20.0),
         )
         wall = particles.wall.astype(np.int32)
-        t = cls(state, cells, across, fluid, corner, wall, density)
+        t = cls(state, cells, neighbours, fluid, corner, wall, density)
         t._stale = stale
-        known = mesh.__dict__.get("marks")
-        t._marks = None if known is None else known.copy()
+        t._marks = None if mesh.components is None else mesh.components.mark.copy()
         return t
 
     def carried(self) -> dict[str, Array]:
@@ -101,7 +100,7 @@ class Triangulation:
         if not again:
             self._stale = np.zeros(elements, dtype=np.int8)
             flips.find_flips(
-                self.state, self.cells, self.across, self.fluid, self._stale, elements, slack, alone(elements, 40.0)
+                self.state, self.cells, self.neighbours, self.fluid, self._stale, elements, slack, alone(elements, 40.0)
             )
         count, stack = np.zeros(3, dtype=np.int32), np.empty(max(8 * elements, 64), dtype=np.int32)
         while True:
@@ -109,7 +108,7 @@ class Triangulation:
             flips.make_delaunay(
                 self.state,
                 self.cells,
-                self.across,
+                self.neighbours,
                 self.fluid,
                 self.corner,
                 self.wall,
@@ -129,7 +128,8 @@ class Triangulation:
     def marks(self) -> Array:
         """(N,) 1 for particles on an interface, 2 for those on the hull, 3 for both, 0 for others."""
         if self._marks is None:
-            self._marks = marks(self.cells, self.across, self.fluid, len(self.state))
+            nowhere, fluids = np.zeros((len(self.state), 2)), int(self.fluid.max()) + 1
+            self._marks = label_components(nowhere, self.cells, self.neighbours, self.fluid, fluids)[0].mark
         return self._marks
 
     def compact(self) -> None:
@@ -142,16 +142,16 @@ class Triangulation:
         last = np.arange(count, len(self.cells))
         source, target = last[self.fluid[count:] >= 0], gone[gone < count]
         if not len(source):
-            self.cells, self.across, self.fluid = self.cells[:count], self.across[:count], self.fluid[:count]
+            self.cells, self.neighbours, self.fluid = self.cells[:count], self.neighbours[:count], self.fluid[:count]
             self._stale = self._stale[:count]
             return
         number = np.full(len(self.cells) + 1, -1, dtype=np.int32)  # beyond the hull stays -1
         number[source] = target
-        for array in (self.cells, self.across, self.fluid):
+        for array in (self.cells, self.neighbours, self.fluid):
             array[target] = array[source]
-        self.cells, self.across, self.fluid = self.cells[:count], self.across[:count], self.fluid[:count]
+        self.cells, self.neighbours, self.fluid = self.cells[:count], self.neighbours[:count], self.fluid[:count]
         self._stale = np.ones(count, dtype=np.int8)
-        for array in (self.across, self.corner):
+        for array in (self.neighbours, self.corner):
             far = array >= count
             array[far] = number[array[far]]
 
@@ -165,7 +165,7 @@ class Triangulation:
         edge_kernels.longest_edges(
             self.state,
             self.cells,
-            self.across,
+            self.neighbours,
             self.fluid,
             edge,
             key,
@@ -186,7 +186,7 @@ class Triangulation:
             edge,
             key,
             edge_kernels.long_edges(
-                self.state, self.cells, self.across, self.fluid, edge, key, len(self.cells), long, long
+                self.state, self.cells, self.neighbours, self.fluid, edge, key, len(self.cells), long, long
             ),
         )
 
@@ -205,7 +205,7 @@ class Triangulation:
             films_contacts.tidy(
                 self.state,
                 self.cells,
-                self.across,
+                self.neighbours,
                 self.fluid,
                 self.corner,
                 fixed,
@@ -257,7 +257,7 @@ class Triangulation:
         coarsen_refine.coarsen(
             self.state,
             self.cells,
-            self.across,
+            self.neighbours,
             self.fluid,
             self.corner,
             held.astype(np.int32),
@@ -333,7 +333,7 @@ class Triangulation:
         if short > 0:  # an edge of the hull has one cell, others two: collapses may have left too few
             first = len(self.cells)
             self.cells = np.concatenate([self.cells, np.zeros((short, 3), dtype=np.int32)])
-            self.across = np.concatenate([self.across, np.full((short, 3), -1, dtype=np.int32)])
+            self.neighbours = np.concatenate([self.neighbours, np.full((short, 3), -1, dtype=np.int32)])
             self.fluid = np.concatenate([self.fluid, np.full(short, -1, dtype=np.int32)])
             self._stale = np.concatenate([self._stale, np.zeros(short, dtype=np.int8)])
             free = np.concatenate([free, np.arange(first, first + short, dtype=np.int32)])
@@ -342,7 +342,7 @@ class Triangulation:
         coarsen_refine.refine(
             self.state,
             self.cells,
-            self.across,
+            self.neighbours,
             self.fluid,
             self.corner,
             self.wall,
@@ -357,7 +357,7 @@ class Triangulation:
             wanted,
         )
         new = np.flatnonzero(touched)
-        beyond = self.across[new]
+        beyond = self.neighbours[new]
         self._stale[new] = self._stale[beyond[beyond >= 0]] = 1
         self.freed = self.freed[count[0] :]
         self._changed(count[0])
@@ -367,11 +367,6 @@ def _sorted(edge: Array, key: Array, count: int) -> Array:
     """The first ``count`` names ``edge``, the largest keys first, those of the same key by name."""
     edge, key = edge[:count], key[:count]
     return edge[np.lexsort((edge, -key))]
-
-
-def marks(cells: Array, across: Array, fluid: Array, count: int) -> Array:
-    """(N,) of ``count`` particles, see `Triangulation.marks`; the arrays are those of `edge_operations`."""
-    return take_stock(np.zeros((count, 2)), cells, across, fluid, int(fluid.max()) + 1).mark
 
 
 def _scratch() -> Array:

@@ -181,7 +181,7 @@ class Budget:
             single,
         )
         if here:
-            carried.__dict__["measure"] = measure
+            mesh.moved(moved.position, measure)  # kept for what follows in the step
         else:
             volume = self._volumes(mesh, measure)
         after = Totals.summed(mass, sums[2 + 2 * d :], self._gravity, volume + self._loose)

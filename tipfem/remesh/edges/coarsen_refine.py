@@ -73,7 +73,7 @@ def keep_area(
 def coarsen(
     state: ti.types.ndarray(),
     cells: ti.types.ndarray(),
-    across: ti.types.ndarray(),
+    neighbours: ti.types.ndarray(),
     fluid: ti.types.ndarray(),
     corner: ti.types.ndarray(),
     fixed: ti.types.ndarray(),
@@ -123,7 +123,7 @@ def coarsen(
         if fluid[t] >= 0:
             longest = 0.0
             for i in ti.static(range(3)):
-                o = across[t, i]
+                o = neighbours[t, i]
                 border = o < 0
                 if not border:
                     border = fluid[o] != fluid[t]
@@ -148,7 +148,7 @@ def coarsen(
     ti.loop_config(serialize=True)
     for p in range(particles):
         if flag[p] > 0 and fixed[p] == 0 and corner[p] >= 0 and count[0] < most:
-            n, closed = collect_star(cells, across, corner, p, star, 0)
+            n, closed = collect_star(cells, neighbours, corner, p, star, 0)
             if n > 1:
                 number, first, second = interface_edges(cells, fluid, star, 0, n, closed, p)
                 q, gap = -1, 1e30
@@ -194,7 +194,7 @@ def coarsen(
                         change = ti.Vector([0.0, 0.0, 0.0])
                         for m in range(n):
                             change += weigh(state, cells, fluid, density, star[m], -1)
-                        collapse(cells, across, corner, fluid, star, 0, n, p, q)
+                        collapse(cells, neighbours, corner, fluid, star, 0, n, p, q)
                         for m in range(n):
                             change += weigh(state, cells, fluid, density, star[m], 1)
                         state[p, 7] = 0.0
@@ -202,7 +202,7 @@ def coarsen(
                         count[0] += 1
                         flag[q] = 0  # it has room now; without this, whole rows would follow
                         if along and wall[q] == 0 and fixed[q] == 0:
-                            n2, closed2 = collect_star(cells, across, corner, q, star, STAR + 1)
+                            n2, closed2 = collect_star(cells, neighbours, corner, q, star, STAR + 1)
                             if n2 > 0 and closed2 == 1:
                                 number2, c1, c2 = interface_edges(cells, fluid, star, STAR + 1, n2, closed2, q)
                                 if number2 == 2 and (c1 == a or c2 == a) and c1 != c2:
@@ -211,10 +211,10 @@ def coarsen(
                                         state, cells, fluid, density, star, a, p, q, b, n2, STAR + 1, smallest
                                     )
                                     for m in range(n2):
-                                        touch(across, stale, star[STAR + 1 + m])
+                                        touch(neighbours, stale, star[STAR + 1 + m])
                         for m in range(n):
                             if fluid[star[m]] >= 0:
-                                touch(across, stale, star[m])
+                                touch(neighbours, stale, star[m])
                         lost = change[2] * mean - ti.Vector([change[0], change[1]])
                         give(state, wall, star, base, around, lost)
     ti.loop_config(serialize=True)
@@ -230,7 +230,7 @@ def coarsen(
                     if every == 0 and count[1] == wanted:
                         bound = ti.max(bound, keys[0])
                     needed = 1.4 * long
-                    found = key_of(state, cells, across, fluid, t, i, long, ti.min(bound, needed))
+                    found = key_of(state, cells, neighbours, fluid, t, i, long, ti.min(bound, needed))
                     if every == 0:
                         keep_longest(edges, keys, count, found, 3 * t + i, bound, needed, wanted)
                     elif found > long:
@@ -243,7 +243,7 @@ def coarsen(
 def refine(
     state: ti.types.ndarray(),
     cells: ti.types.ndarray(),
-    across: ti.types.ndarray(),
+    neighbours: ti.types.ndarray(),
     fluid: ti.types.ndarray(),
     corner: ti.types.ndarray(),
     wall: ti.types.ndarray(),
@@ -268,7 +268,7 @@ def refine(
     for k in range(candidates):
         if count[0] < wanted:
             t, i = edges[k] // 3, edges[k] % 3
-            o = across[t, i]
+            o = neighbours[t, i]
             usable = touched[t] == 0
             if o >= 0 and usable:
                 usable = touched[o] == 0
@@ -281,13 +281,13 @@ def refine(
                 free_way = room * state[n, 8]
                 usable = distance(state, n, cells[t, i]) > free_way and distance(state, n, b) > 0.8 * free_way
                 if o >= 0:
-                    usable = usable and distance(state, n, cells[o, place(across, o, t)]) > free_way
+                    usable = usable and distance(state, n, cells[o, place(neighbours, o, t)]) > free_way
             if usable:
                 t2, o2 = free[count[1]], free[count[1] + 1]
                 weigh(state, cells, fluid, density, t, -1)
                 if o >= 0:
                     weigh(state, cells, fluid, density, o, -1)
-                split(cells, across, corner, fluid, t, i, n, t2, o2)
+                split(cells, neighbours, corner, fluid, t, i, n, t2, o2)
                 weigh(state, cells, fluid, density, t, 1)
                 weigh(state, cells, fluid, density, t2, 1)
                 if o >= 0:

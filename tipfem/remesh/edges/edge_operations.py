@@ -1,6 +1,6 @@
 """Changes to a triangulation in place, as Taichi functions: flips, collapses and splits of edges.
 
-A triangulation is three arrays: ``cells`` (M, 3), corners counter-clockwise; ``across`` (M, 3), the
+A triangulation is three arrays: ``cells`` (M, 3), corners counter-clockwise; ``neighbours`` (M, 3), the
 cell beyond the edge opposite each corner, -1 beyond the hull; ``fluid`` (M,), the fluid of each cell,
 -1 for a cell that is gone. ``corner`` (N,) names one cell at each particle. ``x`` (N, >= 2) starts with
 the positions. All functions here run in one thread: what they change is shared by neighbours.
@@ -56,33 +56,33 @@ def place(array: ti.template(), row, value):
 
 
 @ti.func
-def link(across: ti.template(), cell, old, new):
+def link(neighbours: ti.template(), cell, old, new):
     """Where ``cell`` had ``old`` as a neighbour it has ``new``; a cell of -1 is the outside."""
     if cell >= 0:
-        k = place(across, cell, old)
+        k = place(neighbours, cell, old)
         if k >= 0:
-            across[cell, k] = new
+            neighbours[cell, k] = new
 
 
 @ti.func
-def set_cell(cells: ti.template(), across: ti.template(), corner: ti.template(), t, a, b, c, na, nb, nc):
+def set_cell(cells: ti.template(), neighbours: ti.template(), corner: ti.template(), t, a, b, c, na, nb, nc):
     """Cell t = (a, b, c) with the neighbours opposite a, b and c."""
     cells[t, 0], cells[t, 1], cells[t, 2] = a, b, c
-    across[t, 0], across[t, 1], across[t, 2] = na, nb, nc
+    neighbours[t, 0], neighbours[t, 1], neighbours[t, 2] = na, nb, nc
     corner[a] = t
     corner[b] = t
     corner[c] = t
 
 
 @ti.func
-def should_flip(x: ti.template(), cells: ti.template(), across: ti.template(), fluid: ti.template(), t, i, slack):
+def should_flip(x: ti.template(), cells: ti.template(), neighbours: ti.template(), fluid: ti.template(), t, i, slack):
     """Whether the edge opposite corner i of cell t is neither Delaunay nor part of an interface or the hull."""
     result = False
-    o = across[t, i]
+    o = neighbours[t, i]
     if o >= 0 and fluid[t] >= 0:
         if fluid[o] == fluid[t]:
             a, b, c = cells[t, i], cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
-            d = cells[o, place(across, o, t)]
+            d = cells[o, place(neighbours, o, t)]
             if in_circle(x, a, b, c, d) > slack:
                 # True of every edge that is not Delaunay, but for round-off: the four are in convex position.
                 result = double_area(x, a, b, d) > 0 and double_area(x, a, d, c) > 0
@@ -90,55 +90,57 @@ def should_flip(x: ti.template(), cells: ti.template(), across: ti.template(), f
 
 
 @ti.func
-def touch(across: ti.template(), stale: ti.template(), t):
+def touch(neighbours: ti.template(), stale: ti.template(), t):
     """Note in ``stale`` (M,) int8 that a cell and its neighbours have to be looked at again: sets 0 to 1."""
     if stale[t] == 0:
         stale[t] = ti.i8(1)
     for k in ti.static(range(3)):
-        o = across[t, k]
+        o = neighbours[t, k]
         if o >= 0:
             if stale[o] == 0:
                 stale[o] = ti.i8(1)
 
 
 @ti.func
-def flip(cells: ti.template(), across: ti.template(), corner: ti.template(), t, i):
+def flip(cells: ti.template(), neighbours: ti.template(), corner: ti.template(), t, i):
     """Turn the edge b-c between cells (a, b, c) and (d, c, b) into a-d."""
-    o = across[t, i]
-    j = place(across, o, t)
+    o = neighbours[t, i]
+    j = place(neighbours, o, t)
     a, b, c, d = cells[t, i], cells[t, (i + 1) % 3], cells[t, (i + 2) % 3], cells[o, j]
-    beyond_ca, beyond_ab = across[t, (i + 1) % 3], across[t, (i + 2) % 3]
-    beyond_bd, beyond_dc = across[o, (j + 1) % 3], across[o, (j + 2) % 3]
-    set_cell(cells, across, corner, o, a, d, c, beyond_dc, beyond_ca, t)
-    set_cell(cells, across, corner, t, a, b, d, beyond_bd, o, beyond_ab)
-    link(across, beyond_bd, o, t)
-    link(across, beyond_ca, t, o)
+    beyond_ca, beyond_ab = neighbours[t, (i + 1) % 3], neighbours[t, (i + 2) % 3]
+    beyond_bd, beyond_dc = neighbours[o, (j + 1) % 3], neighbours[o, (j + 2) % 3]
+    set_cell(cells, neighbours, corner, o, a, d, c, beyond_dc, beyond_ca, t)
+    set_cell(cells, neighbours, corner, t, a, b, d, beyond_bd, o, beyond_ab)
+    link(neighbours, beyond_bd, o, t)
+    link(neighbours, beyond_ca, t, o)
 
 
 @ti.func
-def split(cells: ti.template(), across: ti.template(), corner: ti.template(), fluid: ti.template(), t, i, n, t2, o2):
+def split(
+    cells: ti.template(), neighbours: ti.template(), corner: ti.template(), fluid: ti.template(), t, i, n, t2, o2
+):
     """Put particle n on the edge b-c opposite corner i of cell t; t2 and o2 are free cells (o2 unused on the hull)."""
-    o = across[t, i]
+    o = neighbours[t, i]
     a, b, c = cells[t, i], cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
-    beyond_ca, beyond_ab = across[t, (i + 1) % 3], across[t, (i + 2) % 3]
+    beyond_ca, beyond_ab = neighbours[t, (i + 1) % 3], neighbours[t, (i + 2) % 3]
     fluid[t2] = fluid[t]
     far, near = -1, -1
     if o >= 0:
-        j = place(across, o, t)
+        j = place(neighbours, o, t)
         d = cells[o, j]
-        beyond_bd, beyond_dc = across[o, (j + 1) % 3], across[o, (j + 2) % 3]
+        beyond_bd, beyond_dc = neighbours[o, (j + 1) % 3], neighbours[o, (j + 2) % 3]
         fluid[o2] = fluid[o]
-        set_cell(cells, across, corner, o, d, c, n, t2, o2, beyond_dc)
-        set_cell(cells, across, corner, o2, d, n, b, t, beyond_bd, o)
-        link(across, beyond_bd, o, o2)
+        set_cell(cells, neighbours, corner, o, d, c, n, t2, o2, beyond_dc)
+        set_cell(cells, neighbours, corner, o2, d, n, b, t, beyond_bd, o)
+        link(neighbours, beyond_bd, o, o2)
         far, near = o2, o
-    set_cell(cells, across, corner, t, a, b, n, far, t2, beyond_ab)
-    set_cell(cells, across, corner, t2, a, n, c, near, beyond_ca, t)
-    link(across, beyond_ca, t, t2)
+    set_cell(cells, neighbours, corner, t, a, b, n, far, t2, beyond_ab)
+    set_cell(cells, neighbours, corner, t2, a, n, c, near, beyond_ca, t)
+    link(neighbours, beyond_ca, t, t2)
 
 
 @ti.func
-def collect_star(cells: ti.template(), across: ti.template(), corner: ti.template(), p, star: ti.template(), base):
+def collect_star(cells: ti.template(), neighbours: ti.template(), corner: ti.template(), p, star: ti.template(), base):
     """The cells around particle p, counter-clockwise, from the hull on if p is on it, in ``star[base:]``.
 
     Returns how many, and 1 if they close a ring or 0 if p is on the hull; (0, 0) if there are too many.
@@ -146,7 +148,7 @@ def collect_star(cells: ti.template(), across: ti.template(), corner: ti.templat
     first = corner[p]
     t, closed, steps = first, 1, 0
     while steps <= STAR:
-        before = across[t, (place(cells, t, p) + 2) % 3]
+        before = neighbours[t, (place(cells, t, p) + 2) % 3]
         steps += 1
         if before < 0:
             closed, first = 0, t
@@ -159,7 +161,7 @@ def collect_star(cells: ti.template(), across: ti.template(), corner: ti.templat
         while count <= STAR:
             star[base + count] = t
             count += 1
-            t = across[t, (place(cells, t, p) + 1) % 3]
+            t = neighbours[t, (place(cells, t, p) + 1) % 3]
             if t < 0 or t == first:
                 break
     if count > STAR:
@@ -207,7 +209,7 @@ def can_collapse(x: ti.template(), cells: ti.template(), star: ti.template(), ba
 @ti.func
 def collapse(
     cells: ti.template(),
-    across: ti.template(),
+    neighbours: ti.template(),
     corner: ti.template(),
     fluid: ti.template(),
     star: ti.template(),
@@ -220,10 +222,10 @@ def collapse(
     for m in range(count):
         t = star[base + m]
         if place(cells, t, q) >= 0:
-            beyond_p = across[t, place(cells, t, p)]
-            beyond_q = across[t, place(cells, t, q)]
-            link(across, beyond_p, t, beyond_q)
-            link(across, beyond_q, t, beyond_p)
+            beyond_p = neighbours[t, place(cells, t, p)]
+            beyond_q = neighbours[t, place(cells, t, q)]
+            link(neighbours, beyond_p, t, beyond_q)
+            link(neighbours, beyond_q, t, beyond_p)
             fluid[t] = -1
     for m in range(count):
         t = star[base + m]

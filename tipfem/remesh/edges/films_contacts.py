@@ -24,7 +24,7 @@ from tipfem.remesh.edges.edge_operations import (
 def tidy(
     state: ti.types.ndarray(),
     cells: ti.types.ndarray(),
-    across: ti.types.ndarray(),
+    neighbours: ti.types.ndarray(),
     fluid: ti.types.ndarray(),
     corner: ti.types.ndarray(),
     fixed: ti.types.ndarray(),
@@ -67,11 +67,11 @@ def tidy(
     ti.loop_config(serialize=True)
     for w in range(particles):
         if mark[w] == 3 and fixed[w] == 0 and corner[w] >= 0:
-            n, closed = collect_star(cells, across, corner, w, star, 0)
+            n, closed = collect_star(cells, neighbours, corner, w, star, 0)
             if n > 1 and closed == 0:
                 number, a, _none = interface_edges(cells, fluid, star, 0, n, closed, w)
                 if number == 1 and mark[a] == 1:
-                    n2, closed2 = collect_star(cells, across, corner, a, star, STAR + 1)
+                    n2, closed2 = collect_star(cells, neighbours, corner, a, star, STAR + 1)
                     number2, c1, c2 = interface_edges(cells, fluid, star, STAR + 1, n2, closed2, a)
                     one, other = ring(cells, star, 0, n, w, 0), ring(cells, star, 0, n, w, n)
                     # The wall's direction; the fluid is on its left.
@@ -114,14 +114,14 @@ def tidy(
                             state[w, 0], state[w, 1] = wx, wy
                     for m in range(n):
                         weigh(state, cells, fluid, density, star[m], 1)
-                        touch(across, stale, star[m])
+                        touch(neighbours, stale, star[m])
     ti.loop_config(serialize=alone)
     for t in range(elements):
         flag[t] = 0
         if fluid[t] >= 0:
             bits = 0
             for i in ti.static(range(3)):
-                o = across[t, i]
+                o = neighbours[t, i]
                 if o >= 0:
                     if fluid[o] != fluid[t]:
                         bits = 2
@@ -136,7 +136,7 @@ def tidy(
         if flag[t] & 1 > 0:
             best, taker = 0.0, -1
             for i in ti.static(range(3)):
-                o = across[t, i]
+                o = neighbours[t, i]
                 if o >= 0:
                     length = distance(state, cells[t, (i + 1) % 3], cells[t, (i + 2) % 3])
                     if fluid[o] != fluid[t] and length > best:
@@ -150,7 +150,7 @@ def tidy(
     for t in range(elements):
         if flag[t] & 2 > 0 and count[0] == 0:
             for i in ti.static(range(3)):
-                o = across[t, i]
+                o = neighbours[t, i]
                 if o >= 0:
                     if fluid[o] != fluid[t]:
                         b, c = cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
@@ -164,5 +164,5 @@ def tidy(
                             mark[cells[t, i]] = 1
                             count[1] = count[1] + 1
                             for k in ti.static(range(3)):
-                                if across[t, k] >= 0:
-                                    flag[across[t, k]] = flag[across[t, k]] | 2
+                                if neighbours[t, k] >= 0:
+                                    flag[neighbours[t, k]] = flag[neighbours[t, k]] | 2

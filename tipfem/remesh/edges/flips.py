@@ -12,7 +12,13 @@ from tipfem.remesh.edges.edge_operations import flip, give, momentum, place, sho
 
 @ti.func
 def note_flips(
-    x: ti.template(), cells: ti.template(), across: ti.template(), fluid: ti.template(), stale: ti.template(), t, slack
+    x: ti.template(),
+    cells: ti.template(),
+    neighbours: ti.template(),
+    fluid: ti.template(),
+    stale: ti.template(),
+    t,
+    slack,
 ):
     """Set ``stale`` (M,) to 1 where an edge of cell t may have to be flipped: both cells of it, but by one of them.
 
@@ -21,7 +27,7 @@ def note_flips(
     f = fluid[t]
     if f >= 0:
         for i in ti.static(range(3)):
-            o = across[t, i]
+            o = neighbours[t, i]
             if o > t:
                 if fluid[o] == f:
                     a, b, c = cells[t, i], cells[t, ti.static((i + 1) % 3)], cells[t, ti.static((i + 2) % 3)]
@@ -46,7 +52,7 @@ def note_flips(
 def find_flips(
     x: ti.types.ndarray(),
     cells: ti.types.ndarray(),
-    across: ti.types.ndarray(),
+    neighbours: ti.types.ndarray(),
     fluid: ti.types.ndarray(),
     stale: ti.types.ndarray(),
     elements: ti.i32,
@@ -56,7 +62,7 @@ def find_flips(
     """`note_flips` of all cells; ``alone``: by one thread."""
     ti.loop_config(serialize=alone)
     for t in range(elements):
-        note_flips(x, cells, across, fluid, stale, t, slack)
+        note_flips(x, cells, neighbours, fluid, stale, t, slack)
 
 
 @on_arrays
@@ -64,7 +70,7 @@ def find_flips(
 def make_delaunay(
     x: ti.types.ndarray(),
     cells: ti.types.ndarray(),
-    across: ti.types.ndarray(),
+    neighbours: ti.types.ndarray(),
     fluid: ti.types.ndarray(),
     corner: ti.types.ndarray(),
     wall: ti.types.ndarray(),
@@ -88,7 +94,7 @@ def make_delaunay(
         if stale[t] != 0:
             found = 0
             for i in ti.static(range(3)):
-                if should_flip(x, cells, across, fluid, t, i, slack):
+                if should_flip(x, cells, neighbours, fluid, t, i, slack):
                     found = 2
             stale[t] = ti.cast(found, ti.i8)
     ti.loop_config(serialize=True)
@@ -103,20 +109,20 @@ def make_delaunay(
             while height > 0:
                 height -= 1
                 s, i = stack[height] // 3, stack[height] % 3
-                if should_flip(x, cells, across, fluid, s, i, slack):
-                    o = across[s, i]
+                if should_flip(x, cells, neighbours, fluid, s, i, slack):
+                    o = neighbours[s, i]
                     for k in ti.static(range(3)):
                         star[k] = cells[s, k]
-                    star[3] = cells[o, place(across, o, s)]
+                    star[3] = cells[o, place(neighbours, o, s)]
                     before = momentum(x, star, 0, 4)
                     weigh(x, cells, fluid, density, s, -1)
                     weigh(x, cells, fluid, density, o, -1)
-                    flip(cells, across, corner, s, i)
+                    flip(cells, neighbours, corner, s, i)
                     weigh(x, cells, fluid, density, s, 1)
                     weigh(x, cells, fluid, density, o, 1)
                     give(x, wall, star, 0, 4, before - momentum(x, star, 0, 4))
-                    touch(across, stale, s)
-                    touch(across, stale, o)
+                    touch(neighbours, stale, s)
+                    touch(neighbours, stale, o)
                     count[0] += 1
                     if height + 4 > stack.shape[0]:
                         count[2] = 1
@@ -141,7 +147,7 @@ def gather(
     pressure: ti.types.ndarray(),
     wanted: ti.types.ndarray(),
     cells: ti.types.ndarray(),
-    across: ti.types.ndarray(),
+    neighbours: ti.types.ndarray(),
     fluid: ti.types.ndarray(),
     measure: ti.types.ndarray(),
     density: ti.types.ndarray(),
@@ -168,7 +174,7 @@ def gather(
             corner[n] = t
     ti.loop_config(serialize=alone)
     for t in range(elements):
-        note_flips(position, cells, across, fluid, stale, t, slack)
+        note_flips(position, cells, neighbours, fluid, stale, t, slack)
     ti.loop_config(serialize=alone)
     for n in range(particles):
         for k in ti.static(range(2)):

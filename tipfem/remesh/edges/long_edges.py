@@ -17,7 +17,7 @@ ROUND_OFF = 1e-12  # of comparisons that only save work
 def key_of(
     x: ti.template(),
     cells: ti.template(),
-    across: ti.template(),
+    neighbours: ti.template(),
     fluid: ti.template(),
     t,
     i: ti.template(),
@@ -26,7 +26,7 @@ def key_of(
 ):
     """Key of the edge opposite corner i of cell t; -1 if it is below ``least``, or the edge another cell's to name."""
     key = -1.0
-    o = across[t, i]
+    o = neighbours[t, i]
     if o < 0 or o > t:
         b, c = cells[t, ti.static((i + 1) % 3)], cells[t, ti.static((i + 2) % 3)]
         border = o < 0
@@ -91,7 +91,7 @@ def keep_longest(edge: ti.template(), key: ti.template(), count: ti.template(), 
 def longest_edges(
     x: ti.types.ndarray(),
     cells: ti.types.ndarray(),
-    across: ti.types.ndarray(),
+    neighbours: ti.types.ndarray(),
     fluid: ti.types.ndarray(),
     edge: ti.types.ndarray(),
     key: ti.types.ndarray(),
@@ -114,7 +114,7 @@ def longest_edges(
                 bound = least
                 if count[1] == most and most > 0:
                     bound = ti.max(bound, key[0])
-                found = key_of(x, cells, across, fluid, t, i, long, ti.min(bound, needed))
+                found = key_of(x, cells, neighbours, fluid, t, i, long, ti.min(bound, needed))
                 keep_longest(edge, key, count, found, 3 * t + i, bound, needed, most)
 
 
@@ -123,7 +123,7 @@ def longest_edges(
 def long_edges(
     x: ti.types.ndarray(),
     cells: ti.types.ndarray(),
-    across: ti.types.ndarray(),
+    neighbours: ti.types.ndarray(),
     fluid: ti.types.ndarray(),
     edge: ti.types.ndarray(),
     key: ti.types.ndarray(),
@@ -137,7 +137,7 @@ def long_edges(
     for t in range(elements):
         if fluid[t] >= 0:
             for i in ti.static(range(3)):
-                found = key_of(x, cells, across, fluid, t, i, long, least)
+                found = key_of(x, cells, neighbours, fluid, t, i, long, least)
                 if found > least:
                     edge[count], key[count] = 3 * t + i, found
                     count += 1

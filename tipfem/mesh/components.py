@@ -1,0 +1,48 @@
+"""Connected components of the fluids of a mesh whose interfaces run along facets."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from tipfem.typing import Array
+
+# Bits of `Components.mark`.
+ON_INTERFACE, ON_HULL = 1, 2
+
+
+@dataclass(frozen=True)
+class Components:
+    """The K connected components of F fluids in M cells on N particles; they depend on the connectivity alone.
+
+    Attributes:
+        label: (M,) component of each cell, numbered from 0 in the order of their first cells, int32.
+        fluid: (K,) fluid of each component, int32.
+        at_particle: (F, N) a component of each fluid at each particle, -1 for none, int32.
+        mark: (N,) of each particle, int32: `ON_INTERFACE`, `ON_HULL`, their sum for both, 0 for neither.
+        movable: (K,) mask of the components with a particle on an interface and off the hull.
+        interface_cells: numbers of the cells with such a particle, int32.
+    """
+
+    label: Array
+    fluid: Array
+    at_particle: Array
+    mark: Array
+    movable: Array
+    interface_cells: Array
+
+    def __len__(self) -> int:
+        return len(self.fluid)
+
+    @property
+    def movable_particles(self) -> Array:
+        """Numbers of the particles on an interface and off the hull, int32."""
+        return np.flatnonzero(self.mark == ON_INTERFACE).astype(np.int32)
+
+    def renumbered(self, kept: Array) -> Components:
+        """The same components when only the particles ``kept`` (N',), which have all cells, remain in this order."""
+        return dataclasses.replace(
+            self, at_particle=self.at_particle.take(kept, axis=1), mark=self.mark.take(kept, axis=0)
+        )
