@@ -1,5 +1,7 @@
 """Types of arrays."""
 
-import numpy as np
+from typing import Any, TypeAlias
 
-Array = np.ndarray
+from numpy.typing import NDArray
+
+Array: TypeAlias = NDArray[Any]

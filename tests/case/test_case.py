@@ -332,3 +332,30 @@ def test_only_walls_may_have_no_fluid_and_only_with_a_free_surface(case, particl
     loose = particles.copy()
     loose.fluid[fluid_particle(particles)] = -1
     refusal(ValueError, lambda: case(particles=loose, free_surface=True), "has fluid -1")
+
+
+def with_inner_wall(water, inside) -> tp.Particles:
+    """A unit tank of water in which the particles at places ``inside(x)`` are wall particles."""
+    p = tp.tank((1, 1), 0.1).fill(water).sample([water])
+    return p.copy(wall=p.wall | inside(p.position))
+
+
+def test_walls_inside_a_closed_case_are_refused(water):
+    p = with_inner_wall(water, lambda x: np.abs(x - 0.5).max(axis=1) < 0.06)
+    inner = np.flatnonzero(np.abs(p.position - 0.5).max(axis=1) < 0.06)
+    words = f"wall particle {inner[0]} at ", "5 spacings inside", "closed case"
+    refusal(ValueError, lambda: tp.Case(p, [water], (0, -9.81)), *words)
+    assert tp.Case(p, [water], (0, -9.81), free_surface=True).closed is False
+
+
+def test_a_tank_cannot_be_changed_after_its_case(water, air):
+    tank = tp.tank((1, 1), 0.1).fill(water)
+    tp.Case(tank, [water], (0, -9.81))
+    refusal(ValueError, lambda: tank.fill(air, box=((0, 0), (1, 0.5))), "fill", "a Case has been made of this tank")
+    refusal(ValueError, lambda: tank.wall("top", slip=True), "wall 'top'", "a Case has been made of this tank")
+
+
+def test_a_tank_whose_case_was_refused_can_be_mended(water, air):
+    tank = tp.tank((1, 1), 0.1).fill(water, box=((0, 0), (1, 0.5)))
+    refusal(ValueError, lambda: tp.Case(tank, [water, air], (0, -9.81)), "no fluid")
+    tp.Case(tank.fill(air, box=((0, 0.5), (1, 1))), [water, air], (0, -9.81))

@@ -373,3 +373,28 @@ def test_a_box_thinner_than_a_line_needs_is_refused_with_its_place_and_the_limit
     with pytest.raises(ValueError, match=r"along axis 1, the part between .* thinner than") as refusal:
         tp.tank((1, 1), 0.1).fill(air).fill(water, box=box).sample([water, air])
     assert limit in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("where", "words"),
+    [
+        (lambda x: x[:, 2] > 0, "raised IndexError"),
+        (lambda x: 1 / 0, "raised ZeroDivisionError for positions of shape"),
+        (lambda x: x[:, 1], r"gave float64 of shape \(\d+,\); it must be a mask"),
+        (lambda x: None, r"gave object of shape \(\); it must be a mask"),
+        (lambda x: np.ones((len(x), 2), dtype=bool), "gave bool of shape .* it must be a mask, bool of shape"),
+    ],
+)
+@pytest.mark.parametrize("free_surface", [False, True])
+def test_a_function_that_fails_gives_one_error_with_its_region(where, words, free_surface, water, air):
+    tank = tp.tank((1, 1), 0.1).fill(air).fill(water, where=where)
+    with pytest.raises(ValueError, match=rf"^fill 'water': where=<lambda> {words}"):
+        tp.Case(tank, [water, air], (0, -9.81), free_surface=free_surface)
+
+
+def test_a_named_function_is_named_in_the_error(water):
+    def column(x):
+        return x[:, 0] < 0.5, 1
+
+    with pytest.raises(ValueError, match=r"^fill .water.: where=column "):
+        tp.tank((1, 1), 0.1).fill(water, where=column).sample([water])

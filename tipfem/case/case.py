@@ -1,10 +1,8 @@
-"""Case: what is simulated - particles, fluids, forces, walls."""
+"""Case: the flow to be simulated - particles, fluids, forces, walls."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -19,77 +17,104 @@ from tipfem.case.tank import Tank
 from tipfem.case.walls import Motion, Wall
 from tipfem.typing import Array
 
+# The names of the interface rules; `tipfem.mesh.interface` has their classes.
 INTERFACES = ("interpolated", "sharp")
 DEFAULT_INTERFACE = "sharp"
 SURFACE_INTERFACE = "interpolated"  # the default with a free surface
+# A wall particle of a closed case farther than this inside the convex hull is an inner wall [spacings].
+INNER_WALL = 0.1
 
 
-@dataclass
 class Case:
     """A flow to be simulated.
 
-    Attributes:
-        particles: the initial state, or a filled `Tank`.
+    Args:
+        particles: the initial state, or a filled `Tank`, which cannot be changed afterwards.
         fluids: the fluids that the particles' labels index; at least one.
         gravity: (d,) acceleration [m/s^2].
         body_force: function of positions (N, d) [m] and time [s] to further accelerations (N, d)
             [m/s^2], or None.
-        interface: "sharp": every element belongs to one fluid, and interfaces run along edges (2-D only); or
+        interface: "sharp": every cell belongs to one fluid, and interfaces run along edges (2-D only); or
             "interpolated", the rule of Carvalho & Sanches. By default sharp, with a free surface interpolated.
-        free_surface: whether the fluids may end where nothing is: at zero pressure. A tank may then be filled in
-            part; particles given as arrays need walls all around, too, where fluids may come to.
-        numerics: the method's numbers.
-        title: what pictures are headed with.
-        walls: those that slip, slide or move, beside what a tank says of its own; all others are fixed
-            and no-slip.
+        free_surface: whether fluids may end at a free surface, where the pressure is zero. A tank may then be
+            filled in part. Particles given as arrays need walls wherever fluids may flow to.
+        numerics: parameters of the method.
+        title: the heading of pictures.
+        walls: walls that slip, slide or move, in addition to those described in a tank; all others are fixed
+            and no-slip. They are the outer walls: together they form the convex hull of a closed case.
         tank_motion: rigid motion of all walls together, or None.
         grading: of the distance between particles, from the spacing at interfaces to more elsewhere; None for the same
             distance everywhere. With the sharp interface only.
+
+    Attributes:
+        particles: the initial state, sampled from the tank if one was given.
+        fluids: list of the fluids.
+        gravity: (d,) array [m/s^2].
+        interface: name of the interface rule.
+        walls: list of the walls that slip, slide or move.
+        boundary: the walls on the particles.
         tank: the tank that the particles were sampled from; None for particles given as arrays.
+        walls_have_fluids: whether the wall particles' fluids are known (from a tank) and need not be taken from
+            their neighbours.
+        filled: function of positions (K, d) [m] to a mask (K,) of those in a fluid at the start, where a tank
+            tells; else None.
 
     Raises:
         ValueError: something does not fit together; the message names what, where and what would.
     """
 
-    particles: Any
-    fluids: Sequence[Fluid]
-    gravity: Sequence[float] | Array
-    body_force: Callable[[Array, float], Array] | None = None
-    interface: Any = None
-    free_surface: bool = False
-    numerics: Numerics = field(default_factory=Numerics)
-    title: str = ""
-    walls: Sequence[Wall] = ()
-    tank_motion: Motion | None = None
-    grading: Grading | None = None
-    tank: Tank | None = field(init=False, default=None, repr=False)
-    # A tank knows what is at its walls; of other particles those off the walls say it.
-    walls_have_fluids: bool = field(init=False, default=False, repr=False)
-    # And where there is any fluid: a mask (K,) of positions (K, d).
-    filled: Callable[[Array], Array] | None = field(init=False, default=None, repr=False)
+    def __init__(
+        self,
+        particles: Particles | Tank,
+        fluids: Sequence[Fluid],
+        gravity: Sequence[float] | Array,
+        body_force: Callable[[Array, float], Array] | None = None,
+        interface: str | None = None,
+        free_surface: bool = False,
+        numerics: Numerics | None = None,
+        title: str = "",
+        walls: Sequence[Wall] = (),
+        tank_motion: Motion | None = None,
+        grading: Grading | None = None,
+    ) -> None:
+        self.fluids = _checked_fluids(fluids)
+        self.free_surface = free_surface
+        self.interface = _checked_interface(interface, free_surface)
+        self.body_force = body_force
+        self.numerics = Numerics() if numerics is None else numerics
+        self.title = title
+        self.tank_motion = tank_motion
+        self.grading = grading
+        self._check_options()
+        if not (isinstance(walls, Sequence) and all(isinstance(wall, Wall) for wall in walls)):
+            raise ValueError(f"Case: walls is {walls!r}; it must be a list of Wall")
+        self.walls = list(walls)
+        self.walls_have_fluids = False
+        self.filled: Callable[[Array], Array] | None = None
+        self.tank: Tank | None = None
+        if isinstance(particles, Tank):
+            self.tank = tank = particles
+            particles = tank.sample(
+                self.fluids, fitted=self.interface == "sharp", empty=self.free_surface, grading=self.grading
+            )
+        if not isinstance(particles, Particles):
+            raise ValueError(f"Case: particles is a {type(particles).__name__}; it must be a Particles or a tank")
+        self.particles = particles
+        if self.tank is not None:
+            self.walls_have_fluids, self.filled = True, self.tank.holds
+            self.walls = [*self.tank.walls(particles), *self.walls]
+        self.gravity = self._checked_gravity(gravity)
+        self._check_particles(particles)
+        self.boundary = Boundary(particles, self.walls, self.tank_motion, closed=self.closed)
+        if self.tank is not None:
+            self.tank.seal()
 
-    def __post_init__(self) -> None:
-        given = self.fluids
-        self.fluids = list(given) if isinstance(given, Sequence) else []
-        if not self.fluids or not all(isinstance(f, Fluid) for f in self.fluids):
-            raise ValueError(f"Case: fluids is {given!r}; it must be a list of at least one Fluid")
-        names = [f.name for f in self.fluids]
-        if len(set(names)) < len(names):
-            raise ValueError(f"Case: fluids are named {names}; every fluid needs a name of its own")
-        if not isinstance(self.free_surface, bool):
-            raise ValueError(f"Case: free_surface is {self.free_surface!r}; it must be True or False")
-        if self.interface is None:
-            self.interface = SURFACE_INTERFACE if self.free_surface else DEFAULT_INTERFACE
-        if not isinstance(self.interface, str) or self.interface not in INTERFACES:
-            raise ValueError(f"Case: interface is {self.interface!r}; it must be one of {sorted(INTERFACES)}")
-        if self.free_surface and self.interface == "sharp":
-            raise ValueError("Case: with free_surface=True, interface must be 'interpolated' (the default then)")
+    def _check_options(self) -> None:
+        """Check what does not need the particles."""
         if self.body_force is not None and not callable(self.body_force):
             raise ValueError(f"Case: body_force is {self.body_force!r}; it must be a function of positions and time")
         if not isinstance(self.numerics, Numerics):
             raise ValueError(f"Case: numerics is {self.numerics!r}; it must be a Numerics")
-        if not (isinstance(self.walls, Sequence) and all(isinstance(wall, Wall) for wall in self.walls)):
-            raise ValueError(f"Case: walls is {self.walls!r}; it must be a list of Wall")
         if not (self.tank_motion is None or isinstance(self.tank_motion, Motion)):
             raise ValueError(f"Case: tank_motion is {self.tank_motion!r}; it must be a Motion")
         if not (self.grading is None or isinstance(self.grading, Grading)):
@@ -98,25 +123,14 @@ class Case:
             raise ValueError("Case: grading is given and free_surface is True; there is no grading with a free surface")
         if self.grading and self.interface != "sharp":
             raise ValueError(f"Case: with grading, interface must be 'sharp', in 2-D; it is {self.interface!r}")
-        if isinstance(self.particles, Tank):
-            self.tank = filled = self.particles
-            self.particles = filled.sample(
-                self.fluids, fitted=self.interface == "sharp", empty=self.free_surface, grading=self.grading
-            )
-            self.walls_have_fluids, self.filled = True, filled.holds
-            self.walls = [*filled.walls(self.particles), *self.walls]
-        if not isinstance(self.particles, Particles):
-            raise ValueError(f"Case: particles is a {type(self.particles).__name__}; it must be a Particles or a tank")
-        self._check_particles(self.particles)
-        self.boundary = Boundary(self.particles, self.walls, self.tank_motion, closed=self.closed)
+
+    def _checked_gravity(self, gravity: Sequence[float] | Array) -> Array:
+        d, given = self.particles.dimension, numbers(gravity)
+        if given.shape != (d,) or not np.isfinite(given).all():
+            raise ValueError(f"Case: gravity is {gravity!r}; it must be {d} finite accelerations in m/s^2")
+        return given
 
     def _check_particles(self, particles: Particles) -> None:
-        gravity = numbers(self.gravity)
-        if gravity.shape != (particles.dimension,) or not np.isfinite(gravity).all():
-            raise ValueError(
-                f"Case: gravity is {self.gravity!r}; it must be {particles.dimension} finite accelerations in m/s^2"
-            )
-        self.gravity = gravity
         if self.grading:
             largest = self.grading.of_fluids([f.name for f in self.fluids], particles.spacing)
             inside = np.zeros(len(particles), dtype=bool)
@@ -161,15 +175,22 @@ class Case:
             ) from error
         # Facets of one straight wall share their equation but for round-off; one of them will do.
         facets = facets[np.unique(facets.round(12), axis=0, return_index=True)[1]]
-        fluid = np.flatnonzero(~particles.wall)
-        beyond = np.zeros(len(fluid), dtype=bool)
+        depth = np.full(len(particles), np.inf)  # below the nearest facet [spacings]
         for facet in facets:  # one by one: all at once would take facets x particles of memory
-            beyond |= centred[fluid] @ facet[:-1] + facet[-1] > -1e-9
-        if beyond.any():
-            i = int(fluid[np.argmax(beyond)])
+            depth = np.minimum(depth, -(centred @ facet[:-1] + facet[-1]))
+        outside = ~particles.wall & (depth < 1e-9)
+        if outside.any():
+            i = int(np.argmax(outside))
             raise ValueError(
                 f"Case: particle {i} at {particles.position[i].tolist()} lies outside the walls (or on them); "
                 "wall particles must surround all others"
+            )
+        inner = particles.wall & (depth > INNER_WALL)
+        if self.closed and inner.any():
+            i = int(np.argmax(inner))
+            raise ValueError(
+                f"Case: wall particle {i} at {particles.position[i].tolist()} lies {depth[i]:.2g} spacings inside the "
+                "convex hull of all particles; a closed case has outer walls only, and they are convex"
             )
 
     def fluid_index(self, name: str) -> int:
@@ -194,7 +215,7 @@ class Case:
         Raises:
             ValueError: the body force has the wrong shape or is not finite.
         """
-        force = np.broadcast_to(np.asarray(self.gravity), position.shape).copy()
+        force = np.broadcast_to(self.gravity, position.shape).copy()
         if self.body_force is not None:
             extra = np.asarray(self.body_force(position, time), dtype=float)
             if extra.shape == position.shape and not np.isfinite(extra).all():
@@ -218,7 +239,31 @@ class Case:
 
     def pressure_reference(self) -> int:
         """The wall particle at which a closed tank's pressure is zero: the highest, against gravity and body force."""
-        # Not one that slides or is set elsewhere; corners never are.
+        # Corners neither slide nor are relocated, so there is always one.
         wall = np.flatnonzero(self.boundary.stays)
         height = -self.particles.position[wall] @ self.acceleration(self.particles.position, 0.0).mean(axis=0)
         return int(wall[np.argmax(height)])
+
+
+def _checked_fluids(fluids: Sequence[Fluid]) -> list[Fluid]:
+    """The fluids as a list; see `Case` for errors."""
+    found = list(fluids) if isinstance(fluids, Sequence) else []
+    if not found or not all(isinstance(f, Fluid) for f in found):
+        raise ValueError(f"Case: fluids is {fluids!r}; it must be a list of at least one Fluid")
+    names = [f.name for f in found]
+    if len(set(names)) < len(names):
+        raise ValueError(f"Case: fluids are named {names}; every fluid needs a name of its own")
+    return found
+
+
+def _checked_interface(interface: str | None, free_surface: bool) -> str:
+    """The name of the interface rule, by default that of the case's kind; see `Case` for errors."""
+    if not isinstance(free_surface, bool):
+        raise ValueError(f"Case: free_surface is {free_surface!r}; it must be True or False")
+    if interface is None:
+        return SURFACE_INTERFACE if free_surface else DEFAULT_INTERFACE
+    if not isinstance(interface, str) or interface not in INTERFACES:
+        raise ValueError(f"Case: interface is {interface!r}; it must be one of {sorted(INTERFACES)}")
+    if free_surface and interface == "sharp":
+        raise ValueError("Case: with free_surface=True, interface must be 'interpolated' (the default then)")
+    return interface

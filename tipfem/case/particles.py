@@ -3,79 +3,91 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from tipfem.arguments import is_number, numbers
 from tipfem.typing import Array
 
 
-@dataclass
 class Particles:
     """The state on N particles in d dimensions (2 or 3). Arrays left out start at zero.
 
-    Attributes:
+    Args:
         position: (N, d) [m].
         fluid: (N,) index into the case's list of fluids.
-        wall: (N,) True for the ghost particles that make the walls.
+        wall: (N,) True for the particles of the walls.
         velocity: (N, d) [m/s].
         acceleration: (N, d) [m/s^2].
         pressure: (N,) [Pa], positive in compression.
         spacing: target distance h between neighbours [m]; by default the median distance
             from a particle to its nearest neighbour. Where targets differ from place to place, the smallest.
+
+    Attributes:
         target: (N,) distance that each particle is to have from its neighbours [m]. It follows from the case's
             `Grading`, at the start of a simulation and in every step; ``spacing`` without one.
 
+    The arguments are attributes too, as new arrays of the shapes above.
+
     Raises:
-        ValueError: an array has the wrong shape or no numbers, a value is not finite, a label is no
+        ValueError: an array has the wrong shape or is not numeric, a value is not finite, a label is not a
             whole number, or two particles are closer than 1e-6 spacings.
     """
 
-    position: Array
-    fluid: Array
-    wall: Array
-    velocity: Any = None
-    acceleration: Any = None
-    pressure: Any = None
-    spacing: float = field(default=0.0)
-    target: Any = field(init=False, default=None)
-
-    def __post_init__(self) -> None:
-        self._own_arrays()
-        if not self.spacing:
+    def __init__(
+        self,
+        position: ArrayLike,
+        fluid: ArrayLike,
+        wall: ArrayLike,
+        velocity: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+        pressure: ArrayLike | None = None,
+        spacing: float = 0.0,
+    ) -> None:
+        self._set_arrays(position, fluid, wall, velocity, acceleration, pressure)
+        self.spacing = spacing
+        if not spacing:
             self.spacing = self.require_distinct()
         else:
             self._require_spacing()
             self.require_distinct()
-        if self.target is None:
-            self.target = np.full(len(self), float(self.spacing))
+        self.target: Array = np.full(len(self), float(self.spacing))
 
     def _require_spacing(self) -> None:
         if not (is_number(self.spacing) and self.spacing > 0):
             raise ValueError(f"Particles: spacing is {self.spacing!r} m; it must be > 0")
 
-    def _own_arrays(self) -> None:
-        """Replace the arrays by copies of the right type; see the class for errors."""
-        position = numbers(self.position)
-        if position.ndim != 2 or position.shape[1] not in (2, 3) or not len(position):
-            raise ValueError(f"Particles: position has shape {position.shape}; it must be (N, 2) or (N, 3), of numbers")
-        self.position = position
-        n, d = position.shape
-        self.fluid = _shaped("fluid", self.fluid, (n,), np.int32)
-        self.wall = _shaped("wall", self.wall, (n,), bool)
-        self.velocity = _shaped("velocity", self.velocity, (n, d), np.float64)
-        self.acceleration = _shaped("acceleration", self.acceleration, (n, d), np.float64)
-        self.pressure = _shaped("pressure", self.pressure, (n,), np.float64)
-        if self.target is not None:
-            self.target = _shaped("target", self.target, (n,), np.float64)
-            if not (self.target > 0).all():
-                i = int(np.argmin(self.target > 0))
-                raise ValueError(f"Particles: target of particle {i} is {self.target[i]} m; it must be > 0")
+    def _set_arrays(
+        self,
+        position: ArrayLike,
+        fluid: ArrayLike,
+        wall: ArrayLike,
+        velocity: ArrayLike | None,
+        acceleration: ArrayLike | None,
+        pressure: ArrayLike | None,
+    ) -> None:
+        """Set the arrays to checked copies of the right type; see the class for errors."""
+        x = numbers(position)
+        if x.ndim != 2 or x.shape[1] not in (2, 3) or not len(x):
+            raise ValueError(f"Particles: position has shape {x.shape}; it must be (N, 2) or (N, 3), of numbers")
+        n, d = x.shape
+        self.position = x
+        self.fluid = _shaped("fluid", fluid, (n,), np.int32)
+        self.wall = _shaped("wall", wall, (n,), bool)
+        self.velocity = _shaped("velocity", velocity, (n, d), np.float64)
+        self.acceleration = _shaped("acceleration", acceleration, (n, d), np.float64)
+        self.pressure = _shaped("pressure", pressure, (n,), np.float64)
         for name in ("position", "velocity", "acceleration", "pressure"):
             _require_finite(name, getattr(self, name))
+
+    def _set_target(self, target: ArrayLike) -> None:
+        self.target = _shaped("target", target, (len(self),), np.float64)
+        if not (self.target > 0).all():
+            i = int(np.argmin(self.target > 0))
+            raise ValueError(f"Particles: target of particle {i} is {self.target[i]} m; it must be > 0")
 
     @property
     def dimension(self) -> int:
@@ -93,26 +105,35 @@ class Particles:
     def copy(self, **changes: Any) -> Particles:
         """A new state with copies of all arrays, and ``changes`` in place of some of them.
 
-        Checked like a new one but for distances: a step makes several copies, and particles that came
-        too close in it are relocated.
+        Checked like a new state except for distances between particles, because particles that come too close in
+        a step are relocated afterwards.
+
+        Args:
+            changes: new values by the names of attributes.
 
         Raises:
             TypeError: there is no attribute of that name.
-            ValueError: as for a new state, see above.
+            ValueError: as for a new state, see the class.
         """
         unknown = set(changes) - set(vars(self))
         if unknown:
             raise TypeError(f"Particles: there is no {', '.join(sorted(unknown))} to change")
+        values = {**vars(self), **changes}
         new = copy.copy(self)
-        vars(new).update(changes)
+        new.spacing = values.pop("spacing")
         new._require_spacing()
-        new._own_arrays()
+        target = values.pop("target")
+        new._set_arrays(**values)
+        new._set_target(target)
         return new
 
     def shallow_copy(self, **changes: Any) -> Particles:
         """The state with ``changes`` in place of some of its arrays; it shares the others, and nothing is checked.
 
-        For what a step computes by itself: `copy` is for everybody else.
+        For the solver's own results; `copy` checks.
+
+        Args:
+            changes: new values by the names of attributes.
         """
         new = copy.copy(self)
         vars(new).update(changes)
@@ -122,11 +143,10 @@ class Particles:
         """Check that no two particles coincide.
 
         Returns:
-            The median distance from a particle to its nearest neighbour [m]; of one particle alone,
-            its spacing.
+            The median distance from a particle to its nearest neighbour [m]; for a single particle its spacing.
 
         Raises:
-            ValueError: there is one particle alone and no spacing, or two are closer than 1e-6 spacings,
+            ValueError: there is a single particle and no spacing, or two are closer than 1e-6 spacings,
                 or than 1e-6 of that median if it is smaller.
         """
         if len(self) < 2:

@@ -23,10 +23,14 @@ SIDES = {name: (k // 2, k % 2 == 1) for k, name in enumerate(["left", "right", "
 
 @dataclass
 class Region:
-    """A part of the tank: which fluid is in it, what the user called it, and which points belong to it.
+    """A filled part of the tank.
 
     Attributes:
-        given: the argument of `Tank.fill` that says what the part is, "box", "disc" or "where", with its value; empty
+        fluid: that fills it.
+        part: what messages call it.
+        contains: function of positions (K, d) [m] to a mask (K,) of those in the region.
+        box: (2, d) lower and upper corner of a box [m]; None for other shapes.
+        given: the argument of `Tank.fill` for the region, "box", "disc" or "where", with its value; empty
             for the whole tank.
     """
 
@@ -36,17 +40,35 @@ class Region:
     box: Array | None = None
     given: dict[str, Any] = field(default_factory=dict)
 
+    def mask(self, x: Array) -> Array:
+        """Mask (K,) of the points (K, d) [m] in the region.
 
-@dataclass
+        Raises:
+            ValueError: a user's function raised, or did not return a mask.
+        """
+        here = f"fill {self.fluid.name!r}: {self.part}"
+        try:
+            inside = np.asarray(self.contains(x.copy()))  # a copy: a user's function may work in place
+        except Exception as error:
+            raise ValueError(
+                f"{here} raised {type(error).__name__} for positions of shape {x.shape}: {error}"
+            ) from error
+        if inside.shape != (len(x),) or inside.dtype != bool:
+            raise ValueError(
+                f"{here} gave {inside.dtype} of shape {inside.shape}; it must be a mask, bool of shape {(len(x),)}"
+            )
+        return inside
+
+
 class Tank:
-    """A closed box with one row of fixed ghost particles as walls, to be filled with fluids.
+    """A closed box with one row of wall particles, to be filled with fluids; `tank` makes one.
 
     Particles stand on a rectilinear lattice. Every face of a filled box that lies inside the tank
     runs midway between two of its lines: that is where the interface of two fluids is, and so the
     volumes of layers are those asked for. Between faces the lines are evenly spaced, on each side
     of a face by a little more or less than ``spacing``. A layer between two faces can be one line.
 
-    Attributes:
+    Args:
         size: (d,) edge lengths [m]; one corner is the origin.
         spacing: target distance between particles [m].
         jitter: random displacement of the particles off the walls, in spacings (0 to 0.4). A tank
@@ -55,31 +77,44 @@ class Tank:
             the wall particles in 3-D are displaced too, along their walls.
         seed: of the random displacement.
 
+    Attributes:
+        size: (d,) array [m].
+
+    The other arguments are attributes too.
+
     Raises:
-        ValueError: a size or the spacing is no positive number, the spacing exceeds half an edge, or
+        ValueError: a size or the spacing is not a positive number, the spacing exceeds half an edge, or
             the jitter is out of range.
     """
 
-    size: Sequence[float]
-    spacing: float
-    jitter: float = 0.0
-    seed: int = 0
-    _regions: list[Region] = field(default_factory=list, repr=False)
-    _walls: dict[str, dict[str, Any]] = field(default_factory=dict, repr=False)
-
-    def __post_init__(self) -> None:
-        size = numbers(self.size)
-        if size.ndim != 1 or len(size) not in (2, 3) or not (np.isfinite(size).all() and (size > 0).all()):
-            raise ValueError(f"tank: size is {self.size!r}; it must be 2 or 3 lengths > 0 in metres")
-        if not (is_number(self.spacing) and self.spacing > 0):
-            raise ValueError(f"tank: spacing is {self.spacing!r} m; it must be > 0")
-        if self.spacing > size.min() / 2:
+    def __init__(self, size: Sequence[float], spacing: float, jitter: float = 0.0, seed: int = 0) -> None:
+        self.size = numbers(size)
+        self.spacing, self.jitter, self.seed = spacing, jitter, seed
+        self._regions: list[Region] = []
+        self._walls: dict[str, dict[str, Any]] = {}
+        self._sealed = False
+        if self.size.ndim != 1 or len(self.size) not in (2, 3) or not ((self.size > 0) & (self.size < np.inf)).all():
+            raise ValueError(f"tank: size is {size!r}; it must be 2 or 3 lengths > 0 in metres")
+        if not (is_number(spacing) and spacing > 0):
+            raise ValueError(f"tank: spacing is {spacing!r} m; it must be > 0")
+        if spacing > self.size.min() / 2:
             raise ValueError(
-                f"tank: spacing is {self.spacing:g} m, too large for a tank of {size.tolist()} m; "
-                f"it must be at most half the smallest edge, {size.min() / 2:g} m"
+                f"tank: spacing is {spacing:g} m, too large for a tank of {self.size.tolist()} m; "
+                f"it must be at most half the smallest edge, {self.size.min() / 2:g} m"
             )
-        if not (is_number(self.jitter) and 0 <= self.jitter <= 0.4):
-            raise ValueError(f"tank: jitter is {self.jitter!r}; it must lie between 0 and 0.4 spacings")
+        if not (is_number(jitter) and 0 <= jitter <= 0.4):
+            raise ValueError(f"tank: jitter is {jitter!r}; it must lie between 0 and 0.4 spacings")
+
+    def seal(self) -> None:
+        """Refuse changes from here on: a case has taken its particles and walls from the tank."""
+        self._sealed = True
+
+    def _require_open(self, what: str) -> None:
+        if self._sealed:
+            raise ValueError(
+                f"{what}: a Case has been made of this tank already and would not see the change; describe the tank "
+                "before, or make a new one"
+            )
 
     def fill(
         self,
@@ -101,13 +136,15 @@ class Tank:
             The tank itself, so that calls can be chained.
 
         Raises:
-            ValueError: ``fluid`` is no Fluid, or the part has the wrong shape or lies outside the tank.
+            ValueError: ``fluid`` is not a Fluid, the part has the wrong shape or lies outside the tank, or a `Case`
+                has been made of the tank already.
         """
+        self._require_open("fill")
         if not isinstance(fluid, Fluid):
             raise ValueError(f"fill: fluid is {fluid!r}; it must be a Fluid")
         if sum(part is not None for part in (box, disc, where)) > 1:
             raise ValueError("fill: give one of box, disc and where, not several")
-        size = np.asarray(self.size, dtype=float)
+        size = self.size
         if box is not None:
             corners = numbers(box)
             if corners.shape != (2, len(size)) or not (corners[0] < corners[1]).all():
@@ -140,7 +177,7 @@ class Tank:
         elif where is not None:
             if not callable(where):
                 raise ValueError(f"fill {fluid.name!r}: where is {where!r}; it must be a function of positions")
-            self._regions.append(Region(fluid, "where", where, given={"where": where}))
+            self._regions.append(Region(fluid, f"where={_name(where)}", where, given={"where": where}))
         else:
             self._regions.append(Region(fluid, "tank", lambda x: np.ones(len(x), dtype=bool)))
         return self
@@ -156,13 +193,15 @@ class Tank:
             The tank itself, so that calls can be chained.
 
         Raises:
-            ValueError: there is no such wall, it has been said already, or see `Wall`.
+            ValueError: there is no such wall, it has been described before, a `Case` has been made of the tank
+                already, or see `Wall`.
         """
+        self._require_open(f"wall {side!r}")
         sides = [name for name, (axis, _) in SIDES.items() if axis < len(self.size)]
         if side not in sides:
             raise ValueError(f"wall: {side!r} is no wall of this tank; it has {', '.join(sides)}")
         if side in self._walls:
-            raise ValueError(f"wall {side!r} is described twice; say all about it in one call")
+            raise ValueError(f"wall {side!r} is described twice; give all of its properties in one call")
         options = {"slip", "slip_length", "velocity", "motion"}
         if not what or set(what) - options:
             raise ValueError(f"wall {side!r}: {sorted(what)} given; it takes one or more of {sorted(options)}")
@@ -172,12 +211,12 @@ class Tank:
 
     @property
     def regions(self) -> tuple[Region, ...]:
-        """What `fill` was told, in its order."""
+        """The regions filled by `fill`, in order."""
         return tuple(self._regions)
 
     @property
     def wall_options(self) -> dict[str, dict[str, Any]]:
-        """What `wall` was told, by the wall's name."""
+        """The arguments of `wall`, by the wall's name."""
         return {name: dict(what) for name, what in self._walls.items()}
 
     def walls(self, particles: Particles) -> list[Wall]:
@@ -196,18 +235,19 @@ class Tank:
 
         Args:
             fluids: the case's fluids; ``Particles.fluid`` indexes this list.
-            empty: let parts of the tank be empty: there are no particles but those of walls, of fluid -1. In 2-D
-                particles stand on the faces of empty parts; that is where free surfaces begin.
-            fitted: put particles on the faces between two fluids, instead of on both sides of them, and let
-                them have the heavier one; in 2-D only. That is what the sharp interface starts from.
-            grading: what thins the lattice away from interfaces; in 2-D only, and where no part is empty.
+            fitted: put particles on the faces between two fluids, instead of on both sides of them, and give
+                them the heavier one; in 2-D only. The sharp interface needs this.
+            empty: let parts of the tank be empty. They have no particles except wall particles, whose fluid is -1.
+                In 2-D particles stand on the faces of empty parts, where free surfaces begin.
+            grading: target spacings that thin out the lattice away from interfaces; in 2-D only, and without empty
+                parts.
 
         Returns:
             Particles with N of about prod(size / spacing + 1).
 
         Raises:
             ValueError: a part of the tank is empty, too thin, or holds a fluid that is not in the list; a
-                filled part holds no particle off the walls; a ``where`` gave no mask; a tank in 3-D
+                filled part holds no particle off the walls; a ``where`` raised or did not return a mask; a tank in 3-D
                 has no jitter, or is to be fitted.
         """
         if fitted and len(self.size) == 3:
@@ -219,16 +259,16 @@ class Tank:
                 "tank: jitter is 0; a regular lattice in 3-D cannot be meshed, its cubes are cut into simplices "
                 "without volume; set jitter, to 0.1 for instance"
             )
-        size, numbers_of, nothing = np.asarray(self.size, dtype=float), self._numbers(fluids), len(fluids)
+        size, numbers_of, nothing = self.size, self._numbers(fluids), len(fluids)
 
         def fluid_at(x: Array) -> Array:
             label = np.full(len(x), nothing if empty else 0, dtype=np.int32)
             for region, number in zip(self._regions, numbers_of, strict=True):
-                label[np.asarray(region.contains(x.copy()))] = number
+                label[region.mask(x)] = number
             return label
 
         def is_empty(x: Array) -> Array:
-            return fluid_at(x) == nothing
+            return np.asarray(fluid_at(x) == nothing)
 
         lines = []
         for axis, length in enumerate(size.tolist()):
@@ -246,11 +286,11 @@ class Tank:
         if (fluid < 0).any() and not empty:
             i = int(np.argmax(fluid < 0))
             raise ValueError(
-                f"tank: no fluid at {position[i].tolist()}; fill the whole tank first, then parts of it, or let the "
-                "case have a free surface"
+                f"tank: no fluid at {position[i].tolist()}; fill the whole tank first, then parts of it, or give the "
+                "case a free surface"
             )
         if (fluid < 0).all():
-            raise ValueError("tank: it is empty; fill at least a part of it with a fluid")
+            raise ValueError("tank: it is empty; fill at least one part of it with a fluid")
         free = ~wall
         if len(size) == 2 and (fitted or empty):
             part = fluid_at if fitted else is_empty
@@ -260,14 +300,14 @@ class Tank:
             free &= ~on_face
         if self.jitter:
             shift = np.random.default_rng(self.seed).uniform(-1, 1, position.shape) * self.jitter * self.spacing
-            # In 3-D four wall particles of a lattice can be in one plane across an edge of the tank. What is cut
-            # away between them does no harm as long as they are fixed; particles of walls that slip feel it.
+            # In 3-D four wall particles of a lattice can be in one plane across an edge of the tank. The simplices
+            # missing between them do not matter while they are fixed, but they do for particles of walls that slip.
             held = (position == 0.0) | (position == size) if len(size) == 3 and self._walls else ~free[:, None]
             position += np.where(held, 0.0, shift)
-        there = wall | (fluid >= 0)
+        kept = wall | (fluid >= 0)
         if grading:
-            there = thinned(grading, position, (len(lines[0]), len(lines[1])), fluid, fluids, self.spacing)
-        return Particles(position[there], fluid[there], wall[there], spacing=self.spacing)
+            kept = thinned(grading, position, (len(lines[0]), len(lines[1])), fluid, fluids, self.spacing)
+        return Particles(position[kept], fluid[kept], wall[kept], spacing=self.spacing)
 
     def _numbers(self, fluids: Sequence[Fluid]) -> list[int]:
         """Number of each region's fluid among ``fluids``; see `sample` for errors."""
@@ -281,13 +321,8 @@ class Tank:
 
     def _mask(self, region: Region, position: Array, wall: Array) -> Array:
         """Mask (N,) of the lattice points in a region; see `sample` for errors."""
-        inside = np.asarray(region.contains(position.copy()))  # a copy: a user's function may work in place
-        if inside.shape != wall.shape or inside.dtype != bool:
-            raise ValueError(
-                f"fill {region.fluid.name!r}: {region.part} gave {inside.dtype} of shape {inside.shape}; it must be a "
-                f"mask, bool of shape {wall.shape}"
-            )
-        # Wall particles take the fluid of their neighbours, so those alone would be lost without a word.
+        inside = region.mask(position)
+        # Wall particles take the fluid of their neighbours, so a region with those alone would be lost silently.
         if not (inside & ~wall).any():
             raise ValueError(
                 f"fill {region.fluid.name!r}: {region.part} holds no particle off the walls; it lies outside the "
@@ -299,7 +334,7 @@ class Tank:
         """Mask (K,) of the positions (K, d) [m] that are in a part that has been filled."""
         inside = np.zeros(len(x), dtype=bool)
         for region in self._regions:
-            inside |= np.asarray(region.contains(x.copy()))
+            inside |= region.mask(x)
         return inside
 
     def _faces(self, axis: int) -> set[float]:
@@ -311,12 +346,23 @@ class Tank:
 def tank(size: Sequence[float], spacing: float, *, jitter: float = 0.0, seed: int = 0) -> Tank:
     """A closed tank to be filled: ``tank((1, 1), 0.05).fill(air).fill(water, box=((0, 0), (1, 0.5)))``.
 
-    See `Tank` for the arguments and the errors.
+    Args:
+        size: (d,) edge lengths [m].
+        spacing: target distance between particles [m].
+        jitter: random displacement of the particles off the walls [spacings]; needed in 3-D.
+        seed: of the random displacement.
+
+    Raises:
+        ValueError: an argument is out of range, see `Tank`.
     """
     return Tank(size, spacing, jitter, seed)
 
 
-def _in_box(x: Array, corners: Array, size: Any) -> Array:
+def _name(function: Callable[[Array], Array]) -> str:
+    return str(getattr(function, "__name__", type(function).__name__))
+
+
+def _in_box(x: Array, corners: Array, size: Array) -> Array:
     """Mask (K,) of the points in a box; faces on the tank's walls belong to it."""
     slack = 1e-9 * size
-    return ((x > corners[0] - slack) & (x < corners[1] + slack)).all(axis=1)
+    return np.asarray(((x > corners[0] - slack) & (x < corners[1] + slack)).all(axis=1))

@@ -161,10 +161,10 @@ class SurfaceMesher:
         facet[np.arange(len(k)), opposite] = False
         nodes = cells[k][facet].reshape(len(k), cells.shape[1] - 1)
         other = beyond[k, opposite]
-        backed = wall[nodes].all(axis=1) & ((other < 0) | solid[other])
+        backed: Array = np.asarray(wall[nodes].all(axis=1) & ((other < 0) | solid[other]))
         front = np.zeros(len(position), dtype=bool)
         front[nodes[~backed]] = True
-        pinned = front & (~wall | self.slippery)
+        pinned: Array = np.asarray(front & (~wall | self.slippery))
         # Where all particles of a simplex at a wall were pinned, nothing would hold it off the wall.
         held = cells[keep & pinned[cells].all(axis=1) & wall[cells].any(axis=1)]
         pinned[held[wall[held]]] = False
