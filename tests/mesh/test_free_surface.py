@@ -63,7 +63,7 @@ def test_a_slanted_or_round_surface_has_particles_on_it():
 
 
 def test_an_empty_tank_is_refused():
-    with pytest.raises(ValueError, match="it is empty; fill at least a part"):
+    with pytest.raises(ValueError, match="it is empty; fill at least one part"):
         tp.tank((1, 1), 0.1).sample([WATER], empty=True)
 
 

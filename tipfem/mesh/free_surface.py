@@ -75,7 +75,7 @@ class SurfaceMesher:
         used = before.used
         below = used & ~old.front & ~relocated
         inner = below[cells]
-        solid = wall[cells].all(axis=1)
+        solid: Array = np.asarray(wall[cells].all(axis=1))
         keep = (measure > FLAT) & ~solid & inner.all(axis=1)
         asked = np.flatnonzero((measure > FLAT) & ~solid & ~keep)
         keep[asked[self._fluid(particles, cells[asked], before, below, old, used)]] = True
@@ -152,7 +152,7 @@ class SurfaceMesher:
         start: bool = False,
     ) -> Mesh:
         """The mesh of the simplices kept, corners of the walls among them, with its surface but for volumes."""
-        solid = wall[cells].all(axis=1)
+        solid: Array = np.asarray(wall[cells].all(axis=1))
         corner = np.flatnonzero(may & solid & (measure > SLIVER) & _beside(keep, beyond))
         keep[corner[Shapes.of(position, cells[corner], h).radius < self.rule.alpha]] = True
         out = keep[:, None] & ~((beyond >= 0) & keep[beyond])
@@ -161,10 +161,10 @@ class SurfaceMesher:
         facet[np.arange(len(k)), opposite] = False
         nodes = cells[k][facet].reshape(len(k), cells.shape[1] - 1)
         other = beyond[k, opposite]
-        backed: Array = np.asarray(wall[nodes].all(axis=1) & ((other < 0) | solid[other]))
+        backed = wall[nodes].all(axis=1) & ((other < 0) | solid[other])
         front = np.zeros(len(position), dtype=bool)
         front[nodes[~backed]] = True
-        pinned: Array = np.asarray(front & (~wall | self.slippery))
+        pinned = front & (~wall | self.slippery)
         # Where all particles of a simplex at a wall were pinned, nothing would hold it off the wall.
         held = cells[keep & pinned[cells].all(axis=1) & wall[cells].any(axis=1)]
         pinned[held[wall[held]]] = False
