@@ -251,6 +251,10 @@ def test_the_pressure_is_zero_at_the_highest_wall_particle(case, particles, grav
         ({"precision": 64}, ["precision is 64"]),
         ({"threads": 0}, ["threads is 0", ">= 1"]),
         ({"threads": -3}, ["threads is -3"]),
+        ({"threads": "2"}, ["threads is '2'", "whole number"]),
+        ({"threads": 2.0}, ["threads is 2.0", "whole number"]),
+        ({"threads": True}, ["threads is True", "whole number"]),
+        ({"threads": 100_000}, ["threads is 100000", "core(s)"]),
     ],
 )
 def test_init_refuses_what_it_does_not_know(arguments, words):

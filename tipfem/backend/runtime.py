@@ -48,7 +48,7 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
     Args:
         arch: "cpu" or "cuda".
         precision: "f64" (the default) or "f32", of all reals in the kernels.
-        threads: number of CPU threads; by default as many as there are cores that the process may use.
+        threads: number of CPU threads; by default, and at most, as many as there are cores that the process may use.
 
     Raises:
         ValueError: an argument is not one of those.
@@ -58,16 +58,20 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
         raise ValueError(f"init: arch is {arch!r}; it must be one of {sorted(_ARCHES)}")
     if precision not in _PRECISIONS:
         raise ValueError(f"init: precision is {precision!r}; it must be one of {sorted(_PRECISIONS)}")
-    if threads is not None and threads < 1:
-        raise ValueError(f"init: threads is {threads!r}; it must be >= 1")
+    cores = (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()) or 1
+    if threads is not None and (not isinstance(threads, int) or isinstance(threads, bool) or threads < 1):
+        raise ValueError(f"init: threads is {threads!r}; it must be a whole number >= 1")
+    if threads is not None and threads > cores:  # threads wait for each other in kernels, see `barrier`
+        raise ValueError(
+            f"init: threads is {threads}, but this process may use {cores} core(s); more threads would hang"
+        )
     wanted = {"arch": arch, "precision": precision, "threads": threads}
     if _running:
         if _running != wanted:
             raise RuntimeError(f"init: Taichi already runs with {_running}; one process has one runtime, not {wanted}")
         return
     options: dict[str, Any] = {"default_fp": _PRECISIONS[precision], "log_level": ti.ERROR}
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    options["cpu_max_num_threads"] = threads or cores or 1
+    options["cpu_max_num_threads"] = threads or cores
     # "Starting on arch" is a bare print of Taichi's, and a missing GPU must be an error, not a CPU run.
     before = _own_threads()
     try:
