@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import gc
 import json
+import re
 import resource
 
 import meshio
@@ -180,6 +181,19 @@ def test_a_run_leaves_history_fields_and_summary(water, air, tmp_path, capfd):
     assert summary["status"] == "complete"
     assert summary["arch"] == "cpu"
     assert summary["steps"] == len(rows)
+
+
+def test_a_run_may_follow_single_steps(water, air, tmp_path):
+    """The state that the run finds is written, and then one at each of the output times."""
+    simulation = tp.Simulation(dam_break(water, air), out=tmp_path, time_step=4e-3, output_interval=0.01)
+    simulation.step()
+    simulation.run(until=0.02, progress=False)
+    while simulation.time < 0.031:
+        simulation.step()
+    simulation.run(until=0.04, progress=False)
+    times = [float(time) for time in re.findall(r'timestep="([^"]+)"', (tmp_path / "fields.pvd").read_text())]
+    assert times == pytest.approx([0.004, 0.01, 0.02, times[3], 0.04])
+    assert 0.031 <= times[3] < 0.036
 
 
 def test_results_are_repeatable_bit_by_bit(water, air):

@@ -160,7 +160,7 @@ class Simulation:
         """
         if not until > self.time:
             raise ValueError(f"run: until is {until!r} s; it must be later than the present {self.time:g} s")
-        if self.step_number == 0:
+        if self.step_number == 0 or self.time >= self._next_output():  # the latter after calls of `step`
             self._write_fields()
         bar = RunProgress(self.time, until, enabled=progress)
         status = "stopped"
