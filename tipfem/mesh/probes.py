@@ -1,7 +1,8 @@
-"""Probes: fronts and depths of fluids, read off a mesh; hydrostatic pressure of layers."""
+"""Probes: volumes, energies, fronts and heights, read off particles and mesh."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -22,17 +23,9 @@ class Energy(NamedTuple):
 def extent(mesh: Mesh, fluid: Array, index: int, axis: int) -> float:
     """Largest coordinate that a fluid reaches along an axis [m].
 
-    Where every cell has one fluid, these are the fluid's cells. Otherwise the fluid reaches to the middle of
-    the edges that join it to another fluid; particles in no cell do not count.
-
-    Args:
-        mesh: of N particles.
-        fluid: (N,) fluid of each particle.
-        index: of the fluid.
-        axis: of the coordinate.
-
-    Returns:
-        The coordinate, or NaN if there is nothing of the fluid.
+    Where elements have a fluid each, that is the end of the fluid's elements. Otherwise the fluid reaches to
+    the middle of the edges that join it to another one; particles in no element do not count. NaN without any of
+    that fluid.
     """
     if mesh.fluid is not None:
         cells = mesh.cells[mesh.fluid == index]
@@ -52,15 +45,9 @@ def extent(mesh: Mesh, fluid: Array, index: int, axis: int) -> float:
 def depth(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
     """Length of a fluid along the vertical line x = ``place`` of a 2-D mesh [m].
 
-    Where every cell has one fluid, whole cells count. Otherwise cells between fluids are cut through the middle
-    of their edges: three triangles at the corners, and a fourth between them that belongs to the fluid of most
-    corners (in a cell of three fluids, of the first).
-
-    Args:
-        mesh: of N particles, 2-D.
-        fluid: (N,) fluid of each particle.
-        index: of the fluid.
-        place: x of the line [m].
+    Elements that have a fluid each are taken whole. Others, between fluids, are cut through the middle of their
+    edges: three triangles at the corners, and a fourth between them that belongs to the fluid of most corners
+    (in an element of three fluids, of the first).
 
     Raises:
         ValueError: the line does not cross the mesh.
@@ -84,10 +71,48 @@ def depth(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
     return total
 
 
+def surface_height(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
+    """Height of the highest point of a fluid on the vertical line x = ``place`` of a 2-D mesh [m]; NaN without any.
+
+    See `depth` for what counts as a fluid where interfaces cut through cells.
+
+    Raises:
+        ValueError: the line does not cross the mesh.
+    """
+    left, right = float(mesh.position[:, 0].min()), float(mesh.position[:, 0].max())
+    if not left <= place <= right:
+        raise ValueError(f"height: the line x = {place:g} m does not cross the mesh of {left:g} to {right:g} m")
+    line = max(place, left + 1e-9 * (right - left))  # as in `depth`
+    x, y = mesh.position[:, 0] - line, mesh.position[:, 1]
+    before = (x < 0).take(mesh.cells.T)
+    crossed = np.flatnonzero(before.any(axis=0) & ~before.all(axis=0))
+    cells = mesh.cells[crossed]
+    if mesh.fluid is not None:
+        own = cells[mesh.fluid[crossed] == index]
+        return _highest(x[own], y[own])
+    highest = math.nan
+    for triangle, label in _mid_edge_pieces(cells, fluid):
+        px = np.stack([x[a] / 2 + x[b] / 2 for a, b in triangle], axis=1)[label == index]
+        py = np.stack([y[a] / 2 + y[b] / 2 for a, b in triangle], axis=1)[label == index]
+        highest = float(np.fmax(highest, _highest(px, py)))
+    return highest
+
+
+def _highest(x: Array, y: Array) -> float:
+    """Largest y at x = 0 of triangles with corners x, y (K, 3); NaN where none crosses it."""
+    highest = math.nan
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        cut = (x[:, a] < 0) != (x[:, b] < 0)
+        weight = x[cut, a] / (x[cut, a] - x[cut, b])
+        if cut.any():
+            highest = float(np.fmax(highest, ((1 - weight) * y[cut, a] + weight * y[cut, b]).max()))
+    return highest
+
+
 def _mid_edge_pieces(cells: Array, fluid: Array) -> list[tuple[list[tuple[Array, Array]], Array]]:
     """Four triangles a cell through the mid-edges, points as pairs of particles, and their fluid.
 
-    The middle one belongs to the fluid of most corners.
+    The middle one belongs to the fluid that has most corners.
     """
     a, b, c = cells.T
     fa, fb, fc = fluid[a], fluid[b], fluid[c]

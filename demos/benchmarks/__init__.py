@@ -1,1 +1,0 @@
-"""Benchmarks: how fast a step is, and where its time goes."""

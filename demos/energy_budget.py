@@ -1,0 +1,243 @@
+"""Where the energy of a dam break goes: viscosity, time integration, pressure, remeshing.
+
+Runs the dam break of water in air (demos/dam_break.py) until shortly before the water hits the far wall, once for
+each spectral radius rho_inf of the time integration, and adds up the budget of every step's history:
+
+    summary.json      figures of all runs
+    table.md          the same as a table
+    energy.png        kinetic and potential energy, and what was dissipated by what, over time
+    rho_inf_<...>/    history.csv and summary.json of each run
+
+    python demos/energy_budget.py --spacing 0.01 --rho-inf 0 0.8
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tipfem.demos import harness
+
+import tipfem as tp
+from tipfem.mesh.interface import INTERFACES
+
+sys.path.insert(0, str(Path(__file__).parent))
+import dam_break
+
+PARTS = ("time", "geometry", "stabilisation", "source", "remeshing")
+SPACING = 0.01  # [m]
+END_TIME = 0.25  # [s], before the impact
+TIME_STEP = 1e-3  # [s]
+LARGEST_RESIDUAL = 0.01  # of what was dissipated: how far the balance may be from closing
+LARGEST_MOMENTUM_RESIDUAL = 5e-4  # of gravity's impulse, at the default tolerance of Newton's method
+
+
+def measure(
+    spacing: float = SPACING,
+    *,
+    rho_inf: float = 0.0,
+    interface: str = "interpolated",
+    end_time: float = END_TIME,
+    time_step: float = TIME_STEP,
+    out: str | Path | None = None,
+    **numerics: Any,
+) -> tuple[dict[str, float], list[dict[str, float]]]:
+    """Run the dam break and add up its budget.
+
+    Args:
+        spacing: distance between particles [m].
+        rho_inf: of the time integration, 0 to 1.
+        interface: rule for elements between two fluids; one of `tipfem.case.case.INTERFACES`.
+        end_time: end of the run [s].
+        time_step: largest time step [s].
+        out: folder for the history, or None.
+        numerics: further numbers of the method, as `tp.Numerics` has them.
+
+    Returns:
+        The figures, see `figures`, and the history.
+
+    Raises:
+        ValueError: an argument is out of range.
+        SimulationError: the run cannot go on.
+    """
+    case = dam_break.build(spacing, interface=interface, numerics=tp.Numerics(rho_inf=rho_inf, **numerics))
+    simulation = tp.Simulation(case, out, time_step=time_step)
+    start = simulation.energy()
+    simulation.run(end_time)
+    result = {"spacing": spacing, "rho_inf": rho_inf, **figures(simulation.history, sum(start))}
+    simulation.write_summary({"status": "complete", "budget": result})
+    return result, simulation.history
+
+
+def figures(history: Sequence[Mapping[str, float]], start: float) -> dict[str, float]:
+    """The budget of a whole run, all energies in J per metre of depth.
+
+    Args:
+        history: the simulation's history, one row a step.
+        start: kinetic and potential energy at the run's beginning [J].
+
+    Returns:
+        Energies at the end; what was dissipated by what; `closure`, the sum of the absolute residuals of energy
+        over what was dissipated; `momentum_closure`, the largest residual of momentum over gravity's impulse of
+        the step; what remeshing added to momentum, as its sum and as the sum of its absolute values [N s]; the
+        largest volume of water that the solve and that remeshing moved in a step, over that of all water.
+    """
+
+    def column(name: str) -> np.ndarray:
+        return np.array([row[name] for row in history])
+
+    end = history[-1]
+    dissipated = column("viscous_dissipation") + column("numerical_dissipation")
+    weight = dam_break.GRAVITY * (
+        column("volume_water") * dam_break.WATER.density + column("volume_air") * dam_break.AIR.density
+    )
+    left = np.hypot(column("momentum_residual_x"), column("momentum_residual_y"))
+    parts = {f"{part}_dissipation": float(column(f"{part}_dissipation").sum()) for part in PARTS}
+    return {
+        "steps": len(history),
+        "end_time": end["time"],
+        "kinetic_energy": end["kinetic_energy"],
+        "potential_energy": end["potential_energy"],
+        "lost_energy": start - end["kinetic_energy"] - end["potential_energy"],
+        "viscous_dissipation": float(column("viscous_dissipation").sum()),
+        "numerical_dissipation": float(column("numerical_dissipation").sum()),
+        **parts,
+        "remeshing_absolute": float(np.abs(column("remeshing_dissipation")).sum()),
+        "remeshing_potential_energy": float(column("remeshing_potential_energy").sum()),
+        "energy_residual": float(column("energy_residual").sum()),
+        "closure": float(np.abs(column("energy_residual")).sum() / abs(dissipated.sum())),
+        "momentum_closure": float((left / (column("time_step") * weight)).max()),
+        "remeshing_momentum_x": float(column("remeshing_momentum_x").sum()),
+        "remeshing_momentum_y": float(column("remeshing_momentum_y").sum()),
+        "remeshing_momentum_absolute": float(
+            np.hypot(column("remeshing_momentum_x"), column("remeshing_momentum_y")).sum()
+        ),
+        "solve_volume": float(np.abs(column("solve_volume_water") / column("volume_water")).max()),
+        "remeshing_volume": float(np.abs(column("remeshing_volume_water") / column("volume_water")).max()),
+    }
+
+
+def check(result: Mapping[str, float]) -> list[str]:
+    """What a run misses of what is expected of it; an empty list when all is well."""
+    missed = []
+    if not result["closure"] <= LARGEST_RESIDUAL:
+        missed.append(f"the energy closes to {result['closure']:.2%} of what was dissipated, not to 1 %")
+    if not result["momentum_closure"] <= LARGEST_MOMENTUM_RESIDUAL:
+        missed.append(f"momentum closes to {result['momentum_closure']:.1e} of gravity's impulse")
+    if abs(result["lost_energy"] - result["viscous_dissipation"] - result["numerical_dissipation"]) > abs(
+        LARGEST_RESIDUAL * result["lost_energy"]
+    ):
+        missed.append("what was lost is not what was dissipated")
+    return missed
+
+
+ROWS = {
+    "steps": "steps",
+    "kinetic_energy": "kinetic energy at the end [J/m]",
+    "lost_energy": "energy lost [J/m]",
+    "viscous_dissipation": "by viscosity [J/m]",
+    "numerical_dissipation": "numerically [J/m]",
+    "time_dissipation": "- time integration [J/m]",
+    "geometry_dissipation": "- pressure on J at n + 1 against the intermediate positions [J/m]",
+    "stabilisation_dissipation": "- stabilisation of pressure [J/m]",
+    "source_dissipation": "- volume source [J/m]",
+    "remeshing_dissipation": "- remeshing, relocation, transfer of momentum [J/m]",
+    "remeshing_absolute": "the same, sum of its absolute values [J/m]",
+    "closure": "what is left, part of the energy lost",
+    "momentum_closure": "momentum that no force accounts for, part of gravity's impulse",
+    "remeshing_momentum_x": "horizontal momentum added by remeshing [N s/m]",
+    "remeshing_momentum_y": "vertical momentum added by remeshing [N s/m]",
+    "solve_volume": "water's volume: largest change in a solve",
+    "remeshing_volume": "water's volume: largest change by a remeshing",
+}
+
+
+def table(results: Sequence[Mapping[str, float]]) -> str:
+    """Figures of several runs as a table in Markdown, a column each."""
+    lines = ["| | " + " | ".join(f"{r['spacing'] * 1e3:g} mm, rho_inf {r['rho_inf']:g}" for r in results) + " |"]
+    lines.append("|---|" + "---|" * len(results))
+    lines += [f"| {text} | " + " | ".join(f"{r[name]:.3g}" for r in results) + " |" for name, text in ROWS.items()]
+    return "\n".join(lines) + "\n"
+
+
+def plot(path: Path, runs: Mapping[str, Sequence[Mapping[str, float]]]) -> None:
+    """Draw the budgets of runs, label -> history: energies gained and lost, and the parts of the dissipation.
+
+    Raises:
+        ImportError: there is no matplotlib.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise ImportError("the figure needs matplotlib; it comes with the extra tipfem[plot]") from error
+    figure = Figure(figsize=(10.0, 4.2 * len(runs)), dpi=120, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(len(runs), 2, squeeze=False)
+    # Okabe and Ito's colours, distinct under colour blindness.
+    colors = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#000000")
+    for (energies, parts), (label, history) in zip(axes, runs.items(), strict=True):
+        t = np.array([row["time"] for row in history])
+        kinetic, potential, viscous, numerical = (
+            np.array([row[name] for row in history])
+            for name in ("kinetic_energy", "potential_energy", "viscous_dissipation", "numerical_dissipation")
+        )
+        fallen = (potential + kinetic + np.cumsum(viscous + numerical))[0] - potential
+        energies.plot(t, fallen, color=colors[0], label="potential energy given up")
+        energies.plot(t, kinetic, color=colors[1], label="kinetic energy")
+        energies.plot(t, np.cumsum(viscous + numerical), color=colors[5], label="dissipated")
+        for name, color in zip((*PARTS, "viscous"), colors, strict=True):
+            total = np.cumsum([row[f"{name}_dissipation"] for row in history])
+            parts.plot(t, total, color=color, label=name if name != "viscous" else "viscosity")
+        energies.set_title(f"{label}: energy [J/m]")
+        parts.set_title(f"{label}: dissipated by [J/m]")
+        for each in (energies, parts):
+            each.set_xlabel("t [s]")
+            each.grid(alpha=0.3)
+            each.legend(fontsize=9)
+    figure.savefig(path)
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Run the demo with the given command line, or the process's."""
+    parser = argparse.ArgumentParser(
+        description=__doc__.split("\n\n")[0], formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    add = parser.add_argument
+    add("--spacing", type=float, default=SPACING, metavar="H", help="distance between particles [m]")
+    add("--end-time", type=float, default=END_TIME, metavar="T", help="simulated time to run to [s]")
+    add("--time-step", type=float, default=TIME_STEP, metavar="DT", help="largest time step [s]")
+    add("--rho-inf", type=float, nargs="+", default=[0.0, 0.8], metavar="R", help="of generalized-alpha, 0 to 1")
+    add("--interface", choices=sorted(INTERFACES), default="interpolated", help="elements between two fluids")
+    add("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run")
+    add("--out", type=Path, default=Path("out/energy_budget"), metavar="FOLDER", help="folder for the results")
+    given = parser.parse_args(words)
+    results, runs = [], {}
+    with harness.one_message():
+        tp.init(arch=given.arch)
+        for rho_inf in given.rho_inf:
+            result, runs[f"rho_inf = {rho_inf:g}"] = measure(
+                given.spacing,
+                rho_inf=rho_inf,
+                interface=given.interface,
+                end_time=given.end_time,
+                time_step=given.time_step,
+                out=given.out / f"rho_inf_{rho_inf:g}",
+            )
+            results.append(result)
+    (given.out / "table.md").write_text(table(results), encoding="utf-8")
+    missed = [f"rho_inf {r['rho_inf']:g}: {text}" for r in results for text in check(r)]
+    summary = {"interface": given.interface, "runs": results, "check": missed or "passed"}
+    (given.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    plot(given.out / "energy.png", runs)
+    print(table(results))
+    harness.conclude(given.out, missed)
+
+
+if __name__ == "__main__":
+    main()

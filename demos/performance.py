@@ -1,0 +1,243 @@
+"""How fast a step is, where its time goes, and what other solvers take for the same systems.
+
+The dam break of section 4.2 of Carvalho & Sanches, "Analysis of two-phase flows using position-based PFEM
+formulation", at t = 0.15 s; finer states are made from coarser ones by cutting every triangle into four. All sizes
+are measured in one run, each in a process of its own, so that their ratios mean something on a machine that is
+shared. Rivals for the linear systems: SciPy's SuperLU, PARDISO and pyamg if they are installed; for the mesh SciPy's
+Delaunay; for the memory a copy of as many bytes as a step must move.
+
+    python demos/performance.py
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
+from tipfem.demos import harness
+
+import tipfem as tp
+
+sys.path.insert(0, str(Path(__file__).parent))
+import performance_cases as cases
+import performance_states as states
+
+# Sizes: distance of the particles in the run that a state is taken from [m], and how often it is refined.
+SIZES = ((0.01, 1), (0.01, 2), (0.004, 1), (0.01, 3), (0.004, 2))
+SHORT = ((0.03, 0), (0.03, 1))
+DIRECT_LIMIT = 100_000  # nodes up to which direct solvers are tried
+STEPS = 10
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442", "#999999", "#000000")
+
+# Check: the largest figures that a run may show; see `check`.
+MOST_ITERATIONS = 16  # of FGMRES to 1e-6
+MOST_HARD = 35  # of systems that are hard for multigrid
+MOST_GROWTH = 1.4  # of them, from the smallest size to the largest
+
+
+def worker(arguments: argparse.Namespace) -> None:
+    """Measure one size, and write the figures to a file."""
+    state = dict(np.load(arguments.worker))
+    for _ in range(arguments.refine):
+        state = states.refined(state)
+    tp.init(arch=arguments.arch, threads=arguments.threads if arguments.arch == "cpu" else None)
+    figures = cases.measure_steps(state, arguments.steps)
+    if arguments.solvers:
+        figures["solvers"] = cases.measure_solvers(state, direct=figures["nodes"] <= DIRECT_LIMIT)
+    arguments.result.write_text(json.dumps(figures))
+
+
+def measure(arguments: argparse.Namespace) -> list[dict[str, Any]]:
+    """All sizes, threads and devices, one process after the other; the figures of each."""
+    sizes, found = SHORT if arguments.short else SIZES, []
+    folder = arguments.out
+    folder.mkdir(parents=True, exist_ok=True)
+    for spacing in sorted({spacing for spacing, _ in sizes}, reverse=True):
+        path = folder / f"state_{spacing * 1e3:g}mm.npz"
+        if not path.exists():
+            print(f"running the dam break at {spacing * 1e3:g} mm to t = {states.STATE_TIME:g} s", flush=True)
+            _python(
+                "-c",
+                f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import pathlib, "
+                f"performance_states as s; s.make_state(pathlib.Path({str(path)!r}), {spacing!r})",
+            )
+    jobs = [(size, arguments.threads, "cpu") for size in sizes]
+    jobs.insert(len(jobs) // 2 + 1, (sizes[len(sizes) // 2], 1, "cpu"))
+    if arguments.arch == "cuda":
+        jobs += [(size, 1, "cuda") for size in sizes]
+    for (spacing, refine), threads, arch in jobs:
+        result = folder / "worker.json"
+        _python(
+            __file__,
+            "--worker",
+            str(folder / f"state_{spacing * 1e3:g}mm.npz"),
+            "--refine",
+            str(refine),
+            "--threads",
+            str(threads),
+            "--arch",
+            arch,
+            "--steps",
+            str(arguments.steps),
+            "--result",
+            str(result),
+            *(["--solvers"] if threads == arguments.threads and arch == "cpu" else []),
+        )
+        found.append({"threads": threads, "arch": arch, **json.loads(result.read_text())})
+        result.unlink()
+        print(f"{found[-1]['nodes']} nodes, {_where(found[-1])}: {found[-1]['step'] * 1e3:.0f} ms a step", flush=True)
+    return sorted(found, key=lambda figures: (figures["arch"], figures["threads"], figures["nodes"]))
+
+
+def _python(*words: str) -> None:
+    if subprocess.run([sys.executable, *words], check=False).returncode:
+        harness.stop("a measurement failed; its message stands above")
+
+
+def _where(figures: Mapping[str, Any]) -> str:
+    return figures["arch"] if figures["arch"] != "cpu" else f"{figures['threads']} thread(s)"
+
+
+def table(found: Sequence[Mapping[str, Any]]) -> str:
+    """The figures as tables in Markdown."""
+    parts = [*cases.COLUMNS, *cases.SHARED, "remeshing"]
+    lines = [
+        "Milliseconds a step, and where they go:",
+        "",
+        "| nodes | on | step | " + " | ".join(parts) + " | rest | us a node | of copying 12.5 kB a node | Newton "
+        "| Krylov per Newton | memory, MB | writing fields | Qhull |",
+        "|" + "---|" * (len(parts) + 12),
+    ]
+    for f in found:
+        ms = [f["parts"].get(name, 0.0) * 1e3 for name in parts]
+        rest = f["step"] * 1e3 - sum(ms)
+        copied = f["step"] / (f["nodes"] * cases.BYTES_OF_A_STEP / f["copy"])
+        lines.append(
+            f"| {f['nodes']} | {_where(f)} | {f['step'] * 1e3:.0f} | "
+            + " | ".join(f"{v:.1f}" for v in ms)
+            + f" | {rest:.1f} | {f['step'] / f['nodes'] * 1e6:.2f} | {copied:.1f} | {f['newton']:.1f} | "
+            f"{f['krylov']:.1f} | {f['memory'] / 1e6:.0f} | {f['output'] * 1e3:.0f} | {f['qhull'] * 1e3:.0f} |"
+        )
+    lines += [
+        "",
+        "The first Newton system of a step, to 1e-6 (seconds; times of ours in brackets):",
+        "",
+        "| nodes | FGMRES iterations | ours | with pyamg's cycle | PARDISO | SuperLU | product over copying its bytes "
+        "| matrix-free product over it |",
+        "|" + "---|" * 8,
+    ]
+    for f in found:
+        if "solvers" not in f:
+            continue
+        s = f["solvers"]
+        product = s["product"] / (s["product_bytes"] / s["copy"])
+        amg = f"{s['pyamg']:.2f} ({s['pyamg_iterations']} iterations)" if "pyamg" in s else "not installed"
+        direct = [f"{s[n]:.2f} ({s[n] / s['ours']:.0f})" if n in s else "-" for n in ("pardiso", "superlu")]
+        lines.append(
+            f"| {s['nodes']} | {s['iterations']} | {s['ours']:.3f} | {amg} | "
+            + " | ".join(direct)
+            + f" | {product:.1f} | {s['matrix_free_product'] / s['product']:.1f} |"
+        )
+    speeds = ", ".join(f"{f['copy'] / 1e9:.0f} ({f['nodes']}, {_where(f)})" for f in found)
+    return "\n".join([*lines, "", f"Copying, GB/s read and written: {speeds}.", ""])
+
+
+def plot(path: Path, found: Sequence[Mapping[str, Any]]) -> None:
+    """Time a node of each part against the number of nodes, and the rivals' times for one system."""
+    figure = Figure(figsize=(12.0, 5.0), dpi=120, layout="constrained")
+    FigureCanvasAgg(figure)
+    left, right = figure.subplots(1, 2)
+    rows = [f for f in found if "solvers" in f]
+    place, bottom = np.arange(len(rows)), np.zeros(len(rows))
+    parts = [*cases.COLUMNS, *cases.SHARED, "remeshing"]
+    for name, colour in zip([*parts, "rest"], COLOURS, strict=False):
+        value = np.array(
+            [
+                (f["step"] - sum(f["parts"].values()) if name == "rest" else f["parts"].get(name, 0.0))
+                / f["nodes"]
+                * 1e6
+                for f in rows
+            ]
+        )
+        left.bar(place, value, 0.7, bottom=bottom, color=colour, label=name, edgecolor="white")
+        bottom += value
+    left.set_xticks(place, [f"{f['nodes'] / 1e3:.0f}k" for f in rows])
+    left.set(xlabel="particles", ylabel="time a step and particle [us]", title="Where the time of a step goes")
+    left.set_ylim(0, 1.45 * bottom.max())
+    left.legend(fontsize=9, ncols=3, loc="upper left")
+    for name, key, style in (
+        ("tipfem", "ours", "o-"),
+        ("with pyamg's cycle", "pyamg", "v:"),
+        ("PARDISO", "pardiso", "s--"),
+        ("SuperLU", "superlu", "^-."),
+    ):
+        known = [(f["solvers"]["nodes"], f["solvers"][key]) for f in rows if key in f["solvers"]]
+        if known:
+            right.loglog(*zip(*known, strict=True), style, label=name, linewidth=2, markersize=7)
+    right.set(xlabel="particles", ylabel="time [s]", title="One Newton system, solved to 1e-6")
+    right.xaxis.set_minor_locator(NullLocator())
+    right.set_xticks([f["nodes"] for f in rows], [f"{f['nodes'] / 1e3:.0f}k" for f in rows])
+    right.grid(alpha=0.3, which="both")
+    right.legend(fontsize=11)
+    figure.savefig(path)
+
+
+def _hard(systems: Mapping[str, tuple[int, int]]) -> str:
+    lines = [f"| {name} | {nodes} | {iterations} |" for name, (nodes, iterations) in systems.items()]
+    return "\n".join(["", "Hard systems:", "", "| system | nodes | FGMRES iterations |", "|---|---|---|", *lines, ""])
+
+
+def check(found: Sequence[Mapping[str, Any]], hard: Mapping[str, tuple[int, int]]) -> list[str]:
+    """What the measurement misses of what holds on every machine, loaded or not; empty when all is well."""
+    counts = [f["solvers"]["iterations"] for f in found if "solvers" in f]
+    missed = [f"{n} iterations of FGMRES to 1e-6, above {MOST_ITERATIONS}" for n in counts if n > MOST_ITERATIONS]
+    missed += [f"{n} iterations for {name}, above {MOST_HARD}" for name, (_, n) in hard.items() if n > MOST_HARD]
+    if max(counts) > MOST_GROWTH * counts[0]:
+        missed.append(f"iterations grow from {counts[0]} to {max(counts)}, by more than {MOST_GROWTH}")
+    return missed
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Measure everything, or, as a worker, one size."""
+    parser = argparse.ArgumentParser(
+        description=__doc__.split("\n\n")[0], formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    add = parser.add_argument
+    add("--out", type=Path, default=Path("out/performance"), metavar="FOLDER", help="folder for tables and figures")
+    add("--threads", type=int, default=2, help="CPU threads; one more run takes one")
+    add("--steps", type=int, default=STEPS, help="time steps that are measured")
+    add("--arch", choices=["cpu", "cuda"], default="cpu", help="cuda measures the GPU beside the CPU")
+    add("--short", action="store_true", help="two small sizes only")
+    for name, kind in (("--worker", Path), ("--refine", int), ("--result", Path)):
+        add(name, type=kind, help=argparse.SUPPRESS)
+    add("--solvers", action="store_true", help=argparse.SUPPRESS)
+    arguments = parser.parse_args(words)
+    if arguments.steps < 1 or arguments.threads < 1:
+        harness.stop(f"--steps is {arguments.steps}, --threads {arguments.threads}; both must be >= 1")
+    if arguments.worker:
+        worker(arguments)
+        return
+    found = measure(arguments)
+    tp.init()
+    hard = states.hard_systems(arguments.short)
+    text, missed = table(found) + _hard(hard), check(found, hard)
+    (arguments.out / "performance.md").write_text(text)
+    (arguments.out / "performance.json").write_text(json.dumps(found, indent=1))
+    plot(arguments.out / "performance.png", found)
+    print(text)
+    print("check: " + ("; ".join(missed) if missed else "passed"))
+    if missed:
+        raise SystemExit(1)
+
+
+if __name__ == "__main__":
+    main()

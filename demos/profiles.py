@@ -1,0 +1,211 @@
+"""Profiles along the height of a tank: pressure against the analytic one, density and viscosity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import tipfem as tp
+from tipfem.mesh import probes
+
+Array = np.ndarray
+Layers = Sequence[tuple[tp.Fluid, float]]
+# Okabe and Ito's colours, distinct under colour blindness; markers and dashes tell the series apart too.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
+MARKERS = ("o", "x", "s", "+")
+
+
+def along_height(simulation: tp.Simulation, count: int = 1500) -> tuple[Array, Array, Array]:
+    """Heights (K,) [m] in the middle of a 2-D tank; density (K,) [kg/m^3] and viscosity (K,) [Pa s] of the elements
+    there, as the solver has them."""
+    from matplotlib.tri import Triangulation
+
+    position = simulation.mesh.position
+    low, high = position.min(axis=0), position.max(axis=0)
+    # A hair off the middle: the line is not to run along edges.
+    x = low[0] + (0.5 + 1e-4) * (high[0] - low[0])
+    y = np.linspace(low[1], high[1], count + 2)[1:-1]
+    element = Triangulation(*position.T, simulation.mesh.cells).get_trifinder()(np.full_like(y, x), y)
+    density, viscosity = simulation.interface.element_properties(
+        simulation.mesh, simulation.particles.fluid, simulation.case.fluids
+    )
+    found = element >= 0
+    return y[found], density[element[found]], viscosity[element[found]]
+
+
+class PressureWatch:
+    """A column of a run's history: the largest error of pressure against layers at rest; and its mean over a time.
+
+    Args:
+        layers: (fluid, thickness [m]) from the floor up.
+        gravity: magnitude [m/s^2].
+        since: time from which on the mean is taken [s].
+        bins: along the height, for the mean.
+    """
+
+    def __init__(self, layers: Layers, gravity: float, since: float, bins: int = 40) -> None:
+        self.layers, self.gravity, self.since = layers, gravity, since
+        top = sum(thickness for _, thickness in layers)
+        self._edges = np.linspace(0.0, top, bins + 1)
+        self._sum, self._weight, self._time = np.zeros(bins), np.zeros(bins), since
+        self.largest = float(self.exact(np.zeros(1))[0])
+
+    def exact(self, height: Array) -> Array:
+        """Pressure (K,) [Pa] of the layers at rest at heights (K,) [m]."""
+        return probes.hydrostatic_pressure(height, self.layers, self.gravity)
+
+    def __call__(self, simulation: tp.Simulation) -> float:
+        """The largest error of a particle's pressure over the largest pressure; the step is added to the mean."""
+        particles = simulation.particles
+        height = particles.position[:, 1]
+        error = (particles.pressure - self.exact(height)) / self.largest
+        if simulation.time > self.since:
+            step, self._time = simulation.time - self._time, simulation.time
+            number = np.clip(np.searchsorted(self._edges, height) - 1, 0, len(self._sum) - 1)
+            self._sum += step * np.bincount(number, weights=error, minlength=len(self._sum))
+            self._weight += step * np.bincount(number, minlength=len(self._sum))
+        return float(np.abs(error).max())
+
+    @property
+    def mean(self) -> tuple[Array, Array]:
+        """Middles of the bins (K,) [m] that held particles, and the mean error (K,) there, part of the largest."""
+        held = self._weight > 0
+        middle = 0.5 * (self._edges[1:] + self._edges[:-1])
+        return middle[held], self._sum[held] / self._weight[held]
+
+
+def plot_layers(path: Path, states: Mapping[str, tp.Simulation], layers: Layers, gravity: float) -> Path:
+    """Draw pressure, density and viscosity along the height of a tank of layers at rest; return the picture's path.
+
+    Args:
+        path: of the picture.
+        states: label -> simulation at that time; properties are the last one's.
+        layers: (fluid, thickness [m]) from the floor up.
+        gravity: magnitude [m/s^2].
+
+    Raises:
+        ImportError: there is no matplotlib.
+    """
+    figure, save = _figure((13.0, 5.2), path)
+    pressure, density, viscosity = figure.subplots(1, 3, sharey=True, width_ratios=(1.6, 1, 1))
+    _pressure(pressure, states, layers, gravity)
+    y, rho, mu = along_height(list(states.values())[-1])
+    top = np.cumsum([0.0, *(thickness for _, thickness in layers)])
+    for axes, values, attribute, text in (
+        (density, rho, "density", "density [kg/m³]"),
+        (viscosity, mu, "viscosity", "viscosity [Pa s]"),
+    ):
+        exact = [getattr(fluid, attribute) for fluid, _ in layers]
+        axes.plot(np.repeat(exact, 2), np.repeat(top, 2)[1:-1], color="black", linewidth=4, alpha=0.35, label="fluids")
+        axes.plot(values, y, color=COLOURS[0], linewidth=1.6, label="elements")
+        axes.set_xlabel(text, fontsize=12)
+        axes.grid(alpha=0.3)
+    viscosity.set_xscale("log")
+    if min(fluid.density for fluid, _ in layers) < 0.1 * max(fluid.density for fluid, _ in layers):
+        density.set_xscale("log")
+    density.legend(fontsize=11, loc="best")
+    return save()
+
+
+def plot_pressure(path: Path, simulation: tp.Simulation, watch: PressureWatch) -> Path:
+    """Draw a state's pressure along the height, and its mean over a time, against that of layers at rest.
+
+    Args:
+        path: of the picture, which is returned.
+        simulation: at the end of the time.
+        watch: that saw the run.
+    """
+    figure, save = _figure((7.5, 5.6), path)
+    axes = figure.add_subplot()
+    _pressure(axes, {f"t = {simulation.time:g} s": simulation}, watch.layers, watch.gravity)
+    height, error = watch.mean
+    axes.plot(
+        watch.exact(height) + error * watch.largest,
+        height,
+        MARKERS[1],
+        color=COLOURS[1],
+        markersize=8,
+        markeredgewidth=1.8,
+        linestyle="none",
+        label=f"mean over {watch.since:g} to {simulation.time:g} s",
+    )
+    axes.legend(fontsize=11, loc="upper right")
+    return save()
+
+
+def plot_drop(path: Path, history: Sequence[Mapping[str, float]], start: Mapping[str, float], depth: float) -> Path:
+    """Draw the height of a drop's centre over time, and how far each fluid's volume is from that at the start.
+
+    Args:
+        path: of the picture.
+        history: with columns centre_height and volume_<fluid>.
+        start: volume of each fluid [m^2].
+        depth: of the water at the start [m].
+
+    Raises:
+        ImportError: there is no matplotlib.
+    """
+    figure, save = _figure((11.0, 4.6), path)
+    height, volume = figure.subplots(1, 2)
+    time = np.array([row["time"] for row in history])
+    height.plot(time, [row["centre_height"] for row in history], color=COLOURS[0], label="centre of the glycerin")
+    height.axhline(depth, color="black", linewidth=1.0, linestyle=":", label="water's depth at the start")
+    height.set_ylabel("height [m]", fontsize=12)
+    height.set_ylim(bottom=0.0)
+    for number, (name, begun) in enumerate(start.items()):
+        change = np.abs(np.array([row[f"volume_{name}"] for row in history]) / begun - 1)
+        volume.semilogy(
+            time, np.maximum(change, 1e-17), ("-", "--", "-.")[number % 3], color=COLOURS[number], label=name
+        )
+    volume.set_ylabel("change of volume / volume", fontsize=12)
+    for axes in (height, volume):
+        axes.set_xlabel("t [s]", fontsize=12)
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=11, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
+    return save()
+
+
+def _pressure(axes: Any, states: Mapping[str, tp.Simulation], layers: Layers, gravity: float) -> None:
+    height = np.linspace(0.0, sum(thickness for _, thickness in layers), 400)
+    for number, (label, simulation) in enumerate(states.items()):
+        particles = simulation.particles
+        axes.plot(
+            particles.pressure,
+            particles.position[:, 1],
+            MARKERS[number],
+            color=COLOURS[number],
+            markersize=5,
+            markerfacecolor="none",
+            markeredgewidth=1.0,
+            linestyle="none",
+            label=label,
+        )
+    exact = probes.hydrostatic_pressure(height, layers, gravity)
+    axes.plot(exact, height, color="black", linewidth=1.4, label="analytic")
+    for place in np.cumsum([thickness for _, thickness in layers])[:-1]:
+        axes.axhline(place, color="black", linewidth=0.8, linestyle=":")
+    axes.set_xlabel("pressure [Pa]", fontsize=12)
+    axes.set_ylabel("height [m]", fontsize=12)
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=11, loc="upper right")
+
+
+def _figure(size: tuple[float, float], path: Path) -> Any:
+    """A figure [inches], and a function that saves it."""
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise ImportError("the figure needs matplotlib; it comes with the extra tipfem[plot]") from error
+    figure = Figure(figsize=size, dpi=130, layout="constrained")
+    FigureCanvasAgg(figure)  # draws into memory, whatever the user's backend
+
+    def save() -> Path:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path)
+        return path
+
+    return figure, save

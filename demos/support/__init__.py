@@ -1,1 +1,0 @@
-"""Checks and figures that several demos share."""

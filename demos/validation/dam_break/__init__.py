@@ -1,1 +1,0 @@
-"""The dam break of Martin & Moyce."""

@@ -1,1 +1,0 @@
-"""The energy budget of the dam break."""

@@ -1,1 +1,0 @@
-"""The two interface rules side by side."""

@@ -1,1 +1,0 @@
-"""Layers of fluids under gravity against hydrostatics."""

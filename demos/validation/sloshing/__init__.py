@@ -1,1 +1,0 @@
-"""A standing wave against linear theory."""

@@ -1,1 +1,0 @@
-"""Walls that slip, slide and move against closed forms."""

@@ -1,0 +1,228 @@
+"""tipfem/probes/: fluids at rest exactly, linear fields exactly, and what does not fit refused in one message."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+import tipfem as tp
+from tipfem import probes as tpp
+from tipfem.mesh.probes import surface_height
+from tipfem.probes.walls import wall_line
+
+G = 9.81
+
+
+def two_layers(water, air, interface):
+    """Water 0.2 m deep under 0.2 m of air, at rest after a step; the sharp interface is in exact balance."""
+    tank = tp.tank((0.4, 0.4), 0.02).fill(air).fill(water, box=((0, 0), (0.4, 0.2)))
+    simulation = tp.Simulation(tp.Case(tank, [water, air], (0, -G), interface=interface), time_step=1e-3)
+    simulation.step()
+    return simulation
+
+
+@pytest.fixture
+def balanced(water, air):
+    """The layers with the sharp interface."""
+    return two_layers(water, air, "sharp")
+
+
+@pytest.fixture(params=["sharp", "interpolated"])
+def layers(request, water, air):
+    """The layers with each interface rule."""
+    return two_layers(water, air, request.param)
+
+
+def values(probe, simulation):
+    return dict(zip([name for name, _ in probe.columns(simulation.case)], probe.sample(simulation), strict=True))
+
+
+def test_forces_of_fluids_at_rest_are_hydrostatic(balanced, water, air):
+    top = air.density * G * 0.2  # at the interface, above zero at the lid
+    by_water = top * 0.2 + water.density * G * 0.2**2 / 2
+    by_air = air.density * G * 0.2**2 / 2
+    left = values(tpp.WallForce(name="f", wall="left"), balanced)
+    assert left["pressure_force_x"] == pytest.approx(-(by_water + by_air), rel=1e-9)
+    assert abs(left["pressure_force_y"]) < 1e-9
+    right = values(tpp.WallForce(name="f", wall="right", fluid="water"), balanced)
+    assert right["pressure_force_x"] == pytest.approx(by_water, rel=1e-9)
+    # Of a pressure that is linear down to the floor: moment about the bottom, of water and of air apart.
+    arm_water = top * 0.2**2 / 2 + water.density * G * 0.2**3 / 6
+    arm_air = by_air * (0.2 + 0.2 / 3)
+    assert left["moment"] == pytest.approx(arm_water + arm_air, rel=1e-9)
+    bottom = values(tpp.WallForce(name="f", wall="bottom", about=(0.2, 0.0)), balanced)
+    assert bottom["pressure_force_y"] == pytest.approx(-(top + water.density * G * 0.2) * 0.4, rel=1e-9)
+    assert abs(bottom["moment"]) < 1e-6
+    fluids = [values(tpp.WallForce(name="f", wall="left", fluid=name), balanced) for name in ("water", "air")]
+    for key, total in left.items():
+        assert sum(part[key] for part in fluids) == pytest.approx(total, rel=1e-12, abs=1e-12)
+
+
+def test_parts_by_fluid_add_up_where_the_interface_cuts_cells(layers):
+    whole = values(tpp.WallForce(name="f", wall="left"), layers)
+    parts = [values(tpp.WallForce(name="f", wall="left", fluid=name), layers) for name in ("water", "air")]
+    for key, total in whole.items():
+        assert sum(part[key] for part in parts) == pytest.approx(total, rel=1e-12, abs=1e-12)
+
+
+def test_pressures_between_particles_are_hydrostatic(balanced, water, air):
+
+    def exact(y):
+        return air.density * G * min(0.4 - y, 0.2) + water.density * G * max(0.2 - y, 0.0)
+
+    for y in (0.0, 0.0331, 0.197, 0.2, 0.2043, 0.39):
+        wall = values(tpp.WallPressure(name="w", wall="right", at=(0.4, y)), balanced)["pressure"]
+        point = values(tpp.PointProbe(name="p", at=(0.1234, y)), balanced)["pressure"]
+        assert wall == pytest.approx(exact(y), abs=1e-9 * exact(0.0))
+        assert point == pytest.approx(exact(y), abs=1e-9 * exact(0.0))
+    line = tpp.LineProbe(name="l", start=(0.1, 0.0), end=(0.1, 0.4), count=9, quantities=("pressure", "density"))
+    row = np.array(line.sample(balanced)).reshape(9, 2)
+    np.testing.assert_allclose(row[:, 0], [exact(y) for y in np.linspace(0, 0.4, 9)], atol=1e-9 * exact(0.0))
+    assert row[1, 1] == water.density
+    assert row[7, 1] == air.density
+
+
+def test_a_linear_velocity_is_found_between_particles(layers):
+    particles = layers.particles
+    particles.velocity[:] = particles.position @ np.array([[1.0, 2.0], [3.0, -1.0]])
+    at = np.array([0.111, 0.307])
+    found = values(tpp.PointProbe(name="p", at=at, quantities=("velocity_x", "velocity_y")), layers)
+    expected = at @ np.array([[1.0, 2.0], [3.0, -1.0]])
+    np.testing.assert_allclose(list(found.values()), expected, rtol=1e-10)
+
+
+def test_shear_on_a_wall_is_the_viscous_stress(layers, water, air):
+    """v = (s y, 0): the fluid drags the floor by mu s a unit of area, and the lid back."""
+    layers.particles.velocity[:] = np.stack([5.0 * layers.particles.position[:, 1], 0 * layers.particles.fluid], axis=1)
+    bottom = values(tpp.WallForce(name="f", wall="bottom"), layers)
+    top = values(tpp.WallForce(name="f", wall="top"), layers)
+    assert bottom["viscous_force_x"] == pytest.approx(water.viscosity * 5.0 * 0.4, rel=1e-9)
+    assert top["viscous_force_x"] == pytest.approx(-air.viscosity * 5.0 * 0.4, rel=1e-9)
+
+
+def test_heights_fronts_volumes_and_energies(layers, water, air):
+    gauge = values(tpp.WaveGauge(name="g", x=0.13, fluid="water"), layers)
+    sharp = layers.case.interface == "sharp"
+    assert gauge["height"] == pytest.approx(0.2, abs=1e-9 if sharp else 0.02)
+    assert gauge["depth"] == pytest.approx(gauge["height"], abs=1e-9)
+    front = values(tpp.FrontProbe(name="f", fluid="water", axis=1), layers)["front"]
+    assert front == pytest.approx(0.2, abs=1e-9 if sharp else 0.02)
+    assert values(tpp.VolumeProbe(name="v", fluid="air"), layers)["volume"] == layers.volume("air")
+    assert values(tpp.EnergyProbe(name="e"), layers)["potential_energy"] == layers.energy().potential
+
+
+def test_the_height_is_that_of_the_highest_piece_and_the_depth_counts_only_fluid(water, air):
+    tank = tp.tank((0.4, 0.4), 0.02).fill(air).fill(water, box=((0, 0), (0.4, 0.1)))
+    tank.fill(water, box=((0.1, 0.2), (0.3, 0.3)))
+    simulation = tp.Simulation(tp.Case(tank, [water, air], (0, -G)))
+    gauge = values(tpp.WaveGauge(name="g", x=0.2, fluid="water"), simulation)
+    assert gauge["height"] == pytest.approx(0.3, abs=1e-9)
+    assert gauge["depth"] == pytest.approx(0.2, abs=1e-9)
+    beside = values(tpp.WaveGauge(name="g", x=0.05, fluid="water"), simulation)
+    assert beside["height"] == pytest.approx(0.1, abs=1e-9)
+    with pytest.raises(ValueError, match="does not cross"):
+        surface_height(simulation.mesh, simulation.particles.fluid, 0, 0.5)
+
+
+def test_above_a_free_surface_there_is_nothing_to_measure(water):
+    tank = tp.tank((0.4, 0.4), 0.02).fill(water, box=((0, 0), (0.4, 0.2)))
+    simulation = tp.Simulation(tp.Case(tank, [water], (0, -G), free_surface=True), time_step=1e-3)
+    simulation.step()
+    assert math.isnan(values(tpp.PointProbe(name="p", at=(0.2, 0.3)), simulation)["pressure"])
+    assert values(tpp.WallPressure(name="w", wall="left", at=(0.0, 0.3)), simulation)["pressure"] == 0.0
+    force = values(tpp.WallForce(name="f", wall="left"), simulation)["pressure_force_x"]
+    assert force == pytest.approx(-water.density * G * 0.2**2 / 2, rel=1e-9)
+
+
+def test_a_place_of_the_tank_moves_with_it(water, air):
+    tank = tp.tank((0.4, 0.4), 0.02).fill(air).fill(water, box=((0, 0), (0.4, 0.2)))
+    motion = tp.Motion(translation=lambda t: (2.0 * t**2, 0.0), angle=lambda t: t**2, pivot=(0.2, 0.0))
+    case = tp.Case(tank, [water, air], (0, -G), tank_motion=motion)
+    corner = tpp.PointProbe(name="p", at=(0.0, 0.0), frame="tank")
+    wall = tpp.WallPressure(name="w", wall="left", at=(0.0, 0.0))
+    force = tpp.WallForce(name="f", wall="bottom")
+    simulation = tp.Simulation(case, time_step=2e-3)
+    for _ in range(20):
+        simulation.step()
+    pose = motion.pose(simulation.time, 1e-3, 2)
+    nearest = np.argmin(((simulation.particles.position - pose.place(np.zeros((1, 2)))) ** 2).sum(axis=1))
+    expected = simulation.particles.pressure[nearest]
+    assert corner.sample(simulation)[0] == pytest.approx(expected, rel=1e-6)
+    assert wall.sample(simulation)[0] == pytest.approx(expected, rel=1e-6)
+    assert len(wall_line(force, case, "bottom").faces(simulation)[0]) == 20
+
+
+def test_named_walls_and_those_that_move(water, air):
+    tank = tp.tank((0.4, 0.4), 0.02).fill(air).fill(water, box=((0, 0), (0.4, 0.2)))
+    tank.wall("left", motion=lambda t: 0.5 * t**2, slip=True).wall("right", motion=lambda t: -0.5 * t**2, slip=True)
+    tank.wall("bottom", slip=True).wall("top", slip=True)
+    simulation = tp.Simulation(tp.Case(tank, [water, air], (0, -G)), time_step=2e-3)
+    for _ in range(30):
+        simulation.step()
+    force = tpp.WallForce(name="f", wall="left")
+    a, b, _, normal = wall_line(force, simulation.case, "left").faces(simulation)
+    assert np.abs(normal).sum() == pytest.approx(0.4, rel=1e-6)  # the whole wall, where it is now
+    assert simulation.particles.position[a, 0] == pytest.approx(0.5 * simulation.time**2, abs=1e-9)
+    assert force.sample(simulation)[0] < 0
+    assert len(b)
+
+
+def test_the_recorder_samples_at_the_interval_and_writes_what_it_keeps(layers, tmp_path):
+    every = tpp.VolumeProbe(name="all", fluid="water")
+    some = tpp.PointProbe(name="some", at=(0.1, 0.1), interval=0.25)
+    recorder = tpp.ProbeRecorder([every, some], layers.case, tmp_path)
+    for time in (0.0, 0.1, 0.2, 0.25, 0.3, 0.6, 0.7, 0.75):
+        layers.time = time
+        recorder.record(layers)
+    assert recorder["all"]["time"].tolist() == [0.0, 0.1, 0.2, 0.25, 0.3, 0.6, 0.7, 0.75]
+    assert recorder["some"]["time"].tolist() == [0.0, 0.25, 0.6, 0.75]
+    lines = (tmp_path / "some.csv").read_text().splitlines()
+    assert lines[0] == "time [s],pressure [Pa]"
+    assert [float(line.split(",")[1]) for line in lines[1:]] == recorder["some"]["pressure"].tolist()
+    with pytest.raises(KeyError, match="there is no probe 'none'"):
+        recorder["none"]
+
+
+@pytest.mark.parametrize(
+    ("probe", "message"),
+    [
+        (tpp.PointProbe(name="p", at=(0.5, 0.1)), r"the place \[0.5, 0.1\] lies outside of the tank"),
+        (tpp.PointProbe(name="p", at=(0.5,)), "at is .* it must be 2 coordinates in m"),
+        (tpp.PointProbe(name="p", at="corner"), "at is 'corner'"),
+        (tpp.PointProbe(name="p", at=(0.1, math.nan)), "it must be 2 coordinates"),
+        (tpp.PointProbe(name="p", at=(0.1, 0.1), quantities=("presure",)), "some of .*pressure"),
+        (tpp.PointProbe(name="p", at=(0.1, 0.1), quantities="pressure"), "it must be a list"),
+        (tpp.PointProbe(name="p", at=(0.1, 0.1), quantities=("velocity_z",)), "velocity_z"),
+        (tpp.PointProbe(name="p", at=(0.1, 0.1), frame="moon"), "frame is 'moon'"),
+        (tpp.LineProbe(name="p", start=(0, 0), end=(0.1, 0.1), count=1), "count is 1"),
+        (tpp.LineProbe(name="p", start=(0, 0), end=(9, 0.1), count=3), "outside of the tank"),
+        (tpp.WaveGauge(name="p", x=0.7, fluid="water"), "x is 0.7 m; it must lie between 0 and 0.4"),
+        (tpp.WaveGauge(name="p", x=0.1, fluid="oil"), "there is no fluid 'oil'"),
+        (tpp.FrontProbe(name="p", fluid="water", axis=2), "axis is 2"),
+        (tpp.VolumeProbe(name="p", fluid="oil"), "there is no fluid 'oil'"),
+        (tpp.WallPressure(name="p", wall="door", at=(0, 0)), "there is no wall 'door'.*'left'"),
+        (tpp.WallPressure(name="p", wall="left", at=(0.1, 0.1)), "is not on the wall 'left', from"),
+        (tpp.WallForce(name="p", wall="left", fluid="oil"), "there is no fluid 'oil'"),
+        (tpp.WallForce(name="p", wall="left", about=(1,)), "about is"),
+    ],
+)
+def test_what_does_not_fit_the_case_is_refused(balanced, probe, message):
+    with pytest.raises(ValueError, match=message):
+        tpp.ProbeRecorder([probe], balanced.case)
+
+
+def test_what_fits_no_case_is_refused(layers):
+    for name in ("", "a/b", ".hidden", 3):
+        with pytest.raises(ValueError, match="it names a file"):
+            tpp.EnergyProbe(name=name)
+    for interval in (0, -1.0, "1", math.nan):
+        with pytest.raises(ValueError, match="interval"):
+            tpp.EnergyProbe(name="e", interval=interval)
+    probe = tpp.EnergyProbe(name="e")
+    with pytest.raises(ValueError, match="a name of its own"):
+        tpp.ProbeRecorder([probe, dataclasses.replace(probe, interval=1.0)], layers.case)
+    with pytest.raises(ValueError, match="list of probes"):
+        tpp.ProbeRecorder(["pressure"], layers.case)

@@ -1,6 +1,0 @@
-"""python -m tipfem"""
-
-from tipfem.commands import main
-
-if __name__ == "__main__":
-    main()

@@ -1,0 +1,24 @@
+"""Probes: what a run measures on its way, each in a file of its own.
+
+A probe is given to `tipfem.Simulation` and sampled at the start and after the steps. Values between particles are those
+of the linear shape functions, as in the solution; of a fluid at rest the pressure is exact.
+"""
+
+from tipfem.probes.fluids import EnergyProbe, FrontProbe, VolumeProbe, WaveGauge
+from tipfem.probes.points import LineProbe, PointProbe
+from tipfem.probes.probe import Probe
+from tipfem.probes.recorder import ProbeRecorder
+from tipfem.probes.walls import WallForce, WallPressure
+
+__all__ = [
+    "EnergyProbe",
+    "FrontProbe",
+    "LineProbe",
+    "PointProbe",
+    "Probe",
+    "ProbeRecorder",
+    "VolumeProbe",
+    "WallForce",
+    "WallPressure",
+    "WaveGauge",
+]

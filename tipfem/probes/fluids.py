@@ -1,0 +1,110 @@
+"""Heights, fronts, volumes and energies of fluids."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from tipfem.arguments import is_number
+from tipfem.case.case import Case
+from tipfem.mesh import probes
+from tipfem.probes.probe import Probe, Sampled, per_depth, require_plane
+
+
+@dataclass(frozen=True, kw_only=True)
+class WaveGauge(Probe):
+    """Height of a fluid's highest point over the vertical line x = ``x``, and the length of the line in the fluid; 2-D.
+
+    Attributes:
+        x: place of the line [m].
+        fluid: name of the fluid.
+
+    Raises:
+        ValueError: see `Probe`; no such fluid; the line does not cross the tank at the start.
+    """
+
+    x: float
+    fluid: str
+
+    def columns(self, case: Case) -> list[tuple[str, str]]:
+        """Names and units of the values; raises ValueError if the probe does not fit the case."""
+        self._fluid(case, self.fluid)
+        require_plane(self, case)
+        lower, upper = case.particles.position[:, 0].min(), case.particles.position[:, 0].max()
+        if not (is_number(self.x) and lower <= self.x <= upper):
+            raise ValueError(f"{self}: x is {self.x!r} m; it must lie between {lower:g} and {upper:g} m")
+        return [("height", "m"), ("depth", "m")]
+
+    def sample(self, simulation: Sampled) -> list[float]:
+        """Height and depth at the present time; NaN where the line has left the tank or meets none of the fluid."""
+        mesh, index = simulation.mesh, simulation.case.fluid_index(self.fluid)
+        try:
+            depth = probes.depth(mesh, simulation.particles.fluid, index, self.x)
+            return [probes.surface_height(mesh, simulation.particles.fluid, index, self.x), depth]
+        except ValueError:
+            return [math.nan, math.nan]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrontProbe(Probe):
+    """The largest coordinate that a fluid reaches along an axis.
+
+    Attributes:
+        fluid: name of the fluid.
+        axis: 0 for x, 1 for y, 2 for z.
+
+    Raises:
+        ValueError: see `Probe`; no such fluid or axis.
+    """
+
+    fluid: str
+    axis: int = 0
+
+    def columns(self, case: Case) -> list[tuple[str, str]]:
+        """Names and units of the values; raises ValueError if the probe does not fit the case."""
+        self._fluid(case, self.fluid)
+        if self.axis not in range(case.particles.dimension):
+            raise ValueError(f"{self}: axis is {self.axis!r}; it must lie between 0 and {case.particles.dimension - 1}")
+        return [("front", "m")]
+
+    def sample(self, simulation: Sampled) -> list[float]:
+        """The front at the present time; NaN without any of the fluid."""
+        index = simulation.case.fluid_index(self.fluid)
+        return [probes.extent(simulation.mesh, simulation.particles.fluid, index, self.axis)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class VolumeProbe(Probe):
+    """Volume of a fluid [m^2 in 2-D, m^3 in 3-D], spray included.
+
+    Attributes:
+        fluid: name of the fluid.
+
+    Raises:
+        ValueError: see `Probe`; no such fluid.
+    """
+
+    fluid: str
+
+    def columns(self, case: Case) -> list[tuple[str, str]]:
+        """Names and units of the values; raises ValueError if the probe does not fit the case."""
+        self._fluid(case, self.fluid)
+        return [("volume", f"m{case.particles.dimension}")]
+
+    def sample(self, simulation: Sampled) -> list[float]:
+        """The volume at the present time."""
+        return [simulation.volume(self.fluid)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnergyProbe(Probe):
+    """Kinetic and potential energy of all fluids [J, per metre of depth in 2-D]."""
+
+    def columns(self, case: Case) -> list[tuple[str, str]]:
+        """Names and units of the values."""
+        return [("kinetic_energy", per_depth("J", case)), ("potential_energy", per_depth("J", case))]
+
+    def sample(self, simulation: Sampled) -> list[float]:
+        """The energies at the present time."""
+        energy = simulation.energy()
+        return [energy.kinetic, energy.potential]

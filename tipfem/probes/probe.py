@@ -1,0 +1,132 @@
+"""What all probes have, and what they see of a simulation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from tipfem.arguments import is_number, numbers
+from tipfem.case.case import Case
+from tipfem.case.particles import Particles
+from tipfem.case.walls import Pose
+from tipfem.mesh import probes
+from tipfem.mesh.mesh import Mesh
+from tipfem.typing import Array
+
+FRAMES = ("laboratory", "tank")
+
+
+_FILE_NAME = set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_.")
+
+
+class Sampled(Protocol):
+    """What a probe sees of a simulation."""
+
+    case: Case
+    time: float
+
+    @property
+    def particles(self) -> Particles:
+        """The present state."""
+
+    @property
+    def mesh(self) -> Mesh:
+        """Cells on the present positions."""
+
+    def volume(self, name: str) -> float:
+        """Volume of a fluid."""
+
+    def energy(self) -> probes.Energy:
+        """Kinetic and potential energy."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Probe:
+    """What all probes have.
+
+    Attributes:
+        name: of the probe, and of its file ``probes/NAME.csv``.
+        interval: time between samples [s]: the first step that reaches a multiple of it is sampled, the steps
+            themselves do not change. By default every step is.
+
+    Raises:
+        ValueError: the name cannot be that of a file, or the interval is no length of time.
+    """
+
+    name: str
+    interval: float | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name or not set(self.name) <= _FILE_NAME or self.name[0] == ".":
+            raise ValueError(
+                f"{type(self).__name__}: name is {self.name!r}; it names a file and must be letters, digits, - _ and ."
+            )
+        if self.interval is not None and not (is_number(self.interval) and self.interval > 0):
+            raise ValueError(f"{self}: interval is {self.interval!r} s; it must be > 0, or None for every step")
+
+    def __str__(self) -> str:
+        return f"{type(self).__name__} {self.name!r}"
+
+    def columns(self, case: Case) -> list[tuple[str, str]]:
+        """Names and units of the values; raises ValueError if the probe does not fit the case."""
+        raise NotImplementedError
+
+    def sample(self, simulation: Sampled) -> list[float]:
+        """The values at the present time, in the order of `columns`; NaN where there is nothing to measure."""
+        raise NotImplementedError
+
+    def _fluid(self, case: Case, name: str) -> int:
+        try:
+            return case.fluid_index(name)
+        except ValueError as error:
+            raise ValueError(f"{self}: {error}") from None
+
+    def _point(self, case: Case, what: str, value: Any) -> Array:
+        point = floats(value)
+        if point.shape != (case.particles.dimension,) or not np.isfinite(point).all():
+            raise ValueError(f"{self}: {what} is {value!r}; it must be {case.particles.dimension} coordinates in m")
+        return point
+
+
+def floats(value: Any) -> Array:
+    """``value`` as an array of floats; an empty one where it is none."""
+    try:
+        return np.asarray(numbers(value), dtype=float)
+    except (TypeError, ValueError):
+        return np.zeros(0)
+
+
+def tank_pose(simulation: Sampled) -> Pose:
+    """Where the tank is."""
+    case = simulation.case
+    if case.tank_motion is None:
+        return Pose.still(case.particles.dimension)
+    return case.tank_motion.pose(simulation.time, 1e-3, case.particles.dimension)
+
+
+def in_laboratory(simulation: Sampled, places: Array, frame: str) -> Array:
+    """Where ``places`` (K, d) [m] of a frame are now, in the laboratory."""
+    return tank_pose(simulation).place(places) if frame == "tank" else places
+
+
+def require_plane(probe: Probe, case: Case) -> None:
+    """Raise ValueError unless the case is 2-D."""
+    if case.particles.dimension != 2:
+        raise ValueError(f"{probe}: this probe is for 2-D; the case has {case.particles.dimension} dimensions")
+
+
+def require_inside(probe: Probe, case: Case, place: Array) -> None:
+    """Raise ValueError unless ``place`` (d,) lies in the box around the case's particles."""
+    lower, upper = case.particles.position.min(axis=0), case.particles.position.max(axis=0)
+    slack = 1e-9 * (upper - lower)
+    if ((place < lower - slack) | (place > upper + slack)).any():
+        raise ValueError(
+            f"{probe}: the place {place.tolist()} lies outside of the tank from {lower.tolist()} to {upper.tolist()} m"
+        )
+
+
+def per_depth(unit: str, case: Case) -> str:
+    """The unit, in 2-D per metre of depth."""
+    return f"{unit}/m" if case.particles.dimension == 2 else unit
