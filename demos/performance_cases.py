@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import taichi as ti
 from scipy import sparse
 from scipy.sparse.linalg import splu
 from scipy.spatial import Delaunay
 
 import tipfem as tp
-from tipfem.backend import runtime
-from tipfem.backend.runtime import download
+from tipfem.backend.arrays import Buffers, download
+from tipfem.backend.launch import launch
 from tipfem.fem import residual
 from tipfem.linalg import fgmres, vector_kernels
 from tipfem.output import ResultsFolder
@@ -55,7 +56,7 @@ class Stopwatch:
             try:
                 return original(*arguments, **options)
             finally:
-                runtime.finish()
+                ti.sync()
                 self.seconds[name] += time.perf_counter() - start
 
         setattr(owner, attribute, timed)
@@ -64,14 +65,14 @@ class Stopwatch:
 def copy_speed(nodes: int) -> float:
     """Bytes read and written per second [1/s] when as much is copied as a step must move, at most 1 GB."""
     n = min(int(nodes * BYTES_OF_A_STEP / 16), 60_000_000)
-    buffers = runtime.Buffers()
+    buffers = Buffers()
     source, target = buffers.get("source", n), buffers.get("target", n)
     source.fill(1.0)
     best = np.inf
     for _ in range(5):
         start = time.perf_counter()
-        runtime.copy(source, target, n)
-        runtime.finish()
+        launch(vector_kernels.move, source, 0, target, 0, n, work=(n, 2.0))
+        ti.sync()
         best = min(best, time.perf_counter() - start)
     return 16 * n / best
 
@@ -90,7 +91,7 @@ def measure_steps(state: dict[str, Array], steps: int) -> dict[str, Any]:
     for _ in range(steps):
         start = time.perf_counter()
         simulation.step()
-        runtime.finish()
+        ti.sync()
         total.append(time.perf_counter() - start)
     rows = simulation.history[-steps:]
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024  # before anything large is copied
@@ -130,9 +131,9 @@ def _shares(simulation: tp.Simulation) -> dict[str, float]:
             size, k = problem.size, 3
             v, z, w = (problem.buffers.get(f"krylov.{name}", size) for name in "vzw")
             basis = fgmres._Basis(size, 1e-3, problem.buffers)
-            partial, out = problem.buffers.get("krylov.dots", (k + 2) * runtime.chunks()), np.zeros(k + 3)
+            partial, out = problem.buffers.partials("krylov.dots", k + 2, flat=True), np.zeros(k + 3)
             again = (k, basis.orthonormal, basis.directions, w, partial, out, 0.0, True)
-            vector_kernels.move(problem._r, 0, v, 0, size, False)
+            launch(vector_kernels.move, problem._r, 0, v, 0, size, work=(size, 2.0))
             found.append(_best(lambda: problem.product(v, w)))
             found.append(_best(lambda: problem.precondition(v, z)))
             found.append(_best(lambda: basis.by_parts(problem.product, problem.precondition)(*again)))
@@ -155,7 +156,7 @@ def measure_solvers(state: dict[str, Array], direct: bool) -> dict[str, Any]:
     def timed_build(self: LinearSystem, *arguments: Any) -> None:
         start = time.perf_counter()
         build(self, *arguments)
-        runtime.finish()
+        ti.sync()
         seconds["build"] = time.perf_counter() - start
 
     def correct(problem: FlowProblem, x: Any, tolerance: float) -> Any:
@@ -173,7 +174,7 @@ def measure_solvers(state: dict[str, Array], direct: bool) -> dict[str, Any]:
 def _solvers(problem: FlowProblem, x: Any, build: float, direct: bool) -> dict[str, Any]:
     start = time.perf_counter()
     problem.linearise()
-    runtime.finish()
+    ti.sync()
     gather = time.perf_counter() - start
 
     def solve() -> tuple[float, Any]:
@@ -267,6 +268,6 @@ def _best(function: Callable[[], None], times: int = 20) -> float:
     for _ in range(times):
         start = time.perf_counter()
         function()
-        runtime.finish()
+        ti.sync()
         best = min(best, time.perf_counter() - start)
     return float(best)

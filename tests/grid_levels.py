@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 
-from tipfem.backend.runtime import Buffers, download
+from tipfem.backend.arrays import Buffers, download
 from tipfem.linalg.multigrid.multigrid import BackgroundMultigrid
 
 

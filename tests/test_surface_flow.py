@@ -13,7 +13,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 import tipfem as tp
-from tipfem.backend.runtime import download
+from tipfem.backend.arrays import download
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.free_surface import SurfaceMesher
 from tipfem.mesh.probes import extent

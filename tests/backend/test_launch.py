@@ -1,49 +1,69 @@
-"""Kernels that are started through what was prepared for their arrays, and loops that one thread does."""
+"""Kernels that `launch` starts: the same results as Taichi's own launch, what it fills in, and what it refuses."""
 
-import ast
-import importlib.util
-import inspect
-import sys
-import textwrap
+import gc
 
 import numpy as np
 import pytest
 import taichi as ti
 
-from tipfem.backend.launch import Launcher, _source
-from tipfem.backend.runtime import Buffers, alone, chunks, download, init, settings, spread
+from tipfem.backend import launch as launches
+from tipfem.backend.array_types import Array1, Array2, Ints1, Reals1, Reals2, Template
+from tipfem.backend.arrays import Buffers, download
+from tipfem.backend.launch import kernel, launch
+from tipfem.backend.runtime import init, threads
 from tipfem.linalg import vector_kernels
 
 
-@ti.kernel
-def scaled(source: ti.types.ndarray(), target: ti.types.ndarray(), factor: float, n: ti.i32, twice: ti.template()):
+@kernel
+def scaled(source: Reals1, target: Reals1, factor: float, n: ti.i32, twice: Template):
+    """target = factor source, or twice that."""
     for i in range(n):
         target[i] = factor * source[i] * (2.0 if ti.static(twice) else 1.0)
 
 
-@ti.kernel
-def count(values: ti.types.ndarray(), n: ti.i32) -> ti.i32:
-    total = 0
+@kernel
+def total(values: Ints1, n: ti.i32) -> ti.i32:
+    """Sum of the first n."""
+    result = 0
     for i in range(n):
-        total += values[i]
-    return total
+        result += values[i]
+    return result
 
 
-@ti.data_oriented
-class Shifted:
-    """A kernel and its function in a class."""
+@kernel
+def mean(values: Reals1, n: ti.i32) -> ti.f64:
+    """Mean of the first n."""
+    result = 0.0
+    for i in range(n):
+        result += values[i] / n
+    return result
 
-    def __init__(self, shift):
-        self.shift = shift
 
-    @ti.func
-    def shifted(self, i):
-        return i + self.shift
+@kernel
+def every(values: Array1, result: Array1, factor: ti.f64, first: ti.i32, step: Template) -> ti.i32:
+    """result = factor * values from ``first`` on, every ``step``; how many."""
+    count = 0
+    ti.loop_config(serialize=True)
+    for i in range(values.shape[0]):
+        if i >= first and (i - first) % step == 0:
+            result[i] = factor * values[i]
+            count += 1
+    return count
 
-    @ti.kernel
-    def fill(self, values: ti.types.ndarray()):
-        for i in range(values.shape[0]):
-            values[i] = self.shifted(i)
+
+@kernel
+def doubled(values: Array2, n: ti.i32):
+    """values *= 2, in rows of two."""
+    for i in range(n):
+        for k in range(2):
+            values[i, k] = 2 * values[i, k]
+
+
+@kernel
+def schedule(result: Ints1, parts: ti.i32, stride: Template, serial: Template, one_counts: Template):
+    """What has been filled in."""
+    result[0], result[1] = parts, stride
+    result[2], result[3] = ti.static(int(serial)), ti.static(int(one_counts))
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -54,99 +74,114 @@ def _runtime():
 def test_numbers_and_templates_may_change_from_launch_to_launch():
     buffers, values = Buffers(), np.arange(20.0)
     source, target = buffers.upload("a", values), buffers.get("b", 20)
-    for factor, n, twice in ((1.0, 20, False), (3, 20, False), (-2.0, 20, True), (5.0, 7, False)):
+    for factor, n, twice in ((1.0, 20, False), (3, 20, False), (-2.0, np.int64(20), True), (np.float32(5.0), 7, False)):
         expected = download(target, 20)
         expected[:n] = factor * values[:n] * (2 if twice else 1)
-        buffers.launch(scaled, source, target, factor, n, twice)
+        launch(scaled, source, target, factor, n, twice)
         np.testing.assert_array_equal(download(target, 20), expected)
 
 
 def test_arrays_of_numpy_are_those_of_this_launch():
-    buffers = Buffers()
-    target = buffers.get("b", 5)
+    target = Buffers().get("b", 5)
     for k in range(3):
-        buffers.launch(scaled, np.full(5, float(k)), target, 2.0, 5, False)
+        launch(scaled, np.full(5, float(k)), target, 2.0, 5, False)
         assert (download(target, 5) == 2 * k).all()
     out = np.zeros(5)
-    buffers.launch(scaled, target, out, 0.5, 5, False)
+    launch(scaled, target, out, 0.5, 5, False)
     assert (out == 2).all()
 
 
+@pytest.mark.parametrize("kind", [np.float64, np.float32, np.int32, np.int64])
+def test_sizes_and_types_may_change_from_launch_to_launch(kind):
+    for n, first, step in ((5, 0, 1), (50, 3, 1), (7, np.int64(2), 2), (50, 3, 2)):
+        values, result = np.arange(n).astype(kind), np.zeros(n, dtype=kind)
+        count = launch(every, values, result, 3, first, step)
+        expected = np.zeros(n)
+        expected[first::step] = 3.0 * values[first::step]
+        np.testing.assert_array_equal(result, expected)
+        assert count == len(range(first, n, step))
+
+
+def test_device_arrays_and_arrays_of_numpy_may_be_mixed():
+    array, other = ti.ndarray(ti.f64, 30), ti.ndarray(ti.f32, 30)
+    for target, kind in ((array, np.float64), (other, np.float32), (array, np.float64)):
+        values = np.random.default_rng(1).uniform(size=30).astype(kind)
+        assert launch(every, values, target, 0.5, 0, 1) == 30
+        np.testing.assert_array_equal(target.to_numpy(), 0.5 * values)
+        result = np.zeros(30)
+        assert launch(every, target, result, 2.0, 10, 1) == 20
+        np.testing.assert_array_equal(result[10:], values[10:])
+
+
 def test_what_a_kernel_returns_comes_back():
-    buffers = Buffers()
-    values = buffers.upload("a", np.arange(10))
-    assert [buffers.launch(count, values, n) for n in (10, 3, 0)] == [45, 3, 0]
+    values = Buffers().upload("a", np.arange(10))
+    assert [launch(total, values, n) for n in (10, 3, 0)] == [45, 3, 0]
+    assert launch(mean, np.array([1.0, 2.5]), 2) == 1.75
 
 
-def test_arrays_that_have_grown_are_used_and_the_old_ones_let_go():
-    buffers = Buffers()
-    for n in (16, 40, 1000):
+def test_what_was_prepared_for_an_array_is_dropped_with_it():
+    gc.collect()
+    before, buffers = len(scaled._prepared), Buffers()
+    for n in (16, 40, 1000):  # arrays grow, and the old ones go
         source, target = buffers.upload("a", np.ones(n)), buffers.get("b", n)
-        buffers.launch(scaled, source, target, 4.0, n, False)
+        launch(scaled, source, target, 4.0, n, False)
         assert (download(target, n) == 4).all()
-        assert len(buffers.launch._ready) == 1
-
-
-def test_two_launchers_do_not_meet():
-    one, two, buffers = Launcher(), Launcher(), Buffers()
-    source, target = buffers.upload("a", np.ones(16)), buffers.get("b", 16)
-    one(scaled, source, target, 2.0, 16, False)
-    two(scaled, source, target, 3.0, 16, False)
-    assert (download(target, 16) == 3).all()
-    assert not buffers.launch._ready
+        assert len(scaled._prepared) == before + 1
+    del source, target, buffers
+    gc.collect()
+    assert len(scaled._prepared) == before
 
 
 @pytest.mark.parametrize("size", [1, 700, 40_000])
 def test_one_thread_and_all_of_them_give_the_same_bits(size):
     buffers, rng = Buffers(), np.random.default_rng(size)
     vector, start, found = rng.normal(size=size), rng.normal(size=3 * size), []
-    for single in (False, True):
+    for nanoseconds in (1e9, 1e-9):
         basis, out = buffers.upload("basis", start), np.zeros(4)
-        w, partial = buffers.upload("w", vector), buffers.get("partial", chunks() * 3)
-        buffers.launch(
-            vector_kernels.orthogonalise, basis, w, partial, out, 1, size, chunks(), spread(single), single, 0.0
-        )
+        w, partial = buffers.upload("w", vector), buffers.partials("partial", 3, flat=True)
+        launch(vector_kernels.orthogonalise, basis, w, partial, out, 1, size, 0.0, work=(size, nanoseconds))
         found.append(np.concatenate([download(w, size), download(basis, 3 * size), out]))
     np.testing.assert_array_equal(*found)
 
 
-def test_short_loops_are_left_to_one_thread():
-    if settings()["threads"] != 1:
-        assert alone(100, 10.0)
-        assert not alone(1_000_000, 10.0)
-    assert spread(True) == 1
+def test_what_is_filled_in_follows_from_the_work():
+    short, long = np.zeros(4, dtype=np.int32), np.zeros(4, dtype=np.int32)
+    launch(schedule, short, work=(100, 10.0))
+    launch(schedule, long, work=(1_000_000, 10.0))
+    few = int(threads() <= launches.FEW_THREADS)
+    assert short.tolist() == [launches.PARTS, 1, 1, few]
+    assert long.tolist() == ([launches.PARTS, launches.ITERATIONS, 0, few] if threads() > 1 else short.tolist())
 
 
-def test_messages_of_taichi_say_file_line_and_kernel(tmp_path):
-    """One line instead of Taichi's picture of the source: still enough to find the place."""
-    source = "import taichi as ti\n\n@ti.kernel\ndef wrong(n: ti.i32):\n    m = n + nowhere\n"
-    (tmp_path / "wrong_kernel.py").write_text(source)
-    spec = importlib.util.spec_from_file_location("wrong_kernel", tmp_path / "wrong_kernel.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    with pytest.raises(ti.TaichiCompilationError, match=r'wrong_kernel.py", line 5, in wrong'):
-        module.wrong(3)
+def test_wrong_arguments_are_refused():
+    values, result = np.zeros(3), np.zeros(4, dtype=np.int32)
+    with pytest.raises(TypeError, match=r"scaled takes 5 arguments \(source, target, factor, n, twice\); 4 given"):
+        launch(scaled, values, values, 1.0, 3)
+    with pytest.raises(TypeError, match="schedule can be run by one thread; say how much work there is"):
+        launch(schedule, result)
+    with pytest.raises(TypeError, match=r"scaled: target is 1.0; it must be an array"):
+        launch(scaled, values, 1.0, 1.0, 3, False)
+    with pytest.raises(TypeError, match="scaled: target has 2 axes instead of 1"):
+        launch(scaled, values, np.zeros((3, 1)), 1.0, 3, False)
+    with pytest.raises(TypeError, match="scaled: target is of int32 instead of reals"):
+        launch(scaled, values, np.zeros(3, dtype=np.int32), 1.0, 3, False)
+    with pytest.raises((TypeError, ValueError), match="i32"):
+        launch(total, values, 3)
+    with pytest.raises(TypeError, match="scaled: "):
+        launch(scaled, values, values, 1.0, "three", False)
+    with pytest.raises(ValueError, match=r"doubled: an array of shape \(3, 2\) is not C-contiguous"):
+        launch(doubled, np.zeros((2, 3)).T, 3)
 
 
-def test_sources_are_found_as_python_finds_them():
-    found = 0
-    for module in [m for name, m in sys.modules.items() if name.startswith("tipfem.")]:
-        for value in vars(module).values():
-            kernel = getattr(value, "__wrapped__", value)  # of one that `on_arrays` starts
-            taichi = getattr(kernel, "_primal", None) or getattr(kernel, "func", None)
-            function = getattr(taichi, "func", None)
-            if inspect.isfunction(function):
-                file, lines, first, text = _source(function)
-                expected, number = inspect.getsourcelines(function)
-                assert (file, first) == (inspect.getsourcefile(function), number)
-                assert [line.rstrip() for line in expected] == lines[: len(expected)]
-                assert ast.dump(ast.parse(text)) == ast.dump(ast.parse(textwrap.dedent("".join(expected))))
-                found += 1
-    assert found > 20
+def test_what_is_filled_in_stands_at_the_end_and_is_of_its_type():
+    with pytest.raises(TypeError, match="wrong: parts must be the last parameters"):
 
+        @kernel
+        def wrong(parts: ti.i32, values: Reals1):
+            pass
 
-def test_kernels_in_classes_are_told_from_others():
-    values = np.zeros(3, np.int32)
-    Shifted(4).fill(values)
-    assert values.tolist() == [4, 5, 6]
-    assert inspect.getframeinfo(sys._getframe()).code_context  # as it was before Taichi was imported
+    with pytest.raises(TypeError, match="wrong_type: parts is filled in by launch"):
+
+        @kernel
+        def wrong_type(values: Reals1, parts: Reals2):
+            pass

@@ -9,7 +9,8 @@ from mesh_twins import nodal_mass
 from test_element_residual import DIMENSIONS, HEAVY, LIGHT, SCHEMES, THICK, Setting
 
 import tipfem as tp
-from tipfem.backend import runtime
+from tipfem.backend.arrays import partials
+from tipfem.backend.launch import launch
 from tipfem.fem import work as balance_kernels
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import simplex_measure
@@ -117,17 +118,18 @@ def test_a_rigid_rotation_dissipates_nothing(dimension):
 def test_sums_over_particles(dimension, count):
     """Against NumPy, with more and with fewer particles than parts of the loop."""
     tp.init()
-    rng, d, parts = np.random.default_rng(count), dimension, runtime.chunks()
+    rng, d, work = np.random.default_rng(count), dimension, (count, 1e6)
     mass, wall = rng.uniform(size=count), (rng.uniform(size=count) < 0.3)
     x, v, a, v_old, a_old, relative, force, u = rng.standard_normal((8, count, d))
     sums = np.zeros(1 + 2 * d)
-    balance_kernels.state_sums(mass, x, v, np.empty((parts, len(sums))), sums, count, parts, runtime.spread(), d, False)
+    launch(balance_kernels.state_sums, mass, x, v, partials(len(sums)), sums, count, d, work=work)
     of_state = [mass @ (v * v).sum(axis=1), *(mass @ x), *(mass @ v)]
     np.testing.assert_allclose(sums, of_state, rtol=1e-12, atol=1e-12)
     gravity, sums, volume = rng.standard_normal(d), np.zeros(3 + 4 * d), np.zeros(2)
     cells, fluid = rng.integers(0, count, (count, 3), dtype=np.int32), rng.integers(0, 2, count, dtype=np.int32)
     measure, elements = np.empty(count), count if d == 2 else 0
-    balance_kernels.step_sums(
+    launch(
+        balance_kernels.step_sums,
         mass,
         wall.view(np.int8),
         v_old,
@@ -143,16 +145,14 @@ def test_sums_over_particles(dimension, count):
         fluid,
         measure,
         volume,
-        np.empty((parts, len(sums))),
+        partials(len(sums)),
         sums,
         0.3,
         0.7,
         count,
         elements,
-        parts,
-        runtime.spread(True),
         d,
-        True,
+        work=(count, 1e-6),
     )
     if d == 2:
         np.testing.assert_array_equal(measure, simplex_measure(x, cells))

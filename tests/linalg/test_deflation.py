@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from triangulations import component_labels
 
 import tipfem as tp
-from tipfem.backend.runtime import Buffers, download
+from tipfem.backend.arrays import Buffers, download
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg.multigrid.deflation import Bubbles
 from tipfem.mesh.delaunay import triangulate

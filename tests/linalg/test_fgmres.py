@@ -8,7 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from tipfem.backend.runtime import Buffers, download
+from tipfem.backend.arrays import Buffers, download
+from tipfem.backend.launch import launch
 from tipfem.linalg.fgmres import KrylovResult, fgmres, largest
 from tipfem.linalg.vector_kernels import add
 
@@ -192,7 +193,7 @@ def test_largest_and_add(n):
     x = buffers.upload("x", np.concatenate([values, [99.0]]))
     assert largest(x, n, buffers) == 3.5
     y = buffers.upload("y", np.arange(n + 1.0))
-    add(x, y, -2.0, n, False)
+    launch(add, x, y, -2.0, n, work=(n, 1.0))
     np.testing.assert_allclose(download(y, n + 1), [*(np.arange(n) - 2 * values), n], rtol=1e-15)
     for place in (0, n - 1):
         spoiled = values.copy()

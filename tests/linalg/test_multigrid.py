@@ -11,10 +11,10 @@ from grid_levels import hierarchy, level_matrix
 from scipy import sparse
 
 import tipfem as tp
-from tipfem.backend.runtime import download
+from tipfem.backend import launch
+from tipfem.backend.arrays import download
 from tipfem.fem.time_integration import GeneralizedAlpha
-from tipfem.linalg import fgmres, sparsity
-from tipfem.linalg.multigrid import multigrid
+from tipfem.linalg import fgmres
 from tipfem.mesh.delaunay import triangulate
 from tipfem.step import linear_system
 from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
@@ -201,10 +201,8 @@ def test_one_thread_and_all_set_up_the_same_system(size, monkeypatch):
     monkeypatch.setattr(linear_system, "GRID_SPACING", 0.8)
     found = []
     for single in (True, False):
-        for module in (linear_system, multigrid):
-            monkeypatch.setattr(module, "alone", lambda turns, cost, single=single: single)
-        monkeypatch.setattr(sparsity, "one_thread_counts", lambda single=single: single)
-        monkeypatch.setattr(multigrid, "one_thread_counts", lambda single=single: single)
+        monkeypatch.setattr(launch, "is_serial", lambda count, cost, single=single: single)
+        monkeypatch.setattr(launch, "few_threads", lambda single=single: single)
         problem = FlowProblem(
             mesh,
             particles,
@@ -277,9 +275,9 @@ def test_the_preconditioner_is_made_of_the_blocks_of_the_derivative(size):
 
 
 @pytest.mark.parametrize("size", [(1.0, 0.8), (1.0, 1.0, 0.75)], ids=["2-D", "3-D"])
-def test_a_team_one_thread_and_staged_kernels_solve_alike(size, monkeypatch):
-    """With a bubble, and more iterations than the basis first has room for. A team's bits do not depend on its size;
-    staged kernels are compiled in other surroundings, so that their sums may be rounded otherwise."""
+def test_all_threads_one_thread_and_staged_kernels_solve_alike(size, monkeypatch):
+    """With a bubble, and more iterations than the basis first has room for. Bits do not depend on the number of
+    threads; staged kernels are compiled in other surroundings, so that their sums may be rounded otherwise."""
     water, air = tp.Fluid("water", density=998.0, viscosity=1e-3), tp.Fluid("air", density=1.2, viscosity=1.8e-5)
     spacing, ball = (0.04, 0.15) if len(size) == 2 else (0.125, 0.1)
     tank = tp.tank(size, spacing, jitter=0.1, seed=2).fill(water)
@@ -292,8 +290,7 @@ def test_a_team_one_thread_and_staged_kernels_solve_alike(size, monkeypatch):
     body_force = np.tile([0.0, -9.81, 0.0][: len(size)], (len(particles), 1))
     found = []
     for single, together in ((False, True), (True, True), (False, False)):
-        monkeypatch.setattr(linear_system, "alone", lambda turns, cost, single=single: single)
-        monkeypatch.setattr(fgmres, "alone", lambda turns, cost, single=single: single)
+        monkeypatch.setattr(launch, "is_serial", lambda count, cost, single=single: single)
         problem = FlowProblem(
             mesh,
             particles,
@@ -315,9 +312,9 @@ def test_a_team_one_thread_and_staged_kernels_solve_alike(size, monkeypatch):
         assert result.iterations > fgmres.ROOM
         assert problem.system._bubbles.count == 1
         found.append([preconditioned, download(x, problem.size), np.array([result.iterations])])
-    for team, one, staged in zip(*found, strict=True):
-        np.testing.assert_array_equal(team, one)
-        np.testing.assert_allclose(team, staged, atol=1e-11 * abs(staged).max())
+    for all_threads, one, staged in zip(*found, strict=True):
+        np.testing.assert_array_equal(all_threads, one)
+        np.testing.assert_allclose(all_threads, staged, atol=1e-11 * abs(staged).max())
 
 
 @pytest.mark.parametrize(("size", "most"), [((1.0, 0.8), 20), ((1.0, 1.0, 0.75), 45)], ids=["2-D", "3-D"])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from triangulations import areas, as_set, border, check, cloud, delaunay, grid, masses, momentum, of
 
+from tipfem.backend.launch import launch
 from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.remesh import fitted
 from tipfem.remesh.edges import coarsen_refine as kernels
@@ -16,7 +17,8 @@ def coarsened(t: Triangulation, close, chain, edge, held=None, *, film=0.0, most
     n = len(t.state)
     held = np.zeros(n, dtype=np.int32) if held is None else held.astype(np.int32)
     freed, count = np.empty(n, dtype=np.int32), np.zeros(3, dtype=np.int32)
-    kernels.coarsen(
+    launch(
+        kernels.coarsen,
         t.state,
         t.cells,
         t.neighbours,
@@ -44,7 +46,7 @@ def coarsened(t: Triangulation, close, chain, edge, held=None, *, film=0.0, most
         0.0,
         0,
         0,
-        True,
+        work=(1, 1.0),
     )
     return freed[: count[0]]
 
@@ -231,7 +233,8 @@ def refined(t: Triangulation, new: int) -> int:
     t.neighbours = np.concatenate([t.neighbours, np.full((spare, 3), -1, dtype=np.int32)])
     t.fluid = np.concatenate([t.fluid, np.full(spare, -1, dtype=np.int32)])
     count = np.zeros(2, dtype=np.int32)
-    kernels.refine(
+    launch(
+        kernels.refine,
         t.state,
         t.cells,
         t.neighbours,

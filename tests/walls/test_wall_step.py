@@ -7,7 +7,7 @@ import numpy_twin as twin
 import pytest
 
 import tipfem as tp
-from tipfem.backend.runtime import download
+from tipfem.backend.arrays import download
 from tipfem.case.boundary import Boundary
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.delaunay import triangulate

@@ -1,14 +1,18 @@
-"""How the threads of a processor share one kernel: each member of a team does its part, then all meet.
+"""How the threads of a processor share one kernel: each does its share, then all wait for each other at a barrier.
 
 A loop of Taichi's own wakes its threads and waits for them, 20 to 100 microseconds each time: as long as the loops of a
-multigrid cycle take. Inside one kernel, to meet takes a fifth of a microsecond, because who waits stays awake. A kernel
-made so runs on processors only, with no more members than Taichi has threads:
+multigrid cycle take. Inside one kernel, a barrier takes a fifth of a microsecond, because waiting threads stay awake. A
+kernel made so runs on processors only, with no more threads than Taichi has. `tipfem.backend.launch.launch` fills in
+its last parameters:
 
-    for t in range(members * spread):  # see `runtime.spread`
-        if t % spread == 0:
-            first, last = share(t // spread, members, n)
-            ...
-            meet(meeting, members)
+    @kernel
+    def smooth(x: Reals1, n: ti.i32, barrier: Ints1, threads: ti.i32, stride: Template, serial: Template):
+        ti.loop_config(serialize=serial)
+        for t in range(threads * stride):
+            if t % stride == 0:
+                first, last = share(t // stride, threads, n)
+                ...
+                synchronise(barrier, threads)
 """
 
 import time
@@ -16,68 +20,89 @@ from typing import Any
 
 import taichi as ti
 
-from tipfem.backend.launch import Launcher
-from tipfem.backend.runtime import chunks, spread, threads
+from tipfem.backend import runtime
 
-# Entries of the array that a team meets in: how many members have come, and how often all had, a cache line apart.
-MEETING = 64
+# Entries of a barrier's array: how many threads have come, and how often all had, a cache line apart.
+ENTRIES = 64
 _PASSED = 32
 
 
 @ti.func
-def share(member, members, n):
-    """First and last + 1 of 0 ... n that are a member's to do."""
-    size = (n + members - 1) // members
-    first = ti.min(member * size, n)
+def share(thread, threads, n):  # type: ignore[no-untyped-def]
+    """First and last + 1 of 0 ... n that are a thread's to do."""
+    size = (n + threads - 1) // threads
+    first = ti.min(thread * size, n)
     return first, ti.min(first + size, n)
 
 
 @ti.func
-def meet(meeting: ti.template(), members):
-    """Wait until all members have come here; what they have written before, all see behind.
+def synchronise(barrier: ti.template(), threads):  # type: ignore[no-untyped-def]
+    """Wait until all threads have come here; what they have written before, all see behind.
 
-    ``meeting`` (MEETING,) integers, zero before the first meeting.
+    ``barrier`` (ENTRIES,) integers, zero before the first time.
     """
-    if members > 1:
-        before = ti.atomic_add(meeting[_PASSED], 0)
-        if ti.atomic_add(meeting[0], 1) == members - 1:
-            meeting[0] = 0
-            ti.atomic_add(meeting[_PASSED], 1)
+    if threads > 1:
+        before = ti.atomic_add(barrier[_PASSED], 0)
+        if ti.atomic_add(barrier[0], 1) == threads - 1:
+            barrier[0] = 0
+            ti.atomic_add(barrier[_PASSED], 1)
         else:
-            while ti.atomic_add(meeting[_PASSED], 0) == before:
+            while ti.atomic_add(barrier[_PASSED], 0) == before:
                 pass
 
 
-class Team:
-    """How many threads share a kernel in which they meet: all, unless others want the processor too.
+def available() -> bool:
+    """Whether threads can wait for each other inside a kernel; they can on processors."""
+    return runtime.on_cpu()
 
-    Who waits there for a thread that is not running waits for milliseconds. So a team whose threads have run for less
-    than `RUNNING` of the time is one thread for a while. Results do not depend on it.
-    A team of more than Taichi has threads would wait for ever.
+
+_array: list[Any] = []
+
+
+def array() -> Any:
+    """The device array of the barrier; one serves all kernels, for one runs at a time."""
+    if not _array:
+        _array.append(ti.ndarray(ti.i32, (ENTRIES,)))  # zeros
+    return _array[0]
+
+
+class Sharing:
+    """How many threads share a kernel with barriers: all, unless other programs want the processor too.
+
+    Who waits there for a thread that is not running waits for milliseconds. So where the threads have run for less than
+    `RUNNING` of the time, kernels are one thread's for a while. Results do not depend on it.
+    More threads than Taichi has would wait for ever.
     """
 
     RUNNING = 0.65
-    LOOK, REST = 0.01, 0.5  # seconds: of work between two looks, and how long to go on with one thread
+    LOOK, REST = 0.01, 0.5  # [s] of work between two looks, and how long to go on with one thread
 
     def __init__(self) -> None:
         self._worked = self._ran = self._rest_until = 0.0
+        self._count, self._begin, self._ran_before = 1, 0.0, 0.0
 
-    def launch(self, launcher: Launcher, kernel: Any, arguments: tuple[Any, ...], alone: bool, dim: int) -> None:
-        """Start ``kernel`` with ``arguments``, then members, spread, whether one thread does it, and ``dim``."""
-        begin = time.perf_counter()
-        members = min(threads(), chunks())
-        if alone or begin < self._rest_until:
-            members = 1
-        ran = time.process_time()
-        launcher(kernel, *arguments, members, spread(alone), alone, dim)
-        if members > 1:
-            end = time.perf_counter()
-            self._worked += members * (end - begin)
-            self._ran += time.process_time() - ran
-            if self._worked > members * self.LOOK:
-                if self._ran < self.RUNNING * self._worked:
-                    self._rest_until = end + self.REST
-                self._worked = self._ran = 0.0
+    def __call__(self, most: int) -> "Sharing":
+        """For a kernel of ``most`` threads; ``with`` returns how many it shall have, and measures them."""
+        self._count = most
+        return self
+
+    def __enter__(self) -> int:
+        self._begin = time.perf_counter()
+        if self._begin < self._rest_until:
+            self._count = 1
+        self._ran_before = time.process_time()
+        return self._count
+
+    def __exit__(self, *_: object) -> None:
+        if self._count == 1:
+            return
+        end = time.perf_counter()
+        self._worked += self._count * (end - self._begin)
+        self._ran += time.process_time() - self._ran_before
+        if self._worked > self._count * self.LOOK:
+            if self._ran < self.RUNNING * self._worked:
+                self._rest_until = end + self.REST
+            self._worked = self._ran = 0.0
 
 
-team = Team()
+sharing = Sharing()

@@ -8,6 +8,7 @@ residual is. Vectors of unknowns and element records are laid out as in `tipfem.
 
 import taichi as ti
 
+from tipfem.backend.launch import kernel
 from tipfem.fem.element import gradient
 from tipfem.fem.residual import linearisation, unknown
 
@@ -22,7 +23,7 @@ def around(rows, own, other: ti.template()):
     return result
 
 
-@ti.kernel
+@kernel
 def gather_rows(
     cells: ti.types.ndarray(),
     offsets: ti.types.ndarray(),
@@ -192,7 +193,7 @@ def correction_row(
     out[at + dim] = pressure[i]
 
 
-@ti.kernel
+@kernel
 def multiply(
     row_offsets: ti.types.ndarray(),
     columns: ti.types.ndarray(),
@@ -204,15 +205,15 @@ def multiply(
     out: ti.types.ndarray(),
     nodes: ti.i32,
     dim: ti.template(),
-    alone: ti.template(),
+    serial: ti.template(),
 ):
     """out = K x."""
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=serial)
     for i in range(nodes):
         row_product(row_offsets, columns, uu, up, pu, pp, x, 0, out, i, dim)
 
 
-@ti.kernel
+@kernel
 def schur_right_side(
     row_offsets: ti.types.ndarray(),
     columns: ti.types.ndarray(),
@@ -228,7 +229,7 @@ def schur_right_side(
         out[i] = schur_row(row_offsets, columns, pu, scale, r, 0, i, dim)
 
 
-@ti.kernel
+@kernel
 def pressure_correction(
     row_offsets: ti.types.ndarray(),
     columns: ti.types.ndarray(),

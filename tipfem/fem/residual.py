@@ -8,7 +8,7 @@ k < d, and its pressure for k = d. ``scale`` multiplies the rows; it is zero for
 
 import taichi as ti
 
-from tipfem.backend.runtime import part_of
+from tipfem.backend.launch import kernel, part_of
 from tipfem.fem.element import (
     cauchy_stress,
     cofactor,
@@ -101,7 +101,7 @@ def gathered(local: ti.template(), corners: ti.template(), first, last, k, width
     return total
 
 
-@ti.kernel
+@kernel
 def residual(
     cells: ti.types.ndarray(),
     offsets: ti.types.ndarray(),
@@ -196,7 +196,7 @@ def residual(
         gather_node(local, offsets, corners, scale, out, i, dim)
 
 
-@ti.kernel
+@kernel
 def jacobian_product(
     cells: ti.types.ndarray(),
     offsets: ti.types.ndarray(),
@@ -253,7 +253,7 @@ def jacobian_product(
         gather_node(local, offsets, corners, scale, out, i, dim)
 
 
-@ti.kernel
+@kernel
 def step_limits(
     cells: ti.types.ndarray(),
     position: ti.types.ndarray(),
@@ -263,37 +263,37 @@ def step_limits(
     result: ti.types.ndarray(),
     elements: ti.i32,
     nodes: ti.i32,
-    parts: ti.i32,
-    spread: ti.template(),
-    alone: ti.template(),
     dim: ti.template(),
+    parts: ti.i32,
+    stride: ti.template(),
+    serial: ti.template(),
 ):
     """result: smallest J_{n+1}, largest |u|^2 over the square of the particle's ``target`` (N,), and how many entries
     of ``x`` are not finite.
     """
-    ti.loop_config(serialize=alone)
-    for t in range(parts * spread):
+    ti.loop_config(serialize=serial)
+    for t in range(parts * stride):
         smallest = 1e30
         largest = 0.0
         bad = 0.0
-        first, last = part_of(t, parts, spread, elements)
+        first, last = part_of(t, parts, stride, elements)
         for e in range(first, last):
             big_g, _area = reference_gradients(cells, e, position, dim)
             h = ti.Matrix.zero(float, dim, dim)
             for a in ti.static(range(dim + 1)):
                 h += unknown(x, cells[e, a], dim).outer_product(gradient(big_g, a))
             smallest = ti.min(smallest, 1.0 + volume_change(h))
-        first, last = part_of(t, parts, spread, nodes)
+        first, last = part_of(t, parts, stride, nodes)
         for i in range(first, last):
             u = unknown(x, i, dim)
             largest = ti.max(largest, u.dot(u) / target[i] ** 2)
             for k in ti.static(range(dim + 1)):
                 if ti.math.isnan(x[i * (dim + 1) + k]) or ti.math.isinf(x[i * (dim + 1) + k]):
                     bad += 1.0
-        if t % spread == 0:
-            partial[t // spread, 0] = smallest
-            partial[t // spread, 1] = largest
-            partial[t // spread, 2] = bad
+        if t % stride == 0:
+            partial[t // stride, 0] = smallest
+            partial[t // stride, 1] = largest
+            partial[t // stride, 2] = bad
     ti.loop_config(serialize=True)
     for c in range(parts):
         result[0] = ti.min(result[0], partial[c, 0])

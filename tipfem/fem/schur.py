@@ -5,6 +5,7 @@ Vectors of unknowns are laid out as in `tipfem.fem.residual`.
 
 import taichi as ti
 
+from tipfem.backend.launch import kernel
 from tipfem.fem.element import gradient, row
 from tipfem.linalg.sparsity import behind
 
@@ -24,7 +25,7 @@ def gradients_from(cells: ti.template(), e, own, position: ti.template(), dim: t
     return side.inverse(), ti.abs(side.determinant()) / (2.0 if ti.static(dim == 2) else 6.0)
 
 
-@ti.kernel
+@kernel
 def scale_and_laplacian(
     cells: ti.types.ndarray(),
     offsets: ti.types.ndarray(),
@@ -46,7 +47,7 @@ def scale_and_laplacian(
     spacing: float,
     nodes: ti.i32,
     dim: ti.template(),
-    alone: ti.template(),
+    serial: ti.template(),
 ):
     """The rows' scale, and the approximate pressure Schur complement in CSR.
 
@@ -56,7 +57,7 @@ def scale_and_laplacian(
     values: P1 Laplacian sum_e A / (s cm rho) g_a . g_b with s = ``schur``; rows and columns of pinned pressures are
     left empty. ``columns`` are those of ``wide`` without the gaps, see `sparsity.find_neighbours`.
     """
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=serial)
     for i in range(nodes):
         first = row_offsets[i]
         start = dim * offsets[i] + i - first

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tipfem.backend.runtime import chunks, spread
+from tipfem.backend.arrays import partials
+from tipfem.backend.launch import launch
 from tipfem.case.particles import Particles
 from tipfem.fem import step_limits
 from tipfem.mesh.mesh import Mesh
@@ -22,17 +23,16 @@ GENTLE = 0.4  # smallest J of an element at the present speeds that such a step 
 
 def smallest_jacobian(mesh: Mesh, particles: Particles, dt: float) -> float:
     """Smallest J of an element if all particles went on at their velocities for ``dt`` [s]."""
-    parts, result = chunks(), np.array([1e30])
-    step_limits.smallest_jacobian(
+    result = np.array([1e30])
+    launch(
+        step_limits.smallest_jacobian,
         np.ascontiguousarray(mesh.cells),
         mesh.position,
         np.ascontiguousarray(particles.velocity),
-        np.empty(parts),
+        partials(0),
         result,
         dt,
         len(mesh.cells),
-        parts,
-        spread(),
         mesh.dimension,
     )
     return float(result[0])

@@ -6,16 +6,14 @@
 
 import taichi as ti
 
-from tipfem.backend.launch import on_arrays
-from tipfem.backend.runtime import part_of
+from tipfem.backend.launch import kernel, part_of
 from tipfem.fem.element import area_of
 from tipfem.fem.residual import gathered, linearisation, unknown
 
 WORKS = 6  # sums of `step_work` before the force of the walls
 
 
-@on_arrays
-@ti.kernel
+@kernel
 def step_work(
     cells: ti.types.ndarray(),
     offsets: ti.types.ndarray(),
@@ -31,9 +29,9 @@ def step_work(
     dt: float,
     elements: ti.i32,
     nodes: ti.i32,
-    parts: ti.i32,
-    spread: ti.template(),
     dim: ti.template(),
+    parts: ti.i32,
+    stride: ti.template(),
 ):
     """Work of the terms of the residual at ``x`` when it is tested with the displacements u and pressures p in ``x``.
 
@@ -45,10 +43,10 @@ def step_work(
     3: A tau_s grad p . q, stabilisation;  4: A pbar s, volume source
     5: work of the walls, R . u of their particles;  6 ... 5 + d: the force of the walls, sum of R [N]
     """
-    for t in range(parts * spread):
+    for t in range(parts * stride):
         works = ti.Vector.zero(float, WORKS)
         holding = ti.Vector.zero(float, dim)
-        first, last = part_of(t, parts, spread, elements)
+        first, last = part_of(t, parts, stride, elements)
         for e in range(first, last):
             g_now, _c_next, _sigma, l, q, pressure_force, tail = linearisation(record, e, dim)
             w, area = tail[0], tail[1]
@@ -71,26 +69,25 @@ def step_work(
             works[2] += area * mean_p * growth
             works[3] += tail[2] * pressure_force.dot(q) / tail[3]
             works[4] += area * mean_p * source[e]
-        first, last = part_of(t, parts, spread, nodes)
+        first, last = part_of(t, parts, stride, nodes)
         for i in range(first, last):
             if wall[i] != 0:
                 for k in ti.static(range(dim)):
                     force = gathered(local, corners, offsets[i], offsets[i + 1], k, dim + 1)
                     works[5] += force * x[i * (dim + 1) + k]
                     holding[k] += force
-        if t % spread == 0:
+        if t % stride == 0:
             for k in ti.static(range(WORKS)):
-                partial[t // spread, k] = works[k]
+                partial[t // stride, k] = works[k]
             for k in ti.static(range(dim)):
-                partial[t // spread, WORKS + k] = holding[k]
+                partial[t // stride, WORKS + k] = holding[k]
     ti.loop_config(serialize=True)
     for c in range(parts):
         for k in range(ti.static(WORKS + dim)):
             result[k] += partial[c, k]
 
 
-@on_arrays
-@ti.kernel
+@kernel
 def lump(
     cells: ti.types.ndarray(),
     measure: ti.types.ndarray(),
@@ -113,8 +110,7 @@ def vector_of(values: ti.template(), i, dim: ti.template()):
     return ti.Vector([values[i, k] for k in ti.static(range(dim))])
 
 
-@on_arrays
-@ti.kernel
+@kernel
 def state_sums(
     mass: ti.types.ndarray(),
     position: ti.types.ndarray(),
@@ -122,36 +118,35 @@ def state_sums(
     partial: ti.types.ndarray(),
     result: ti.types.ndarray(),
     nodes: ti.i32,
-    parts: ti.i32,
-    spread: ti.template(),
     dim: ti.template(),
-    alone: ti.template(),
+    parts: ti.i32,
+    stride: ti.template(),
+    serial: ti.template(),
 ):
     """Sums over the particles, added to result (1 + 2 d,): m v . v, then m x and m v in each direction.
 
-    ``alone``: by one thread.
+    ``serial``: by one thread.
     """
-    ti.loop_config(serialize=alone)
-    for t in range(parts * spread):
+    ti.loop_config(serialize=serial)
+    for t in range(parts * stride):
         energy, place, momentum = 0.0, ti.Vector.zero(float, dim), ti.Vector.zero(float, dim)
-        first, last = part_of(t, parts, spread, nodes)
+        first, last = part_of(t, parts, stride, nodes)
         for i in range(first, last):
             v = vector_of(velocity, i, dim)
             energy += mass[i] * v.dot(v)
             place += mass[i] * vector_of(position, i, dim)
             momentum += mass[i] * v
-        if t % spread == 0:
-            partial[t // spread, 0] = energy
+        if t % stride == 0:
+            partial[t // stride, 0] = energy
             for k in ti.static(range(dim)):
-                partial[t // spread, 1 + k], partial[t // spread, 1 + dim + k] = place[k], momentum[k]
+                partial[t // stride, 1 + k], partial[t // stride, 1 + dim + k] = place[k], momentum[k]
     ti.loop_config(serialize=True)
     for c in range(parts):
         for k in range(ti.static(1 + 2 * dim)):
             result[k] = result[k] + partial[c, k]
 
 
-@on_arrays
-@ti.kernel
+@kernel
 def step_sums(
     mass: ti.types.ndarray(),
     wall: ti.types.ndarray(),
@@ -174,30 +169,30 @@ def step_sums(
     dt: float,
     nodes: ti.i32,
     elements: ti.i32,
-    parts: ti.i32,
-    spread: ti.template(),
     dim: ti.template(),
-    alone: ti.template(),
+    parts: ti.i32,
+    stride: ti.template(),
+    serial: ti.template(),
 ):
     """Sums over the particles of a step with displacements ``u``, added to result (3 + 4 d,).
 
     With a_alpha = relative + force: m a_alpha . u and m (force - gravity) . u, then in each direction m times the
     change of velocity + shift * acceleration (of wall particles dt a_alpha) and m force; then those of `state_sums`.
     Of triangles ``cells`` (M, 3) also the areas (M,) at ``position``, and the volume (F,) of each ``fluid`` (M,).
-    ``alone``: by one thread.
+    ``serial``: by one thread.
     """
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=serial)
     for e in range(elements):
         measure[e] = area_of(position, cells, e)
     ti.loop_config(serialize=True)
     for e in range(elements):
         volume[fluid[e]] = volume[fluid[e]] + measure[e]
-    ti.loop_config(serialize=alone)
-    for t in range(parts * spread):
+    ti.loop_config(serialize=serial)
+    for t in range(parts * stride):
         inertia, external, energy = 0.0, 0.0, 0.0
         change, weight = ti.Vector.zero(float, dim), ti.Vector.zero(float, dim)
         place, momentum = ti.Vector.zero(float, dim), ti.Vector.zero(float, dim)
-        first, last = part_of(t, parts, spread, nodes)
+        first, last = part_of(t, parts, stride, nodes)
         for i in range(first, last):
             v = vector_of(velocity, i, dim)
             energy += mass[i] * v.dot(v)
@@ -214,14 +209,14 @@ def step_sums(
             else:
                 turn = vector_of(acceleration, i, dim) - vector_of(old_acceleration, i, dim)
                 change += mass[i] * (v - vector_of(old_velocity, i, dim) + shift * turn)
-        if t % spread == 0:
-            partial[t // spread, 0], partial[t // spread, 1] = inertia, external
+        if t % stride == 0:
+            partial[t // stride, 0], partial[t // stride, 1] = inertia, external
             for k in ti.static(range(dim)):
-                partial[t // spread, 2 + k], partial[t // spread, 2 + dim + k] = change[k], weight[k]
-            partial[t // spread, 2 + 2 * dim] = energy
+                partial[t // stride, 2 + k], partial[t // stride, 2 + dim + k] = change[k], weight[k]
+            partial[t // stride, 2 + 2 * dim] = energy
             for k in ti.static(range(dim)):
-                partial[t // spread, 3 + 2 * dim + k] = place[k]
-                partial[t // spread, 3 + 3 * dim + k] = momentum[k]
+                partial[t // stride, 3 + 2 * dim + k] = place[k]
+                partial[t // stride, 3 + 3 * dim + k] = momentum[k]
     ti.loop_config(serialize=True)
     for c in range(parts):
         for k in range(ti.static(3 + 4 * dim)):

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.backend.runtime import Buffers, alone, chunks, spread
+from tipfem.backend.arrays import Buffers
+from tipfem.backend.launch import launch
 from tipfem.linalg import vector_kernels
 
 Operator = Callable[[Any, Any], None]
@@ -63,17 +64,16 @@ def fgmres(
     Raises:
         FloatingPointError: a norm is not finite.
     """
-    single = alone(size, ENTRY)
-    parts = (chunks(), spread(single), single)
+    work = (size, ENTRY)
     basis = _Basis(size, tolerance, buffers)
     out = np.zeros(1)
-    partial = buffers.get("krylov.partial", chunks(), 1)
-    buffers.launch(vector_kernels.start, right_side, basis.orthonormal, partial, out, size, *parts)
+    partial = buffers.partials("krylov.partial", 1)
+    launch(vector_kernels.start, right_side, basis.orthonormal, partial, out, size, work=work)
     beta = float(out[0])
     if not math.isfinite(beta):
         raise FloatingPointError("the residual is not finite")
     if beta == 0.0:
-        buffers.launch(vector_kernels.fill, solution, 0.0, size, single)
+        launch(vector_kernels.fill, solution, 0.0, size, work=work)
         return KrylovResult(0, 0.0, True)
     hessenberg = np.zeros((max_iterations + 1, max_iterations))
     # Numbers of Python's own: they are few, and NumPy takes longer to look at each.
@@ -102,7 +102,7 @@ def fgmres(
         g[k] *= cosine[k]
         k += 1
     weights = np.linalg.solve(np.triu(hessenberg[:k, :k]), g[:k]) if k else np.zeros(0)
-    buffers.launch(vector_kernels.combine, basis.directions, np.append(weights, 0.0), solution, k, size, *parts)
+    launch(vector_kernels.combine, basis.directions, np.append(weights, 0.0), solution, k, size, work=work)
     relative = abs(g[k]) / beta
     return KrylovResult(k, relative, relative <= tolerance)
 
@@ -124,21 +124,19 @@ class _Basis:
 
     def by_parts(self, operator: Operator, preconditioner: Operator) -> Iteration:
         """An iteration that does one after the other."""
-        size, single = self.size, alone(self.size, ENTRY)
-        launch, (v, z) = self._buffers.launch, (self._buffers.get(f"krylov.{name}", size) for name in "vz")
+        size, work = self.size, (self.size, ENTRY)
+        v, z = (self._buffers.get(f"krylov.{name}", size) for name in "vz")
 
         def iteration(
             k: int, basis: Any, directions: Any, w: Any, partial: Any, out: Any, cancelled: float, again: bool
         ) -> None:
             if not again:
-                launch(vector_kernels.move, basis, k * size, v, 0, size, single)
+                launch(vector_kernels.move, basis, k * size, v, 0, size, work=work)
                 preconditioner(v, z)
                 operator(z, w)
-                launch(vector_kernels.move, z, 0, directions, k * size, size, single)
-            many = alone(size, ENTRY_OF_MANY)
-            launch(
-                vector_kernels.orthogonalise, basis, w, partial, out, k, size, chunks(), spread(many), many, cancelled
-            )
+                launch(vector_kernels.move, z, 0, directions, k * size, size, work=work)
+            many = (size, ENTRY_OF_MANY)
+            launch(vector_kernels.orthogonalise, basis, w, partial, out, k, size, cancelled, work=many)
 
         return iteration
 
@@ -151,7 +149,7 @@ class _Basis:
         if k + 2 > self._room:
             self._make_room(k + 2)
         column = [0.0] * (k + 2)
-        w, partial = self._buffers.get("krylov.w", self.size), self._buffers.get("krylov.dots", chunks() * (k + 2))
+        w, partial = self._buffers.get("krylov.w", self.size), self._buffers.partials("krylov.dots", k + 2, flat=True)
         # Below it, what cancellation leaves is neither orthogonal enough nor of a length known well: once more.
         least = max(CANCELLED, ((self._loss + EPSILON) / self._loss_allowed) ** 2)
         for again in (False, True):
@@ -177,8 +175,7 @@ EPSILON = 2e-16
 
 def largest(x: Any, n: int, buffers: Buffers) -> float:
     """Largest |x_i| of the first ``n`` entries; NaN if one of them is."""
-    parts, single = chunks(), alone(n, ENTRY)
     out = np.zeros(2)
-    partial = buffers.get("krylov.partial_largest", parts, 2)
-    buffers.launch(vector_kernels.largest, x, partial, out, n, parts, spread(single), single)
+    partial = buffers.partials("krylov.partial_largest", 2)
+    launch(vector_kernels.largest, x, partial, out, n, work=(n, ENTRY))
     return float("nan") if out[1] > 0 else float(out[0])

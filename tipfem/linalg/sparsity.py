@@ -4,26 +4,16 @@ Lists of lists are CSR: ``offsets`` (N + 1,) says where the list of each particl
 within a list does not depend on the number of threads, so that sums over it are repeatable bit by bit.
 """
 
-import os
-
 import taichi as ti
 
-from tipfem.backend.runtime import settings
-
-FEW = 4
-
-
-def one_thread_counts() -> bool:
-    """Whether one thread lists faster than all do: without atomic operations, and in order from the start."""
-    here = settings()
-    return here.get("arch") == "cpu" and (here["threads"] or os.cpu_count() or 1) <= FEW
+from tipfem.backend.launch import kernel
 
 
 @ti.func
-def take(cursor: ti.template(), i, alone: ti.template()):
-    """Count cursor[i] up by one; what it was. Not an atomic operation where one thread is alone."""
+def take(cursor: ti.template(), i, serial: ti.template()):
+    """Count cursor[i] up by one; what it was. Not an atomic operation where one thread does the loop."""
     value = 0
-    if ti.static(alone):
+    if ti.static(serial):
         value = cursor[i]
         cursor[i] = value + 1
     else:
@@ -31,7 +21,7 @@ def take(cursor: ti.template(), i, alone: ti.template()):
     return value
 
 
-@ti.kernel
+@kernel
 def list_uses(
     cells: ti.types.ndarray(),
     offsets: ti.types.ndarray(),
@@ -40,34 +30,38 @@ def list_uses(
     elements: ti.i32,
     nodes: ti.i32,
     width: ti.i32,
-    alone: ti.template(),
+    one_counts: ti.template(),
 ):
     """corners: places e * width + a of each particle in ``cells`` (M, width), in ascending order; ``offsets``.
 
     ``cursor`` (N,) is scratch.
     """
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=one_counts)
     for i in range(nodes + 1):
         offsets[i] = 0
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=one_counts)
     for e in range(elements):
         for a in range(width):
-            take(offsets, cells[e, a] + 1, alone)
+            take(offsets, cells[e, a] + 1, one_counts)
     ti.loop_config(serialize=True)
     for i in range(nodes):
         cursor[i] = offsets[i]
         offsets[i + 1] = offsets[i] + offsets[i + 1]
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=one_counts)
     for e in range(elements):
         for a in range(width):
-            corners[take(cursor, cells[e, a], alone)] = e * width + a
-    if ti.static(not alone):
+            corners[take(cursor, cells[e, a], one_counts)] = e * width + a
+    if ti.static(not one_counts):
         for i in range(nodes):
             insertion_sort(corners, offsets[i], offsets[i + 1])
 
 
-@ti.kernel
-def accumulate(count: ti.types.ndarray(), cursor: ti.types.ndarray(), n: ti.i32) -> ti.i32:
+@kernel
+def accumulate(
+    count: ti.types.ndarray(),
+    cursor: ti.types.ndarray(),
+    n: ti.i32,
+) -> ti.i32:
     """Running sums of count[:n + 1] in place; ``cursor`` (n,) takes a copy of the first n. Returns the last sum."""
     ti.loop_config(serialize=True)
     for i in range(n):
@@ -95,7 +89,7 @@ def behind(own, other: ti.template(), dim: ti.template()):
     return b - ti.select(b > dim, dim + 1, 0)
 
 
-@ti.kernel
+@kernel
 def find_neighbours(
     cells: ti.types.ndarray(),
     offsets: ti.types.ndarray(),
@@ -105,7 +99,7 @@ def find_neighbours(
     places: ti.types.ndarray(),
     nodes: ti.i32,
     dim: ti.template(),
-    alone: ti.template(),
+    serial: ti.template(),
 ):
     """count[i + 1]: particles that share a cell with particle i, itself included; ``wide`` lists them with gaps.
 
@@ -113,7 +107,7 @@ def find_neighbours(
     places (M (d + 1) d,): of each entry c of ``corners`` where in that list the other particles of its cell are, the
     one `behind` it by k at c * d + k - 1.
     """
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=serial)
     for i in range(nodes):
         first = dim * offsets[i] + i
         n = 1

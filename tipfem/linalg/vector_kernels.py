@@ -6,14 +6,14 @@ Sums are formed in a fixed number of parts, so that they do not depend on the nu
 
 import taichi as ti
 
-from tipfem.backend.runtime import part_of
+from tipfem.backend.launch import kernel, part_of
 
 # Rows of a vector that are worked on at once: what of all basis vectors fits into a core's cache.
 BLOCK = 512
 LANES = 256  # and at once, in memory of a thread's own
 
 
-@ti.kernel
+@kernel
 def start(
     b: ti.types.ndarray(),
     basis: ti.types.ndarray(),
@@ -21,18 +21,18 @@ def start(
     out: ti.types.ndarray(),
     n: ti.i32,
     parts: ti.i32,
-    spread: ti.template(),
-    alone: ti.template(),
+    stride: ti.template(),
+    serial: ti.template(),
 ):
     """out[0] = |b|, v_0 = b / |b| (0 if b is 0)."""
-    ti.loop_config(serialize=alone)
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, n)
+    ti.loop_config(serialize=serial)
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, n)
         total = 0.0
         for i in range(first, last):
             total += b[i] * b[i]
-        if t % spread == 0:
-            partial[t // spread, 0] = total
+        if t % stride == 0:
+            partial[t // stride, 0] = total
     ti.loop_config(serialize=True)
     for _ in range(1):
         total = 0.0
@@ -40,9 +40,9 @@ def start(
             total += partial[c, 0]
         out[0] = ti.sqrt(total)
         partial[0, 0] = ti.select(total > 0.0, 1.0 / ti.sqrt(total), 0.0)
-    ti.loop_config(serialize=alone)
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, n)
+    ti.loop_config(serialize=serial)
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, n)
         factor = partial[0, 0]
         for i in range(first, last):
             basis[i] = factor * b[i]
@@ -109,7 +109,7 @@ def subtract(basis: ti.template(), w: ti.template(), partial: ti.template(), k, 
             basis[row + i] = x
 
 
-@ti.kernel
+@kernel
 def orthogonalise(
     basis: ti.types.ndarray(),
     w: ti.types.ndarray(),
@@ -117,31 +117,31 @@ def orthogonalise(
     out: ti.types.ndarray(),
     k: ti.i32,
     n: ti.i32,
-    parts: ti.i32,
-    spread: ti.template(),
-    alone: ti.template(),
     cancelled: float,
+    parts: ti.i32,
+    stride: ti.template(),
+    serial: ti.template(),
 ):
     """v_{k+1} = w less its components d_j along v_0 ... v_k, over the length of that; w becomes the same.
 
     out: d (k + 1,), |w|^2, and |w|^2 - |d|^2, which is the length squared of what is left. Where that is less than
     the part ``cancelled`` of |w|^2, it is left as long as it is, for another pass.
     """
-    ti.loop_config(serialize=alone)
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, n)
-        if t % spread == 0:
-            dots(basis, w, partial, t // spread, k, n, first, last)
+    ti.loop_config(serialize=serial)
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, n)
+        if t % stride == 0:
+            dots(basis, w, partial, t // stride, k, n, first, last)
     ti.loop_config(serialize=True)
     for _ in range(1):
         sum_dots(partial, out, k, parts, cancelled)
-    ti.loop_config(serialize=alone)
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, n)
+    ti.loop_config(serialize=serial)
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, n)
         subtract(basis, w, partial, k, n, first, last)
 
 
-@ti.kernel
+@kernel
 def combine(
     directions: ti.types.ndarray(),
     weights: ti.types.ndarray(),
@@ -149,13 +149,13 @@ def combine(
     k: ti.i32,
     n: ti.i32,
     parts: ti.i32,
-    spread: ti.template(),
-    alone: ti.template(),
+    stride: ti.template(),
+    serial: ti.template(),
 ):
     """x = sum of weights[j] z_j over the ``k`` directions."""
-    ti.loop_config(serialize=alone)
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, n)
+    ti.loop_config(serialize=serial)
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, n)
         for block in range((last - first + BLOCK - 1) // BLOCK):
             start = first + block * BLOCK
             end = ti.min(start + BLOCK, last)
@@ -167,53 +167,71 @@ def combine(
                     x[i] = x[i] + d * directions[j * n + i]
 
 
-@ti.kernel
-def fill(x: ti.types.ndarray(), value: float, n: ti.i32, alone: ti.template()):
+@kernel
+def fill(
+    x: ti.types.ndarray(),
+    value: float,
+    n: ti.i32,
+    serial: ti.template(),
+):
     """x_i = value for the first n entries."""
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=serial)
     for i in range(n):
         x[i] = value
 
 
-@ti.kernel
-def move(x: ti.types.ndarray(), from_x: ti.i32, y: ti.types.ndarray(), from_y: ti.i32, n: ti.i32, alone: ti.template()):
+@kernel
+def move(
+    x: ti.types.ndarray(),
+    from_x: ti.i32,
+    y: ti.types.ndarray(),
+    from_y: ti.i32,
+    n: ti.i32,
+    serial: ti.template(),
+):
     """Copy ``n`` entries of x into y, from an entry of each on."""
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=serial)
     for i in range(n):
         y[from_y + i] = x[from_x + i]
 
 
-@ti.kernel
-def add(x: ti.types.ndarray(), y: ti.types.ndarray(), factor: float, n: ti.i32, alone: ti.template()):
+@kernel
+def add(
+    x: ti.types.ndarray(),
+    y: ti.types.ndarray(),
+    factor: float,
+    n: ti.i32,
+    serial: ti.template(),
+):
     """y += factor x over the first ``n`` entries."""
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=serial)
     for i in range(n):
         y[i] = y[i] + factor * x[i]
 
 
-@ti.kernel
+@kernel
 def largest(
     x: ti.types.ndarray(),
     partial: ti.types.ndarray(),
     out: ti.types.ndarray(),
     n: ti.i32,
     parts: ti.i32,
-    spread: ti.template(),
-    alone: ti.template(),
+    stride: ti.template(),
+    serial: ti.template(),
 ):
     """out: largest |x_i| of the first n entries, and how many of them are no numbers; ``out`` starts at zero."""
-    ti.loop_config(serialize=alone)
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, n)
+    ti.loop_config(serialize=serial)
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, n)
         value = 0.0
         bad = 0.0
         for i in range(first, last):
             value = ti.max(value, ti.abs(x[i]))
             if ti.math.isnan(x[i]):
                 bad += 1.0
-        if t % spread == 0:
-            partial[t // spread, 0] = value
-            partial[t // spread, 1] = bad
+        if t % stride == 0:
+            partial[t // stride, 0] = value
+            partial[t // stride, 1] = bad
     ti.loop_config(serialize=True)
     for c in range(parts):
         out[0] = ti.max(out[0], partial[c, 0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tipfem.backend.launch import launch
 from tipfem.mesh.delaunay import TriangulationError
 from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.remesh.edges.edge_operations import STAR
@@ -35,7 +36,8 @@ def repaired(mesh: Mesh, moved: Array, position: Array, moves: Array) -> Mesh | 
     t = _triangulation(mesh, moved)
     star = np.empty(2 * (STAR + 1), dtype=np.int32)
     if len(moves):
-        done = set_elsewhere(
+        done = launch(
+            set_elsewhere,
             t.state,
             t.cells,
             t.neighbours,

@@ -5,7 +5,7 @@ Arrays are those of `edge_operations`; all runs in one thread.
 
 import taichi as ti
 
-from tipfem.backend.launch import on_arrays
+from tipfem.backend.launch import kernel
 from tipfem.remesh.edges.edge_operations import (
     STAR,
     can_collapse,
@@ -21,8 +21,7 @@ from tipfem.remesh.edges.edge_operations import (
 ON_EDGE = 1e-9  # how far beside an edge of length 1 a place may be by round-off
 
 
-@on_arrays
-@ti.kernel
+@kernel
 def set_elsewhere(
     x: ti.types.ndarray(),
     cells: ti.types.ndarray(),

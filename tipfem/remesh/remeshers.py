@@ -7,6 +7,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from tipfem.backend.launch import launch
 from tipfem.case.case import Case
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
@@ -210,7 +211,7 @@ class FittedRemesher:
         at_interface = components.mark & ON_INTERFACE > 0
         target = grading.sizing(particles.position, particles.fluid, at_interface, largest, particles.spacing)
         lowered = np.zeros(len(target), dtype=np.int32)
-        limit_growth(particles.position, mesh.cells, target, lowered, grading.growth, len(mesh.cells))
+        launch(limit_growth, particles.position, mesh.cells, target, lowered, grading.growth, len(mesh.cells))
         return target
 
 

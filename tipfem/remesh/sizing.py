@@ -2,14 +2,13 @@
 
 import taichi as ti
 
-from tipfem.backend.launch import on_arrays
+from tipfem.backend.launch import kernel
 from tipfem.remesh.edges.edge_operations import distance
 
-SWEEPS = 100  # far more than there are: targets spread along many edges in one sweep
+SWEEPS = 100  # far more than there are: targets stride along many edges in one sweep
 
 
-@on_arrays
-@ti.kernel
+@kernel
 def limit_growth(
     x: ti.types.ndarray(),
     cells: ti.types.ndarray(),

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tipfem.backend.runtime import alone
+from tipfem.backend.launch import launch
 from tipfem.case.particles import Particles
 from tipfem.mesh.delaunay import TriangulationError
 from tipfem.mesh.mesh import Mesh
@@ -58,7 +58,8 @@ class Triangulation:
         cells, neighbours = np.empty((room, 3), dtype=np.int32), np.empty((room, 3), dtype=np.int32)
         fluid, stale = np.full(room, -1, dtype=np.int32), np.zeros(room, dtype=np.int8)
         cells[:elements], neighbours[:elements], fluid[:elements] = mesh.cells, mesh.neighbours, mesh.fluid
-        flips.gather(
+        launch(
+            flips.gather,
             *map(np.ascontiguousarray, (particles.position, particles.velocity, particles.acceleration)),
             *map(np.ascontiguousarray, (particles.pressure, particles.target)),
             cells,
@@ -73,7 +74,7 @@ class Triangulation:
             count,
             elements,
             slack,
-            alone(elements, 20.0),
+            work=(elements, 20.0),
         )
         wall = particles.wall.astype(np.int32)
         t = cls(state, cells, neighbours, fluid, corner, wall, density)
@@ -85,7 +86,7 @@ class Triangulation:
         """What particles carry, by the names of `Particles`: all of `state` but positions and masses."""
         count = len(self.state)
         velocity, acceleration, pressure, wanted = np.empty((count, 2)), np.empty((count, 2)), *np.empty((2, count))
-        flips.scatter(self.state, velocity, acceleration, pressure, wanted, count)
+        launch(flips.scatter, self.state, velocity, acceleration, pressure, wanted, count)
         return {"velocity": velocity, "acceleration": acceleration, "pressure": pressure, "target": wanted}
 
     def make_delaunay(self, slack: float, *, again: bool = False) -> int:
@@ -99,13 +100,22 @@ class Triangulation:
         elements = len(self.cells)
         if not again:
             self._stale = np.zeros(elements, dtype=np.int8)
-            flips.find_flips(
-                self.state, self.cells, self.neighbours, self.fluid, self._stale, elements, slack, alone(elements, 40.0)
+            launch(
+                flips.find_flips,
+                self.state,
+                self.cells,
+                self.neighbours,
+                self.fluid,
+                self._stale,
+                elements,
+                slack,
+                work=(elements, 40.0),
             )
         count, stack = np.zeros(3, dtype=np.int32), np.empty(max(8 * elements, 64), dtype=np.int32)
         while True:
             count[2] = 0
-            flips.make_delaunay(
+            launch(
+                flips.make_delaunay,
                 self.state,
                 self.cells,
                 self.neighbours,
@@ -162,7 +172,8 @@ class Triangulation:
         """
         size = 3 * len(self.cells) if most is None else most
         edge, key, count = np.empty(size, dtype=np.int32), np.empty(size), np.zeros(3, dtype=np.int32)
-        edge_kernels.longest_edges(
+        launch(
+            edge_kernels.longest_edges,
             self.state,
             self.cells,
             self.neighbours,
@@ -182,13 +193,19 @@ class Triangulation:
         """All edges longer than ``long`` targets, in the order of `longest_edges`."""
         size = 3 * len(self.cells)
         edge, key = np.empty(size, dtype=np.int32), np.empty(size)
-        return _sorted(
+        count = launch(
+            edge_kernels.long_edges,
+            self.state,
+            self.cells,
+            self.neighbours,
+            self.fluid,
             edge,
             key,
-            edge_kernels.long_edges(
-                self.state, self.cells, self.neighbours, self.fluid, edge, key, len(self.cells), long, long
-            ),
+            len(self.cells),
+            long,
+            long,
         )
+        return _sorted(edge, key, count)
 
     def tidy(
         self, held: Array, way: Array, reach: float, gap: float, least: float, thin: float, sliver: float
@@ -196,13 +213,14 @@ class Triangulation:
         """Interfaces meet walls where they point to, those ``held`` (N,) excepted; films break, particles that lie as
         good as on an interface are taken in; see `films_contacts.tidy`. How many broke, and how many were taken in.
         """
-        elements, single = len(self.cells), alone(len(self.cells), 10.0)
+        elements = len(self.cells)
         flag, count = np.empty(elements, dtype=np.int32), np.zeros(2, dtype=np.int32)
         fixed, contacts, before, way = held.astype(np.int32), len(self.state), -1, np.ascontiguousarray(way)
         broken = 0
         while count[1] != before:  # the parts of an edge may be long, too
             before = int(count[1])
-            films_contacts.tidy(
+            launch(
+                films_contacts.tidy,
                 self.state,
                 self.cells,
                 self.neighbours,
@@ -224,7 +242,7 @@ class Triangulation:
                 thin,
                 sliver,
                 1.0,
-                single,
+                work=(elements, 10.0),
             )
             contacts, thin = 0, 0.0
             if count[0]:
@@ -254,7 +272,8 @@ class Triangulation:
         count, elements = np.zeros(3, dtype=np.int32), len(self.cells)
         freed, size = np.empty(len(self.state), dtype=np.int32), 3 * elements if long else 1
         edges, keys, span = np.empty(size, dtype=np.int32), np.empty(size), np.empty(elements)
-        coarsen_refine.coarsen(
+        launch(
+            coarsen_refine.coarsen,
             self.state,
             self.cells,
             self.neighbours,
@@ -282,7 +301,7 @@ class Triangulation:
             long,
             int(every),
             len(self.freed),
-            alone(elements, 15.0),
+            work=(elements, 15.0),
         )
         self.freed = np.concatenate([self.freed, freed[: count[0]]])
         self._changed(count[0])
@@ -339,7 +358,8 @@ class Triangulation:
             free = np.concatenate([free, np.arange(first, first + short, dtype=np.int32)])
         count = np.zeros(2, dtype=np.int32)
         candidates, touched = edges[: self.wanted_edges()], np.zeros(len(self.cells), dtype=np.int8)
-        coarsen_refine.refine(
+        launch(
+            coarsen_refine.refine,
             self.state,
             self.cells,
             self.neighbours,

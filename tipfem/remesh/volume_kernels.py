@@ -6,7 +6,7 @@ All run serially, in the order of the cells: sums are the same every time. Array
 
 import taichi as ti
 
-from tipfem.backend.launch import on_arrays
+from tipfem.backend.launch import kernel
 from tipfem.fem.element import area_of
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE
 
@@ -30,8 +30,7 @@ def find_root(parent: ti.template(), t):
     return root
 
 
-@on_arrays
-@ti.kernel
+@kernel
 def label_components(
     x: ti.types.ndarray(),
     cells: ti.types.ndarray(),
@@ -114,27 +113,26 @@ def label_components(
             at[f, n] = at[f, n] >> 2
 
 
-@on_arrays
-@ti.kernel
+@kernel
 def transfer_deficits(
     old: ti.types.ndarray(),
     new: ti.types.ndarray(),
     relocated: ti.types.ndarray(),
     deficit: ti.types.ndarray(),
-    parts: ti.types.ndarray(),
+    shares: ti.types.ndarray(),
     result: ti.types.ndarray(),
 ):
-    """Each component's deficit (K,) in equal ``parts`` (K,) with its particles: see `volumes.transfer_deficits`."""
+    """Each component's deficit (K,) in equal parts with its particles: see `volumes.transfer_deficits`."""
     ti.loop_config(serialize=True)
     for f in range(old.shape[0]):
         for i in range(old.shape[1]):
             if old[f, i] >= 0 and new[f, i] >= 0 and relocated[i] == 0:
-                parts[old[f, i]] = parts[old[f, i]] + 1
+                shares[old[f, i]] = shares[old[f, i]] + 1
     ti.loop_config(serialize=True)
     for f in range(old.shape[0]):
         for i in range(old.shape[1]):
             if old[f, i] >= 0 and new[f, i] >= 0 and relocated[i] == 0:
-                result[new[f, i]] = result[new[f, i]] + deficit[old[f, i]] / parts[old[f, i]]
+                result[new[f, i]] = result[new[f, i]] + deficit[old[f, i]] / shares[old[f, i]]
 
 
 @ti.func
@@ -148,8 +146,7 @@ def entry_of(head: ti.template(), chain: ti.template(), i, component):
     return e
 
 
-@on_arrays
-@ti.kernel
+@kernel
 def gradients(
     x: ti.types.ndarray(),
     cells: ti.types.ndarray(),
@@ -230,8 +227,7 @@ def hold_back(
     return halved
 
 
-@on_arrays
-@ti.kernel
+@kernel
 def shift_interfaces(
     x: ti.types.ndarray(),
     cells: ti.types.ndarray(),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tipfem.backend.launch import launch
 from tipfem.mesh.components import Components
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh import volume_kernels as kernels
@@ -36,7 +37,8 @@ def label_components(
     of, movable = np.zeros((2, elements), dtype=np.int32)
     at, mark = np.full((fluids, particles), -1, dtype=np.int32), np.zeros(particles, dtype=np.int32)
     counters = np.zeros(2, dtype=np.int32)
-    kernels.label_components(
+    launch(
+        kernels.label_components,
         *map(np.ascontiguousarray, (position, cells, neighbours, fluid)),
         label,
         mark,
@@ -113,7 +115,7 @@ def transfer_deficits(old: Array, new: Array, deficit: Array, relocated: Array, 
         (K',) deficits of the new components [m^2]; the deficit of a component that vanished is dropped.
     """
     result, parts = np.zeros(count), np.zeros(len(deficit), dtype=np.int32)
-    kernels.transfer_deficits(old, new, relocated.view(np.int8), deficit, parts, result)
+    launch(kernels.transfer_deficits, old, new, relocated.view(np.int8), deficit, parts, result)
     return result
 
 
@@ -167,11 +169,24 @@ def move_interfaces(mesh: Mesh, volume: Array, wanted: Array, limit: float) -> M
         if np.abs(missing).max() <= 1e-14 * wanted.sum():
             break
         gram, gain = np.zeros((len(wanted), len(wanted))), np.zeros(len(wanted))
-        kernels.gradients(x, mesh.cells, label, near, nodes, head, chain, gradient, gram)
+        launch(kernels.gradients, x, mesh.cells, label, near, nodes, head, chain, gradient, gram)
         # The volumes' sum is that of the tank: one combination of the factors moves nothing.
         factor = np.linalg.lstsq(gram, missing, rcond=1e-10)[0]
-        moved = kernels.shift_interfaces(
-            x, mesh.cells, label, near, nodes, head, chain, gradient, factor, displacement, measure, gain, limit
+        moved = launch(
+            kernels.shift_interfaces,
+            x,
+            mesh.cells,
+            label,
+            near,
+            nodes,
+            head,
+            chain,
+            gradient,
+            factor,
+            displacement,
+            measure,
+            gain,
+            limit,
         )
         if not moved:
             break

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tipfem.backend.runtime import alone, chunks, spread
+from tipfem.backend.arrays import partials
+from tipfem.backend.launch import launch
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.fem import work as balance_kernels
@@ -33,7 +34,15 @@ SUM = 5.0  # nanoseconds that a thread takes for the sums of a particle, or the 
 def lumped(mesh: Mesh, density: Array) -> Array:
     """Lumped mass (N,) [kg] from the elements' densities (M,)."""
     mass = np.zeros(len(mesh.position))
-    balance_kernels.lump(np.ascontiguousarray(mesh.cells), mesh.measure, density, mass, len(mesh.cells), mesh.dimension)
+    launch(
+        balance_kernels.lump,
+        np.ascontiguousarray(mesh.cells),
+        mesh.measure,
+        density,
+        mass,
+        len(mesh.cells),
+        mesh.dimension,
+    )
     return mass
 
 
@@ -63,19 +72,18 @@ class Totals:
     @staticmethod
     def of(mass: Array, particles: Particles, gravity: Array, volume: Array) -> Totals:
         """Sums over the particles with masses (N,) and volumes of the fluids (F,)."""
-        d, parts, single = particles.dimension, chunks(), alone(len(mass), SUM)
+        d = particles.dimension
         sums = np.zeros(1 + 2 * d)
-        balance_kernels.state_sums(
+        launch(
+            balance_kernels.state_sums,
             mass,
             particles.position,
             particles.velocity,
-            np.empty((parts, len(sums))),
+            partials(len(sums)),
             sums,
             len(mass),
-            parts,
-            spread(single),
             d,
-            single,
+            work=(len(mass), SUM),
         )
         return Totals.summed(mass, sums, gravity, volume)
 
@@ -149,11 +157,12 @@ class Budget:
         mass, work, u, source = before.mass, problem.work(solution), displacement, problem.properties.source
         # dt a_alpha is the change of v + (1/2 - alpha_f) dt a, but at walls, where the state is prescribed.
         old, shift = problem.particles, (0.5 - scheme.alpha_f) * scheme.dt
-        d, parts, single = mesh.dimension, chunks(), alone(len(mass), SUM)
+        d = mesh.dimension
         sums, carried, here = np.zeros(3 + 4 * d), mesh.moved(moved.position), self._fraction is None
         fluid, measure = (np.asarray(mesh.fluid), np.empty(len(mesh.cells))) if here else (NO_FLUID, carried.measure)
         volume = np.zeros(len(self._names))
-        balance_kernels.step_sums(
+        launch(
+            balance_kernels.step_sums,
             mass,
             old.wall.view(np.int8),
             old.velocity,
@@ -169,16 +178,14 @@ class Budget:
             fluid,
             measure,
             volume,
-            np.empty((parts, len(sums))),
+            partials(len(sums)),
             sums,
             shift,
             scheme.dt,
             len(mass),
             len(mesh.cells) if here else 0,
-            parts,
-            spread(single),
             d,
-            single,
+            work=(len(mass), SUM),
         )
         if here:
             mesh.moved(moved.position, measure)  # kept for what follows in the step

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.backend.runtime import alone, chunks, download, spread
+from tipfem.backend.arrays import download
+from tipfem.backend.launch import launch
 from tipfem.case.particles import Particles
 from tipfem.errors import StepRefused
 from tipfem.fem import residual as assembly
@@ -191,7 +192,7 @@ class FlowProblem:
         Every row is scaled to the length [m] by which it would move its particle.
         """
         s = self.scheme
-        self.buffers.launch(
+        launch(
             assembly.residual,
             *self._topology,
             self._position,
@@ -235,8 +236,7 @@ class FlowProblem:
     def work(self, x: Any) -> StepWork:
         """Work of each term at ``x``, where the last `residual` was; no `product` may come between."""
         result = np.zeros(balance_kernels.WORKS + self.dimension)
-        parts = chunks()
-        self.buffers.launch(
+        launch(
             balance_kernels.step_work,
             *self._topology,
             self._record,
@@ -244,14 +244,12 @@ class FlowProblem:
             self._local,
             self._wall,
             x,
-            self.buffers.get("work", parts, len(result)),
+            self.buffers.partials("work", len(result)),
             result,
             self.scheme.cf,
             self.scheme.dt,
             self.elements,
             self.nodes,
-            parts,
-            spread(),
             self.dimension,
         )
         viscous_dissipation, viscous, geometry, stabilisation, source, walls, *force = result.tolist()
@@ -288,27 +286,24 @@ class FlowProblem:
                 buffers=self.buffers,
                 iteration=None if self._walls else self.system.iteration,
             )
-        self.buffers.launch(vector_kernels.add, self._dx, x, -1.0, self.size, alone(self.size, fgmres.ENTRY))
+        launch(vector_kernels.add, self._dx, x, -1.0, self.size, work=(self.size, fgmres.ENTRY))
         return result
 
     def limits(self, x: Any) -> StepLimits:
         """Smallest J_{n+1} and largest displacement of ``x``, relative to the tank's motion."""
         result = np.array([1e30, 0.0, 0.0])
-        parts, single = chunks(), alone(self.elements, assembly.ELEMENT)
-        self.buffers.launch(
+        launch(
             assembly.step_limits,
             self._topology[0],
             self._position,
             self._target,
             x,
-            self.buffers.get("limits", parts, 3),
+            self.buffers.partials("limits", 3),
             result,
             self.elements,
             self.nodes,
-            parts,
-            spread(single),
-            single,
             self.dimension,
+            work=(self.elements, assembly.ELEMENT),
         )
         if self.walls is not None and self.walls.carried is not None:
             way = ((self.split(x)[0] - self.walls.carried) ** 2).sum(axis=1)

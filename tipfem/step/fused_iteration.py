@@ -5,14 +5,15 @@ It does with `tipfem.backend.barrier` what staged kernels do loop by loop elsewh
 
 import taichi as ti
 
-from tipfem.backend.barrier import meet, share
+from tipfem.backend.barrier import share, synchronise
+from tipfem.backend.launch import kernel
 from tipfem.fem.jacobian import correction_row, row_product, schur_row
 from tipfem.linalg.multigrid.deflation_kernels import lift
 from tipfem.linalg.multigrid.fused_cycle import cycle
 from tipfem.linalg.vector_kernels import dots, subtract, sum_dots
 
 
-@ti.kernel
+@kernel
 def iterate(
     row_offsets: ti.types.ndarray(),
     columns: ti.types.ndarray(),
@@ -45,20 +46,20 @@ def iterate(
     w: ti.types.ndarray(),
     partial: ti.types.ndarray(),
     out: ti.types.ndarray(),
-    meeting: ti.types.ndarray(),
     k: ti.i32,
     nodes: ti.i32,
     levels: ti.i32,
     sweeps: ti.i32,
     bubbles: ti.i32,
-    parts: ti.i32,
     cancelled: float,
     again: ti.i32,
     whole: ti.template(),
-    members: ti.i32,
-    spread: ti.template(),
-    alone: ti.template(),
     dim: ti.template(),
+    barrier: ti.types.ndarray(),
+    threads: ti.i32,
+    parts: ti.i32,
+    stride: ti.template(),
+    serial: ti.template(),
 ):
     """z_k = M v_k, the preconditioner M as in `linear_system.LinearSystem.precondition`, in ``directions``; if
     ``whole``, also w = K z_k and what `vector_kernels.orthogonalise` makes of it, w itself becoming v_{k+1}; ``again``
@@ -67,18 +68,18 @@ def iterate(
     b and x (N,) are the right side and the solution of the cycle; ``offsets``, ``inside`` and ``energy`` describe the
     bubbles, see `tipfem.linalg.multigrid.deflation_kernels`.
     """
-    ti.loop_config(serialize=alone)
-    for t in range(members * spread):
-        if t % spread == 0:
-            member = t // spread
+    ti.loop_config(serialize=serial)
+    for t in range(threads * stride):
+        if t % stride == 0:
+            thread = t // stride
             size = nodes * (dim + 1)
             begin = k * size
             if not again:
-                mine, end = share(member, members, nodes)
+                mine, end = share(thread, threads, nodes)
                 for i in range(mine, end):
                     b[i] = schur_row(row_offsets, columns, pu, scale, basis, begin, i, dim)
                     x[i] = relax[i] * b[i]
-                meet(meeting, members)
+                synchronise(barrier, threads)
                 cycle(
                     b,
                     x,
@@ -98,34 +99,34 @@ def iterate(
                     grid_b,
                     grid_r,
                     grid,
-                    meeting,
+                    barrier,
                     nodes,
                     levels,
                     sweeps,
-                    member,
-                    members,
+                    thread,
+                    threads,
                     dim,
                 )
                 if bubbles > 0:
-                    if member == 0:
+                    if thread == 0:
                         lift(b, x, row_offsets, columns, values, offsets, inside, energy, bubbles)
-                    meet(meeting, members)
+                    synchronise(barrier, threads)
                 for i in range(mine, end):
                     correction_row(row_offsets, columns, up, basis, x, directions, begin, i, dim)
                 if ti.static(whole):
-                    meet(meeting, members)
+                    synchronise(barrier, threads)
                     for i in range(mine, end):
                         row_product(row_offsets, columns, uu, up, pu, pp, directions, begin, w, i, dim)
-                    meet(meeting, members)
+                    synchronise(barrier, threads)
             if ti.static(whole):
-                first, last = share(member, members, parts)
+                first, last = share(thread, threads, parts)
                 for part in range(first, last):
                     low, high = share(part, parts, size)
                     dots(basis, w, partial, part, k, size, low, high)
-                meet(meeting, members)
-                if member == 0:
+                synchronise(barrier, threads)
+                if thread == 0:
                     sum_dots(partial, out, k, parts, cancelled)
-                meet(meeting, members)
+                synchronise(barrier, threads)
                 for part in range(first, last):
                     low, high = share(part, parts, size)
                     subtract(basis, w, partial, k, size, low, high)

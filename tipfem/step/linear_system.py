@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import sparse
 
-from tipfem.backend.barrier import team
-from tipfem.backend.runtime import Buffers, alone, chunks, download
+from tipfem.backend.arrays import Buffers, download
+from tipfem.backend.launch import launch
 from tipfem.fem import jacobian, schur
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg import sparsity
@@ -69,9 +69,7 @@ class Workspace:
         cells = self.buffers.upload("cells", mesh.cells)
         offsets, cursor = (self.buffers.get(name, nodes + 1, integer=True) for name in ("offsets", "cursor"))
         corners = self.buffers.get("corners", elements * width, integer=True)
-        self.buffers.launch(
-            sparsity.list_uses, cells, offsets, cursor, corners, elements, nodes, width, sparsity.one_thread_counts()
-        )
+        launch(sparsity.list_uses, cells, offsets, cursor, corners, elements, nodes, width)
         return Topology(cells, offsets, corners)
 
 
@@ -111,21 +109,20 @@ class LinearSystem:
         self._topology, self._density, self._scale, self._scheme = topology, material[0], scale, scheme
         self._nodes, self._dimension = len(mesh.position), mesh.dimension
         n, d = self._nodes, self._dimension
-        self._alone = alone(n, ROW)
         # Each corner names at most d neighbours.
         wide = buffers.get("wide", mesh.cells.size * d + n, integer=True)
         self._row_offsets = buffers.get("row_offsets", n + 1, integer=True)
         self._places = buffers.get("places", mesh.cells.size * d, integer=True)
-        self._launch, single = buffers.launch, alone(n, SEARCH)
-        self._launch(sparsity.find_neighbours, *topology, wide, self._row_offsets, self._places, n, d, single)
+        search = (n, SEARCH)
+        launch(sparsity.find_neighbours, *topology, wide, self._row_offsets, self._places, n, d, work=search)
         cursor = buffers.get("cursor", n + 1, integer=True)
-        count = self._launch(sparsity.accumulate, self._row_offsets, cursor, n)
+        count = launch(sparsity.accumulate, self._row_offsets, cursor, n)
         self._columns = buffers.get("columns", count, integer=True)
         widths = {"uu": d * d, "up": d, "pu": d, "pp": 1}
         self._blocks = tuple(buffers.get(f"rows.{name}", count * width) for name, width in widths.items())
         self._schur_b, self._schur_x = buffers.get("schur_b", n), buffers.get("schur_x", n)
         self._laplacian = values = buffers.get("laplacian", count)
-        self._launch(
+        launch(
             schur.scale_and_laplacian,
             *topology,
             position,
@@ -143,7 +140,7 @@ class LinearSystem:
             spacing,
             n,
             d,
-            single,
+            work=search,
         )
         self.multigrid = multigrid
         if frame is not mesh.position:
@@ -161,7 +158,7 @@ class LinearSystem:
     def gather(self, record: Any) -> None:
         """Take over the elements' linearisation of the last residual."""
         s = self._scheme
-        self._launch(
+        launch(
             jacobian.gather_rows,
             *self._topology,
             self._density,
@@ -179,7 +176,7 @@ class LinearSystem:
 
     def product(self, v: Any, out: Any) -> None:
         """out = K v, the derivative of the scaled residual along ``v``."""
-        self._launch(
+        launch(
             jacobian.multiply,
             self._row_offsets,
             self._columns,
@@ -188,7 +185,7 @@ class LinearSystem:
             out,
             self._nodes,
             self._dimension,
-            self._alone,
+            work=(self._nodes, ROW),
         )
 
     def precondition(self, r: Any, z: Any) -> None:
@@ -201,7 +198,7 @@ class LinearSystem:
             self._iterate(0, r, z, z, self._schur_b, self._schur_b, 0.0, False, whole=False)
             return
         _uu, up, pu, _pp = self._blocks
-        self._launch(
+        launch(
             jacobian.schur_right_side,
             self._row_offsets,
             self._columns,
@@ -214,7 +211,7 @@ class LinearSystem:
         )
         self.multigrid.apply(self._schur_b, self._schur_x)
         self._bubbles.lift(self._schur_b, self._schur_x)
-        self._launch(
+        launch(
             jacobian.pressure_correction,
             self._row_offsets,
             self._columns,
@@ -244,7 +241,8 @@ class LinearSystem:
         whole: bool = True,
     ) -> None:
         grid, bubbles = self.multigrid, self._bubbles
-        arguments = (
+        launch(
+            fused_iteration.iterate,
             self._row_offsets,
             self._columns,
             *self._blocks,
@@ -260,19 +258,17 @@ class LinearSystem:
             w,
             partial,
             out,
-            grid.meeting,
             k,
             self._nodes,
             grid.levels,
             COARSEST_SWEEPS,
             bubbles.count,
-            chunks(),
             cancelled,
             again,
             whole,
+            self._dimension,
+            work=(self._nodes, ITERATION),
         )
-        single = alone(self._nodes, ITERATION)
-        team.launch(self._launch, fused_iteration.iterate, arguments, single, self._dimension)
 
     def matrix(self) -> Any:
         """K, scaled, as a SciPy matrix in CSR; unknowns interleaved as in vectors, rows of what is held empty."""

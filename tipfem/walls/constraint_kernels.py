@@ -7,6 +7,7 @@ of N) applies to its momentum rows and to its displacement.
 
 import taichi as ti
 
+from tipfem.backend.launch import kernel
 from tipfem.fem.element import row
 from tipfem.fem.residual import unknown
 
@@ -44,9 +45,13 @@ def measure_change(side, change, n):
     return result
 
 
-@ti.kernel
+@kernel
 def project(
-    index: ti.types.ndarray(), projector: ti.types.ndarray(), x: ti.types.ndarray(), count: ti.i32, dim: ti.template()
+    index: ti.types.ndarray(),
+    projector: ti.types.ndarray(),
+    x: ti.types.ndarray(),
+    count: ti.i32,
+    dim: ti.template(),
 ):
     """x_i = P_i x_i for the displacements of ``count`` particles; projector (count, d * d)."""
     for s in range(count):
@@ -59,7 +64,7 @@ def project(
             x[i * (dim + 1) + k] = total
 
 
-@ti.kernel
+@kernel
 def slip_scale(
     index: ti.types.ndarray(),
     friction: ti.types.ndarray(),
@@ -81,7 +86,7 @@ def slip_scale(
                 scale[i * (dim + 1) + k] = 1.0 / diagonal
 
 
-@ti.kernel
+@kernel
 def slip_residual(
     faces: ti.types.ndarray(),
     coefficient: ti.types.ndarray(),
@@ -125,7 +130,7 @@ def slip_residual(
                 out[r] += scale[r] * measure / dim * coefficient[f] * slip
 
 
-@ti.kernel
+@kernel
 def slip_product(
     faces: ti.types.ndarray(),
     coefficient: ti.types.ndarray(),

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.backend.runtime import Buffers
+from tipfem.backend.arrays import Buffers
+from tipfem.backend.launch import launch
 from tipfem.walls import constraint_kernels
 from tipfem.walls.step import WallStep
 
@@ -30,7 +31,9 @@ class WallRows:
         self._index = put("walls.index", walls.sliding)
         self._rows, self._columns = put("walls.rows", walls.rows), put("walls.columns", walls.columns)
         friction = np.zeros(self._count) if faces is None else faces.friction
-        constraint_kernels.slip_scale(self._index, put("walls.friction", friction), scale, self._count, dimension)
+        launch(
+            constraint_kernels.slip_scale, self._index, put("walls.friction", friction), scale, self._count, dimension
+        )
         if faces is not None:
             self._faces = len(faces.nodes)
             self._nodes, self._coefficient = put("walls.nodes", faces.nodes), put("walls.mu", faces.coefficient)
@@ -40,7 +43,8 @@ class WallRows:
     def residual(self, position: Any, velocity: Any, x: Any, scale: Any, out: Any) -> None:
         """Add friction at ``x`` to the scaled residual ``out``, and project its momentum rows."""
         if self._faces:
-            constraint_kernels.slip_residual(
+            launch(
+                constraint_kernels.slip_residual,
                 self._nodes,
                 self._coefficient,
                 self._normal,
@@ -57,12 +61,13 @@ class WallRows:
                 self._dimension,
             )
         if self._count:
-            constraint_kernels.project(self._index, self._rows, out, self._count, self._dimension)
+            launch(constraint_kernels.project, self._index, self._rows, out, self._count, self._dimension)
 
     def product(self, v: Any, scale: Any, out: Any) -> None:
         """The same for the derivative along ``v``."""
         if self._faces:
-            constraint_kernels.slip_product(
+            launch(
+                constraint_kernels.slip_product,
                 self._nodes,
                 self._coefficient,
                 self._normal,
@@ -76,9 +81,9 @@ class WallRows:
                 self._dimension,
             )
         if self._count:
-            constraint_kernels.project(self._index, self._rows, out, self._count, self._dimension)
+            launch(constraint_kernels.project, self._index, self._rows, out, self._count, self._dimension)
 
     def project(self, z: Any) -> None:
         """Project the displacements of a correction."""
         if self._count:
-            constraint_kernels.project(self._index, self._columns, z, self._count, self._dimension)
+            launch(constraint_kernels.project, self._index, self._columns, z, self._count, self._dimension)

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.backend.runtime import Buffers, download
+from tipfem.backend.arrays import Buffers, download
+from tipfem.backend.launch import launch
 from tipfem.linalg.multigrid import deflation_kernels
 from tipfem.typing import Array
 
@@ -38,7 +39,7 @@ class Bubbles:
         matrix: tuple[Any, Any, Any],
         buffers: Buffers,
     ) -> None:
-        self.count, self._matrix, self._launch = 0, matrix, buffers.launch
+        self.count, self._matrix = 0, matrix
         names = {"offsets": True, "at": True, "energy": False}
         # Offsets, members and energies; nobody looks at them without bubbles.
         self.arrays = tuple(buffers.get(f"bubbles.{name}", 1, integer=kind) for name, kind in names.items())
@@ -47,19 +48,19 @@ class Bubbles:
             return
         label = buffers.get("bubbles.label", nodes, integer=True)
         limit = float(np.sqrt(lowest * highest))
-        buffers.launch(deflation_kernels.connect_light, cells, density, label, limit, elements, nodes, width)
+        launch(deflation_kernels.connect_light, cells, density, label, limit, elements, nodes, width)
         offsets, members = _small(download(label, nodes))
         self.count = len(offsets) - 1
         if not self.count:
             return
         energy = buffers.get("bubbles.energy", self.count)
         self.arrays = (buffers.upload("bubbles.offsets", offsets), buffers.upload("bubbles.at", members), energy)
-        buffers.launch(deflation_kernels.bubble_energies, *matrix, label, *self.arrays, self.count)
+        launch(deflation_kernels.bubble_energies, *matrix, label, *self.arrays, self.count)
 
     def lift(self, b: Any, x: Any) -> None:
         """Set the level of x (N,) in every bubble so that the equations for b hold in the sum over its particles."""
         if self.count:
-            self._launch(deflation_kernels.lift_bubbles, b, x, *self._matrix, *self.arrays, self.count)
+            launch(deflation_kernels.lift_bubbles, b, x, *self._matrix, *self.arrays, self.count)
 
 
 def _small(label: Array) -> tuple[Array, Array]:

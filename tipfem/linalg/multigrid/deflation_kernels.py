@@ -7,6 +7,8 @@ the background grid no coarse grid either. So each bubble is a coarse unknown of
 
 import taichi as ti
 
+from tipfem.backend.launch import kernel
+
 
 @ti.func
 def root(parent: ti.template(), i):
@@ -17,7 +19,7 @@ def root(parent: ti.template(), i):
     return i
 
 
-@ti.kernel
+@kernel
 def connect_light(
     cells: ti.types.ndarray(),
     density: ti.types.ndarray(),
@@ -61,7 +63,7 @@ def connect_light(
             parent[i] = j
 
 
-@ti.kernel
+@kernel
 def bubble_energies(
     row_offsets: ti.types.ndarray(),
     columns: ti.types.ndarray(),
@@ -112,7 +114,7 @@ def lift(
                         x[i] = x[i] + missing / energy[k]
 
 
-@ti.kernel
+@kernel
 def lift_bubbles(
     b: ti.types.ndarray(),
     x: ti.types.ndarray(),

@@ -10,7 +10,7 @@ Arrays of the grid are laid out as in `grid_hierarchy`. Links are numbered behin
 
 import taichi as ti
 
-from tipfem.backend.runtime import part_of
+from tipfem.backend.launch import kernel, part_of
 from tipfem.linalg.multigrid.grid_hierarchy import (
     PLACES,
     SHAPE,
@@ -73,7 +73,7 @@ def add_hat(
         rows[row, place] = rows[row, place] + w
 
 
-@ti.kernel
+@kernel
 def count_links(
     row_offsets: ti.types.ndarray(),
     columns: ti.types.ndarray(),
@@ -83,10 +83,10 @@ def count_links(
     links: ti.types.ndarray(),
     nodes: ti.i32,
     dim: ti.template(),
-    alone: ti.template(),
+    serial: ti.template(),
 ):
     """links[i + 1] (N + 1,): how many links the chains from node ``i`` to its neighbours of higher number have."""
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=serial)
     for i in range(nodes):
         number = 0
         for s in range(row_offsets[i], row_offsets[i + 1]):
@@ -97,7 +97,7 @@ def count_links(
             links[0] = 0
 
 
-@ti.kernel
+@kernel
 def lay_links(
     row_offsets: ti.types.ndarray(),
     columns: ti.types.ndarray(),
@@ -111,12 +111,12 @@ def lay_links(
     grid: ti.types.ndarray(),
     nodes: ti.i32,
     dim: ti.template(),
-    alone: ti.template(),
+    serial: ti.template(),
 ):
     """Cells, fractions and rows of the links, and their ``residual``, which is always zero; in ``count`` their cells
     have one node more for each.
     """
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=serial)
     for i in range(nodes):
         link = nodes + links[i]
         for s in range(row_offsets[i], row_offsets[i + 1]):
@@ -135,11 +135,11 @@ def lay_links(
                     add_hat(rows, link, 2 * stiffness, here, cell, grid, dim)
                     add_hat(rows, link, -stiffness, here - piece, cell, grid, dim)
                     add_hat(rows, link, -stiffness, here + piece, cell, grid, dim)
-                    take(count, cell_number(cell, grid, link, dim) + 1, alone)
+                    take(count, cell_number(cell, grid, link, dim) + 1, serial)
                     link += 1
 
 
-@ti.kernel
+@kernel
 def find_cells(
     position: ti.types.ndarray(),
     lower: ti.types.ndarray(),
@@ -151,20 +151,20 @@ def find_cells(
     nodes: ti.i32,
     cells: ti.i32,
     dim: ti.template(),
-    alone: ti.template(),
+    serial: ti.template(),
 ):
     """cell (N, d) of each mesh node and where in it, fraction (N, d) of its side; count[c + 1]: nodes in cell c."""
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=serial)
     for c in range(cells + 1):
         count[c] = 0
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=serial)
     for i in range(nodes):
         scaled = ti.Vector([(position[i, k] - lower[k]) / spacing for k in ti.static(range(dim))])
         settle(scaled, cell, fraction, grid, i, dim)
-        take(count, cell_number(cell, grid, i, dim) + 1, alone)
+        take(count, cell_number(cell, grid, i, dim) + 1, serial)
 
 
-@ti.kernel
+@kernel
 def sort_into_cells(
     cell: ti.types.ndarray(),
     grid: ti.types.ndarray(),
@@ -174,13 +174,13 @@ def sort_into_cells(
     nodes: ti.i32,
     cells: ti.i32,
     dim: ti.template(),
-    alone: ti.template(),
+    one_counts: ti.template(),
 ):
     """order (N,): the mesh nodes cell by cell, in ascending order; those of cell c from start[c] on."""
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=one_counts)
     for i in range(nodes):
-        order[take(cursor, cell_number(cell, grid, i, dim), alone)] = i
-    if ti.static(not alone):
+        order[take(cursor, cell_number(cell, grid, i, dim), one_counts)] = i
+    if ti.static(not one_counts):
         for c in range(cells):
             insertion_sort(order, start[c], start[c + 1])
 
@@ -228,7 +228,7 @@ def _add_cell(
                 stencil[to] = stencil[to] + total[k, u]
 
 
-@ti.kernel
+@kernel
 def assemble_first(
     cell: ti.types.ndarray(),
     fraction: ti.types.ndarray(),
@@ -241,10 +241,10 @@ def assemble_first(
     stencil: ti.types.ndarray(),
     grid: ti.types.ndarray(),
     nodes: ti.i32,
-    parts: ti.i32,
-    spread: ti.template(),
     dim: ti.template(),
-    alone: ti.template(),
+    parts: ti.i32,
+    stride: ti.template(),
+    serial: ti.template(),
 ):
     """Galerkin product P^T A P on the finest grid.
 
@@ -252,7 +252,7 @@ def assemble_first(
     for its mesh nodes and links, to its 2^d corners. Long connections that pull nodes apart are left out,
     with their part of the diagonal, so that rows still sum to zero. Rows of the links must be there already.
     """
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=serial)
     for i in range(nodes):
         for s in range(ti.static(4**dim)):
             rows[i, s] = 0.0
@@ -273,9 +273,9 @@ def assemble_first(
                 add_hat(rows, i, (1 - m) * values[s], own, cell, grid, dim)
             else:
                 add_hat(rows, i, values[s], own, cell, grid, dim)
-    ti.loop_config(serialize=alone)
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, lines(grid, 0))
+    ti.loop_config(serialize=serial)
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, lines(grid, 0))
         for line in range(first, last):
             at, size, width = line_start(grid, 0, line, dim), grid[0, SIZE], grid[0, SHAPE + 2]
             for place in range(ti.static(PLACES**dim)):
@@ -283,9 +283,9 @@ def assemble_first(
                     stencil[place * size + at + j] = 0.0
     # Lines of cells add to the lines of nodes on either side: those that have none in common go together.
     for colour in ti.static(corners(dim - 1)):
-        ti.loop_config(serialize=alone)
-        for t in range(parts * spread):
-            first, last = part_of(t, parts, spread, lines(grid, 0))
+        ti.loop_config(serialize=serial)
+        for t in range(parts * stride):
+            first, last = part_of(t, parts, stride, lines(grid, 0))
             for line in range(first, last):
                 one, two = line // grid[0, SHAPE + 1], line % grid[0, SHAPE + 1]
                 turn = two % 2 == colour[dim - 2]

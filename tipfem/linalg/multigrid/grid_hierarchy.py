@@ -19,8 +19,8 @@ import itertools
 
 import taichi as ti
 
-from tipfem.backend.barrier import meet, share
-from tipfem.backend.runtime import part_of
+from tipfem.backend.barrier import share, synchronise
+from tipfem.backend.launch import kernel, part_of
 
 REACH = 2  # a mesh edge joins nodes of neighbouring cells, whose corners are two grid nodes apart
 PLACES = 2 * REACH + 1  # of a stencil along an axis
@@ -212,58 +212,58 @@ def _coarsen_line(
                 stencil[target + place * apart * to_size + j] = total
 
 
-@ti.kernel
+@kernel
 def coarsen_axis(
     stencil: ti.types.ndarray(),
     weights: ti.types.ndarray(),
     grid: ti.types.ndarray(),
     fine: ti.i32,
     axis: ti.i32,
-    parts: ti.i32,
-    spread: ti.template(),
     dim: ti.template(),
+    parts: ti.i32,
+    stride: ti.template(),
 ):
     """Weights of a grid along an axis, and the Galerkin product on the one that is coarser along it."""
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, lines(grid, fine))
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, lines(grid, fine))
         for line in range(first, last):
             _weigh_line(stencil, weights, grid, fine, line, axis, dim)
-    for t in range(parts * spread):
+    for t in range(parts * stride):
         coarse = grid[fine, NEXT]
-        first, last = part_of(t, parts, spread, lines(grid, coarse))
+        first, last = part_of(t, parts, stride, lines(grid, coarse))
         for line in range(first, last):
             _coarsen_line(stencil, weights, grid, fine, coarse, line, axis, dim)
 
 
-@ti.kernel
+@kernel
 def coarsen_together(
     stencil: ti.types.ndarray(),
     weights: ti.types.ndarray(),
     grid: ti.types.ndarray(),
-    meeting: ti.types.ndarray(),
     levels: ti.i32,
-    members: ti.i32,
-    spread: ti.template(),
-    alone: ti.template(),
     dim: ti.template(),
+    barrier: ti.types.ndarray(),
+    threads: ti.i32,
+    stride: ti.template(),
+    serial: ti.template(),
 ):
     """The same for all levels and axes, by a team of threads."""
-    ti.loop_config(serialize=alone)
-    for t in range(members * spread):
-        if t % spread == 0:
-            member = t // spread
+    ti.loop_config(serialize=serial)
+    for t in range(threads * stride):
+        if t % stride == 0:
+            thread = t // stride
             fine = 0
             for number in range((levels - 1) * dim):
                 axis = dim - 1 - number % dim
                 if axis == dim - 1:
                     fine = number // dim
                 coarse = grid[fine, NEXT]
-                first, last = share(member, members, lines(grid, fine))
+                first, last = share(thread, threads, lines(grid, fine))
                 for line in range(first, last):
                     _weigh_line(stencil, weights, grid, fine, line, axis, dim)
-                meet(meeting, members)
-                first, last = share(member, members, lines(grid, coarse))
+                synchronise(barrier, threads)
+                first, last = share(thread, threads, lines(grid, coarse))
                 for line in range(first, last):
                     _coarsen_line(stencil, weights, grid, fine, coarse, line, axis, dim)
-                meet(meeting, members)
+                synchronise(barrier, threads)
                 fine = coarse

@@ -7,7 +7,7 @@ for a node or a line stands in functions: `tipfem.step.fused_iteration` makes on
 
 import taichi as ti
 
-from tipfem.backend.runtime import part_of
+from tipfem.backend.launch import kernel, part_of
 from tipfem.linalg.multigrid.grid_hierarchy import (
     PLACES,
     SHAPE,
@@ -72,7 +72,7 @@ def interpolated(
     return total
 
 
-@ti.kernel
+@kernel
 def damped_inverse_diagonals(
     row_offsets: ti.types.ndarray(),
     columns: ti.types.ndarray(),
@@ -84,16 +84,16 @@ def damped_inverse_diagonals(
     nodes: ti.i32,
     levels: ti.i32,
     dim: ti.template(),
-    alone: ti.template(),
+    serial: ti.template(),
 ):
     """relax (N,) = OMEGA / a_ii of a matrix in CSR, and the same for all grids; 0 where there is no equation."""
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=serial)
     for i in range(nodes):
         relax[i] = 0.0
         for s in range(row_offsets[i], row_offsets[i + 1]):
             if columns[s] == i and values[s] > 0.0:
                 relax[i] = OMEGA / values[s]
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=serial)
     for t in range(grid[0, START], grid[levels - 1, START] + grid[levels - 1, SIZE]):
         level = 0
         while t >= grid[level, START] + grid[level, SIZE]:
@@ -103,7 +103,7 @@ def damped_inverse_diagonals(
         grid_relax[t] = ti.select(diagonal > 0.0, OMEGA / diagonal, 0.0)
 
 
-@ti.kernel
+@kernel
 def down_mesh(
     b: ti.types.ndarray(),
     x: ti.types.ndarray(),
@@ -118,22 +118,22 @@ def down_mesh(
     grid_b: ti.types.ndarray(),
     grid: ti.types.ndarray(),
     nodes: ti.i32,
-    parts: ti.i32,
-    spread: ti.template(),
     dim: ti.template(),
+    parts: ti.i32,
+    stride: ti.template(),
 ):
     """One sweep from zero on the mesh, and what is left restricted to the finest grid."""
     for i in range(nodes):
         x[i] = relax[i] * b[i]
     for i in range(nodes):
         residual[i] = rest_of_row(row_offsets, columns, values, b, x, i)
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, lines(grid, 0))
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, lines(grid, 0))
         for line in range(first, last):
             restrict_to_line(residual, fraction, order, start, grid_b, grid, line, dim)
 
 
-@ti.kernel
+@kernel
 def up_mesh(
     b: ti.types.ndarray(),
     x: ti.types.ndarray(),

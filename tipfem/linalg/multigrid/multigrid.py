@@ -10,14 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.backend.barrier import MEETING, team
-from tipfem.backend.runtime import Buffers, alone, chunks, spread, together
+from tipfem.backend import barrier
+from tipfem.backend.arrays import Buffers
+from tipfem.backend.launch import launch
 from tipfem.linalg.multigrid.fused_cycle import cycle_together
 from tipfem.linalg.multigrid.grid_assembly import assemble_first, count_links, find_cells, lay_links, sort_into_cells
 from tipfem.linalg.multigrid.grid_hierarchy import NEXT, PLACES, REACH, SIZE, STENCIL, coarsen_axis, coarsen_together
 from tipfem.linalg.multigrid.mesh_transfer import damped_inverse_diagonals, down_mesh, up_mesh
 from tipfem.linalg.multigrid.v_cycle import coarsest_grid, down_grid, up_grid
-from tipfem.linalg.sparsity import accumulate, one_thread_counts
+from tipfem.linalg.sparsity import accumulate
 
 COARSEST_SWEEPS = 20
 ENTRIES = 40.0  # nanoseconds that a thread takes for a grid node in the product along an axis
@@ -36,8 +37,7 @@ class BackgroundMultigrid:
         buffers: where the arrays live between steps.
 
     Attributes:
-        together: whether a team of threads does a cycle in one launch; it does on processors.
-        meeting: where the team meets, see `tipfem.backend.barrier`.
+        together: whether threads do a cycle in one launch, waiting for each other; they do on processors.
     """
 
     def __init__(self, lower: np.ndarray, upper: np.ndarray, spacing: float, buffers: Buffers) -> None:
@@ -63,8 +63,7 @@ class BackgroundMultigrid:
         self._x, self._b, self._r, self._grid_relax, self._weights = (
             buffers.upload(f"mg.{name}", np.zeros(total)) for name in ("x", "b", "r", "grid_relax", "weights")
         )
-        self._nodes, self._alone, self.together = 0, False, together()
-        self.meeting = buffers.upload("mg.meeting", np.zeros(MEETING, dtype=np.int32))
+        self._nodes, self.together = 0, barrier.available()
 
     def build(self, position: Any, row_offsets: Any, columns: Any, values: Any, nodes: int) -> None:
         """Take over a Laplacian in CSR on ``nodes`` nodes at ``position`` (N, d), and form the coarse operators.
@@ -72,11 +71,9 @@ class BackgroundMultigrid:
         All arguments are device arrays: row_offsets (N + 1,), columns and values. Rows sum to zero, but
         for Dirichlet conditions.
         """
-        self._nodes, launch = nodes, self.buffers.launch
-        self._alone = alone(nodes, ROW)
+        self._nodes = nodes
         self._matrix = (row_offsets, columns, values)
         get, dim = self.buffers.get, self.dimension
-        counts, short = one_thread_counts(), alone(nodes, FIND)
         self._start = get("mg.start", self._cells + 1, integer=True)
         cursor = get("mg.cursor", max(self._cells, nodes), integer=True)
 
@@ -94,12 +91,12 @@ class BackgroundMultigrid:
                 nodes,
                 self._cells,
                 dim,
-                short,
+                work=(nodes, FIND),
             )
 
         settle_nodes(nodes)
         links = get("mg.links", nodes + 1, integer=True)
-        launch(count_links, *self._matrix, self._cell, self._fraction, links, nodes, dim, alone(nodes, ROW))
+        launch(count_links, *self._matrix, self._cell, self._fraction, links, nodes, dim, work=(nodes, ROW))
         count = nodes + launch(accumulate, links, cursor, nodes)
         rows, self._residual = get("mg.rows", count, 4**dim), get("mg.residual", count)
         if count > nodes:
@@ -117,14 +114,11 @@ class BackgroundMultigrid:
                 self._grid,
                 nodes,
                 dim,
-                alone(nodes, ROW),
+                work=(nodes, ROW),
             )
         self._order = get("mg.order", count, integer=True)
         launch(accumulate, self._start, cursor, self._cells)
-        launch(
-            sort_into_cells, self._cell, self._grid, self._start, cursor, self._order, count, self._cells, dim, counts
-        )
-        single = alone(nodes, PRODUCT)
+        launch(sort_into_cells, self._cell, self._grid, self._start, cursor, self._order, count, self._cells, dim)
         launch(
             assemble_first,
             self._cell,
@@ -136,18 +130,15 @@ class BackgroundMultigrid:
             self._stencil,
             self._grid,
             nodes,
-            chunks(),
-            spread(single),
             dim,
-            single,
+            work=(nodes, PRODUCT),
         )
         operators = (self._stencil, self._weights, self._grid)
         if self.together:
-            single = alone(int(self.grid[0, SIZE]), ENTRIES)
-            team.launch(launch, coarsen_together, (*operators, self.meeting, self.levels), single, dim)
+            launch(coarsen_together, *operators, self.levels, dim, work=(int(self.grid[0, SIZE]), ENTRIES))
         else:
             for fine, axis in self._passes:
-                launch(coarsen_axis, *operators, fine, axis, chunks(), spread(), dim)
+                launch(coarsen_axis, *operators, fine, axis, dim)
         self._relax = get("mg.relax", nodes)
         launch(
             damped_inverse_diagonals,
@@ -159,30 +150,30 @@ class BackgroundMultigrid:
             nodes,
             self.levels,
             dim,
-            self._alone,
+            work=(nodes, ROW),
         )
 
     def apply(self, b: Any, x: Any) -> None:
         """One V(1,1)-cycle from zero: x (N,) approximates the solution of the Laplacian for b (N,)."""
-        launch, dim = self.buffers.launch, self.dimension
+        dim = self.dimension
         if self.together:
-            arguments = (
+            launch(
+                cycle_together,
                 b,
                 x,
                 self._residual,
                 self._relax,
                 *self._matrix,
                 *self.grids,
-                self.meeting,
                 self._nodes,
                 self.levels,
                 COARSEST_SWEEPS,
+                dim,
+                work=(self._nodes, CYCLE),
             )
-            team.launch(launch, cycle_together, arguments, alone(self._nodes, CYCLE), dim)
             return
         _, fraction, order, start, *levels = self.grids
         stencil, _weights, relax, x_grid, b_grid, _, grid = levels
-        parts = (chunks(), spread())
         launch(
             down_mesh,
             b,
@@ -196,14 +187,13 @@ class BackgroundMultigrid:
             b_grid,
             grid,
             self._nodes,
-            *parts,
             dim,
         )
         for level in range(self.levels - 1):
-            launch(down_grid, *levels, level, *parts, dim)
+            launch(down_grid, *levels, level, dim)
         launch(coarsest_grid, stencil, relax, x_grid, b_grid, grid, self.levels, COARSEST_SWEEPS, dim)
         for level in range(self.levels - 2, -1, -1):
-            launch(up_grid, *levels, level, *parts, dim)
+            launch(up_grid, *levels, level, dim)
         launch(
             up_mesh, b, x, self._residual, self._relax, *self._matrix, *self.grids[:2], x_grid, grid, self._nodes, dim
         )

@@ -7,7 +7,7 @@ other thread writes, ``a[i] = a[i] + b`` stands for ``a[i] += b``, which would b
 
 import taichi as ti
 
-from tipfem.backend.runtime import part_of
+from tipfem.backend.launch import kernel, part_of
 from tipfem.linalg.multigrid.grid_hierarchy import (
     NEXT,
     PLACES,
@@ -169,7 +169,7 @@ def solve_coarsest(
         x[at + inside] = x[at + inside] + relax[at + inside] / OMEGA * total
 
 
-@ti.kernel
+@kernel
 def down_grid(
     stencil: ti.types.ndarray(),
     weights: ti.types.ndarray(),
@@ -179,37 +179,37 @@ def down_grid(
     r: ti.types.ndarray(),
     grid: ti.types.ndarray(),
     level: ti.i32,
-    parts: ti.i32,
-    spread: ti.template(),
     dim: ti.template(),
+    parts: ti.i32,
+    stride: ti.template(),
 ):
     """One sweep from zero on a grid, and what is left restricted to the next coarser one."""
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, lines(grid, level))
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, lines(grid, level))
         for line in range(first, last):
             relax_line(relax, b, x, grid, level, line, False, dim)
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, lines(grid, level))
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, lines(grid, level))
         for line in range(first, last):
             subtract_product(stencil, x, b, r, grid, level, line, dim)
     one = grid[level, NEXT]
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, lines(grid, one))
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, lines(grid, one))
         for line in range(first, last):
             restrict(r, b, weights, grid, level, one, line, ti.static(dim - 1), dim)
     two = grid[one, NEXT]
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, lines(grid, two))
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, lines(grid, two))
         for line in range(first, last):
             restrict(b, b, weights, grid, one, two, line, ti.static(dim - 2), dim)
     if ti.static(dim == 3):
-        for t in range(parts * spread):
-            first, last = part_of(t, parts, spread, lines(grid, level + 1))
+        for t in range(parts * stride):
+            first, last = part_of(t, parts, stride, lines(grid, level + 1))
             for line in range(first, last):
                 restrict(b, b, weights, grid, two, level + 1, line, 0, dim)
 
 
-@ti.kernel
+@kernel
 def coarsest_grid(
     stencil: ti.types.ndarray(),
     relax: ti.types.ndarray(),
@@ -226,7 +226,7 @@ def coarsest_grid(
         solve_coarsest(stencil, relax, x, b, grid, levels - 1, sweeps, dim)
 
 
-@ti.kernel
+@kernel
 def up_grid(
     stencil: ti.types.ndarray(),
     weights: ti.types.ndarray(),
@@ -236,31 +236,31 @@ def up_grid(
     r: ti.types.ndarray(),
     grid: ti.types.ndarray(),
     level: ti.i32,
-    parts: ti.i32,
-    spread: ti.template(),
     dim: ti.template(),
+    parts: ti.i32,
+    stride: ti.template(),
 ):
     """The coarser grid's correction added on ``level``, and one sweep."""
     one = grid[level, NEXT]
     two = grid[one, NEXT]
     if ti.static(dim == 3):
-        for t in range(parts * spread):
-            first, last = part_of(t, parts, spread, lines(grid, two))
+        for t in range(parts * stride):
+            first, last = part_of(t, parts, stride, lines(grid, two))
             for line in range(first, last):
                 prolong(x, weights, grid, two, level + 1, line, 0, dim)
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, lines(grid, one))
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, lines(grid, one))
         for line in range(first, last):
             prolong(x, weights, grid, one, two, line, ti.static(dim - 2), dim)
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, lines(grid, level))
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, lines(grid, level))
         for line in range(first, last):
             prolong(x, weights, grid, level, one, line, ti.static(dim - 1), dim)
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, lines(grid, level))
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, lines(grid, level))
         for line in range(first, last):
             subtract_product(stencil, x, b, r, grid, level, line, dim)
-    for t in range(parts * spread):
-        first, last = part_of(t, parts, spread, lines(grid, level))
+    for t in range(parts * stride):
+        first, last = part_of(t, parts, stride, lines(grid, level))
         for line in range(first, last):
             relax_line(relax, r, x, grid, level, line, True, dim)

@@ -8,7 +8,7 @@ gives the difference back to the particles around that no wall holds.
 
 import taichi as ti
 
-from tipfem.backend.launch import on_arrays
+from tipfem.backend.launch import kernel
 from tipfem.remesh.edges.edge_operations import (
     STAR,
     can_collapse,
@@ -68,8 +68,7 @@ def keep_area(
     return change
 
 
-@on_arrays
-@ti.kernel
+@kernel
 def coarsen(
     state: ti.types.ndarray(),
     cells: ti.types.ndarray(),
@@ -98,7 +97,7 @@ def coarsen(
     long: ti.f64,
     every: ti.i32,
     waiting: ti.i32,
-    alone: ti.template(),
+    serial: ti.template(),
 ):
     """Take out particles that crowd others: by collapsing the edge to a neighbour.
 
@@ -107,18 +106,18 @@ def coarsen(
     ``film`` to a wall, which the interface then meets; where interfaces touch, only this. On a wall: closer than
     ``chain`` to the next on it, or than ``film`` where an interface meets the wall. ``fixed`` (N,) stay. No cell is
     left with less than twice the area ``least``; at most ``most`` go. All in target spacings, squared for the area.
-    freed[:count[0]]: who went. ``stale`` (M,): see `edge_operations.touch`. ``star`` is scratch. ``alone``: the look at
-    all cells is one thread's.
+    freed[:count[0]]: who went. ``stale`` (M,): see `edge_operations.touch`. ``star`` is scratch. ``serial``: one thread
+    looks at all cells.
 
     Afterwards, where ``long`` > 0: the edges and keys (E,) of `long_edges.longest_edges` for the particles freed and
     ``waiting``, in no order, or of `long_edges.long_edges` if it is to be ``every`` one. count[1]: how many there
     are; count[2]: how many are needed. ``span`` (M,) is scratch: squares of the cells' longest edges over their
     targets, before.
     """
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=serial)
     for i in range(particles):
         flag[i] = 0
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=serial)
     for t in range(elements):
         if fluid[t] >= 0:
             longest = 0.0
@@ -238,8 +237,7 @@ def coarsen(
                         count[1] = count[1] + 1
 
 
-@on_arrays
-@ti.kernel
+@kernel
 def refine(
     state: ti.types.ndarray(),
     cells: ti.types.ndarray(),

@@ -5,7 +5,7 @@ Arrays are those of `coarsen_refine`; marks of particles those of `volume_kernel
 
 import taichi as ti
 
-from tipfem.backend.launch import on_arrays
+from tipfem.backend.launch import kernel
 from tipfem.remesh.edges.edge_operations import (
     STAR,
     collect_star,
@@ -19,8 +19,7 @@ from tipfem.remesh.edges.edge_operations import (
 )
 
 
-@on_arrays
-@ti.kernel
+@kernel
 def tidy(
     state: ti.types.ndarray(),
     cells: ti.types.ndarray(),
@@ -43,7 +42,7 @@ def tidy(
     thin: ti.f64,
     low: ti.f64,
     long: ti.f64,
-    alone: ti.template(),
+    serial: ti.template(),
 ):
     """Let interfaces meet walls where they point to, break films, and take in what all but lies on an interface.
 
@@ -62,7 +61,7 @@ def tidy(
     is no room on such an edge for another one, and that one cannot be taken out where others lie as close. count[1]:
     how many cells; ``mark`` (N,) is kept.
 
-    All lengths are relative to the targets. ``flag`` (M,), ``star``: scratch. ``alone``: one thread looks at the cells.
+    All lengths are relative to the targets. ``flag`` (M,), ``star``: scratch. ``serial``: one thread looks at cells.
     """
     ti.loop_config(serialize=True)
     for w in range(particles):
@@ -115,7 +114,7 @@ def tidy(
                     for m in range(n):
                         weigh(state, cells, fluid, density, star[m], 1)
                         touch(neighbours, stale, star[m])
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=serial)
     for t in range(elements):
         flag[t] = 0
         if fluid[t] >= 0:

@@ -6,7 +6,7 @@ for it deals out masses anew, gives the difference back to the particles around 
 
 import taichi as ti
 
-from tipfem.backend.launch import on_arrays
+from tipfem.backend.launch import kernel
 from tipfem.remesh.edges.edge_operations import flip, give, momentum, place, should_flip, touch, weigh
 
 
@@ -47,8 +47,7 @@ def note_flips(
                             stale[o] = ti.i8(1)
 
 
-@on_arrays
-@ti.kernel
+@kernel
 def find_flips(
     x: ti.types.ndarray(),
     cells: ti.types.ndarray(),
@@ -57,16 +56,15 @@ def find_flips(
     stale: ti.types.ndarray(),
     elements: ti.i32,
     slack: ti.f64,
-    alone: ti.template(),
+    serial: ti.template(),
 ):
-    """`note_flips` of all cells; ``alone``: by one thread."""
-    ti.loop_config(serialize=alone)
+    """`note_flips` of all cells; ``serial``: by one thread."""
+    ti.loop_config(serialize=serial)
     for t in range(elements):
         note_flips(x, cells, neighbours, fluid, stale, t, slack)
 
 
-@on_arrays
-@ti.kernel
+@kernel
 def make_delaunay(
     x: ti.types.ndarray(),
     cells: ti.types.ndarray(),
@@ -138,8 +136,7 @@ def make_delaunay(
                         height = 0
 
 
-@on_arrays
-@ti.kernel
+@kernel
 def gather(
     position: ti.types.ndarray(),
     velocity: ti.types.ndarray(),
@@ -158,7 +155,7 @@ def gather(
     particles: ti.i32,
     elements: ti.i32,
     slack: ti.f64,
-    alone: ti.template(),
+    serial: ti.template(),
 ):
     """The rows of ``state`` from the particles' arrays, targets ``wanted`` (N,), and masses; ``corner`` (N,) is the
     last cell at each. ``mass`` (N,) is scratch. ``stale`` (M,), zero before: see `flips.find_flips`."""
@@ -172,10 +169,10 @@ def gather(
             n = cells[t, k]
             mass[n] = mass[n] + share
             corner[n] = t
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=serial)
     for t in range(elements):
         note_flips(position, cells, neighbours, fluid, stale, t, slack)
-    ti.loop_config(serialize=alone)
+    ti.loop_config(serialize=serial)
     for n in range(particles):
         for k in ti.static(range(2)):
             state[n, k] = position[n, k]
@@ -184,8 +181,7 @@ def gather(
         state[n, 6], state[n, 7], state[n, 8] = pressure[n], mass[n], wanted[n]
 
 
-@on_arrays
-@ti.kernel
+@kernel
 def scatter(
     state: ti.types.ndarray(),
     velocity: ti.types.ndarray(),

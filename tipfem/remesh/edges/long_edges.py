@@ -6,7 +6,7 @@ target; to edges of interfaces and of the hull that are longer than ``long``, ``
 
 import taichi as ti
 
-from tipfem.backend.launch import on_arrays
+from tipfem.backend.launch import kernel
 from tipfem.remesh.edges.edge_operations import distance, target
 
 FIRST = 1e3
@@ -86,8 +86,7 @@ def keep_longest(edge: ti.template(), key: ti.template(), count: ti.template(), 
                     m = last
 
 
-@on_arrays
-@ti.kernel
+@kernel
 def longest_edges(
     x: ti.types.ndarray(),
     cells: ti.types.ndarray(),
@@ -118,8 +117,7 @@ def longest_edges(
                 keep_longest(edge, key, count, found, 3 * t + i, bound, needed, most)
 
 
-@on_arrays
-@ti.kernel
+@kernel
 def long_edges(
     x: ti.types.ndarray(),
     cells: ti.types.ndarray(),

@@ -1,0 +1,103 @@
+"""Device arrays: kept by name from step to step, filled from NumPy and read back.
+
+Taichi recompiles a kernel for every new field, but not for an ndarray of another length, and it never frees ndarrays of
+vectors. So all device arrays here are scalar ndarrays that grow and are used again; kernels are told how much of them
+is alive.
+"""
+
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from tipfem.backend.array_types import Array1, Array2
+from tipfem.backend.launch import kernel, launch, parts
+from tipfem.backend.runtime import real, taichi_real
+from tipfem.backend.taichi_patches import host_view, on_host
+
+
+class Buffers:
+    """Device arrays by name, grown when needed and used again."""
+
+    def __init__(self) -> None:
+        self._arrays: dict[str, Any] = {}
+
+    def get(self, name: str, rows: int, columns: int = 0, *, integer: bool = False) -> Any:
+        """A device array with at least ``rows`` rows; what it holds is undefined.
+
+        Args:
+            name: the array's name; one name keeps one width and type.
+            rows: how many rows will be used.
+            columns: width of a two-dimensional array; 0 for a one-dimensional one.
+            integer: int32 instead of real.
+        """
+        array = self._arrays.get(name)
+        if array is None or array.shape[0] < rows or (columns and array.shape[1] != columns):
+            capacity = max(rows + rows // 8, 16)
+            if array is not None and array.shape[0] >= rows:
+                capacity = array.shape[0]
+            shape = (capacity, columns) if columns else (capacity,)
+            array = ti.ndarray(ti.i32 if integer else taichi_real(), shape)
+            self._arrays[name] = array
+        return array
+
+    def partials(self, name: str, columns: int, *, flat: bool = False) -> Any:
+        """A device array for the partial sums of a kernel, (parts, columns), or as long but flat.
+
+        Args:
+            name: the array's name.
+            columns: how many sums there are.
+            flat: one-dimensional, row by row.
+        """
+        return self.get(name, parts() * columns) if flat else self.get(name, parts(), columns)
+
+    def grow(self, name: str, rows: int) -> Any:
+        """A one-dimensional array of reals with at least ``rows`` rows, which keeps what it holds when it grows."""
+        old = self._arrays.get(name)
+        array = self.get(name, rows)
+        if old is not None and array is not old:
+            launch(_copy, old, array, old.shape[0])
+        return array
+
+    def upload(self, name: str, values: np.ndarray) -> Any:
+        """Copy a NumPy array of one or two dimensions into the device array of that name."""
+        integer = values.dtype.kind in "iub"
+        columns = values.shape[1] if values.ndim == 2 else 0
+        array = self.get(name, len(values), columns, integer=integer)
+        if on_host():
+            host_view(array)[: len(values)] = values
+        elif len(values):
+            values = np.ascontiguousarray(values, dtype=np.int32 if integer else real())
+            launch(_copy_rows if values.ndim == 2 else _copy, values, array, len(values))
+        return array
+
+
+def partials(columns: int) -> np.ndarray:
+    """A NumPy array (parts, columns) for the partial sums of a kernel; (parts,) if ``columns`` is 0."""
+    return np.empty((parts(), columns) if columns else parts())
+
+
+def download(array: Any, rows: int) -> np.ndarray:
+    """The first ``rows`` rows of a device array, as a NumPy array."""
+    if on_host():
+        return host_view(array)[:rows].copy()
+    width = array.shape[1:]
+    values = np.empty((rows, *width), dtype=np.int32 if array.dtype == ti.i32 else real())
+    if rows:
+        launch(_copy_rows if width else _copy, array, values, rows)
+    return values
+
+
+@kernel
+def _copy(source: Array1, target: Array1, n: ti.i32):  # type: ignore[no-untyped-def]
+    """Copy the first ``n`` entries."""
+    for i in range(n):
+        target[i] = source[i]
+
+
+@kernel
+def _copy_rows(source: Array2, target: Array2, n: ti.i32):  # type: ignore[no-untyped-def]
+    """Copy the first ``n`` rows."""
+    for i in range(n):
+        for k in range(source.shape[1]):
+            target[i, k] = source[i, k]

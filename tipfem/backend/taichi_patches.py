@@ -1,0 +1,244 @@
+"""All that changes Taichi or reaches into its private modules, in one place.
+
+It is made for Taichi 1.7.4. With another version, or where the environment variable ``TIPFEM_TAICHI_PATCHES`` is 0,
+nothing is changed: kernels are started by Taichi's own call, arrays are copied by kernels. Results are the same to the
+last bit; the start takes longer, and so does every launch.
+
+What is changed, and why:
+
+- ``inspect.getframeinfo`` while Taichi is imported: Taichi asks it for the source around every kernel of its own, which
+  takes a third of its import.
+- Taichi's look for the source of a kernel, the position that it keeps of every expression for messages, and its test
+  whether a kernel stands in a class: half of the time that reading kernels takes at the start of a program.
+- Launches: Taichi looks at every argument of every call, which takes longer than many a kernel. `PreparedLaunch` does
+  that once for a kernel and its arrays.
+"""
+
+from __future__ import annotations
+
+import ast
+import ctypes
+import functools
+import importlib.util
+import inspect
+import linecache
+import math
+import os
+import sys
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+VERSION = (1, 7, 4)
+SWITCH = "TIPFEM_TAICHI_PATCHES"
+
+
+def _installed() -> bool:
+    """Whether it is that version of Taichi which will be imported, without importing it."""
+    spec = importlib.util.find_spec("taichi")
+    if spec is None or spec.origin is None:
+        return False
+    return (Path(spec.origin).parents[1] / f"taichi-{'.'.join(map(str, VERSION))}.dist-info").is_dir()
+
+
+ENABLED = os.environ.get(SWITCH, "1") != "0" and _installed()
+
+
+def _frame_without_source(frame: Any, context: int = 1) -> Any:
+    """What `inspect.getframeinfo` says of a frame, without the source.
+
+    Taichi reads that to tell whether its own kernels stand in a class. None of them does; no source means the same.
+    """
+    return inspect.Traceback(frame.f_code.co_filename, frame.f_lineno, frame.f_code.co_name, None, None)
+
+
+_getframeinfo = inspect.getframeinfo
+if ENABLED:
+    inspect.getframeinfo = _frame_without_source  # type: ignore[assignment]
+try:
+    import taichi as ti
+finally:
+    inspect.getframeinfo = _getframeinfo
+
+ENABLED = ENABLED and tuple(ti.__version__) == VERSION
+
+from taichi.lang import impl, kernel_impl  # noqa: E402
+from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext  # noqa: E402
+
+
+def _position(context: Any, node: Any) -> str:
+    """Where a statement of a kernel stands, in one line.
+
+    For what a message may want to show, Taichi wraps the source of every expression of every kernel it reads.
+    """
+    return f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {context.func.func.__name__}:\n'
+
+
+@functools.cache
+def _source(function: Any) -> tuple[str, list[str], int, str]:
+    """File, lines, number of the first line, and text without indentation of a kernel or a function of one."""
+    code = function.__code__
+    first = code.co_firstlineno
+    lines = linecache.getlines(code.co_filename)[first - 1 :]
+    if not lines:  # typed in
+        lines, first = kernel_impl.getsourcelines(function)
+    head = lines[0][: len(lines[0]) - len(lines[0].lstrip())]
+    end = max(line for *_, line in code.co_lines() if line) - first + 1
+    while end < len(lines) and (not lines[end].strip() or lines[end].startswith((head + " ", head + ")", head + "]"))):
+        end += 1  # the rest of the last statement
+    lines = [line.expandtabs(4).rstrip() for line in lines[:end]]
+    return kernel_impl.getsourcefile(function), lines, first, textwrap.dedent("\n".join(lines))
+
+
+def _tree_and_context(
+    self: Any,
+    excluded_parameters: Any = (),
+    is_kernel: bool = True,
+    arg_features: Any = None,
+    args: Any = None,
+    ast_builder: Any = None,
+    is_real_function: bool = False,
+) -> tuple[ast.Module, Any]:
+    """What Taichi does at every call of a function in a kernel, with the source looked for once."""
+    file, lines, first, text = _source(self.func)
+    tree = ast.parse(text)
+    tree.body[0].decorator_list = []  # type: ignore[attr-defined]
+    known = kernel_impl._get_global_vars(self.func)
+    if is_kernel or is_real_function:
+        known.update({self.arguments[i].name: args[i] for i in self.template_slot_locations})
+    return tree, ASTTransformerContext(
+        excluded_parameters=excluded_parameters,
+        is_kernel=is_kernel,
+        func=self,
+        arg_features=arg_features,
+        global_vars=known,
+        argument_data=args,
+        src=lines,
+        start_lineno=first,
+        file=file,
+        ast_builder=ast_builder,
+        is_real_function=is_real_function,
+    )
+
+
+def _in_class(level_of_class_stackframe: int) -> bool:
+    """Whether a kernel is defined in a class; Taichi reads the source around it to find that out."""
+    return "__qualname__" in sys._getframe(level_of_class_stackframe - 1).f_locals
+
+
+if ENABLED:
+    ASTTransformerContext.get_pos_info = _position
+    kernel_impl._get_tree_and_ctx = _tree_and_context
+    kernel_impl._inside_class = _in_class
+
+
+def running_threads() -> int:
+    """How many threads Taichi has on the processor, which the environment may change."""
+    return int(impl.current_cfg().cpu_max_num_threads)
+
+
+def program() -> Any:
+    """Taichi's runtime, None where it has not been started."""
+    return impl.get_runtime().prog
+
+
+def on_host() -> bool:
+    """Whether the processor can read and write device arrays itself, by `host_view`."""
+    return ENABLED and bool(impl.current_cfg().arch == ti.cpu)
+
+
+_C_TYPES: dict[Any, Any] = {
+    ti.i8: ctypes.c_int8,
+    ti.i32: ctypes.c_int32,
+    ti.f32: ctypes.c_float,
+    ti.f64: ctypes.c_double,
+}
+
+
+def host_view(array: Any) -> np.ndarray:
+    """A device array on the host as NumPy sees it; it must not outlive the array."""
+    address = program().get_ndarray_data_ptr_as_int(array.arr)
+    flat: np.ndarray = np.ctypeslib.as_array((_C_TYPES[array.dtype] * math.prod(array.shape)).from_address(address))
+    return flat.reshape(array.shape)
+
+
+def _address(array: Any) -> int:
+    """Where an array's values are: what its ``ctypes.data`` says, in a quarter of the time where that can be had."""
+    try:
+        return ctypes.addressof(ctypes.c_char.from_buffer(array))
+    except (TypeError, ValueError, BufferError):  # not contiguous, read-only, or empty
+        if not array.flags.c_contiguous:
+            raise ValueError(f"an array of shape {array.shape} is not C-contiguous") from None
+        return int(array.ctypes.data)
+
+
+class PreparedLaunch:
+    """A kernel compiled for some arguments, with all of a launch done once that can be.
+
+    On the host, one launch context serves every launch, and device arrays are in it already. Numbers and NumPy arrays,
+    C-contiguous and of the same types, may be others every time; templates are part of the compiled kernel.
+
+    Args:
+        kernel: as `ti.kernel` returns it.
+        arguments: for all of its parameters.
+
+    Attributes:
+        program: the runtime it was compiled for.
+    """
+
+    def __init__(self, kernel: Any, arguments: Sequence[Any]) -> None:
+        primal = kernel._primal
+        self.program = program()
+        self._compiled = primal.compiled_kernels[primal.ensure_compiled(*arguments)]
+        caps = self.program.get_device_caps()
+        self._data = self.program.compile_kernel(self.program.config(), caps, self._compiled)
+        self._returns = primal.return_type[0] if primal.return_type is not None else None
+        self._construct = primal.construct_kernel_ret
+        self._device: list[tuple[tuple[int], int]] = []
+        self._host: list[tuple[tuple[int], int]] = []
+        self._reals: list[tuple[tuple[int], int]] = []
+        self._integers: list[tuple[tuple[int], int]] = []
+        slot = 0
+        for i, (parameter, value) in enumerate(zip(primal.arguments, arguments, strict=True)):
+            kind = parameter.annotation
+            if isinstance(kind, ti.template):
+                continue
+            if isinstance(value, ti.Ndarray):
+                self._device.append(((slot,), i))
+            elif isinstance(value, np.ndarray):
+                self._host.append(((slot,), i))
+            else:
+                (self._reals if kind in (float, ti.f32, ti.f64) else self._integers).append(((slot,), i))
+            slot += 1
+        self._context: Any = None
+        if on_host():
+            self._context = self._compiled.make_launch_context()
+            for place, i in self._device:
+                values = host_view(arguments[i])
+                self._context.set_arg_external_array_with_shape(
+                    place, values.ctypes.data, values.nbytes, values.shape, 0
+                )
+
+    def __call__(self, arguments: Sequence[Any]) -> Any:
+        """Start the kernel; what it returns."""
+        context = self._context
+        if context is None:
+            context = self._compiled.make_launch_context()
+            for slot, i in self._device:
+                context.set_arg_ndarray(slot, arguments[i].arr)
+        for slot, i in self._reals:
+            context.set_arg_float(slot, arguments[i])
+        for slot, i in self._integers:
+            context.set_arg_int(slot, arguments[i])
+        for slot, i in self._host:
+            values = arguments[i]
+            context.set_arg_external_array_with_shape(slot, _address(values), values.nbytes, values.shape, 0)
+        self.program.launch_kernel(self._data, context)
+        if self._returns is None:
+            return None
+        if self._context is None:
+            ti.sync()
+        return self._construct(context, self._returns, (0,))
