@@ -1,1 +1,1 @@
-"""Demos: one script a case."""
+"""Demos: one script a case; beside them validation against references, and benchmarks."""

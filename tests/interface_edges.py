@@ -7,14 +7,11 @@ python tests/interface_edges.py dam-break --spacing 0.01
 from __future__ import annotations
 
 import argparse
-import sys
-from pathlib import Path
 
 import numpy as np
+from tipfem.demos import harness
 
 import tipfem as tp
-
-DEMOS = Path(__file__).resolve().parents[1] / "demos"
 
 
 def interface_edges(mesh, fluid) -> np.ndarray:
@@ -87,14 +84,12 @@ def main() -> None:
     parser.add_argument("--spacing", type=float)
     parser.add_argument("--until", type=float)
     given = parser.parse_args()
-    sys.path.insert(0, str(DEMOS))
-    import dam_break
-    import layer_inversion
-
-    demo = {"inversion": layer_inversion, "dam-break": dam_break}[given.flow]
     tp.init(arch="cpu")
-    case = demo.build(given.spacing or demo.SPACING, interface=given.interface)
-    edges = watched(tp.Simulation(case, time_step=demo.TIME_STEP), given.until or demo.END_TIME)
+    settings = {} if given.spacing is None else {"spacing": given.spacing}
+    name = {"inversion": "layer_inversion", "dam-break": "dam_break"}[given.flow]
+    demo = harness.load(name, interface=given.interface, **settings)
+    simulation = tp.Simulation(demo.case, time_step=demo.options.time_step)
+    edges = watched(simulation, given.until or demo.options.end_time)
     print(
         f"{given.flow}, {given.interface}: longest {edges.longest:.2f} h; {edges.part:.2%} above {edges.limit:g} h, "
         f"none for longer than {edges.stay:.3g} s, {edges.stay_steps} steps"

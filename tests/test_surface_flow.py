@@ -11,6 +11,7 @@ import pytest
 from mesh_twins import adjacency
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
+from tipfem.render import Results
 
 import tipfem as tp
 from tipfem.backend.arrays import download
@@ -123,6 +124,21 @@ def test_particles_that_all_fly_need_no_simplices():
     potential = WATER.density * 0.01 * 9.81 * 1.7
     assert sum(simulation.energy()) == pytest.approx(potential, rel=1e-12)
     assert extent(simulation.mesh, simulation.particles.fluid, 0, 0) != extent(simulation.mesh, alone.fluid, 0, 0)
+
+
+def test_results_of_particles_that_all_fly_can_be_read(tmp_path):
+    """The mesh has no cell; the particles are written as vertices."""
+    p = tp.tank((1.0, 1.0), 0.1).fill(WATER, box=((0, 0), (1, 0.2))).sample([WATER], empty=True)
+    x = np.concatenate([p.position[p.wall], [[0.5, 0.5]]])
+    wall = np.arange(len(x)) < len(x) - 1
+    alone = tp.Particles(x, np.where(wall, -1, 0), wall, spacing=0.1)
+    case = tp.Case(alone, [WATER], (0, -9.81), free_surface=True)
+    simulation = tp.Simulation(case, time_step=1e-3, out=tmp_path)
+    simulation.run(2e-3)
+    assert len(simulation.mesh.cells) == 0
+    scene = Results(tmp_path).scene(-1)
+    assert scene.cells.shape == (0, 3)
+    np.testing.assert_allclose(scene.position, simulation.particles.position)
 
 
 def test_a_drop_merges_with_a_pool():

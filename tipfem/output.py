@@ -135,6 +135,8 @@ class ResultsFolder:
         # Where interfaces run along edges, every triangle has its fluid, too.
         cell_data = {} if mesh.fluid is None else {"fluid": [mesh.fluid.astype(np.int32)]}
         blocks = [("triangle" if particles.dimension == 2 else "tetra", mesh.cells)]
+        if not len(mesh.cells):  # meshio cannot write an empty block
+            blocks = []
         if mesh.surface is not None and mesh.surface.loose.any():
             blocks.append(("vertex", np.flatnonzero(mesh.surface.loose)[:, None]))
         content = meshio.Mesh(

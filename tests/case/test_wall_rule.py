@@ -2,24 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
-from pathlib import Path
-
 import numpy as np
 import pytest
 from interface_edges import watched
+from tipfem.demos import harness
 from triangulations import component_labels
 
 import tipfem as tp
-
-DEMOS = Path(__file__).resolve().parents[2] / "demos"
-
-
-@pytest.fixture
-def demo(monkeypatch):
-    """A demo by its name, as a module."""
-    monkeypatch.syspath_prepend(str(DEMOS))
-    return importlib.import_module
 
 
 def collapsing(water, air, interface="interpolated", spacing=0.02):
@@ -151,14 +140,14 @@ def test_any_number_of_fluids(count, interface, water, air, glycerin):
         ("layer_inversion", "sharp", 0.01, 4.0, 6.0, 120),
     ],
 )
-def test_no_gap_opens_at_the_interface(demo, name, interface, spacing, end, longest, steps):
+def test_no_gap_opens_at_the_interface(name, interface, spacing, end, longest, steps):
     """Edges across the interface are refilled: none stays longer than two spacings for more than three steps.
 
     Those along a sharp one are short in the dam break, and not always in the inversion, see test_interface_slivers.py:
     over four orders of the first triangles, the longest was 1.9 to 2.5 there, and 2.7 to 5.2 in the inversion.
     """
-    module = demo(name)
-    simulation = tp.Simulation(module.build(spacing, interface=interface), time_step=2 * module.TIME_STEP)
+    demo = harness.load(name, spacing=spacing, interface=interface)
+    simulation = tp.Simulation(demo.case, time_step=2 * demo.options.time_step)
     edges = watched(simulation, end)
     assert edges.longest < longest
     assert edges.stay_steps <= steps

@@ -1,39 +1,25 @@
-"""The demo in which glycerin falls through water, coarse and short, and whole."""
+"""The demo in which glycerin falls through water, coarse and short."""
 
 from __future__ import annotations
 
-import importlib
-import json
-import subprocess
-import sys
-from pathlib import Path
+from argparse import Namespace
 
 import imageio.v3 as iio
 import numpy as np
 import pytest
+from demo_runs import typed
+from tipfem.demos import harness
+from tipfem.demos.validation.layers.check import END_TIME, sunk
+from tipfem.demos.validation.layers.profiles import PressureWatch
 
 import tipfem as tp
-
-DEMOS = Path(__file__).resolve().parents[2] / "demos"
-
-
-@pytest.fixture
-def demo(monkeypatch):
-    """The demo as a module."""
-    monkeypatch.syspath_prepend(str(DEMOS))
-    return importlib.import_module("layer_inversion")
 
 
 def test_the_command_leaves_what_it_promises(tmp_path):
     """Coarse, to 2 s, as a user types it: history, summary, pressure, movie and strip; the volumes are kept."""
     out = tmp_path / "results"
-    words = ["--spacing", "0.01", "--end-time", "2", "--time-step", "0.02", "--interface", "sharp", "--out", str(out)]
-    done = subprocess.run(
-        [sys.executable, str(DEMOS / "layer_inversion.py"), *words], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "check: passed" in done.stdout
-    figures = json.loads((out / "summary.json").read_text())["validation"]
+    words = ["--spacing", "0.01", "--end-time", "2", "--time-step", "0.02", "--interface", "sharp"]
+    figures = typed("layer_inversion.py", out, *words)["validation"]
     assert figures["volume_error"] < 1e-6
     assert figures["sunk_volume"] > 0.4
     assert len(list((out / "frames").glob("*.png"))) == 9
@@ -44,25 +30,25 @@ def test_the_command_leaves_what_it_promises(tmp_path):
 
 
 @pytest.mark.parametrize("interface", ["interpolated", "sharp"])
-def test_the_start_is_a_wave_of_half_the_tank(demo, interface):
+def test_the_start_is_a_wave_of_half_the_tank(interface):
     """Half the tank each, within a spacing's part; the glycerin lies on top, and none of it has sunk."""
-    case = demo.build(0.005, interface=interface)
-    layers = demo.inverted(case)
-    assert sum(thickness for _, thickness in layers) == pytest.approx(demo.EDGE, rel=1e-12)
-    assert layers[0][1] == pytest.approx(demo.EDGE / 2, rel=0.06)
+    demo = harness.load("layer_inversion", spacing=0.005, interface=interface)
+    begun = tp.Simulation(demo.case)
+    layers = demo.check.inverted(begun)
+    assert sum(thickness for _, thickness in layers) == pytest.approx(0.1, rel=1e-12)
+    assert layers[0][1] == pytest.approx(0.05, rel=0.06)
     assert layers[0][0].name == "glycerin"
-    begun = demo.sunk(tp.Simulation(case), layers[0][1])
-    assert max(begun.values()) < 0.12
+    assert max(sunk(begun, layers[0][1]).values()) < 0.12
 
 
-def test_sunk_counts_what_it_says(demo, glycerin, water):
+def test_sunk_counts_what_it_says(glycerin, water):
     """Layers the other way round have sunk whole; particles on the interface count."""
     tank = tp.tank((0.1, 0.1), 0.01).fill(water).fill(glycerin, box=((0, 0), (0.1, 0.05)))
     for interface in ("interpolated", "sharp"):
         simulation = tp.Simulation(tp.Case(tank, [glycerin, water], (0, -9.81), interface=interface), time_step=1e-3)
-        assert demo.sunk(simulation, 0.05)["sunk_particles"] == 1.0
-        assert demo.sunk(simulation, 0.05)["sunk_volume"] > 0.95
-        watch = demo.profiles.PressureWatch([(glycerin, 0.05), (water, 0.05)], 9.81, since=0.0, bins=10)
+        assert sunk(simulation, 0.05)["sunk_particles"] == 1.0
+        assert sunk(simulation, 0.05)["sunk_volume"] > 0.95
+        watch = PressureWatch([(glycerin, 0.05), (water, 0.05)], 9.81, since=0.0, bins=10)
         for _ in range(3):
             simulation.step()
             assert watch(simulation) < 0.005
@@ -71,25 +57,19 @@ def test_sunk_counts_what_it_says(demo, glycerin, water):
         assert np.abs(error).max() < 0.005
 
 
-def test_check_finds_what_is_wrong(demo):
+def test_check_finds_what_is_wrong():
     """A whole run is judged by all figures, a short one by its volumes."""
+    demo = harness.load("layer_inversion", spacing=0.01)
+    assert demo.options.end_time == END_TIME
     good = {"pressure_agreement": 0.99, "sunk_particles": 0.99, "volume_error": 0.005}
-    assert demo.check(good, demo.END_TIME) == []
+    assert demo.check.missed(good, demo.options) == []
     for name, value in (("pressure_agreement", 0.98), ("sunk_particles", 0.96), ("volume_error", 0.02)):
-        assert len(demo.check({**good, name: value}, demo.END_TIME)) == 1
-        assert demo.check({**good, name: np.nan}, demo.END_TIME)[0].startswith(name)
-    assert demo.check({**good, "sunk_particles": 0.1}, 1.0) == []
+        assert len(demo.check.missed({**good, name: value}, demo.options)) == 1
+        assert demo.check.missed({**good, name: np.nan}, demo.options)[0].startswith(name)
+    assert demo.check.missed({**good, "sunk_particles": 0.1}, Namespace(end_time=1.0)) == []
 
 
 @pytest.mark.slow
 def test_the_whole_run(tmp_path):
     """The default run passes its check, in under 15 minutes."""
-    out = tmp_path / "results"
-    done = subprocess.run(
-        [sys.executable, str(DEMOS / "layer_inversion.py"), "--no-frames", "--out", str(out)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert json.loads((out / "summary.json").read_text())["wall_seconds"] < 900
+    assert typed("layer_inversion.py", tmp_path / "results", "--no-frames")["wall_seconds"] < 900

@@ -1,117 +1,44 @@
-"""Layers at rest: pressure is hydrostatic, and stays so."""
+"""The demo of layers at rest: pressure is hydrostatic, and stays so."""
 
 from __future__ import annotations
 
 import contextlib
-import importlib
 import json
-from pathlib import Path
+from argparse import Namespace
 
 import imageio.v3 as iio
 import numpy as np
 import pytest
+from demo_runs import called
+from tipfem.demos import harness
+from tipfem.demos.validation.layers.check import LayersAtRest
+from tipfem.demos.validation.layers.profiles import along_height
 
 import tipfem as tp
-from tipfem.mesh import probes
-
-
-@pytest.mark.parametrize(("interface", "tolerance"), [("interpolated", 0.02), ("sharp", 1e-9)])
-@pytest.mark.parametrize("jitter", [0.0, 0.2])
-@pytest.mark.parametrize("pair", ["water under air", "glycerin under water"])
-def test_pressure_is_hydrostatic(pair, jitter, interface, tolerance, water, air, glycerin):
-    """For 20 steps within 2 % of the largest pressure or, with a sharp interface, to round-off."""
-    lower, upper = (water, air) if pair == "water under air" else (glycerin, water)
-    size = 0.1
-    filled = tp.tank((size, size), size / 20, jitter=jitter).fill(upper).fill(lower, box=((0, 0), (size, size / 2)))
-    simulation = tp.Simulation(tp.Case(filled, [lower, upper], (0, -9.81), interface=interface), time_step=1e-3)
-    height = simulation.particles.position[:, 1]
-    for _ in range(20):
-        simulation.step()
-        particles = simulation.particles
-        height = particles.position[:, 1]
-        exact = probes.hydrostatic_pressure(height, [(lower, size / 2), (upper, size / 2)])
-        assert np.abs(particles.pressure - exact).max() < tolerance * exact.max()
-    # The density that the pressure's gradient shows, away from the interface.
-    for fluid, band in ((lower, (0.0, 0.35)), (upper, (0.65, 1.0))):
-        inside = (height > band[0] * size) & (height < band[1] * size)
-        gradient = np.polyfit(height[inside], particles.pressure[inside], 1)[0]
-        assert gradient == pytest.approx(-fluid.density * 9.81, rel=0.02, abs=0.02 * exact.max() / size)
-
-
-def test_one_fluid_at_rest_is_exact(water):
-    """Linear pressure is in the space of the elements: one fluid stays at rest to round-off."""
-    case = tp.Case(tp.tank((0.1, 0.1), 0.01, jitter=0.2).fill(water), [water], (0, -9.81))
-    simulation = tp.Simulation(case, time_step=1e-3)
-    for _ in range(5):
-        simulation.step()
-    particles = simulation.particles
-    exact = probes.hydrostatic_pressure(particles.position[:, 1], [(water, 0.1)])
-    # The accuracy that the solver is asked for, not that of the elements, is what is left.
-    assert np.abs(particles.pressure - exact).max() < 1e-3 * exact.max()
-    assert np.abs(particles.velocity).max() < 1e-5
-
-
-def test_pressure_stays_calm_while_remeshing_stirs_the_interface(water, air):
-    """Half a second of water under air: the volume source must not turn the noise of remeshing into pressure."""
-    filled = tp.tank((0.4, 0.4), 0.02).fill(air).fill(water, box=((0, 0), (0.4, 0.2)))
-    simulation = tp.Simulation(tp.Case(filled, [water, air], (0, -9.81)))
-    corner = int(np.argmin(np.abs(simulation.particles.position).sum(axis=1)))
-    pressure, volume = [], []
-    while simulation.time < 0.5:
-        simulation.step(0.5)
-        pressure.append(simulation.particles.pressure[corner] / (9.81 * 0.2 * (water.density + air.density)))
-        volume.append(simulation.volume("water") / 0.08 - 1)
-    assert np.median(pressure) == pytest.approx(1, abs=0.01)
-    assert np.percentile(np.abs(np.array(pressure) - 1), 90) < 0.1
-    assert np.abs(volume).max() < 0.01
-    assert np.linalg.norm(simulation.particles.velocity[simulation.particles.fluid == 0], axis=1).max() < 0.2
-
-
-def test_gravity_may_come_as_a_body_force(water, air):
-    """The zero of pressure, the default step and the volume source follow what acts, not what it is called."""
-    filled = tp.tank((0.1, 0.1), 0.01).fill(air).fill(water, box=((0, 0), (0.1, 0.05)))
-    states = []
-    for options in ({"gravity": (0, -9.81)}, {"gravity": (0, 0), "body_force": lambda x, t: x * 0 + (0.0, -9.81)}):
-        simulation = tp.Simulation(tp.Case(filled, [water, air], **options))
-        for _ in range(5):
-            simulation.step()
-        states.append(simulation.particles)
-    np.testing.assert_array_equal(states[0].position, states[1].position)
-    np.testing.assert_array_equal(states[0].pressure, states[1].pressure)
-
-
-@pytest.fixture
-def demo(monkeypatch):
-    """The demo as a module."""
-    monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[2] / "demos"))
-    return importlib.import_module("layers_at_rest")
 
 
 @pytest.mark.parametrize(
     ("layers", "interface"),
     [("glycerin-water", "interpolated"), ("glycerin-water", "sharp"), ("water-air", "sharp"), ("three", "sharp")],
 )
-def test_the_demo_passes_its_check(demo, layers, interface, tmp_path, capsys):
+def test_the_demo_passes_its_check(layers, interface, tmp_path, capsys):
     """Coarse, to 0.2 s: pressure within 1 % of the analytic one at once and at the end; files as promised."""
     words = ["--spacing", "0.01", "--end-time", "0.2", "--layers", layers, "--interface", interface]
-    demo.main([*words, "--no-frames", "--out", str(tmp_path)])
+    figures = called("layers_at_rest", tmp_path, *words, "--no-frames")["validation"]
     assert "check: passed" in capsys.readouterr().out
-    figures = json.loads((tmp_path / "summary.json").read_text())["validation"]
     assert figures["pressure_error_largest"] < (0.01 if interface == "interpolated" else 1e-9)
     assert iio.imread(tmp_path / "layers.png").std() > 5
     assert "pressure_error" in (tmp_path / "history.csv").read_text().splitlines()[0]
 
 
 @pytest.mark.parametrize("interface", ["interpolated", "sharp"])
-def test_the_profile_across_three_layers(demo, interface):
+def test_the_profile_across_three_layers(interface):
     """Density and viscosity along the middle are those of the layers but for the elements at their interfaces."""
-    import profiles
-
-    simulation = tp.Simulation(demo.build(0.005, "three", interface=interface))
-    y, density, viscosity = profiles.along_height(simulation)
+    demo = harness.load("layers_at_rest", spacing=0.005, layers="three", interface=interface)
+    y, density, viscosity = along_height(tp.Simulation(demo.case))
     assert len(y) > 1400
     floor = 0.0
-    for fluid, thickness in demo.fluids_of("three"):
+    for fluid, thickness in demo.check.layers:
         inside = (y > floor + 0.006) & (y < floor + thickness - 0.006)
         np.testing.assert_allclose(density[inside], fluid.density)
         np.testing.assert_allclose(viscosity[inside], fluid.viscosity)
@@ -119,23 +46,24 @@ def test_the_profile_across_three_layers(demo, interface):
     assert (len(np.unique(density.round(6))) == 3) == (interface == "sharp")
 
 
-def test_the_check_of_the_demo(demo):
-    """Figure by figure; only the sharp rule owes rest."""
+def test_the_check_of_the_demo(water, air):
+    """Figure by figure; only the sharp rule has to keep still."""
+    check, sharp = LayersAtRest([(water, 0.05), (air, 0.05)], 0.1), Namespace(interface="sharp")
     good = {"pressure_error_first_step": 0.001, "pressure_error_end": 0.001, "volume_error": 1e-9, "rest_speed": 1e-12}
-    assert demo.check(good, "sharp") == []
+    assert check.missed(good, sharp) == []
     for name in good:
-        missed = demo.check({**good, name: 0.5}, "sharp")
+        missed = check.missed({**good, name: 0.5}, sharp)
         assert len(missed) == 1
         assert missed[0].startswith(f"{name} is ")
-    assert demo.check({**good, "rest_speed": 0.1}, "interpolated") == []
+    assert check.missed({**good, "rest_speed": 0.1}, Namespace(interface="interpolated")) == []
 
 
 @pytest.mark.parametrize("layers", ["water-air", "three"])
-def test_a_gas_under_the_interpolated_rule(demo, layers, tmp_path):
+def test_a_gas_under_the_interpolated_rule(layers, tmp_path):
     """That rule is not balanced: pressure beside a gas is right to 2 % at first and to some 10 % later, not worse."""
     words = ["--spacing", "0.005", "--end-time", "0.3", "--layers", layers, "--interface", "interpolated"]
     with contextlib.suppress(SystemExit):  # the demo says that it misses 1 %
-        demo.main([*words, "--no-frames", "--out", str(tmp_path)])
+        called("layers_at_rest", tmp_path, *words, "--no-frames")
     figures = json.loads((tmp_path / "summary.json").read_text())["validation"]
     assert figures["pressure_error_first_step"] < 0.02
     assert figures["pressure_error_median"] < 0.1

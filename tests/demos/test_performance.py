@@ -1,18 +1,12 @@
-"""demos/performance.py: what it measures with, on small sizes."""
+"""demos/benchmarks/performance.py: what it measures with, on small sizes."""
 
 from __future__ import annotations
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "demos"))
-import performance
-import performance_cases as cases
-import performance_states as states
+from tipfem.demos.benchmarks import cases, performance, states
 
 from tipfem.mesh.mesh import Mesh, simplex_measure
 

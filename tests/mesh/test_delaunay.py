@@ -275,10 +275,10 @@ def test_what_is_no_delaunay_triangulation_is_not_the_only_one():
     x = p.position / p.spacing
     cells, measure, beyond = triangulation._oriented(x, None)
     nobody = np.zeros(len(p), dtype=bool)
-    right = triangulation._is_the_only_one(x, cells, measure, beyond, p.wall)
-    assert right == triangulation._is_the_only_one(x, cells, measure, beyond, nobody)
-    assert not triangulation._is_the_only_one(x, cells[1:], measure[1:], beyond[1:], p.wall)
+    right = triangulation._is_unique(x, cells, measure, beyond, p.wall)
+    assert right == triangulation._is_unique(x, cells, measure, beyond, nobody)
+    assert not triangulation._is_unique(x, cells[1:], measure[1:], beyond[1:], p.wall)
     inner = np.flatnonzero(~p.wall)[20]
     moved = x.copy()
     moved[inner] += [0.6, 0.3]  # into other triangles' circles
-    assert not triangulation._is_the_only_one(moved, cells, measure, beyond, p.wall)
+    assert not triangulation._is_unique(moved, cells, measure, beyond, p.wall)

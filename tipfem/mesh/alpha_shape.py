@@ -1,4 +1,4 @@
-"""Alpha-shapes: the rule by which Delaunay simplices are fluid, and the shapes that it asks for."""
+"""Geometry for alpha-shapes: radii and heights of simplices, points covered by a mesh, drops held by suction."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Shapes:
 
     @staticmethod
     def of(position: Array, cells: Array, spacing: float) -> Shapes:
-        """Of the simplices (K, d + 1) on particles (N, d) [m], none of them flat."""
+        """Shapes of simplices (K, d + 1) on particles (N, d) [m], none of them flat; lengths in ``spacing`` [m]."""
         corner = position[cells] / spacing
         side = corner[:, 1:] - corner[:, :1]
         inverse = np.linalg.inv(side)
@@ -39,24 +39,31 @@ class Shapes:
         return Shapes(np.sqrt((centre**2).sum(axis=1)), 1.0 / length, gradient)
 
     def foot(self, apex: Array) -> Array:
-        """Barycentric coordinates (K, d + 1) of the foot of each simplex' corner number ``apex`` (K,)."""
+        """Barycentric coordinates (K, d + 1) of the foot of the perpendicular from corner number ``apex`` (K,)."""
         rows = np.arange(len(apex))
         g = self.gradient[rows, apex]
         along = np.einsum("kai,ki->ka", self.gradient, g) * self.height[rows, apex][:, None] ** 2
         along[rows, apex] = 0.0
-        return -along
+        return np.asarray(-along)
 
     def __getitem__(self, k: Array) -> Shapes:
+        """The shapes of some of the simplices, by index or mask."""
         return Shapes(self.radius[k], self.height[k], self.gradient[k])
 
 
 def covered(points: Array, near: Array, before: Mesh) -> Array:
-    """Whether points (K, d) lie in one of the simplices of ``before`` around the particles ``near`` (K, n) of each."""
+    """Mask (K,) of the points that lie in a simplex of a mesh.
+
+    Args:
+        points: (K, d) [m].
+        near: (K, n) particles; only the simplices around those of a point are searched.
+        before: the mesh.
+    """
     offsets, corners = before.incidence
     count = np.diff(offsets)[near]
     total = count.sum(axis=1)
     point = np.repeat(np.arange(len(points)), total)
-    # The simplices around all particles of a point, one after the other.
+    # Ranges of the simplices around all particles of a point, concatenated.
     first, number = offsets[near].ravel(), count.ravel()
     place = np.arange(int(number.sum())) - np.repeat(np.cumsum(number) - number, number) + np.repeat(first, number)
     cell = corners[place] // before.cells.shape[1]
@@ -73,15 +80,15 @@ def covered(points: Array, near: Array, before: Mesh) -> Array:
 
 
 def hanging(mesh: Mesh, pressure: Array, below: Array) -> Array:
-    """(N,) mask of the particles of drops that nothing but suction holds at a wall; such a drop lets go of it.
+    """(N,) mask of the particles of drops that only suction holds at a wall; such drops are released.
 
     Args:
         mesh: M simplices.
         pressure: (N,) [Pa].
-        below: (N,) mask of the particles below the surface; a body with one of them is no drop.
+        below: (N,) mask of the particles below the surface; a connected component with one of them is not a drop.
     """
     i, j = mesh.edges.T
     graph = sparse.csr_matrix((np.ones(len(i), dtype=np.int8), (i, j)), shape=(len(below),) * 2)
-    count, body = connected_components(graph, directed=False)
-    total, deep = (np.bincount(body, weights=values, minlength=count) for values in (pressure, below))
-    return np.asarray(((total < 0) & (deep == 0))[body])
+    count, component = connected_components(graph, directed=False)
+    total, deep = (np.bincount(component, weights=values, minlength=count) for values in (pressure, below))
+    return np.asarray(((total < 0) & (deep == 0))[component])

@@ -8,10 +8,10 @@ from scipy.spatial import Delaunay, QhullError
 from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.typing import Array
 
-# A simplex of wall particles alone with less than this part of a regular one's measure has no
-# area but for round-off: it lies in a straight wall.
+# A simplex of wall particles with less than this measure [h^d] has no area except by round-off: it lies in a straight
+# wall.
 SLIVER = 1e-6
-# Qhull's usual options, and Q0: without merging what is all but flat, which takes half of its time.
+# Qhull's usual options, and Q0: without merging nearly flat facets, which takes half of the time.
 QUICK = "Qbb Qc Qz Q12 Q0"
 # Closer than this to a circle through three others, relative to the circle's size, a particle is on it.
 TIE = 1e-9
@@ -26,13 +26,13 @@ def delaunay(position: Array, spacing: float, wall: Array | None = None) -> tupl
 
     Args:
         position: (N, d) [m].
-        spacing: the unit h of what is returned [m].
-        wall: (N,) mask of the wall particles, where it does not matter in which way four of them on a circle are
-            joined; in 2-D this takes half of the time, unless others are on circles.
+        spacing: h [m], the unit of the measures returned.
+        wall: (N,) mask of the wall particles. If given, either diagonal of four cocircular wall particles will do;
+            in 2-D this takes half of the time, unless other particles are cocircular.
 
     Returns:
-        Simplices (M, d + 1), positively oriented, int32; their measures (M,) [h^d]; and the number (M, d + 1) of
-        the simplex opposite each corner, -1 for none.
+        Simplices (M, d + 1), positively oriented, int32; their measures (M,) [h^d]; and their neighbours (M, d + 1):
+        the number of the simplex opposite each corner, -1 for none.
 
     Raises:
         TriangulationError: Qhull gave up.
@@ -42,7 +42,7 @@ def delaunay(position: Array, spacing: float, wall: Array | None = None) -> tupl
     if wall is not None and position.shape[1] == 2:
         try:
             found = _oriented(centred, QUICK)
-            if _is_the_only_one(centred, *found, wall):
+            if _is_unique(centred, *found, wall):
                 return found
         except QhullError:
             pass
@@ -53,32 +53,33 @@ def delaunay(position: Array, spacing: float, wall: Array | None = None) -> tupl
 
 
 def _oriented(position: Array, options: str | None) -> tuple[Array, Array, Array]:
-    """Qhull's simplices of ``position`` (N, d), with what else `delaunay` returns."""
+    """Qhull's simplices of ``position`` (N, d), their measures and neighbours, as `delaunay` returns them."""
     found = Delaunay(position, qhull_options=options)
-    cells, beyond = found.simplices.astype(np.int32), found.neighbors.copy()
+    cells, neighbours = found.simplices.astype(np.int32), found.neighbors.copy()
     measure = simplex_measure(position, cells)
     flip = measure < 0
-    cells[flip, :2], beyond[flip, :2] = cells[flip, 1::-1], beyond[flip, 1::-1]
-    return cells, np.abs(measure), beyond
+    cells[flip, :2], neighbours[flip, :2] = cells[flip, 1::-1], neighbours[flip, 1::-1]
+    return cells, np.abs(measure), neighbours
 
 
-def _is_the_only_one(position: Array, cells: Array, measure: Array, beyond: Array, wall: Array) -> bool:
-    """Whether triangles are the Delaunay triangulation of ``position`` (N, 2), and no other is, but among walls.
+def _is_unique(position: Array, cells: Array, measure: Array, neighbours: Array, wall: Array) -> bool:
+    """Whether triangles are the only Delaunay triangulation of ``position`` (N, 2), apart from cocircular walls.
 
-    None is flat, they are as many as there must be, and over each edge the particle beyond is outside of the circle.
+    Then none is flat, their number follows from that of the particles by Euler's formula, and the particle across
+    each edge is outside the circumcircle.
     """
-    edges = int((beyond < 0).sum())
+    edges = int((neighbours < 0).sum())
     if (measure < SLIVER).any() or len(cells) != 2 * len(position) - 2 - edges:
         return False
     # In complex numbers: both coordinates at once.
     place = np.ascontiguousarray(position).view(np.complex128).ravel()
     first = np.arange(len(cells))[:, None]
-    edge = np.flatnonzero((beyond >= 0) & (beyond < first))
-    cell, other = edge // 3, beyond.ravel()[edge]
+    edge = np.flatnonzero((neighbours >= 0) & (neighbours < first))
+    cell, other = edge // 3, neighbours.ravel()[edge]
     around = cells.sum(axis=1)
-    apex = around[other] - around[cell] + cells.ravel()[edge]  # the corner that the other one has alone
-    a, b, c = way = place.take(cells.T.take(cell, axis=1)) - place.take(apex)
-    square = way.real**2 + way.imag**2
+    apex = around[other] - around[cell] + cells.ravel()[edge]  # the corner of the other triangle off the edge
+    a, b, c = offset = place.take(cells.T.take(cell, axis=1)) - place.take(apex)
+    square = offset.real**2 + offset.imag**2
     inside = square[0] * (b.conj() * c).imag + square[1] * (c.conj() * a).imag + square[2] * (a.conj() * b).imag
     close = inside > -TIE * square.max(axis=0) ** 2
     fluid = ~wall[cells[cell[close]]].all(axis=1) | ~wall[apex[close]]
@@ -94,12 +95,11 @@ def triangulate(position: Array, wall: Array, spacing: float) -> Mesh:
         spacing: target distance h between particles [m], the scale of what counts as flat.
 
     Returns:
-        The mesh, cells positively oriented and in the order of their lowest particles, slivers along straight walls
-        dropped.
+        The mesh without slivers along straight walls; cells are positively oriented and sorted by their lowest
+        particles.
 
     Raises:
-        TriangulationError: Qhull gave up, left out a particle, or a flat simplex holds a
-            particle that is no wall particle.
+        TriangulationError: Qhull gave up or left out a particle, or a flat simplex has a particle off the walls.
     """
     cells, measure, _ = delaunay(position, spacing)
     flat = (measure < SLIVER) & wall[cells].all(axis=1)
@@ -112,19 +112,19 @@ def triangulate(position: Array, wall: Array, spacing: float) -> Mesh:
     if not used.all():
         i = int(np.argmin(used))
         raise TriangulationError(f"particle {i} at {position[i].tolist()} is in no simplex of the mesh")
-    # Cells that are next to each other in memory as in space take half of the time in loops over them.
+    # Sorted, neighbouring cells are close in memory, which halves the time of loops over them.
     return Mesh(position, cells[np.argsort(cells.min(axis=1), kind="stable")])
 
 
 def wall_fluid(mesh: Mesh, fluid: Array, wall: Array) -> Array:
     """Give every wall particle the fluid of the closest particle of the fluids connected to it.
 
-    A wall particle that is connected to wall particles alone (in a corner) takes the fluid of
-    the closest of those that has one already.
+    A wall particle that is connected to wall particles only (in a corner) takes the fluid of
+    the closest of those that already have one.
 
     Args:
         mesh: the mesh on N particles.
-        fluid: (N,) fluid of each particle; what stands at wall particles does not matter.
+        fluid: (N,) fluid of each particle; values at wall particles are not used.
         wall: (N,) mask of the wall particles.
 
     Returns:

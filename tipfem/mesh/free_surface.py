@@ -1,9 +1,9 @@
 """Free surfaces: which Delaunay simplices are fluid (alpha-shape), and which particles are on the surface.
 
-The fluids fill what they filled before the step, and a little more where they touch something new. So each simplex
-is asked first whether it lies inside what the simplices of the step have become (compare Fernandez, Marti & Ryzhakov,
-arXiv:2305.00228, 2023, who ask a level set): inside, a large one is fluid, too; outside, where it would add volume, it
-must be small. Plain alpha-shapes bridge gaps of two spacings, and gain volume with every drop that lands.
+The fluids fill what they filled before the step, and a little more where they touch something new. So the first test
+of a simplex is whether it lies inside the deformed simplices of the step (compare Fernandez, Marti & Ryzhakov,
+arXiv:2305.00228, 2023, who use a level set): inside, large simplices are fluid too; outside, where a simplex would add
+volume, it must be small. Plain alpha-shapes bridge gaps of two spacings, and gain volume with every drop that lands.
 """
 
 from __future__ import annotations
@@ -29,14 +29,17 @@ class SurfaceMesher:
     Args:
         rule: which simplices are fluid.
         slippery: (N,) mask of the wall particles that slide with the fluid.
-        filled: from positions (K, d) to a mask (K,) of those in the fluids at the start, if that is known.
+        filled: function of positions (K, d) [m] to a mask (K,) of those in the fluids at the start; None if unknown.
     """
 
     def __init__(self, rule: SurfaceRule, slippery: Array, filled: Callable[[Array], Array] | None = None) -> None:
         self.rule, self.slippery, self.filled = rule, slippery, filled
 
     def start(self, particles: Particles) -> Mesh:
-        """The first mesh; gives dry wall particles, of fluid -1, a fluid in place.
+        """The first mesh; replaces the fluid -1 of dry wall particles in place.
+
+        Args:
+            particles: the initial state.
 
         Raises:
             TriangulationError: the particles cannot be triangulated.
@@ -44,7 +47,7 @@ class SurfaceMesher:
         x, wall, rule = particles.position, particles.wall, self.rule
         dry = particles.fluid < 0
         particles.fluid = np.where(dry, 0, particles.fluid).astype(np.int32)
-        cells, measure, beyond = delaunay(x, particles.spacing)
+        cells, measure, neighbours = delaunay(x, particles.spacing)
         may = (measure > FLAT) & ~dry[cells].any(axis=1)
         candidate = np.flatnonzero(may & ~wall[cells].all(axis=1))
         shapes = Shapes.of(x, cells[candidate], particles.spacing)
@@ -54,7 +57,7 @@ class SurfaceMesher:
             fluid = (shapes.radius < rule.inner) & self.filled(x[cells[candidate]].mean(axis=1))
         keep = np.zeros(len(cells), dtype=bool)
         keep[candidate[fluid]] = True
-        mesh = self._finish(x, wall, cells, measure, beyond, keep, particles.spacing, may, start=True)
+        mesh = self._finish(x, wall, cells, measure, neighbours, keep, particles.spacing, may, start=True)
         return _with_volume(mesh, np.full(len(x), particles.spacing ** x.shape[1]))
 
     def remesh(self, particles: Particles, before: Mesh, relocated: Array) -> Mesh:
@@ -62,14 +65,14 @@ class SurfaceMesher:
 
         Args:
             particles: the state.
-            before: the mesh of the step at the positions that it moved its particles to.
-            relocated: (N,) mask of the particles that were set elsewhere since.
+            before: the mesh of the step, at the particles' positions after the step.
+            relocated: (N,) mask of the particles that were relocated since.
 
         Raises:
             TriangulationError: the particles cannot be triangulated.
         """
         x, wall, h = particles.position, particles.wall, particles.spacing
-        cells, measure, beyond = delaunay(x, h, wall)
+        cells, measure, neighbours = delaunay(x, h, wall)
         old = before.surface
         assert old is not None
         used = before.used
@@ -77,37 +80,37 @@ class SurfaceMesher:
         inner = below[cells]
         solid: Array = np.asarray(wall[cells].all(axis=1))
         keep = (measure > FLAT) & ~solid & inner.all(axis=1)
-        asked = np.flatnonzero((measure > FLAT) & ~solid & ~keep)
-        keep[asked[self._fluid(particles, cells[asked], before, below, old, used)]] = True
+        undecided = np.flatnonzero((measure > FLAT) & ~solid & ~keep)
+        keep[undecided[self._fluid(particles, cells[undecided], before, below, old, used)]] = True
         deep = below & ~wall
         lets_go = hanging(before, particles.pressure, deep) & ~relocated
         keep &= ~lets_go[cells].any(axis=1) | deep[cells].any(axis=1)
-        mesh = self._finish(x, wall, cells, measure, beyond, keep, h, measure > FLAT)
+        mesh = self._finish(x, wall, cells, measure, neighbours, keep, h, measure > FLAT)
         return _with_volume(mesh, _lost_volume(before, mesh, old, wall, h))
 
     def _fluid(
         self, particles: Particles, cells: Array, before: Mesh, below: Array, old: Surface, used: Array
     ) -> Array:
-        """Which of the simplices (K, d + 1) are fluid, not all of whose particles were below the surface."""
+        """Mask (K,) of the fluid ones among simplices (K, d + 1) with a particle that was not below the surface."""
         rule, wall, d = self.rule, particles.wall, particles.dimension
         shapes = Shapes.of(particles.position, cells, particles.spacing)
         at_wall = wall[cells].sum(axis=1) == d
         deep = (below & ~wall)[cells].any(axis=1)
         inside = deep.copy()
-        # Larger ones are no fluid in either case.
-        ask = np.flatnonzero(~deep & (at_wall | (shapes.radius < max(rule.alpha, rule.join))))
-        middle = particles.position[cells[ask]].mean(axis=1)
-        inside[ask] = covered(middle, cells[ask], before)
+        # Larger ones are not fluid, inside or outside.
+        near = np.flatnonzero(~deep & (at_wall | (shapes.radius < max(rule.alpha, rule.join))))
+        middle = particles.position[cells[near]].mean(axis=1)
+        inside[near] = covered(middle, cells[near], before)
         limit = np.where(deep, rule.inner, np.where(inside, rule.alpha, rule.join))
         fluid = (shapes.radius < limit) & (inside | (shapes.height.min(axis=1) < rule.gap))
         k = np.flatnonzero(at_wall & ~deep)
         fluid[k] = self._touches(particles, cells[k], shapes[k], inside[k], old, used)
-        return fluid
+        return np.asarray(fluid)
 
     def _touches(
         self, particles: Particles, cells: Array, shapes: Shapes, inside: Array, old: Surface, used: Array
     ) -> Array:
-        """Which of the simplices (K, d + 1) of one particle over a face of the wall are fluid."""
+        """Mask (K,) of the fluid ones among simplices (K, d + 1) of one particle over a face of the wall."""
         rule, d = self.rule, particles.dimension
         apex = np.argmin(particles.wall[cells], axis=1)
         rows = np.arange(len(cells))
@@ -116,11 +119,11 @@ class SurfaceMesher:
         others[rows, apex] = False
         lowest = np.where(others, foot, 1.0).min(axis=1)
         close = height < 0.5 * rule.touch
-        # How far towards those wall particles that are the last that are wet, and towards those that are dry.
+        # Position of the foot between the face's wet particles and its last wet or dry ones, from 0 to 1.
         ends = (old.front | ~used)[cells] & others
-        partly, way = _towards(ends, others, foot)
-        stays = ~ends.any(axis=1) | ((~partly | (way > 2 * rule.dry / d) | close) & (lowest > -0.25))
-        # A particle may be as low as it likes, as it must not come through.
+        partly, progress = _towards(ends, others, foot)
+        stays = ~ends.any(axis=1) | ((~partly | (progress > 2 * rule.dry / d) | close) & (lowest > -0.25))
+        # No lower limit on the height: a particle must not pass through the wall.
         corner = particles.position[cells]
         longest = np.zeros(len(cells))
         for a in range(d + 1):
@@ -129,13 +132,13 @@ class SurfaceMesher:
                 longest = np.where(others[:, a] & others[:, b], np.maximum(longest, length), longest)
         low = (height < rule.touch) & (longest < WALL_REACH)
         kept = inside & stays & ((shapes.radius < rule.alpha) | low)
-        partly, way = _towards(~used[cells] & others, others, foot)
-        passed = (~partly | (way > 1 / d) | close) & (lowest > -1e-9)
+        partly, progress = _towards(~used[cells] & others, others, foot)
+        passed = (~partly | (progress > 1 / d) | close) & (lowest > -1e-9)
         low = height < np.where(partly, rule.wet, rule.touch)
         v = particles.velocity[cells]
-        away = v[rows, apex] - np.where(others[..., None], v, 0.0).sum(axis=1) / d
-        comes = partly | (np.einsum("ki,ki->k", away, shapes.gradient[rows, apex]) < 0)
-        new = ~inside & passed & low & comes & (longest < WALL_REACH)
+        relative = v[rows, apex] - np.where(others[..., None], v, 0.0).sum(axis=1) / d
+        approaches = partly | (np.einsum("ki,ki->k", relative, shapes.gradient[rows, apex]) < 0)
+        new = ~inside & passed & low & approaches & (longest < WALL_REACH)
         return np.asarray(kept | new)
 
     def _finish(
@@ -144,47 +147,48 @@ class SurfaceMesher:
         wall: Array,
         cells: Array,
         measure: Array,
-        beyond: Array,
+        neighbours: Array,
         keep: Array,
         h: float,
         may: Array,
         *,
         start: bool = False,
     ) -> Mesh:
-        """The mesh of the simplices kept, corners of the walls among them, with its surface but for volumes."""
+        """The mesh of the simplices kept and those in corners of walls, with its surface; volumes are still zero."""
         solid: Array = np.asarray(wall[cells].all(axis=1))
-        corner = np.flatnonzero(may & solid & (measure > SLIVER) & _beside(keep, beyond))
+        corner = np.flatnonzero(may & solid & (measure > SLIVER) & _beside(keep, neighbours))
         keep[corner[Shapes.of(position, cells[corner], h).radius < self.rule.alpha]] = True
-        out = keep[:, None] & ~((beyond >= 0) & keep[beyond])
+        out = keep[:, None] & ~((neighbours >= 0) & keep[neighbours])
         k, opposite = np.nonzero(out)
         facet = np.ones((len(k), cells.shape[1]), dtype=bool)
         facet[np.arange(len(k)), opposite] = False
-        nodes = cells[k][facet].reshape(len(k), cells.shape[1] - 1)
-        other = beyond[k, opposite]
-        backed = wall[nodes].all(axis=1) & ((other < 0) | solid[other])
+        corners = cells[k][facet].reshape(len(k), cells.shape[1] - 1)
+        other = neighbours[k, opposite]
+        backed = wall[corners].all(axis=1) & ((other < 0) | solid[other])
         front = np.zeros(len(position), dtype=bool)
-        front[nodes[~backed]] = True
+        front[corners[~backed]] = True
         pinned = front & (~wall | self.slippery)
         # Where all particles of a simplex at a wall were pinned, nothing would hold it off the wall.
         held = cells[keep & pinned[cells].all(axis=1) & wall[cells].any(axis=1)]
         pinned[held[wall[held]]] = False
         if not start:
-            # Simplices without a pressure do nothing: their particles fly. (Corners of the first mesh join on.)
+            # Simplices whose pressure is zero everywhere have no effect: their particles fly. (The first mesh
+            # keeps them in corners.)
             keep &= ~pinned[cells].all(axis=1)
-            keep &= ~solid | _beside(keep & ~solid, beyond)
+            keep &= ~solid | _beside(keep & ~solid, neighbours)
         mesh = Mesh(position, np.ascontiguousarray(cells[keep]))
         used = mesh.used
         surface = Surface(front & used, pinned | ~used, ~used & ~wall, np.zeros(len(position)))
         return Mesh(position, mesh.cells, surface=surface)
 
 
-def _beside(keep: Array, beyond: Array) -> Array:
-    """Mask (M,) of the simplices that share a facet with one that is kept; ``beyond`` (M, d + 1) as of `delaunay`."""
-    return np.asarray(((beyond >= 0) & keep[beyond]).any(axis=1))
+def _beside(keep: Array, neighbours: Array) -> Array:
+    """Mask (M,) of the simplices that share a facet with one that is kept; ``neighbours`` (M, d + 1) by `delaunay`."""
+    return np.asarray(((neighbours >= 0) & keep[neighbours]).any(axis=1))
 
 
 def _towards(ends: Array, others: Array, foot: Array) -> tuple[Array, Array]:
-    """Whether some but not all ``others`` are ``ends`` (K, d + 1), and how much of ``foot`` each of them has, (K,)."""
+    """Whether some but not all ``others`` are ``ends`` (K, d + 1), and the mean of ``foot`` over the ends (K,)."""
     count = ends.sum(axis=1)
     return (count > 0) & (ends != others).any(axis=1), np.where(ends, foot, 0.0).sum(axis=1) / np.maximum(count, 1)
 
@@ -197,8 +201,11 @@ def _with_volume(mesh: Mesh, own: Array) -> Mesh:
 
 
 def _lost_volume(before: Mesh, mesh: Mesh, old: Surface, wall: Array, h: float) -> Array:
-    """(N,) volumes of particles that fly: what they had, or that of the simplices that they were in, shared with those
-    that left with them; at most 2 h^d."""
+    """(N,) volumes of loose particles.
+
+    Those that flew before keep theirs. Others share the volume of the simplices that they leave evenly with the
+    particles that leave them too, up to 2 h^d.
+    """
     assert mesh.surface is not None
     leaving = mesh.surface.loose & ~old.loose
     flags = leaving[before.cells]
@@ -208,7 +215,16 @@ def _lost_volume(before: Mesh, mesh: Mesh, old: Surface, wall: Array, h: float) 
 
 
 def loose_volumes(mesh: Mesh, fluid: Array, count: int) -> Array:
-    """Volumes (count,) that the loose particles of each fluid carry; ``fluid`` (N,) of the particles."""
+    """Volumes of the loose particles of each fluid.
+
+    Args:
+        mesh: of the particles.
+        fluid: (N,) of the particles.
+        count: F, the number of fluids.
+
+    Returns:
+        (F,) [m^2, or m^3 in 3-D].
+    """
     if mesh.surface is None:
         return np.zeros(count)
     return np.bincount(fluid, weights=mesh.surface.volume, minlength=count)

@@ -1,4 +1,4 @@
-"""Mesh: linear simplices on the particles, with the connectivity that the solver asks for."""
+"""Mesh: linear simplices on the particles, with the connectivity that the solver needs."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from tipfem.typing import Array
 
 @dataclass(frozen=True)
 class Surface:
-    """Where the simplices on N particles end without a wall.
+    """The free surface of a mesh on N particles.
 
     Attributes:
-        front: (N,) mask of the particles on the surface, those of walls at its edge included.
-        pinned: (N,) mask of the particles whose pressure is zero: on the surface, and all that are in no simplex.
+        front: (N,) mask of the particles on the surface, including wall particles at its contacts.
+        pinned: (N,) mask of the particles whose pressure is zero: those on the surface and those in no simplex.
         loose: (N,) mask of the particles off the walls that are in no simplex; they fly.
-        volume: (N,) what each loose particle carries of its fluid, zero for all others [m^2, or m^3 in 3-D].
+        volume: (N,) volume of fluid that each loose particle carries, zero for all others [m^2, or m^3 in 3-D].
     """
 
     front: Array
@@ -37,15 +37,31 @@ class Surface:
         return np.asarray(~self.pinned | self.front)
 
     def dry(self, wall: Array) -> Array:
-        """(N,) mask of the wall particles in no simplex, of those in ``wall`` (N,)."""
+        """(N,) mask of the wall particles, given by the mask ``wall`` (N,), that are in no simplex."""
         return np.asarray(wall & ~self.used)
 
     def constrain(self, u: Array, pressure: Array, flight: Array) -> tuple[Array, Array]:
-        """Displacements (N, d) and pressures (N,) as they must be: loose particles fly, no pressure where pinned."""
+        """Displacements and pressures with the surface's boundary conditions.
+
+        Args:
+            u: (N, d) displacements [m].
+            pressure: (N,) [Pa].
+            flight: (N, d) displacements of free flight, for the loose particles [m].
+
+        Returns:
+            (N, d) displacements and (N,) pressures, zero where pinned.
+        """
         return np.where(self.loose[:, None], flight, u), np.where(self.pinned, 0.0, pressure)
 
     def landed(self, before: Particles, moved: Particles, force: Array, dt: float) -> Particles:
-        """The state ``moved`` with loose particles on their parabolas from ``before``; ``force`` (N, d) [m/s^2]."""
+        """The state after a step with loose particles in free flight.
+
+        Args:
+            before: the state before the step.
+            moved: the state after it, from which all other particles are taken.
+            force: (N, d) force per mass [m/s^2].
+            dt: length of the step [s].
+        """
         i = self.loose
         if not i.any():
             return moved
@@ -57,13 +73,19 @@ class Surface:
 
 
 def no_surface(count: int) -> Surface:
-    """The surface of a mesh that walls surround: of ``count`` particles none is on it."""
+    """The surface of a mesh of ``count`` particles inside walls: no particle is on it."""
     none = np.zeros(count, dtype=bool)
     return Surface(none, none, none, np.zeros(count))
 
 
 def parabola(velocity: Array, force: Array, dt: float) -> Array:
-    """Displacements (K, d) [m] of free flight in a time ``dt`` [s], from velocities and forces (K, d) per mass."""
+    """Displacements (K, d) of free flight [m].
+
+    Args:
+        velocity: (K, d) [m/s].
+        force: (K, d) force per mass [m/s^2].
+        dt: duration [s].
+    """
     return dt * velocity + 0.5 * dt**2 * force
 
 
@@ -80,7 +102,7 @@ class Mesh:
         cells: (M, d + 1) particles of each simplex, positively oriented, int32.
         fluid: (M,) fluid of each simplex where interfaces run along facets, int32; None where they cut
             through simplices.
-        surface: where it ends without a wall; None where walls surround it.
+        surface: its free surface; None where walls surround the fluids.
         components: the connected components of the fluids, where cells have a fluid; None where they are not labelled.
     """
 

@@ -1,4 +1,4 @@
-"""Probes: volumes, energies, fronts and heights, read off particles and mesh."""
+"""Probes: fronts and depths of fluids, read off a mesh; hydrostatic pressure of layers."""
 
 from __future__ import annotations
 
@@ -23,9 +23,17 @@ class Energy(NamedTuple):
 def extent(mesh: Mesh, fluid: Array, index: int, axis: int) -> float:
     """Largest coordinate that a fluid reaches along an axis [m].
 
-    Where elements have a fluid each, that is the end of the fluid's elements. Otherwise the fluid reaches to
-    the middle of the edges that join it to another one; particles in no element do not count. NaN without any of
-    that fluid.
+    Where every cell has one fluid, these are the fluid's cells. Otherwise the fluid reaches to the middle of
+    the edges that join it to another fluid; particles in no cell do not count.
+
+    Args:
+        mesh: of N particles.
+        fluid: (N,) fluid of each particle.
+        index: of the fluid.
+        axis: of the coordinate.
+
+    Returns:
+        The coordinate, or NaN if there is nothing of the fluid.
     """
     if mesh.fluid is not None:
         cells = mesh.cells[mesh.fluid == index]
@@ -45,9 +53,15 @@ def extent(mesh: Mesh, fluid: Array, index: int, axis: int) -> float:
 def depth(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
     """Length of a fluid along the vertical line x = ``place`` of a 2-D mesh [m].
 
-    Elements that have a fluid each are taken whole. Others, between fluids, are cut through the middle of their
-    edges: three triangles at the corners, and a fourth between them that belongs to the fluid of most corners
-    (in an element of three fluids, of the first).
+    Where every cell has one fluid, whole cells count. Otherwise cells between fluids are cut through the middle
+    of their edges: three triangles at the corners, and a fourth between them that belongs to the fluid of most
+    corners (in a cell of three fluids, of the first).
+
+    Args:
+        mesh: of N particles, 2-D.
+        fluid: (N,) fluid of each particle.
+        index: of the fluid.
+        place: x of the line [m].
 
     Raises:
         ValueError: the line does not cross the mesh.
@@ -112,7 +126,7 @@ def _highest(x: Array, y: Array) -> float:
 def _mid_edge_pieces(cells: Array, fluid: Array) -> list[tuple[list[tuple[Array, Array]], Array]]:
     """Four triangles a cell through the mid-edges, points as pairs of particles, and their fluid.
 
-    The middle one belongs to the fluid that has most corners.
+    The middle one belongs to the fluid of most corners.
     """
     a, b, c = cells.T
     fa, fb, fc = fluid[a], fluid[b], fluid[c]

@@ -1,31 +1,19 @@
-"""The demo that adds up where the energy of a dam break goes, coarse and short."""
+"""The study that adds up where the energy of a dam break goes, coarse and short."""
 
 from __future__ import annotations
 
 import csv
-import importlib
 import json
-import sys
-from pathlib import Path
 
 import imageio.v3 as iio
 import pytest
-
-DEMOS = Path(__file__).resolve().parents[2] / "demos"
-
-
-@pytest.fixture(scope="module")
-def demo():
-    """The demo as a module."""
-    sys.path.insert(0, str(DEMOS))
-    yield importlib.import_module("energy_budget")
-    sys.path.remove(str(DEMOS))
+from tipfem.demos.validation.energy import run as study
 
 
-def test_the_command_leaves_table_figure_and_figures(demo, tmp_path, capsys):
+def test_the_command_leaves_table_figure_and_figures(tmp_path, capsys):
     """Two runs, both of which close; the figures add up, and are those of the histories."""
     words = ["--spacing", "0.02", "--end-time", "0.1", "--rho-inf", "0", "0.8", "--out", str(tmp_path)]
-    demo.main(words)
+    study.main(words)
     printed = capsys.readouterr().out
     assert "check: passed" in printed
     assert (tmp_path / "table.md").read_text() in printed
@@ -34,7 +22,7 @@ def test_the_command_leaves_table_figure_and_figures(demo, tmp_path, capsys):
     assert summary["check"] == "passed"
     for run, name in zip(summary["runs"], ("rho_inf_0", "rho_inf_0.8"), strict=True):
         assert run["closure"] < 5e-5
-        parts = sum(run[f"{part}_dissipation"] for part in demo.PARTS)
+        parts = sum(run[f"{part}_dissipation"] for part in study.PARTS)
         assert run["numerical_dissipation"] == pytest.approx(parts, rel=1e-9)
         assert run["lost_energy"] == pytest.approx(run["numerical_dissipation"] + run["viscous_dissipation"], rel=5e-5)
         assert run["lost_energy"] > 0.5
@@ -45,7 +33,7 @@ def test_the_command_leaves_table_figure_and_figures(demo, tmp_path, capsys):
     assert summary["runs"][0]["lost_energy"] != summary["runs"][1]["lost_energy"]
 
 
-def test_the_check_can_fail(demo):
+def test_the_check_can_fail():
     """A budget that does not close, in energy or momentum, is named."""
     good = {
         "closure": 1e-3,
@@ -54,11 +42,11 @@ def test_the_check_can_fail(demo):
         "viscous_dissipation": 0.2,
         "numerical_dissipation": 0.8,
     }
-    assert demo.check(good) == []
-    assert "closes to 2.00%" in demo.check({**good, "closure": 0.02})[0]
-    assert "closes to nan%" in demo.check({**good, "closure": float("nan")})[0]
-    assert "momentum" in demo.check({**good, "momentum_closure": 1e-3})[0]
-    assert "not what was dissipated" in demo.check({**good, "numerical_dissipation": 0.7})[0]
+    assert study.check(good) == []
+    assert "closes to 2.00%" in study.check({**good, "closure": 0.02})[0]
+    assert "closes to nan%" in study.check({**good, "closure": float("nan")})[0]
+    assert "momentum" in study.check({**good, "momentum_closure": 1e-3})[0]
+    assert "not what was dissipated" in study.check({**good, "numerical_dissipation": 0.7})[0]
 
 
 @pytest.mark.parametrize(
@@ -69,10 +57,10 @@ def test_the_check_can_fail(demo):
         (["--spacing", "0"], "spacing"),
     ],
 )
-def test_bad_arguments_end_in_one_line(demo, tmp_path, capsys, words, message):
+def test_bad_arguments_end_in_one_line(tmp_path, capsys, words, message):
     """No traceback."""
     with pytest.raises(SystemExit):
-        demo.main([*words, "--out", str(tmp_path)])
+        study.main([*words, "--out", str(tmp_path)])
     error = capsys.readouterr().err
     assert message in error
     assert len(error.splitlines()) == 1

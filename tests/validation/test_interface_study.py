@@ -3,28 +3,16 @@
 from __future__ import annotations
 
 import csv
-import importlib
 import json
-import sys
-from pathlib import Path
 
 import imageio.v3 as iio
 import pytest
-
-DEMOS = Path(__file__).resolve().parents[2] / "demos"
-
-
-@pytest.fixture(scope="module")
-def demo():
-    """The demo as a module."""
-    sys.path.insert(0, str(DEMOS))
-    yield importlib.import_module("interface_study")
-    sys.path.remove(str(DEMOS))
+from tipfem.demos.validation.interfaces import run as study
 
 
-def test_the_short_version_leaves_what_it_promises(demo, tmp_path, capsys):
+def test_the_short_version_leaves_what_it_promises(tmp_path, capsys):
     """Pictures, table and figures of both rules; the sharp one rests, and the other does not."""
-    demo.main(["--short", "--out", str(tmp_path)])
+    study.main(["--short", "--out", str(tmp_path)])
     printed = capsys.readouterr().out
     assert "check: passed" in printed
     assert (tmp_path / "table.md").read_text() in printed
@@ -45,7 +33,7 @@ def test_the_short_version_leaves_what_it_promises(demo, tmp_path, capsys):
         assert 0 < figures["dam_remeshing_share"] < 1
 
 
-def test_the_check_can_fail(demo):
+def test_the_check_can_fail():
     """What the sharp rule misses is named; what was not run is not judged."""
     good = {
         "rest_a": 1e-12,
@@ -59,10 +47,10 @@ def test_the_check_can_fail(demo):
     other = {"dam_remeshing_absolute": 2.0, "dam_remeshing_momentum_absolute": 2.0}
 
     def missed(short=False, **changed):
-        return demo.check({"sharp": {**good, **changed}, "interpolated": other}, 0.01, short)
+        return study.check({"sharp": {**good, **changed}, "interpolated": other}, 0.01, short)
 
     assert missed() == []
-    assert demo.check({"sharp": {}, "interpolated": {}}, 0.01) == []
+    assert study.check({"sharp": {}, "interpolated": {}}, 0.01) == []
     assert missed(rest_a=1e-3) == ["rest_a is 0.001, above 1e-09"]
     assert missed(rest_a=float("nan")) == ["rest_a is nan, above 1e-09"]
     assert "dam_volume_error" in missed(dam_volume_error=1e-3)[0]
@@ -83,10 +71,10 @@ def test_the_check_can_fail(demo):
         (["--only", "dam", "--spacing", "0.5"], "spacing is 0.5 m, too large"),
     ],
 )
-def test_bad_arguments_end_in_one_line(demo, tmp_path, capsys, words, message):
+def test_bad_arguments_end_in_one_line(tmp_path, capsys, words, message):
     """No traceback."""
     with pytest.raises(SystemExit):
-        demo.main([*words, "--short", "--out", str(tmp_path)])
+        study.main([*words, "--short", "--out", str(tmp_path)])
     error = capsys.readouterr().err
     assert message in error
     assert len(error.splitlines()) == 1

@@ -1,6 +1,6 @@
 """Flows along walls that slip, slide and move, each with what is known about it in closed form.
 
-What `wall_study.py` runs. Sources:
+What `run.py` runs. Sources:
 
     Taylor-Green vortex: G. I. Taylor and A. E. Green, Proc. R. Soc. A 158 (1937) 499-521; here one cell of it, with
         free slip on all four sides.
@@ -14,11 +14,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 
 import tipfem as tp
 
-Array = np.ndarray
+Array = NDArray[np.float64]
 SIDES = ("left", "right", "bottom", "top")
 
 

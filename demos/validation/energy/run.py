@@ -1,6 +1,6 @@
 """Where the energy of a dam break goes: viscosity, time integration, pressure, remeshing.
 
-Runs the dam break of water in air (demos/dam_break.py) until shortly before the water hits the far wall, once for
+Runs the dam break of water in air until shortly before the water hits the far wall, once for
 each spectral radius rho_inf of the time integration, and adds up the budget of every step's history:
 
     summary.json      figures of all runs
@@ -8,26 +8,25 @@ each spectral radius rho_inf of the time integration, and adds up the budget of 
     energy.png        kinetic and potential energy, and what was dissipated by what, over time
     rho_inf_<...>/    history.csv and summary.json of each run
 
-    python demos/energy_budget.py --spacing 0.01 --rho-inf 0 0.8
+    python -m tipfem demo validation/energy --spacing 0.01 --rho-inf 0 0.8
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from tipfem.demos import harness
+from tipfem.demos.support.figures import BLUE, GREEN, ORANGE, PURPLE, VERMILION, new_figure, save
+from tipfem.demos.validation.dam_break import case as dam_break
 
 import tipfem as tp
-from tipfem.mesh.interface import INTERFACES
-
-sys.path.insert(0, str(Path(__file__).parent))
-import dam_break
+from tipfem.case.case import INTERFACES
 
 PARTS = ("time", "geometry", "stabilisation", "source", "remeshing")
 SPACING = 0.01  # [m]
@@ -88,7 +87,7 @@ def figures(history: Sequence[Mapping[str, float]], start: float) -> dict[str, f
         largest volume of water that the solve and that remeshing moved in a step, over that of all water.
     """
 
-    def column(name: str) -> np.ndarray:
+    def column(name: str) -> NDArray[np.float64]:
         return np.array([row[name] for row in history])
 
     end = history[-1]
@@ -171,16 +170,9 @@ def plot(path: Path, runs: Mapping[str, Sequence[Mapping[str, float]]]) -> None:
     Raises:
         ImportError: there is no matplotlib.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ImportError("the figure needs matplotlib; it comes with the extra tipfem[plot]") from error
-    figure = Figure(figsize=(10.0, 4.2 * len(runs)), dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(10.0, 4.2 * len(runs), dpi=120)
     axes = figure.subplots(len(runs), 2, squeeze=False)
-    # Okabe and Ito's colours, distinct under colour blindness.
-    colors = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#000000")
+    colors = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, "#000000")
     for (energies, parts), (label, history) in zip(axes, runs.items(), strict=True):
         t = np.array([row["time"] for row in history])
         kinetic, potential, viscous, numerical = (
@@ -200,13 +192,13 @@ def plot(path: Path, runs: Mapping[str, Sequence[Mapping[str, float]]]) -> None:
             each.set_xlabel("t [s]")
             each.grid(alpha=0.3)
             each.legend(fontsize=9)
-    figure.savefig(path)
+    save(figure, path)
 
 
 def main(words: Sequence[str] | None = None) -> None:
-    """Run the demo with the given command line, or the process's."""
+    """Run with the given command line, or the process's."""
     parser = argparse.ArgumentParser(
-        description=__doc__.split("\n\n")[0], formatter_class=argparse.ArgumentDefaultsHelpFormatter
+        description=(__doc__ or "").split("\n\n")[0], formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
     add = parser.add_argument
     add("--spacing", type=float, default=SPACING, metavar="H", help="distance between particles [m]")
@@ -215,9 +207,10 @@ def main(words: Sequence[str] | None = None) -> None:
     add("--rho-inf", type=float, nargs="+", default=[0.0, 0.8], metavar="R", help="of generalized-alpha, 0 to 1")
     add("--interface", choices=sorted(INTERFACES), default="interpolated", help="elements between two fluids")
     add("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run")
-    add("--out", type=Path, default=Path("out/energy_budget"), metavar="FOLDER", help="folder for the results")
+    add("--out", type=Path, default=Path("out/validation/energy"), metavar="FOLDER", help="folder for the results")
     given = parser.parse_args(words)
-    results, runs = [], {}
+    results: list[dict[str, float]] = []
+    runs: dict[str, list[dict[str, float]]] = {}
     with harness.one_message():
         tp.init(arch=given.arch)
         for rho_inf in given.rho_inf:

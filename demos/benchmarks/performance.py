@@ -6,7 +6,7 @@ are measured in one run, each in a process of its own, so that their ratios mean
 shared. Rivals for the linear systems: SciPy's SuperLU, PARDISO and pyamg if they are installed; for the mesh SciPy's
 Delaunay; for the memory a copy of as many bytes as a step must move.
 
-    python demos/performance.py
+    python -m tipfem demo benchmarks/performance
 """
 
 from __future__ import annotations
@@ -20,16 +20,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.ticker import NullLocator
 from tipfem.demos import harness
+from tipfem.demos.benchmarks import cases, states
+from tipfem.demos.support.figures import new_figure, save
 
 import tipfem as tp
-
-sys.path.insert(0, str(Path(__file__).parent))
-import performance_cases as cases
-import performance_states as states
 
 # Sizes: distance of the particles in the run that a state is taken from [m], and how often it is refined.
 SIZES = ((0.01, 1), (0.01, 2), (0.004, 1), (0.01, 3), (0.004, 2))
@@ -65,11 +60,8 @@ def measure(arguments: argparse.Namespace) -> list[dict[str, Any]]:
         path = folder / f"state_{spacing * 1e3:g}mm.npz"
         if not path.exists():
             print(f"running the dam break at {spacing * 1e3:g} mm to t = {states.STATE_TIME:g} s", flush=True)
-            _python(
-                "-c",
-                f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import pathlib, "
-                f"performance_states as s; s.make_state(pathlib.Path({str(path)!r}), {spacing!r})",
-            )
+            make = f"from tipfem.demos.benchmarks import states; states.make_state({str(path)!r}, {spacing!r})"
+            _python("-c", make)
     jobs = [(size, arguments.threads, "cpu") for size in sizes]
     jobs.insert(len(jobs) // 2 + 1, (sizes[len(sizes) // 2], 1, "cpu"))
     if arguments.arch == "cuda":
@@ -77,7 +69,8 @@ def measure(arguments: argparse.Namespace) -> list[dict[str, Any]]:
     for (spacing, refine), threads, arch in jobs:
         result = folder / "worker.json"
         _python(
-            __file__,
+            "-m",
+            "tipfem.demos.benchmarks.performance",
             "--worker",
             str(folder / f"state_{spacing * 1e3:g}mm.npz"),
             "--refine",
@@ -153,8 +146,9 @@ def table(found: Sequence[Mapping[str, Any]]) -> str:
 
 def plot(path: Path, found: Sequence[Mapping[str, Any]]) -> None:
     """Time a node of each part against the number of nodes, and the rivals' times for one system."""
-    figure = Figure(figsize=(12.0, 5.0), dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)
+    from matplotlib.ticker import NullLocator
+
+    figure = new_figure(12.0, 5.0, dpi=120)
     left, right = figure.subplots(1, 2)
     rows = [f for f in found if "solvers" in f]
     place, bottom = np.arange(len(rows)), np.zeros(len(rows))
@@ -188,7 +182,7 @@ def plot(path: Path, found: Sequence[Mapping[str, Any]]) -> None:
     right.set_xticks([f["nodes"] for f in rows], [f"{f['nodes'] / 1e3:.0f}k" for f in rows])
     right.grid(alpha=0.3, which="both")
     right.legend(fontsize=11)
-    figure.savefig(path)
+    save(figure, path)
 
 
 def _hard(systems: Mapping[str, tuple[int, int]]) -> str:
@@ -209,10 +203,16 @@ def check(found: Sequence[Mapping[str, Any]], hard: Mapping[str, tuple[int, int]
 def main(words: Sequence[str] | None = None) -> None:
     """Measure everything, or, as a worker, one size."""
     parser = argparse.ArgumentParser(
-        description=__doc__.split("\n\n")[0], formatter_class=argparse.ArgumentDefaultsHelpFormatter
+        description=(__doc__ or "").split("\n\n")[0], formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
     add = parser.add_argument
-    add("--out", type=Path, default=Path("out/performance"), metavar="FOLDER", help="folder for tables and figures")
+    add(
+        "--out",
+        type=Path,
+        default=Path("out/performance"),
+        metavar="FOLDER",
+        help="folder for tables and figures",
+    )
     add("--threads", type=int, default=2, help="CPU threads; one more run takes one")
     add("--steps", type=int, default=STEPS, help="time steps that are measured")
     add("--arch", choices=["cpu", "cuda"], default="cpu", help="cuda measures the GPU beside the CPU")

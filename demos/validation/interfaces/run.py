@@ -3,7 +3,7 @@
 The rule of Carvalho & Sanches, "Analysis of two-phase flows using position-based PFEM formulation":
 properties are interpolated between particles, and the interface runs through the middle of edges. The
 sharp rule: every element belongs to one fluid, and the interface runs along edges. Flows: layers at rest;
-the dam break of Martin & Moyce (1952), see dam_break.py; layers that slosh and come to rest.
+the dam break of Martin & Moyce (1952); layers that slosh and come to rest.
 docs/theory/interfaces.md says what came out.
 
     summary.json      all figures
@@ -11,14 +11,13 @@ docs/theory/interfaces.md says what came out.
     *.png             speeds at rest, fluids and budgets of the dam breaks, decay of the sloshing
     <flow>/<rule>/    history.csv and summary.json of each run
 
-    python demos/interface_study.py --short
+    python -m tipfem demo validation/interfaces --short
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -26,15 +25,13 @@ from typing import Any
 
 import numpy as np
 from tipfem.demos import harness
+from tipfem.demos.validation.dam_break import case as dam_break
+from tipfem.demos.validation.dam_break import check as experiment
+from tipfem.demos.validation.dam_break import experiments
+from tipfem.demos.validation.energy import run as energy
+from tipfem.demos.validation.interfaces import flows, pictures
 
 import tipfem as tp
-
-sys.path.insert(0, str(Path(__file__).parent))
-import dam_break
-import energy_budget
-import experiments
-import interface_cases as flows
-import interface_figures as pictures
 
 # Resolution: spacings along an edge, or the spacing [m]; end times [s]. --short is for a look, and for the tests.
 FINE: dict[str, Any] = {"rest": (22, 0.5), "dam": (0.01, 0.3), "sloshing": (20, 10.0)}
@@ -42,9 +39,9 @@ SHORT: dict[str, Any] = {"rest": (10, 0.05), "dam": (0.02, 0.12), "sloshing": (8
 DAM_TIME_STEP = 1e-3  # [s]
 SHOWN = (0.8, 1.0)  # states of the dam break that are drawn, as parts of its end time
 
-# Fluids and geometry: in interface_cases.py and dam_break.py.
+# Fluids and geometry: in flows.py, and in dam_break/case.py.
 
-# Check: the largest figures that the sharp rule may show; the dam break's also have the limits of dam_break.py.
+# Check: the largest figures that the sharp rule may show; the dam break's also have the limits of dam_break/check.py.
 LARGEST_REST_SPEED = 1e-9  # [m/s]
 LARGEST_VOLUME_ERROR = 1e-6
 LARGEST_DECAY = 1e-6  # last kinetic energy over the largest; of runs shorter than 10 s:
@@ -79,7 +76,7 @@ def dam(out: Path, spacing: float, end: float) -> Figures:
     cases = {rule: dam_break.build(spacing, interface=rule, numerics=numerics) for rule in flows.RULES}
     columns = {"front": dam_break.front, "column_height": dam_break.column_height}
     runs = flows.started(cases, out / "dam_break", time_step=DAM_TIME_STEP, columns=columns)
-    energy = {rule: sum(run.simulation.energy()) for rule, run in runs.items()}
+    start = {rule: sum(run.simulation.energy()) for rule, run in runs.items()}
     volume = {rule: run.simulation.volume("water") for rule, run in runs.items()}
     states: dict[str, list[pictures.State]] = {rule: [] for rule in runs}
     for part in SHOWN:
@@ -91,10 +88,10 @@ def dam(out: Path, spacing: float, end: float) -> Figures:
         run.finish()
         history = run.simulation.history
         water = run.column("volume_water")
-        against = dam_break.validate(history) | {"volume_error": float(np.abs(water / volume[rule] - 1).max())}
+        against = experiment.figures_of(history) | {"volume_error": float(np.abs(water / volume[rule] - 1).max())}
         figures[rule] = {
             f"dam_{name}": float(value)
-            for name, value in {**against, **energy_budget.figures(history, energy[rule]), **run.cost()}.items()
+            for name, value in {**against, **energy.figures(history, start[rule]), **run.cost()}.items()
         }
     pictures.states(out / "dam_break.png", states, (dam_break.TANK[0], 0.6 * dam_break.TANK[1]))
     pictures.budget(out / "budget.png", {rule: run.simulation.history for rule, run in runs.items()}, volume)
@@ -190,7 +187,7 @@ def check(figures: Figures, spacing: float, short: bool = False) -> list[str]:
     missed = harness.above(sharp, limits)
     flow = {name.removeprefix("dam_"): value for name, value in sharp.items() if name.startswith("dam_")}
     # A coarse front is known to its spacing only.
-    missed += [] if short else dam_break.check(flow, spacing)
+    missed += [] if short else experiment.missed(flow, spacing)
     for name in ("dam_remeshing_absolute", "dam_remeshing_momentum_absolute"):
         if name in sharp and not sharp[name] < other[name]:
             missed.append(f"{name} is {sharp[name]:.3g}, not below the interpolated rule's {other[name]:.3g}")
@@ -205,7 +202,7 @@ def warm_up() -> None:
 
 def main(words: Sequence[str] | None = None) -> None:
     """Run the studies named on the given command line, or the process's."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
     add = parser.add_argument
     add("--short", action="store_true", help="coarse and quick: for a look, and for the tests")
     add("--only", nargs="+", choices=list(STUDIES), default=list(STUDIES), help="which flows")
@@ -213,7 +210,7 @@ def main(words: Sequence[str] | None = None) -> None:
     add("--spacing", type=float, metavar="H", help="of the dam break's particles [m]")
     add("--sloshing-end", type=float, metavar="T", help="simulated time of the sloshing [s]")
     add("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run")
-    add("--out", type=Path, default=Path("out/interface_study"), metavar="FOLDER", help="folder for the results")
+    add("--out", type=Path, default=Path("out/validation/interfaces"), metavar="FOLDER", help="folder for the results")
     given = parser.parse_args(words)
     for name in ("rest_cells", "spacing", "sloshing_end"):
         value = getattr(given, name)

@@ -2,31 +2,18 @@
 
 from __future__ import annotations
 
-import importlib
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import imageio.v3 as iio
 import numpy as np
 import pytest
-
-DEMOS = Path(__file__).resolve().parents[2] / "demos"
-
-
-@pytest.fixture(scope="module")
-def demo():
-    """The demo as a module."""
-    sys.path.insert(0, str(DEMOS))
-    yield importlib.import_module("wall_study")
-    sys.path.remove(str(DEMOS))
+from demo_runs import python
+from tipfem.demos.validation.walls import run as study
 
 
 def run(out, *words):
     """The command a user types; its summary."""
-    words = [sys.executable, str(DEMOS / "wall_study.py"), "--out", str(out), *words]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    done = python("-m", "tipfem", "demo", "validation/walls", "--out", out, *words)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "check: passed" in done.stdout
     return json.loads((out / "summary.json").read_text())
@@ -40,18 +27,18 @@ def test_the_short_version_leaves_what_it_promises(tmp_path):
         assert iio.imread(tmp_path / "results" / f"{name}.png").std() > 5
 
 
-def test_check_finds_what_is_wrong(demo):
+def test_check_finds_what_is_wrong():
     good = {"vortex_decay": 0.001, "vortex_order": 1.9, "driven_100": 0.01, "sway_pressure": 1e-4}
-    assert demo.check(good) == []
-    assert demo.check({**good, "driven_100": 0.04}) == ["driven_100 is 0.04, above 0.03"]
-    assert demo.check({**good, "sway_pressure": float("nan")}) == ["sway_pressure is nan, above 0.002"]
-    assert demo.check({**good, "vortex_order": 1.2}) == ["vortex_order is 1.20, below 1.7"]
+    assert study.check(good) == []
+    assert study.check({**good, "driven_100": 0.04}) == ["driven_100 is 0.04, above 0.03"]
+    assert study.check({**good, "sway_pressure": float("nan")}) == ["sway_pressure is nan, above 0.002"]
+    assert study.check({**good, "vortex_order": 1.2}) == ["vortex_order is 1.20, below 1.7"]
 
 
-def test_reference_data_of_the_driven_cavity(demo):
+def test_reference_data_of_the_driven_cavity():
     """Both tables end on the walls, and the point that the paper misprints is left out."""
     for reynolds, count in ((100, 17), (400, 16)):
-        y, u, x, v = demo.ghia(reynolds)
+        y, u, x, v = study.ghia(reynolds)
         assert (len(y), len(x)) == (17, count)
         assert dict(zip(y, u, strict=True))[1.0] == 1.0
         ends = dict(zip(x, v, strict=True))

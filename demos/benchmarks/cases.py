@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import resource
-import sys
 import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import taichi as ti
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 from scipy.spatial import Delaunay
+from tipfem.demos.benchmarks.states import simulation_of
 
 import tipfem as tp
 from tipfem.backend.arrays import Buffers, download
@@ -26,10 +26,7 @@ from tipfem.output import ResultsFolder
 from tipfem.step.flow import FlowProblem
 from tipfem.step.linear_system import LinearSystem
 
-sys.path.insert(0, str(Path(__file__).parent))
-from performance_states import simulation_of
-
-Array = np.ndarray
+Array = NDArray[Any]
 BYTES_OF_A_STEP = 12_500  # a node: what 2.5 Newton iterations of 8 Krylov iterations, and remeshing, must move
 COLUMNS = {  # part of a step: where its time is spent
     "set-up": (FlowProblem, "__init__"),

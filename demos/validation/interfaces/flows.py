@@ -1,7 +1,7 @@
 """Flows that show what an interface rule does, two simulations of each, stepped side by side.
 
-`interface_study.py` measures them. Both rules of a flow are advanced in turns, a step each, so that
-whatever else the machine does slows both down alike.
+`run.py` measures them. Both rules of a flow are advanced alternately, a step each, so that whatever else the machine
+does slows both down alike.
 """
 
 from __future__ import annotations
@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import tipfem as tp
 
-Array = np.ndarray
+Array = NDArray[np.float64]
 RULES = ("interpolated", "sharp")
 
 # Fluids: density [kg/m^3] and viscosity [Pa s]; the heavier one of a pair first.

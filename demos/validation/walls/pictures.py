@@ -1,4 +1,4 @@
-"""Pictures of `wall_study.py`. Okabe and Ito's colours; markers and dashes tell the series apart too."""
+"""Pictures of the flows along walls."""
 
 from __future__ import annotations
 
@@ -7,19 +7,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from tipfem.demos.support.figures import COLOURS, DASHES, MARKERS, new_figure, save
 
 import tipfem as tp
 
-Array = np.ndarray
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
-MARKERS, DASHES = ("o", "s", "^", "D"), ("-", "--", "-.", ":")
+Array = NDArray[np.float64]
 
 
-def _figure(columns: int, width: float = 11.0) -> tuple[Figure, Any]:
-    figure = Figure(figsize=(width, 5.0), dpi=150, layout="constrained")
-    FigureCanvasAgg(figure)  # draws into memory, whatever the user's backend
+def _figure(columns: int, width: float = 11.0) -> tuple[Any, Any]:
+    figure = new_figure(width, 5.0)
     axes = figure.subplots(1, columns, squeeze=False)[0]
     for one in axes:
         one.tick_params(labelsize=12)
@@ -54,7 +51,7 @@ def decay(
     right.loglog(h, errors[-1] * (h / h[-1]) ** 2, "k--", linewidth=1.2, label="second order")
     _label(right, "Convergence", "h [m]", "error [m/s]")
     right.legend(fontsize=11)
-    figure.savefig(path)
+    save(figure, path)
 
 
 def profiles(path: Path, curves: Mapping[str, tuple[Array, Array, Callable[[Array], Array]]]) -> None:
@@ -66,7 +63,7 @@ def profiles(path: Path, curves: Mapping[str, tuple[Array, Array, Callable[[Arra
         axes[0].plot(u, y, MARKERS[k], color=COLOURS[k], mfc="none", label=f"{name}, tipfem")
     _label(axes[0], "Middle of a long cavity under a lid", "u / U", "y / H")
     axes[0].legend(fontsize=10)
-    figure.savefig(path)
+    save(figure, path)
 
 
 def cavity(path: Path, curves: Mapping[int, Sequence[tuple[Array, Array, Array]]]) -> None:
@@ -80,7 +77,7 @@ def cavity(path: Path, curves: Mapping[int, Sequence[tuple[Array, Array, Array]]
     _label(axes[0], "Driven cavity, x = 1/2", "y", "u / U")
     _label(axes[1], "Driven cavity, y = 1/2", "x", "v / U")
     axes[0].legend(fontsize=11)
-    figure.savefig(path)
+    save(figure, path)
 
 
 def slosh(path: Path, simulation: tp.Simulation, time: Array, moment: Array, linear: Array) -> None:
@@ -95,7 +92,7 @@ def slosh(path: Path, simulation: tp.Simulation, time: Array, moment: Array, lin
     right.plot(time[::every], moment[::every], "o", color=COLOURS[1], mfc="none", label="tipfem")
     _label(right, "First moment of the lower layer", "t [s]", "m³ per metre")
     right.legend(fontsize=11)
-    figure.savefig(path)
+    save(figure, path)
 
 
 def arrows(path: Path, position: Array, velocity: Array, exact: Array) -> None:
@@ -107,7 +104,7 @@ def arrows(path: Path, position: Array, velocity: Array, exact: Array) -> None:
     axes[0].set_aspect("equal")
     _label(axes[0], "Rolled tank, free slip", "x [m]", "y [m]")
     figure.legend(fontsize=11, loc="outside lower center", ncols=2)
-    figure.savefig(path)
+    save(figure, path)
 
 
 def pistons(path: Path, simulation: tp.Simulation, time: Array, mean: Array) -> None:
@@ -122,4 +119,4 @@ def pistons(path: Path, simulation: tp.Simulation, time: Array, mean: Array) -> 
     right.plot(time[::8], mean[::8], "o", color=COLOURS[1], mfc="none", label="mean of the fluid")
     _label(right, "Flow between them", "t [s]", "u [m/s]")
     right.legend(fontsize=11)
-    figure.savefig(path)
+    save(figure, path)

@@ -1,20 +1,15 @@
-"""Flows along walls that slip, slide and move, against closed forms; the flows are those of demos/wall_flows.py."""
+"""Flows along walls that slip, slide and move, against closed forms; they are those of demos/validation/walls."""
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from tipfem.demos.validation.walls import flows
 
 import tipfem as tp
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
 from tipfem.walls.step import walls_in_step
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "demos"))
-import wall_flows as flows
 
 
 def mean_velocity(simulation):

@@ -1,4 +1,4 @@
-"""Profiles along the height of a tank: pressure against the analytic one, density and viscosity."""
+"""Profiles along the height of a tank: pressure against that of layers at rest, density and viscosity."""
 
 from __future__ import annotations
 
@@ -7,25 +7,28 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from tipfem.demos.support.figures import COLOURS, new_figure, save
 
 import tipfem as tp
 from tipfem.mesh import probes
 
-Array = np.ndarray
+Array = NDArray[np.float64]
 Layers = Sequence[tuple[tp.Fluid, float]]
-# Okabe and Ito's colours, distinct under colour blindness; markers and dashes tell the series apart too.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 MARKERS = ("o", "x", "s", "+")
 
 
 def along_height(simulation: tp.Simulation, count: int = 1500) -> tuple[Array, Array, Array]:
-    """Heights (K,) [m] in the middle of a 2-D tank; density (K,) [kg/m^3] and viscosity (K,) [Pa s] of the elements
-    there, as the solver has them."""
+    """Density and viscosity of the elements along the middle of a 2-D tank, as the solver has them.
+
+    Returns:
+        Heights (K,) [m], densities (K,) [kg/m^3] and viscosities (K,) [Pa s].
+    """
     from matplotlib.tri import Triangulation
 
     position = simulation.mesh.position
     low, high = position.min(axis=0), position.max(axis=0)
-    # A hair off the middle: the line is not to run along edges.
+    # Slightly off the middle, so that the line does not run along edges.
     x = low[0] + (0.5 + 1e-4) * (high[0] - low[0])
     y = np.linspace(low[1], high[1], count + 2)[1:-1]
     element = Triangulation(*position.T, simulation.mesh.cells).get_trifinder()(np.full_like(y, x), y)
@@ -37,7 +40,7 @@ def along_height(simulation: tp.Simulation, count: int = 1500) -> tuple[Array, A
 
 
 class PressureWatch:
-    """A column of a run's history: the largest error of pressure against layers at rest; and its mean over a time.
+    """The largest error of pressure against layers at rest, as a column of the history; its mean over a time.
 
     Args:
         layers: (fluid, thickness [m]) from the floor up.
@@ -78,10 +81,10 @@ class PressureWatch:
 
 
 def plot_layers(path: Path, states: Mapping[str, tp.Simulation], layers: Layers, gravity: float) -> Path:
-    """Draw pressure, density and viscosity along the height of a tank of layers at rest; return the picture's path.
+    """Draw pressure, density and viscosity along the height of a tank of layers at rest.
 
     Args:
-        path: of the picture.
+        path: of the picture, which is returned.
         states: label -> simulation at that time; properties are the last one's.
         layers: (fluid, thickness [m]) from the floor up.
         gravity: magnitude [m/s^2].
@@ -89,7 +92,7 @@ def plot_layers(path: Path, states: Mapping[str, tp.Simulation], layers: Layers,
     Raises:
         ImportError: there is no matplotlib.
     """
-    figure, save = _figure((13.0, 5.2), path)
+    figure = new_figure(13.0, 5.2, dpi=130)
     pressure, density, viscosity = figure.subplots(1, 3, sharey=True, width_ratios=(1.6, 1, 1))
     _pressure(pressure, states, layers, gravity)
     y, rho, mu = along_height(list(states.values())[-1])
@@ -107,7 +110,7 @@ def plot_layers(path: Path, states: Mapping[str, tp.Simulation], layers: Layers,
     if min(fluid.density for fluid, _ in layers) < 0.1 * max(fluid.density for fluid, _ in layers):
         density.set_xscale("log")
     density.legend(fontsize=11, loc="best")
-    return save()
+    return save(figure, path)
 
 
 def plot_pressure(path: Path, simulation: tp.Simulation, watch: PressureWatch) -> Path:
@@ -117,8 +120,11 @@ def plot_pressure(path: Path, simulation: tp.Simulation, watch: PressureWatch) -
         path: of the picture, which is returned.
         simulation: at the end of the time.
         watch: that saw the run.
+
+    Raises:
+        ImportError: there is no matplotlib.
     """
-    figure, save = _figure((7.5, 5.6), path)
+    figure = new_figure(7.5, 5.6, dpi=130)
     axes = figure.add_subplot()
     _pressure(axes, {f"t = {simulation.time:g} s": simulation}, watch.layers, watch.gravity)
     height, error = watch.mean
@@ -133,39 +139,7 @@ def plot_pressure(path: Path, simulation: tp.Simulation, watch: PressureWatch) -
         label=f"mean over {watch.since:g} to {simulation.time:g} s",
     )
     axes.legend(fontsize=11, loc="upper right")
-    return save()
-
-
-def plot_drop(path: Path, history: Sequence[Mapping[str, float]], start: Mapping[str, float], depth: float) -> Path:
-    """Draw the height of a drop's centre over time, and how far each fluid's volume is from that at the start.
-
-    Args:
-        path: of the picture.
-        history: with columns centre_height and volume_<fluid>.
-        start: volume of each fluid [m^2].
-        depth: of the water at the start [m].
-
-    Raises:
-        ImportError: there is no matplotlib.
-    """
-    figure, save = _figure((11.0, 4.6), path)
-    height, volume = figure.subplots(1, 2)
-    time = np.array([row["time"] for row in history])
-    height.plot(time, [row["centre_height"] for row in history], color=COLOURS[0], label="centre of the glycerin")
-    height.axhline(depth, color="black", linewidth=1.0, linestyle=":", label="water's depth at the start")
-    height.set_ylabel("height [m]", fontsize=12)
-    height.set_ylim(bottom=0.0)
-    for number, (name, begun) in enumerate(start.items()):
-        change = np.abs(np.array([row[f"volume_{name}"] for row in history]) / begun - 1)
-        volume.semilogy(
-            time, np.maximum(change, 1e-17), ("-", "--", "-.")[number % 3], color=COLOURS[number], label=name
-        )
-    volume.set_ylabel("change of volume / volume", fontsize=12)
-    for axes in (height, volume):
-        axes.set_xlabel("t [s]", fontsize=12)
-        axes.grid(alpha=0.3)
-        axes.legend(fontsize=11, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
-    return save()
+    return save(figure, path)
 
 
 def _pressure(axes: Any, states: Mapping[str, tp.Simulation], layers: Layers, gravity: float) -> None:
@@ -191,21 +165,3 @@ def _pressure(axes: Any, states: Mapping[str, tp.Simulation], layers: Layers, gr
     axes.set_ylabel("height [m]", fontsize=12)
     axes.grid(alpha=0.3)
     axes.legend(fontsize=11, loc="upper right")
-
-
-def _figure(size: tuple[float, float], path: Path) -> Any:
-    """A figure [inches], and a function that saves it."""
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ImportError("the figure needs matplotlib; it comes with the extra tipfem[plot]") from error
-    figure = Figure(figsize=size, dpi=130, layout="constrained")
-    FigureCanvasAgg(figure)  # draws into memory, whatever the user's backend
-
-    def save() -> Path:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path)
-        return path
-
-    return figure, save

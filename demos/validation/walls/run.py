@@ -2,10 +2,10 @@
 
 Taylor-Green vortex between walls of free slip (Taylor & Green, Proc. R. Soc. A 158, 1937); long cavities under a lid,
 with no slip, with Navier's slip, and with two fluids; the driven cavity of U. Ghia, K. N. Ghia and C. T. Shin, J.
-Comput. Phys. 48 (1982) 387-411, whose tables are in demos/data; the dam break of Martin & Moyce (1952) between walls
+Comput. Phys. 48 (1982) 387-411, whose tables are in data/; the dam break of Martin & Moyce (1952) between walls
 that slip and between walls that do not; tanks that are shaken, tanks that roll, and pistons.
 
-    python demos/wall_study.py --short
+    python -m tipfem demo validation/walls --short
 """
 
 from __future__ import annotations
@@ -13,24 +13,22 @@ from __future__ import annotations
 import argparse
 import csv
 import json
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from tipfem.demos import harness
+from tipfem.demos.validation.dam_break import case as dam_break
+from tipfem.demos.validation.dam_break import experiments
+from tipfem.demos.validation.walls import flows, pictures
 
 import tipfem as tp
 
-sys.path.insert(0, str(Path(__file__).parent))
-import dam_break
-import experiments
-import wall_figures
-import wall_flows as flows
-
-DATA = Path(__file__).resolve().parent / "data"
+Array = NDArray[np.float64]
+DATA = Path(__file__).parent / "data"
 
 # Resolution: spacings over the height or a side, of the driven cavity by Reynolds number; --short is for tests.
 FINE = {
@@ -54,7 +52,7 @@ SHORT = {
 DRIVEN_END = {100: 10.0, 400: 20.0}  # [s], by which the flow is steady; --short goes a third of the way
 DAM_END = 0.24  # [s]; T = 2.8
 
-# Fluids and geometry: in wall_flows.py and dam_break.py.
+# Fluids and geometry: in flows.py, and in dam_break/case.py.
 
 # Check: the largest figures that a run may show, and the smallest orders of convergence.
 LIMITS = {
@@ -98,7 +96,7 @@ def vortex(sizes: Mapping[str, Any], out: Path) -> dict[str, float]:
             decay.append((simulation.time, part * np.exp(-simulation.time / end)))
         errors.append(float(np.sqrt(((velocity - exact) ** 2).sum(axis=1).mean())))
         histories[cells] = np.array(decay).T
-    wall_figures.decay(out / "vortex.png", histories, end, sizes["vortex"], errors)
+    pictures.decay(out / "vortex.png", histories, end, sizes["vortex"], errors)
     wrong = abs(histories[sizes["vortex"][-1]][1] * np.exp(histories[sizes["vortex"][-1]][0] / end) - 1).max()
     return {"vortex_decay": float(wrong), "vortex_order": float(np.log2(errors[-2] / errors[-1]))}
 
@@ -115,11 +113,11 @@ def long_cavities(sizes: Mapping[str, Any], out: Path) -> dict[str, float]:
         exact = flows.channel(options.get("slip_length", 0.0), options.get("ratio", 1.0))
         curves[name.replace("_", " ")] = (y, got, exact)
         figures[f"long_{name}"] = float(np.abs(got - exact(y)).max())
-    wall_figures.profiles(out / "long_cavity.png", curves)
+    pictures.profiles(out / "long_cavity.png", curves)
     return figures
 
 
-def ghia(reynolds: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def ghia(reynolds: int) -> tuple[Array, Array, Array, Array]:
     """Ghia, Ghia & Shin: y, u / U on the vertical centre line; x, v / U on the horizontal one; (K,) each.
 
     At Re = 400 the printed v at x = 0.9063 lies off the curve of its neighbours, and is left out.
@@ -150,7 +148,7 @@ def driven_cavities(sizes: Mapping[str, Any], out: Path) -> dict[str, float]:
         mean = sums / count
         figures[f"driven_{reynolds}"] = float(np.abs(mean - np.concatenate([u, v])).max())
         curves[reynolds] = ((y, u, mean[: len(y)]), (x, v, mean[len(y) :]))
-    wall_figures.cavity(out / "driven_cavity.png", curves)
+    pictures.cavity(out / "driven_cavity.png", curves)
     return figures
 
 
@@ -159,11 +157,7 @@ def dam_breaks(sizes: Mapping[str, Any], out: Path) -> dict[str, float]:
     figures: dict[str, float] = {}
     fronts = {}
     for name in ("no_slip", "slip"):
-        tank = tp.tank(dam_break.TANK, sizes["dam"]).fill(dam_break.AIR)
-        tank.fill(dam_break.WATER, box=((0, 0), dam_break.COLUMN))
-        for side in flows.SIDES if name == "slip" else ():
-            tank.wall(side, slip=True)
-        case = tp.Case(tank, [dam_break.WATER, dam_break.AIR], (0, -dam_break.GRAVITY))
+        case = dam_break.build(sizes["dam"], slip=name == "slip", numerics=tp.Numerics())
         simulation = tp.Simulation(case, time_step=1e-3, columns={"front": dam_break.front})
         flows.advance(simulation, DAM_END)
         t, x = (np.array([row[key] for row in simulation.history]) for key in ("time", "front"))
@@ -195,14 +189,14 @@ def moving_tanks(sizes: Mapping[str, Any], out: Path) -> dict[str, float]:
     t, moment = np.array(moments).T
     linear = flows.linear_moment(t)
     figures["slosh_moment"] = float(np.sqrt(((moment - linear) ** 2).mean()) / np.abs(linear).max())
-    wall_figures.slosh(out / "sloshed.png", simulation, t, moment, linear)
+    pictures.slosh(out / "sloshed.png", simulation, t, moment, linear)
     for cells in sizes["rolled"]:
         simulation = flows.advance(flows.rolled(cells), 0.9)
         position, velocity = simulation.particles.position, simulation.particles.velocity
         exact = flows.rolled_velocity(position, simulation.time)
         error = float(np.sqrt(((velocity - exact) ** 2).sum() / (exact**2).sum()))
         figures[f"roll_velocity_{cells}"] = figures["roll_velocity"] = error
-    wall_figures.arrows(out / "rolled.png", position, velocity, exact)
+    pictures.arrows(out / "rolled.png", position, velocity, exact)
     simulation, flow = flows.pistons(sizes["pistons"], slip=False), []
     while simulation.time < 1.5:
         simulation.step(1.5)
@@ -211,7 +205,7 @@ def moving_tanks(sizes: Mapping[str, Any], out: Path) -> dict[str, float]:
         flow.append((simulation.time, share @ simulation.particles.velocity[:, 0] / share.sum()))
     t, u = np.array(flow).T
     figures["piston_flow"] = float(np.abs(u - 0.3 * np.sin(2 * t)).max() / 0.3)
-    wall_figures.pistons(out / "pistons.png", simulation, t, u)
+    pictures.pistons(out / "pistons.png", simulation, t, u)
     return figures
 
 
@@ -240,11 +234,13 @@ def check(figures: Mapping[str, float], short: bool = False) -> list[str]:
 
 def main(words: Sequence[str] | None = None) -> None:
     """Run the studies named on the given command line, or the process's."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("--short", action="store_true", help="coarse and quick: for a look, and for the tests")
     parser.add_argument("--only", nargs="+", choices=list(STUDIES), default=list(STUDIES), help="which studies")
     parser.add_argument("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run")
-    parser.add_argument("--out", type=Path, default=Path("out/wall_study"), metavar="FOLDER", help="for the results")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/validation/walls"), metavar="FOLDER", help="for the results"
+    )
     arguments = parser.parse_args(words)
     figures: dict[str, float] = {}
     seconds: dict[str, float] = {}

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from tipfem.demos.validation.dam_break import case as dam_break
 
 import tipfem as tp
 from tipfem.case.numerics import Numerics
@@ -17,10 +18,7 @@ from tipfem.remesh.fitted import particle_fluid, with_fluids
 from tipfem.step.flow import ElementProperties, FlowProblem
 from tipfem.step.linear_system import Workspace
 
-sys.path.insert(0, str(Path(__file__).parent))
-import dam_break
-
-Array = np.ndarray
+Array = NDArray[Any]
 STATE_TIME = 0.15  # [s], the water runs along the floor
 
 
@@ -29,7 +27,7 @@ def largest_step(spacing: float) -> float:
     return dam_break.TIME_STEP * float(spacing / dam_break.SPACING) ** 0.5
 
 
-def make_state(path: Path, spacing: float) -> None:
+def make_state(path: str | Path, spacing: float) -> None:
     """Run the dam break to `STATE_TIME` with particles ``spacing`` [m] apart, and keep the state in a file."""
     tp.init()
     simulation = tp.Simulation(dam_break.build(spacing), time_step=largest_step(spacing))

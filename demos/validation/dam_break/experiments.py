@@ -28,8 +28,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from tipfem.demos.support import figures
 
-DATA = Path(__file__).resolve().parent / "data"
+DATA = Path(__file__).parent / "data"
 MARTIN_MOYCE, KOSHIZUKA = "Martin & Moyce 1952", "Koshizuka & Oka 1996"
 GRAVITY = 9.81  # m/s^2
 SHIFT_STEP = 1e-4  # in T; the tables are printed to 0.01
@@ -264,26 +265,28 @@ def plot_front(
     shift: float = 0.0,
     title: str = "Dam break: the front of the water",
 ) -> Path:
-    """Draw the front Z against T of one or more runs among the reference points; return the picture's path.
+    """Draw the front Z against T of one or more runs among the reference points.
 
-    path: of the picture; its ending is the format.  runs: label -> (time [s] (K,), front [m] (K,)).
-    width: of the column, m.  gravity: m/s^2.
-    shift: in T, added to the times of Martin & Moyce alone and noted in the legend.
+    Args:
+        path: of the picture; its ending is the format.
+        runs: label -> (time (K,) [s], front (K,) [m]).
+        width: of the column [m].
+        gravity: [m/s^2].
+        shift: in T, added to the times of Martin & Moyce alone and noted in the legend.
+        title: above the figure.
 
-    Raises ImportError without matplotlib, ValueError on wrong input. Opens no window.
+    Returns:
+        The picture's path.
+
+    Raises:
+        ImportError: there is no matplotlib.
+        ValueError: the series are not as `compare_front` wants them, or there are none.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ImportError("plot_front needs matplotlib; it comes with the extra tipfem[plot]") from error
+    figure = figures.new_figure(8.0, 5.6)
     if not runs:
         raise ValueError("runs must hold at least one run")
-    figure = Figure(figsize=(8.0, 5.6), dpi=150, layout="constrained")
-    FigureCanvasAgg(figure)  # draws into memory, whatever the user's backend
     axes = figure.add_subplot()
-    # Okabe and Ito's colours, distinct under colour blindness; dashes and markers tell the series apart too.
-    lines = [("#0072B2", "-"), ("#D55E00", "--"), ("#CC79A7", "-."), ("#000000", ":")]
+    lines = [(figures.BLUE, "-"), (figures.VERMILION, "--"), (figures.PURPLE, "-."), ("#000000", ":")]
     last = FRONT_END
     for number, (label, (time, front)) in enumerate(runs.items()):
         t, x = _checked(time, front, "front", width=width, gravity=gravity)
@@ -294,9 +297,9 @@ def plot_front(
     note = f" (times moved by {shift:+.3f} in T)" if shift else ""
     style: dict[str, Any] = {"linestyle": "none", "markersize": 8, "mfc": "none", "mew": 1.8}
     first, second, third = martin_moyce_front(), koshizuka_oka_front(), koshizuka_oka_mps_front()
-    axes.plot(first.time + shift, first.values, "o", color="#009E73", label=first.label + note, **style)
-    axes.plot(second.time, second.values, "s", color="#E69F00", label=second.label, **style)
-    axes.plot(third.time, third.values, "x", color="#56B4E9", label=third.label, **style)
+    axes.plot(first.time + shift, first.values, "o", color=figures.GREEN, label=first.label + note, **style)
+    axes.plot(second.time, second.values, "s", color=figures.ORANGE, label=second.label, **style)
+    axes.plot(third.time, third.values, "x", color=figures.SKY, label=third.label, **style)
     axes.set_title(title, fontsize=15)
     axes.set_xlabel(r"$T = t\,\sqrt{2g/a}$", fontsize=14)
     axes.set_ylabel(r"$Z = x/a$", fontsize=14)
@@ -304,6 +307,4 @@ def plot_front(
     axes.tick_params(labelsize=12)
     axes.grid(alpha=0.3)
     axes.legend(fontsize=11, loc="lower right")
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
-    return Path(path)
+    return figures.save(figure, path)

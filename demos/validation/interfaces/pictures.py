@@ -1,4 +1,4 @@
-"""Pictures of `interface_study.py`. Okabe and Ito's colours; dashes tell the series apart too."""
+"""Pictures of the comparison of interface rules."""
 
 from __future__ import annotations
 
@@ -7,18 +7,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from tipfem.demos.support.figures import BLUE, VERMILION, new_figure, save
 
 import tipfem as tp
 
-Array = np.ndarray
+Array = NDArray[Any]
 STYLE: dict[str, dict[str, Any]] = {
-    "interpolated": {"color": "#D55E00", "linestyle": "--", "linewidth": 2.0},
-    "sharp": {"color": "#0072B2", "linestyle": "-", "linewidth": 2.0},
+    "interpolated": {"color": VERMILION, "linestyle": "--", "linewidth": 2.0},
+    "sharp": {"color": BLUE, "linestyle": "-", "linewidth": 2.0},
 }
-FILL = ListedColormap(["#0072B2", "#F0F0F0"])  # the first fluid, and the second
+FILL = [BLUE, "#F0F0F0"]  # the first fluid, and the second
 
 
 class State(NamedTuple):
@@ -37,12 +36,6 @@ class State(NamedTuple):
         return State(simulation.time, particles.position.copy(), mesh.cells.copy(), particles.fluid.copy(), mesh.fluid)
 
 
-def _figure(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:
-    figure = Figure(figsize=size, dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)  # draws into memory, whatever the user's backend
-    return figure, figure.subplots(rows, columns, squeeze=False)
-
-
 def _label(axes: Any, title: str, x: str, y: str) -> None:
     axes.set_title(title, fontsize=14)
     axes.set_xlabel(x, fontsize=13)
@@ -57,7 +50,8 @@ def rest(path: Path, speeds: Mapping[str, Mapping[tuple[str, str], tuple[Array, 
 
     speeds: pair -> (rule, how gravity points) -> time [s] (K,) and speed [m/s] (K,).
     """
-    figure, (row,) = _figure(1, len(speeds), (11.0, 4.6))
+    figure = new_figure(11.0, 4.6, dpi=120)
+    row = figure.subplots(1, len(speeds))
     for axes, (pair, curves) in zip(row, speeds.items(), strict=True):
         for (rule, gravity), (time, speed) in curves.items():
             style = {**STYLE[rule], "linestyle": "-" if gravity == "level" else ":"}
@@ -65,7 +59,7 @@ def rest(path: Path, speeds: Mapping[str, Mapping[tuple[str, str], tuple[Array, 
         axes.set_ylim(1e-14, 1e1)
         _label(axes, pair, "t [s]", "largest speed [m/s]")
         axes.legend(fontsize=11, ncols=2, loc="center")
-    figure.savefig(path)
+    save(figure, path)
 
 
 def states(path: Path, shown: Mapping[str, Sequence[State]], size: Sequence[float]) -> None:
@@ -73,20 +67,23 @@ def states(path: Path, shown: Mapping[str, Sequence[State]], size: Sequence[floa
 
     size: what is shown, from the origin [m].
     """
+    from matplotlib.colors import ListedColormap
+
     times = next(iter(shown.values()))
-    figure, grid = _figure(len(times), len(shown), (5.6 * len(shown), 3.7 * len(times)))
+    figure = new_figure(5.6 * len(shown), 3.7 * len(times), dpi=120)
+    grid = figure.subplots(len(times), len(shown), squeeze=False)
     for column, (rule, several) in enumerate(shown.items()):
         for axes, state in zip(grid[:, column], several, strict=True):
             x, y = state.position.T
             if state.cell_fluid is None:  # through the middle of the edges: where interpolated labels are one half
-                axes.tricontourf(x, y, state.cells, state.fluid.astype(float), levels=[-1, 0.5, 2], colors=FILL.colors)
+                axes.tricontourf(x, y, state.cells, state.fluid.astype(float), levels=[-1, 0.5, 2], colors=FILL)
             else:
                 axes.tripcolor(
                     x,
                     y,
                     state.cells,
                     facecolors=state.cell_fluid.astype(float),
-                    cmap=FILL,
+                    cmap=ListedColormap(FILL),
                     vmin=0,
                     vmax=1,
                     antialiased=False,
@@ -101,7 +98,7 @@ def states(path: Path, shown: Mapping[str, Sequence[State]], size: Sequence[floa
         axes.set_xlabel("x [m]", fontsize=13)
     for axes in grid[:, 0]:
         axes.set_ylabel("y [m]", fontsize=13)
-    figure.savefig(path)
+    save(figure, path)
 
 
 def budget(path: Path, histories: Mapping[str, Sequence[Mapping[str, float]]], volume: Mapping[str, float]) -> None:
@@ -109,8 +106,8 @@ def budget(path: Path, histories: Mapping[str, Sequence[Mapping[str, float]]], v
 
     histories: rule -> rows of history.csv.  volume: rule -> the water's at the start [m^2].
     """
-    figure, (row,) = _figure(1, 3, (14.0, 4.6))
-    energy, momentum, error = row
+    figure = new_figure(14.0, 4.6, dpi=120)
+    energy, momentum, error = figure.subplots(1, 3)
     for rule, history in histories.items():
         table = {name: np.array([line[name] for line in history]) for name in history[0]}
         t, style = table["time"], STYLE[rule]
@@ -125,13 +122,14 @@ def budget(path: Path, histories: Mapping[str, Sequence[Mapping[str, float]]], v
     _label(energy, "Energy lost", "t [s]", "[J/m]")
     _label(momentum, "Momentum changed by remeshing", "t [s]", "[N s/m]")
     _label(error, "Change of the water's volume", "t [s]", "relative")
-    figure.savefig(path)
+    save(figure, path)
 
 
 def decay(path: Path, curves: Mapping[str, tuple[Array, Array]]) -> None:
     """Kinetic energy over time: rule -> time [s] and energy over its largest (K,)."""
-    figure, ((axes,),) = _figure(1, 1, (8.0, 4.8))
+    figure = new_figure(8.0, 4.8, dpi=120)
+    axes = figure.add_subplot()
     for rule, (time, energy) in curves.items():
         axes.semilogy(time, energy, label=rule, **STYLE[rule])
     _label(axes, "Two viscous layers come to rest", "t [s]", "kinetic energy / largest")
-    figure.savefig(path)
+    save(figure, path)

@@ -1,0 +1,1 @@
+"""Benchmarks: how fast a step is, and where its time goes."""

@@ -1,0 +1,75 @@
+"""Figures of the demos: one that draws into memory whatever the user's back end is, and lines over a common axis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from numpy.typing import ArrayLike
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Okabe and Ito's colours, distinct under colour blindness; dashes and markers tell the series apart too.
+BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY = "#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9"
+COLOURS = (BLUE, VERMILION, GREEN, PURPLE)
+DASHES = ("-", "--", "-.", ":")
+MARKERS = ("o", "s", "^", "D")
+LINES = [("#000000", "--"), (BLUE, "-"), (VERMILION, "-."), (PURPLE, ":")]
+
+
+def new_figure(width: float, height: float, *, dpi: int = 150) -> Figure:
+    """An empty figure of a width and height [inches]. Opens no window.
+
+    Raises:
+        ImportError: there is no matplotlib.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise ImportError("the figure needs matplotlib; it comes with the extra tipfem[plot]") from error
+    figure = Figure(figsize=(width, height), dpi=dpi, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save(figure: Figure, path: str | Path) -> Path:
+    """Write a figure to a file, whose ending is the format; make its folder. Returns the path."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path)
+    return path
+
+
+def plot_lines(
+    path: str | Path, series: Mapping[str, tuple[ArrayLike, ArrayLike]], x_label: str, y_label: str, *, title: str = ""
+) -> Path:
+    """Draw lines over a common axis.
+
+    Args:
+        path: of the picture; its ending is the format.
+        series: label -> (x (K,), y (K,)).
+        x_label: of the axis.
+        y_label: of the axis.
+        title: above the figure.
+
+    Returns:
+        The picture's path.
+
+    Raises:
+        ImportError: there is no matplotlib.
+    """
+    figure = new_figure(8.0, 5.0)
+    axes = figure.add_subplot()
+    for number, (label, (x, y)) in enumerate(series.items()):
+        colour, dash = LINES[number % len(LINES)]
+        axes.plot(x, y, color=colour, linestyle=dash, linewidth=2.0, label=label)
+    axes.set_title(title, fontsize=15)
+    axes.set_xlabel(x_label, fontsize=14)
+    axes.set_ylabel(y_label, fontsize=14)
+    axes.tick_params(labelsize=12)
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=11)
+    return save(figure, path)

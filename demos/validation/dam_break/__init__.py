@@ -1,0 +1,1 @@
+"""The dam break of Martin & Moyce."""

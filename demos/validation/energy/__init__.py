@@ -1,0 +1,1 @@
+"""The energy budget of the dam break."""

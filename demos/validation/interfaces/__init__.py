@@ -1,0 +1,1 @@
+"""The two interface rules side by side."""

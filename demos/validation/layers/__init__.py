@@ -1,0 +1,1 @@
+"""Layers of fluids under gravity against hydrostatics."""

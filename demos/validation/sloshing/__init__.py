@@ -1,0 +1,1 @@
+"""A standing wave against linear theory."""

@@ -1,0 +1,1 @@
+"""Walls that slip, slide and move against closed forms."""

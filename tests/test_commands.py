@@ -1,0 +1,101 @@
+"""The command `tipfem`: its help, the list of demos, and running one."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+
+import pytest
+from demo_runs import DEMOS, python
+
+from tipfem import commands
+
+SCRIPTS = sorted(path.stem for path in DEMOS.glob("*.py") if path.stem not in ("__init__", "harness"))
+
+
+def test_the_list_has_every_demo_with_a_line(capsys):
+    """Under their headings; helpers are not listed."""
+    commands.demo()
+    lines = capsys.readouterr().out.splitlines()
+    first, second, third = (lines.index(f"{heading}:") for heading in commands.SECTIONS.values())
+    assert [line.split()[0] for line in lines[first + 1 : second - 1]] == SCRIPTS
+    assert len(SCRIPTS) >= 7
+    studies = [line.split()[0] for line in lines[second + 1 : third - 1]]
+    assert studies == [f"validation/{name}" for name in ("dam_break", "energy", "interfaces", "walls")]
+    assert lines[third + 1].split()[0] == "benchmarks/performance"
+    listed = [line for line in lines if line.startswith("  ")]
+    assert all(len(line.split()) > 4 for line in listed)
+    assert max(map(len, lines)) <= 130
+
+
+def test_help_needs_no_taichi():
+    """Neither the help nor the list imports it: they are there at once."""
+    code = "import sys; from tipfem import commands; commands.demo(); sys.exit('taichi' in sys.modules)"
+    done = python("-c", code)
+    assert done.returncode == 0, done.stderr
+    assert "dam_break" in done.stdout
+    shown = python("-m", "tipfem", "--help")
+    assert shown.returncode == 0
+    assert "demo" in shown.stdout
+    assert "Run a demo" in python("-m", "tipfem", "demo", "--help").stdout
+
+
+def test_the_command_a_user_types(tmp_path):
+    """What README says a fresh installation can do."""
+    words = ["--spacing", "0.02", "--end-time", "0.1", "--no-frames", "--out", tmp_path]
+    done = python("-m", "tipfem", "demo", "dam_break", *words)
+    assert done.returncode == 0, done.stderr
+    assert "check: passed" in done.stdout
+    assert json.loads((tmp_path / "summary.json").read_text())["spacing"] == 0.02
+
+
+def test_each_demo_shows_its_options():
+    """A demo's own --help, and not that of `tipfem demo`."""
+    done = python("-m", "tipfem", "demo", "layers_at_rest", "--help")
+    assert done.returncode == 0
+    assert done.stdout.startswith("usage: tipfem demo layers_at_rest ")
+    assert "--layers" in done.stdout
+
+
+def test_a_demo_that_is_not_there():
+    with pytest.raises(SystemExit, match="there is no demo 'dam_brake'"):
+        commands.demo("dam_brake")
+
+
+def test_the_arguments_of_the_process_are_put_back():
+    before = sys.argv
+    with pytest.raises(SystemExit):
+        commands.demo("sloshing", "--spacing", "nothing")
+    assert sys.argv is before
+
+
+def test_the_console_script_is_the_same_command():
+    scripts = (DEMOS.parent / "pyproject.toml").read_text().partition("[project.scripts]")[2]
+    assert scripts.split("\n")[1] == 'tipfem = "tipfem.commands:main"'
+    assert callable(commands.main)
+
+
+def test_a_copy_of_a_demo_runs_anywhere(tmp_path):
+    """Copied out of the repository and changed, a demo still runs."""
+    copy = tmp_path / "mine.py"
+    copy.write_text((DEMOS / "dam_break.py").read_text().replace("(0.146, 0.292)", "(0.2, 0.2)"))
+    done = python(copy, "--spacing", "0.04", "--end-time", "0.02", "--no-frames", "--out", tmp_path / "out")
+    assert "check: " in done.stdout
+    with (tmp_path / "out" / "history.csv").open() as file:
+        assert float(next(csv.DictReader(file))["volume_water"]) == pytest.approx(0.04, rel=1e-3)
+
+
+def test_a_refused_case_names_the_line_of_the_script(tmp_path):
+    """One line; an error of the script's own keeps its traceback."""
+    lines = ["import tipfem as tp", "from tipfem.demos import harness"]
+    lines += ["harness.options('', spacing=1, end_time=1, time_step=1, frames_per_second=1, out='out')"]
+    bad = tmp_path / "bad.py"
+    bad.write_text("\n".join([*lines, "tp.Fluid('water', density=-1.0, viscosity=1.0)"]))
+    done = python(bad)
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith("error: ")
+    assert "(bad.py, line 4)" in done.stderr
+    bad.write_text("\n".join([*lines, "float('nothing')"]))
+    assert "Traceback" in python(bad).stderr

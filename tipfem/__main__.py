@@ -1,0 +1,6 @@
+"""python -m tipfem"""
+
+from tipfem.commands import main
+
+if __name__ == "__main__":
+    main()

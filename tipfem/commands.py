@@ -1,0 +1,111 @@
+"""The command `tipfem`, which is also `python -m tipfem`.
+
+What a command needs is imported when it runs: its help needs no Taichi.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import runpy
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import App, Parameter
+
+import tipfem
+
+app = App(
+    name="tipfem",
+    help="Two immiscible incompressible fluids by the position-based Particle Finite Element Method.",
+    version=tipfem.__version__,
+)
+
+# Where the demos are, and what the list calls them; a run.py has the name of its folder.
+SECTIONS = {"*.py": "Demos", "validation/*/run.py": "Validation", "benchmarks/*.py": "Benchmarks"}
+
+
+def demo_folder() -> Path:
+    """Where the demos are installed.
+
+    Raises:
+        SystemExit: they are not.
+    """
+    found = importlib.util.find_spec("tipfem.demos")
+    if found is None or not found.submodule_search_locations:
+        raise SystemExit("error: the demos are not installed with this tipfem")
+    return Path(next(iter(found.submodule_search_locations)))
+
+
+def find_demos() -> dict[str, dict[str, Path]]:
+    """The scripts that can be run, by the headings of `SECTIONS` and the names that `tipfem demo` takes."""
+    root = demo_folder()
+    return {
+        heading: {
+            path.relative_to(root).as_posix().removesuffix("/run.py").removesuffix(".py"): path
+            for path in sorted(root.glob(pattern))
+            if _is_script(path)
+        }
+        for pattern, heading in SECTIONS.items()
+    }
+
+
+def _is_script(path: Path) -> bool:
+    text = path.read_text(encoding="utf-8")
+    return "\nharness.run(" in text or "\nif __name__ == " in text
+
+
+def headline(path: Path) -> str:
+    """The first sentence of a script's docstring."""
+    text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    return " ".join(text.split("\n\n")[0].split()).rstrip(".")
+
+
+def list_demos() -> str:
+    """All demos with a line each, under headings."""
+    sections = find_demos()
+    width = max(len(name) for scripts in sections.values() for name in scripts)
+    lines = []
+    for heading, scripts in sections.items():
+        lines += [f"{heading}:", *(f"  {name:{width}}  {headline(path)}" for name, path in scripts.items()), ""]
+    return "\n".join([*lines, "Run one by `tipfem demo NAME`; its options are listed by `tipfem demo NAME --help`."])
+
+
+@app.command(help_flags=[], version_flags=[])
+def demo(
+    name: Annotated[str, Parameter(allow_leading_hyphen=True)] = "",
+    /,
+    *options: Annotated[str, Parameter(allow_leading_hyphen=True)],
+) -> None:
+    """Run a demo; without a name, list all demos.
+
+    Parameters
+    ----------
+    name
+        Of the demo, such as dam_break or validation/walls.
+    options
+        Of the demo, such as --spacing 0.01; `tipfem demo NAME --help` lists them.
+    """
+    if name in ("-h", "--help"):
+        app.help_print(["demo"])
+        return
+    if not name:
+        print(list_demos())
+        return
+    paths = dict(item for scripts in find_demos().values() for item in scripts.items())
+    path = paths.get(name.removesuffix(".py"))
+    if path is None:
+        raise SystemExit(f"error: there is no demo {name!r}; `tipfem demo` lists all of them")
+    module = ".".join(("tipfem.demos", *path.relative_to(demo_folder()).with_suffix("").parts))
+    before = sys.argv
+    sys.argv = [f"tipfem demo {name}", *options]
+    try:
+        runpy.run_module(module, run_name="__main__")
+    finally:
+        sys.argv = before
+
+
+def main() -> None:
+    """Entry point of the command `tipfem`."""
+    app()
