@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial import Delaunay
 
 from tipfem.mesh.mesh import Mesh, simplex_measure
+from tipfem.remesh.edges.edge_operations import ACCELERATION, COLUMNS, MASS, TARGET, VELOCITY
 from tipfem.remesh.triangulation import Triangulation
 from tipfem.remesh.volumes import label_components
 
@@ -16,9 +17,9 @@ def of(position, cells, fluid=None, *, wall=None, density=None) -> Triangulation
     """A triangulation of one fluid, or of those given, at rest; particles on the hull are walls unless told."""
     cells = np.ascontiguousarray(cells, dtype=np.int32)
     mesh = Mesh(position, cells)
-    state = np.zeros((len(position), 9))
+    state = np.zeros((len(position), COLUMNS))
     state[:, :2] = position
-    state[:, 8] = 1.0
+    state[:, TARGET] = 1.0
     corner = np.full(len(position), -1, dtype=np.int32)
     corner[cells.ravel()] = np.arange(cells.size, dtype=np.int32) // 3
     fluid = np.zeros(len(cells), dtype=np.int32) if fluid is None else np.array(fluid, dtype=np.int32)
@@ -30,7 +31,7 @@ def of(position, cells, fluid=None, *, wall=None, density=None) -> Triangulation
     t = Triangulation(
         state, cells.copy(), mesh.neighbours.copy(), fluid, corner, np.array(wall, dtype=np.int32), density
     )
-    t.state[:, 7] = masses(t)
+    t.state[:, MASS] = masses(t)
     return t
 
 
@@ -43,7 +44,7 @@ def masses(t: Triangulation) -> np.ndarray:
 
 def momentum(t: Triangulation) -> np.ndarray:
     """(2,) of all particles, by the masses of their triangles."""
-    return masses(t) @ t.state[:, 2:4]
+    return masses(t) @ t.state[:, VELOCITY:ACCELERATION]
 
 
 def areas(t: Triangulation) -> np.ndarray:

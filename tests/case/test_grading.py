@@ -11,6 +11,7 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 import tipfem as tp
+from tipfem.backend.launch import launch
 from tipfem.case.grading import Grading, graded, thinned
 from tipfem.case.numerics import FittedRule
 from tipfem.mesh.components import ON_INTERFACE
@@ -18,7 +19,7 @@ from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh.fitted import hull_corners, repair
 from tipfem.remesh.remeshers import FittedRemesher
-from tipfem.remesh.sizing import limit_growth
+from tipfem.remesh.sizing import limit_gradation
 
 WATER = tp.Fluid("water", density=998.0, viscosity=1e-3)
 AIR = tp.Fluid("air", density=1.2, viscosity=1.8e-5)
@@ -86,7 +87,7 @@ def test_growth_is_limited_along_every_edge_of_a_mesh(growth):
         np.minimum.at(expected, edges[:, 0], expected[edges[:, 1]] + growth * length)
     for cells in (mesh.cells, mesh.cells[rng.permutation(len(mesh.cells))][:, [2, 0, 1]].copy()):
         target = wish.copy()
-        assert limit_growth(x, cells, target, np.zeros(len(x), dtype=np.int32), growth, len(cells)) < 100
+        assert launch(limit_gradation, x, cells, target, np.zeros(len(x), dtype=np.int32), growth) < 100
         np.testing.assert_allclose(target, expected, rtol=1e-8)
 
 

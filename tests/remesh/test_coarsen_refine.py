@@ -1,54 +1,20 @@
-"""tipfem/remeshing_kernels.py: who is taken out, where particles are put in, and what becomes of momentum."""
+"""Which particles are removed, where some are inserted, and what becomes of momentum."""
 
 import numpy as np
 import pytest
 from triangulations import areas, as_set, border, check, cloud, delaunay, grid, masses, momentum, of
 
-from tipfem.backend.launch import launch
 from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.remesh import fitted
-from tipfem.remesh.edges import coarsen_refine as kernels
-from tipfem.remesh.edges.edge_operations import STAR
-from tipfem.remesh.fitted import Triangulation
+from tipfem.remesh.triangulation import Crowding, Triangulation
 
 
-def coarsened(t: Triangulation, close, chain, edge, held=None, *, film=0.0, most=1000) -> np.ndarray:
-    """The particles that go."""
-    n = len(t.state)
-    held = np.zeros(n, dtype=np.int32) if held is None else held.astype(np.int32)
-    freed, count = np.empty(n, dtype=np.int32), np.zeros(3, dtype=np.int32)
-    launch(
-        kernels.coarsen,
-        t.state,
-        t.cells,
-        t.neighbours,
-        t.fluid,
-        t.corner,
-        held,
-        t.wall,
-        t.density,
-        np.empty(4 * (STAR + 1), dtype=np.int32),
-        np.empty(max(n, len(t.cells)), dtype=np.int32),
-        np.zeros(len(t.cells), dtype=np.int8),
-        freed,
-        np.empty(len(t.cells)),
-        np.empty(1, dtype=np.int32),
-        np.empty(1),
-        count,
-        len(t.cells),
-        n,
-        close,
-        chain,
-        edge,
-        film,
-        0.02,
-        most,
-        0.0,
-        0,
-        0,
-        work=(1, 1.0),
-    )
-    return freed[: count[0]]
+def coarsened(t: Triangulation, too_close, along_interface, to_interface, held=None, *, film=0.0, most=1000):
+    """The particles that are removed."""
+    held = np.zeros(len(t.state), dtype=bool) if held is None else held
+    before = len(t.removed)
+    t.coarsen(held, Crowding(too_close, along_interface, to_interface, film, 0.02), most=most)
+    return t.removed[before:]
 
 
 def wavy(wall=None, density=(1.0, 1000.0)):
@@ -224,35 +190,11 @@ def test_an_interface_that_comes_close_to_a_wall_meets_it(height, goes):
 
 def refined(t: Triangulation, new: int) -> int:
     """Put ``new`` particles on the longest edges; how many found room."""
-    n, more = len(t.state), len(t.cells)
-    t.state = np.concatenate([t.state, np.zeros((new, 9))])
-    t.wall, t.corner = (np.concatenate([a, np.full(new, -1, dtype=np.int32)]) for a in (t.wall, t.corner))
+    t.provide(new)
     edges, _ = t.longest_edges(0.5)
-    spare = 2 * new + 1
-    t.cells = np.concatenate([t.cells, np.zeros((spare, 3), dtype=np.int32)])
-    t.neighbours = np.concatenate([t.neighbours, np.full((spare, 3), -1, dtype=np.int32)])
-    t.fluid = np.concatenate([t.fluid, np.full(spare, -1, dtype=np.int32)])
-    count = np.zeros(2, dtype=np.int32)
-    launch(
-        kernels.refine,
-        t.state,
-        t.cells,
-        t.neighbours,
-        t.fluid,
-        t.corner,
-        t.wall,
-        t.density,
-        np.zeros(len(t.cells), dtype=np.int32),
-        edges,
-        len(edges),
-        np.arange(more, more + spare, dtype=np.int32),
-        np.arange(n, n + new, dtype=np.int32),
-        count,
-        0.2,
-        new,
-    )
+    t.refine(edges, 0.2)
     t.compact()
-    return int(count[0])
+    return new - len(t.removed)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -298,13 +240,13 @@ def test_a_coarsening_finds_the_edges_that_a_look_at_all_cells_does(every):
             t = rough(seed, wall=True)
             t.make_delaunay(1e-3)
             held = t.wall.astype(bool)
-            edges, needed = t.coarsen(held, 0.9, 0.8, 0.4, 0.0, 0.02, most, long=1.1, every=every)
-            assert (len(t.freed) > 0) == (most > 0)
+            edges, needed = t.coarsen(held, Crowding(0.9, 0.8, 0.4, 0.0, 0.02, 1.1), most=most, every_edge=every)
+            assert (len(t.removed) > 0) == (most > 0)
             assert len(edges) > 0
             if every:
                 np.testing.assert_array_equal(edges, t.long_edges(1.1))
             else:
-                expected, number = t.longest_edges(1.1, t.wanted_edges())
+                expected, number = t.longest_edges(1.1, t.candidates())
                 np.testing.assert_array_equal(edges, expected)
                 assert needed == number
 

@@ -1,4 +1,4 @@
-"""tipfem/surgery.py: against brute force and exact arithmetic."""
+"""Edge operations against brute force and exact arithmetic."""
 
 from fractions import Fraction
 
@@ -9,6 +9,7 @@ from triangulations import as_set, border, check, circle_test, cloud, delaunay, 
 
 from tipfem.mesh.mesh import simplex_measure
 from tipfem.remesh.edges import edge_operations
+from tipfem.remesh.edges.edge_operations import Segment, TriangleArrays
 
 
 @ti.kernel
@@ -29,9 +30,10 @@ def split_edge(
     t2: ti.i32,
     o2: ti.i32,
 ):
+    mesh = ti.static(TriangleArrays(None, cells, neighbours, fluid, corner))
     ti.loop_config(serialize=True)
     for _ in range(1):
-        edge_operations.split(cells, neighbours, corner, fluid, t, i, n, t2, o2)
+        edge_operations.split(mesh, t, i, n, t2, o2)
 
 
 @ti.kernel
@@ -43,9 +45,10 @@ def star_of(
     star: ti.types.ndarray(),
     result: ti.types.ndarray(),
 ):
+    mesh, around = ti.static(TriangleArrays(None, cells, neighbours, None, corner), Segment(star))
     ti.loop_config(serialize=True)
     for _ in range(1):
-        count, closed = edge_operations.collect_star(cells, neighbours, corner, p, star, 0)
+        count, closed = edge_operations.collect_star(mesh, around, p)
         result[0], result[1] = count, closed
 
 
@@ -62,11 +65,12 @@ def collapse_edge(
     least: ti.f64,
     done: ti.types.ndarray(),
 ):
+    mesh, around = ti.static(TriangleArrays(x, cells, neighbours, fluid, corner), Segment(star))
     ti.loop_config(serialize=True)
     for _ in range(1):
-        count, _closed = edge_operations.collect_star(cells, neighbours, corner, p, star, 0)
-        if edge_operations.can_collapse(x, cells, star, 0, count, p, q, least):
-            edge_operations.collapse(cells, neighbours, corner, fluid, star, 0, count, p, q)
+        count, _closed = edge_operations.collect_star(mesh, around, p)
+        if edge_operations.can_collapse(mesh, around, count, p, q, least):
+            edge_operations.collapse(mesh, around, count, p, q)
             done[0] = 1
 
 

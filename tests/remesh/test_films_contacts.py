@@ -1,11 +1,11 @@
-"""tipfem/interface_kernels.py: particles of interfaces and walls, films that break, contacts that slide."""
+"""Repairs of interfaces: particles of interfaces and walls, films that break, contacts that slide."""
 
 import numpy as np
 import pytest
 from triangulations import areas, border, check, cloud, delaunay, grid, masses, of
 
 from tipfem.mesh.mesh import simplex_measure
-from tipfem.remesh.fitted import Triangulation
+from tipfem.remesh.triangulation import Triangulation
 
 
 def test_marks_are_of_interfaces_and_of_the_hull():
@@ -20,10 +20,16 @@ def test_marks_are_of_interfaces_and_of_the_hull():
         assert set(expected) == {0, 1, 2, 3}
 
 
+def repaired(t: Triangulation, held, displacement, *, reach=0.0, film=0.0, sliver=0.0) -> tuple[int, int]:
+    """How many cells of films break, and how many slivers are absorbed."""
+    limits = {"reach": reach, "gap": 0.35, "least_area": 0.02, "film": film, "sliver": sliver}
+    return t.repair_interfaces(held, displacement, **limits)
+
+
 def break_films(t: Triangulation, thin: float) -> int:
     """How many cells break."""
     held, still = np.ones(len(t.state), dtype=np.int32), np.zeros((len(t.state), 2))
-    return t.tidy(held, still, 0.0, 0.35, 0.02, thin, 0.0)[0]
+    return repaired(t, held, still, film=thin)[0]
 
 
 def broken(height: float) -> tuple[int, np.ndarray]:
@@ -59,7 +65,7 @@ def test_a_layer_with_particles_inside_is_no_film():
 def slide(t: Triangulation, held, reach: float = 2.0, way: float = 10.0) -> None:
     """Let all contacts slide but those held, after a step of length ``way`` of all that is not on a wall."""
     mark = t.marks()
-    assert t.tidy(held, np.where(mark < 2, [[way], [0.0]], 0.0).T, reach, 0.35, 0.02, 0.0, 0.0) == (0, 0)
+    assert repaired(t, held, np.where(mark < 2, [[way], [0.0]], 0.0).T, reach=reach) == (0, 0)
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.3, -0.7])

@@ -1,4 +1,4 @@
-"""tipfem/flip_kernels.py: against Qhull, and what becomes of momentum."""
+"""Flips against Qhull, and what becomes of momentum."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ from triangulations import (
 
 from tipfem.mesh.mesh import simplex_measure
 from tipfem.remesh.edges import edge_operations
-from tipfem.remesh.fitted import Triangulation
+from tipfem.remesh.triangulation import Crowding, Triangulation
 
 
 @ti.kernel
@@ -34,16 +34,17 @@ def flip_edges(
     count: ti.types.ndarray(),
 ):
     """Flip those of ``edges`` (3 * cell + corner) that lie in one fluid and in a convex quadrilateral."""
+    mesh = ti.static(edge_operations.TriangleArrays(x, cells, neighbours, fluid, corner))
     ti.loop_config(serialize=True)
     for k in range(edges.shape[0]):
         t, i = edges[k] // 3, edges[k] % 3
         o = neighbours[t, i]
         if o >= 0:
             a, b, c = cells[t, i], cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
-            d = cells[o, edge_operations.place(neighbours, o, t)]
+            d = cells[o, edge_operations.column_of(neighbours, o, t)]
             convex = edge_operations.double_area(x, a, b, d) > flat and edge_operations.double_area(x, a, d, c) > flat
             if fluid[o] == fluid[t] and convex:
-                edge_operations.flip(cells, neighbours, corner, t, i)
+                edge_operations.flip(mesh, t, i)
                 count[0] += 1
 
 
@@ -115,15 +116,15 @@ def test_after_changes_of_its_own_only_what_changed_is_looked_at():
     for seed in range(20):
         x = 8 * cloud("jittered lattice", seed)
         results = []
-        for again in (False, True):
+        for stale_only in (False, True):
             t = of(x, delaunay(x))
             shuffled(t, seed)
             t.make_delaunay(1e-3)
-            t.coarsen(t.wall.astype(bool), 0.8, 0.1, 0.2, 0.0, 0.02, most=len(x))
-            assert len(t.freed)
-            edges, _ = t.longest_edges(1.5, t.wanted_edges())
+            t.coarsen(t.wall.astype(bool), Crowding(0.8, 0.1, 0.2, 0.0, 0.02), most=len(x))
+            assert len(t.removed)
+            edges, _ = t.longest_edges(1.5, t.candidates())
             t.refine(edges, 0.1)
-            flips += t.make_delaunay(1e-3, again=again)
+            flips += t.make_delaunay(1e-3, stale_only=stale_only)
             results.append((t.state, t.cells, t.neighbours, t.fluid))
         for one, other in zip(*results, strict=True):
             np.testing.assert_array_equal(one, other)

@@ -7,8 +7,8 @@ import numpy as np
 from tipfem.backend.launch import launch
 from tipfem.mesh.delaunay import TriangulationError
 from tipfem.mesh.mesh import Mesh, simplex_measure
-from tipfem.remesh.edges.edge_operations import STAR
-from tipfem.remesh.insertion_kernels import set_elsewhere
+from tipfem.remesh.edges.edge_operations import COLUMNS
+from tipfem.remesh.insertion_kernels import SCRATCH, relocate_particles
 from tipfem.remesh.triangulation import Triangulation
 from tipfem.typing import Array
 
@@ -34,19 +34,17 @@ def repaired(mesh: Mesh, moved: Array, position: Array, moves: Array) -> Mesh | 
     if (simplex_measure(moved, mesh.cells) <= 0).any() or not np.array_equal(carried, position):
         return None
     t = _triangulation(mesh, moved)
-    star = np.empty(2 * (STAR + 1), dtype=np.int32)
     if len(moves):
         done = launch(
-            set_elsewhere,
+            relocate_particles,
             t.state,
             t.cells,
             t.neighbours,
             t.fluid,
             t.corner,
-            star,
             moves.astype(np.int32),
             np.ascontiguousarray(position[moves[:, 0]]),
-            len(moves),
+            np.empty(SCRATCH, dtype=np.int32),
             0.0,
         )
         if done < len(moves):
@@ -64,7 +62,7 @@ def repaired(mesh: Mesh, moved: Array, position: Array, moves: Array) -> Mesh | 
 def _triangulation(mesh: Mesh, moved: Array) -> Triangulation:
     """A copy of the mesh that can be changed; without masses, for these flips move no momentum."""
     count, cells = len(moved), mesh.cells.copy()
-    state = np.zeros((count, 8))
+    state = np.zeros((count, COLUMNS))
     state[:, :2] = moved
     corner = np.full(count, -1, dtype=np.int32)
     corner[cells.ravel()] = np.arange(cells.size, dtype=np.int32) // 3

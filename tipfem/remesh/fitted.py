@@ -15,7 +15,7 @@ from tipfem.case.numerics import FittedRule
 from tipfem.case.particles import Particles
 from tipfem.mesh.delaunay import TriangulationError
 from tipfem.mesh.mesh import Mesh
-from tipfem.remesh.triangulation import Triangulation
+from tipfem.remesh.triangulation import Crowding, Triangulation
 from tipfem.remesh.volumes import restore_volumes, with_components
 from tipfem.timers import timer
 from tipfem.typing import Array
@@ -28,6 +28,7 @@ WIDER = 1.15  # the rule's limits are that much wider then: as many particles st
 ROUNDS = ((0.6, 1.0), (0.6, 1.0), (0.5, 1.2), (0.4, 1.4), (0.3, 1.6))
 # Height over a long interface edge, in target spacings, below which a particle is taken to be on it.
 SLIVER = 0.05
+GAP = 0.35  # that a contact leaves to the next particles on its wall, in target spacings
 LEAST = 0.02  # twice the smallest area that a change may leave, in target spacings squared
 
 
@@ -81,13 +82,20 @@ def repair(
     held = fixed.astype(bool)
     with timer("flips"):
         t = Triangulation.of(particles, mesh, density, moved, rule.flip_tolerance)
-        flips = t.make_delaunay(rule.flip_tolerance, again=True)
+        flips = t.make_delaunay(rule.flip_tolerance, stale_only=True)
     sticks = held if slippery is None else held | (slippery > 0)
-    way = particles.position - mesh.position
     with timer("interface repair"):
-        broken, taken = t.tidy(sticks, way, rule.contact_reach, 0.35, LEAST, rule.thin_film, SLIVER)
+        broken, taken = t.repair_interfaces(
+            sticks,
+            particles.position - mesh.position,
+            reach=rule.contact_reach,
+            gap=GAP,
+            least_area=LEAST,
+            film=rule.thin_film,
+            sliver=SLIVER,
+        )
         if taken:
-            flips += taken + t.make_delaunay(rule.flip_tolerance, again=True)
+            flips += taken + t.make_delaunay(rule.flip_tolerance, stale_only=True)
     with timer("relocation"):
         relocated = _follow_targets(t, held, rule) if graded else _set_elsewhere(t, held, rule)
     t.compact()
@@ -98,8 +106,8 @@ def repair(
     if not (flips or broken or relocated.any() or (position != particles.position).any()):
         return Repaired(particles, mesh.moved(particles.position), relocated)
     renumbered = None
-    if len(t.freed) or len(t.state) > len(particles):
-        numbers, kept = t.drop()
+    if len(t.removed) or len(t.state) > len(particles):
+        numbers, kept = t.drop_removed()
         position, relocated = position.take(kept, axis=0), relocated.take(kept)
         renumbered = numbers[: len(particles)]
         assert new.components is not None
@@ -109,34 +117,48 @@ def repair(
 
 def _set_elsewhere(t: Triangulation, held: Array, rule: FittedRule) -> Array:
     """Take out particles that crowd others, and put them where the triangles are large; (N,) mask of them."""
-    sizes = (rule.too_close_along_interface, rule.too_close_to_interface, rule.thin_film, LEAST)
-    edges, needed = t.coarsen(held, rule.too_close, *sizes, most=len(held), long=rule.long_edge)
-    if needed > len(t.freed):
+    limits = Crowding(
+        too_close=rule.too_close,
+        along_interface=rule.too_close_along_interface,
+        to_interface=rule.too_close_to_interface,
+        film=rule.thin_film,
+        least_area=LEAST,
+        long_edge=rule.long_edge,
+    )
+    edges, needed = t.coarsen(held, limits, most=len(held))
+    if needed > len(t.removed):
         # Nothing that crowds is left to take: take from where particles stand closest.
-        edges, _ = t.coarsen(held, rule.removable, *sizes, most=needed - len(t.freed), long=rule.long_edge)
+        edges, _ = t.coarsen(held, limits._replace(too_close=rule.removable), most=needed - len(t.removed))
     relocated = np.zeros(len(held), dtype=bool)
-    relocated[t.freed] = True
+    relocated[t.removed] = True
     for room in ROOM:
-        if not len(t.freed):
+        if not len(t.removed):
             break
         t.refine(edges, room)
-        t.make_delaunay(rule.flip_tolerance, again=True)
-        if len(t.freed):
-            edges, _ = t.longest_edges(rule.long_edge, t.wanted_edges())
-    if len(t.freed):
-        raise TriangulationError(f"{len(t.freed)} particles that crowded others find no room elsewhere")
+        t.make_delaunay(rule.flip_tolerance, stale_only=True)
+        if len(t.removed):
+            edges, _ = t.longest_edges(rule.long_edge, t.candidates())
+    if len(t.removed):
+        raise TriangulationError(f"{len(t.removed)} particles that crowded others find no room elsewhere")
     return relocated
 
 
 def _follow_targets(t: Triangulation, held: Array, rule: FittedRule) -> Array:
     """Take out particles where they are too many and put some in where they are too few; (N',) mask of all these.
 
-    Those left over stay in ``t.freed``.
+    Those left over stay in ``t.removed``.
     """
     before = len(held)
-    sizes = (WIDER * rule.too_close_along_interface, rule.too_close_to_interface, rule.thin_film, LEAST)
-    edges, _ = t.coarsen(held, WIDER * rule.too_close, *sizes, most=before, long=WIDER * rule.long_edge, every=True)
-    gone = t.freed
+    limits = Crowding(
+        too_close=WIDER * rule.too_close,
+        along_interface=WIDER * rule.too_close_along_interface,
+        to_interface=rule.too_close_to_interface,
+        film=rule.thin_film,
+        least_area=LEAST,
+        long_edge=WIDER * rule.long_edge,
+    )
+    edges, _ = t.coarsen(held, limits, most=before, every_edge=True)
+    gone = t.removed
     for number, (room, longer) in enumerate(ROUNDS):
         if number:
             edges = t.long_edges(longer * WIDER * rule.long_edge)
@@ -144,7 +166,7 @@ def _follow_targets(t: Triangulation, held: Array, rule: FittedRule) -> Array:
             break
         t.provide(len(edges))
         t.refine(edges, room)
-        t.make_delaunay(rule.flip_tolerance, again=True)
+        t.make_delaunay(rule.flip_tolerance, stale_only=True)
     relocated = np.zeros(len(t.state), dtype=bool)
     relocated[gone] = True
     relocated[before:] = True
@@ -159,7 +181,10 @@ def _taken(t: Triangulation, particles: Particles, new: Mesh, position: Array) -
         place = position[t.cells[np.argmin(new.measure), 0]].tolist()
         raise TriangulationError(f"the triangle at {place} has no area after the repair")
     state = particles.shallow_copy(
-        position=position, wall=t.wall.astype(bool), fluid=np.zeros(len(position), dtype=np.int32), **t.carried()
+        position=position,
+        wall=t.wall.astype(bool),
+        fluid=np.zeros(len(position), dtype=np.int32),
+        **t.particle_fields(),
     )
     mesh = Mesh(position, t.cells, t.fluid, components=new.components)
     return state, mesh.with_(neighbours=t.neighbours, measure=new.measure)

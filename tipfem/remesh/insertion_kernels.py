@@ -1,80 +1,114 @@
-"""Kernel that takes particles out of a triangulation and puts them into edges of it.
+"""Kernel that removes particles from a triangulation and inserts them into edges of it.
 
-Arrays are those of `edge_operations`; all runs in one thread.
+Arrays are those of `edge_operations.TriangleArrays`; all runs in one thread.
 """
 
 import taichi as ti
 
+from tipfem.backend.array_types import Ints1, Ints2, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.remesh.edges.edge_operations import (
     STAR,
+    Segment,
+    TriangleArrays,
     can_collapse,
     collapse,
     collect_star,
+    column_of,
     distance,
     double_area,
-    place,
+    entry,
     ring,
     split,
 )
 
-ON_EDGE = 1e-9  # how far beside an edge of length 1 a place may be by round-off
+ON_EDGE = 1e-9  # how far beside an edge of length 1 an insertion site may be by round-off
+SCRATCH = 2 * (STAR + 1)  # entries: two stars
+
+
+@ti.func
+def nearest_target(mesh: Template, star: Template, count, p, least):
+    """The nearest neighbour that particle p can be moved into, -1 for none; cells keep twice an area of ``least``."""
+    q, gap = -1, 1e30
+    for k in range(count):
+        r = ring(mesh, star, count, p, k)
+        length = distance(mesh.state, p, r)
+        if length < gap and can_collapse(mesh, star, count, p, r, least):
+            q, gap = r, length
+    return q
+
+
+@ti.func
+def removed_cells(mesh: Template, star: Template, count):
+    """The last two cells of a star that were removed, -1 for none: the last one, and the one before."""
+    last, before = -1, -1
+    for k in range(count):
+        if mesh.fluid[entry(star, k)] < 0:
+            before = last
+            last = entry(star, k)
+    return last, before
+
+
+@ti.func
+def edge_under(mesh: Template, star: Template, start, end, p):
+    """The edge from particle ``start`` towards ``end`` that particle p lies on: a cell and the corner opposite.
+
+    Another particle may have been inserted into the edge from ``start`` to ``end``: then the half that p lies on is
+    found. The cell is -1 for none. ``star`` is room for the cells around ``start``.
+    """
+    x = ti.static(mesh.state)
+    count, closed = collect_star(mesh, star, start)
+    t, i, near = -1, -1, -1
+    for k in range(count):
+        r = ring(mesh, star, count, start, k)
+        side = double_area(x, start, r, p) / distance(x, start, r) ** 2
+        ahead = (x[p, 0] - x[start, 0]) * (x[r, 0] - x[start, 0]) + (x[p, 1] - x[start, 1]) * (x[r, 1] - x[start, 1])
+        if ti.abs(side) < ON_EDGE and ahead > 0.0 and distance(x, start, p) < distance(x, start, r):
+            t, near = entry(star, k), r
+    if t >= 0 and (near == end or closed == 1):
+        i = 3 - column_of(mesh.cells, t, start) - column_of(mesh.cells, t, near)
+        if mesh.neighbours[t, i] < 0:
+            t = -1
+    else:
+        t = -1
+    return t, i
 
 
 @kernel
-def set_elsewhere(
-    x: ti.types.ndarray(),
-    cells: ti.types.ndarray(),
-    neighbours: ti.types.ndarray(),
-    fluid: ti.types.ndarray(),
-    corner: ti.types.ndarray(),
-    star: ti.types.ndarray(),
-    moves: ti.types.ndarray(),
-    target: ti.types.ndarray(),
-    count: ti.i32,
+def relocate_particles(
+    state: Reals2,
+    cells: Ints2,
+    neighbours: Ints2,
+    fluid: Ints1,
+    corner: Ints1,
+    moves: Ints2,
+    sites: Reals2,
+    scratch: Ints1,
     least: ti.f64,
 ) -> ti.i32:
-    """Particles moves[m, 0] go to target[m] (2,), which is on the edge from moves[m, 1] to moves[m, 2].
+    """Particles moves[m, 0] go to sites[m] (2,) [m], which is on the edge from moves[m, 1] to moves[m, 2].
 
-    First the particle's cells close over it, by a collapse of the shortest edge that leaves each twice the area
-    ``least``; then the edge is split. Returns how many were set before one could not be: ``count`` if all is well.
-    ``star`` is scratch for two stars.
+    First the particle is removed by a collapse of the shortest edge that leaves each cell twice the area ``least``;
+    then the other edge is split. Returns how many were relocated before one could not be: all if it is as many as there
+    are moves. scratch (SCRATCH,) is for this kernel's use.
     """
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, corner))
+    star, other_star = ti.static(Segment(scratch, 0), Segment(scratch, STAR + 1))
     done = 0
     ti.loop_config(serialize=True)
-    for m in range(count):
+    for m in range(moves.shape[0]):
         if done == m:
-            p, start, end = moves[m, 0], moves[m, 1], moves[m, 2]
-            n, closed = collect_star(cells, neighbours, corner, p, star, 0)
-            q, gap = -1, 1e30
+            p = moves[m, 0]
+            count, closed = collect_star(mesh, star, p)
+            q = -1
             if closed == 1:
-                for k in range(n):
-                    r = ring(cells, star, 0, n, p, k)
-                    length = distance(x, p, r)
-                    if length < gap and can_collapse(x, cells, star, 0, n, p, r, least):
-                        q, gap = r, length
+                q = nearest_target(mesh, star, count, p, least)
             if q >= 0:
-                collapse(cells, neighbours, corner, fluid, star, 0, n, p, q)
-                one, other = -1, -1
-                for k in range(n):
-                    if fluid[star[k]] < 0:
-                        other = one
-                        one = star[k]
-                x[p, 0], x[p, 1] = target[m, 0], target[m, 1]
-                around, closed2 = collect_star(cells, neighbours, corner, start, star, STAR + 1)
-                # A particle of another fluid may have been set into the same edge: then its half is what is split.
-                t, near = -1, -1
-                for k in range(around):
-                    r = ring(cells, star, STAR + 1, around, start, k)
-                    side = double_area(x, start, r, p) / distance(x, start, r) ** 2
-                    ahead = (x[p, 0] - x[start, 0]) * (x[r, 0] - x[start, 0]) + (x[p, 1] - x[start, 1]) * (
-                        x[r, 1] - x[start, 1]
-                    )
-                    if ti.abs(side) < ON_EDGE and ahead > 0.0 and distance(x, start, p) < distance(x, start, r):
-                        t, near = star[STAR + 1 + k], r
-                if t >= 0 and one >= 0 and other >= 0 and (near == end or closed2 == 1):
-                    i = 3 - place(cells, t, start) - place(cells, t, near)
-                    if neighbours[t, i] >= 0:
-                        split(cells, neighbours, corner, fluid, t, i, p, one, other)
-                        done += 1
+                collapse(mesh, star, count, p, q)
+                one, other = removed_cells(mesh, star, count)
+                state[p, 0], state[p, 1] = sites[m, 0], sites[m, 1]
+                t, i = edge_under(mesh, other_star, moves[m, 1], moves[m, 2], p)
+                if t >= 0 and one >= 0 and other >= 0:
+                    split(mesh, t, i, p, one, other)
+                    done += 1
     return done

@@ -20,7 +20,7 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.remesh.delaunay_repair import repaired
 from tipfem.remesh.fitted import hull_corners, particle_fluid, repair, with_fluids
 from tipfem.remesh.relocation import relocate
-from tipfem.remesh.sizing import limit_growth
+from tipfem.remesh.sizing import limit_gradation
 from tipfem.remesh.volumes import with_components
 from tipfem.timers import timer
 from tipfem.typing import Array
@@ -211,7 +211,7 @@ class FittedRemesher:
         at_interface = components.mark & ON_INTERFACE > 0
         target = grading.sizing(particles.position, particles.fluid, at_interface, largest, particles.spacing)
         lowered = np.zeros(len(target), dtype=np.int32)
-        launch(limit_growth, particles.position, mesh.cells, target, lowered, grading.growth, len(mesh.cells))
+        launch(limit_gradation, particles.position, mesh.cells, target, lowered, grading.growth)
         return target
 
 

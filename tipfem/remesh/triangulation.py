@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,21 +13,47 @@ from tipfem.mesh.delaunay import TriangulationError
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh.edges import coarsen_refine, films_contacts, flips
 from tipfem.remesh.edges import long_edges as edge_kernels
-from tipfem.remesh.edges.edge_operations import STAR
+from tipfem.remesh.edges.edge_operations import COLUMNS, CURRENT, STALE
+from tipfem.remesh.edges.long_edges import NEEDED, REMOVED, STORED
 from tipfem.remesh.volumes import label_components
 from tipfem.typing import Array
+
+# Nanoseconds of work at a cell when it is gathered, looked through for flips, for films and for crowding particles.
+GATHER, FIND_FLIPS, FIND_FILMS, FIND_CROWDING = 20.0, 40.0, 10.0, 15.0
+MUCH_LONGER = coarsen_refine.MUCH_LONGER
+
+
+class Crowding(NamedTuple):
+    """Limits below which particles crowd others, in target spacings; in the order of the kernel's constants.
+
+    Attributes:
+        too_close: distance inside a fluid.
+        along_interface: distance along an interface or a wall.
+        to_interface: distance of a particle inside a fluid to an edge of an interface or a wall.
+        film: distance of an interface to a wall, and of a contact to the next particle on the wall.
+        least_area: twice the area that a collapse must leave each cell, in target spacings squared.
+        long_edge: length from which on edges are long; 0 if they are not asked for.
+    """
+
+    too_close: float
+    along_interface: float
+    to_interface: float
+    film: float
+    least_area: float
+    long_edge: float = 0.0
 
 
 @dataclass
 class Triangulation:
-    """A triangulation that can be changed in place.
+    """A triangulation of N particles and M cells that can be changed in place.
 
     Attributes:
-        state: (N, 9) position, velocity, acceleration, pressure, lumped mass and target spacing of the particles.
-        cells, neighbours, fluid, corner: see `edge_operations`.
+        state: (N, COLUMNS) position, velocity, acceleration, pressure, lumped mass and target spacing of the particles;
+            the columns' names stand in `edge_operations`.
+        cells, neighbours, fluid, corner: see `edge_operations.TriangleArrays`.
         wall: (N,) 1 for wall particles.
         density: (F,) of the fluids [kg/m^3].
-        freed: particles that have been taken out and not been placed elsewhere yet.
+        removed: particles that were removed and are not inserted elsewhere yet, the free list of new ones.
     """
 
     state: Array
@@ -36,27 +63,32 @@ class Triangulation:
     corner: Array
     wall: Array
     density: Array
-    freed: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
-    _stale: Array = field(init=False)  # (M,) see `flips`
-    _marks: Array | None = field(init=False, default=None)  # flips and motion leave them; all else forgets them
+    removed: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
+    _stale: Array = field(init=False)  # (M,) int8, see `edge_operations.TriangleArrays`
+    _marks: Array | None = field(init=False, default=None)  # valid through flips and motion, reset by other changes
 
     def __post_init__(self) -> None:
-        self._stale = np.ones(len(self.cells), dtype=np.int8)
+        self._stale = np.full(len(self.cells), STALE, dtype=np.int8)
 
     @classmethod
-    def of(cls, particles: Particles, mesh: Mesh, density: Array, measure: Array, slack: float) -> Triangulation:
-        """A copy of ``mesh``, which must know its fluids of ``density`` (F,), moved to where ``particles`` are.
+    def of(cls, particles: Particles, mesh: Mesh, density: Array, measure: Array, tolerance: float) -> Triangulation:
+        """A copy of a mesh, moved to where its particles are, with room for some more cells.
 
-        ``measure`` (M,) are the triangles' areas there [m^2]. It has been looked through for what `make_delaunay` has
-        to do ``again``, and has some room for more cells.
+        Its cells are marked stale where `make_delaunay` may have something to flip with ``tolerance``.
+
+        Args:
+            particles: the N particles, with target spacings.
+            mesh: M triangles, which have fluids.
+            density: (F,) of the fluids [kg/m^3].
+            measure: (M,) areas of the triangles where the particles are [m^2].
+            tolerance: see `make_delaunay`.
         """
         assert mesh.fluid is not None
-        count = len(particles)
-        state, corner = np.empty((count, 9)), np.empty(count, dtype=np.int32)
-        elements = len(mesh.cells)
-        room = elements + elements // 64 + 64  # for cells to come
+        count, elements = len(particles), len(mesh.cells)
+        state, corner = np.empty((count, COLUMNS)), np.empty(count, dtype=np.int32)
+        room = elements + elements // 64 + 64
         cells, neighbours = np.empty((room, 3), dtype=np.int32), np.empty((room, 3), dtype=np.int32)
-        fluid, stale = np.full(room, -1, dtype=np.int32), np.zeros(room, dtype=np.int8)
+        fluid, stale = np.full(room, -1, dtype=np.int32), np.full(room, CURRENT, dtype=np.int8)
         cells[:elements], neighbours[:elements], fluid[:elements] = mesh.cells, mesh.neighbours, mesh.fluid
         launch(
             flips.gather,
@@ -71,10 +103,8 @@ class Triangulation:
             state,
             corner,
             stale,
-            count,
-            elements,
-            slack,
-            work=(elements, 20.0),
+            tolerance,
+            work=(elements, GATHER),
         )
         wall = particles.wall.astype(np.int32)
         t = cls(state, cells, neighbours, fluid, corner, wall, density)
@@ -82,24 +112,26 @@ class Triangulation:
         t._marks = None if mesh.components is None else mesh.components.mark.copy()
         return t
 
-    def carried(self) -> dict[str, Array]:
-        """What particles carry, by the names of `Particles`: all of `state` but positions and masses."""
+    def particle_fields(self) -> dict[str, Array]:
+        """The particles' fields by the names of `Particles`: all of `state` but positions and masses."""
         count = len(self.state)
-        velocity, acceleration, pressure, wanted = np.empty((count, 2)), np.empty((count, 2)), *np.empty((2, count))
-        launch(flips.scatter, self.state, velocity, acceleration, pressure, wanted, count)
-        return {"velocity": velocity, "acceleration": acceleration, "pressure": pressure, "target": wanted}
+        velocity, acceleration, pressure, spacing = np.empty((count, 2)), np.empty((count, 2)), *np.empty((2, count))
+        launch(flips.scatter, self.state, velocity, acceleration, pressure, spacing)
+        return {"velocity": velocity, "acceleration": acceleration, "pressure": pressure, "target": spacing}
 
-    def make_delaunay(self, slack: float, *, again: bool = False) -> int:
-        """Flip what is not Delaunay; how many flips it took.
+    def make_delaunay(self, tolerance: float, *, stale_only: bool = False) -> int:
+        """Flip edges that are not Delaunay; how many flips it took.
 
-        ``again``: but for this object's own changes, all was as it had to be after the last time.
+        Args:
+            tolerance: how far a particle may be inside a circumcircle, see `edge_operations.in_circle`.
+            stale_only: look only at cells that this object has marked or changed since the last time.
 
         Raises:
             TriangulationError: the flips did not come to an end.
         """
         elements = len(self.cells)
-        if not again:
-            self._stale = np.zeros(elements, dtype=np.int8)
+        if not stale_only:
+            self._stale = np.full(elements, CURRENT, dtype=np.int8)
             launch(
                 flips.find_flips,
                 self.state,
@@ -107,13 +139,12 @@ class Triangulation:
                 self.neighbours,
                 self.fluid,
                 self._stale,
-                elements,
-                slack,
-                work=(elements, 40.0),
+                tolerance,
+                work=(elements, FIND_FLIPS),
             )
-        count, stack = np.zeros(3, dtype=np.int32), np.empty(max(8 * elements, 64), dtype=np.int32)
+        counters, stack = np.zeros(flips.COUNTERS, dtype=np.int32), np.empty(max(8 * elements, 64), dtype=np.int32)
         while True:
-            count[2] = 0
+            counters[flips.STACK_FULL] = 0
             launch(
                 flips.make_delaunay,
                 self.state,
@@ -123,155 +154,157 @@ class Triangulation:
                 self.corner,
                 self.wall,
                 self.density,
-                stack,
                 self._stale,
+                stack,
                 np.empty(4, dtype=np.int32),
-                count,
-                elements,
-                slack,
+                counters,
+                tolerance,
             )
-            if count[1]:
-                raise TriangulationError(f"flipping edges does not come to an end ({count[0]} flips)")
-            if not count[2]:
-                return int(count[0])
+            count = int(counters[flips.FLIPS])
+            if counters[flips.ENDLESS]:
+                raise TriangulationError(f"flipping edges does not come to an end ({count} flips)")
+            if not counters[flips.STACK_FULL]:
+                return count
 
     def marks(self) -> Array:
-        """(N,) 1 for particles on an interface, 2 for those on the hull, 3 for both, 0 for others."""
+        """(N,) of the particles, see `tipfem.mesh.components.Components.mark`."""
         if self._marks is None:
             nowhere, fluids = np.zeros((len(self.state), 2)), int(self.fluid.max()) + 1
             self._marks = label_components(nowhere, self.cells, self.neighbours, self.fluid, fluids)[0].mark
         return self._marks
 
     def compact(self) -> None:
-        """Drop the cells that are gone."""
-        gone = np.flatnonzero(self.fluid < 0)
-        if not len(gone):
+        """Drop the removed cells."""
+        removed = np.flatnonzero(self.fluid < 0)
+        if not len(removed):
             return
-        # The last cells take the places of those that are gone.
-        count = len(self.cells) - len(gone)
+        # The last cells take the places of removed ones.
+        count = len(self.cells) - len(removed)
         last = np.arange(count, len(self.cells))
-        source, target = last[self.fluid[count:] >= 0], gone[gone < count]
+        source, goal = last[self.fluid[count:] >= 0], removed[removed < count]
         if not len(source):
             self.cells, self.neighbours, self.fluid = self.cells[:count], self.neighbours[:count], self.fluid[:count]
             self._stale = self._stale[:count]
             return
-        number = np.full(len(self.cells) + 1, -1, dtype=np.int32)  # beyond the hull stays -1
-        number[source] = target
+        number = np.full(len(self.cells) + 1, -1, dtype=np.int32)  # the last one is for -1, beyond the hull
+        number[source] = goal
         for array in (self.cells, self.neighbours, self.fluid):
-            array[target] = array[source]
+            array[goal] = array[source]
         self.cells, self.neighbours, self.fluid = self.cells[:count], self.neighbours[:count], self.fluid[:count]
-        self._stale = np.ones(count, dtype=np.int8)
+        self._stale = np.full(count, STALE, dtype=np.int8)
         for array in (self.neighbours, self.corner):
             far = array >= count
             array[far] = number[array[far]]
 
     def longest_edges(self, long: float, most: int | None = None) -> tuple[Array, int]:
-        """Edges by name (see `long_edges`), the longest first, but those of interfaces and hull that are longer
-        than ``long`` before all others, ``most`` of them; and how many are longer, of those inside a fluid than 1.4
-        times that.
+        """The longest edges, in targets, but first those of interfaces and hull that are longer than ``long``.
+
+        Args:
+            long: in target spacings.
+            most: how many edges are wanted; all by default.
+
+        Returns:
+            Names of edges, see `long_edges`; and how many edges are too long: those of interfaces and hull longer than
+            ``long``, others longer than `MUCH_LONGER` times that.
         """
         size = 3 * len(self.cells) if most is None else most
-        edge, key, count = np.empty(size, dtype=np.int32), np.empty(size), np.zeros(3, dtype=np.int32)
+        edges, keys, counters = np.empty(size, dtype=np.int32), np.empty(size), np.zeros(3, dtype=np.int32)
         launch(
             edge_kernels.longest_edges,
             self.state,
             self.cells,
             self.neighbours,
             self.fluid,
-            edge,
-            key,
-            count,
-            len(self.cells),
+            edges,
+            keys,
+            counters,
             long,
             0.0 if most is None else 0.5 * long,
-            1.4 * long,
-            size,
+            MUCH_LONGER * long,
         )
-        return _sorted(edge, key, int(count[1])), int(count[2])
+        return _sorted(edges, keys, int(counters[STORED])), int(counters[NEEDED])
 
     def long_edges(self, long: float) -> Array:
-        """All edges longer than ``long`` targets, in the order of `longest_edges`."""
+        """Names of all edges longer than ``long`` targets, in the order of `longest_edges`."""
         size = 3 * len(self.cells)
-        edge, key = np.empty(size, dtype=np.int32), np.empty(size)
+        edges, keys = np.empty(size, dtype=np.int32), np.empty(size)
         count = launch(
-            edge_kernels.long_edges,
-            self.state,
-            self.cells,
-            self.neighbours,
-            self.fluid,
-            edge,
-            key,
-            len(self.cells),
-            long,
-            long,
+            edge_kernels.long_edges, self.state, self.cells, self.neighbours, self.fluid, edges, keys, long, long
         )
-        return _sorted(edge, key, count)
+        return _sorted(edges, keys, count)
 
-    def tidy(
-        self, held: Array, way: Array, reach: float, gap: float, least: float, thin: float, sliver: float
+    def repair_interfaces(
+        self,
+        held: Array,
+        displacement: Array,
+        *,
+        reach: float,
+        gap: float,
+        least_area: float,
+        film: float,
+        sliver: float,
     ) -> tuple[int, int]:
-        """Interfaces meet walls where they point to, those ``held`` (N,) excepted; films break, particles that lie as
-        good as on an interface are taken in; see `films_contacts.tidy`. How many broke, and how many were taken in.
+        """Let interfaces meet walls where they point to, break films, absorb slivers beside interfaces.
+
+        Args:
+            held: (N,) mask of contacts that do not slide along their wall.
+            displacement: (N, 2) of the particles in the step [m].
+            reach, gap, least_area, film, sliver: limits, see `films_contacts.repair_interfaces`.
+
+        Returns:
+            How many cells changed their fluid because films broke, and because they were slivers.
         """
         elements = len(self.cells)
-        flag, count = np.empty(elements, dtype=np.int32), np.zeros(2, dtype=np.int32)
-        fixed, contacts, before, way = held.astype(np.int32), len(self.state), -1, np.ascontiguousarray(way)
-        broken = 0
-        while count[1] != before:  # the parts of an edge may be long, too
-            before = int(count[1])
+        flag, counters = np.empty(elements, dtype=np.int32), np.zeros(films_contacts.COUNTERS, dtype=np.int32)
+        limits = np.array([reach, gap, least_area, film, sliver, 1.0])
+        fixed, displacement = held.astype(np.int32), np.ascontiguousarray(displacement)
+        broken, before, slide = 0, -1, 1
+        while counters[films_contacts.ABSORBED] != before:  # the parts of an edge may be long, too
+            before = int(counters[films_contacts.ABSORBED])
             launch(
-                films_contacts.tidy,
+                films_contacts.repair_interfaces,
                 self.state,
                 self.cells,
                 self.neighbours,
                 self.fluid,
                 self.corner,
-                fixed,
                 self.density,
-                self.marks(),
-                way,
-                _scratch(),
                 self._stale,
+                fixed,
+                self.marks(),
+                displacement,
+                counters,
+                limits,
+                np.empty(films_contacts.SCRATCH, dtype=np.int32),
                 flag,
-                count,
-                contacts,
-                elements,
-                reach,
-                gap,
-                least,
-                thin,
-                sliver,
-                1.0,
-                work=(elements, 10.0),
+                slide,
+                work=(elements, FIND_FILMS),
             )
-            contacts, thin = 0, 0.0
-            if count[0]:
-                broken, before, count[0] = int(count[0]), -1, 0
+            slide, limits[films_contacts.FILM] = 0, 0.0
+            if counters[films_contacts.BROKEN]:
+                broken, before = int(counters[films_contacts.BROKEN]), -1
+                counters[films_contacts.BROKEN] = 0
                 self._changed(broken, of_fluids=True)
-        self._changed(count[1], of_fluids=True)
-        return broken, int(count[1])
+        absorbed = int(counters[films_contacts.ABSORBED])
+        self._changed(absorbed, of_fluids=True)
+        return broken, absorbed
 
-    def coarsen(
-        self,
-        held: Array,
-        close: float,
-        chain: float,
-        edge: float,
-        film: float,
-        least: float,
-        most: int,
-        *,
-        long: float = 0.0,
-        every: bool = False,
-    ) -> tuple[Array, int]:
-        """Take out up to ``most`` particles that crowd others, into `freed`; see `coarsen_refine.coarsen`.
+    def coarsen(self, held: Array, limits: Crowding, *, most: int, every_edge: bool = False) -> tuple[Array, int]:
+        """Remove up to ``most`` particles that crowd others, into `removed`; see `coarsen_refine.coarsen`.
 
-        What `longest_edges` returns then of as many as are wanted, or `long_edges` if it is ``every`` one, where
-        ``long`` is not 0.
+        Args:
+            held: (N,) mask of particles that stay.
+            limits: when a particle crowds others, and which edges are long.
+            most: number of particles.
+            every_edge: whether all long edges are wanted.
+
+        Returns:
+            What `longest_edges` returns then, of as many edges as are wanted; or `long_edges`, if ``every_edge``; no
+            edges if limits.long_edge is 0.
         """
-        count, elements = np.zeros(3, dtype=np.int32), len(self.cells)
-        freed, size = np.empty(len(self.state), dtype=np.int32), 3 * elements if long else 1
-        edges, keys, span = np.empty(size, dtype=np.int32), np.empty(size), np.empty(elements)
+        elements, count = len(self.cells), len(self.state)
+        counters, size = np.zeros(coarsen_refine.COUNTERS, dtype=np.int32), 3 * elements if limits.long_edge else 1
+        removed, edges, keys = np.empty(count, dtype=np.int32), np.empty(size, dtype=np.int32), np.empty(size)
         launch(
             coarsen_refine.coarsen,
             self.state,
@@ -279,85 +312,82 @@ class Triangulation:
             self.neighbours,
             self.fluid,
             self.corner,
-            held.astype(np.int32),
             self.wall,
             self.density,
-            _scratch(),
-            np.empty(max(elements, len(self.state)), dtype=np.int32),
             self._stale,
-            freed,
-            span,
+            held.astype(np.int32),
+            removed,
             edges,
             keys,
-            count,
-            elements,
-            len(self.state),
-            close,
-            chain,
-            edge,
-            film,
-            least,
-            most,
-            long,
-            int(every),
-            len(self.freed),
-            work=(elements, 15.0),
+            counters,
+            np.array(limits),
+            np.array([most, len(self.removed), every_edge], dtype=np.int32),
+            np.empty(coarsen_refine.SCRATCH, dtype=np.int32),
+            np.empty(count, dtype=np.int32),
+            np.empty(elements),
+            work=(elements, FIND_CROWDING),
         )
-        self.freed = np.concatenate([self.freed, freed[: count[0]]])
-        self._changed(count[0])
-        return _sorted(edges, keys, int(count[1])), int(count[2])
+        self.removed = np.concatenate([self.removed, removed[: counters[REMOVED]]])
+        self._changed(counters[REMOVED])
+        return _sorted(edges, keys, int(counters[STORED])), int(counters[NEEDED])
 
     def provide(self, count: int) -> None:
-        """Let `freed` hold ``count`` particles, new ones if need be."""
-        more = count - len(self.freed)
+        """Let `removed` hold at least ``count`` particles, by creating some."""
+        more = count - len(self.removed)
         if more > 0:
             first = len(self.state)
-            self.state = np.concatenate([self.state, np.zeros((more, self.state.shape[1]))])
+            self.state = np.concatenate([self.state, np.zeros((more, COLUMNS))])
             self.corner = np.concatenate([self.corner, np.full(more, -1, dtype=np.int32)])
             self.wall = np.concatenate([self.wall, np.zeros(more, dtype=np.int32)])
-            self.freed = np.concatenate([self.freed, np.arange(first, first + more, dtype=np.int32)])
+            self.removed = np.concatenate([self.removed, np.arange(first, first + more, dtype=np.int32)])
             self._marks = None
 
-    def drop(self) -> tuple[Array, Array]:
-        """Drop the particles of `freed`, for good; the new numbers (N,) of all, -1 of those dropped, and the old ones
-        of those that stay.
+    def drop_removed(self) -> tuple[Array, Array]:
+        """Drop the particles of `removed` from all arrays and renumber the others.
+
+        Returns:
+            The new numbers (N,) of all particles, -1 of those dropped, and the old ones of those that stay.
         """
         keep = np.ones(len(self.state), dtype=bool)
-        keep[self.freed] = False
+        keep[self.removed] = False
         kept, number = keep.nonzero()[0], np.full(len(keep), -1, dtype=np.int32)
         number[kept] = np.arange(len(kept), dtype=np.int32)
         self.state = self.state.take(kept, axis=0)
         self.corner, self.wall = self.corner.take(kept), self.wall.take(kept)
         self.cells = number.take(self.cells)
-        self.freed = self.freed[:0]
+        self.removed = self.removed[:0]
         self._marks = None
         return number, kept
 
     def _changed(self, count: int, *, of_fluids: bool = False) -> None:
-        """Forget what so many changes have made wrong."""
+        """Reset what so many changes have made wrong."""
         if count:
             self._marks = None
             if of_fluids:
-                self._stale = np.ones(len(self.cells), dtype=np.int8)
+                self._stale = np.full(len(self.cells), STALE, dtype=np.int8)
 
-    def wanted_edges(self) -> int:
-        """How many edges are looked at for places for the particles of `freed`."""
-        return 8 * len(self.freed) + 32
+    def candidates(self) -> int:
+        """How many edges are looked at for insertion sites of the particles of `removed`."""
+        return int(coarsen_refine.insertion_candidates(len(self.removed)))
 
     def refine(self, edges: Array, room: float) -> None:
-        """Put particles of `freed` on the middle of ``edges``; those placed leave it. See its kernel."""
-        wanted = len(self.freed)
-        free = np.flatnonzero(self.fluid < 0).astype(np.int32)
-        short = 2 * wanted + 1 - len(free)
+        """Insert particles of `removed` in the middle of edges; those inserted leave the list.
+
+        Args:
+            edges: names as of `long_edges`, in the order in which they are split.
+            room: distance to other particles that an insertion site must have, in target spacings.
+        """
+        most = len(self.removed)
+        cells = np.flatnonzero(self.fluid < 0).astype(np.int32)
+        short = 2 * most + 1 - len(cells)
         if short > 0:  # an edge of the hull has one cell, others two: collapses may have left too few
             first = len(self.cells)
             self.cells = np.concatenate([self.cells, np.zeros((short, 3), dtype=np.int32)])
             self.neighbours = np.concatenate([self.neighbours, np.full((short, 3), -1, dtype=np.int32)])
             self.fluid = np.concatenate([self.fluid, np.full(short, -1, dtype=np.int32)])
-            self._stale = np.concatenate([self._stale, np.zeros(short, dtype=np.int8)])
-            free = np.concatenate([free, np.arange(first, first + short, dtype=np.int32)])
-        count = np.zeros(2, dtype=np.int32)
-        candidates, touched = edges[: self.wanted_edges()], np.zeros(len(self.cells), dtype=np.int8)
+            self._stale = np.concatenate([self._stale, np.full(short, CURRENT, dtype=np.int8)])
+            cells = np.concatenate([cells, np.arange(first, first + short, dtype=np.int32)])
+        counters, touched = np.zeros(2, dtype=np.int32), np.zeros(len(self.cells), dtype=np.int8)
         launch(
             coarsen_refine.refine,
             self.state,
@@ -367,28 +397,22 @@ class Triangulation:
             self.corner,
             self.wall,
             self.density,
+            edges[: self.candidates()],
+            cells,
+            self.removed,
             touched,
-            candidates,
-            len(candidates),
-            free,
-            self.freed,
-            count,
+            counters,
             room,
-            wanted,
         )
         new = np.flatnonzero(touched)
-        beyond = self.neighbours[new]
-        self._stale[new] = self._stale[beyond[beyond >= 0]] = 1
-        self.freed = self.freed[count[0] :]
-        self._changed(count[0])
+        beside = self.neighbours[new]
+        self._stale[new] = self._stale[beside[beside >= 0]] = STALE
+        inserted = int(counters[coarsen_refine.INSERTED])
+        self.removed = self.removed[inserted:]
+        self._changed(inserted)
 
 
-def _sorted(edge: Array, key: Array, count: int) -> Array:
-    """The first ``count`` names ``edge``, the largest keys first, those of the same key by name."""
-    edge, key = edge[:count], key[:count]
-    return edge[np.lexsort((edge, -key))]
-
-
-def _scratch() -> Array:
-    """Room for the stars of two particles, and more."""
-    return np.empty(4 * (STAR + 1), dtype=np.int32)
+def _sorted(edges: Array, keys: Array, count: int) -> Array:
+    """The first ``count`` edges, the largest keys first, those of the same key by name."""
+    edges, keys = edges[:count], keys[:count]
+    return edges[np.lexsort((edges, -keys))]

@@ -6,6 +6,7 @@ All run serially, in the order of the cells: sums are the same every time. Array
 
 import taichi as ti
 
+from tipfem.backend.array_types import Flags1, Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.fem.element import area_of
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE
@@ -21,7 +22,7 @@ DISPLACEMENT, BEFORE = 0, 2
 
 
 @ti.func
-def find_root(parent: ti.template(), t):
+def find_root(parent: Template, t):
     """Root of cell t in a union-find forest, with path halving."""
     root = t
     while parent[root] != root:
@@ -32,19 +33,19 @@ def find_root(parent: ti.template(), t):
 
 @kernel
 def label_components(
-    x: ti.types.ndarray(),
-    cells: ti.types.ndarray(),
-    neighbours: ti.types.ndarray(),
-    fluid: ti.types.ndarray(),
-    label: ti.types.ndarray(),
-    mark: ti.types.ndarray(),
-    measure: ti.types.ndarray(),
-    volume: ti.types.ndarray(),
-    of: ti.types.ndarray(),
-    movable: ti.types.ndarray(),
-    near: ti.types.ndarray(),
-    at: ti.types.ndarray(),
-    counters: ti.types.ndarray(),
+    x: Reals2,
+    cells: Ints2,
+    neighbours: Ints2,
+    fluid: Ints1,
+    label: Ints1,
+    mark: Ints1,
+    measure: Reals1,
+    volume: Reals1,
+    of: Ints1,
+    movable: Ints1,
+    near: Ints1,
+    at: Ints2,
+    counters: Ints1,
 ):
     """Connected components of fluids, and their volumes.
 
@@ -115,12 +116,12 @@ def label_components(
 
 @kernel
 def transfer_deficits(
-    old: ti.types.ndarray(),
-    new: ti.types.ndarray(),
-    relocated: ti.types.ndarray(),
-    deficit: ti.types.ndarray(),
-    shares: ti.types.ndarray(),
-    result: ti.types.ndarray(),
+    old: Ints2,
+    new: Ints2,
+    relocated: Flags1,
+    deficit: Reals1,
+    shares: Ints1,
+    result: Reals1,
 ):
     """Each component's deficit (K,) in equal parts with its particles: see `volumes.transfer_deficits`."""
     ti.loop_config(serialize=True)
@@ -136,7 +137,7 @@ def transfer_deficits(
 
 
 @ti.func
-def entry_of(head: ti.template(), chain: ti.template(), i, component):
+def entry_of(head: Template, chain: Template, i, component):
     """Entry of a component in the list of particle i; `END` if there is none."""
     e = head[i]
     while e >= 0:
@@ -148,15 +149,15 @@ def entry_of(head: ti.template(), chain: ti.template(), i, component):
 
 @kernel
 def gradients(
-    x: ti.types.ndarray(),
-    cells: ti.types.ndarray(),
-    label: ti.types.ndarray(),
-    near: ti.types.ndarray(),
-    nodes: ti.types.ndarray(),
-    head: ti.types.ndarray(),
-    chain: ti.types.ndarray(),
-    gradient: ti.types.ndarray(),
-    gram: ti.types.ndarray(),
+    x: Reals2,
+    cells: Ints2,
+    label: Ints1,
+    near: Ints1,
+    nodes: Ints1,
+    head: Ints1,
+    chain: Ints2,
+    gradient: Reals2,
+    gram: Reals2,
 ):
     """Gradients dV_k / dx of the components' volumes at the particles ``nodes``, and their products ``gram`` (K, K).
 
@@ -198,7 +199,7 @@ def gradients(
 
 
 @ti.func
-def place_shifted(x: ti.template(), nodes: ti.template(), shift: ti.template(), give_up):
+def place_shifted(x: Template, nodes: Template, shift: Template, give_up):
     """Put the particles ``nodes`` where ``shift`` (N, 4) displaces them to, or back if ``give_up``; how many moved."""
     moved = 0
     for n in range(nodes.shape[0]):
@@ -213,9 +214,7 @@ def place_shifted(x: ti.template(), nodes: ti.template(), shift: ti.template(), 
 
 
 @ti.func
-def hold_back(
-    x: ti.template(), cells: ti.template(), near: ti.template(), measure: ti.template(), shift: ti.template()
-):
+def hold_back(x: Template, cells: Template, near: Template, measure: Template, shift: Template):
     """No displacement for the particles of cells ``near`` that lost more than half of their area; how many cells."""
     halved = 0
     for n in range(near.shape[0]):
@@ -229,18 +228,18 @@ def hold_back(
 
 @kernel
 def shift_interfaces(
-    x: ti.types.ndarray(),
-    cells: ti.types.ndarray(),
-    label: ti.types.ndarray(),
-    near: ti.types.ndarray(),
-    nodes: ti.types.ndarray(),
-    head: ti.types.ndarray(),
-    chain: ti.types.ndarray(),
-    gradient: ti.types.ndarray(),
-    factor: ti.types.ndarray(),
-    shift: ti.types.ndarray(),
-    measure: ti.types.ndarray(),
-    gain: ti.types.ndarray(),
+    x: Reals2,
+    cells: Ints2,
+    label: Ints1,
+    near: Ints1,
+    nodes: Ints1,
+    head: Ints1,
+    chain: Ints2,
+    gradient: Reals2,
+    factor: Reals1,
+    shift: Reals2,
+    measure: Reals1,
+    gain: Reals1,
     limit: ti.f64,
 ) -> ti.i32:
     """Displace the particles ``nodes`` by the sum of factor (K,) times their gradients, but by ``limit`` [m] at most.

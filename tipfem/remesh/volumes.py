@@ -39,7 +39,8 @@ def label_components(
     counters = np.zeros(2, dtype=np.int32)
     launch(
         kernels.label_components,
-        *map(np.ascontiguousarray, (position, cells, neighbours, fluid)),
+        np.ascontiguousarray(position),
+        *(np.ascontiguousarray(array, dtype=np.int32) for array in (cells, neighbours, fluid)),
         label,
         mark,
         measure,

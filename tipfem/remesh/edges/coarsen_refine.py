@@ -1,303 +1,474 @@
-"""Kernels that take particles out of a triangulation and put some in: in place, on the arrays of `edge_operations`.
+"""Kernels that remove particles from a triangulation and insert some, in place, on `edge_operations.TriangleArrays`.
 
-A look at all cells runs in parallel and flags what needs attention; the few changes that follow run in one thread.
-``state`` (N, 9) holds position, velocity, acceleration, pressure, lumped mass and target spacing; thresholds are
-relative to the targets where they are applied. A change that would change momentum, for it deals out masses anew,
-gives the difference back to the particles around that no wall holds.
+A look at all cells runs in parallel and flags what needs attention; the few changes that follow are made serially.
+Limits are relative to the target spacings where they are applied, those of areas to the squares. A collapse changes the
+masses of particles; the momentum that this would change is given to the particles around, unless one belongs to a wall.
 """
 
 import taichi as ti
 
+from tipfem.backend.array_types import Flags1, Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.remesh.edges.edge_operations import (
+    INTERPOLATED,
+    MASS,
     STAR,
+    TARGET,
+    Segment,
+    TriangleArrays,
+    add_mass,
     can_collapse,
     collapse,
     collect_star,
+    column_of,
     distance,
+    distribute_momentum,
     double_area,
-    give,
+    double_cell_area,
+    entry,
     interface_edges,
-    momentum,
-    place,
+    is_border,
+    mark_stale,
+    momentum_of,
     ring,
+    set_entry,
     split,
     target,
-    touch,
-    weigh,
 )
-from tipfem.remesh.edges.long_edges import keep_longest, key_of
+from tipfem.remesh.edges.long_edges import REMOVED, STORED, edge_key, keep_longest
+
+# Limits of `coarsen`, see there.
+TOO_CLOSE, ALONG_INTERFACE, TO_INTERFACE, FILM, LEAST_AREA, LONG_EDGE, LIMITS = 0, 1, 2, 3, 4, 5, 6
+# Options of `coarsen`, see there.
+MOST, WAITING, EVERY_EDGE, OPTIONS = 0, 1, 2, 3
+COUNTERS = 3  # of `coarsen`: REMOVED, STORED, NEEDED
+# Counters of `refine`.
+INSERTED, CELLS_USED = 0, 1
+# Bits of the flags of particles that crowd others: who is near.
+NEAR_PARTICLE, NEAR_BORDER, NEAR_HULL = 1, 2, 4
+SCRATCH = 3 * (STAR + 1) + 1  # entries: two stars, and the particles of one
+MUCH_LONGER = 1.4  # times the limit of long edges: inside a fluid, only longer ones need a particle
+SHORT_SIDE = 0.8  # of the room that a new particle needs, to the ends of its edge
+ROUND_OFF = 1e-12
+FAR = 1e30
 
 
 @ti.func
-def keep_area(
-    state: ti.template(),
-    cells: ti.template(),
-    fluid: ti.template(),
-    density: ti.template(),
-    star: ti.template(),
-    a,
-    p,
-    q,
-    b,
-    count,
-    base,
-    least,
-):
-    """Move q between p and q, where the interface a-q-b encloses what a-p-q-b did; not if it spoils a cell."""
-    ex, ey = state[b, 0] - state[a, 0], state[b, 1] - state[a, 1]
-    wanted = double_area(state, a, p, q) + double_area(state, a, q, b)
-    mx, my = 0.5 * (state[p, 0] + state[q, 0]), 0.5 * (state[p, 1] + state[q, 1])
-    has = ex * (my - state[a, 1]) - ey * (mx - state[a, 0])
-    # double_area(a, x, b) = (x - a) x (b - a) = -e x (x - a)
+def flag_crowding(mesh: Template, limits: Template, flag: Template, t):
+    """Flag the particles of cell t that are near each other or an edge of an interface or the hull.
+
+    Returns the square of the longest of the cell's edges over their targets, of those that it names and its borders.
+    """
+    x, cells = ti.static(mesh.state, mesh.cells)
+    longest = 0.0
+    for i in ti.static(range(3)):
+        o = mesh.neighbours[t, i]
+        border = is_border(mesh, t, i)
+        if border or o > t:
+            b, c = cells[t, ti.static((i + 1) % 3)], cells[t, ti.static((i + 2) % 3)]
+            wanted, close = target(x, b, c), ti.max(limits[TOO_CLOSE], limits[ALONG_INTERFACE])
+            reach = close * wanted * (1 + ROUND_OFF)
+            square = (x[b, 0] - x[c, 0]) ** 2 + (x[b, 1] - x[c, 1]) ** 2
+            longest = ti.max(longest, square / (wanted * wanted))
+            if square < reach * reach or border:
+                length = distance(x, b, c)
+                if length < close * wanted:
+                    ti.atomic_or(flag[b], NEAR_PARTICLE)
+                    ti.atomic_or(flag[c], NEAR_PARTICLE)
+                if border:
+                    height = double_cell_area(mesh, t)
+                    if height < limits[TO_INTERFACE] * wanted * length:
+                        ti.atomic_or(flag[cells[t, i]], NEAR_BORDER)
+                    if o < 0 and height < limits[FILM] * wanted * length:
+                        ti.atomic_or(flag[cells[t, i]], NEAR_HULL)
+    return longest
+
+
+@ti.func
+def target_on_hull(mesh: Template, limits: Template, star: Template, count, p, contact):
+    """The nearer neighbour on the hull of a particle p on it; -1 if it is not near.
+
+    ``contact``: whether an interface ends at p.
+    """
+    x = ti.static(mesh.state)
+    one, other = ring(mesh, star, count, p, 0), ring(mesh, star, count, p, count)
+    q = one if distance(x, p, one) < distance(x, p, other) else other
+    near = limits[FILM] if contact else limits[ALONG_INTERFACE]
+    return q if distance(x, p, q) < near * target(x, p, q) else -1
+
+
+@ti.func
+def target_on_interface(mesh: Template, limits: Template, p, number, first, second):
+    """The nearer neighbour on the interface of a particle p that it passes through; -1 if it is not near.
+
+    Also -1 where interfaces touch, so that more than two (``number``) of their edges leave p.
+    """
+    x = ti.static(mesh.state)
+    q = first if distance(x, p, first) < distance(x, p, second) else second
+    apart = distance(x, p, q) >= limits[ALONG_INTERFACE] * target(x, p, q)
+    return -1 if number > 2 or apart or first == second else q
+
+
+@ti.func
+def target_on_wall(mesh: Template, star: Template, count, p, number, first, second, least):
+    """The nearest wall particle around an interface's particle p that it can be moved into; -1 for none.
+
+    It is not the next on the interface, unless interfaces touch at p. ``least``: see `can_collapse`.
+    """
+    q, gap = -1, FAR
+    for m in range(count):
+        r = ring(mesh, star, count, p, m)
+        length = distance(mesh.state, p, r)
+        usable = mesh.wall[r] == 1 and (number > 2 or (r != first and r != second))
+        if usable and length < gap and can_collapse(mesh, star, count, p, r, least):
+            q, gap = r, length
+    return q
+
+
+@ti.func
+def target_inside(mesh: Template, limits: Template, star: Template, count, p, near_border, least):
+    """The nearest neighbour that a particle p inside a fluid can be moved into; -1 for none.
+
+    One too close to p, unless p is ``near_border``. ``least``: see `can_collapse`.
+    """
+    x = ti.static(mesh.state)
+    q, gap = -1, FAR
+    for m in range(count):
+        r = ring(mesh, star, count, p, m)
+        length = distance(x, p, r)
+        usable = length < limits[TOO_CLOSE] * target(x, p, r) or near_border
+        if usable and length < gap and can_collapse(mesh, star, count, p, r, least):
+            q, gap = r, length
+    return q
+
+
+@ti.func
+def collapse_target(mesh: Template, limits: Template, flag: Template, star: Template, count, closed, p):
+    """Into which neighbour a flagged particle p is to be moved.
+
+    Args:
+        mesh: the arrays.
+        limits: those of `coarsen`.
+        flag: (N,) of the particles.
+        star: the cells around p.
+        count: how many.
+        closed: 1 if they surround p.
+        p: the particle.
+
+    Returns:
+        The neighbour, -1 for none; the interface's particle on the other side of p; and whether both are on it, so that
+        the interface is to keep the area that it encloses.
+    """
+    number, first, second = interface_edges(mesh, star, count, closed, p)
+    least = limits[LEAST_AREA] * mesh.state[p, TARGET] ** 2
+    q, along = -1, False
+    if closed == 0 and number <= 1:
+        q = target_on_hull(mesh, limits, star, count, p, number == 1)
+    elif closed == 1 and number >= 2:
+        q = target_on_interface(mesh, limits, p, number, first, second)
+        along = q >= 0
+        if q < 0 and flag[p] >= NEAR_HULL:
+            q = target_on_wall(mesh, star, count, p, number, first, second, least)
+    elif closed == 1 and number == 0:
+        q = target_inside(mesh, limits, star, count, p, flag[p] >= NEAR_BORDER, least)
+    if q >= 0:
+        if not can_collapse(mesh, star, count, p, q, least):
+            q = -1
+    return q, second if q == first else first, along
+
+
+@ti.func
+def keep_enclosed_area(mesh: Template, star: Template, count, a, p, q, b, least):
+    """Move q, into which p was moved, so that the interface a-q-b encloses what a-p-q-b did; not if it spoils a cell.
+
+    Args:
+        mesh: the arrays.
+        star: the cells around q.
+        count: how many.
+        a, b: the interface's particles beside p and q.
+        p, q: as before; p is still where it was.
+        least: twice the area that every cell must keep [m^2].
+
+    Returns:
+        The momentum (2) and the mass that particles gain.
+    """
+    x = ti.static(mesh.state)
+    ex, ey = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1]
+    wanted = double_area(x, a, p, q) + double_area(x, a, q, b)
+    mx, my = 0.5 * (x[p, 0] + x[q, 0]), 0.5 * (x[p, 1] + x[q, 1])
+    has = ex * (my - x[a, 1]) - ey * (mx - x[a, 0])
+    # double_area(a, m, b) = (m - a) x (b - a) = -e x (m - a)
     shift = (wanted + has) / (ex * ex + ey * ey)
-    old = ti.Vector([state[q, 0], state[q, 1]])
+    old = ti.Vector([x[q, 0], x[q, 1]])
     change = ti.Vector([0.0, 0.0, 0.0])
     for m in range(count):
-        change += weigh(state, cells, fluid, density, star[base + m], -1)
-    state[q, 0], state[q, 1] = mx + shift * ey, my - shift * ex
+        change += add_mass(mesh, entry(star, m), -1)
+    x[q, 0], x[q, 1] = mx + shift * ey, my - shift * ex
     good = True
     for m in range(count):
-        t = star[base + m]
-        if double_area(state, cells[t, 0], cells[t, 1], cells[t, 2]) < least:
+        if double_cell_area(mesh, entry(star, m)) < least:
             good = False
     if not good:
-        state[q, 0], state[q, 1] = old[0], old[1]
+        x[q, 0], x[q, 1] = old[0], old[1]
     for m in range(count):
-        change += weigh(state, cells, fluid, density, star[base + m], 1)
+        change += add_mass(mesh, entry(star, m), 1)
     return change
+
+
+@ti.func
+def straighten_interface(mesh: Template, star: Template, a, p, q, least):
+    """`keep_enclosed_area` of the interface through a and q, if it passes through q and on; ``star`` is for q's."""
+    change = ti.Vector([0.0, 0.0, 0.0])
+    count, closed = collect_star(mesh, star, q)
+    if count > 0 and closed == 1:
+        number, first, second = interface_edges(mesh, star, count, closed, q)
+        if number == 2 and (first == a or second == a) and first != second:
+            b = second if first == a else first
+            change += keep_enclosed_area(mesh, star, count, a, p, q, b, least)
+            for m in range(count):
+                mark_stale(mesh, entry(star, m))
+    return change
+
+
+@ti.func
+def collapse_conserving_momentum(
+    mesh: Template,
+    star: Template,
+    other_star: Template,
+    group: Template,
+    count,
+    closed,
+    p,
+    q,
+    a,
+    least,
+):
+    """Move particle p into q and give the momentum that this changes to the particles around p.
+
+    Args:
+        mesh: the arrays.
+        star: the cells around p.
+        other_star: room for those around q.
+        group: room for the particles around p, and for p.
+        count: how many cells there are around p.
+        closed: 1 if they surround p.
+        p, q: the particles.
+        a: the interface's particle beside p, if q is to move so that the area enclosed stays; -1 if q is to stay.
+        least: twice the area that every cell must keep [m^2].
+    """
+    around = count + 1 - closed
+    for m in range(around):
+        set_entry(group, m, ring(mesh, star, count, p, m))
+    set_entry(group, around, p)
+    total = 0.0
+    for m in range(around + 1):
+        total += mesh.state[entry(group, m), MASS]
+    mean = momentum_of(mesh.state, group, around + 1) / total
+    change = ti.Vector([0.0, 0.0, 0.0])
+    for m in range(count):
+        change += add_mass(mesh, entry(star, m), -1)
+    collapse(mesh, star, count, p, q)
+    for m in range(count):
+        change += add_mass(mesh, entry(star, m), 1)
+    mesh.state[p, MASS] = 0.0
+    if a >= 0:
+        change += straighten_interface(mesh, other_star, a, p, q, least)
+    for m in range(count):
+        if mesh.fluid[entry(star, m)] >= 0:
+            mark_stale(mesh, entry(star, m))
+    # What mass the triangles gain or lose moves as the particles around did.
+    lost = change[2] * mean - ti.Vector([change[0], change[1]])
+    distribute_momentum(mesh, group, around, lost)
+
+
+@ti.func
+def gather_long_edges(
+    mesh: Template,
+    span: Template,
+    edges: Template,
+    keys: Template,
+    counters: Template,
+    t,
+    long,
+    every,
+    waiting,
+):
+    """Store the long edges of cell t, see `coarsen`; ``span`` (M,) saves a look at cells with short edges only."""
+    wanted = ti.min(insertion_candidates(counters[REMOVED] + waiting), edges.shape[0])
+    bound = long if every != 0 else 0.5 * long
+    if every == 0 and counters[STORED] == wanted:
+        bound = ti.max(bound, keys[0])
+    lowest = ti.min(bound, long)
+    if mesh.stale[t] != 0 or span[t] * (1 + 1e-9) > lowest * lowest:
+        for i in ti.static(range(3)):
+            if every == 0 and counters[STORED] == wanted:
+                bound = ti.max(bound, keys[0])
+            needed = MUCH_LONGER * long
+            found = edge_key(mesh, t, i, long, ti.min(bound, needed))
+            if every == 0:
+                keep_longest(edges, keys, counters, found, 3 * t + i, bound, needed, wanted)
+            elif found > long:
+                edges[counters[STORED]], keys[counters[STORED]] = 3 * t + i, found
+                counters[STORED] = counters[STORED] + 1
+
+
+@ti.pyfunc
+def insertion_candidates(particles):
+    """How many edges are looked at for insertion sites of so many particles."""
+    return 8 * particles + 32
 
 
 @kernel
 def coarsen(
-    state: ti.types.ndarray(),
-    cells: ti.types.ndarray(),
-    neighbours: ti.types.ndarray(),
-    fluid: ti.types.ndarray(),
-    corner: ti.types.ndarray(),
-    fixed: ti.types.ndarray(),
-    wall: ti.types.ndarray(),
-    density: ti.types.ndarray(),
-    star: ti.types.ndarray(),
-    flag: ti.types.ndarray(),
-    stale: ti.types.ndarray(),
-    freed: ti.types.ndarray(),
-    span: ti.types.ndarray(),
-    edges: ti.types.ndarray(),
-    keys: ti.types.ndarray(),
-    count: ti.types.ndarray(),
-    elements: ti.i32,
-    particles: ti.i32,
-    close: ti.f64,
-    chain: ti.f64,
-    edge: ti.f64,
-    film: ti.f64,
-    least: ti.f64,
-    most: ti.i32,
-    long: ti.f64,
-    every: ti.i32,
-    waiting: ti.i32,
-    serial: ti.template(),
+    state: Reals2,
+    cells: Ints2,
+    neighbours: Ints2,
+    fluid: Ints1,
+    corner: Ints1,
+    wall: Ints1,
+    density: Reals1,
+    stale: Flags1,
+    fixed: Ints1,
+    removed: Ints1,
+    edges: Ints1,
+    keys: Reals1,
+    counters: Ints1,
+    limits: Reals1,
+    options: Ints1,
+    scratch: Ints1,
+    flag: Ints1,
+    span: Reals1,
+    serial: Template,
 ):
-    """Take out particles that crowd others: by collapsing the edge to a neighbour.
+    """Remove particles that crowd others, by collapsing the edge to a neighbour, and gather long edges.
 
-    Off interfaces and walls: closer than ``close`` to another, or than ``edge`` to an edge of interface or wall.
-    On an interface: closer than ``chain`` to the next on it, and the area enclosed is kept; or closer than
-    ``film`` to a wall, which the interface then meets; where interfaces touch, only this. On a wall: closer than
-    ``chain`` to the next on it, or than ``film`` where an interface meets the wall. ``fixed`` (N,) stay. No cell is
-    left with less than twice the area ``least``; at most ``most`` go. All in target spacings, squared for the area.
-    freed[:count[0]]: who went. ``stale`` (M,): see `edge_operations.touch`. ``star`` is scratch. ``serial``: one thread
-    looks at all cells.
+    Off interfaces and walls: those closer than limits[TOO_CLOSE] to another, or than [TO_INTERFACE] to an edge of
+    interface or wall. On an interface: closer than [ALONG_INTERFACE] to the next on it, and the area enclosed is kept;
+    or closer than [FILM] to a wall, which the interface then meets; where interfaces touch, only this. On a wall:
+    closer than [ALONG_INTERFACE] to the next on it, or than [FILM] where an interface meets the wall. fixed (N,) stay.
+    No cell is left with less than twice the area [LEAST_AREA].
 
-    Afterwards, where ``long`` > 0: the edges and keys (E,) of `long_edges.longest_edges` for the particles freed and
-    ``waiting``, in no order, or of `long_edges.long_edges` if it is to be ``every`` one. count[1]: how many there
-    are; count[2]: how many are needed. ``span`` (M,) is scratch: squares of the cells' longest edges over their
-    targets, before.
+    Afterwards, where limits[LONG_EDGE] > 0: the edges and keys (E,) of `long_edges.longest_edges` for as many particles
+    as were removed and options[WAITING], in no order, or of `long_edges.long_edges` if options[EVERY_EDGE] is 1.
+
+    removed (N,): who was, at most options[MOST]. counters, zero before: [REMOVED] particles, [STORED] edges, and
+    [NEEDED] ones that should be split. scratch (SCRATCH,), flag (N,) and span (M,) are for this kernel's use.
     """
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, corner, wall, density, stale))
+    star, other_star = ti.static(Segment(scratch, 0), Segment(scratch, STAR + 1))
+    group = ti.static(Segment(scratch, 2 * (STAR + 1)))
     ti.loop_config(serialize=serial)
-    for i in range(particles):
+    for i in range(state.shape[0]):
         flag[i] = 0
     ti.loop_config(serialize=serial)
-    for t in range(elements):
+    for t in range(cells.shape[0]):
         if fluid[t] >= 0:
-            longest = 0.0
-            for i in ti.static(range(3)):
-                o = neighbours[t, i]
-                border = o < 0
-                if not border:
-                    border = fluid[o] != fluid[t]
-                if border or o > t:
-                    b, c = cells[t, ti.static((i + 1) % 3)], cells[t, ti.static((i + 2) % 3)]
-                    wanted = target(state, b, c)
-                    reach = ti.max(close, chain) * wanted * (1 + 1e-12)
-                    square = (state[b, 0] - state[c, 0]) ** 2 + (state[b, 1] - state[c, 1]) ** 2
-                    longest = ti.max(longest, square / (wanted * wanted))
-                    if square < reach * reach or border:
-                        length = distance(state, b, c)
-                        if length < ti.max(close, chain) * wanted:
-                            ti.atomic_or(flag[b], 1)
-                            ti.atomic_or(flag[c], 1)
-                        if border:
-                            height = double_area(state, cells[t, 0], cells[t, 1], cells[t, 2])
-                            if height < edge * wanted * length:
-                                ti.atomic_or(flag[cells[t, i]], 2)
-                            if o < 0 and height < film * wanted * length:
-                                ti.atomic_or(flag[cells[t, i]], 4)
-            span[t] = longest
+            span[t] = flag_crowding(mesh, limits, flag, t)
     ti.loop_config(serialize=True)
-    for p in range(particles):
-        if flag[p] > 0 and fixed[p] == 0 and corner[p] >= 0 and count[0] < most:
-            n, closed = collect_star(cells, neighbours, corner, p, star, 0)
-            if n > 1:
-                number, first, second = interface_edges(cells, fluid, star, 0, n, closed, p)
-                q, gap = -1, 1e30
-                along = False
-                smallest = least * state[p, 8] ** 2
-                if closed == 0 and number <= 1:
-                    one, other = ring(cells, star, 0, n, p, 0), ring(cells, star, 0, n, p, n)
-                    q = one if distance(state, p, one) < distance(state, p, other) else other
-                    if distance(state, p, q) >= (chain if number == 0 else film) * target(state, p, q):
-                        q = -1
-                elif closed == 1 and number >= 2:
-                    q = first if distance(state, p, first) < distance(state, p, second) else second
-                    if number > 2 or distance(state, p, q) >= chain * target(state, p, q) or first == second:
-                        q = -1
-                    along = q >= 0
-                    if q < 0 and flag[p] >= 4:
-                        for m in range(n):
-                            r = ring(cells, star, 0, n, p, m)
-                            length = distance(state, p, r)
-                            ends = r == first or r == second
-                            nearer = wall[r] == 1 and (number > 2 or not ends) and length < gap
-                            if nearer and can_collapse(state, cells, star, 0, n, p, r, smallest):
-                                q, gap = r, length
-                elif closed == 1 and number == 0:
-                    for m in range(n):
-                        r = ring(cells, star, 0, n, p, m)
-                        length = distance(state, p, r)
-                        wanted = length < close * target(state, p, r) or flag[p] >= 2
-                        if wanted and length < gap and can_collapse(state, cells, star, 0, n, p, r, smallest):
-                            q, gap = r, length
+    for p in range(state.shape[0]):
+        if flag[p] > 0 and fixed[p] == 0 and corner[p] >= 0 and counters[REMOVED] < options[MOST]:
+            count, closed = collect_star(mesh, star, p)
+            if count > 1:
+                q, a, along = collapse_target(mesh, limits, flag, star, count, closed, p)
                 if q >= 0:
-                    if can_collapse(state, cells, star, 0, n, p, q, smallest):
-                        a = second if q == first else first
-                        base = 2 * (STAR + 1)
-                        around = n + 1 - closed
-                        for m in range(around):
-                            star[base + m] = ring(cells, star, 0, n, p, m)
-                        star[base + around] = p
-                        total = 0.0
-                        for m in range(around + 1):
-                            total += state[star[base + m], 7]
-                        mean = momentum(state, star, base, around + 1) / total
-                        change = ti.Vector([0.0, 0.0, 0.0])
-                        for m in range(n):
-                            change += weigh(state, cells, fluid, density, star[m], -1)
-                        collapse(cells, neighbours, corner, fluid, star, 0, n, p, q)
-                        for m in range(n):
-                            change += weigh(state, cells, fluid, density, star[m], 1)
-                        state[p, 7] = 0.0
-                        freed[count[0]] = p
-                        count[0] += 1
-                        flag[q] = 0  # it has room now; without this, whole rows would follow
-                        if along and wall[q] == 0 and fixed[q] == 0:
-                            n2, closed2 = collect_star(cells, neighbours, corner, q, star, STAR + 1)
-                            if n2 > 0 and closed2 == 1:
-                                number2, c1, c2 = interface_edges(cells, fluid, star, STAR + 1, n2, closed2, q)
-                                if number2 == 2 and (c1 == a or c2 == a) and c1 != c2:
-                                    b = c2 if c1 == a else c1
-                                    change += keep_area(
-                                        state, cells, fluid, density, star, a, p, q, b, n2, STAR + 1, smallest
-                                    )
-                                    for m in range(n2):
-                                        touch(neighbours, stale, star[STAR + 1 + m])
-                        for m in range(n):
-                            if fluid[star[m]] >= 0:
-                                touch(neighbours, stale, star[m])
-                        lost = change[2] * mean - ti.Vector([change[0], change[1]])
-                        give(state, wall, star, base, around, lost)
+                    if not along or wall[q] != 0 or fixed[q] != 0:
+                        a = -1
+                    least = limits[LEAST_AREA] * state[p, TARGET] ** 2
+                    collapse_conserving_momentum(mesh, star, other_star, group, count, closed, p, q, a, least)
+                    removed[counters[REMOVED]] = p
+                    counters[REMOVED] += 1
+                    flag[q] = 0  # it has room now; without this, whole rows would follow
     ti.loop_config(serialize=True)
-    for t in range(elements):
-        if long > 0 and fluid[t] >= 0:
-            wanted = ti.min(8 * (count[0] + waiting) + 32, edges.shape[0])
-            bound = long if every != 0 else 0.5 * long
-            if every == 0 and count[1] == wanted:
-                bound = ti.max(bound, keys[0])
-            lowest = ti.min(bound, long)
-            if stale[t] != 0 or span[t] * (1 + 1e-9) > lowest * lowest:
-                for i in ti.static(range(3)):
-                    if every == 0 and count[1] == wanted:
-                        bound = ti.max(bound, keys[0])
-                    needed = 1.4 * long
-                    found = key_of(state, cells, neighbours, fluid, t, i, long, ti.min(bound, needed))
-                    if every == 0:
-                        keep_longest(edges, keys, count, found, 3 * t + i, bound, needed, wanted)
-                    elif found > long:
-                        edges[count[1]], keys[count[1]] = 3 * t + i, found
-                        count[1] = count[1] + 1
+    for t in range(cells.shape[0]):
+        if limits[LONG_EDGE] > 0 and fluid[t] >= 0:
+            every, waiting = options[EVERY_EDGE], options[WAITING]
+            gather_long_edges(mesh, span, edges, keys, counters, t, limits[LONG_EDGE], every, waiting)
+
+
+@ti.func
+def interpolate_midpoint(x: Template, n, b, c):
+    """Set the state of particle n to the mean of those of b and c, which changes no momentum; not its mass."""
+    for s in range(INTERPOLATED):
+        x[n, s] = 0.5 * (x[b, s] + x[c, s])
+    x[n, TARGET] = target(x, b, c)
+
+
+@ti.func
+def has_room(mesh: Template, t, i, n, room):
+    """Whether particle n, in the middle of the edge opposite corner i of cell t, is ``room`` targets from others."""
+    x, cells = ti.static(mesh.state, mesh.cells)
+    o, least = mesh.neighbours[t, i], room * x[n, TARGET]
+    free = distance(x, n, cells[t, i]) > least and distance(x, n, cells[t, (i + 1) % 3]) > SHORT_SIDE * least
+    if o >= 0:
+        free = free and distance(x, n, cells[o, column_of(mesh.neighbours, o, t)]) > least
+    return free
+
+
+@ti.func
+def insert(mesh: Template, touched: Template, t, i, n, t2, o2):
+    """Split the edge opposite corner i of cell t by particle n, which has its state, and give it its mass.
+
+    t2 and o2: removed cells. touched (M,) is set to 1 for cells that change. Returns how many cells were used, 1 on the
+    hull, where n belongs to the wall, else 2.
+    """
+    o = mesh.neighbours[t, i]
+    add_mass(mesh, t, -1)
+    if o >= 0:
+        add_mass(mesh, o, -1)
+    split(mesh, t, i, n, t2, o2)
+    add_mass(mesh, t, 1)
+    add_mass(mesh, t2, 1)
+    if o >= 0:
+        add_mass(mesh, o, 1)
+        add_mass(mesh, o2, 1)
+    touched[t] = 1
+    touched[t2] = 1
+    mesh.wall[n] = 1
+    used = 1
+    if o >= 0:
+        mesh.wall[n] = 0
+        touched[o] = 1
+        touched[o2] = 1
+        used = 2
+    return used
 
 
 @kernel
 def refine(
-    state: ti.types.ndarray(),
-    cells: ti.types.ndarray(),
-    neighbours: ti.types.ndarray(),
-    fluid: ti.types.ndarray(),
-    corner: ti.types.ndarray(),
-    wall: ti.types.ndarray(),
-    density: ti.types.ndarray(),
-    touched: ti.types.ndarray(),
-    edges: ti.types.ndarray(),
-    candidates: ti.i32,
-    free: ti.types.ndarray(),
-    freed: ti.types.ndarray(),
-    count: ti.types.ndarray(),
+    state: Reals2,
+    cells: Ints2,
+    neighbours: Ints2,
+    fluid: Ints1,
+    corner: Ints1,
+    wall: Ints1,
+    density: Reals1,
+    edges: Ints1,
+    removed_cells: Ints1,
+    removed: Ints1,
+    touched: Flags1,
+    counters: Ints1,
     room: ti.f64,
-    wanted: ti.i32,
 ):
-    """Put the particles freed[count[0]:wanted] on the middle of edges, in the order given.
+    """Insert the ``removed`` particles (P,) in the middle of edges, in the order given.
 
-    edges (K,): 3 * cell + corner opposite. An edge is passed over if a cell beside it was changed already or if a
-    particle stands closer than ``room`` target spacings to its middle. ``free``: cells that are gone; count[1] of
-    them are used. A new particle takes the mean of the two states, which changes no momentum; on the edge of a
-    wall it belongs to the wall.
+    edges (K,): names as of `long_edges`. An edge is passed over if a cell beside it was changed already or if a
+    particle stands closer than ``room`` target spacings to its middle. removed_cells (2 P + 1,): for the cells that are
+    created. A new particle takes the mean of the two states; on the edge of a wall it belongs to the wall. touched
+    (M,), zero before: cells that were changed. counters, zero before: [INSERTED] particles, the first of ``removed``,
+    and [CELLS_USED] of the removed ones.
     """
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, corner, wall, density))
     ti.loop_config(serialize=True)
-    for k in range(candidates):
-        if count[0] < wanted:
+    for k in range(edges.shape[0]):
+        if counters[INSERTED] < removed.shape[0]:
             t, i = edges[k] // 3, edges[k] % 3
             o = neighbours[t, i]
             usable = touched[t] == 0
             if o >= 0 and usable:
                 usable = touched[o] == 0
-            n = freed[count[0]]
             if usable:
-                b, c = cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
-                for s in range(7):
-                    state[n, s] = 0.5 * (state[b, s] + state[c, s])
-                state[n, 8] = target(state, b, c)
-                free_way = room * state[n, 8]
-                usable = distance(state, n, cells[t, i]) > free_way and distance(state, n, b) > 0.8 * free_way
-                if o >= 0:
-                    usable = usable and distance(state, n, cells[o, place(neighbours, o, t)]) > free_way
-            if usable:
-                t2, o2 = free[count[1]], free[count[1] + 1]
-                weigh(state, cells, fluid, density, t, -1)
-                if o >= 0:
-                    weigh(state, cells, fluid, density, o, -1)
-                split(cells, neighbours, corner, fluid, t, i, n, t2, o2)
-                weigh(state, cells, fluid, density, t, 1)
-                weigh(state, cells, fluid, density, t2, 1)
-                if o >= 0:
-                    weigh(state, cells, fluid, density, o, 1)
-                    weigh(state, cells, fluid, density, o2, 1)
-                touched[t] = 1
-                touched[t2] = 1
-                count[1] += 1
-                wall[n] = 1
-                if o >= 0:
-                    wall[n] = 0
-                    touched[o] = 1
-                    touched[o2] = 1
-                    count[1] += 1
-                count[0] += 1
+                n, used = removed[counters[INSERTED]], counters[CELLS_USED]
+                interpolate_midpoint(state, n, cells[t, (i + 1) % 3], cells[t, (i + 2) % 3])
+                if has_room(mesh, t, i, n, room):
+                    counters[CELLS_USED] += insert(mesh, touched, t, i, n, removed_cells[used], removed_cells[used + 1])
+                    counters[INSERTED] += 1

@@ -1,167 +1,264 @@
-"""Kernel for interfaces that run along edges: films that break, what is taken in, and where they meet walls.
+"""Kernel that repairs interfaces that run along edges: contacts with walls, films that break, and slivers.
 
-Arrays are those of `coarsen_refine`; marks of particles those of `volume_kernels.take_stock`.
+Arrays are those of `edge_operations.TriangleArrays`; marks of particles those of `tipfem.mesh.components.Components`.
+All lengths are relative to the target spacings, areas to their squares.
 """
 
 import taichi as ti
 
+from tipfem.backend.array_types import Flags1, Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
+from tipfem.mesh.components import ON_HULL, ON_INTERFACE
 from tipfem.remesh.edges.edge_operations import (
     STAR,
+    TARGET,
+    Segment,
+    TriangleArrays,
+    add_mass,
     collect_star,
     distance,
     double_area,
+    double_cell_area,
+    entry,
     interface_edges,
+    mark_stale,
     ring,
     target,
-    touch,
-    weigh,
 )
+
+# Limits of `repair_interfaces`, see there.
+REACH, GAP, LEAST_AREA, FILM, SLIVER, LONG_EDGE, LIMITS = 0, 1, 2, 3, 4, 5, 6
+# Counters of `repair_interfaces`: cells of films that broke, and slivers absorbed.
+BROKEN, ABSORBED, COUNTERS = 0, 1, 2
+# Bits of the flags of cells.
+IN_FILM, AT_INTERFACE = 1, 2
+SCRATCH = 2 * (STAR + 1)  # entries: two stars
+FASTER = 2.0  # times as far as the interface above it, a contact slides at most
+STEEPER = 1.05  # times as high as the first particle of an interface, the second must be to give a direction
+TRIALS, SHORTER = 3, 0.3  # to slide a contact, each time this much as far as the time before
+
+
+@ti.func
+def contact_goal(mesh: Template, displacement: Template, limits: Template, star: Template, w, a, one, other):
+    """How far an interface's contact slides along a wall [m], in the direction of the wall particle ``one``.
+
+    Args:
+        mesh: the arrays.
+        displacement: (N, 2) of the particles in the step [m].
+        limits: those of `repair_interfaces`.
+        star: room for the cells around a.
+        w, a: the contact and the interface's first particle off the wall.
+        one, other: the particles ahead of w and behind it on the wall, with the fluid on the left.
+
+    Returns:
+        The displacement [m]; and the direction (2,) of the wall.
+    """
+    x = ti.static(mesh.state)
+    length = distance(x, one, other)
+    tx, ty = (x[one, 0] - x[other, 0]) / length, (x[one, 1] - x[other, 1]) / length
+    ax, ay = x[a, 0] - x[w, 0], x[a, 1] - x[w, 1]
+    foot, height = ax * tx + ay * ty, ti.abs(ax * ty - ay * tx)
+    far = limits[REACH] * x[w, TARGET]
+    goal = ti.max(foot - far, ti.min(foot + far, 0.0))
+    count, closed = collect_star(mesh, star, a)
+    number, first, second = interface_edges(mesh, star, count, closed, a)
+    if count > 0 and number == 2:
+        b = second if first == w else first
+        bx, by = x[b, 0] - x[w, 0], x[b, 1] - x[w, 1]
+        above = ti.abs(bx * ty - by * tx)
+        if above > STEEPER * height:
+            goal = foot + (foot - bx * tx - by * ty) * height / (above - height)
+            goal = ti.max(foot - far, ti.min(foot + far, goal))
+    dx, dy = displacement[a, 0] - displacement[w, 0], displacement[a, 1] - displacement[w, 1]
+    furthest = FASTER * ti.sqrt(dx**2 + dy**2)
+    goal = ti.max(-furthest, ti.min(furthest, goal))
+    near = limits[GAP] * x[w, TARGET]
+    ahead, behind = distance(x, w, one) - near, distance(x, w, other) - near
+    return ti.max(-ti.max(behind, 0.0), ti.min(ti.max(ahead, 0.0), goal)), ti.Vector([tx, ty])
+
+
+@ti.func
+def move_along(mesh: Template, star: Template, count, w, goal, direction, least):
+    """Move particle w by ``goal`` [m] in a direction (2,), or less: its cells keep twice an area of ``least``."""
+    x = ti.static(mesh.state)
+    wx, wy = x[w, 0], x[w, 1]
+    for m in range(count):
+        add_mass(mesh, entry(star, m), -1)
+    distance_left = goal
+    trial = 0
+    while trial < TRIALS:
+        x[w, 0], x[w, 1] = wx + distance_left * direction[0], wy + distance_left * direction[1]
+        good = True
+        for m in range(count):
+            if double_cell_area(mesh, entry(star, m)) < least:
+                good = False
+        trial += 1
+        if good:
+            trial = TRIALS
+        else:
+            distance_left *= SHORTER
+            x[w, 0], x[w, 1] = wx, wy
+    for m in range(count):
+        add_mass(mesh, entry(star, m), 1)
+        mark_stale(mesh, entry(star, m))
+
+
+@ti.func
+def slide_contact(
+    mesh: Template,
+    mark: Template,
+    displacement: Template,
+    limits: Template,
+    star: Template,
+    other_star: Template,
+    w,
+):
+    """Let the contact w of an interface slide to where the interface points to, if it is a simple contact."""
+    count, closed = collect_star(mesh, star, w)
+    if count > 1 and closed == 0:
+        number, a, _none = interface_edges(mesh, star, count, closed, w)
+        if number == 1 and mark[a] == ON_INTERFACE:
+            one, other = ring(mesh, star, count, w, 0), ring(mesh, star, count, w, count)
+            goal, direction = contact_goal(mesh, displacement, limits, other_star, w, a, one, other)
+            move_along(mesh, star, count, w, goal, direction, limits[LEAST_AREA] * mesh.state[w, TARGET] ** 2)
+
+
+@ti.func
+def film_flags(mesh: Template, mark: Template, film, t):
+    """Bits of cell t: `AT_INTERFACE` if it has an edge there, and `IN_FILM`.
+
+    It is in a film if it is lower than ``film`` and none of its particles is inside its fluid.
+    """
+    x = ti.static(mesh.state)
+    bits = 0
+    for i in ti.static(range(3)):
+        o = mesh.neighbours[t, i]
+        if o >= 0:
+            if mesh.fluid[o] != mesh.fluid[t]:
+                bits = AT_INTERFACE
+    a, b, c = mesh.cells[t, 0], mesh.cells[t, 1], mesh.cells[t, 2]
+    if mark[a] > 0 and mark[b] > 0 and mark[c] > 0:
+        longest = ti.max(distance(x, a, b), distance(x, b, c), distance(x, c, a))
+        if double_area(x, a, b, c) < film * (x[a, TARGET] + x[b, TARGET] + x[c, TARGET]) / 3.0 * longest:
+            bits += IN_FILM
+    return bits
+
+
+@ti.func
+def change_fluid(mesh: Template, t, fluid):
+    """Give cell t, and its mass, to another fluid."""
+    add_mass(mesh, t, -1)
+    mesh.fluid[t] = fluid
+    add_mass(mesh, t, 1)
+
+
+@ti.func
+def break_film(mesh: Template, t):
+    """Give cell t to the fluid beyond its longest edge at an interface; 1 if it has one."""
+    longest, taker = 0.0, -1
+    for i in ti.static(range(3)):
+        o = mesh.neighbours[t, i]
+        if o >= 0:
+            length = distance(mesh.state, mesh.cells[t, (i + 1) % 3], mesh.cells[t, (i + 2) % 3])
+            if mesh.fluid[o] != mesh.fluid[t] and length > longest:
+                longest, taker = length, mesh.fluid[o]
+    if taker >= 0:
+        change_fluid(mesh, t, taker)
+    return 1 if taker >= 0 else 0
+
+
+@ti.func
+def is_sliver(mesh: Template, mark: Template, limits: Template, t, i: Template):
+    """Whether cell t is low over its edge opposite corner i, which is long and part of an interface.
+
+    It is no sliver if the particle at the corner is itself on an interface or the hull.
+    """
+    x = ti.static(mesh.state)
+    o = mesh.neighbours[t, i]
+    sliver = False
+    if o >= 0:
+        if mesh.fluid[o] != mesh.fluid[t]:
+            apex, b, c = mesh.cells[t, i], mesh.cells[t, (i + 1) % 3], mesh.cells[t, (i + 2) % 3]
+            length, wanted = distance(x, b, c), target(x, b, c)
+            low = double_area(x, apex, b, c) < limits[SLIVER] * wanted * length
+            sliver = low and length > limits[LONG_EDGE] * wanted and mark[apex] == 0
+    return sliver
+
+
+@ti.func
+def absorb_sliver(mesh: Template, mark: Template, flag: Template, limits: Template, t):
+    """Give cell t to the fluid beyond a long edge over which it is a sliver.
+
+    Its third particle is marked (N,) as on the interface, its neighbours are flagged (M,) `AT_INTERFACE`. Returns how
+    many times the cell was given away.
+    """
+    absorbed = 0
+    for i in ti.static(range(3)):
+        if is_sliver(mesh, mark, limits, t, i):
+            change_fluid(mesh, t, mesh.fluid[mesh.neighbours[t, i]])
+            mark[mesh.cells[t, i]] = ON_INTERFACE
+            absorbed += 1
+            for k in ti.static(range(3)):
+                o = mesh.neighbours[t, k]
+                if o >= 0:
+                    flag[o] = flag[o] | AT_INTERFACE
+    return absorbed
 
 
 @kernel
-def tidy(
-    state: ti.types.ndarray(),
-    cells: ti.types.ndarray(),
-    neighbours: ti.types.ndarray(),
-    fluid: ti.types.ndarray(),
-    corner: ti.types.ndarray(),
-    fixed: ti.types.ndarray(),
-    density: ti.types.ndarray(),
-    mark: ti.types.ndarray(),
-    way: ti.types.ndarray(),
-    star: ti.types.ndarray(),
-    stale: ti.types.ndarray(),
-    flag: ti.types.ndarray(),
-    count: ti.types.ndarray(),
-    particles: ti.i32,
-    elements: ti.i32,
-    reach: ti.f64,
-    gap: ti.f64,
-    least: ti.f64,
-    thin: ti.f64,
-    low: ti.f64,
-    long: ti.f64,
-    serial: ti.template(),
+def repair_interfaces(
+    state: Reals2,
+    cells: Ints2,
+    neighbours: Ints2,
+    fluid: Ints1,
+    corner: Ints1,
+    density: Reals1,
+    stale: Flags1,
+    fixed: Ints1,
+    mark: Ints1,
+    displacement: Reals2,
+    counters: Ints1,
+    limits: Reals1,
+    scratch: Ints1,
+    flag: Ints1,
+    slide: ti.i32,
+    serial: Template,
 ):
-    """Let interfaces meet walls where they point to, break films, and take in what all but lies on an interface.
+    """Let interfaces meet walls where they point to, break films, and absorb slivers beside interfaces.
 
-    Contacts slide along walls: the line through the last two particles of the interface off the wall, A and B, is
-    carried on to the wall, at most ``reach`` from the foot of A. In a step it goes at most twice as far as A did
-    (``way`` (N, 2) is the particles' [m]): the fluid wets walls by its motion, and does not creep along them. The
-    particle stays ``gap`` away from the next ones on the wall, and no cell is left with less than twice the area
-    ``least``. ``stale`` (M,): see `edge_operations.touch`. None slides where ``particles`` is 0.
+    Contacts, but those ``fixed`` (N,), slide along walls where ``slide`` is 1: the line through the last two particles
+    of the interface off the wall, A and B, is extended to the wall, at most limits[REACH] from the foot of A. In a step
+    the contact goes at most twice as far as A did, of the particles' displacement (N, 2) [m]: the fluid wets walls by
+    its motion, and does not creep along them. The contact stays [GAP] away from the next particles on the wall, and no
+    cell is left with less than twice the area [LEAST_AREA].
 
-    Films go to the fluid beside them: cells with no particle inside their fluid, lower than ``thin``. A film that thin
+    Films go to the fluid beside them: cells without a particle inside their fluid, lower than [FILM]. A film that thin
     is about to let two surfaces meet, or a filament to break. Its cells go to the fluid beyond their longest edge at an
-    interface. count[0]: how many.
+    interface. counters: [BROKEN] cells.
 
-    If no film breaks, for then the marks are wrong: a cell lower than ``low`` over an interface's edge longer than
-    ``long`` goes to the fluid beyond the edge, if its third particle is neither on an interface nor on the hull: there
-    is no room on such an edge for another one, and that one cannot be taken out where others lie as close. count[1]:
-    how many cells; ``mark`` (N,) is kept.
+    Slivers are absorbed if no film breaks, for then marks have changed: a cell lower than [SLIVER] over an interface's
+    edge longer than [LONG_EDGE] goes to the fluid beyond the edge, if its third particle is neither on an interface nor
+    on the hull: there is no room on such an edge for another one, and that one cannot be removed where others lie as
+    close. counters: [ABSORBED] cells; mark (N,) is kept up to date.
 
-    All lengths are relative to the targets. ``flag`` (M,), ``star``: scratch. ``serial``: one thread looks at cells.
+    scratch (SCRATCH,) and flag (M,) are for this kernel's use.
     """
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, corner, None, density, stale))
+    star, other_star = ti.static(Segment(scratch, 0), Segment(scratch, STAR + 1))
     ti.loop_config(serialize=True)
-    for w in range(particles):
-        if mark[w] == 3 and fixed[w] == 0 and corner[w] >= 0:
-            n, closed = collect_star(cells, neighbours, corner, w, star, 0)
-            if n > 1 and closed == 0:
-                number, a, _none = interface_edges(cells, fluid, star, 0, n, closed, w)
-                if number == 1 and mark[a] == 1:
-                    n2, closed2 = collect_star(cells, neighbours, corner, a, star, STAR + 1)
-                    number2, c1, c2 = interface_edges(cells, fluid, star, STAR + 1, n2, closed2, a)
-                    one, other = ring(cells, star, 0, n, w, 0), ring(cells, star, 0, n, w, n)
-                    # The wall's direction; the fluid is on its left.
-                    length = distance(state, one, other)
-                    tx, ty = (state[one, 0] - state[other, 0]) / length, (state[one, 1] - state[other, 1]) / length
-                    wx, wy = state[w, 0], state[w, 1]
-                    ax, ay = state[a, 0] - wx, state[a, 1] - wy
-                    foot = ax * tx + ay * ty
-                    height = ti.abs(ax * ty - ay * tx)
-                    far, near, smallest = reach * state[w, 8], gap * state[w, 8], least * state[w, 8] ** 2
-                    goal = ti.max(foot - far, ti.min(foot + far, 0.0))
-                    if n2 > 0 and number2 == 2:
-                        b = c2 if c1 == w else c1
-                        bx, by = state[b, 0] - wx, state[b, 1] - wy
-                        above = ti.abs(bx * ty - by * tx)
-                        if above > 1.05 * height:
-                            goal = foot + (foot - bx * tx - by * ty) * height / (above - height)
-                            goal = ti.max(foot - far, ti.min(foot + far, goal))
-                    moved = 2 * ti.sqrt((way[a, 0] - way[w, 0]) ** 2 + (way[a, 1] - way[w, 1]) ** 2)
-                    goal = ti.max(-moved, ti.min(moved, goal))
-                    # ``one`` lies ahead (in the direction of t), ``other`` behind.
-                    ahead = distance(state, w, one) - near
-                    behind = distance(state, w, other) - near
-                    goal = ti.max(-ti.max(behind, 0.0), ti.min(ti.max(ahead, 0.0), goal))
-                    for m in range(n):
-                        weigh(state, cells, fluid, density, star[m], -1)
-                    tries = 0
-                    while tries < 3:
-                        state[w, 0], state[w, 1] = wx + goal * tx, wy + goal * ty
-                        good = True
-                        for m in range(n):
-                            t = star[m]
-                            if double_area(state, cells[t, 0], cells[t, 1], cells[t, 2]) < smallest:
-                                good = False
-                        tries += 1
-                        if good:
-                            tries = 10
-                        else:
-                            goal *= 0.3
-                            state[w, 0], state[w, 1] = wx, wy
-                    for m in range(n):
-                        weigh(state, cells, fluid, density, star[m], 1)
-                        touch(neighbours, stale, star[m])
+    for w in range(state.shape[0]):
+        if slide != 0 and mark[w] == ON_INTERFACE + ON_HULL and fixed[w] == 0 and corner[w] >= 0:
+            slide_contact(mesh, mark, displacement, limits, star, other_star, w)
     ti.loop_config(serialize=serial)
-    for t in range(elements):
+    for t in range(cells.shape[0]):
         flag[t] = 0
         if fluid[t] >= 0:
-            bits = 0
-            for i in ti.static(range(3)):
-                o = neighbours[t, i]
-                if o >= 0:
-                    if fluid[o] != fluid[t]:
-                        bits = 2
-            a, b, c = cells[t, 0], cells[t, 1], cells[t, 2]
-            if mark[a] > 0 and mark[b] > 0 and mark[c] > 0:
-                longest = ti.max(distance(state, a, b), distance(state, b, c), distance(state, c, a))
-                if double_area(state, a, b, c) < thin * (state[a, 8] + state[b, 8] + state[c, 8]) / 3.0 * longest:
-                    bits += 1
-            flag[t] = bits
+            flag[t] = film_flags(mesh, mark, limits[FILM], t)
     ti.loop_config(serialize=True)
-    for t in range(elements):
-        if flag[t] & 1 > 0:
-            best, taker = 0.0, -1
-            for i in ti.static(range(3)):
-                o = neighbours[t, i]
-                if o >= 0:
-                    length = distance(state, cells[t, (i + 1) % 3], cells[t, (i + 2) % 3])
-                    if fluid[o] != fluid[t] and length > best:
-                        best, taker = length, fluid[o]
-            if taker >= 0:
-                weigh(state, cells, fluid, density, t, -1)
-                fluid[t] = taker
-                weigh(state, cells, fluid, density, t, 1)
-                count[0] = count[0] + 1
+    for t in range(cells.shape[0]):
+        if flag[t] & IN_FILM > 0:
+            counters[BROKEN] += break_film(mesh, t)
     ti.loop_config(serialize=True)
-    for t in range(elements):
-        if flag[t] & 2 > 0 and count[0] == 0:
-            for i in ti.static(range(3)):
-                o = neighbours[t, i]
-                if o >= 0:
-                    if fluid[o] != fluid[t]:
-                        b, c = cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
-                        length, wanted = distance(state, b, c), target(state, b, c)
-                        flat = double_area(state, cells[t, i], b, c)
-                        on_edge = length > long * wanted and flat < low * wanted * length
-                        if on_edge and mark[cells[t, i]] == 0:
-                            weigh(state, cells, fluid, density, t, -1)
-                            fluid[t] = fluid[o]
-                            weigh(state, cells, fluid, density, t, 1)
-                            mark[cells[t, i]] = 1
-                            count[1] = count[1] + 1
-                            for k in ti.static(range(3)):
-                                if neighbours[t, k] >= 0:
-                                    flag[neighbours[t, k]] = flag[neighbours[t, k]] | 2
+    for t in range(cells.shape[0]):
+        if flag[t] & AT_INTERFACE > 0 and counters[BROKEN] == 0:
+            counters[ABSORBED] += absorb_sliver(mesh, mark, flag, limits, t)

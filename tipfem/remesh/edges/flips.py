@@ -1,199 +1,226 @@
-"""Kernels that make a triangulation Delaunay again by flips; arrays as in `edge_operations` and `coarsen_refine`.
+"""Kernels that make a triangulation Delaunay by flips; arrays are those of `edge_operations.TriangleArrays`.
 
-Edges between cells of two fluids, the interface, are never flipped; nor is the hull. A flip that would change momentum,
-for it deals out masses anew, gives the difference back to the particles around that no wall holds.
+Edges between cells of two fluids, the interface, are never flipped; nor is the hull. A flip changes the masses of
+particles; the momentum that this would change is given to the particles around it, unless one belongs to a wall.
 """
 
 import taichi as ti
 
+from tipfem.backend.array_types import Flags1, Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
-from tipfem.remesh.edges.edge_operations import flip, give, momentum, place, should_flip, touch, weigh
+from tipfem.remesh.edges.edge_operations import (
+    ACCELERATION,
+    CURRENT,
+    MASS,
+    PRESSURE,
+    STALE,
+    TARGET,
+    TO_FLIP,
+    VELOCITY,
+    Segment,
+    TriangleArrays,
+    add_mass,
+    circle_determinant,
+    column_of,
+    distribute_momentum,
+    flip,
+    mark_stale,
+    momentum_of,
+    set_entry,
+    should_flip,
+)
+
+# Counters of `make_delaunay`.
+FLIPS, ENDLESS, STACK_FULL, COUNTERS = 0, 1, 2, 3
+MOST_FLIPS = 40  # a cell, on average: far more than there are
+MARGIN = 0.9  # of the tolerance of flips, for round-off
 
 
 @ti.func
-def note_flips(
-    x: ti.template(),
-    cells: ti.template(),
-    neighbours: ti.template(),
-    fluid: ti.template(),
-    stale: ti.template(),
-    t,
-    slack,
-):
-    """Set ``stale`` (M,) to 1 where an edge of cell t may have to be flipped: both cells of it, but by one of them.
+def square_distance(x: Template, a, b):
+    """Squared distance of two particles."""
+    dx, dy = x[a, 0] - x[b, 0], x[a, 1] - x[b, 1]
+    return dx * dx + dy * dy
 
-    The edge is looked at once, with a margin for round-off.
+
+@ti.func
+def mark_flips(mesh: Template, t, tolerance):
+    """Mark cell t and a neighbour of a higher number as stale if the edge between them may have to be flipped.
+
+    The edge is looked at from one side; the measure that `edge_operations.in_circle` divides by depends on the side.
+    The smaller of the two is taken, with a margin for round-off.
     """
-    f = fluid[t]
+    x, cells = ti.static(mesh.state, mesh.cells)
+    f = mesh.fluid[t]
     if f >= 0:
         for i in ti.static(range(3)):
-            o = neighbours[t, i]
+            o = mesh.neighbours[t, i]
             if o > t:
-                if fluid[o] == f:
+                if mesh.fluid[o] == f:
                     a, b, c = cells[t, i], cells[t, ti.static((i + 1) % 3)], cells[t, ti.static((i + 2) % 3)]
                     d = cells[o, 0] + cells[o, 1] + cells[o, 2] - b - c
-                    ax, ay = x[a, 0] - x[d, 0], x[a, 1] - x[d, 1]
-                    bx, by = x[b, 0] - x[d, 0], x[b, 1] - x[d, 1]
-                    cx, cy = x[c, 0] - x[d, 0], x[c, 1] - x[d, 1]
-                    a2, b2, c2 = ax * ax + ay * ay, bx * bx + by * by, cx * cx + cy * cy
-                    inside = a2 * (bx * cy - cx * by) - b2 * (ax * cy - cx * ay) + c2 * (ax * by - bx * ay)
+                    inside, ad, bd, cd = circle_determinant(x, a, b, c, d)
                     if inside > 0.0:
-                        # From d the largest distance is one, from a another.
-                        ab = (ax - bx) * (ax - bx) + (ay - by) * (ay - by)
-                        ac = (ax - cx) * (ax - cx) + (ay - cy) * (ay - cy)
-                        largest = ti.max(a2, ti.min(ti.max(b2, c2), ti.max(ab, ac)))
-                        if inside > 0.9 * slack * largest * largest:
-                            stale[t] = ti.i8(1)
-                            stale[o] = ti.i8(1)
+                        beside_d, beside_a = ti.max(bd, cd), ti.max(square_distance(x, a, b), square_distance(x, a, c))
+                        largest = ti.max(ad, ti.min(beside_d, beside_a))
+                        if inside > MARGIN * tolerance * largest * largest:
+                            mesh.stale[t] = ti.i8(STALE)
+                            mesh.stale[o] = ti.i8(STALE)
+
+
+@ti.func
+def flip_conserving_momentum(mesh: Template, four: Template, t, i):
+    """Flip the edge opposite corner i of cell t; ``four`` is a `Segment` for the particles around it."""
+    o = mesh.neighbours[t, i]
+    for k in ti.static(range(3)):
+        set_entry(four, k, mesh.cells[t, k])
+    set_entry(four, 3, mesh.cells[o, column_of(mesh.neighbours, o, t)])
+    before = momentum_of(mesh.state, four, 4)
+    add_mass(mesh, t, -1)
+    add_mass(mesh, o, -1)
+    flip(mesh, t, i)
+    add_mass(mesh, t, 1)
+    add_mass(mesh, o, 1)
+    distribute_momentum(mesh, four, 4, before - momentum_of(mesh.state, four, 4))
+    mark_stale(mesh, t)
+    mark_stale(mesh, o)
+
+
+@ti.func
+def flip_from(mesh: Template, stack: Template, four: Template, counters: Template, start, tolerance):
+    """Lawson's flips: flip the edges of cell ``start`` that are not Delaunay, and those around each flipped edge."""
+    height = 3 if counters[ENDLESS] == 0 else 0
+    for i in ti.static(range(3)):
+        stack[i] = 3 * start + i
+    while height > 0:
+        height -= 1
+        t, i = stack[height] // 3, stack[height] % 3
+        if should_flip(mesh, t, i, tolerance):
+            o = mesh.neighbours[t, i]
+            flip_conserving_momentum(mesh, four, t, i)
+            counters[FLIPS] += 1
+            if height + 4 > stack.shape[0]:
+                counters[STACK_FULL] = 1
+            else:
+                # The four edges around: opposite a and the second particle of either cell.
+                stack[height] = 3 * t
+                stack[height + 1] = 3 * t + 2
+                stack[height + 2] = 3 * o
+                stack[height + 3] = 3 * o + 1
+                height += 4
+            if counters[FLIPS] > MOST_FLIPS * mesh.cells.shape[0]:
+                counters[ENDLESS] = 1
+                height = 0
 
 
 @kernel
 def find_flips(
-    x: ti.types.ndarray(),
-    cells: ti.types.ndarray(),
-    neighbours: ti.types.ndarray(),
-    fluid: ti.types.ndarray(),
-    stale: ti.types.ndarray(),
-    elements: ti.i32,
-    slack: ti.f64,
-    serial: ti.template(),
+    state: Reals2,
+    cells: Ints2,
+    neighbours: Ints2,
+    fluid: Ints1,
+    stale: Flags1,
+    tolerance: ti.f64,
+    serial: Template,
 ):
-    """`note_flips` of all cells; ``serial``: by one thread."""
+    """`mark_flips` of all cells; stale (M,) is zero before."""
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, stale=stale))
     ti.loop_config(serialize=serial)
-    for t in range(elements):
-        note_flips(x, cells, neighbours, fluid, stale, t, slack)
+    for t in range(cells.shape[0]):
+        mark_flips(mesh, t, tolerance)
 
 
 @kernel
 def make_delaunay(
-    x: ti.types.ndarray(),
-    cells: ti.types.ndarray(),
-    neighbours: ti.types.ndarray(),
-    fluid: ti.types.ndarray(),
-    corner: ti.types.ndarray(),
-    wall: ti.types.ndarray(),
-    density: ti.types.ndarray(),
-    stack: ti.types.ndarray(),
-    stale: ti.types.ndarray(),
-    star: ti.types.ndarray(),
-    count: ti.types.ndarray(),
-    elements: ti.i32,
-    slack: ti.f64,
+    state: Reals2,
+    cells: Ints2,
+    neighbours: Ints2,
+    fluid: Ints1,
+    corner: Ints1,
+    wall: Ints1,
+    density: Reals1,
+    stale: Flags1,
+    stack: Ints1,
+    scratch: Ints1,
+    counters: Ints1,
+    tolerance: ti.f64,
 ):
-    """Lawson's flips until every edge but interfaces and hull is Delaunay.
+    """Lawson's flips until every edge but interfaces and hull is Delaunay, but for ``tolerance``, see `in_circle`.
 
-    ``x`` is the state; density (F,) of the fluids. ``stale`` (M,): 1 for cells that are to be looked at; afterwards
-    for those that have changed, and their neighbours. ``stack`` (S,) and ``star`` are scratch.
-    count: [0] flips made, [1] set to 1 if the flips did not come to an end, [2] set to 1 if the stack was full,
-    so that the kernel must run again.
+    Only cells that are stale are looked at; afterwards those are that have changed, and their neighbours. stack (S,)
+    and scratch (4,) are for this kernel's use. counters: [FLIPS] made, [ENDLESS] set to 1 if they did not come to an
+    end, [STACK_FULL] set to 1 if the stack was too small, so that the kernel must run again.
     """
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, corner, wall, density, stale))
+    four = ti.static(Segment(scratch))
     ti.loop_config(serialize=True)
-    for t in range(elements):
-        if stale[t] != 0:
-            found = 0
+    for t in range(cells.shape[0]):
+        if stale[t] != CURRENT:
+            found = CURRENT
             for i in ti.static(range(3)):
-                if should_flip(x, cells, neighbours, fluid, t, i, slack):
-                    found = 2
+                if should_flip(mesh, t, i, tolerance):
+                    found = TO_FLIP
             stale[t] = ti.cast(found, ti.i8)
     ti.loop_config(serialize=True)
-    for t in range(elements):
-        if stale[t] == 2:
-            stale[t] = ti.i8(0)
-            height = 3
-            if count[1] != 0:
-                height = 0
-            for i in ti.static(range(3)):
-                stack[i] = 3 * t + i
-            while height > 0:
-                height -= 1
-                s, i = stack[height] // 3, stack[height] % 3
-                if should_flip(x, cells, neighbours, fluid, s, i, slack):
-                    o = neighbours[s, i]
-                    for k in ti.static(range(3)):
-                        star[k] = cells[s, k]
-                    star[3] = cells[o, place(neighbours, o, s)]
-                    before = momentum(x, star, 0, 4)
-                    weigh(x, cells, fluid, density, s, -1)
-                    weigh(x, cells, fluid, density, o, -1)
-                    flip(cells, neighbours, corner, s, i)
-                    weigh(x, cells, fluid, density, s, 1)
-                    weigh(x, cells, fluid, density, o, 1)
-                    give(x, wall, star, 0, 4, before - momentum(x, star, 0, 4))
-                    touch(neighbours, stale, s)
-                    touch(neighbours, stale, o)
-                    count[0] += 1
-                    if height + 4 > stack.shape[0]:
-                        count[2] = 1
-                    else:
-                        # The four edges around: opposite a and the second particle of either cell.
-                        stack[height] = 3 * s
-                        stack[height + 1] = 3 * s + 2
-                        stack[height + 2] = 3 * o
-                        stack[height + 3] = 3 * o + 1
-                        height += 4
-                    if count[0] > 40 * elements:
-                        count[1] = 1
-                        height = 0
+    for t in range(cells.shape[0]):
+        if stale[t] == TO_FLIP:
+            stale[t] = ti.i8(CURRENT)
+            flip_from(mesh, stack, four, counters, t, tolerance)
 
 
 @kernel
 def gather(
-    position: ti.types.ndarray(),
-    velocity: ti.types.ndarray(),
-    acceleration: ti.types.ndarray(),
-    pressure: ti.types.ndarray(),
-    wanted: ti.types.ndarray(),
-    cells: ti.types.ndarray(),
-    neighbours: ti.types.ndarray(),
-    fluid: ti.types.ndarray(),
-    measure: ti.types.ndarray(),
-    density: ti.types.ndarray(),
-    mass: ti.types.ndarray(),
-    state: ti.types.ndarray(),
-    corner: ti.types.ndarray(),
-    stale: ti.types.ndarray(),
-    particles: ti.i32,
-    elements: ti.i32,
-    slack: ti.f64,
-    serial: ti.template(),
+    position: Reals2,
+    velocity: Reals2,
+    acceleration: Reals2,
+    pressure: Reals1,
+    spacing: Reals1,
+    cells: Ints2,
+    neighbours: Ints2,
+    fluid: Ints1,
+    measure: Reals1,
+    density: Reals1,
+    mass: Reals1,
+    state: Reals2,
+    corner: Ints1,
+    stale: Flags1,
+    tolerance: ti.f64,
+    serial: Template,
 ):
-    """The rows of ``state`` from the particles' arrays, targets ``wanted`` (N,), and masses; ``corner`` (N,) is the
-    last cell at each. ``mass`` (N,) is scratch. ``stale`` (M,), zero before: see `flips.find_flips`."""
+    """The rows of ``state`` from the particles' arrays, target ``spacing`` (N,), and masses.
+
+    measure (M,): areas of the cells; ``cells`` may have room for more. corner (N,) is the last cell at each particle.
+    mass (N,) is scratch. stale (M,), zero before: see `find_flips`.
+    """
+    mesh = ti.static(TriangleArrays(position, cells, neighbours, fluid, stale=stale))
     ti.loop_config(serialize=True)
-    for n in range(particles):
+    for n in range(position.shape[0]):
         mass[n], corner[n] = 0.0, -1
     ti.loop_config(serialize=True)
-    for t in range(elements):
+    for t in range(measure.shape[0]):
         share = density[fluid[t]] * measure[t] / 3.0
         for k in ti.static(range(3)):
             n = cells[t, k]
             mass[n] = mass[n] + share
             corner[n] = t
     ti.loop_config(serialize=serial)
-    for t in range(elements):
-        note_flips(position, cells, neighbours, fluid, stale, t, slack)
+    for t in range(measure.shape[0]):
+        mark_flips(mesh, t, tolerance)
     ti.loop_config(serialize=serial)
-    for n in range(particles):
+    for n in range(position.shape[0]):
         for k in ti.static(range(2)):
             state[n, k] = position[n, k]
-            state[n, 2 + k] = velocity[n, k]
-            state[n, 4 + k] = acceleration[n, k]
-        state[n, 6], state[n, 7], state[n, 8] = pressure[n], mass[n], wanted[n]
+            state[n, VELOCITY + k] = velocity[n, k]
+            state[n, ACCELERATION + k] = acceleration[n, k]
+        state[n, PRESSURE], state[n, MASS], state[n, TARGET] = pressure[n], mass[n], spacing[n]
 
 
 @kernel
-def scatter(
-    state: ti.types.ndarray(),
-    velocity: ti.types.ndarray(),
-    acceleration: ti.types.ndarray(),
-    pressure: ti.types.ndarray(),
-    wanted: ti.types.ndarray(),
-    particles: ti.i32,
-):
-    """What `gather` did to the rows, undone."""
+def scatter(state: Reals2, velocity: Reals2, acceleration: Reals2, pressure: Reals1, spacing: Reals1):
+    """The particles' arrays from the rows of ``state``, but for positions and masses; see `gather`."""
     ti.loop_config(serialize=True)
-    for n in range(particles):
+    for n in range(state.shape[0]):
         for k in ti.static(range(2)):
-            velocity[n, k] = state[n, 2 + k]
-            acceleration[n, k] = state[n, 4 + k]
-        pressure[n], wanted[n] = state[n, 6], state[n, 8]
+            velocity[n, k] = state[n, VELOCITY + k]
+            acceleration[n, k] = state[n, ACCELERATION + k]
+        pressure[n], spacing[n] = state[n, PRESSURE], state[n, TARGET]
