@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import csv
 import gc
 import json
@@ -51,7 +52,7 @@ def test_state_is_readable_and_consistent_at_every_step(water, air):
 def test_a_sharp_interface_keeps_its_state_consistent_at_every_step(water, air):
     """As many particles as before, walls at rest around them, no inverted element, volumes to round-off."""
     simulation = tp.Simulation(dam_break(water, air), time_step=2e-3)
-    count, volumes, relocated = len(simulation.particles), simulation.budget.totals().volume, 0
+    count, volumes, relocated = len(simulation.particles), simulation.state.volume, 0
     while simulation.time < 0.4:
         simulation.step()
         p, mesh = simulation.particles, simulation.mesh
@@ -62,7 +63,7 @@ def test_a_sharp_interface_keeps_its_state_consistent_at_every_step(water, air):
         np.testing.assert_array_equal(mesh.position, p.position)
         assert mesh.measure.min() > 0
         assert (np.bincount(mesh.cells.ravel(), minlength=count) > 0).all()
-        np.testing.assert_allclose(simulation.budget.totals().volume, volumes, rtol=1e-9)
+        np.testing.assert_allclose(simulation.state.volume, volumes, rtol=1e-9)
         relocated += simulation.history[-1]["relocated"]
     assert relocated > 50
 
@@ -84,15 +85,15 @@ def test_falling_column_turns_potential_into_kinetic_energy(water, air):
 def test_a_refused_step_is_halved_and_leaves_the_state_alone(water, air, monkeypatch):
     """A refusal costs nothing but time; the step grows back."""
     simulation = tp.Simulation(dam_break(water, air), time_step=1e-3)
-    real, refusals = simulation._solve, []
+    real, refusals = simulation.solve, []
 
-    def solve(dt):
+    def solve(state, dt, until):
         if len(refusals) < 2:
             refusals.append(dt)
             raise StepRefused("for the test")
-        return real(dt)
+        return real(state, dt, until)
 
-    monkeypatch.setattr(simulation, "_solve", solve)
+    monkeypatch.setattr(simulation, "solve", solve)
     simulation.step()
     assert refusals == [1e-3, 5e-4]
     assert simulation.time == 2.5e-4
@@ -117,14 +118,14 @@ def test_fast_particles_shorten_the_step(water, air):
 def test_a_run_that_cannot_go_on_says_why_and_keeps_what_it_has(water, air, tmp_path, monkeypatch):
     """All up to the failure is on disk, and the message names time, reason and what was tried."""
     simulation = tp.Simulation(dam_break(water, air), tmp_path, time_step=1e-3, output_interval=2e-3)
-    real = simulation._solve
+    real = simulation.solve
 
-    def solve(dt):
-        if simulation.time > 4.5e-3:
+    def solve(state, dt, until):
+        if state.time > 4.5e-3:
             raise StepRefused("an element would be inverted")
-        return real(dt)
+        return real(state, dt, until)
 
-    monkeypatch.setattr(simulation, "_solve", solve)
+    monkeypatch.setattr(simulation, "solve", solve)
     with pytest.raises(tp.SimulationError, match=r"stops at t = 0.005 s.*an element would be inverted.*halving"):
         simulation.run(0.02, progress=False)
     rows = list(csv.DictReader((tmp_path / "history.csv").open()))
@@ -219,10 +220,10 @@ def test_memory_is_flat_over_500_steps(water, air):
 
     for _ in range(100):
         simulation.step()
-    held, before = simulation._workspace.buffers.memory(), resident()
+    held, before = simulation.solver.workspace.buffers.memory(), resident()
     for _ in range(500):
         simulation.step()
-    assert simulation._workspace.buffers.memory() < 1.3 * held
+    assert simulation.solver.workspace.buffers.memory() < 1.3 * held
     assert resident() - before < 20  # MiB
 
 
@@ -293,8 +294,8 @@ def test_a_column_that_fails_leaves_its_row_and_says_which(water, air, tmp_path)
 def test_the_volume_source_of_a_nearly_vanished_fluid_is_bounded(water, air):
     """One factor for all fluids: the balance stays zero."""
     simulation = tp.Simulation(dam_break(water, air, 0.05))
-    mesh, p = simulation.mesh, simulation.particles
-    fraction = simulation.interface.fluid_fraction(mesh, p.fluid, 2)
+    mesh = simulation.mesh
+    fraction = simulation.state.material.fraction
     volume = mesh.measure @ fraction
     wanted = np.array([5 * volume[0], volume[1] - 4 * volume[0]])
     growth = volume_source(mesh, fraction, wanted, 0.5)
@@ -308,3 +309,58 @@ def test_the_volume_source_of_a_nearly_vanished_fluid_is_bounded(water, air):
     np.testing.assert_allclose(
         volume_source(mesh, fraction, volume + lost, 0.1), 0.1 * fraction @ (lost / volume), atol=1e-12
     )
+
+
+@pytest.mark.parametrize("kind", ["sharp", "interpolated", "free surface", "graded"])
+def test_what_a_step_changes_is_all_in_the_attributes_it_names(water, air, kind):
+    """A new simulation that is given copies of them goes on as the first one does, to the last bit."""
+    tank = tp.tank((0.584, 0.584), 0.03).fill(water, box=((0, 0), (0.146, 0.292)))
+    fluids, options = [water, air], {"interface": "sharp"}
+    if kind == "free surface":
+        fluids, options = [water], {"free_surface": True}
+    else:
+        tank = tp.tank((0.584, 0.584), 0.03).fill(air).fill(water, box=((0, 0), (0.146, 0.292)))
+    if kind == "interpolated":
+        options = {"interface": "interpolated"}
+    if kind == "piston":
+        tank.wall("left", motion=lambda t: 0.3 * t**2).wall("right", motion=lambda t: -0.3 * t**2)
+    if kind == "graded":
+        options = {"grading": tp.Grading({"air": 0.06}, growth=0.3)}
+    case = tp.Case(tank, fluids, (0, -9.81), **options)
+    first, second = (tp.Simulation(case, time_step=2e-3) for _ in range(2))
+    for _ in range(60):
+        first.step()
+    for name in tp.Simulation.CHANGES:
+        setattr(second, name, copy.deepcopy(getattr(first, name)))
+    for _ in range(30):
+        first.step()
+        second.step()
+    assert second.step_number == 90
+    for name in ("position", "velocity", "acceleration", "pressure", "fluid", "wall", "target"):
+        np.testing.assert_array_equal(getattr(first.particles, name), getattr(second.particles, name))
+    np.testing.assert_array_equal(first.mesh.cells, second.mesh.cells)
+    for one, other in zip(first.history, second.history, strict=True):
+        assert {**one, "wall_seconds": 0} == {**other, "wall_seconds": 0}
+
+
+def test_a_refused_step_changes_nothing_but_the_length_of_the_next(water, air, monkeypatch):
+    """Refused after it was remeshed, many times over: state, arrays and history are what they were."""
+    simulation = tp.Simulation(dam_break(water, air, interface="interpolated"), time_step=1e-3)
+    for _ in range(5):
+        simulation.step()
+    state, arrays = simulation.state, copy.deepcopy(simulation.state.particles)
+    missing, rows = simulation.volume_control.missing.copy(), list(simulation.history)
+    real = simulation.remesher.remesh
+
+    def remesh(solved):
+        real(solved)
+        raise StepRefused("for the test")
+
+    monkeypatch.setattr(simulation.remesher, "remesh", remesh)
+    with pytest.raises(tp.SimulationError, match="for the test"):
+        simulation.step()
+    assert simulation.state is state
+    for name, values in vars(arrays).items():
+        np.testing.assert_array_equal(getattr(simulation.particles, name), values)
+    np.testing.assert_array_equal(simulation.volume_control.missing, missing)
+    assert simulation.history == rows

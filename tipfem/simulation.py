@@ -14,25 +14,23 @@ import numpy as np
 
 from tipfem.arguments import is_number
 from tipfem.backend import runtime
+from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.errors import SimulationError, StepRefused
-from tipfem.fem.time_integration import GeneralizedAlpha, StepControl, smallest_jacobian
-from tipfem.linalg.newton import NewtonResult, newton
+from tipfem.fem.time_integration import StepControl, smallest_jacobian
 from tipfem.mesh import probes
 from tipfem.mesh.delaunay import TriangulationError
-from tipfem.mesh.interface import INTERFACES
+from tipfem.mesh.mesh import Mesh
 from tipfem.output import ResultsFolder, fill_columns, own_columns
 from tipfem.progress import RunProgress
-from tipfem.remesh.momentum_transfer import nodal_density, transfer_momentum
-from tipfem.remesh.remeshers import Remeshed, remesher_for
-from tipfem.step.budget import Budget, lumped
-from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
+from tipfem.remesh.remeshers import remesher_for
+from tipfem.state import Solved, State
+from tipfem.step.budget import Budget
+from tipfem.step.solve import StepSolver
 from tipfem.step.volume_source import VolumeControl
 from tipfem.timers import Timings, timer
-from tipfem.typing import Array
 from tipfem.walls.motion import set_off
-from tipfem.walls.step import WallStep, walls_in_step
 
 Probe = Callable[["Simulation"], float]
 
@@ -50,15 +48,20 @@ class Simulation:
         columns: further columns of the history, by name: functions of the simulation.
 
     Attributes:
-        time: [s].
-        particles: the present state; position, velocity, pressure, fluid, wall are NumPy arrays.
-        mesh: simplices on the present positions.
+        state: the present state, frozen; `particles`, `mesh`, `boundary`, `time` and `step_number` are parts of it.
+        control: of the length of the time step.
+        volume_control: of the source that gives the fluids back their volumes.
         history: one dict a step, as in history.csv.
         timings: wall-clock seconds by part of a step; see `tipfem.timers`.
+
+    The attributes named in `CHANGES` are all that a step changes and that a later one depends on: a simulation of the
+    same case that is given another's goes on as that one does.
 
     Raises:
         ValueError: an argument is out of range, or ``out`` cannot be written to.
     """
+
+    CHANGES = ("state", "control", "volume_control", "history")
 
     def __init__(
         self,
@@ -80,37 +83,56 @@ class Simulation:
                 "every output shortens steps to end at it"
             )
         runtime.require_init()
-        self.case, self.boundary = case, case.boundary
+        self.case = case
         self.output_interval = output_interval
         self.columns = own_columns(columns or {})
-        self.time, self.step_number = 0.0, 0
         self.history: list[dict[str, float]] = []
         self.timings = Timings()
-        self.interface = INTERFACES[case.interface]()
         frequency = case.natural_frequency()
         largest = time_step or (0.05 / frequency if frequency else 1e-3)
         self.control = StepControl(largest, target=case.numerics.largest_move)
-        self.budget, self._workspace = Budget(case), Workspace()
-        self._walls: WallStep | None = None
-        self._nodal_density: Array | None = None  # around each particle, where no fluid is known of elements
-        self._reference = case.pressure_reference()
-        self.remesher = remesher_for(case, self._reference)
+        self.solver = StepSolver(case, self.control.reach)
+        self.remesher, self.budget = remesher_for(case), Budget(case)
         self._started, self._outputs = clock.perf_counter(), 0
         try:
             initial = set_off(case.boundary, case.particles.copy(), 0.25 * self.control.largest)
-            self._take(self.remesher.start(initial))
+            self.state = self.remesher.start(initial, case.boundary, case.pressure_reference())
         except TriangulationError as error:
             raise ValueError(f"Simulation: the initial particles cannot be meshed: {error}") from error
-        # With a sharp interface the remesher keeps the volumes, and without jumps of pressure.
-        rate = 0.0 if case.interface == "sharp" else case.numerics.volume_correction * frequency
-        self.volume_control = VolumeControl(self.budget.totals().volume, rate, balanced=case.closed)
+        rate = 0.0 if self.remesher.keeps_volumes else case.numerics.volume_correction * frequency
+        self.volume_control = VolumeControl(self.state.volume, rate, balanced=case.closed)
         # Last of all: it removes what an earlier run left, which a refused simulation must not do.
         self.results = ResultsFolder(out) if out is not None else None
         if self.results:
             self.results.write_case(case)
 
+    @property
+    def time(self) -> float:
+        """Of the present state [s]."""
+        return self.state.time
+
+    @property
+    def step_number(self) -> int:
+        """How many steps have been taken."""
+        return self.state.step
+
+    @property
+    def particles(self) -> Particles:
+        """The present particles; position, velocity, pressure, fluid, wall are NumPy arrays."""
+        return self.state.particles
+
+    @property
+    def mesh(self) -> Mesh:
+        """Simplices on the present positions."""
+        return self.state.mesh
+
+    @property
+    def boundary(self) -> Boundary:
+        """Which of the present particles lie on which walls."""
+        return self.state.boundary
+
     def step(self, until: float = math.inf) -> None:
-        """Advance by one accepted time step: solve, accept, relocate, mesh.
+        """Advance by one accepted time step: solve, remesh, account, record.
 
         Args:
             until: time that must not be stepped over [s].
@@ -123,29 +145,52 @@ class Simulation:
         if not until > self.time:
             raise ValueError(f"step: until is {until!r} s; it must be later than the present {self.time:g} s")
         with self.timings.active(), timer("step"):
-            self._step(until)
+            accepted = False
+            while not accepted:
+                dt = self._step_length(until)
+                try:
+                    solved = self.solve(self.state, dt, until)
+                    state = self.remesher.remesh(solved)
+                    accepted = True
+                except (StepRefused, TriangulationError, FloatingPointError) as reason:
+                    self._refuse(dt, reason)
+            row = self.budget.account(solved, state)
+            self.control.accept(dt)
+            self.volume_control.observe(state.volume, dt)
+            self.state = state
+            self.record(solved, row)
 
-    def _step(self, until: float) -> None:
-        while True:
-            pace = self.boundary.speed_over_spacing(self.particles, self.time, self.control.current)
-            dt = self.control.length(pace, until - self.time, lambda s: smallest_jacobian(self.mesh, self.particles, s))
-            try:
-                moved, result = self._solve(dt)
-                with timer("remeshing"):
-                    remeshed = self.remesher.remesh(moved, self.mesh, self._walls)
-                self._take(remeshed, self._nodal_density)
-                break
-            except (StepRefused, TriangulationError, FloatingPointError) as reason:
-                if not self.control.refuse(dt):
-                    raise SimulationError(
-                        f"the run stops at t = {self.time:.6g} s, step {self.step_number}: {reason}; "
-                        f"halving the time step down to {dt:.3g} s did not help"
-                    ) from reason
-        self.control.accept(dt)
-        self.volume_control.observe(self.budget.totals().volume, dt)
-        self.time = until if abs(until - self.time - dt) < 1e-9 * dt else self.time + dt
-        self.step_number += 1
-        self._record(dt, result, remeshed.number)
+    def solve(self, state: State, dt: float, until: float = math.inf) -> Solved:
+        """Solve a step of length ``dt`` [s] from a state, without taking it.
+
+        Args:
+            state: to start from.
+            dt: length of the step [s].
+            until: time at which the step ends where it comes there but for round-off [s].
+
+        Raises:
+            StepRefused: the step is too long.
+        """
+        end = until if abs(until - state.time - dt) < 1e-9 * dt else state.time + dt
+        return self.solver.solve(state, dt, self.volume_control.source(state, dt), end)
+
+    def _step_length(self, until: float) -> float:
+        """Length of the next step [s], which does not go beyond a time [s]."""
+        state, control = self.state, self.control
+        speed = state.boundary.speed_over_spacing(state.particles, state.time, control.current)
+        return control.length(speed, until - state.time, lambda dt: smallest_jacobian(state.mesh, state.particles, dt))
+
+    def _refuse(self, dt: float, reason: Exception) -> None:
+        """Halve the time step that was refused.
+
+        Raises:
+            SimulationError: it would fall below the smallest.
+        """
+        if not self.control.refuse(dt):
+            raise SimulationError(
+                f"the run stops at t = {self.time:.6g} s, step {self.step_number}: {reason}; "
+                f"halving the time step down to {dt:.3g} s did not help"
+            ) from reason
 
     def run(self, until: float, *, progress: bool = True) -> None:
         """Step until a time, writing history and fields on the way.
@@ -187,77 +232,14 @@ class Simulation:
                     self._write_fields()
                 self.write_summary({"status": status})
 
-    @timer("solve")
-    def _solve(self, dt: float) -> tuple[Particles, NewtonResult]:
-        """The state after a step of length ``dt``, before relocation.
-
-        Raises:
-            StepRefused: Newton's method failed, an element would invert, or a particle would move too far.
-        """
-        numerics = self.case.numerics
-        scheme = GeneralizedAlpha(numerics.rho_inf, dt)
-        position, varies = self.particles.position, self.case.body_force is not None
-        position = position + scheme.cf * scheme.predict(self.particles) if varies else position
-        force = self.case.acceleration(position, self.time + scheme.cf * dt)
-        before, source = self.particles, self.volume_control.source(self.mesh, self._fraction, dt)
-        material = ElementProperties(self._density, self._viscosity, source)
-        self._walls = walls_in_step(self.boundary, self.mesh, before, material.viscosity, scheme, self.time)
-        problem = FlowProblem(
-            self.mesh, before, material, scheme, force, numerics.stabilisation, self._workspace, self._walls
-        )
-        forces = force if varies else force[:1]
-        tolerance = numerics.tolerance(forces, scheme.cm, before.spacing, runtime.round_off())
-        if self.step_number == 0:  # what the first step leaves of pressure's error would slosh for long
-            tolerance = min(tolerance, 10 * runtime.round_off())
-        result = newton(
-            problem,
-            problem.predict(),
-            tolerance=tolerance,
-            max_iterations=numerics.newton_iterations,
-            noise=runtime.round_off(),
-        )
-        result.require()
-        limits = problem.limits(result.solution)
-        limits.require(numerics.smallest_jacobian, self.control.reach)
-        displacement, pressure = problem.split(result.solution)
-        if self.mesh.surface is None or not self.mesh.surface.front.any():
-            pressure -= pressure[self._reference]
-        after = scheme.advance(before, displacement, pressure)
-        after = self._walls.finish(before, displacement, after) if self._walls else after
-        after = self.mesh.surface.landed(before, after, force, dt) if self.mesh.surface else after
-        with timer("budget"):
-            self.budget.solved(problem, result.solution, displacement, after, force)
-        return after, result
-
-    @timer("state")
-    def _take(self, remeshed: Remeshed, before: Array | None = None) -> None:
-        """Make particles on a new mesh the present state; before (N,) is the density around each on the old mesh."""
-        particles, mesh, relocated, _number, renumbered = remeshed
-        if renumbered is not None:
-            self._reference = int(renumbered[self._reference])
-        fluid, fluids = particles.fluid, self.case.fluids
-        density, viscosity = self.interface.element_properties(mesh, fluid, fluids)
-        mass = lumped(mesh, density)
-        if mesh.fluid is None:  # with one, no particle changes its weight much with the mesh
-            self._nodal_density = around = nodal_density(mass, lumped(mesh, np.ones(len(density))))
-            if before is not None and self.case.numerics.momentum_transfer:
-                before = np.where(relocated, np.nan, before)
-                particles = transfer_momentum(particles, mesh, before, around, self.boundary.still)
-        if self._walls and mesh.fluid is not None:
-            self.boundary = self._walls.reassign(particles)
-        elif self._walls:
-            particles = self._walls.impose(particles)
-        self.mesh, self.particles, self._density, self._viscosity = mesh, particles, density, viscosity
-        self._fraction = None if mesh.fluid is not None else self.interface.fluid_fraction(mesh, fluid, len(fluids))
-        self.budget.remeshed(mesh, particles, mass, self._fraction)
-
     def volume(self, name: str) -> float:
         """Volume of a fluid [m^2 in 2-D, m^3 in 3-D], spray included; see `Case.fluid_index` for errors."""
-        return float(self.budget.totals().volume[self.case.fluid_index(name)])
+        return float(self.state.volume[self.case.fluid_index(name)])
 
     def energy(self) -> probes.Energy:
         """Kinetic and potential energy [J, per metre of depth in 2-D]."""
-        return probes.Energy(self.budget.totals().kinetic, self.budget.totals().potential)
+        totals = self.budget.totals(self.state)
+        return probes.Energy(totals.kinetic, totals.potential)
 
     def write_summary(self, content: Mapping[str, Any] | None = None) -> None:
         """Write summary.json with the run's settings and ``content``; nothing without a results folder."""
@@ -281,19 +263,27 @@ class Simulation:
         )
 
     @timer("history")
-    def _record(self, dt: float, result: NewtonResult, relocated: int) -> None:
-        """Add the step to the history, in memory and on disk."""
+    def record(self, solved: Solved, budget: Mapping[str, float]) -> None:
+        """Add the step that led to the present state to the history, in memory and on disk.
+
+        Args:
+            solved: the step's solve.
+            budget: columns of `Budget.account`.
+
+        Raises:
+            SimulationError: a function in ``columns`` failed; the row is there, with NaN for its value.
+        """
         row: dict[str, float] = {
             "step": self.step_number,
             "time": self.time,
-            "time_step": dt,
+            "time_step": solved.dt,
             "particles": len(self.particles),
-            "newton_iterations": result.iterations,
-            "krylov_iterations": result.krylov_iterations,
-            "relocated": relocated,
-            "rebuilt": self.remesher.rebuilt,
+            "newton_iterations": solved.newton_iterations,
+            "krylov_iterations": solved.krylov_iterations,
+            "relocated": self.state.relocations,
+            "rebuilt": self.state.rebuilt,
             "max_speed": self.particles.max_speed,
-            **self.budget.row(),
+            **budget,
         }
         row.update(dict.fromkeys(self.columns, math.nan), wall_seconds=clock.perf_counter() - self._started)
         try:

@@ -37,7 +37,7 @@ LARGEST_RMS = 0.08  # of dZ/Z against Martin & Moyce
 def _fluid_in_cells(simulation: tp.Simulation, index: int) -> tuple[Array, Array]:
     """Volume of a fluid in each cell (M,) [m^2], and the height (M,) of the cell's middle [m]."""
     mesh = simulation.mesh
-    fraction = simulation.interface.fluid_fraction(mesh, simulation.particles.fluid, len(simulation.case.fluids))
+    fraction = simulation.state.material.fraction
     return fraction[:, index] * mesh.measure, mesh.position[mesh.cells].mean(axis=1)[:, 1]
 
 

@@ -9,6 +9,7 @@ import pytest
 from grid_levels import hierarchy, level_matrix
 from scipy import sparse
 from scipy.spatial import cKDTree
+from states import first_state, moved_to
 
 import tipfem as tp
 from tipfem.backend.launch import launch
@@ -17,6 +18,7 @@ from tipfem.case.numerics import FittedRule
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
+from tipfem.remesh import remeshers
 from tipfem.remesh.fitted import hull_corners, repair
 from tipfem.remesh.remeshers import FittedRemesher
 from tipfem.remesh.sizing import limit_gradation
@@ -131,17 +133,25 @@ def turned(x, angle):
     return x + angle * np.stack([s[:, 0] ** 2 * s[:, 1] * c[:, 1], -(s[:, 1] ** 2) * s[:, 0] * c[:, 0]], axis=1)
 
 
-def test_particles_follow_the_targets_and_no_fluid_loses_volume():
+def test_particles_follow_the_targets_and_no_fluid_loses_volume(monkeypatch):
     """Stirred for 80 steps: numbers change, volumes and corners stay, all edges are near their targets."""
     case = column()
-    remesher = FittedRemesher(case.fluids, [0], FittedRule(), walls_have_fluids=True, keep=True, grading=GRADING)
-    start = remesher.start(case.particles.copy())
-    particles, mesh = start.particles, start.mesh
+    remesher = FittedRemesher(case.fluids, FittedRule(), walls_have_fluids=True, keep=True, grading=GRADING)
+    state = first_state(remesher, case.particles.copy())
+    particles, mesh = state.particles, state.mesh
+    repairs = []
+
+    def remembered(*arguments, **options):
+        repairs.append(repair(*arguments, **options))
+        return repairs[-1]
+
+    monkeypatch.setattr(remeshers, "repair", remembered)
     volume = np.bincount(mesh.fluid, weights=mesh.measure)
     reference, tracked, numbers = particles.position[0].copy(), 0, set()
     for _ in range(80):
         moved = particles.copy(position=turned(particles.position, 0.006))
-        particles, mesh, relocated, _count, renumbered = remesher.remesh(moved, mesh, None)
+        state = remesher.remesh(moved_to(state, moved))
+        particles, mesh, relocated, renumbered = state.particles, state.mesh, state.relocated, repairs[-1].renumbered
         if renumbered is not None:
             assert len(renumbered) == len(moved)
             tracked = renumbered[tracked]
@@ -153,6 +163,9 @@ def test_particles_follow_the_targets_and_no_fluid_loses_volume():
         numbers.add(len(particles))
         np.testing.assert_allclose(np.bincount(mesh.fluid, weights=mesh.measure), volume, rtol=1e-9)
         np.testing.assert_array_equal(particles.position[tracked], reference)
+        assert state.reference == tracked
+        assert state.fixed[tracked]
+        assert state.fixed.sum() == 4
         assert len(np.unique(mesh.cells)) == len(particles)
         assert (mesh.measure > 0).all()
     assert len(numbers) > 10
@@ -170,8 +183,8 @@ def test_particles_follow_the_targets_and_no_fluid_loses_volume():
 def test_a_repair_creates_and_removes_by_the_targets(factor):
     """Targets that change at once: numbers go where they should, and a linear pressure stays, off the interface."""
     case = column(None)
-    remesher = FittedRemesher(case.fluids, [0], FittedRule(), walls_have_fluids=True, keep=True)
-    start = remesher.start(case.particles.copy())
+    remesher = FittedRemesher(case.fluids, FittedRule(), walls_have_fluids=True, keep=True)
+    start = first_state(remesher, case.particles.copy())
     particles, mesh = start.particles, start.mesh
     x = particles.position
     particles.pressure = 3.0 - 2.0 * x[:, 0] + x[:, 1]

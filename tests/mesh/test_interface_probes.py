@@ -7,10 +7,9 @@ import pytest
 from mesh_twins import energy, fluid_volumes, nodal_mass
 
 import tipfem as tp
-from tipfem.case import case
 from tipfem.mesh import probes
 from tipfem.mesh.delaunay import triangulate
-from tipfem.mesh.interface import INTERFACES, InterpolatedInterface
+from tipfem.mesh.interface import InterpolatedInterface
 from tipfem.mesh.mesh import Mesh
 from tipfem.step.volume_source import CALM, VolumeControl, volume_source
 
@@ -322,7 +321,3 @@ def test_a_vanished_fluid_leaves_the_source_finite_and_balanced():
     assert abs(growth @ mesh.measure) < 1e-15
     # Both hold too much by the same volume; that is more of the smaller one, and it has to give.
     assert (growth[fraction[:, np.argmin(volume)] == 1] < 0).all()
-
-
-def test_every_name_of_an_interface_has_a_rule():
-    assert sorted(case.INTERFACES) == sorted(INTERFACES)

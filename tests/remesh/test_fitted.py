@@ -1,7 +1,10 @@
 """tipfem/fitted.py: what a repair keeps."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from states import first_state, moved_to
 from triangulations import check, grid, of
 
 import tipfem as tp
@@ -17,7 +20,7 @@ DENSITY = np.array([998.0, 1.2])
 
 
 def started(kind: str, h: float, seed: int = 0, keep: bool = True):
-    """A remesher, and the particles and mesh that it starts with, in a unit square."""
+    """A remesher, and the state that it starts with, in a unit square."""
     tank = tp.tank((1.0, 1.0), h, jitter=0.2, seed=seed).fill(AIR)
     fluids = [WATER, AIR]
     if kind == "layer":
@@ -27,9 +30,8 @@ def started(kind: str, h: float, seed: int = 0, keep: bool = True):
     else:
         tank.fill(WATER, box=((0, 0), (1, 0.6))).fill(GLYCERIN, box=((0, 0), (0.4, 0.4)))
         fluids = [WATER, AIR, GLYCERIN]
-    remesher = FittedRemesher(fluids, [], RULE, walls_have_fluids=False, keep=keep)
-    first = remesher.start(tank.sample(fluids, fitted=True))
-    return remesher, first.particles, first.mesh
+    remesher = FittedRemesher(fluids, RULE, walls_have_fluids=False, keep=keep)
+    return remesher, first_state(remesher, tank.sample(fluids, fitted=True))
 
 
 def stirred(x, waves: int) -> np.ndarray:
@@ -51,7 +53,8 @@ def moved(particles, mesh, step) -> tp.Particles:
 def test_a_stirred_mesh_stays_a_mesh(kind, seed, keep):
     """300 repairs in vortices that turn at random; at each, all that a repair promises."""
     h = 0.1
-    remesher, particles, mesh = started(kind, h, seed, keep)
+    remesher, state = started(kind, h, seed, keep)
+    particles, mesh = state.particles, state.mesh
     rng = np.random.default_rng(seed)
     fixed = (particles.position % 1.0 == 0).all(axis=1)
     corners = particles.position[fixed]
@@ -64,8 +67,8 @@ def test_a_stirred_mesh_stays_a_mesh(kind, seed, keep):
         after = moved(particles, mesh, 0.1 * h * (sign * stirred(particles.position, waves) + noise))
         before = np.bincount(mesh.fluid, weights=simplex_measure(after.position, mesh.cells), minlength=len(volumes))
         count = len(particles)
-        remeshed = remesher.remesh(after, mesh, None)
-        particles, mesh = remeshed.particles, remeshed.mesh
+        state = remesher.remesh(moved_to(state, after))
+        particles, mesh = state.particles, state.mesh
         check(of(particles.position, mesh.cells, mesh.fluid))
         np.testing.assert_array_equal(mesh.neighbours, Mesh(mesh.position, mesh.cells).neighbours)
         assert len(particles) == count
@@ -77,7 +80,8 @@ def test_a_stirred_mesh_stays_a_mesh(kind, seed, keep):
         error.append(np.abs(volume - (volumes if keep else before)).max())
         side = particles.position[mesh.cells] - particles.position[mesh.cells[:, [1, 2, 0]]]
         shortest.append(np.linalg.norm(side, axis=2).min() / h)
-        placed += int(remeshed.relocated.sum())
+        assert state.relocations == state.relocated.sum()
+        placed += state.relocations
     assert placed > 200
     assert np.median(error) < 1e-11
     # A body that would have to move further than it may in one repair gets the rest in the next; one
@@ -89,16 +93,19 @@ def test_a_stirred_mesh_stays_a_mesh(kind, seed, keep):
 
 
 def test_a_repair_of_what_needs_none_changes_nothing():
-    remesher, particles, mesh = started("layer", 0.1, keep=False)
-    remeshed = remesher.remesh(particles, mesh, None)
-    assert remeshed.particles is particles
-    np.testing.assert_array_equal(remeshed.mesh.cells, mesh.cells)
+    remesher, state = started("layer", 0.1, keep=False)
+    remeshed = remesher.remesh(moved_to(state, state.particles))
+    for name in ("position", "velocity", "acceleration", "pressure", "wall"):
+        assert getattr(remeshed.particles, name) is getattr(state.particles, name)
+    np.testing.assert_array_equal(remeshed.particles.fluid, state.particles.fluid)
+    np.testing.assert_array_equal(remeshed.mesh.cells, state.mesh.cells)
     assert not remeshed.relocated.any()
 
 
 def test_the_names_of_two_fluids_do_not_matter():
     """Swapped labels: the same triangles, the same places but for round-off."""
-    _, particles, mesh = started("disc", 0.1, seed=3)
+    state = started("disc", 0.1, seed=3)[1]
+    particles, mesh = state.particles, state.mesh
     fixed = fitting.hull_corners(mesh)
     densities = [np.array([998.0, 1.2]), np.array([1.2, 998.0])]
     states = [(particles, mesh), (particles, Mesh(mesh.position, mesh.cells, 1 - mesh.fluid))]
@@ -154,16 +161,18 @@ def test_a_repair_away_from_the_walls_keeps_momentum(fluids, seed):
 
 def test_a_motion_as_one_stays_one_in_every_repair():
     """Walls included: no flip, collapse, split, slide or broken film finds a momentum to give back."""
-    remesher, particles, mesh = started("disc", 0.1, seed=2)
-    particles.velocity[:] = [0.7, -0.3]
+    remesher, state = started("disc", 0.1, seed=2)
+    state.particles.velocity[:] = [0.7, -0.3]
     placed = 0
     for k in range(60):
+        particles, mesh = state.particles, state.mesh
         after = moved(particles, mesh, 0.02 * stirred(particles.position, 1 + k // 20))
-        remeshed = remesher.remesh(after, Mesh(after.position, mesh.cells, mesh.fluid), None)
-        particles, mesh = remeshed.particles, remeshed.mesh
-        placed += remeshed.number
+        stirred_state = replace(state, particles=after, mesh=Mesh(after.position, mesh.cells, mesh.fluid))
+        state = remesher.remesh(moved_to(stirred_state, after))
+        placed += state.relocations
     assert placed > 20
-    np.testing.assert_allclose(particles.velocity, np.tile([0.7, -0.3], (len(particles), 1)), atol=1e-11)
+    velocity = state.particles.velocity
+    np.testing.assert_allclose(velocity, np.tile([0.7, -0.3], (len(velocity), 1)), atol=1e-11)
 
 
 def test_particles_that_are_freed_fill_the_gaps():

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from states import first_state, moved_to
 
 import tipfem as tp
+from tipfem.case.case import INTERFACES
 from tipfem.case.numerics import RelocationRule
 from tipfem.mesh import probes
 from tipfem.mesh.delaunay import triangulate, wall_fluid
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh import fitted
-from tipfem.remesh.remeshers import DelaunayRemesher, FittedRemesher
+from tipfem.remesh.remeshers import REMESHERS, DelaunayRemesher, FittedRemesher, TankMesher
 
 
 def pair_of(name, water, air, glycerin) -> list[tp.Fluid]:
@@ -82,8 +84,8 @@ def test_a_drop_that_falls_keeps_its_volume(water, air):
 def test_a_fitted_start_gives_triangles_of_each_part(water, air):
     fluids = [water, air]
     tank = tp.tank((1, 1), 0.07, jitter=0.2).fill(air).fill(water, where=lambda x: x[:, 1] < 0.3 + 0.4 * x[:, 0])
-    remesher = FittedRemesher(fluids, [5], fitted.FittedRule(), walls_have_fluids=False, keep=True)
-    first = remesher.start(tank.sample(fluids, fitted=True))
+    remesher = FittedRemesher(fluids, fitted.FittedRule(), walls_have_fluids=False, keep=True)
+    first = first_state(remesher, tank.sample(fluids, fitted=True), reference=5)
     particles, mesh = first.particles, first.mesh
     middle = particles.position[mesh.cells].mean(axis=1)
     below = middle[:, 1] < 0.3 + 0.4 * middle[:, 0]
@@ -106,14 +108,14 @@ def test_a_triangle_has_the_lightest_of_its_fluids_and_a_particle_the_heaviest_o
 
 def test_the_interpolated_rule_meshes_anew_what_it_relocates(water, air):
     tank = tp.tank((1, 1), 0.1, jitter=0.2).fill(air).fill(water, box=((0, 0), (1, 0.5)))
-    remesher = DelaunayRemesher(RelocationRule())
-    first = remesher.start(tank.sample([water, air]))
-    particles, mesh = first.particles, first.mesh
+    remesher = DelaunayRemesher([water, air], RelocationRule(), TankMesher(repairs=True))
+    first = first_state(remesher, tank.sample([water, air]))
+    particles = first.particles
     assert not first.relocated.any()
     free = np.flatnonzero(~particles.wall)
     moved = particles.copy()
     moved.position[free[0]] = moved.position[free[1]] + 1e-3
-    remeshed = remesher.remesh(moved, mesh, None)
+    remeshed = remesher.remesh(moved_to(first, moved))
     after, anew = remeshed.particles, remeshed.mesh
     assert remeshed.relocated.any()
     np.testing.assert_array_equal(remeshed.relocated, (after.position != moved.position).any(axis=1))
@@ -248,3 +250,7 @@ def check_rates(kind: str, simulation: tp.Simulation) -> None:
         end = np.abs(np.abs(y[:, 0] - 0.5) - 0.5) < 1e-9
         np.testing.assert_allclose(v[end, 0], rate, atol=2e-4)
         assert np.abs(v[:, 1]).max() < 1e-12
+
+
+def test_every_name_of_an_interface_rule_has_a_remesher():
+    assert set(REMESHERS) == set(INTERFACES)

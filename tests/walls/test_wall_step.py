@@ -192,6 +192,6 @@ def test_what_slides_on_a_turning_wall_feels_coriolis_and_the_centripetal_accele
     state.position[place] = path(t)
     state.velocity[place] = (path(t + e) - path(t - e)) / (2 * e)
     acceleration = (path(t + e) - 2 * path(t) + path(t - e)) / e**2
-    walls.impose(state)
+    state = walls.imposed(state)
     got = (state.acceleration[place] - acceleration) @ (pose.rotation @ normal)
     assert abs(got) < 1e-5 * np.linalg.norm(acceleration)

@@ -7,7 +7,6 @@
 import taichi as ti
 
 from tipfem.backend.launch import kernel, part_of
-from tipfem.fem.element import area_of
 from tipfem.fem.residual import gathered, linearisation, unknown
 
 WORKS = 6  # sums of `step_work` before the force of the walls
@@ -159,16 +158,11 @@ def step_sums(
     force: ti.types.ndarray(),
     gravity: ti.types.ndarray(),
     u: ti.types.ndarray(),
-    cells: ti.types.ndarray(),
-    fluid: ti.types.ndarray(),
-    measure: ti.types.ndarray(),
-    volume: ti.types.ndarray(),
     partial: ti.types.ndarray(),
     result: ti.types.ndarray(),
     shift: float,
     dt: float,
     nodes: ti.i32,
-    elements: ti.i32,
     dim: ti.template(),
     parts: ti.i32,
     stride: ti.template(),
@@ -178,15 +172,8 @@ def step_sums(
 
     With a_alpha = relative + force: m a_alpha . u and m (force - gravity) . u, then in each direction m times the
     change of velocity + shift * acceleration (of wall particles dt a_alpha) and m force; then those of `state_sums`.
-    Of triangles ``cells`` (M, 3) also the areas (M,) at ``position``, and the volume (F,) of each ``fluid`` (M,).
     ``serial``: by one thread.
     """
-    ti.loop_config(serialize=serial)
-    for e in range(elements):
-        measure[e] = area_of(position, cells, e)
-    ti.loop_config(serialize=True)
-    for e in range(elements):
-        volume[fluid[e]] = volume[fluid[e]] + measure[e]
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         inertia, external, energy = 0.0, 0.0, 0.0

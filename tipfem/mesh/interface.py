@@ -78,7 +78,3 @@ class SharpInterface:
     def fluid_fraction(self, mesh: Mesh, fluid: Array, count: int) -> Array:
         """Volume fraction of each of ``count`` fluids in each element, (M, count): zero or one."""
         return np.asarray((np.asarray(mesh.fluid)[:, None] == np.arange(count)).astype(float))
-
-
-# The classes of the rules that `tipfem.case.case.INTERFACES` names.
-INTERFACES: dict[str, type[InterfaceRule]] = {"interpolated": InterpolatedInterface, "sharp": SharpInterface}

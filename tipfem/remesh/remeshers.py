@@ -1,13 +1,20 @@
-"""Remeshers: from particles that have moved to the mesh of the next step, one for each interface rule."""
+"""Remeshers: from a solved step to the next state, one for each interface rule.
+
+A remesher decides all that depends on the interface rule: how particles are meshed, what the elements are made of,
+whether it keeps the fluids' volumes, and what becomes of velocities and walls after remeshing. `remesher_for` is the
+one place where a rule's name is looked at.
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from tipfem.backend.launch import launch
+from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
@@ -15,111 +22,228 @@ from tipfem.case.numerics import FittedRule, RelocationRule
 from tipfem.case.particles import Particles
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.delaunay import TriangulationError, triangulate, wall_fluid
-from tipfem.mesh.free_surface import SurfaceMesher
+from tipfem.mesh.free_surface import SurfaceMesher, loose_volumes
+from tipfem.mesh.interface import InterfaceRule, InterpolatedInterface, SharpInterface
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh.delaunay_repair import repaired
 from tipfem.remesh.fitted import hull_corners, particle_fluid, repair, with_fluids
+from tipfem.remesh.momentum_transfer import nodal_density, transfer_momentum
 from tipfem.remesh.relocation import relocate
 from tipfem.remesh.sizing import limit_gradation
 from tipfem.remesh.volumes import with_components
+from tipfem.state import InterpolatedMaterial, Material, SharpMaterial, Solved, State, lumped
 from tipfem.timers import timer
 from tipfem.typing import Array
-from tipfem.walls.step import WallStep
 
 
-class Remeshed(NamedTuple):
-    """Particles on a new mesh.
+class Remesher(ABC):
+    """Makes the first state, and the next one from a solved step.
 
-    Attributes:
-        particles: the state.
-        mesh: its simplices.
-        relocated: (N,) which of them were set elsewhere, or are new.
-        number: how many of those crowded others, or are new.
-        renumbered: what number each particle of the mesh before has now, -1 for those that are gone; None if all have
-            kept theirs.
-    """
-
-    particles: Particles
-    mesh: Mesh
-    relocated: Array
-    number: int
-    renumbered: Array | None = None
-
-
-class Remesher(Protocol):
-    """What a simulation asks of a remesher.
+    Args:
+        fluids: of the case.
 
     Attributes:
-        rebuilt: how many meshes, after the first, could not be had by repairing the last one.
+        interface: the rule of what elements between fluids are made of.
+        keeps_volumes: whether remeshing gives the fluids back what they lost, so that no source need do it.
     """
 
-    rebuilt: int
+    interface: InterfaceRule
+    keeps_volumes: bool
 
-    def start(self, particles: Particles) -> Remeshed:
-        """The first mesh.
+    def __init__(self, fluids: Sequence[Fluid]) -> None:
+        self.fluids = list(fluids)
+        self.density = np.array([f.density for f in fluids])
+
+    @abstractmethod
+    def start(self, particles: Particles, boundary: Boundary, reference: int) -> State:
+        """The first state.
+
+        Args:
+            particles: the initial ones; they become the state's.
+            boundary: of the case.
+            reference: the particle at which the pressure of a closed tank is zero.
 
         Raises:
             TriangulationError: the particles cannot be meshed.
         """
 
-    def remesh(self, particles: Particles, mesh: Mesh, walls: WallStep | None) -> Remeshed:
-        """The mesh after a step, in which ``particles`` moved with ``mesh`` between ``walls``.
+    @abstractmethod
+    def remesh(self, solved: Solved) -> State:
+        """The state after a step.
 
         Raises:
             TriangulationError: the particles cannot be meshed.
         """
 
+    def _state(self, particles: Particles, mesh: Mesh, material: Material, mass: Array, **others: Any) -> State:
+        """A state from the lumped ``mass`` (N,) of its elements and from what else it is to hold."""
+        volume = material.volumes(mesh.measure) + loose_volumes(mesh, particles.fluid, len(self.fluids))
+        if mesh.surface is not None:
+            mass = mass + self.density[particles.fluid] * mesh.surface.volume
+        others.setdefault("start_volume", volume)
+        return State(particles=particles, mesh=mesh, material=material, mass=mass, volume=volume, **others)
 
-class DelaunayRemesher:
+
+class Mesher(Protocol):
+    """Makes Delaunay meshes of particles."""
+
+    def start(self, particles: Particles) -> Mesh:
+        """The first mesh; see `Remesher.start` for errors."""
+
+    def remesh(self, solved: Solved, particles: Particles, moves: Array) -> tuple[Mesh, bool]:
+        """The mesh after a step, and whether it was made from scratch where it could have been a repair.
+
+        Args:
+            solved: the step.
+            particles: those of the step after relocation.
+            moves: (K, 3) what relocation moved; see `relocate`.
+        """
+
+
+class TankMesher:
+    """Meshes of the whole tank, where walls surround the fluids.
+
+    Args:
+        repairs: whether the last mesh is repaired where that can be done (see `delaunay_repair`), in 2-D only, or every
+            mesh made by Qhull.
+    """
+
+    def __init__(self, *, repairs: bool) -> None:
+        self.repairs = repairs
+
+    def start(self, particles: Particles) -> Mesh:
+        """See `Mesher.start`."""
+        return triangulate(particles.position, particles.wall, particles.spacing)
+
+    def remesh(self, solved: Solved, particles: Particles, moves: Array) -> tuple[Mesh, bool]:
+        """See `Mesher.remesh`."""
+        old, moved = solved.before.mesh, solved.particles.position
+        found = repaired(old, moved, particles.position, moves) if self.repairs else None
+        return found or triangulate(particles.position, particles.wall, particles.spacing), found is None
+
+
+class FreeSurfaceMesher:
+    """Meshes of what is wet.
+
+    Args:
+        mesher: what finds the free surface.
+    """
+
+    def __init__(self, mesher: SurfaceMesher) -> None:
+        self.mesher = mesher
+
+    def start(self, particles: Particles) -> Mesh:
+        """See `Mesher.start`."""
+        return self.mesher.start(particles)
+
+    def remesh(self, solved: Solved, particles: Particles, moves: Array) -> tuple[Mesh, bool]:
+        """See `Mesher.remesh`; nothing is repaired here."""
+        relocated = (particles.position != solved.particles.position).any(axis=1)
+        return self.mesher.remesh(particles, solved.mesh, relocated), False
+
+
+class DelaunayRemesher(Remesher):
     """Relocation fluid by fluid, and a new Delaunay triangulation (Carvalho & Sanches).
 
     Args:
+        fluids: of the case.
         rule: of relocation.
-        surface: what finds a free surface; None where walls surround the fluids.
-        repairs: whether the last mesh is repaired where that can be done (see `delaunay_repair`), or every mesh made
-            by Qhull. In 2-D and between walls only.
+        mesher: of the whole tank, or of what is wet.
+        momentum_transfer: whether particles that became heavier take on their neighbours' velocities.
     """
 
-    def __init__(self, rule: RelocationRule, surface: SurfaceMesher | None = None, *, repairs: bool = True) -> None:
-        self.rule, self.surface, self.repairs = rule, surface, repairs
-        self.rebuilt = 0
+    interface = InterpolatedInterface()
+    keeps_volumes = False
 
-    def start(self, particles: Particles) -> Remeshed:
-        """See `Remesher.start`."""
-        if self.surface is None:
-            mesh = triangulate(particles.position, particles.wall, particles.spacing)
+    def __init__(
+        self, fluids: Sequence[Fluid], rule: RelocationRule, mesher: Mesher, *, momentum_transfer: bool = True
+    ) -> None:
+        super().__init__(fluids)
+        self.rule, self.mesher, self.momentum_transfer = rule, mesher, momentum_transfer
+
+    @staticmethod
+    def of(case: Case) -> DelaunayRemesher:
+        """The remesher of a case."""
+        numerics = case.numerics
+        if case.closed:
+            repairs = numerics.triangulation == "repair" and case.particles.dimension == 2
+            mesher: Mesher = TankMesher(repairs=repairs)
         else:
-            mesh = self.surface.start(particles)
-        return self._labelled(particles, mesh, np.zeros(len(particles), dtype=bool), 0)
+            slippery = np.zeros(len(case.particles), dtype=bool)
+            slippery[case.boundary.index[case.boundary.slides]] = True
+            mesher = FreeSurfaceMesher(SurfaceMesher(numerics.surface, slippery, case.filled))
+        return DelaunayRemesher(case.fluids, numerics.relocation, mesher, momentum_transfer=numerics.momentum_transfer)
 
-    def remesh(self, particles: Particles, mesh: Mesh, walls: WallStep | None) -> Remeshed:
+    def start(self, particles: Particles, boundary: Boundary, reference: int) -> State:
+        """See `Remesher.start`."""
+        mesh = self.mesher.start(particles)
+        particles = self._labelled(particles, mesh)
+        nowhere = np.zeros(len(particles), dtype=bool)
+        return self._state(
+            particles,
+            mesh,
+            *self._material(particles, mesh),
+            time=0.0,
+            step=0,
+            boundary=boundary,
+            reference=reference,
+            fixed=nowhere,
+            relocated=nowhere,
+        )
+
+    @timer("remeshing")
+    def remesh(self, solved: Solved) -> State:
         """See `Remesher.remesh`."""
+        before, walls = solved.before, solved.walls
         with timer("relocation"):
-            state, moves = relocate(particles, mesh, self.rule)
-            state, of_walls = walls.space(state, mesh.surface) if walls else (state, 0)
-        relocated, moved = (state.position != particles.position).any(axis=1), mesh.moved(particles.position)
+            particles, moves = relocate(solved.particles, before.mesh, self.rule)
+            particles, of_walls = walls.space(particles, before.mesh.surface)
         with timer("triangulation"):
-            if self.surface is not None:
-                new = self.surface.remesh(state, moved, relocated)
-            else:
-                found = repaired(mesh, moved.position, state.position, moves) if self.repairs else None
-                self.rebuilt += found is None
-                new = found or triangulate(state.position, state.wall, state.spacing)
-        return self._labelled(state, new, relocated, len(moves) + of_walls)
+            mesh, rebuilt = self.mesher.remesh(solved, particles, moves)
+        relocated = (particles.position != solved.particles.position).any(axis=1)
+        particles = self._labelled(particles, mesh)
+        material, mass = self._material(particles, mesh)
+        if self.momentum_transfer:
+            assert isinstance(before.material, InterpolatedMaterial)
+            around = np.where(relocated, np.nan, before.material.nodal_density)
+            particles = transfer_momentum(particles, mesh, around, material.nodal_density, before.boundary.still)
+        return self._state(
+            walls.imposed(particles),
+            mesh,
+            material,
+            mass,
+            time=solved.time,
+            step=before.step + 1,
+            boundary=before.boundary,
+            reference=before.reference,
+            fixed=before.fixed,
+            start_volume=before.start_volume,
+            relocated=relocated,
+            relocations=len(moves) + of_walls,
+            rebuilt=before.rebuilt + rebuilt,
+        )
 
-    def _labelled(self, particles: Particles, mesh: Mesh, relocated: Array, count: int) -> Remeshed:
+    def _labelled(self, particles: Particles, mesh: Mesh) -> Particles:
+        """The particles with the fluids of walls, and without pressure at a free surface."""
+        particles = particles.shallow_copy(fluid=wall_fluid(mesh, particles.fluid, particles.wall))
         if mesh.surface is not None:
-            particles.pressure = np.where(mesh.surface.pinned, 0.0, particles.pressure)
-        particles.fluid = wall_fluid(mesh, particles.fluid, particles.wall)
-        return Remeshed(particles, mesh, relocated, count)
+            particles = particles.shallow_copy(pressure=np.where(mesh.surface.pinned, 0.0, particles.pressure))
+        return particles
+
+    def _material(self, particles: Particles, mesh: Mesh) -> tuple[InterpolatedMaterial, Array]:
+        """What the elements are made of, and the lumped masses (N,) [kg]."""
+        density, viscosity = self.interface.element_properties(mesh, particles.fluid, self.fluids)
+        mass = lumped(mesh, density)
+        around = nodal_density(mass, lumped(mesh, np.ones(len(density))))
+        fraction = self.interface.fluid_fraction(mesh, particles.fluid, len(self.fluids))
+        return InterpolatedMaterial(density, viscosity, fraction, around), mass
 
 
-class FittedRemesher:
+class FittedRemesher(Remesher):
     """Triangles that keep their fluid, repaired in place; see `fitted`.
 
     Args:
         fluids: of the case.
-        fixed: indices of particles that must keep their place, as that of the pressure's reference.
         rule: when the triangulation is changed.
         walls_have_fluids: whether the first particles' labels hold on the walls, too.
         keep: whether every remeshing gives the fluids back the volumes they started with, not only those that
@@ -127,30 +251,39 @@ class FittedRemesher:
         grading: of the target spacings; None where they are the same everywhere, and as many particles as at the start.
     """
 
+    interface = SharpInterface()
+    keeps_volumes = True
+
     def __init__(
         self,
         fluids: Sequence[Fluid],
-        fixed: Sequence[int],
         rule: FittedRule,
         *,
         walls_have_fluids: bool,
         keep: bool,
         grading: Grading | None = None,
     ) -> None:
-        self.density = np.array([f.density for f in fluids])
-        self._names = [f.name for f in fluids]
+        super().__init__(fluids)
         self.rule = rule
-        self._fixed_particles = list(fixed)
-        self._fixed = np.zeros(0, dtype=bool)
+        self._names = [f.name for f in fluids]
         self._keep, self._walls_have_fluids, self._grading = keep, walls_have_fluids, grading
-        self._volumes: Array | None = None
-        self.rebuilt = 0
 
-    def start(self, particles: Particles) -> Remeshed:
+    @staticmethod
+    def of(case: Case) -> FittedRemesher:
+        """The remesher of a case."""
+        return FittedRemesher(
+            case.fluids,
+            case.numerics.fitting,
+            walls_have_fluids=case.walls_have_fluids,
+            keep=case.numerics.volume_correction > 0,
+            grading=case.grading,
+        )
+
+    def start(self, particles: Particles, boundary: Boundary, reference: int) -> State:
         """See `Remesher.start`; a triangle belongs to the lightest fluid among its particles'."""
         mesh = triangulate(particles.position, particles.wall, particles.spacing)
         if not self._walls_have_fluids:
-            particles.fluid = wall_fluid(mesh, particles.fluid, particles.wall)
+            particles = particles.shallow_copy(fluid=wall_fluid(mesh, particles.fluid, particles.wall))
         mesh = with_fluids(mesh, particles, self.density)
         absent = np.setdiff1d(np.arange(len(self.density)), np.asarray(mesh.fluid))
         if len(absent):
@@ -158,50 +291,76 @@ class FittedRemesher:
                 f"fluid {self._names[absent[0]]!r} fills no triangle; it is not in the tank, or its part is too small "
                 f"for a spacing of {particles.spacing:g} m"
             )
-        self._fixed = hull_corners(mesh)
-        self._fixed[self._fixed_particles] = True
-        if self._keep:
-            self._volumes = np.bincount(np.asarray(mesh.fluid), weights=mesh.measure, minlength=len(self.density))
-        first = self._labelled(particles, mesh, np.zeros(len(particles), dtype=bool))
-        particles.target = np.full(len(particles), float(particles.spacing))
-        if self._grading:
-            particles.target = self._targets(particles, mesh, self._grading)
-        return first
-
-    def remesh(self, particles: Particles, mesh: Mesh, walls: WallStep | None) -> Remeshed:
-        """See `Remesher.remesh`."""
-        fixed, slippery = self._fixed, None
-        if walls:
-            particles = walls.set_back(particles)
-            boundary = walls.boundary
-            fixed = fixed.copy()
-            fixed[boundary.index[boundary.pinned]] = True
-            slippery = np.zeros(len(fixed), dtype=np.int32)
-            slippery[boundary.index[boundary.slides]] = 1
-        if self._grading:
-            with timer("grading"):
-                particles = particles.shallow_copy(target=self._targets(particles, mesh, self._grading))
-        state, mesh, relocated, renumbered = repair(
-            particles,
+        fixed = hull_corners(mesh)
+        fixed[reference] = True
+        particles = particles.shallow_copy(
+            fluid=particle_fluid(mesh, len(particles), self.density),
+            target=np.full(len(particles), float(particles.spacing)),
+        )
+        return self._state(
+            self._graded(particles, mesh),
             mesh,
+            *self._material(mesh),
+            time=0.0,
+            step=0,
+            boundary=boundary,
+            reference=reference,
+            fixed=fixed,
+            relocated=np.zeros(len(particles), dtype=bool),
+        )
+
+    @timer("remeshing")
+    def remesh(self, solved: Solved) -> State:
+        """See `Remesher.remesh`."""
+        before = solved.before
+        particles = self._graded(solved.walls.set_back(solved.particles), before.mesh)
+        boundary, fixed = before.boundary, before.fixed.copy()
+        fixed[boundary.index[boundary.pinned]] = True
+        slippery = np.zeros(len(fixed), dtype=np.int32)
+        slippery[boundary.index[boundary.slides]] = 1
+        particles, mesh, relocated, renumbered = repair(
+            particles,
+            before.mesh,
             self.density,
             fixed,
             self.rule,
             slippery=slippery,
-            total=self._volumes,
+            total=before.start_volume if self._keep else None,
             graded=self._grading is not None,
         )
+        fixed, reference = before.fixed, before.reference
         if renumbered is not None:
-            held = renumbered[self._fixed]
-            self._fixed = np.zeros(len(state), dtype=bool)
-            self._fixed[held] = True
-        return self._labelled(state, mesh, relocated, renumbered)
+            reference = int(renumbered[reference])
+            fixed = np.zeros(len(particles), dtype=bool)
+            fixed[renumbered[before.fixed]] = True
+        particles = particles.shallow_copy(fluid=particle_fluid(mesh, len(particles), self.density))
+        particles, boundary = solved.walls.reassign(particles)
+        return self._state(
+            particles,
+            mesh,
+            *self._material(mesh),
+            time=solved.time,
+            step=before.step + 1,
+            boundary=boundary,
+            reference=reference,
+            fixed=fixed,
+            start_volume=before.start_volume,
+            relocated=relocated,
+            relocations=int(relocated.sum()),
+        )
 
-    def _labelled(
-        self, particles: Particles, mesh: Mesh, relocated: Array, renumbered: Array | None = None
-    ) -> Remeshed:
-        particles.fluid = particle_fluid(mesh, len(particles), self.density)
-        return Remeshed(particles, mesh, relocated, int(relocated.sum()), renumbered)
+    def _material(self, mesh: Mesh) -> tuple[SharpMaterial, Array]:
+        """What the elements are made of, and the lumped masses (N,) [kg]."""
+        fluid = np.asarray(mesh.fluid)
+        density, viscosity = self.interface.element_properties(mesh, fluid, self.fluids)
+        return SharpMaterial(density, viscosity, fluid, len(self.fluids)), lumped(mesh, density)
+
+    def _graded(self, particles: Particles, mesh: Mesh) -> Particles:
+        """The particles with their target spacings, where there is a grading; they moved with ``mesh``."""
+        if self._grading is None:
+            return particles
+        with timer("grading"):
+            return particles.shallow_copy(target=self._targets(particles, mesh, self._grading))
 
     def _targets(self, particles: Particles, mesh: Mesh, grading: Grading) -> Array:
         """(N,) target spacings of the particles, which moved with a mesh [m]."""
@@ -215,21 +374,12 @@ class FittedRemesher:
         return target
 
 
-def remesher_for(case: Case, reference: int) -> Remesher:
-    """The remesher of a case's interface rule; ``reference`` is the particle at which pressure is fixed."""
-    numerics = case.numerics
-    if case.interface == "sharp":
-        return FittedRemesher(
-            case.fluids,
-            [reference],
-            numerics.fitting,
-            walls_have_fluids=case.walls_have_fluids,
-            keep=numerics.volume_correction > 0,
-            grading=case.grading,
-        )
-    if case.closed:
-        repairs = numerics.triangulation == "repair" and case.particles.dimension == 2
-        return DelaunayRemesher(numerics.relocation, repairs=repairs)
-    slippery = np.zeros(len(case.particles), dtype=bool)
-    slippery[case.boundary.index[case.boundary.slides]] = True
-    return DelaunayRemesher(numerics.relocation, SurfaceMesher(numerics.surface, slippery, case.filled))
+REMESHERS: dict[str, type[DelaunayRemesher] | type[FittedRemesher]] = {
+    "interpolated": DelaunayRemesher,
+    "sharp": FittedRemesher,
+}
+
+
+def remesher_for(case: Case) -> Remesher:
+    """The remesher of a case's interface rule."""
+    return REMESHERS[case.interface].of(case)

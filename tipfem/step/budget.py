@@ -17,33 +17,14 @@ import numpy as np
 from tipfem.backend.arrays import partials
 from tipfem.backend.launch import launch
 from tipfem.case.case import Case
-from tipfem.case.particles import Particles
 from tipfem.fem import work as balance_kernels
 from tipfem.mesh.free_surface import loose_volumes
-from tipfem.mesh.mesh import Mesh
-from tipfem.step.flow import FlowProblem
+from tipfem.state import Solved, State
+from tipfem.timers import timer
 from tipfem.typing import Array
 
 AXES = "xyz"
-NO_FLUID = np.zeros(1, dtype=np.int32)
-
-
-SUM = 5.0  # nanoseconds that a thread takes for the sums of a particle, or the area of a triangle
-
-
-def lumped(mesh: Mesh, density: Array) -> Array:
-    """Lumped mass (N,) [kg] from the elements' densities (M,)."""
-    mass = np.zeros(len(mesh.position))
-    launch(
-        balance_kernels.lump,
-        np.ascontiguousarray(mesh.cells),
-        mesh.measure,
-        density,
-        mass,
-        len(mesh.cells),
-        mesh.dimension,
-    )
-    return mass
+SUM = 5.0  # nanoseconds that a thread takes for the sums of a particle
 
 
 @dataclass(frozen=True)
@@ -51,14 +32,12 @@ class Totals:
     """What all particles together have.
 
     Attributes:
-        mass: (N,) lumped mass of each particle [kg, per metre of depth in 2-D, as all that follows].
-        kinetic: sum m v^2 / 2 [J].
+        kinetic: sum m v^2 / 2 [J, per metre of depth in 2-D, as all that follows].
         potential: -sum m x . gravity [J].
         momentum: (d,) sum m v [N s].
         volume: (F,) of each fluid [m^3].
     """
 
-    mass: Array
     kinetic: float
     potential: float
     momentum: Array
@@ -70,9 +49,9 @@ class Totals:
         return self.kinetic + self.potential
 
     @staticmethod
-    def of(mass: Array, particles: Particles, gravity: Array, volume: Array) -> Totals:
-        """Sums over the particles with masses (N,) and volumes of the fluids (F,)."""
-        d = particles.dimension
+    def of(state: State, gravity: Array) -> Totals:
+        """Of a state, with ``gravity`` (d,) [m/s^2]."""
+        d, mass, particles = len(gravity), state.mass, state.particles
         sums = np.zeros(1 + 2 * d)
         launch(
             balance_kernels.state_sums,
@@ -85,18 +64,18 @@ class Totals:
             d,
             work=(len(mass), SUM),
         )
-        return Totals.summed(mass, sums, gravity, volume)
+        return Totals.summed(sums, gravity, state.volume)
 
     @staticmethod
-    def summed(mass: Array, sums: Array, gravity: Array, volume: Array) -> Totals:
-        """From the sums (1 + 2 d,) of `work.state_sums`."""
+    def summed(sums: Array, gravity: Array, volume: Array) -> Totals:
+        """From the sums (1 + 2 d,) of `work.state_sums`, and the volumes (F,) of the fluids."""
         d = len(gravity)
-        return Totals(mass, 0.5 * float(sums[0]), -float((sums[1 : 1 + d] * gravity).sum()), sums[1 + d :], volume)
+        return Totals(0.5 * float(sums[0]), -float((sums[1 : 1 + d] * gravity).sum()), sums[1 + d :], volume)
 
 
 @dataclass(frozen=True)
 class SolveBalance:
-    """A solved step before the particles are meshed anew; all energies per step, losses positive [J].
+    """A solved step before its particles are meshed anew; all energies per step, losses positive [J].
 
     Attributes:
         after: totals at the end of the step, with the masses it was solved with.
@@ -105,7 +84,7 @@ class SolveBalance:
             viscous stress with u less that with dt v_alpha.
         geometry: work of pressure on volume that changes between the intermediate and the last positions.
         stabilisation: of the stabilisation of pressure.
-        source: of the volume source; usually a gain or a loss by turns.
+        source: of the volume source; a gain or a loss.
         external: work of the body force (gravity excepted) and of the walls; positive when energy is gained.
         wall_force: (d,) of the walls on the fluids, at the intermediate time [N].
         momentum_residual: (d,) change of sum m (v + (1/2 - alpha_f) dt a) that no force accounts for [N s]; wall
@@ -126,7 +105,7 @@ class SolveBalance:
 
 
 class Budget:
-    """Keeps account of the steps of a simulation; `row` has the columns of the history.
+    """Accounts for the steps of a simulation: a diagnostic, on which no step depends.
 
     Args:
         case: names of the fluids, and gravity.
@@ -134,66 +113,63 @@ class Budget:
 
     def __init__(self, case: Case) -> None:
         self._names = [f.name for f in case.fluids]
-        self._density = np.array([f.density for f in case.fluids])
         self._gravity = np.asarray(case.gravity)
-        self._loose = np.zeros(len(self._names))
-        self._fraction: Array | None = None
-        self._before = self._present = Totals(np.zeros(0), 0.0, 0.0, np.zeros(0), np.zeros(0))
-        self._step: SolveBalance | None = None
+        self._last: tuple[State, Totals] | None = None
 
-    def solved(
-        self, problem: FlowProblem, solution: object, displacement: Array, moved: Particles, force: Array
-    ) -> None:
-        """Take note of a solved step; a step that is refused later is replaced by the next one.
+    def totals(self, state: State) -> Totals:
+        """Of a state; those of the last one are remembered."""
+        if self._last is None or self._last[0] is not state:
+            self._last = state, Totals.of(state, self._gravity)
+        return self._last[1]
+
+    @timer("budget")
+    def account(self, solved: Solved, state: State) -> dict[str, float]:
+        """Columns of the history for a step: energies [J], momenta [N s], forces [N], volumes [m^3].
+
+        All per metre of depth in 2-D. What remeshing adds includes relocation and the transfer of momentum.
 
         Args:
-            problem: at ``solution``: that is where its last residual was evaluated.
-            solution: device vector of unknowns.
-            displacement: (N, d) of it [m].
-            moved: the state at the end of the step, on the mesh of its beginning.
-            force: (N, d) gravity and body force [m/s^2].
+            solved: the step's solve.
+            state: the next state, remeshed.
         """
-        before, scheme, mesh = self._present, problem.scheme, problem.mesh
-        mass, work, u, source = before.mass, problem.work(solution), displacement, problem.properties.source
+        before = self.totals(solved.before)
+        return self._row(before, self._balance(solved, before), self.totals(state))
+
+    def _balance(self, solved: Solved, before: Totals) -> SolveBalance:
+        """Of a solve from a state with the totals ``before``."""
+        start, end, scheme, work = solved.before, solved.particles, solved.scheme, solved.work
+        old, mass = start.particles, start.mass
         # dt a_alpha is the change of v + (1/2 - alpha_f) dt a, but at walls, where the state is prescribed.
-        old, shift = problem.particles, (0.5 - scheme.alpha_f) * scheme.dt
-        d = mesh.dimension
-        sums, carried, here = np.zeros(3 + 4 * d), mesh.moved(moved.position), self._fraction is None
-        fluid, measure = (np.asarray(mesh.fluid), np.empty(len(mesh.cells))) if here else (NO_FLUID, carried.measure)
-        volume = np.zeros(len(self._names))
+        shift = (0.5 - scheme.alpha_f) * scheme.dt
+        d = old.dimension
+        sums = np.zeros(3 + 4 * d)
         launch(
             balance_kernels.step_sums,
             mass,
             old.wall.view(np.int8),
             old.velocity,
             old.acceleration,
-            moved.position,
-            moved.velocity,
-            moved.acceleration,
-            problem.acceleration(u),
-            force,
+            end.position,
+            end.velocity,
+            end.acceleration,
+            solved.inertia,
+            solved.force,
             self._gravity,
-            u,
-            np.ascontiguousarray(mesh.cells),
-            fluid,
-            measure,
-            volume,
+            solved.displacement,
             partials(len(sums)),
             sums,
             shift,
             scheme.dt,
             len(mass),
-            len(mesh.cells) if here else 0,
             d,
             work=(len(mass), SUM),
         )
-        if here:
-            mesh.moved(moved.position, measure)  # kept for what follows in the step
-        else:
-            volume = self._volumes(mesh, measure)
-        after = Totals.summed(mass, sums[2 + 2 * d :], self._gravity, volume + self._loose)
+        count = len(self._names)
+        volume = start.material.volumes(solved.mesh.measure) + loose_volumes(start.mesh, old.fluid, count)
+        after = Totals.summed(sums[2 + 2 * d :], self._gravity, volume)
         inertia, external, change, weight = float(sums[0]), float(sums[1]), sums[2 : 2 + d], sums[2 + d : 2 + 2 * d]
-        self._step = SolveBalance(
+        growth = solved.growth
+        return SolveBalance(
             after=after,
             viscous=work.viscous_dissipation,
             time=inertia - (after.kinetic - before.kinetic) + work.viscous - work.viscous_dissipation,
@@ -203,47 +179,11 @@ class Budget:
             external=external + work.walls,
             wall_force=work.wall_force,
             momentum_residual=change - scheme.dt * (weight + work.wall_force),
-            source_volume=self._volumes(mesh, source * mesh.measure) if source.any() else np.zeros(len(volume)),
+            source_volume=start.material.volumes(growth * start.mesh.measure) if growth.any() else np.zeros(count),
         )
 
-    def _volumes(self, mesh: Mesh, measure: Array) -> Array:
-        """Volumes (F,) of the fluids when the elements of the present mesh, at any positions, have ``measure`` (M,)."""
-        if self._fraction is None:
-            return np.bincount(np.asarray(mesh.fluid), weights=measure, minlength=len(self._names))
-        # By einsum, which no threads share: a sum by BLAS would depend on their number, and wait for them.
-        return np.einsum("k,kn->n", measure, self._fraction)
-
-    def remeshed(self, mesh: Mesh, particles: Particles, mass: Array, fraction: Array | None) -> None:
-        """Take note of the state on a new mesh of M elements.
-
-        Args:
-            mesh: the mesh.
-            particles: the state.
-            mass: (N,) lumped masses; loose particles, in no element, count with the volumes that they carry, too.
-            fraction: (M, F) parts of the fluids; None where every element is of the one that the mesh knows.
-        """
-        self._fraction = fraction
-        self._loose = loose_volumes(mesh, particles.fluid, len(self._names))
-        if mesh.surface is not None:
-            mass = mass + self._density[particles.fluid] * mesh.surface.volume
-        now = Totals.of(mass, particles, self._gravity, self._volumes(mesh, mesh.measure) + self._loose)
-        self._before, self._present = self._present, now
-
-    def totals(self) -> Totals:
-        """Of the present state."""
-        return self._present
-
-    def row(self) -> dict[str, float]:
-        """Columns of the history for the last step: energies [J], momenta [N s], forces [N], volumes [m^3].
-
-        All per metre of depth in 2-D. What remeshing adds includes relocation and the transfer of momentum.
-
-        Raises:
-            ValueError: there has been no step.
-        """
-        before, now, step = self._before, self._present, self._step
-        if step is None:
-            raise ValueError("Budget: there has been no step to give account of")
+    def _row(self, before: Totals, step: SolveBalance, now: Totals) -> dict[str, float]:
+        """Columns of the history, from the totals before the step, of its solve, and of the next state."""
         remeshing = step.after.energy - now.energy
         numerical = step.time + step.geometry + step.stabilisation + step.source + remeshing
         row = {

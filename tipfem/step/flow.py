@@ -9,6 +9,7 @@ import numpy as np
 
 from tipfem.backend.arrays import download
 from tipfem.backend.launch import launch
+from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.errors import StepRefused
 from tipfem.fem import residual as assembly
@@ -16,11 +17,12 @@ from tipfem.fem import work as balance_kernels
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg import fgmres, vector_kernels
 from tipfem.mesh.mesh import Mesh, no_surface, parabola
+from tipfem.state import StepWork
 from tipfem.step.linear_system import LinearSystem, Workspace
 from tipfem.timers import timer
 from tipfem.typing import Array
 from tipfem.walls.constraints import WallRows
-from tipfem.walls.step import WallStep
+from tipfem.walls.step import FixedWalls, Walls
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class ElementProperties:
 
 @dataclass(frozen=True)
 class StepLimits:
-    """How far a solution moves things.
+    """How far a solution moves the particles and deforms the elements.
 
     Attributes:
         smallest_jacobian: smallest J_{n+1} of an element; the element is inverted when it is <= 0.
@@ -53,36 +55,13 @@ class StepLimits:
     finite: bool
 
     def require(self, smallest_jacobian: float, reach: float) -> None:
-        """Raises StepRefused unless all is finite, J >= ``smallest_jacobian``, no way longer than ``reach`` targets."""
+        """Raises StepRefused unless all is finite, J >= ``smallest_jacobian``, displacements <= ``reach`` targets."""
         if not self.finite:
             raise StepRefused("the solution is not finite")
         if self.smallest_jacobian < smallest_jacobian:
-            raise StepRefused(f"an element would be inverted or crushed (J = {self.smallest_jacobian:.3g})")
+            raise StepRefused(f"an element would be inverted or nearly so (J = {self.smallest_jacobian:.3g})")
         if self.largest_displacement > reach:
             raise StepRefused(f"a particle would move by {self.largest_displacement:g} spacings, more than {reach:g}")
-
-
-@dataclass(frozen=True)
-class StepWork:
-    """What the terms of the residual do when it is tested with displacements and pressures: see `step_work`.
-
-    Attributes:
-        viscous_dissipation: dt int 2 mu d : d [J, per metre of depth in 2-D, as all others].
-        viscous: work against the viscous stress.
-        geometry: work of pressure on the change of volume from the intermediate to the last positions.
-        stabilisation: loss by the stabilisation of pressure.
-        source: work of pressure on the prescribed growth.
-        walls: work of the walls' forces on the fluids.
-        wall_force: (d,) these forces together [N], on the fluids.
-    """
-
-    viscous_dissipation: float
-    viscous: float
-    geometry: float
-    stabilisation: float
-    source: float
-    walls: float
-    wall_force: Array
 
 
 class FlowProblem:
@@ -96,7 +75,7 @@ class FlowProblem:
         body_force: (N, d) acceleration by gravity and the like [m/s^2], at the step's intermediate time.
         stabilisation: c in tau = c dt^2.
         workspace: what is used again from step to step.
-        walls: what walls that slip or move make of the step; None if all are fixed and no-slip.
+        walls: what they prescribe in the step; by default all are fixed and no-slip.
     """
 
     @timer("set-up")
@@ -109,10 +88,10 @@ class FlowProblem:
         body_force: Array,
         stabilisation: float,
         workspace: Workspace,
-        walls: WallStep | None = None,
+        walls: Walls | None = None,
     ) -> None:
         self.mesh, self.particles, self.scheme, self.properties = mesh, particles, scheme, properties
-        self.walls = walls
+        self.walls = walls = walls or FixedWalls(Boundary(particles, (), None), mesh, particles, scheme)
         self.stabilisation = stabilisation
         self.dimension = d = mesh.dimension
         self.nodes, self.elements = len(mesh.position), len(mesh.cells)
@@ -124,12 +103,7 @@ class FlowProblem:
         self._density = put("density", properties.density)
         self._viscosity = put("viscosity", properties.viscosity)
         self._source = put("source", properties.source)
-        velocity, acceleration = scheme.history(particles)
-        if walls is None:
-            held = particles.wall.nonzero()[0]
-            velocity[held] = acceleration[held] = 0.0
-        else:
-            velocity, acceleration = walls.histories(velocity, acceleration)
+        velocity, acceleration = walls.histories(*scheme.history(particles))
         acceleration -= body_force
         self._velocity, self._acceleration = put("velocity", velocity), put("acceleration", acceleration)
         self._wall, self._relative = put("wall", particles.wall), acceleration
@@ -139,11 +113,10 @@ class FlowProblem:
         self._r = buffers.get("residual", self.size)
         self._linearised = False
         self._dx = buffers.get("correction", self.size)
-        fixed = particles.wall if walls is None else walls.fixed
         free = mesh.surface or no_surface(len(mesh.position))
         self._flight = parabola(particles.velocity, body_force, scheme.dt) if mesh.surface else None
         # A tank that moves stands still in its own frame, and so does the grid; the Laplacian is the same there.
-        frame = mesh.position if walls is None else walls.frame
+        frame = walls.frame
         extremes = (properties.density.min(initial=np.inf), properties.density.max(initial=0.0))
         with timer("preconditioner"):
             self.system = LinearSystem(
@@ -152,7 +125,7 @@ class FlowProblem:
                 self._position,
                 (self._density, self._viscosity),
                 extremes,
-                (put("fixed", fixed | free.loose), put("pinned", free.pinned)),
+                (put("fixed", walls.fixed | free.loose), put("pinned", free.pinned)),
                 self._scale,
                 scheme,
                 workspace.multigrid(frame, particles.spacing),
@@ -160,7 +133,7 @@ class FlowProblem:
                 particles.spacing,
                 buffers,
             )
-        self._walls = None if walls is None else WallRows(walls, d, self._scale, buffers)
+        self._rows = WallRows(walls, d, self._scale, buffers)
 
     def predict(self) -> Any:
         """First iterate: constant acceleration and pressure, or no motion where that would invert an element."""
@@ -172,10 +145,7 @@ class FlowProblem:
     def vector(self, displacement: Array, pressure: Array) -> Any:
         """Device vector of unknowns from (N, d) and (N,); wall particles are displaced as their walls want it."""
         x = np.empty((self.nodes, self.dimension + 1))
-        moving = displacement if self.walls is None else self.walls.constrain(displacement)
-        x[:, :-1], x[:, -1] = moving, pressure
-        if self.walls is None:
-            x[self.particles.wall.nonzero()[0], :-1] = 0.0
+        x[:, :-1], x[:, -1] = self.walls.constrain(displacement), pressure
         if self._flight is not None and self.mesh.surface:
             x[:, :-1], x[:, -1] = self.mesh.surface.constrain(x[:, :-1], pressure, self._flight)
         return self.buffers.upload("unknowns", x.ravel())
@@ -215,8 +185,7 @@ class FlowProblem:
             self.nodes,
             self.dimension,
         )
-        if self._walls:
-            self._walls.residual(self._position, self._velocity, x, self._scale, self._r)
+        self._rows.residual(self._position, self._velocity, x, self._scale, self._r)
         return fgmres.largest(self._r, self.size, self.buffers) / self.particles.spacing
 
     @timer("jacobian")
@@ -230,7 +199,7 @@ class FlowProblem:
         return download(self._r, self.size).astype(np.float64).reshape(self.nodes, -1)
 
     def acceleration(self, displacement: Array) -> Array:
-        """a_alpha - b (N, d) [m/s^2] at displacements (N, d): what inertia and body forces together are made of."""
+        """a_alpha - b (N, d) [m/s^2] at displacements (N, d), with gravity and body force b."""
         return self.scheme.cm * displacement + self._relative
 
     def work(self, x: Any) -> StepWork:
@@ -258,14 +227,12 @@ class FlowProblem:
     def product(self, v: Any, out: Any) -> None:
         """out = K v, the derivative of the scaled residual at the last `linearise` along ``v``."""
         self.system.product(v, out)
-        if self._walls:
-            self._walls.product(v, self._scale, out)
+        self._rows.product(v, self._scale, out)
 
     def precondition(self, r: Any, z: Any) -> None:
         """z ~ K^-1 r, see `LinearSystem`."""
         self.system.precondition(r, z)
-        if self._walls:
-            self._walls.project(z)
+        self._rows.project(z)
 
     def correct(self, x: Any, tolerance: float) -> fgmres.KrylovResult:
         """Solve K dx = -r, linearised at the last `residual`, by preconditioned FGMRES and add dx to ``x``.
@@ -284,7 +251,7 @@ class FlowProblem:
                 tolerance=tolerance,
                 max_iterations=MAX_KRYLOV_ITERATIONS,
                 buffers=self.buffers,
-                iteration=None if self._walls else self.system.iteration,
+                iteration=None if self._rows.active else self.system.iteration,
             )
         launch(vector_kernels.add, self._dx, x, -1.0, self.size, work=(self.size, fgmres.ENTRY))
         return result
@@ -305,9 +272,9 @@ class FlowProblem:
             self.dimension,
             work=(self.elements, assembly.ELEMENT),
         )
-        if self.walls is not None and self.walls.carried is not None:
-            way = ((self.split(x)[0] - self.walls.carried) ** 2).sum(axis=1)
-            result[1] = (way / self.particles.target**2).max()
+        if self.walls.tank_moves:
+            square = (self.walls.relative(self.split(x)[0]) ** 2).sum(axis=1)
+            result[1] = (square / self.particles.target**2).max()
         return StepLimits(float(result[0]), float(np.sqrt(result[1])), result[2] == 0)
 
 

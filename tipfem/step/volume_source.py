@@ -7,14 +7,15 @@ import math
 import numpy as np
 
 from tipfem.mesh.mesh import Mesh
+from tipfem.state import State
 from tipfem.typing import Array
 
-# Largest |s_f| of a step. A fluid of which next to nothing is left would otherwise be told to grow many
-# times over in one step, and the elements around it to shrink below zero.
+# Largest |s_f| of a step. A fluid of which almost nothing is left would otherwise have to grow many times over in one
+# step, and the elements around it to shrink below zero.
 LARGEST_GROWTH = 0.05
 
-# Largest part of the missing volume that comes back in a step: where next to nothing is missing, and where CALM of a
-# fluid's volume or more is. Flips of edges at an interface move less than that, to and fro; a source that answers them
+# Largest part of the missing volume that comes back in a step: where almost nothing is missing, and where CALM of a
+# fluid's volume or more is. Edge flips at an interface move less than that back and forth; a source that answers them
 # within a step or two makes the pressure jump with every one.
 SMALLEST_PART, LARGEST_PART = 0.1, 0.5
 CALM = 0.005
@@ -29,7 +30,7 @@ class VolumeControl:
 
     Args:
         wanted: (F,) volume that each fluid should have [m^2, or m^3 in 3-D].
-        rate: part of the missing volume that comes back per time [1/s].
+        rate: part of the missing volume that comes back per time [1/s]; 0 for no source at all.
         balanced: whether walls surround the fluids; see `volume_source`.
     """
 
@@ -45,14 +46,16 @@ class VolumeControl:
 
     def observe(self, volume: Array, dt: float) -> None:
         """Take note of the volumes (F,) after a step of length ``dt`` [s]."""
-        self.missing += (1 - math.exp(-4 * self.part(dt))) * (self.wanted - volume - self.missing)
+        change = (1 - math.exp(-4 * self.part(dt))) * (self.wanted - volume - self.missing)
+        self.missing = self.missing + change
 
-    def source(self, mesh: Mesh, fraction: Array | None, dt: float) -> Array:
-        """Growth s (M,) of the elements in a step of length ``dt`` [s]; see `volume_source`. None without fractions."""
-        if self.rate == 0.0 or fraction is None:
-            return np.zeros(len(mesh.cells))
-        wanted = mesh.measure @ fraction + self.missing
-        return volume_source(mesh, fraction, wanted, self.part(dt), balanced=self.balanced)
+    def source(self, state: State, dt: float) -> Array:
+        """Growth s (M,) of a state's elements in a step of length ``dt`` [s]; see `volume_source`."""
+        if self.rate == 0.0:
+            return np.zeros(len(state.mesh.cells))
+        fraction = state.material.fraction
+        wanted = state.mesh.measure @ fraction + self.missing
+        return volume_source(state.mesh, fraction, wanted, self.part(dt), balanced=self.balanced)
 
 
 def volume_source(mesh: Mesh, fraction: Array, initial_volume: Array, part: float, *, balanced: bool = True) -> Array:

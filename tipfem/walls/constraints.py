@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from tipfem.backend.arrays import Buffers
 from tipfem.backend.launch import launch
 from tipfem.walls import constraint_kernels
-from tipfem.walls.step import WallStep
+from tipfem.walls.step import Walls
 
 
 class WallRows:
@@ -22,23 +20,33 @@ class WallRows:
         buffers: where the arrays live.
     """
 
-    def __init__(self, walls: WallStep, dimension: int, scale: Any, buffers: Buffers) -> None:
-        self._count, self._dimension, self._scheme = len(walls.sliding), dimension, walls.scheme
-        self._faces = 0
+    def __init__(self, walls: Walls, dimension: int, scale: Any, buffers: Buffers) -> None:
+        faces = walls.faces
+        self._dimension, self._scheme = dimension, walls.scheme
+        self._count, self._active = len(walls.sliding), walls.boundary.active
+        self._faces = len(faces.nodes) if self._count else 0
         if not self._count:
             return
-        put, faces = buffers.upload, walls.faces
+        put = buffers.upload
         self._index = put("walls.index", walls.sliding)
         self._rows, self._columns = put("walls.rows", walls.rows), put("walls.columns", walls.columns)
-        friction = np.zeros(self._count) if faces is None else faces.friction
         launch(
-            constraint_kernels.slip_scale, self._index, put("walls.friction", friction), scale, self._count, dimension
+            constraint_kernels.slip_scale,
+            self._index,
+            put("walls.friction", faces.friction),
+            scale,
+            self._count,
+            dimension,
         )
-        if faces is not None:
-            self._faces = len(faces.nodes)
+        if self._faces:
             self._nodes, self._coefficient = put("walls.nodes", faces.nodes), put("walls.mu", faces.coefficient)
             self._normal, self._velocity = put("walls.normal", faces.normal), put("walls.v", faces.wall_velocity)
             self._record = buffers.get("walls.record", self._faces, constraint_kernels.face_record_width(dimension))
+
+    @property
+    def active(self) -> bool:
+        """Whether walls slip, slide or move; constraints are then applied between the launches of an iteration."""
+        return self._active
 
     def residual(self, position: Any, velocity: Any, x: Any, scale: Any, out: Any) -> None:
         """Add friction at ``x`` to the scaled residual ``out``, and project its momentum rows."""

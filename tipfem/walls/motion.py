@@ -69,17 +69,17 @@ class WallMotion:
         """Velocity (K, d) at x (K, d) of a wall along itself, by its number."""
         return self.pose.rigid_velocity(x) + self.pose.rotation @ self._own[wall]
 
-    def impose(self, particles: Particles) -> None:
-        """Set what the walls prescribe of the velocities and accelerations of their particles, in place."""
+    def imposed(self, particles: Particles) -> Particles:
+        """The particles with the velocities and accelerations that the walls prescribe."""
         index = self._boundary.index
         v, a = particles.velocity[index], particles.acceleration[index]
         v_wall, a_wall = self.rates(particles.position[index], v)
-        particles.velocity[index] = v + self.held(v_wall - v)
-        particles.acceleration[index] = a + self.held(a_wall - a)
+        velocity, acceleration = particles.velocity.copy(), particles.acceleration.copy()
+        velocity[index] = v + self.held(v_wall - v)
+        acceleration[index] = a + self.held(a_wall - a)
+        return particles.shallow_copy(velocity=velocity, acceleration=acceleration)
 
 
 def set_off(boundary: Boundary, particles: Particles, step: float) -> Particles:
-    """The initial state, with the walls' own motion at t = 0; ``step`` [s] is that of its finite differences."""
-    if boundary.active:
-        WallMotion(boundary, 0.0, step).impose(particles)
-    return particles
+    """The initial particles, with the walls' own motion at t = 0; ``step`` [s] is that of its finite differences."""
+    return WallMotion(boundary, 0.0, step).imposed(particles) if boundary.active else particles

@@ -1,7 +1,11 @@
-"""WallStep: what the walls make of one time step's unknowns."""
+"""Walls in one time step: what they prescribe of its unknowns, and of the particles after it.
+
+`walls_in_step` chooses between walls that are all fixed and no-slip, `FixedWalls`, and all others, `WallStep`.
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,8 +37,140 @@ class Faces:
     wall_velocity: Array
     friction: Array
 
+    @staticmethod
+    def none(dimension: int, sliding: int) -> Faces:
+        """No faces, of walls with a number of ``sliding`` particles."""
+        vectors = np.zeros((0, dimension))
+        return Faces(
+            vectors.astype(np.int32), np.zeros(0), vectors, np.zeros((0, dimension * dimension)), np.zeros(sliding)
+        )
 
-class WallStep:
+
+class Walls(ABC):
+    """What a step asks of its walls; N particles, d dimensions.
+
+    Attributes:
+        boundary: which particles lie on which walls, at the start of the step.
+        scheme: generalized-alpha with the step's length.
+        fixed: (N,) mask of the particles whose displacement is prescribed.
+        sliding: (K,) the particles that slide along their walls.
+        frame: (N, d) the positions in the tank's own frame [m].
+        tank_moves: whether the whole tank moves.
+        rows, columns: (K, d * d) projectors of the sliding particles, for momentum and for displacements.
+        faces: those with friction.
+    """
+
+    boundary: Boundary
+    scheme: GeneralizedAlpha
+    fixed: Array
+    sliding: Array
+    frame: Array
+    tank_moves: bool
+    rows: Array
+    columns: Array
+    faces: Faces
+
+    @abstractmethod
+    def constrain(self, u: Array) -> Array:
+        """Displacements (N, d) [m] with the walls' constraints."""
+
+    @abstractmethod
+    def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+        """What v_alpha and a_alpha (N, d) are at u = 0, from those of free particles."""
+
+    @abstractmethod
+    def relative(self, u: Array) -> Array:
+        """Displacements (N, d) [m] relative to the tank's motion."""
+
+    @abstractmethod
+    def finish(self, before: Particles, u: Array, moved: Particles) -> Particles:
+        """The particles ``moved`` by a solution, with those of walls where and as fast as their walls have them.
+
+        Args:
+            before: the particles at the start of the step.
+            u: (N, d) the solution's displacements [m].
+            moved: the particles at its end, right but for the walls.
+        """
+
+    @abstractmethod
+    def space(self, particles: Particles, surface: Surface | None = None) -> tuple[Particles, int]:
+        """Space the particles along the walls that slip, slide, or that moving walls shorten and lengthen.
+
+        Args:
+            particles: at the end of the step.
+            surface: of the step's mesh, if it has one.
+
+        Returns:
+            The particles, and how many were relocated.
+        """
+
+    @abstractmethod
+    def set_back(self, particles: Particles) -> Particles:
+        """The particles with those of no-slip walls that slide along themselves where they were in the tank."""
+
+    @abstractmethod
+    def reassign(self, particles: Particles) -> tuple[Particles, Boundary]:
+        """Remeshed particles with the rates of the walls they lie on (2-D), and which walls these are."""
+
+    @abstractmethod
+    def imposed(self, particles: Particles) -> Particles:
+        """The particles at the end of the step with the velocities and accelerations that their walls prescribe."""
+
+
+class FixedWalls(Walls):
+    """Walls that are all fixed and no-slip: their particles have no displacement.
+
+    Args:
+        boundary: of the case.
+        mesh: of the step.
+        particles: at its start.
+        scheme: generalized-alpha with the step's length.
+    """
+
+    def __init__(self, boundary: Boundary, mesh: Mesh, particles: Particles, scheme: GeneralizedAlpha) -> None:
+        self.boundary, self.scheme, self.tank_moves = boundary, scheme, False
+        self.fixed, self.frame = particles.wall, mesh.position
+        self.sliding = np.zeros(0, dtype=np.int64)
+        self.rows = self.columns = np.zeros((0, mesh.dimension**2))
+        self.faces = Faces.none(mesh.dimension, 0)
+        self._held = particles.wall.nonzero()[0]
+
+    def constrain(self, u: Array) -> Array:
+        """See `Walls.constrain`."""
+        result = u.copy()
+        result[self._held] = 0.0
+        return result
+
+    def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+        """See `Walls.histories`."""
+        return self.constrain(velocity), self.constrain(acceleration)
+
+    def relative(self, u: Array) -> Array:
+        """See `Walls.relative`: the tank stands still."""
+        return u
+
+    def finish(self, before: Particles, u: Array, moved: Particles) -> Particles:
+        """See `Walls.finish`: the time integration holds wall particles already."""
+        return moved
+
+    def space(self, particles: Particles, surface: Surface | None = None) -> tuple[Particles, int]:
+        """See `Walls.space`: nothing along these walls moves."""
+        return particles, 0
+
+    def set_back(self, particles: Particles) -> Particles:
+        """See `Walls.set_back`."""
+        return particles
+
+    def reassign(self, particles: Particles) -> tuple[Particles, Boundary]:
+        """See `Walls.reassign`: without active walls it does not matter which particles lie on them."""
+        return particles, self.boundary
+
+    def imposed(self, particles: Particles) -> Particles:
+        """See `Walls.imposed`: wall particles are at rest."""
+        return particles
+
+
+class WallStep(Walls):
     """The walls in a step from t_n to t_n + dt: constrained unknowns u = w + P u, with the walls' own w.
 
     A particle that is fixed has P = 0. One that slides along a wall with the normal n at the step's end has
@@ -54,13 +190,7 @@ class WallStep:
         time: t_n [s].
 
     Attributes:
-        fixed: (N,) mask of the particles whose displacement is prescribed.
-        sliding: (K,) the particles that slide.
-        rows, columns: (K, d * d) their projectors for momentum and for displacements.
         displacement: (N, d) w [m].
-        frame: (N, d) the positions in the tank's own frame [m].
-        carried: (N, d) displacement by the tank's motion [m], or None.
-        faces: those with friction, or None.
 
     Raises:
         ValueError: a function of time gives what it must not.
@@ -82,9 +212,9 @@ class WallStep:
         self._before, self._after = WallMotion(boundary, time, part), WallMotion(boundary, time + scheme.dt, part)
         index, slides = boundary.index, boundary.slides
         x, v, a = particles.position, particles.velocity[index], particles.acceleration[index]
-        moving = boundary.motion is not None
-        self.frame = self._before.pose.origin(x) if moving else x
-        self.carried = self._after.pose.place(self.frame) - x if moving else None
+        self.tank_moves = boundary.motion is not None
+        self.frame = self._before.pose.origin(x) if self.tank_moves else x
+        self._rigid = self._after.pose.place(self.frame) - x if self.tank_moves else np.zeros_like(x)
         self._home = self._after.place(self.frame[index])
         slid = 0.5 * scheme.dt * (self._before.sliding + self._after.sliding)
         w = self._after.held(self._home + slid @ self._after.pose.rotation.T - x[index])
@@ -106,7 +236,7 @@ class WallStep:
         self.columns = self._after.free[slides].reshape(len(slides), x.shape[1] ** 2)
         self.faces = self._find_faces(mesh, viscosity)
 
-    def _find_faces(self, mesh: Mesh, viscosity: Array) -> Faces | None:
+    def _find_faces(self, mesh: Mesh, viscosity: Array) -> Faces:
         """The faces of walls that slip with friction."""
         b, d = self.boundary, mesh.dimension
         nodes, coefficient, normal, wall_velocity = [], [], [], []
@@ -130,7 +260,7 @@ class WallStep:
             normal.append(np.tile(n, (len(face), 1)))
             wall_velocity.append((self.scheme.alpha_f * now + self.scheme.cf * then).reshape(-1, d * d))
         if not nodes:
-            return None
+            return Faces.none(d, len(self.sliding))
         face, mu = np.concatenate(nodes), np.concatenate(coefficient)
         edge = mesh.position[face[:, 1:]] - mesh.position[face[:, :1]]
         measure = np.linalg.norm(edge[:, 0] if d == 2 else 0.5 * np.cross(edge[:, 0], edge[:, 1]), axis=1)
@@ -157,33 +287,22 @@ class WallStep:
         a[index] = self._after.slid(acceleration[index]) + self._acceleration - s.cm * w
         return v, a
 
-    def finish(self, before: Particles, u: Array, moved: Particles) -> Particles:
-        """The state ``moved`` with wall particles where and as fast as their walls have them.
+    def relative(self, u: Array) -> Array:
+        """See `Walls.relative`."""
+        return u - self._rigid
 
-        Args:
-            before: the state at t_n.
-            u: (N, d) the solution's displacements [m].
-            moved: the state at t_{n+1}, right but for the walls.
-        """
+    def finish(self, before: Particles, u: Array, moved: Particles) -> Particles:
+        """See `Walls.finish`."""
         index = self.boundary.index
         free, done = self.scheme.acceleration(u, before), moved.copy()
         # Not x + u: in single precision the solution's w is not exact.
         done.position[index] = before.position[index] + self.constrain(u)[index]
         done.acceleration[index] = free[index]
         done.velocity[index] = self.scheme.velocity(free, before)[index]
-        self._after.impose(done)
-        return done
+        return self._after.imposed(done)
 
     def space(self, particles: Particles, surface: Surface | None = None) -> tuple[Particles, int]:
-        """Space the particles along the walls that slip, slide, or that moving walls shorten and lengthen.
-
-        Args:
-            particles: the state at t_{n+1}.
-            surface: of the step's mesh, if it has one.
-
-        Returns:
-            The state, and how many particles were set elsewhere.
-        """
+        """See `Walls.space`."""
         slides = self.boundary.sliding >= 0
         if not self.boundary.pieces and not slides.any():
             return particles, 0
@@ -199,11 +318,10 @@ class WallStep:
             dry = surface.dry(particles.wall)
             spaced.velocity[dry] = self._after.pose.rigid_velocity(spaced.position[dry])
             spaced.acceleration[dry] = self._after.pose.rigid_acceleration(spaced.position[dry])
-        self._after.impose(spaced)
-        return spaced, count
+        return self._after.imposed(spaced), count
 
     def set_back(self, particles: Particles) -> Particles:
-        """The state with the particles of no-slip walls that slide along themselves where they were in the tank."""
+        """See `Walls.set_back`."""
         slides = self.boundary.sliding >= 0
         slides[self.boundary.slides] = False
         if not slides.any():
@@ -212,20 +330,21 @@ class WallStep:
         back.position[self.boundary.index[slides]] = self._home[slides]
         return back
 
-    def reassign(self, particles: Particles) -> Boundary:
-        """The boundary at t_{n+1} of remeshed particles, in 2-D; imposes the walls' rates on them, in place."""
+    def reassign(self, particles: Particles) -> tuple[Particles, Boundary]:
+        """See `Walls.reassign`."""
         boundary = reassigned(self.boundary, particles, self._after.pose, self._after.displacement)
-        WallMotion(boundary, self._time + self.scheme.dt, 0.25 * self.scheme.dt).impose(particles)
-        return boundary
+        rates = WallMotion(boundary, self._time + self.scheme.dt, 0.25 * self.scheme.dt)
+        return rates.imposed(particles), boundary
 
-    def impose(self, particles: Particles) -> Particles:
-        """The state at t_{n+1}, changed in place to the velocities and accelerations that the walls prescribe."""
-        self._after.impose(particles)
-        return particles
+    def imposed(self, particles: Particles) -> Particles:
+        """See `Walls.imposed`."""
+        return self._after.imposed(particles)
 
 
 def walls_in_step(
     boundary: Boundary, mesh: Mesh, particles: Particles, viscosity: Array, scheme: GeneralizedAlpha, time: float
-) -> WallStep | None:
-    """The walls of a step; None if all are fixed and no-slip. See `WallStep` for arguments and errors."""
-    return WallStep(boundary, mesh, particles, viscosity, scheme, time) if boundary.active else None
+) -> Walls:
+    """The walls of a step; see `WallStep` for arguments and errors."""
+    if not boundary.active:
+        return FixedWalls(boundary, mesh, particles, scheme)
+    return WallStep(boundary, mesh, particles, viscosity, scheme, time)

@@ -6,7 +6,6 @@ does slows both down alike.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -65,35 +64,6 @@ def sloshing(cells: int, interface: str) -> tp.Case:
     return tp.Case(filled, [HEAVY, LIGHT], (0, -GRAVITY), interface=interface)
 
 
-class TimedRemesher:
-    """A remesher with a stop-watch.
-
-    Attributes:
-        seconds: spent in remeshing since it was last set to 0 [s].
-    """
-
-    def __init__(self, remesher: Any) -> None:
-        self._remesher = remesher
-        self.seconds = 0.0
-
-    @property
-    def rebuilt(self) -> int:
-        """How many meshes could not be had by repair."""
-        return int(self._remesher.rebuilt)
-
-    def start(self, particles: tp.Particles) -> Any:
-        """The first mesh; not timed."""
-        return self._remesher.start(particles)
-
-    def remesh(self, *state: Any) -> Any:
-        """The mesh after a step."""
-        started = time.perf_counter()
-        try:
-            return self._remesher.remesh(*state)
-        finally:
-            self.seconds += time.perf_counter() - started
-
-
 @dataclass
 class Run:
     """A simulation and what its steps cost.
@@ -105,17 +75,13 @@ class Run:
 
     simulation: tp.Simulation
     seconds: list[tuple[float, float]] = field(default_factory=list)
-    _remesher: TimedRemesher = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        self._remesher = TimedRemesher(self.simulation.remesher)
-        self.simulation.remesher = self._remesher
 
     def step(self, until: float) -> None:
         """Advance by one step, not over the time ``until`` [s]."""
-        self._remesher.seconds, started = 0.0, time.perf_counter()
+        timings = self.simulation.timings
+        timings.reset()
         self.simulation.step(until)
-        self.seconds.append((time.perf_counter() - started, self._remesher.seconds))
+        self.seconds.append((timings.seconds["step"], timings.seconds["step/remeshing"]))
 
     def column(self, name: str) -> Array:
         """One column (K,) of the history."""

@@ -105,7 +105,7 @@ def sunk(simulation: tp.Simulation, level: float) -> dict[str, float]:
     particles, mesh = simulation.particles, simulation.mesh
     own = particles.fluid == 0
     below = particles.position[:, 1] <= level + 0.5 * particles.spacing
-    share = simulation.interface.fluid_fraction(mesh, particles.fluid, 2)[:, 0] * mesh.measure
+    share = simulation.state.material.fraction[:, 0] * mesh.measure
     middle = mesh.position[mesh.cells].mean(axis=1)[:, 1]
     return {
         "sunk_particles": float(below[own].mean()),

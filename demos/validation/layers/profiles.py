@@ -32,11 +32,8 @@ def along_height(simulation: tp.Simulation, count: int = 1500) -> tuple[Array, A
     x = low[0] + (0.5 + 1e-4) * (high[0] - low[0])
     y = np.linspace(low[1], high[1], count + 2)[1:-1]
     element = Triangulation(*position.T, simulation.mesh.cells).get_trifinder()(np.full_like(y, x), y)
-    density, viscosity = simulation.interface.element_properties(
-        simulation.mesh, simulation.particles.fluid, simulation.case.fluids
-    )
-    found = element >= 0
-    return y[found], density[element[found]], viscosity[element[found]]
+    material, found = simulation.state.material, element >= 0
+    return y[found], material.density[element[found]], material.viscosity[element[found]]
 
 
 class PressureWatch:

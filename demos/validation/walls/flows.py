@@ -157,7 +157,7 @@ def sloshed(cells: int) -> tp.Simulation:
 def first_moment(simulation: tp.Simulation) -> float:
     """Integral of x over the lower fluid of `sloshed`, from the tank's centre [m^3, per metre of depth]."""
     mesh = simulation.mesh
-    part = simulation.interface.fluid_fraction(mesh, simulation.particles.fluid, 2)[:, 0]
+    part = simulation.state.material.fraction[:, 0]
     centre = 0.5 + SWAY[0] * (1 - np.cos(SWAY[1] * simulation.time))
     return float((mesh.measure * part) @ (mesh.position[mesh.cells, 0].mean(axis=1) - centre))
 

@@ -1,0 +1,200 @@
+"""State: what a simulation knows between two steps; Solved: what the solve of a step adds until the next state.
+
+Both are frozen. A step solves, which gives a `Solved`, and remeshes, which gives the next `State`; nothing of either is
+changed in place, so a step that is refused half-way leaves everything as it was.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from tipfem.backend.launch import launch
+from tipfem.case.boundary import Boundary
+from tipfem.case.particles import Particles
+from tipfem.fem import work
+from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.mesh.mesh import Mesh
+from tipfem.typing import Array
+from tipfem.walls.step import Walls
+
+
+@dataclass(frozen=True)
+class Material(ABC):
+    """What the M elements of a mesh are made of.
+
+    Attributes:
+        density: (M,) [kg/m^3].
+        viscosity: (M,) [Pa s].
+    """
+
+    density: Array
+    viscosity: Array
+
+    @property
+    @abstractmethod
+    def fraction(self) -> Array:
+        """(M, F) part of each element that each fluid fills."""
+
+    @abstractmethod
+    def volumes(self, measure: Array) -> Array:
+        """Volumes (F,) of the fluids in elements of ``measure`` (M,) [m^2, or m^3 in 3-D]."""
+
+
+@dataclass(frozen=True)
+class SharpMaterial(Material):
+    """Elements of one fluid each.
+
+    Attributes:
+        fluid: (M,) of each element.
+        count: number of fluids F.
+    """
+
+    fluid: Array
+    count: int
+
+    @property
+    def fraction(self) -> Array:
+        """(M, F), all or nothing."""
+        return (self.fluid[:, None] == np.arange(self.count)).astype(float)
+
+    def volumes(self, measure: Array) -> Array:
+        """See `Material.volumes`."""
+        return np.bincount(self.fluid, weights=measure, minlength=self.count)
+
+
+@dataclass(frozen=True)
+class InterpolatedMaterial(Material):
+    """Elements through which interfaces run.
+
+    Attributes:
+        parts: (M, F) part of each element that each fluid fills.
+        nodal_density: (N,) density around each particle [kg/m^3], NaN for those in no element.
+    """
+
+    parts: Array
+    nodal_density: Array
+
+    @property
+    def fraction(self) -> Array:
+        """(M, F) part of each element that each fluid fills."""
+        return self.parts
+
+    def volumes(self, measure: Array) -> Array:
+        """See `Material.volumes`."""
+        # By einsum, which no threads share: a sum by BLAS would depend on their number, and wait for them.
+        return np.asarray(np.einsum("k,kn->n", measure, self.parts))
+
+
+def lumped(mesh: Mesh, density: Array) -> Array:
+    """Lumped mass (N,) [kg, per metre of depth in 2-D] from the elements' densities (M,) [kg/m^3]."""
+    mass = np.zeros(len(mesh.position))
+    cells = np.ascontiguousarray(mesh.cells)
+    launch(work.lump, cells, mesh.measure, density, mass, len(cells), mesh.dimension)
+    return mass
+
+
+@dataclass(frozen=True)
+class State:
+    """A simulation between two steps: all that the flow depends on, beside the case and the step's controllers.
+
+    Attributes:
+        time: [s].
+        step: number of steps taken.
+        particles: N particles.
+        mesh: M cells on their positions.
+        boundary: which particles lie on which walls.
+        reference: the particle at which the pressure of a closed tank is zero.
+        fixed: (N,) mask of the particles that no remeshing relocates or removes, whatever their walls let them do.
+        material: of the elements.
+        mass: (N,) lumped mass of each particle [kg, per metre of depth in 2-D]; what is in no element has its own.
+        volume: (F,) of each fluid [m^2, or m^3 in 3-D], that of particles in no element included.
+        start_volume: (F,) the same at the start of the simulation.
+        relocated: (N,) mask of the particles that the last remeshing relocated or inserted.
+        relocations: how many particles it relocated because they crowded others, or inserted.
+        rebuilt: how many meshes since the start could not be had by repairing the one before.
+    """
+
+    time: float
+    step: int
+    particles: Particles
+    mesh: Mesh
+    boundary: Boundary
+    reference: int
+    fixed: Array
+    material: Material
+    mass: Array
+    volume: Array
+    start_volume: Array
+    relocated: Array
+    relocations: int = 0
+    rebuilt: int = 0
+
+
+@dataclass(frozen=True)
+class StepWork:
+    """What the terms of the residual do when it is tested with displacements and pressures: see `work.step_work`.
+
+    Attributes:
+        viscous_dissipation: dt int 2 mu d : d [J, per metre of depth in 2-D, as all others].
+        viscous: work against the viscous stress.
+        geometry: work of pressure on the change of volume from the intermediate to the last positions.
+        stabilisation: loss by the stabilisation of pressure.
+        source: work of pressure on the prescribed growth.
+        walls: work of the walls' forces on the fluids.
+        wall_force: (d,) these forces together [N], on the fluids.
+    """
+
+    viscous_dissipation: float
+    viscous: float
+    geometry: float
+    stabilisation: float
+    source: float
+    walls: float
+    wall_force: Array
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A solved step, before its particles are meshed anew.
+
+    Attributes:
+        before: the state at the start of the step.
+        time: at the end of the step [s].
+        scheme: generalized-alpha with the step's length.
+        particles: the particles of ``before`` at the end of the step.
+        walls: what the walls prescribe in the step.
+        displacement: (N, d) in the step [m].
+        inertia: (N, d) a_alpha - b [m/s^2], the acceleration less gravity and body force at the intermediate time.
+        force: (N, d) gravity and body force b there [m/s^2].
+        growth: (M,) relative growth of the elements that was prescribed.
+        work: of the terms of the residual.
+        newton_iterations, krylov_iterations: that the solve took.
+        residual: the norm of the scaled residual that Newton's method left [spacings].
+    """
+
+    before: State
+    time: float
+    scheme: GeneralizedAlpha
+    particles: Particles
+    walls: Walls
+    displacement: Array
+    inertia: Array
+    force: Array
+    growth: Array
+    work: StepWork
+    newton_iterations: int
+    krylov_iterations: int
+    residual: float
+
+    @property
+    def dt(self) -> float:
+        """Length of the step [s]."""
+        return self.scheme.dt
+
+    @property
+    def mesh(self) -> Mesh:
+        """The mesh of ``before``, moved with the particles."""
+        return self.before.mesh.moved(self.particles.position)

@@ -1,0 +1,90 @@
+"""StepSolver: the nonlinear problem of one time step, posed on a state and solved."""
+
+from __future__ import annotations
+
+import math
+
+from tipfem.backend import runtime
+from tipfem.case.case import Case
+from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.linalg.newton import newton
+from tipfem.state import Solved, State
+from tipfem.step.flow import ElementProperties, FlowProblem
+from tipfem.step.linear_system import Workspace
+from tipfem.timers import timer
+from tipfem.typing import Array
+from tipfem.walls.step import walls_in_step
+
+
+class StepSolver:
+    """Solves the time steps of a case.
+
+    Args:
+        case: fluids, forces and numerics.
+        reach: largest displacement of a particle in a step [target spacings].
+
+    Attributes:
+        workspace: device arrays and the multigrid's hierarchy, which steps share; no step depends on what an earlier
+            one left there, but for the box that the hierarchy covers.
+    """
+
+    def __init__(self, case: Case, reach: float) -> None:
+        self.case, self.reach, self.workspace = case, reach, Workspace()
+
+    @timer("solve")
+    def solve(self, state: State, dt: float, growth: Array, end: float = math.nan) -> Solved:
+        """Solve a step of length ``dt`` [s] from a state.
+
+        Args:
+            state: at the start of the step.
+            dt: length of the step [s].
+            growth: (M,) relative growth of the elements that is prescribed.
+            end: time at the end of the step [s]; by default the state's plus ``dt``.
+
+        Raises:
+            StepRefused: Newton's method failed, an element would be inverted, or a particle would move too far.
+            ValueError: a function of time that the case was given returns what it must not.
+            SimulationError: the walls' motions change the tank's volume.
+        """
+        case, numerics, before, mesh = self.case, self.case.numerics, state.particles, state.mesh
+        scheme = GeneralizedAlpha(numerics.rho_inf, dt)
+        varies = case.body_force is not None
+        position = before.position + scheme.cf * scheme.predict(before) if varies else before.position
+        force = case.acceleration(position, state.time + scheme.cf * dt)
+        material = ElementProperties(state.material.density, state.material.viscosity, growth)
+        walls = walls_in_step(state.boundary, mesh, before, material.viscosity, scheme, state.time)
+        problem = FlowProblem(mesh, before, material, scheme, force, numerics.stabilisation, self.workspace, walls)
+        tolerance = numerics.tolerance(force if varies else force[:1], scheme.cm, before.spacing, runtime.round_off())
+        if state.step == 0:  # an error of pressure that the first step leaves would slosh for long
+            tolerance = min(tolerance, 10 * runtime.round_off())
+        result = newton(
+            problem,
+            problem.predict(),
+            tolerance=tolerance,
+            max_iterations=numerics.newton_iterations,
+            noise=runtime.round_off(),
+        )
+        result.require()
+        problem.limits(result.solution).require(numerics.smallest_jacobian, self.reach)
+        displacement, pressure = problem.split(result.solution)
+        surface = mesh.surface
+        if surface is None or not surface.front.any():
+            pressure -= pressure[state.reference]
+        particles = walls.finish(before, displacement, scheme.advance(before, displacement, pressure))
+        if surface is not None:
+            particles = surface.landed(before, particles, force, dt)
+        return Solved(
+            before=state,
+            time=state.time + dt if math.isnan(end) else end,
+            scheme=scheme,
+            particles=particles,
+            walls=walls,
+            displacement=displacement,
+            inertia=problem.acceleration(displacement),
+            force=force,
+            growth=growth,
+            work=problem.work(result.solution),
+            newton_iterations=result.iterations,
+            krylov_iterations=result.krylov_iterations,
+            residual=result.norm,
+        )
