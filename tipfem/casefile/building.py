@@ -1,0 +1,451 @@
+"""From the checked tables of a case file to the objects of `tipfem` that they describe."""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+
+from tipfem.case.case import DEFAULT_INTERFACE, SURFACE_INTERFACE, Case
+from tipfem.case.fluid import Fluid
+from tipfem.case.grading import Grading
+from tipfem.case.numerics import FittedRule, Numerics, RelocationRule, SurfaceRule
+from tipfem.case.particles import Particles
+from tipfem.case.tank import SIDES, Tank
+from tipfem.case.walls import Motion, Wall
+from tipfem.casefile.forms import HalfSpace, Limits, Polygon, Polyline, Ramp, Side, Table, UniformForce
+from tipfem.casefile.problems import child_at, listed, meant
+from tipfem.casefile.schema import FillTable, MotionTable, NumericsTable, WallTable
+from tipfem.casefile.source import Path
+
+Report = Callable[[Path, str], None]
+SHAPES = ("box", "disc", "half_space", "polygon", "below", "above")
+SUBJECT = re.compile(r"^(?:step|run|init|tank|fill|wall|Case|Simulation|[A-Z]\w+)(?: '[^']*')?: ")
+RULES = {"fitting": FittedRule, "relocation": RelocationRule, "surface": SurfaceRule}
+
+
+class Parts:
+    """The parts of a case, as far as their tables have no mistakes; mistakes that they make together are reported.
+
+    Args:
+        sections: of the case file, checked; those that are missing or None have mistakes.
+        folder: that paths are relative to.
+        report: takes the path of a mistake and what is wrong.
+    """
+
+    def __init__(self, sections: Mapping[str, Any], folder: FilePath, report: Report) -> None:
+        self.sections, self.folder, self.report = sections, folder, report
+        self.fluids = {
+            name: self._made(("fluids", name), Fluid, name, table.density, table.viscosity)
+            for name, table in (sections.get("fluids") or {}).items()
+            if table is not None
+        }
+        self.fluid_names = list(sections.get("fluids") or {})
+        self.interface = sections.get("interface") or (
+            SURFACE_INTERFACE if sections.get("free_surface") else DEFAULT_INTERFACE
+        )
+        self.end = sections["time"].end if sections.get("time") else None
+        self._particles = self._read_particles()
+        self.tank, self.dimension = self._tank()
+        self._check_choices()
+        self._fill()
+        self.walls = self._walls()
+        self.motion = self._motion()
+        self.grading = self._grading()
+        self.numerics = self._numerics()
+        self.force = self._force()
+        self._check_times()
+
+    def case(self) -> Case:
+        """A new case.
+
+        Raises:
+            ValueError: the parts do not fit together.
+        """
+        return Case(
+            self._new_tank() if self.tank else self._particles,
+            list(self.fluids.values()),
+            self.sections["gravity"],
+            body_force=self.force,
+            interface=self.sections.get("interface"),
+            free_surface=self.sections["free_surface"],
+            numerics=self.numerics or Numerics(),
+            title=self.sections["title"],
+            walls=self.walls,
+            tank_motion=self.motion,
+            grading=self.grading,
+        )
+
+    def place_of(self, message: str) -> tuple[Path, str]:
+        """The path that an error message of `tipfem` is about, and the message without what the path says."""
+        rest = SUBJECT.sub("", message)
+        if found := re.match(r"(?:Case: )?wall '([^']+)':? (?:.*)", message):
+            path: Path = ("walls", found[1])
+            return (path if found[1] in (self.sections.get("walls") or {}) else ()), SUBJECT.sub("", rest)
+        if found := re.match(r"fill '([^']+)': (.*)", message, re.DOTALL):
+            fills = [k for k, table in enumerate(self.sections["fill"]) if table.fluid == found[1]]
+            told = [k for k in fills if repr(self.sections["fill"][k].box) in message]
+            one = told or fills
+            return (("fill", one[-1]) if len(one) == 1 else ("fill",)), rest if len(one) == 1 else message
+        for subject, section in {
+            "tank": "tank",
+            "Grading": "grading",
+            "Motion": "tank_motion",
+            "Particles": "particles",
+            "Case: particle": "particles",
+            "Case: spacing": "particles",
+            "Case: gravity": "gravity",
+            "out is": "output",
+        }.items():
+            if message.startswith(subject) and self.sections.get(section) is not None:
+                return self._blamed((section,), rest)
+        return (), rest
+
+    def _made(self, path: Path, make: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+        """What a function makes of further arguments; its ValueError is reported, and None made."""
+        try:
+            return make(*arguments, **options)
+        except ValueError as error:
+            self.report(*self._blamed(path, SUBJECT.sub("", str(error))))
+            return None
+
+    def _blamed(self, path: Path, text: str) -> tuple[Path, str]:
+        """The path of the key that a text begins with, if the table at ``path`` has it, and the rest of the text."""
+        found = re.match(r"(\w+) (?=is |has |gave |names |at t = )", text)
+        table: Any = self.sections.get(str(path[0]))
+        for key in path[1:]:
+            table = child_at(table, (key,)) if isinstance(table, (Mapping, list)) else getattr(table, str(key), None)
+        if found and found[1] in getattr(type(table), "model_fields", {}):
+            return (*path, found[1]), text[found.end() :]
+        return path, text
+
+    def _tank(self) -> tuple[Tank | None, int | None]:
+        """The tank, empty, and the dimension; None where they have mistakes."""
+        tank, particles = self.sections.get("tank"), self.sections.get("particles")
+        if "tank" in self.sections and "particles" in self.sections:
+            if tank is None and particles is None:
+                self.report(("tank",), "is missing; give a tank with size and spacing, or particles with a file")
+            if tank is not None and particles is not None:
+                self.report(("particles",), "is given beside tank; give one of the two")
+        gravity = self.sections.get("gravity")
+        if tank is None:
+            dimension = self._particles.dimension if self._particles else len(gravity) if gravity else None
+        else:
+            dimension = len(tank.size)
+        if gravity and dimension and len(gravity) != dimension:
+            self.report(
+                ("gravity",), f"is {gravity} m/s^2; it must be {dimension} numbers, for the case is {dimension}-D"
+            )
+        return (self._made(("tank",), self._new_empty_tank) if tank else None), dimension
+
+    def _new_empty_tank(self) -> Tank:
+        tank = self.sections["tank"]
+        return Tank(tank.size, tank.spacing, tank.jitter, tank.seed)
+
+    def _new_tank(self) -> Tank:
+        """The tank, filled; see `_fill` for what is refused."""
+        tank = self._new_empty_tank()
+        for table in self.sections["fill"]:
+            tank.fill(self.fluids[table.fluid], **_shape(table))
+        for name, table in self.sections["walls"].items():
+            if table.between is None and table.particles is None:
+                tank.wall(name, **self._wall_options(name, table))
+        return tank
+
+    def _fill(self) -> None:
+        fills = self.sections.get("fill")
+        if fills is None:
+            return
+        if self.sections.get("particles") is not None and fills:
+            self.report(("fill",), "is given with particles; only a tank is filled")
+            return
+        if self.sections.get("tank") is not None and not fills:
+            self.report(("fill",), "is missing; give at least one table [[fill]] with a fluid")
+        if self.sections.get("free_surface") is False and fills and fills[0] is not None and _shapes(fills[0]):
+            self.report(("fill", 0), "has a shape; the first fill must take the whole tank, or set free_surface = true")
+        for k, table in enumerate(fills):
+            if table is None:
+                continue
+            path: Path = ("fill", k)
+            if table.fluid not in self.fluid_names:
+                names = self.fluid_names
+                self.report(
+                    (*path, "fluid"),
+                    f"is {table.fluid!r}; it must be one of the fluids {listed(names)}{meant(table.fluid, names)}",
+                )
+            if len(given := _shapes(table)) > 1:
+                self.report(path, f"has {', '.join(given)}; give one shape, in tables [[fill]] of their own")
+            elif self.dimension and self._fits(path, table) and self.tank:
+                self._made(path, self._new_empty_tank().fill, Fluid(table.fluid or "?", 1.0, 0.0), **_shape(table))
+
+    def _fits(self, path: Path, table: FillTable) -> bool:
+        """Whether a fill's shape has the right dimension, and curves make sense."""
+        d, fits = self.dimension, True
+        if table.half_space:
+            for key in ("point", "normal"):
+                value = getattr(table.half_space, key)
+                if len(value) != d:
+                    self.report((*path, "half_space", key), f"is {value}; it must be {d} numbers, as the tank is {d}-D")
+                    fits = False
+            if not any(table.half_space.normal):
+                self.report((*path, "half_space", "normal"), "is zero; it must be a direction")
+                fits = False
+        if table.polygon and d != 2:
+            self.report((*path, "polygon"), "is given in 3-D; polygons are for 2-D only")
+            fits = False
+        for key in ("below", "above"):
+            curve = getattr(table, key)
+            if isinstance(curve, Polyline) and (np.diff([point[0] for point in curve.points]) <= 0).any():
+                self.report((*path, key, "points"), f"is {curve.points} m; x must ascend from point to point")
+                fits = False
+        return fits
+
+    def _walls(self) -> list[Wall]:
+        tables = self.sections.get("walls")
+        walls = []
+        sides = [name for name, (axis, _) in SIDES.items() if axis < (self.dimension or 3)]
+        for name, table in (tables or {}).items():
+            path: Path = ("walls", name)
+            if table is None:
+                continue
+            own = table.between is not None or table.particles is not None
+            if not own and self.sections.get("tank") is not None and name not in sides:
+                self.report(
+                    path,
+                    f"is no wall of the tank; it must be one of {', '.join(sides)}, or have between, "
+                    f"two points{meant(name, sides)}",
+                )
+                continue
+            if not own and self.sections.get("tank") is None:
+                if self.sections.get("particles") is not None:
+                    self.report(path, "has neither between nor particles; without a tank, give the wall's place")
+                continue
+            options = self._wall_options(name, table)
+            if not options:
+                keys = "slip, slip_length, velocity and motion"
+                self.report(path, f"has nothing to say; give one or more of {keys}, or leave the table out")
+                continue
+            place = {key: value for key in ("between", "particles") if (value := getattr(table, key)) is not None}
+            wall = self._made(path, Wall, name, **(place or {"particles": []}), **options)
+            if wall is not None and own:
+                walls.append(wall)
+            if wall is not None and self.dimension and self._sized(path, table):
+                self._made((*path, "velocity"), wall.sliding, 0.0, self.dimension)
+                self._made((*path, "motion"), wall.displacement, 0.0)
+        return walls
+
+    def _sized(self, path: Path, table: WallTable) -> bool:
+        """Whether a wall's functions have as many coordinates as they must."""
+        velocity = table.velocity
+        if isinstance(velocity, list):
+            fits = len(velocity) == self.dimension
+            if not fits:
+                self.report((*path, "velocity"), f"is {velocity} m/s; it must be {self.dimension} numbers")
+        else:
+            fits = self._function((*path, "velocity"), velocity, self.dimension or 0) is not None or velocity is None
+        motion = self._function((*path, "motion"), table.motion, 0)
+        return fits and (motion is not None or table.motion is None)
+
+    def _wall_options(self, name: str, table: WallTable) -> dict[str, Any]:
+        options: dict[str, Any] = {"slip": True} if table.slip else {}
+        if "slip" in table.model_fields_set:
+            options["slip"] = table.slip
+        for key in ("slip_length", "velocity", "motion"):
+            value = getattr(table, key)
+            if value is not None:
+                options[key] = self._loaded(value)
+        return options
+
+    def _loaded(self, function: Any) -> Any:
+        """A function of time with its table read; as it is where it cannot be read, which is reported elsewhere."""
+        if isinstance(function, Table):
+            try:
+                return function.read(self.folder)
+            except ValueError:
+                return function
+        return function
+
+    def _function(self, path: Path, function: Any, size: int) -> Any:
+        """A function of time, checked: its table read, its values of ``size`` coordinates; None with a mistake.
+
+        Args:
+            path: of it.
+            function: as it is in the file, or None.
+            size: how many coordinates its values have; 0 for a number alone.
+        """
+        if function is None:
+            return None
+        if isinstance(function, Ramp) and function.end_time <= function.start_time:
+            self.report(
+                (*path, "end_time"),
+                f"is {function.end_time} s; it must be later than start_time, {function.start_time} s",
+            )
+            return None
+        if isinstance(function, Table):
+            function = self._read_table(path, function)
+            if function is None:
+                return None
+        for key, found in function.sizes():
+            if found != size:
+                wanted = f"{size} numbers" if size else "a number alone"
+                self.report((*path, key), f"has values of {found or 1} number(s); it must be {wanted}")
+                return None
+        return function
+
+    def _read_table(self, path: Path, table: Table) -> Table | None:
+        if (table.file is None) == (table.times is None) or (table.times is None) != (table.values is None):
+            self.report(path, "has neither a file nor times and values, or both; give one of them")
+            return None
+        try:
+            table = table.read(self.folder)
+        except ValueError as error:
+            self.report((*path, "file"), f"is {table.file!r}: {error}")
+            return None
+        times, values, key = table.times or [], table.values or [], "times" if table.file is None else "file"
+        if len(times) != len(values):
+            self.report((*path, "values"), f"has {len(values)} items for {len(times)} times; give one for each")
+            return None
+        falls = np.flatnonzero(np.diff(times) <= 0)
+        if len(falls):
+            k = int(falls[0]) + 1
+            self.report((*path, key), f"has the time {times[k]} s after {times[k - 1]} s; times must ascend")
+            return None
+        if times[0] > 0 or (self.end is not None and times[-1] < self.end):
+            wanted = f"from 0 to {self.end} s, the end of the run" if self.end is not None else "from 0"
+            self.report((*path, key), f"has times from {times[0]} to {times[-1]} s; it must go {wanted}")
+            return None
+        return table
+
+    def _motion(self) -> Motion | None:
+        table: MotionTable | None = self.sections.get("tank_motion")
+        if table is None or self.dimension is None:
+            return None
+        path, d = ("tank_motion",), self.dimension
+        given = {"translation": d, "angle": 0}
+        functions = {key: self._function((*path, key), getattr(table, key), size) for key, size in given.items()}
+        if any(functions[key] is None and getattr(table, key) is not None for key in given):
+            return None
+
+        def make() -> Motion:
+            motion = Motion(functions["translation"], functions["angle"], table.pivot, tuple(table.axis))
+            motion.check(d)
+            return motion
+
+        motion: Motion | None = self._made(path, make)
+        return motion
+
+    def _grading(self) -> Grading | None:
+        table, tank = self.sections.get("grading"), self.sections.get("tank")
+        if table is None:
+            return None
+        if not table.largest and not table.limits:
+            self.report(("grading",), "has neither largest nor limits; give one of them, or leave the table out")
+            return None
+        for k, limit in enumerate(table.limits):
+            box = np.array(limit.box) if len({len(corner) for corner in limit.box}) == 1 else None
+            if box is None or (self.dimension and box.shape != (2, self.dimension)) or not (box[0] < box[1]).all():
+                what = "two corners, the lower one first"
+                self.report(("grading", "limits", k, "box"), f"is {limit.box} m; it must be {what}")
+                return None
+        where = Limits(limits=table.limits) if table.limits else None
+        grading: Grading | None = self._made(("grading",), Grading, table.largest, table.growth, where)
+        for name, value in table.largest.items():
+            path: Path = ("grading", "largest", name)
+            if name not in self.fluid_names:
+                names = self.fluid_names
+                self.report(path, f"is of no fluid; the fluids are {listed(names)}{meant(name, names)}")
+            elif tank is not None and value < tank.spacing * (1 - 1e-9):
+                self.report(path, f"is {value} m; it must be at least the tank's spacing, {tank.spacing} m")
+        return grading
+
+    def _numerics(self) -> Numerics | None:
+        table: NumericsTable | None = self.sections.get("numerics")
+        if table is None:
+            return None
+        given = {key: getattr(table, key) for key in NumericsTable.model_fields if key not in RULES}
+        rules = {
+            key: self._made(("numerics", key), rule, **getattr(table, key).model_dump()) for key, rule in RULES.items()
+        }
+        if None in rules.values():
+            return None
+        numerics: Numerics | None = self._made(("numerics",), Numerics, **given, **rules)
+        return numerics
+
+    def _force(self) -> UniformForce | None:
+        function = self._function(("body_force",), self.sections.get("body_force"), self.dimension or 0)
+        return None if function is None else UniformForce(function)
+
+    def _check_choices(self) -> None:
+        """What the tables for interface, free surface, grading and tank rule out together."""
+        surface, interface = self.sections.get("free_surface"), self.sections.get("interface")
+        if surface and interface == "sharp":
+            self.report(("interface",), "is 'sharp'; with free_surface = true it must be 'interpolated', or left out")
+        if self.sections.get("grading") is not None:
+            if surface:
+                self.report(("grading",), "is given with free_surface = true; there is no grading with a free surface")
+            elif self.interface != "sharp":
+                self.report(("grading",), f"is given with interface = {self.interface!r}; it needs 'sharp'")
+        if self.dimension == 3 and self.interface == "sharp" and not (surface and interface == "sharp"):
+            self.report(("interface",), "is 'sharp', the default, in 3-D; it must be 'interpolated' there")
+        tank = self.sections.get("tank")
+        if tank is not None and self.dimension == 3 and tank.jitter == 0:
+            self.report(("tank", "jitter"), "is 0 in 3-D; it must be > 0 there, 0.1 for instance")
+
+    def _check_times(self) -> None:
+        time, output = self.sections.get("time"), self.sections.get("output")
+        if time is None or output is None or output.interval is None:
+            return
+        if time.largest_step is not None and output.interval < 0.1 * time.largest_step:
+            self.report(
+                ("output", "interval"),
+                f"is {output.interval} s; it must be at least a tenth of time.largest_step, {time.largest_step} s",
+            )
+
+    def _read_particles(self) -> Particles | None:
+        table = self.sections.get("particles")
+        if table is None:
+            return None
+        path = self.folder / table.file
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                arrays = dict(file)
+        except (OSError, ValueError, EOFError, zipfile.BadZipFile, AttributeError, TypeError) as error:
+            reason = getattr(error, "strerror", None) or "it is no NPZ file"
+            self.report(("particles", "file"), f"is {table.file!r}, which cannot be read ({reason})")
+            return None
+        needed, more = ("position", "fluid", "wall"), ("velocity", "acceleration", "pressure", "spacing")
+        missing = [name for name in needed if name not in arrays]
+        unknown = [name for name in arrays if name not in needed + more]
+        if missing or unknown:
+            what = f"lacks the arrays {listed(missing)}" if missing else f"has unknown arrays {listed(unknown)}"
+            self.report(("particles", "file"), f"is {table.file!r}, which {what}; it takes {listed(needed + more)}")
+            return None
+        if "spacing" in arrays and arrays["spacing"].shape == ():
+            arrays["spacing"] = arrays["spacing"].item()
+        particles: Particles | None = self._made(("particles", "file"), Particles, **arrays)
+        return particles
+
+
+def _shapes(table: FillTable) -> list[str]:
+    return [key for key in SHAPES if getattr(table, key) is not None]
+
+
+def _shape(table: FillTable) -> dict[str, Any]:
+    """What `Tank.fill` is given for a fill's shape."""
+    given: Iterable[str] = _shapes(table)
+    for key in given:
+        value = getattr(table, key)
+        if key == "box":
+            return {"box": value}
+        if key == "disc":
+            return {"disc": (value.centre, value.radius)}
+        if isinstance(value, HalfSpace):
+            return {"where": value}
+        if key == "polygon":
+            return {"where": Polygon(points=value)}
+        return {"where": Side(curve=value, above=key == "above")}
+    return {}

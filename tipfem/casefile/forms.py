@@ -1,0 +1,372 @@
+"""Named forms: the functions of time and the shapes that a case file can give without Python.
+
+Each is a model of the schema and, once loaded, the function itself: what `tipfem.Wall`, `tipfem.Motion`,
+`tipfem.Case` and `Tank.fill` take. `describe` recognises them and writes them back.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, PlainValidator, Tag, WithJsonSchema
+from pydantic_core import PydanticCustomError
+
+from tipfem.arguments import is_number
+from tipfem.typing import Array
+
+
+class Model(BaseModel):
+    """A table of a case file: unknown keys are mistakes, and no value is converted to another type."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False, protected_namespaces=())
+
+
+def quantity(description: str, unit: str = "", default: Any = ..., **limits: Any) -> Any:
+    """A field with its unit, in its description for readers and by itself for messages."""
+    extra: dict[str, Any] | None = {"unit": unit} if unit else None
+    text = f"{description} [{unit}]" if unit else description
+    return Field(default, description=text, json_schema_extra=extra, **limits)
+
+
+def _number_or_list(value: Any) -> float | tuple[float, ...]:
+    if is_number(value):
+        return float(value)
+    if isinstance(value, Sequence) and len(value) in (2, 3) and all(is_number(item) for item in value):
+        return tuple(float(item) for item in value)
+    raise PydanticCustomError("value", "a number, or a list of 2 or 3 numbers")
+
+
+Value = Annotated[
+    float | tuple[float, ...],
+    PlainValidator(_number_or_list),
+    WithJsonSchema(
+        {"anyOf": [{"type": "number"}, {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 3}]}
+    ),
+]
+VALUE = "in the SI unit of what the function is for; a list has one number for each coordinate"
+Vector = Annotated[list[float], Field(min_length=2, max_length=3)]
+Point = Annotated[list[float], Field(min_length=2, max_length=2)]
+
+
+def size_of(value: Any) -> int:
+    """How many numbers a value has: 0 for a number alone."""
+    return len(value) if isinstance(value, Sequence) else 0
+
+
+def _result(value: Any) -> Any:
+    """A float for a number alone, as `tipfem.Motion` wants it, and else an array."""
+    return float(value) if np.ndim(value) == 0 else value
+
+
+def smooth_step(part: float) -> float:
+    """0 up to 0 and 1 from 1 on, with continuous first and second derivatives: 6 t^5 - 15 t^4 + 10 t^3."""
+    t = min(max(part, 0.0), 1.0)
+    return t * t * t * (10.0 + t * (6.0 * t - 15.0))
+
+
+class Constant(Model):
+    """The same value at all times."""
+
+    form: Literal["constant"] = Field(description="the kind of function")
+    value: Value = quantity(f"the value, {VALUE}")
+
+    def sizes(self) -> Iterator[tuple[str, int]]:
+        """Keys that hold values, and how many numbers each has."""
+        yield "value", size_of(self.value)
+
+    def __call__(self, time: float) -> Any:
+        """The value at a time [s]."""
+        return _result(np.asarray(self.value))
+
+
+class Sine(Model):
+    """soft(t) (mean + amplitude sin(2 pi frequency t + phase))."""
+
+    form: Literal["sine"] = Field(description="the kind of function")
+    amplitude: Value = quantity(f"the amplitude, {VALUE}")
+    frequency: float = quantity("the frequency", "Hz", gt=0)
+    phase: float = quantity("the phase at t = 0", "rad", 0.0)
+    mean: Value = quantity(f"the mean value, {VALUE}", default=0.0)
+    soft_start: float = quantity(
+        "time over which the function grows smoothly from zero; 0 for none: a motion then begins with a jump of its "
+        "velocity",
+        "s",
+        0.0,
+        ge=0,
+    )
+
+    def sizes(self) -> Iterator[tuple[str, int]]:
+        """Keys that hold values, and how many numbers each has."""
+        yield "amplitude", size_of(self.amplitude)
+        if "mean" in self.model_fields_set:
+            yield "mean", size_of(self.mean)
+
+    def __call__(self, time: float) -> Any:
+        """The value at a time [s]."""
+        wave = np.asarray(self.amplitude) * np.sin(2 * np.pi * self.frequency * time + self.phase)
+        value = np.asarray(self.mean) + wave
+        return _result(value * smooth_step(time / self.soft_start) if self.soft_start else value)
+
+
+class Ramp(Model):
+    """From one value to another between two times, by a polynomial of fifth order whose ends are smooth."""
+
+    form: Literal["ramp"] = Field(description="the kind of function")
+    start_value: Value = quantity(f"the value before, {VALUE}", default=0.0)
+    end_value: Value = quantity(f"the value after, {VALUE}")
+    start_time: float = quantity("when it begins to change", "s", 0.0, ge=0)
+    end_time: float = quantity("when it has reached the end value; later than start_time", "s", gt=0)
+
+    def sizes(self) -> Iterator[tuple[str, int]]:
+        """Keys that hold values, and how many numbers each has."""
+        yield "end_value", size_of(self.end_value)
+        if "start_value" in self.model_fields_set:
+            yield "start_value", size_of(self.start_value)
+
+    def __call__(self, time: float) -> Any:
+        """The value at a time [s]."""
+        part = smooth_step((time - self.start_time) / (self.end_time - self.start_time))
+        start, end = np.asarray(self.start_value), np.asarray(self.end_value)
+        return _result(start + part * (end - start))
+
+
+class Table(Model):
+    """Values at given times, and what lies between them; from a CSV file or from lists in the case file."""
+
+    form: Literal["table"] = Field(description="the kind of function")
+    file: str | None = quantity(
+        "a CSV file, its path relative to the case file: the first column is the time [s], the others are the value's "
+        "coordinates; lines that begin with # are comments, and a line of column names may come first",
+        default=None,
+        min_length=1,
+    )
+    columns: list[str] | None = quantity(
+        "names of the columns to read in place of all, the first one for the time", default=None, min_length=2
+    )
+    times: list[float] | None = quantity("the times, ascending, in place of a file", "s", None, min_length=2)
+    values: list[Value] | None = quantity(f"the values at these times, {VALUE}", default=None, min_length=2)
+    interpolation: Literal["cubic", "linear"] = quantity(
+        "cubic: a spline with continuous second derivatives, which motions need; linear: straight lines",
+        default="cubic",
+    )
+
+    def sizes(self) -> Iterator[tuple[str, int]]:
+        """Keys that hold values, and how many numbers each has."""
+        for value in self.values or ():
+            yield "values" if self.file is None else "file", size_of(value)
+
+    def read(self, folder: Path) -> Table:
+        """The same table with the times and values of its file.
+
+        Raises:
+            ValueError: the file cannot be read; the message says what it must be, for the key ``file``.
+        """
+        if self.file is None:
+            return self
+        times, values = read_table(folder / self.file, self.columns)
+        return self.model_copy(update={"times": times, "values": values})
+
+    def __call__(self, time: float) -> Any:
+        """The value at a time [s]; before and after the table by its first and last piece."""
+        return _result(self._function(time))
+
+    @cached_property
+    def _function(self) -> Any:
+        from scipy.interpolate import CubicSpline  # here, for its import takes a while
+
+        times, values = np.array(self.times), np.array(self.values)
+        if self.interpolation == "cubic" and len(times) > 2:
+            return CubicSpline(times, values)
+        slopes = np.diff(values, axis=0) / np.diff(times).reshape(-1, *[1] * (values.ndim - 1))
+
+        def linear(time: float) -> Array:
+            k = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 2))
+            return np.asarray(values[k] + (time - times[k]) * slopes[k])
+
+        return linear
+
+
+def read_table(path: Path, columns: Sequence[str] | None) -> tuple[list[float], list[Any]]:
+    """Times [s] and values of a CSV file; see `Table`.
+
+    Raises:
+        ValueError: it cannot be read, or holds no such table.
+    """
+    try:
+        with open(path, encoding="utf-8-sig", newline="") as file:
+            rows = [(number, row) for number, row in enumerate(csv.reader(file), 1) if row and row[0][:1] != "#"]
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is no text in UTF-8"
+        raise ValueError(f"{str(path)!r} cannot be read ({reason}); give a CSV file") from None
+    names: list[str] = []
+    if rows and not _is_float(rows[0][1][0]):
+        names = [name.strip() for name in rows.pop(0)[1]]
+    chosen: list[int] | None = None
+    if columns is not None:
+        missing = [name for name in columns if name not in names]
+        if missing:
+            raise ValueError(f"{str(path)!r} has no column {missing[0]!r}; it has {names or 'no names of columns'}")
+        chosen = [names.index(name) for name in columns]
+    table: list[list[float]] = []
+    for number, row in rows:
+        width = len(rows[0][1])
+        cells = row if chosen is None else [row[k] if k < len(row) else "" for k in chosen]
+        if len(row) != width or not all(_is_float(cell) for cell in cells) or len(cells) < 2:
+            raise ValueError(
+                f"{str(path)!r}, line {number} is {','.join(row)!r}; it must be finite numbers, a time and "
+                f"1 to 3 values, as many as in the first row ({width})"
+            )
+        table.append([float(cell) for cell in cells])
+    if len(table) < 2 or len(table[0]) > 4:
+        raise ValueError(f"{str(path)!r} has {len(table)} rows of numbers; a table has at least 2, of 2 to 4 columns")
+    return [row[0] for row in table], [row[1] if len(row) == 2 else tuple(row[1:]) for row in table]
+
+
+def _is_float(text: str) -> bool:
+    try:
+        return is_number(float(text))
+    except ValueError:
+        return False
+
+
+FORMS = {"constant": Constant, "sine": Sine, "ramp": Ramp, "table": Table}
+TimeFunction = Annotated[Constant | Sine | Ramp | Table, Field(discriminator="form")]
+"""A function of time, told apart by ``form``."""
+
+
+def _tag(value: Any) -> str | None:
+    if isinstance(value, list):
+        return "vector"
+    if isinstance(value, dict):
+        return value.get("form")
+    return getattr(value, "form", None)
+
+
+VectorOrFunction = Annotated[
+    Annotated[Vector, Tag("vector")]
+    | Annotated[Constant, Tag("constant")]
+    | Annotated[Sine, Tag("sine")]
+    | Annotated[Ramp, Tag("ramp")]
+    | Annotated[Table, Tag("table")],
+    Discriminator(_tag),
+]
+"""A constant vector, or a function of time to one."""
+
+
+class SineCurve(Model):
+    """y = height + amplitude sin(2 pi (x - origin) / wavelength), or cos with form = "cosine"."""
+
+    form: Literal["sine", "cosine"] = Field(description="the kind of curve")
+    height: float = quantity("the mean height", "m")
+    amplitude: float = quantity("the amplitude", "m")
+    wavelength: float = quantity("the length of a wave", "m", gt=0)
+    origin: float = quantity("where the argument of the sine or cosine is zero", "m", 0.0)
+
+    def __call__(self, x: Array) -> Array:
+        """Heights (K,) [m] at places x (K,) [m]."""
+        angle = 2 * np.pi * (x - self.origin) / self.wavelength
+        return np.asarray(self.height + self.amplitude * (np.sin(angle) if self.form == "sine" else np.cos(angle)))
+
+
+class Polyline(Model):
+    """Straight lines between points; level before the first and after the last."""
+
+    form: Literal["polyline"] = Field(description="the kind of curve")
+    points: list[Point] = quantity("points (x, y), x ascending", "m", min_length=2)
+
+    def __call__(self, x: Array) -> Array:
+        """Heights (K,) [m] at places x (K,) [m]."""
+        points = np.array(self.points)
+        return np.asarray(np.interp(x, points[:, 0], points[:, 1]))
+
+
+Curve = Annotated[SineCurve | Polyline, Field(discriminator="form")]
+"""A height over x, told apart by ``form``."""
+
+
+class Disc(Model):
+    """A disc; a ball in 3-D."""
+
+    centre: Vector = quantity("the centre", "m")
+    radius: float = quantity("the radius", "m", gt=0)
+
+
+class HalfSpace(Model):
+    """The side of a straight line (a plane in 3-D) from which the normal points away."""
+
+    point: Vector = quantity("a point of the line or plane", "m")
+    normal: Vector = quantity("the direction across it, out of the half-space; of any length")
+
+    def __call__(self, x: Array) -> Array:
+        """Mask (K,) of the positions (K, d) [m] that are inside."""
+        return np.asarray((x - np.array(self.point)) @ np.array(self.normal) < 0)
+
+
+class Polygon(Model):
+    """The inside of a closed polyline in 2-D, by the even-odd rule."""
+
+    points: list[Point] = quantity("corners (x, y) in order; the last is joined to the first", "m", min_length=3)
+
+    def __call__(self, x: Array) -> Array:
+        """Mask (K,) of the positions (K, 2) [m] that are inside."""
+        inside = np.zeros(len(x), dtype=bool)
+        corners = np.array(self.points)
+        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            crosses = (a[1] > x[:, 1]) != (b[1] > x[:, 1])
+            if a[1] != b[1]:
+                inside ^= crosses & (x[:, 0] < a[0] + (x[:, 1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0]))
+        return inside
+
+
+class Side(Model):
+    """What is below or above a curve."""
+
+    curve: Curve
+    above: bool
+
+    def __call__(self, x: Array) -> Array:
+        """Mask (K,) of the positions (K, d) [m] on this side of the curve; its height is along y."""
+        height = self.curve(x[:, 0])
+        return np.asarray(x[:, 1] > height if self.above else x[:, 1] < height)
+
+
+class Limit(Model):
+    """A box in which particles stand closer than elsewhere."""
+
+    box: list[Vector] = quantity("lower and upper corner", "m", min_length=2, max_length=2)
+    largest: float = quantity("the largest target in the box", "m", gt=0)
+
+
+class Limits(Model):
+    """What `tipfem.Grading` takes as ``where``: the smallest of the limits of the boxes that a position is in."""
+
+    limits: list[Limit]
+
+    def __call__(self, x: Array) -> Array:
+        """Largest targets (K,) [m] at positions (K, d) [m]; inf in no box."""
+        target = np.full(len(x), np.inf)
+        for limit in self.limits:
+            lower, upper = np.array(limit.box)
+            inside = ((x >= lower) & (x <= upper)).all(axis=1)
+            target[inside] = np.minimum(target[inside], limit.largest)
+        return target
+
+
+class UniformForce:
+    """A body force that is the same at all positions: what `tipfem.Case` takes as ``body_force``.
+
+    Args:
+        function: of time [s] to an acceleration (d,) [m/s^2].
+    """
+
+    def __init__(self, function: Constant | Sine | Ramp | Table) -> None:
+        self.function = function
+
+    def __call__(self, position: Array, time: float) -> Array:
+        """Accelerations (N, d) [m/s^2] at positions (N, d) [m] and a time [s]."""
+        return np.broadcast_to(self.function(time), position.shape)

@@ -1,0 +1,290 @@
+"""Read a case file, check all of it, and build what it describes."""
+
+from __future__ import annotations
+
+import copy
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING, Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from tipfem.casefile.building import Parts
+from tipfem.casefile.problems import CaseFileError, Problem, Translator, child_at, meant
+from tipfem.casefile.schema import CaseTable, FillTable, FluidTable, WallTable, json_schema
+from tipfem.casefile.source import Key, Path, Source, SyntaxProblem, keys_of, parse, value_of
+
+if TYPE_CHECKING:
+    from tipfem.case.case import Case
+    from tipfem.simulation import Simulation
+
+ITEMS = {"fluids": FluidTable, "fill": FillTable, "walls": WallTable}  # sections that hold one table an item
+
+
+def load_case(path: str | FilePath, overrides: Sequence[str] = ()) -> CaseFile:
+    """Read a case file and check all that can be checked without particles.
+
+    Args:
+        path: a case file in TOML.
+        overrides: values that replace those of the file, each a dotted key and a TOML value:
+            ``fluids.water.viscosity=2e-3``. List items are counted from 0: ``fill.1.fluid=air``.
+
+    Returns:
+        The case file, from which `CaseFile.case` makes the case.
+
+    Raises:
+        CaseFileError: there are mistakes; it has all of them.
+    """
+    path = FilePath(path)
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise CaseFileError([Problem(str(path), (), _unreadable(path, error))]) from None
+    return read_case(text, str(path), path.parent, overrides)
+
+
+def read_case(text: str, name: str, folder: FilePath | str = ".", overrides: Sequence[str] = ()) -> CaseFile:
+    """The same as `load_case`, of a text.
+
+    Args:
+        text: in TOML.
+        name: of the file, for messages.
+        folder: that paths in it are relative to.
+        overrides: see `load_case`.
+
+    Raises:
+        CaseFileError: there are mistakes; it has all of them.
+    """
+    try:
+        source = parse(text)
+    except SyntaxProblem as problem:
+        where = f"{name}:{problem.line}" if problem.line else name
+        raise CaseFileError([Problem(where, (), f"this is not valid TOML: {problem.reason}")]) from None
+    found = _Findings(name, source)
+    data = found.overridden(overrides)
+    schema = json_schema()
+    table: CaseTable | None = None
+    try:
+        table = CaseTable.model_validate(data)
+    except ValidationError as error:
+        for place, message in Translator(schema, data).problems(error.errors()).items():
+            found.add(place, message)
+    of_schema = [path for path in found.paths if path]
+
+    def follow(place: Path, message: str) -> None:
+        """Note a mistake that the parts make together, unless it follows from one that is noted already."""
+        if not any(place[: len(other)] == other[: len(place)] for other in of_schema):
+            found.add(place, message)
+
+    parts = Parts(_sections(data, table, of_schema), FilePath(folder), follow)
+    if found.problems or table is None:
+        raise CaseFileError(found.problems)
+    return CaseFile(name, data, table, parts, found)
+
+
+@dataclass(frozen=True)
+class CaseFile:
+    """A case file without mistakes that can be told without making its particles.
+
+    Attributes:
+        name: the file, as it was given.
+        data: its content with the overrides.
+        table: the same, checked and with all defaults.
+        parts: the fluids, the tank, walls and rules that it describes.
+    """
+
+    name: str
+    data: Mapping[str, Any]
+    table: CaseTable
+    parts: Parts
+    _findings: _Findings
+
+    @property
+    def end(self) -> float:
+        """Simulated time to run to [s]."""
+        return self.table.time.end
+
+    @property
+    def folder(self) -> FilePath:
+        """The folder for the results: that of the file, or out/ and the file's name."""
+        return FilePath(self.table.output.folder or f"out/{FilePath(self.name).stem}")
+
+    def case(self) -> Case:
+        """The case, with its particles.
+
+        Raises:
+            CaseFileError: its parts do not fit together, a layer is thinner than the spacing allows, say.
+        """
+        made: Case = self._placed(self.parts.case)
+        return made
+
+    def simulation(
+        self,
+        out: str | FilePath | None = None,
+        columns: Mapping[str, Callable[[Simulation], float]] | None = None,
+        case: Case | None = None,
+    ) -> Simulation:
+        """The simulation, at its start; `CaseFile.end` is where it is to run to.
+
+        Args:
+            out: folder for the results, or None to write none; `CaseFile.folder` is that of the file.
+            columns: further columns of the history, see `Simulation`.
+            case: from `case`, if it has been made already.
+
+        Raises:
+            CaseFileError: see `case`; or the particles cannot be meshed, or ``out`` cannot be written to.
+        """
+        from tipfem.simulation import Simulation  # here, for it starts Taichi
+
+        made = case or self.case()
+        simulation: Simulation = self._placed(
+            lambda: Simulation(
+                made,
+                out,
+                time_step=self.table.time.largest_step,
+                output_interval=self.table.output.interval,
+                columns=columns,
+            )
+        )
+        return simulation
+
+    def _placed(self, make: Callable[[], Any]) -> Any:
+        """What a function makes; its ValueError is placed in the file."""
+        try:
+            return make()
+        except CaseFileError:
+            raise
+        except ValueError as error:
+            path, text = self.parts.place_of(str(error))
+            raise CaseFileError([self._findings.problem(path, text)]) from None
+
+
+class _Findings:
+    """The mistakes of a file, each with its place.
+
+    Args:
+        name: of the file.
+        source: its content.
+    """
+
+    def __init__(self, name: str, source: Source) -> None:
+        self.name, self.source = name, source
+        self.problems: list[Problem] = []
+        self._overrides: dict[Path, str] = {}
+
+    @property
+    def paths(self) -> list[Path]:
+        """The paths of all mistakes."""
+        return [problem.path for problem in self.problems]
+
+    def add(self, path: Path, text: str) -> None:
+        """Note a mistake at a path."""
+        self.problems.append(self.problem(path, text))
+
+    def problem(self, path: Path, text: str) -> Problem:
+        """A mistake at a path, with the line or the override that it stands in."""
+        for length in range(len(path), 0, -1):
+            if path[:length] in self._overrides:
+                return Problem(f"--set {self._overrides[path[:length]]}", path, text, line=1 << 30)
+        line = self.source.line(path)
+        return Problem(f"{self.name}:{line}" if path else self.name, path, text, line)
+
+    def overridden(self, overrides: Sequence[str]) -> dict[str, Any]:
+        """The content with overrides; those that cannot be applied are noted."""
+        data = copy.deepcopy(self.source.data)
+        for text in overrides:
+            try:
+                path = _assign(data, text)
+            except ValueError as error:
+                self.problems.append(Problem(f"--set {text}", (), str(error), line=1 << 30))
+            else:
+                self._overrides[path] = text
+        return data
+
+
+def _assign(data: dict[str, Any], text: str) -> Path:
+    """Apply one override to a content; returns its path, raises ValueError where it does not fit."""
+    key, equals, value = text.partition("=")
+    try:
+        keys = keys_of(key.strip())
+    except ValueError:
+        keys = []
+    if not equals or not keys:
+        raise ValueError("it must be a dotted key, = and a value, as in fluids.water.viscosity=2e-3")
+    if not value.strip():
+        raise ValueError("there is no value after =")
+    path: Path = ()
+    node: Any = data
+    for place, name in enumerate(keys, 1):
+        index: Key = name
+        if isinstance(node, list):
+            if not (name.isdecimal() and int(name) < len(node)):
+                raise ValueError(f"{name!r} is no item of {'.'.join(keys[: place - 1])}; they are 0 to {len(node) - 1}")
+            index = int(name)
+        elif not isinstance(node, dict):
+            raise ValueError(f"{'.'.join(keys[: place - 1])} is {node!r} and has no keys in it")
+        path = (*path, index)
+        if place == len(keys):
+            node[index] = value_of(value.strip())
+        elif isinstance(node, dict):
+            node = node.setdefault(name, {})
+        else:
+            node = node[index]
+    return path
+
+
+def _sections(data: Mapping[str, Any], table: CaseTable | None, wrong: Sequence[Path]) -> dict[str, Any]:
+    """The sections of a content, checked and with defaults, so that the parts can be checked beside the mistakes.
+
+    Args:
+        data: the content.
+        table: the same, checked, if it has no mistakes.
+        wrong: paths of its mistakes. What stands there is left out; so are sections, and items of `ITEMS`, that
+            cannot do without it.
+    """
+    if table is not None:
+        return {name: getattr(table, name) for name in CaseTable.model_fields}
+    kept = copy.deepcopy(dict(data))
+    for path in wrong:
+        _remove(kept, path)
+    sections: dict[str, Any] = {}
+    for name, field in CaseTable.model_fields.items():
+        if name not in data:
+            if not field.is_required():
+                sections[name] = field.get_default(call_default_factory=True)
+        elif name in ITEMS and name in kept:
+            pairs = kept[name].items() if isinstance(kept[name], Mapping) else enumerate(kept[name])
+            good = {key: _validated(ITEMS[name], item) for key, item in pairs}
+            sections[name] = good if isinstance(kept[name], Mapping) else list(good.values())
+        elif name in kept:
+            sections[name] = _validated(field.annotation, kept[name])
+            if sections[name] is None:
+                del sections[name]
+    return sections
+
+
+def _remove(data: Any, path: Path) -> None:
+    """Take what stands at a path out of a content; in a list, None takes its place."""
+    data = child_at(data, path[:-1])
+    if isinstance(data, dict):
+        data.pop(path[-1], None)
+    elif isinstance(data, list) and isinstance(path[-1], int):
+        data[path[-1]] = None
+
+
+def _validated(kind: Any, value: Any) -> Any:
+    try:
+        return TypeAdapter(kind).validate_python(value)
+    except ValidationError:
+        return None
+
+
+def _unreadable(path: FilePath, error: Exception) -> str:
+    if isinstance(error, UnicodeDecodeError):
+        return f"it is no text in UTF-8 (byte {error.start}); give a case file in TOML"
+    beside = sorted(other.name for other in path.parent.glob("*.toml")) if path.parent.is_dir() else []
+    hint = meant(path.name, beside) if not path.exists() else ""
+    reason = re.sub(r"^\[Errno \d+\] ", "", getattr(error, "strerror", "") or str(error))
+    return f"it cannot be read ({reason}); give a case file in TOML{hint}"

@@ -1,0 +1,311 @@
+"""Mistakes in a case file, all of them in one report: where each is, what stands there and what would be right."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from tipfem.casefile.source import BARE, Path
+
+LONGEST = 60  # characters of a value that are shown
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One mistake.
+
+    Attributes:
+        where: file and line, or the override that it stands in.
+        path: of the key; empty for the whole file.
+        text: what is wrong, as a predicate of the key ("is ...; it must be ...") or as a sentence.
+        line: in the file; 0 outside of it.
+    """
+
+    where: str
+    path: Path
+    text: str
+    line: int = 0
+
+    def __str__(self) -> str:
+        if not self.path:
+            return f"{self.where}: {self.text}"
+        joint = " " if re.match(r"(is|has|gave|names)\b", self.text) else ": "
+        return f"{self.where}: {dotted(self.path)}{joint}{self.text}"
+
+
+class CaseFileError(ValueError):
+    """A case file with mistakes.
+
+    Attributes:
+        problems: all of them, in the order of the file.
+    """
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems = tuple(sorted(problems, key=lambda problem: problem.line))
+        super().__init__("\n".join(map(str, self.problems)))
+
+
+def dotted(path: Path) -> str:
+    """A path as it is written: ``fill[1].box``; list items are counted from 0."""
+    text = ""
+    for key in path:
+        if isinstance(key, int):
+            text += f"[{key}]"
+        else:
+            text += ("." if text else "") + (key if BARE.fullmatch(key) else f'"{key}"')
+    return text
+
+
+def shown(value: Any) -> str:
+    """A value as TOML writes it, shortened if it is long."""
+    if isinstance(value, Mapping):
+        return "a table"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    text = "[" + ", ".join(map(shown, value)) + "]" if isinstance(value, list) else repr(value)
+    return text if len(text) <= LONGEST else text[: LONGEST - 4] + " ..." + ("]" if text.startswith("[") else "")
+
+
+def meant(word: str, choices: Sequence[str]) -> str:
+    """``; did you mean 'density'?`` where one of the choices is close to a word; else nothing."""
+    lower = {choice.lower(): choice for choice in reversed(choices)}
+    close = difflib.get_close_matches(word.lower(), list(lower), 1, 0.6)
+    return f"; did you mean {lower[close[0]]!r}?" if close else ""
+
+
+def listed(words: Iterable[str]) -> str:
+    """Words in quotes, with commas."""
+    return ", ".join(map(repr, words))
+
+
+class SchemaReader:
+    """Finds in a JSON schema what a key may hold.
+
+    Args:
+        schema: the whole schema, with its definitions.
+    """
+
+    def __init__(self, schema: Mapping[str, Any]) -> None:
+        self.schema = schema
+
+    def node(self, path: Path, data: Any) -> tuple[dict[str, Any], str]:
+        """The schema of what stands at a path, and its unit; empty where the schema has no such key.
+
+        Args:
+            path: of the key.
+            data: the whole content, which says which form a table has.
+        """
+        node, unit = dict(self.schema), ""
+        for key in path:
+            node = self._chosen(node, data)
+            if isinstance(key, int):
+                node = dict(node.get("items", {}))
+            elif key in node.get("properties", {}):
+                node = dict(node["properties"][key])
+            else:
+                more = node.get("additionalProperties")
+                node = dict(more) if isinstance(more, Mapping) else {}
+            unit = node.get("unit", unit)
+            data = _child(data, key)
+        return self._resolved(node), unit
+
+    def keys(self, path: Path, data: Any) -> list[str]:
+        """The keys that the table at a path may have."""
+        node, _ = self.node(path, data)
+        for key in path:
+            data = _child(data, key)
+        return list(self._chosen(node, data).get("properties", {}))
+
+    def tables_with(self, key: str) -> list[str]:
+        """Tables of the top level that have a key of this name."""
+        found = []
+        for name, node in self.schema["properties"].items():
+            table = self._resolved(node)
+            inner = table.get("items") or table.get("additionalProperties")
+            if isinstance(inner, Mapping):
+                table, name = self._resolved(inner), f"{name}[...]" if "items" in table else f"{name}.NAME"
+            if key in table.get("properties", {}):
+                found.append(name)
+        return found
+
+    def expected(self, node: Mapping[str, Any], unit: str = "") -> str:
+        """What a value must be, in words."""
+        node = self._resolved(node)
+        choices = node.get("oneOf") or node.get("anyOf")
+        if choices:
+            forms = [form for choice in choices for form in self._forms(choice)]
+            words = [self.expected(choice, unit) for choice in choices if not self._forms(choice)]
+            if forms:
+                words.append("a table with form = " + " or ".join(map(repr, forms)))
+            return " or ".join(words)
+        if "enum" in node:
+            return "one of " + listed(node["enum"])
+        if "const" in node:
+            return repr(node["const"])
+        kind = node.get("type")
+        if kind in ("number", "integer"):
+            noun = "a number" if kind == "number" else "a whole number"
+            return " ".join(filter(None, [noun, _range(node), f"in {unit}" if unit else ""]))
+        if kind == "string":
+            return "a text in quotes, not empty" if node.get("minLength") else "a text in quotes"
+        if kind == "boolean":
+            return "true or false"
+        if kind == "array":
+            return f"a list of {_count(node)}{self._plural(node.get('items', {}), unit)}"
+        return "a table"
+
+    def _plural(self, items: Mapping[str, Any], unit: str) -> str:
+        node = self._resolved(items)
+        if node.get("type") == "array":
+            return f"lists of {_count(node)}{self._plural(node.get('items', {}), unit)}"
+        noun = {"number": "numbers", "integer": "whole numbers", "string": "texts"}.get(node.get("type", ""), "")
+        if not noun:
+            return "tables" if "properties" in node else "values"
+        return " ".join(filter(None, [noun, _range(node), f"in {unit}" if unit else ""]))
+
+    def _forms(self, node: Mapping[str, Any]) -> list[str]:
+        form = self._resolved(node).get("properties", {}).get("form", {})
+        return list(form.get("enum", [form["const"]] if "const" in form else []))
+
+    def _resolved(self, node: Mapping[str, Any]) -> dict[str, Any]:
+        result = dict(node)
+        while "$ref" in result:
+            name = result.pop("$ref").split("/")[-1]
+            result = {**self.schema["$defs"][name], **result}
+        return result
+
+    def _chosen(self, node: Mapping[str, Any], value: Any) -> dict[str, Any]:
+        """A node with the choice made that the value has: by its form, or by being a list."""
+        resolved = self._resolved(node)
+        for choice in resolved.get("oneOf") or resolved.get("anyOf") or ():
+            is_list = self._resolved(choice).get("type") == "array"
+            if isinstance(value, list) if is_list else _child(value, "form") in self._forms(choice):
+                return self._resolved(choice)
+        return resolved
+
+
+class Translator:
+    """Puts pydantic's errors into the words of this module.
+
+    Args:
+        schema: the JSON schema of the content.
+        data: the content.
+    """
+
+    def __init__(self, schema: Mapping[str, Any], data: Mapping[str, Any]) -> None:
+        self.reader, self.data = SchemaReader(schema), data
+
+    def problems(self, errors: Iterable[Mapping[str, Any]]) -> dict[Path, str]:
+        """The text of each mistake by its path; those within a short list are one mistake of the list."""
+        found: dict[Path, str] = {}
+        for error in errors:
+            path = self._path(error)
+            if error["type"] == "extra_forbidden":
+                found[path] = self._unknown(path)
+            elif error["type"] == "missing" or (error["type"] == "union_tag_not_found" and self._is_table(path)):
+                if error["type"] == "union_tag_not_found":
+                    path = (*path, "form")
+                found[path] = self._missing(path)
+            else:
+                if error["type"] == "union_tag_invalid":
+                    path = (*path, "form")
+                path = self._whole_list(path)
+                found.setdefault(path, self._wrong(path))
+        return found
+
+    def _is_table(self, path: Path) -> bool:
+        return isinstance(child_at(self.data, path), Mapping)
+
+    def _path(self, error: Mapping[str, Any]) -> Path:
+        """The path in the content: pydantic's has names of forms in between."""
+        path: Path = ()
+        value: Any = self.data
+        for place, key in enumerate(error["loc"], 1):
+            last = place == len(error["loc"])
+            inside = key in value if isinstance(value, Mapping) else isinstance(value, list) and isinstance(key, int)
+            if inside or (last and error["type"] == "missing"):
+                path = (*path, key)
+                value = _child(value, key)
+        return path
+
+    def _whole_list(self, path: Path) -> Path:
+        """The path of the list of numbers around an item, if it is short enough to be shown."""
+        whole = path
+        while whole and isinstance(whole[-1], int):
+            around = child_at(self.data, whole[:-1])
+            if any(isinstance(item, Mapping) for item in around) or len(repr(around)) > LONGEST:
+                break
+            whole = whole[:-1]
+        return whole
+
+    def _unknown(self, path: Path) -> str:
+        name = str(path[-1])
+        keys = self.reader.keys(path[:-1], self.data)
+        hint = meant(name, keys)
+        tables = [table for table in self.reader.tables_with(name) if not hint]
+        if tables:
+            hint = f"; there is one in {' and '.join(tables)};"
+        return f"is no key that is known here{hint or ';'} the keys here are {', '.join(keys)}"
+
+    def _missing(self, path: Path) -> str:
+        node, unit = self.reader.node(path, self.data)
+        if path[-1] == "form" and "const" not in node and "enum" not in node:
+            node, unit = self.reader.node(path[:-1], self.data)
+            return f"is missing; give {self.reader.expected(node, unit)}"
+        described = node.get("description", "")
+        return f"is missing; give {self.reader.expected(node, unit)}" + (f": {described}" if described else "")
+
+    def _wrong(self, path: Path) -> str:
+        node, unit = self.reader.node(path, self.data)
+        value = child_at(self.data, path)
+        if path and path[-1] == "form":
+            around, unit = self.reader.node(path[:-1], self.data)
+            choices = [form for choice in around.get("oneOf", ()) for form in self.reader._forms(choice)]
+            hint = meant(value, choices) if isinstance(value, str) else ""
+            return f"is {shown(value)}; it must be one of {listed(choices)}{hint}"
+        hint = meant(value, node["enum"]) if "enum" in node and isinstance(value, str) else ""
+        number = isinstance(value, (int, float, list)) and not isinstance(value, bool)
+        given = f"{shown(value)} {unit}" if unit and number else shown(value)
+        return f"is {given}; it must be {self.reader.expected(node, unit)}{hint}"
+
+
+def _child(value: Any, key: str | int) -> Any:
+    """An item of a table or list; None where there is none."""
+    if isinstance(value, Mapping):
+        return value.get(key)
+    if isinstance(value, list) and isinstance(key, int) and -len(value) <= key < len(value):
+        return value[key]
+    return None
+
+
+def child_at(data: Any, path: Path) -> Any:
+    """What stands at a path of a content; None where there is nothing."""
+    for key in path:
+        data = _child(data, key)
+    return data
+
+
+def _range(node: Mapping[str, Any]) -> str:
+    low, high = node.get("minimum"), node.get("maximum")
+    if low is not None and high is not None:
+        return f"from {low:g} to {high:g}"
+    words = [
+        f"{sign} {node[key]:g}"
+        for key, sign in (("exclusiveMinimum", ">"), ("minimum", ">="), ("exclusiveMaximum", "<"), ("maximum", "<="))
+        if key in node
+    ]
+    return " and ".join(words)
+
+
+def _count(node: Mapping[str, Any]) -> str:
+    low, high = node.get("minItems"), node.get("maxItems")
+    if low is None and high is None:
+        return ""
+    if low == high:
+        return f"{low} "
+    return (
+        f"{low} or {high} " if high == (low or 0) + 1 else f"at least {low} " if high is None else f"{low} to {high} "
+    )

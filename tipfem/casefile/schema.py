@@ -1,0 +1,245 @@
+"""The schema of case files: every table and key with its unit, range and default.
+
+Ranges and defaults are those of the classes that the tables become; a test compares them.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from tipfem.casefile.forms import (
+    Curve,
+    Disc,
+    HalfSpace,
+    Limit,
+    Model,
+    Point,
+    TimeFunction,
+    Vector,
+    VectorOrFunction,
+    quantity,
+)
+
+SCHEMA_ID = "https://tipfem.readthedocs.io/en/latest/case.schema.json"
+
+
+class FluidTable(Model):
+    """An incompressible Newtonian fluid."""
+
+    density: float = quantity("mass density", "kg/m^3", gt=0)
+    viscosity: float = quantity("dynamic viscosity", "Pa s", ge=0)
+
+
+class TankTable(Model):
+    """A closed box with walls all around; one corner is the origin."""
+
+    size: list[Annotated[float, Field(gt=0)]] = quantity("edge lengths", "m", min_length=2, max_length=3)
+    spacing: float = quantity("distance between particles", "m", gt=0)
+    jitter: float = quantity(
+        "random displacement of the particles off the walls, in spacings; a tank in 3-D needs some",
+        default=0.0,
+        ge=0,
+        le=0.4,
+    )
+    seed: int = quantity("seed of the random displacement", default=0, ge=0)
+
+
+class ParticlesTable(Model):
+    """Particles given as arrays in place of a tank."""
+
+    file: str = quantity(
+        "an NPZ file of NumPy, its path relative to the case file, with the arrays of tipfem.Particles: position "
+        "(N, d), fluid (N,), wall (N,), and, where not zero, velocity, acceleration, pressure; spacing",
+        min_length=1,
+    )
+
+
+class FillTable(Model):
+    """A part of the tank that is filled with a fluid; later fills replace earlier ones. Without a shape, all of it."""
+
+    fluid: str = quantity("name of a fluid of the table fluids")
+    box: list[Vector] | None = quantity("lower and upper corner", "m", None, min_length=2, max_length=2)
+    disc: Disc | None = Field(None, description="a disc; a ball in 3-D")
+    half_space: HalfSpace | None = Field(None, description="one side of a straight line or plane")
+    polygon: list[Point] | None = quantity("corners (x, y) of a closed polyline, in order", "m", None, min_length=3)
+    below: Curve | None = Field(None, description="what is below a curve over x: an interface given as a wave, say")
+    above: Curve | None = Field(None, description="what is above a curve over x")
+
+
+class WallTable(Model):
+    """A wall that is not simply fixed and no-slip."""
+
+    between: list[Point] | None = quantity(
+        "the two ends of a part of a wall in 2-D; left out, the table is named after a wall of the tank",
+        "m",
+        None,
+        min_length=2,
+        max_length=2,
+    )
+    particles: list[int] | None = quantity("indices of its particles, in place of between", default=None, min_length=1)
+    slip: bool = quantity("whether the fluid slides along it without friction", default=False)
+    slip_length: float | None = quantity("length of Navier's slip condition", "m", None, gt=0)
+    velocity: VectorOrFunction | None = quantity("velocity of a wall that slides along itself", "m/s", None)
+    motion: TimeFunction | None = quantity(
+        "displacement along the wall's normal into the fluid, a smooth function of time that is zero at t = 0",
+        "m",
+        None,
+    )
+
+
+class MotionTable(Model):
+    """Rigid motion of the whole tank."""
+
+    translation: TimeFunction | None = quantity("displacement, a function of time that is zero at t = 0", "m", None)
+    angle: TimeFunction | None = quantity("angle, anticlockwise, a function that is zero at t = 0", "rad", None)
+    pivot: Vector | None = quantity("point about which the tank turns; by default the origin", "m", None)
+    axis: list[float] = quantity(
+        "axis of the rotation, in 3-D only", default=[0.0, 0.0, 1.0], min_length=3, max_length=3
+    )
+
+
+class GradingTable(Model):
+    """Distances between particles that grow away from interfaces; with the sharp interface only."""
+
+    largest: dict[str, float] = quantity("by a fluid's name, the distance far from its interfaces", "m", {})
+    growth: float = quantity("by how much the distance grows per distance", default=0.2, ge=0.02, le=0.5)
+    limits: list[Limit] = Field([], description="boxes in which particles stand closer")
+
+
+class FittingTable(Model):
+    """When the triangulation is changed with the sharp interface; lengths in spacings."""
+
+    close: float = quantity("closer particles inside a fluid crowd", "spacings", 0.6, ge=0.1, le=0.95)
+    edge: float = quantity("the same for edges of interfaces and walls", "spacings", 0.4, ge=0.05, le=0.8)
+    chain: float = quantity("the same along interfaces and walls", "spacings", 0.55, ge=0.1, le=0.95)
+    long: float = quantity("longer edges of interfaces and walls are split first", "spacings", 1.5, ge=1.2, le=5.0)
+    spare: float = quantity("closer particles can be taken for such edges", "spacings", 0.75, ge=0.1, le=0.95)
+    film: float = quantity("thinner films break", "spacings", 0.3, ge=0.0, le=0.8)
+    reach: float = quantity("how far a contact may be from the next particle's foot", "spacings", 0.8, ge=0.0, le=3.0)
+    slack: float = quantity("how far a particle may be inside a circumcircle, relative", default=1e-3, ge=0.0, le=0.2)
+
+
+class RelocationTable(Model):
+    """When a particle is moved, and where to, with the interpolated interface; lengths in spacings."""
+
+    too_close: float = quantity("closer particles are moved", "spacings", 0.6, gt=0)
+    too_close_to_wall: float = quantity("particles closer to a wall are moved", "spacings", 0.4, gt=0)
+    long_edge: float = quantity("longer edges within a fluid take a particle", "spacings", 1.2, gt=0)
+    long_mixed_edge: float = quantity("longer edges between two fluids take a particle", "spacings", 1.8, gt=0)
+    urgent: float = quantity("closer particles are moved at once", "spacings", 0.35, gt=0)
+    at_surface: float = quantity("factor where one of two particles is on a free surface", default=0.75, gt=0)
+    along_surface: float = quantity("factor where both are", default=0.5, gt=0)
+
+
+class SurfaceTable(Model):
+    """Which simplices are fluid, with a free surface; lengths in spacings."""
+
+    alpha: float = quantity("largest circumradius at the surface", "spacings", 1.2, ge=0.75, le=10.0)
+    inner: float = quantity("the same below the surface", "spacings", 1.8, ge=0.75, le=20.0)
+    first: float = quantity("factor for the first mesh of particles given as arrays", default=0.85, ge=0.5, le=2.0)
+    join: float = quantity("largest circumradius of simplices that become fluid", "spacings", 0.8, ge=0.3, le=10.0)
+    gap: float = quantity("or largest height of theirs", "spacings", 0.6, ge=0.1, le=2.0)
+    touch: float = quantity("height over a dry wall that counts as touching", "spacings", 0.6, ge=0.4, le=2.0)
+    wet: float = quantity("the same over a wall that is wet at one end", "spacings", 1.2, ge=0.4, le=3.0)
+    dry: float = quantity("part of the wall's edge behind which a particle leaves", default=0.25, ge=0.0, le=0.5)
+
+
+class NumericsTable(Model):
+    """The numbers of the method; see tipfem.Numerics."""
+
+    rho_inf: float = quantity("spectral radius of generalized-alpha", default=0.0, ge=0.0, le=1.0)
+    stabilisation: float = quantity("c in tau = c dt^2 of the PSPG term", default=0.25, ge=1e-6, le=10.0)
+    volume_correction: float = quantity(
+        "rate at which lost volume is given back, in sqrt(|b| / h); 0: not", default=1.0, ge=0.0, le=100.0
+    )
+    momentum_transfer: bool = quantity(
+        "whether particles take on momentum with mass, with the interpolated interface", default=True
+    )
+    newton_tolerance: float = quantity("of the largest residual", "spacings", 1e-5, ge=1e-14, le=1e-1)
+    acceleration_tolerance: float = quantity(
+        "of the same residual as an acceleration, relative to gravity", default=1e-2, ge=1e-12, le=1.0
+    )
+    newton_iterations: int = quantity("after which a step is refused", default=8, ge=1, le=100)
+    largest_move: float = quantity("displacement that a step aims at", "spacings", 0.35, ge=0.01, le=0.8)
+    smallest_jacobian: float = quantity("below it a step is refused", default=0.05, ge=0.0, le=0.9)
+    triangulation: Literal["repair", "rebuild"] = quantity(
+        "of the interpolated interface in 2-D: repair the last mesh, or rebuild it every time", default="repair"
+    )
+    fitting: FittingTable = Field(default_factory=FittingTable, description="rule of the sharp interface")
+    relocation: RelocationTable = Field(
+        default_factory=RelocationTable, description="rule of the interpolated interface"
+    )
+    surface: SurfaceTable = Field(default_factory=SurfaceTable, description="rule of the free surface")
+
+
+class TimeTable(Model):
+    """How long, and in which steps."""
+
+    end: float = quantity("simulated time to run to", "s", gt=0)
+    largest_step: float | None = quantity(
+        "largest time step; by default 0.05 sqrt(h / |b|) with the largest acceleration b", "s", None, gt=0
+    )
+
+
+class OutputTable(Model):
+    """What is written, and where."""
+
+    folder: str | None = quantity(
+        "folder for the results, relative to where the command runs; by default out/ and the case file's name",
+        default=None,
+        min_length=1,
+    )
+    interval: float | None = quantity(
+        "time between states written to disk; by default only the first and the last", "s", None, gt=0
+    )
+
+
+class CaseTable(Model):
+    """A two-phase flow for tipfem. All quantities are in SI units."""
+
+    title: str = quantity("what pictures are headed with", default="")
+    gravity: Vector = quantity("acceleration, a number for each coordinate", "m/s^2")
+    body_force: TimeFunction | None = quantity("further acceleration, the same everywhere", "m/s^2", None)
+    interface: Literal["sharp", "interpolated"] | None = quantity(
+        "sharp: interfaces run along edges (2-D, no free surface); interpolated: through elements. By default sharp, "
+        "with a free surface interpolated",
+        default=None,
+    )
+    free_surface: bool = quantity("whether fluids may end where nothing is", default=False)
+    fluids: dict[str, FluidTable] = Field(description="the fluids by their names", min_length=1)
+    tank: TankTable | None = Field(None, description="the tank that is filled; or particles")
+    particles: ParticlesTable | None = Field(None, description="particles given as arrays, in place of a tank")
+    fill: list[FillTable] = Field([], description="what the tank is filled with, in order")
+    walls: dict[str, WallTable] = Field({}, description="walls that slip, slide or move, by their names")
+    tank_motion: MotionTable | None = Field(None, description="rigid motion of the whole tank")
+    grading: GradingTable | None = Field(None, description="distances between particles by place and fluid")
+    numerics: NumericsTable = Field(default_factory=NumericsTable, description="the numbers of the method")
+    time: TimeTable = Field(description="how long, and in which steps")
+    output: OutputTable = Field(default_factory=OutputTable, description="what is written, and where")
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON schema of case files, for editors; `Problem` texts are made from it, too."""
+    content = _without_null(CaseTable.model_json_schema())
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": SCHEMA_ID, **content, "title": "Case"}
+
+
+def _without_null(node: Any) -> Any:
+    """A schema without the choice of null, which TOML does not have, and without titles, which repeat the keys."""
+    if isinstance(node, list):
+        return [_without_null(item) for item in node]
+    if not isinstance(node, dict):
+        return node
+    named = {"properties", "$defs"}  # whose keys are names of ours
+    content = {
+        key: {name: _without_null(item) for name, item in value.items()} if key in named else _without_null(value)
+        for key, value in node.items()
+        if not (key == "title" and isinstance(value, str)) and not (key == "default" and value is None)
+    }
+    choices = [choice for choice in content.get("anyOf", []) if choice != {"type": "null"}]
+    if len(choices) == 1:
+        del content["anyOf"]
+        content = {**choices[0], **content}
+    return content
