@@ -111,14 +111,23 @@ class GradingTable(Model):
 class FittingTable(Model):
     """When the triangulation is changed with the sharp interface; lengths in spacings."""
 
-    close: float = quantity("closer particles inside a fluid crowd", "spacings", 0.6, ge=0.1, le=0.95)
-    edge: float = quantity("the same for edges of interfaces and walls", "spacings", 0.4, ge=0.05, le=0.8)
-    chain: float = quantity("the same along interfaces and walls", "spacings", 0.55, ge=0.1, le=0.95)
-    long: float = quantity("longer edges of interfaces and walls are split first", "spacings", 1.5, ge=1.2, le=5.0)
-    spare: float = quantity("closer particles can be taken for such edges", "spacings", 0.75, ge=0.1, le=0.95)
-    film: float = quantity("thinner films break", "spacings", 0.3, ge=0.0, le=0.8)
-    reach: float = quantity("how far a contact may be from the next particle's foot", "spacings", 0.8, ge=0.0, le=3.0)
-    slack: float = quantity("how far a particle may be inside a circumcircle, relative", default=1e-3, ge=0.0, le=0.2)
+    too_close: float = quantity("closer particles inside a fluid are removed", "spacings", 0.6, ge=0.1, le=0.95)
+    too_close_to_interface: float = quantity(
+        "the same for the distance to edges of interfaces and walls", "spacings", 0.4, ge=0.05, le=0.8
+    )
+    too_close_along_interface: float = quantity(
+        "the same along interfaces and walls", "spacings", 0.55, ge=0.1, le=0.95
+    )
+    long_edge: float = quantity("longer edges of interfaces and walls are split first", "spacings", 1.5, ge=1.2, le=5.0)
+    removable: float = quantity("closer particles can be removed for such edges", "spacings", 0.75, ge=0.1, le=0.95)
+    thin_film: float = quantity("thinner films break", "spacings", 0.3, ge=0.0, le=0.8)
+    contact_reach: float = quantity("how far a contact may slide in one repair", "spacings", 0.8, ge=0.0, le=3.0)
+    flip_tolerance: float = quantity(
+        "how far a particle may be inside a circumcircle before an edge is flipped, relative",
+        default=1e-3,
+        ge=0.0,
+        le=0.2,
+    )
 
 
 class RelocationTable(Model):

@@ -1,0 +1,301 @@
+"""The other way: a case as the text of a case file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tipfem.arguments import numbers
+from tipfem.case.case import Case
+from tipfem.case.numerics import Numerics
+from tipfem.case.particles import Particles
+from tipfem.case.tank import Region, Tank
+from tipfem.case.walls import Wall
+from tipfem.casefile.building import RULES
+from tipfem.casefile.forms import (
+    FORMS,
+    HalfSpace,
+    Limits,
+    Model,
+    Polygon,
+    Side,
+    Table,
+    UniformForce,
+)
+from tipfem.casefile.schema import SCHEMA_ID
+from tipfem.casefile.source import BARE
+
+ARRAYS = ("position", "fluid", "wall", "velocity", "acceleration", "pressure")
+FUNCTIONS = tuple(FORMS.values())
+
+
+@dataclass(frozen=True)
+class Description:
+    """A case as a case file.
+
+    Attributes:
+        text: in TOML. `read_case` makes of it a case with bitwise the same particles, unless parts are missing: then
+            it refuses the text, at each of them.
+        missing: the parts that a case file cannot keep, most of them functions in Python; empty if it keeps all.
+    """
+
+    text: str
+    missing: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def describe(
+    case: Case,
+    end: float,
+    *,
+    largest_step: float | None = None,
+    interval: float | None = None,
+    folder: str | None = None,
+    particles_file: str | None = None,
+) -> Description:
+    """A case as a case file.
+
+    Args:
+        case: the case.
+        end: simulated time to run to [s].
+        largest_step: largest time step [s], or None for the default.
+        interval: time between states written to disk [s], or None for the first and the last only.
+        folder: for the results, or None for the default.
+        particles_file: what to call the file of particles that were not sampled from a tank; `write_case` writes it.
+            Without it they count as missing.
+    """
+    writer = _Writer()
+    writer.head(case)
+    for fluid in case.fluids:
+        writer.table(("fluids", fluid.name), {"density": fluid.density, "viscosity": fluid.viscosity})
+    if _sampled(case):
+        assert case.tank is not None
+        writer.tank(case.tank)
+    elif particles_file is None:
+        reason = "changed after they were sampled from the tank" if case.tank else "given as arrays"
+        writer.table(("particles",), {"file": writer.lost("particles", reason)})
+    else:
+        writer.table(("particles",), {"file": particles_file})
+    own = list(case.tank.wall_options) if case.tank and _sampled(case) else []
+    for wall in case.walls:
+        if wall.name not in own:
+            writer.wall(wall, len(case.particles))
+    writer.rest(case)
+    writer.table(("time",), {"end": end, "largest_step": largest_step})
+    writer.table(("output",), {"folder": folder, "interval": interval})
+    return Description(writer.text(), tuple(writer.missing))
+
+
+def write_case(path: str | Path, case: Case, end: float, **options: Any) -> Description:
+    """Write a case to a case file, and its particles to an NPZ file beside it if they are not those of a tank.
+
+    Args:
+        path: of the case file.
+        case: the case.
+        end: simulated time to run to [s].
+        options: further ones of `describe`.
+
+    Returns:
+        What was written.
+    """
+    path = Path(path)
+    file = None if _sampled(case) else path.with_suffix(".npz")
+    described = describe(case, end, particles_file=file.name if file else None, **options)
+    if file:
+        arrays = {name: getattr(case.particles, name) for name in ARRAYS}
+        np.savez(file, spacing=np.float64(case.particles.spacing), **arrays)
+    path.write_text(described.text, encoding="utf-8")
+    return described
+
+
+def _sampled(case: Case) -> bool:
+    """Whether the case's particles are those that its tank gives."""
+    if case.tank is None:
+        return False
+    try:
+        again = case.tank.sample(
+            case.fluids, fitted=case.interface == "sharp", empty=case.free_surface, grading=case.grading
+        )
+    except ValueError:
+        return False
+    return _same(again, case.particles)
+
+
+def _same(one: Particles, other: Particles) -> bool:
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in ARRAYS)
+
+
+class _Writer:
+    """Collects the lines of a case file, and what it cannot keep.
+
+    Attributes:
+        missing: names of parts, each with a reason.
+    """
+
+    def __init__(self) -> None:
+        self.missing: list[str] = []
+        self._lines: list[str] = []
+
+    def text(self) -> str:
+        """The whole text; what is missing stands on top."""
+        top = [f"#:schema {SCHEMA_ID}"]
+        if self.missing:
+            top += ["# A case file cannot keep these parts, and cannot be loaded without them:"]
+            top += [f"#   {part}" for part in self.missing]
+        return "\n".join([*top, *self._lines]) + "\n"
+
+    def lost(self, part: str, reason: str) -> str:
+        """What stands in place of a part that cannot be kept; it is refused when the text is loaded."""
+        self.missing.append(f"{part}: {reason}")
+        return f"not kept: {reason}"
+
+    def table(self, path: tuple[str, ...], content: Mapping[str, Any], *, item: bool = False) -> None:
+        """A table, or an item of an array of tables; values that are None are left out."""
+        kept = {key: value for key, value in content.items() if value is not None}
+        if kept or item:
+            name = ".".join(map(_key, path))
+            self._lines += ["", f"[[{name}]]" if item else f"[{name}]"]
+            self.pairs(kept)
+
+    def pairs(self, content: Mapping[str, Any]) -> None:
+        """Keys with their values."""
+        self._lines += [f"{_key(key)} = {_value(value)}" for key, value in content.items() if value is not None]
+
+    def head(self, case: Case) -> None:
+        """What stands before all tables."""
+        force: Any = case.body_force
+        if force is not None:
+            inner = force.function if isinstance(force, UniformForce) else force
+            force = self.function("body_force", inner)
+        self.pairs(
+            {
+                "title": case.title or None,
+                "gravity": np.asarray(case.gravity).tolist(),
+                "body_force": force,
+                "interface": case.interface,
+                "free_surface": True if case.free_surface else None,
+            }
+        )
+
+    def tank(self, tank: Tank) -> None:
+        """A tank, what it is filled with, and its walls."""
+        seed: Any = int(tank.seed) if isinstance(tank.seed, (int, np.integer)) else self.lost("tank.seed", "no number")
+        given = {"size": numbers(tank.size).tolist(), "spacing": float(tank.spacing)}
+        self.table(("tank",), {**given, "jitter": float(tank.jitter) or None, "seed": seed or None})
+        for k, region in enumerate(tank.regions):
+            self.table(("fill",), {"fluid": region.fluid.name, **self.shape(f"fill[{k}]", region)}, item=True)
+        for name, options in tank.wall_options.items():
+            self.table(("walls", name), self.wall_options(name, options))
+
+    def shape(self, part: str, region: Region) -> dict[str, Any]:
+        """The shape of a filled part."""
+        if "box" in region.given:
+            return {"box": numbers(region.given["box"]).tolist()}
+        if "disc" in region.given:
+            centre, radius = region.given["disc"]
+            return {"disc": {"centre": np.asarray(centre).tolist(), "radius": float(radius)}}
+        if "where" not in region.given:
+            return {}
+        where = region.given["where"]
+        if isinstance(where, Side):
+            return {"above" if where.above else "below": _plain(where.curve)}
+        if isinstance(where, HalfSpace):
+            return {"half_space": _plain(where)}
+        if isinstance(where, Polygon):
+            return {"polygon": _plain(where)["points"]}
+        return {"where": self.lost(f"{part}.where", _named(where))}
+
+    def wall(self, wall: Wall, count: int) -> None:
+        """A wall that is not one of a tank; ``count`` is the number of all particles."""
+        place: dict[str, Any] = {}
+        if wall.between is not None:
+            place["between"] = numbers(wall.between).tolist()
+        else:
+            particles = np.asarray(wall.particles)
+            place["particles"] = (np.flatnonzero(particles) if particles.dtype == bool else particles).tolist()
+        options = {key: getattr(wall, key) for key in ("slip", "slip_length", "velocity", "motion")}
+        options = {key: value for key, value in options.items() if value is not None and value is not False}
+        self.table(("walls", wall.name), {**place, **(self.wall_options(wall.name, options) or {"slip": False})})
+
+    def wall_options(self, name: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        """What a wall does."""
+        result: dict[str, Any] = {}
+        for key, value in options.items():
+            if callable(value):
+                result[key] = self.function(f"walls.{name}.{key}", value)
+            else:
+                result[key] = numbers(value).tolist() if key == "velocity" and value is not None else value
+        return result
+
+    def function(self, part: str, function: Callable[..., Any]) -> Any:
+        """A function of time: a named form, or what stands for one that cannot be kept."""
+        if not isinstance(function, FUNCTIONS):
+            return self.lost(part, _named(function))
+        content = _plain(function)
+        if isinstance(function, Table) and function.times is not None:
+            content = {key: value for key, value in content.items() if key not in ("file", "columns")}
+        return content
+
+    def rest(self, case: Case) -> None:
+        """Motion of the tank, grading and numerics."""
+        motion = case.tank_motion
+        if motion is not None:
+            given = {key: getattr(motion, key) for key in ("translation", "angle")}
+            content = {key: self.function(f"tank_motion.{key}", f) for key, f in given.items() if f is not None}
+            pivot = None if motion.pivot is None else numbers(motion.pivot).tolist()
+            axis = numbers(motion.axis).tolist()
+            self.table(("tank_motion",), {**content, "pivot": pivot, "axis": axis if axis != [0, 0, 1] else None})
+        if case.grading is not None:
+            where = case.grading.where
+            limits: dict[str, Any] = {}
+            if isinstance(where, Limits):
+                limits = {"limits": _plain(where)["limits"]}
+            elif where is not None:
+                limits = {"where": self.lost("grading.where", _named(where))}
+            largest = {name: float(value) for name, value in case.grading.largest.items()}
+            self.table(("grading",), {"largest": largest or None, "growth": float(case.grading.growth), **limits})
+        self.table(("numerics",), _changed(case.numerics, Numerics(), leave=tuple(RULES)))
+        for key, rule in RULES.items():
+            self.table(("numerics", key), _changed(getattr(case.numerics, key), rule()))
+
+
+def _changed(value: Any, default: Any, leave: tuple[str, ...] = ()) -> dict[str, Any]:
+    """What a dataclass has that is not the default."""
+    names = [field.name for field in fields(value) if field.name not in leave]
+    return {name: getattr(value, name) for name in names if getattr(value, name) != getattr(default, name)}
+
+
+def _plain(model: Model) -> dict[str, Any]:
+    return model.model_dump(exclude_defaults=True, exclude_none=True)
+
+
+def _named(function: Any) -> str:
+    """A function's name, for people."""
+    name = getattr(function, "__qualname__", type(function).__qualname__)
+    return f"the Python function {name} of {getattr(function, '__module__', '?')}"
+
+
+def _key(key: str) -> str:
+    return key if BARE.fullmatch(key) else json.dumps(key)
+
+
+def _value(value: Any) -> str:
+    """A value in TOML; numbers with all their digits."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_key(key)} = {_value(item)}" for key, item in value.items() if item is not None) + "}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(map(_value, value)) + "]"
+    if isinstance(value, (bool, np.bool_)):
+        return "true" if value else "false"
+    if isinstance(value, (int, np.integer)):
+        return str(int(value))
+    if isinstance(value, (float, np.floating)):
+        return repr(float(value))
+    return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
