@@ -66,8 +66,11 @@ class Parts:
         Raises:
             ValueError: the parts do not fit together.
         """
+        particles = self._new_tank() if self.tank else self._particles
+        if particles is None:
+            raise ValueError("the case file has mistakes; there is no case to be made of it")
         return Case(
-            self._new_tank() if self.tank else self._particles,
+            particles,
             list(self.fluids.values()),
             self.sections["gravity"],
             body_force=self.force,
