@@ -1,0 +1,328 @@
+"""The commands on case files and results: run, check, info, doctor, render, schema.
+
+Each returns its exit code; see `EXIT_CODES`. Taichi is imported by those that need it, when they do.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import App, Parameter
+
+from tipfem.arguments import is_number
+from tipfem.casefile.problems import CaseFileError
+
+if TYPE_CHECKING:
+    from tipfem.case.case import Case
+    from tipfem.casefile.loading import CaseFile
+    from tipfem.simulation import Simulation
+
+EXIT_CODES = {
+    0: "all went well",
+    1: "the run stopped before its end (its results up to there are kept), or doctor found that something is missing",
+    2: "bad input: the command line, the case file, or a folder; nothing was started",
+    129: "the terminal was closed (SIGHUP); as for 130",
+    130: "interrupted (Ctrl-C, SIGINT); the last state and the summary are written",
+    143: "terminated (SIGTERM); as for 130",
+}
+RESULTS = ("case.json", "history.csv", "summary.json")
+
+Overrides = Annotated[list[str] | None, Parameter(name="--set", negative=())]
+
+
+class Stopped(KeyboardInterrupt):
+    """A signal that ends the run like Ctrl-C does.
+
+    Attributes:
+        number: of the signal.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
+
+
+def register(app: App) -> None:
+    """Add the commands to an application."""
+    app.help_epilogue = "Exit codes: " + "; ".join(f"{code}: {text}" for code, text in EXIT_CODES.items()) + "."
+    for command in (run, check, info, doctor, schema):
+        app.command(command)
+    app.command(render, help_flags=[], version_flags=[])
+
+
+def run(
+    case: Path,
+    /,
+    *,
+    out: Path | None = None,
+    set: Overrides = None,
+    until: float | None = None,
+    threads: int | None = None,
+    arch: str = "cpu",
+    overwrite: bool = False,
+    progress: bool = True,
+) -> int:
+    """Run a case file.
+
+    Parameters
+    ----------
+    case
+        The case file, in TOML.
+    out
+        Folder for the results; by default that of the case file, or out/ and its name.
+    set
+        A value in place of that of the file: fluids.water.viscosity=2e-3. Can be given several times.
+    until
+        Simulated time to run to [s], in place of time.end.
+    threads
+        Number of CPU threads; by default as many as there are cores.
+    arch
+        cpu or cuda.
+    overwrite
+        Replace results that are in the folder.
+    progress
+        Show a progress bar on a terminal.
+    """
+    from tipfem.backend import runtime
+    from tipfem.casefile.describing import write_case
+    from tipfem.errors import SimulationError
+
+    with _bad_input() as failed:
+        file, made = _loaded(case, set, until)
+        folder = out or file.folder
+        found = [name for name in RESULTS if (folder / name).exists()]
+        if found and not overwrite:
+            raise ValueError(f"{folder} holds results ({found[0]}); choose another folder by --out, or say --overwrite")
+        runtime.init(arch, threads=threads)
+        simulation = file.simulation(folder, case=made)
+        table = file.table
+        steps = {"largest_step": table.time.largest_step, "interval": table.output.interval}
+        write_case(folder / "case.toml", made, file.end, folder=str(folder), **steps)
+    if failed:
+        return 2
+    try:
+        with _signals():
+            simulation.run(file.end, progress=progress)
+    except SimulationError as error:
+        return _said(1, f"error: {error}\nthe results up to there are in {folder}")
+    except KeyboardInterrupt as stop:
+        code = 128 + (stop.number if isinstance(stop, Stopped) else signal.SIGINT)
+        return _said(code, f"stopped at t = {simulation.time:g} s; the results up to there are in {folder}")
+    row = simulation.history[-1]
+    print(f"{row['step']} steps to t = {row['time']:g} s in {row['wall_seconds']:.0f} s; results: {folder}")
+    return 0
+
+
+def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, no_picture: bool = False) -> int:
+    """Check a case file: all its mistakes, or what a run of it will take, and a picture of its initial state.
+
+    Parameters
+    ----------
+    case
+        The case file, in TOML.
+    set
+        A value in place of that of the file: fluids.water.viscosity=2e-3. Can be given several times.
+    picture
+        The picture, a PNG file; by default the case file's name with .png, in the present folder.
+    no_picture
+        Draw none, and do not make the first mesh; Taichi is not started then.
+    """
+    from tipfem.casefile.estimate import estimate
+
+    with _bad_input() as failed:
+        file, made = _loaded(case, set)
+        table = file.table
+        print(f"{case}: no mistakes found")
+        if made.title:
+            print(f"title       {made.title}")
+        print(f"fluids      {', '.join(fluid.name for fluid in made.fluids)}")
+        extent = made.particles.position.max(axis=0) - made.particles.position.min(axis=0)
+        print(f"size        {' x '.join(f'{edge:g}' for edge in extent)} m, spacing {made.particles.spacing:g} m")
+        for line in estimate(made, file.end, table.time.largest_step, table.output.interval).lines():
+            print(line)
+        if not no_picture:
+            path = picture or Path(f"{case.stem}.png")
+            if path.suffix.lower() != ".png":
+                raise ValueError(f"--picture is {str(path)!r}; it must be the name of a PNG file, such as initial.png")
+            simulation = file.simulation(case=made)  # also when it is not drawn: it makes the first mesh
+            if made.particles.dimension == 2:
+                draw_state(simulation, path)
+                print(f"picture     {path}")
+            else:
+                print("picture     none: only two-dimensional cases can be drawn")
+    return 2 if failed else 0
+
+
+def draw_state(simulation: Simulation, path: Path) -> None:
+    """Draw the present state of a two-dimensional simulation.
+
+    Args:
+        simulation: the simulation.
+        path: of the picture, a PNG file.
+
+    Raises:
+        ValueError: the file cannot be written.
+    """
+    import imageio.v3 as imageio
+
+    from tipfem.render import Scene, render_frame
+
+    case, particles, mesh = simulation.case, simulation.particles, simulation.mesh
+    position = particles.position[particles.wall]
+    scene = Scene(
+        position=particles.position,
+        cells=mesh.cells,
+        fluid=particles.fluid,
+        wall=particles.wall,
+        time=simulation.time,
+        fluid_names=tuple(fluid.name for fluid in case.fluids),
+        fluid_densities=tuple(fluid.density for fluid in case.fluids),
+        lower=position.min(axis=0),
+        upper=position.max(axis=0),
+        cell_fluid=mesh.fluid,
+        spacing=particles.spacing,
+        title=case.title,
+    )
+    image = render_frame(scene, mesh=len(particles) < 5000, backend="raster")
+    try:
+        imageio.imwrite(path, image)
+    except OSError as error:
+        raise ValueError(f"the picture {str(path)!r} cannot be written ({error.strerror})") from error
+
+
+def info(out: Path, /) -> int:
+    """Say what a results folder holds: what ran, how far, its figures, versions and size on disk.
+
+    Parameters
+    ----------
+    out
+        The results folder.
+    """
+    from tipfem.casefile.inspection import describe_results
+
+    with _bad_input() as failed:
+        print("\n".join(describe_results(out)))
+    return 2 if failed else 0
+
+
+def doctor() -> int:
+    """Say whether all that tipfem needs is there, and the command that brings what is missing."""
+    from tipfem.casefile.inspection import examine
+
+    findings = examine()
+    for finding in findings:
+        print(finding)
+    return 1 if any(finding.needed and not finding.fine for finding in findings) else 0
+
+
+def render(*arguments: Annotated[str, Parameter(allow_leading_hyphen=True)]) -> int:
+    """Draw a results folder as pictures and a movie; `tipfem render --help` lists the options.
+
+    Parameters
+    ----------
+    arguments
+        The results folder, and options of the drawing.
+    """
+    from tipfem.render import cli
+
+    return int(cli.main(list(arguments)))
+
+
+def schema(*, out: Path | None = None) -> int:
+    """Print the JSON schema of case files, by which editors complete and check them.
+
+    Parameters
+    ----------
+    out
+        A file to write it to.
+    """
+    from tipfem.casefile.schema import json_schema
+
+    text = json.dumps(json_schema(), indent=2) + "\n"
+    if out is None:
+        print(text, end="")
+        return 0
+    try:
+        out.write_text(text, encoding="utf-8")
+    except OSError as error:
+        return _said(2, f"error: --out is {str(out)!r}, which cannot be written to ({error.strerror})")
+    return 0
+
+
+def _loaded(path: Path, overrides: Sequence[str] | None, until: float | None = None) -> tuple[CaseFile, Case]:
+    from tipfem.casefile.loading import load_case
+
+    given = list(overrides or ())
+    if until is not None:
+        if not (is_number(until) and until > 0):
+            raise ValueError(f"--until is {until} s; it must be a number > 0 in s")
+        given.append(f"time.end={until!r}")
+    file = load_case(path, given)
+    return file, file.case()
+
+
+@contextmanager
+def _bad_input() -> Iterator[list[str]]:
+    """What is refused in the block is said on the error output, and noted in the list that it gives."""
+    failed: list[str] = []
+    try:
+        yield failed
+    except CaseFileError as error:
+        count = len(error.problems)
+        failed.append(f"{error}\n{count} mistake{'s' if count > 1 else ''}; nothing was started")
+    except (ValueError, RuntimeError, OSError) as error:
+        failed.append(f"error: {error}")
+    if failed:
+        print(failed[0], file=sys.stderr)
+
+
+@contextmanager
+def _signals() -> Iterator[None]:
+    """SIGTERM and SIGHUP end the block like Ctrl-C."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise Stopped(number)
+
+    before: dict[signal.Signals, Callable[..., Any] | int | None] = {}
+    for number in (signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):
+        before.setdefault(number, signal.signal(number, stop))
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _said(code: int, message: str) -> int:
+    print(message, file=sys.stderr)
+    return code
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run the commands of this module alone; returns the exit code."""
+    app = App(name="tipfem", result_action="return_value")
+    register(app)
+    return call(app, words)
+
+
+def call(app: App, words: Sequence[str] | None = None) -> int:
+    """Run an application whose bad command lines end with the exit code 2, not 1.
+
+    Args:
+        app: the application; its commands return their exit codes.
+        words: the command line; that of the process by default.
+    """
+    from cyclopts import CycloptsError
+
+    try:
+        result = app(words, exit_on_error=False, result_action="return_value")
+    except CycloptsError:  # its message has been printed
+        return 2
+    return result if isinstance(result, int) else 0

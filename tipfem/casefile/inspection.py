@@ -1,0 +1,197 @@
+"""What a results folder holds, and what the machine has of what tipfem needs."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from tipfem.casefile.estimate import duration
+
+TIMEOUT = 60.0  # of an examination in a process of its own [s]
+
+
+def describe_results(folder: Path) -> list[str]:
+    """Lines on a results folder.
+
+    Raises:
+        ValueError: it is none, or a file in it cannot be read.
+    """
+    if not folder.is_dir():
+        raise ValueError(f"{folder}: there is no such folder; give the results folder of a run")
+    case = _json(folder / "case.json")
+    if case is None:
+        raise ValueError(f"{folder}: it has no case.json and is no results folder; give that of a run")
+    summary = _json(folder / "summary.json")
+    lines = [f"case        {case.get('title') or 'without a title'}"]
+    fluids = [f"{f['name']} ({f['density']:g} kg/m^3, {f['viscosity']:g} Pa s)" for f in case.get("fluids", [])]
+    lines.append(f"fluids      {', '.join(fluids)}")
+    size = [high - low for low, high in zip(case["lower"], case["upper"], strict=True)]
+    lines.append(f"size        {' x '.join(f'{edge:g}' for edge in size)} m, spacing {case['spacing']:g} m")
+    lines.append(f"interface   {case.get('interface')}{', free surface' if case.get('free_surface') else ''}")
+    count, last = _history(folder / "history.csv")
+    if last is None:
+        lines.append("steps       none yet")
+    else:
+        lines.append(f"steps       {count}, to t = {float(last['time']):g} s, {last['particles']} particles")
+        lines.append(f"speed       at most {float(last['max_speed']):.4g} m/s in the last step")
+    if summary is None:
+        lines.append("status      no summary: still running, or killed")
+    else:
+        lines.append(f"status      {summary.get('status')} after {duration(float(summary['wall_seconds']))}")
+        how = [str(summary[key]) for key in ("arch", "precision") if key in summary]
+        lines.append(f"back end    {', '.join(how)}")
+        for name, value in {**summary.get("validation", {}), "check": summary.get("check")}.items():
+            if value is not None:
+                lines.append(f"figure      {name} {value if not isinstance(value, float) else f'{value:.4g}'}")
+        versions = summary.get("versions", {})
+        lines.append("versions    " + ", ".join(f"{name} {number}" for name, number in versions.items()))
+    states = len(list((folder / "fields").glob("step_*.vtu")))
+    total = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    return [*lines, f"states      {states} in fields.pvd", f"on disk     {total / 1e6:.1f} MB"]
+
+
+def _json(path: Path) -> dict[str, Any] | None:
+    """The content of a JSON file; None where there is none."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path}: it cannot be read ({error}); it may be of another program, or damaged") from None
+    if not isinstance(content, dict):
+        raise ValueError(f"{path}: it holds no JSON object; it may be of another program")
+    return content
+
+
+def _history(path: Path) -> tuple[int, Mapping[str, str] | None]:
+    """The number of steps in a history and the last row that is whole."""
+    count, last = 0, None
+    try:
+        with open(path, encoding="utf-8", newline="") as file:
+            for row in csv.DictReader(file):
+                if None not in row.values():
+                    count, last = count + 1, row
+    except FileNotFoundError:
+        pass
+    return count, last
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was examined.
+
+    Attributes:
+        name: of it.
+        fine: whether it is there.
+        what: what was found.
+        cure: the command that brings it, or what to do.
+        needed: whether nothing runs without it.
+    """
+
+    name: str
+    fine: bool
+    what: str
+    cure: str = ""
+    needed: bool = True
+
+    def __str__(self) -> str:
+        mark = "ok     " if self.fine else "MISSING" if self.needed else "none   "
+        return f"{mark}  {self.name:14s} {self.what}" + (f"\n{'':9}{'':15}{self.cure}" if not self.fine else "")
+
+
+def examine() -> list[Finding]:
+    """All that tipfem needs or can use. What could end the process is tried in another one."""
+    return [
+        _python(),
+        _taichi(),
+        _starts("processor", "import tipfem; tipfem.init('cpu')", "pip install --force-reinstall taichi==1.7.4"),
+        _starts(
+            "CUDA",
+            "import tipfem; tipfem.init('cuda')",
+            "optional; needs an NVIDIA GPU and its driver (on Debian: apt-get install nvidia-driver)",
+            needed=False,
+        ),
+        _starts(
+            "Vulkan",
+            "from tipfem.render.ggui import GGUICanvas; GGUICanvas((64, 64)).close()",
+            "optional, for GGUI's pictures; on Debian: apt-get install libvulkan1 mesa-vulkan-drivers. "
+            "The rasteriser draws without it.",
+            needed=False,
+        ),
+        _ffmpeg(),
+        _cache(),
+        _threads(),
+        _package("matplotlib", "optional, for the demos' figures: pip install 'tipfem[plot]'"),
+    ]
+
+
+def _python() -> Finding:
+    fine = (3, 10) <= sys.version_info[:2] < (3, 14) and sys.maxsize > 2**32
+    what = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
+    return Finding("Python", fine, what, "install a 64-bit Python 3.10 to 3.13; Taichi has no other")
+
+
+def _taichi() -> Finding:
+    try:
+        found = version("taichi")
+    except PackageNotFoundError:
+        found = "not installed"
+    return Finding("Taichi", found == "1.7.4", found, "pip install taichi==1.7.4")
+
+
+def _package(name: str, cure: str) -> Finding:
+    try:
+        return Finding(name, True, version(name), needed=False)
+    except PackageNotFoundError:
+        return Finding(name, False, "not installed", cure, needed=False)
+
+
+def _starts(name: str, code: str, cure: str, *, needed: bool = True) -> Finding:
+    """Whether some Python ends without an error, in a process of its own."""
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, timeout=TIMEOUT, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return Finding(name, False, f"does not start within {TIMEOUT:g} s", cure, needed)
+    if done.returncode == 0:
+        return Finding(name, True, "starts", needed=needed)
+    lines = [line for line in done.stderr.splitlines() if line.strip()]
+    why = lines[-1].strip()[:100] if lines else f"ended by signal {-done.returncode}"
+    return Finding(name, False, why, cure, needed)
+
+
+def _ffmpeg() -> Finding:
+    cure = "needed for movies: pip install --force-reinstall imageio-ffmpeg"
+    try:
+        from imageio_ffmpeg import get_ffmpeg_exe
+
+        return Finding("ffmpeg", True, get_ffmpeg_exe(), needed=False)
+    except (ImportError, RuntimeError) as error:
+        return Finding("ffmpeg", False, str(error).splitlines()[0], cure, needed=False)
+
+
+def _cache() -> Finding:
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path(os.environ.get("HOME") or "/nonexistent") / ".cache")
+    place = next((path for path in (folder, *folder.parents) if path.exists()), folder)
+    cure = f"kernels are compiled anew in every start; make {folder} writable, or set XDG_CACHE_HOME to such a folder"
+    try:
+        with tempfile.TemporaryFile(dir=place):
+            return Finding("cache folder", True, f"{folder} can be written to", needed=False)
+    except OSError as error:
+        return Finding("cache folder", False, f"{folder}: {error.strerror}", cure, needed=False)
+
+
+def _threads() -> Finding:
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return Finding("threads", True, f"{cores}, as many as there are cores for this process")
