@@ -15,12 +15,14 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 import tipfem
+from tipfem.casefile.commands import call, register
 
 app = App(
     name="tipfem",
     help="Two immiscible incompressible fluids by the position-based Particle Finite Element Method.",
     version=tipfem.__version__,
 )
+register(app)
 
 # Where the demos are, and what the list calls them; a run.py has the name of its folder.
 SECTIONS = {"*.py": "Demos", "validation/*/run.py": "Validation", "benchmarks/*.py": "Benchmarks"}
@@ -107,5 +109,5 @@ def demo(
 
 
 def main() -> None:
-    """Entry point of the command `tipfem`."""
-    app()
+    """Entry point of the command `tipfem`; see `tipfem.casefile.commands.EXIT_CODES`."""
+    sys.exit(call(app))
