@@ -10,8 +10,7 @@ from numbers import Real
 from typing import Any
 
 import numpy as np
-
-from tipfem.typing import Array
+from numpy.typing import NDArray
 
 
 def is_number(value: Any) -> bool:
@@ -24,7 +23,7 @@ def is_number(value: Any) -> bool:
         return False
 
 
-def numbers(values: Any) -> Array:
+def numbers(values: Any) -> NDArray[Any]:
     """``values`` as a new array of floats; one NaN of shape () if they are not an array of real numbers.
 
     Truth values count as 0 and 1. The NaN fails every check of shape or finiteness, so those checks refuse strings,
