@@ -13,7 +13,7 @@ from states import first_state, moved_to
 
 import tipfem as tp
 from tipfem.backend.launch import launch
-from tipfem.case.grading import Grading, limit_gradation, thinned
+from tipfem.case.grading import Grading, limit_gradation_at_points, thinned
 from tipfem.case.numerics import FittedRule
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.delaunay import triangulate
@@ -64,9 +64,9 @@ def test_targets_grow_as_a_cone_around_what_is_fine():
     wish = np.full(len(x), 0.1)
     wish[7] = 0.01
     expected = np.minimum(0.1, 0.01 + 0.2 * np.linalg.norm(x - x[7], axis=1))
-    np.testing.assert_allclose(limit_gradation(x, wish, 0.2), expected, rtol=1e-12)
+    np.testing.assert_allclose(limit_gradation_at_points(x, wish, 0.2), expected, rtol=1e-12)
     many = np.random.default_rng(1).uniform(0.01, 0.1, len(x))
-    target = limit_gradation(x, many, 0.2)
+    target = limit_gradation_at_points(x, many, 0.2)
     assert (target <= many).all()
     near = cKDTree(x).query(x, k=8)[1][:, 1:]
     steps = target[:, None] - target[near] - 0.2 * np.linalg.norm(x[:, None] - x[near], axis=2)

@@ -143,13 +143,13 @@ def thinned(
         at_interface[other] |= differs
     largest = grading.of_fluids([f.name for f in fluids], spacing)
     size = grading.sizing(position, fluid, at_interface.ravel(), largest, spacing)
-    target = limit_gradation(position, size, grading.growth)
+    target = limit_gradation_at_points(position, size, grading.growth)
     stride = STRIDES[np.searchsorted(STRIDES, ROUNDED * target / spacing, side="right") - 1].reshape(shape)
     row, column = (np.minimum(np.arange(n), np.arange(n)[::-1]) for n in shape)  # counted from the nearest wall
     return np.asarray(((row[:, None] % stride == 0) & (column[None, :] % stride == 0)).ravel())
 
 
-def limit_gradation(position: Array, size: Array, growth: float) -> Array:
+def limit_gradation_at_points(position: Array, size: Array, growth: float) -> Array:
     """Limit the gradient of a sizing function.
 
     Args:
