@@ -129,8 +129,8 @@ def table(found: Sequence[Mapping[str, Any]]) -> str:
         "",
         "The first Newton system of a step, to 1e-6 (seconds; times of ours in brackets):",
         "",
-        "| particles | FGMRES iterations | ours | with pyamg's cycle | PARDISO | SuperLU | product over copying its bytes "
-        "|",
+        "| particles | FGMRES iterations | ours | with pyamg's cycle | PARDISO | SuperLU "
+        "| product over copying its bytes |",
         "|" + "---|" * 7,
     ]
     for f in found:
@@ -145,7 +145,9 @@ def table(found: Sequence[Mapping[str, Any]]) -> str:
             + " | ".join(direct)
             + f" | {product:.1f} |"
         )
+    first = ", ".join(f"{f['first_step']:.1f} ({f['particles']}, {_where(f)})" for f in found)
     speeds = ", ".join(f"{f['copy'] / 1e9:.0f} ({f['particles']}, {_where(f)})" for f in found)
+    lines += ["", f"Seconds to make a simulation and take its first step, kernels included: {first}."]
     return "\n".join([*lines, "", f"Copying, GB/s read and written: {speeds}.", ""])
 
 
