@@ -1,1 +1,1 @@
-"""What users describe: fluids, tanks, particles, walls, gradings, parameters of the method."""
+"""What a user says: fluids, tanks, particles, walls, gradings, the numbers of the method."""

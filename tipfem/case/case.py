@@ -194,10 +194,7 @@ class Case:
             )
 
     def fluid_index(self, name: str) -> int:
-        """Index of a fluid.
-
-        Args:
-            name: of the fluid.
+        """Index of a fluid by its name.
 
         Raises:
             ValueError: there is no fluid of that name.
@@ -213,19 +210,12 @@ class Case:
         return not self.free_surface
 
     def acceleration(self, position: Array, time: float) -> Array:
-        """Gravity and body force per mass.
-
-        Args:
-            position: (N, d) [m].
-            time: [s].
-
-        Returns:
-            (N, d) [m/s^2].
+        """Gravity and body force (N, d) [m/s^2] at positions (N, d) [m] and a time [s].
 
         Raises:
             ValueError: the body force has the wrong shape or is not finite.
         """
-        force: Array = np.broadcast_to(self.gravity, position.shape).copy()
+        force = np.broadcast_to(self.gravity, position.shape).copy()
         if self.body_force is not None:
             extra = np.asarray(self.body_force(position, time), dtype=float)
             if extra.shape == position.shape and not np.isfinite(extra).all():
@@ -240,10 +230,10 @@ class Case:
                     f"of shape {position.shape}"
                 )
             force += extra
-        return np.asarray(force)
+        return force
 
     def natural_frequency(self) -> float:
-        """Frequency sqrt(|b| / h) with the largest acceleration b by gravity and body force at the start [1/s]."""
+        """sqrt(|b| / h) [1/s] with the largest acceleration b by gravity and body force at the start."""
         force = self.acceleration(self.particles.position, 0.0)
         return float(np.sqrt(np.linalg.norm(force, axis=1).max() / self.particles.spacing))
 
