@@ -93,7 +93,7 @@ class Parts:
             fills = [k for k, table in enumerate(self.sections["fill"]) if table.fluid == found[1]]
             told = [k for k in fills if repr(self.sections["fill"][k].box) in message]
             one = told or fills
-            return (("fill", one[-1]) if len(one) == 1 else ("fill",)), rest if len(one) == 1 else message
+            return self._blamed(("fill", one[-1]), rest) if len(one) == 1 else (("fill",), message)
         for subject, section in {
             "tank": "tank",
             "Grading": "grading",
@@ -102,6 +102,7 @@ class Parts:
             "Case: particle": "particles",
             "Case: spacing": "particles",
             "Case: gravity": "gravity",
+            "Case: at t": "walls",
             "out is": "output",
         }.items():
             if message.startswith(subject) and self.sections.get(section) is not None:
@@ -118,6 +119,8 @@ class Parts:
 
     def _blamed(self, path: Path, text: str) -> tuple[Path, str]:
         """The path of the key that a text begins with, if the table at ``path`` has it, and the rest of the text."""
+        if path[0] == "fill" and (shape := re.match(r"(box|disc) (\S.*?[\])]) (lies|holds) ", text)):
+            return (*path, shape[1]), f"is {shape[2]} and {text[shape.start(3) :]}"
         found = re.match(r"(\w+) (?=is |has |gave |names |at t = )", text)
         table: Any = self.sections.get(str(path[0]))
         for key in path[1:]:
@@ -163,8 +166,9 @@ class Parts:
         fills = self.sections.get("fill")
         if fills is None:
             return
-        if self.sections.get("particles") is not None and fills:
-            self.report(("fill",), "is given with particles; only a tank is filled")
+        if self.sections.get("particles") is not None and self.sections.get("tank") is None:
+            if fills:
+                self.report(("fill",), "is given with particles; only a tank is filled")
             return
         if self.sections.get("tank") is not None and not fills:
             self.report(("fill",), "is missing; give at least one table [[fill]] with a fluid")
@@ -410,7 +414,7 @@ class Parts:
 
     def _read_particles(self) -> Particles | None:
         table = self.sections.get("particles")
-        if table is None:
+        if table is None or self.sections.get("tank") is not None:
             return None
         path = self.folder / table.file
         try:

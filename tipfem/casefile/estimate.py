@@ -42,8 +42,8 @@ class Estimate:
         return [
             f"particles   {self.particles}, {self.walls} of them on walls",
             f"memory      about {self.memory / 1e6:.0f} MB",
-            f"steps       {few} to {many}",
-            f"time        about {duration(short)} to {duration(long)} on one core",
+            f"steps       {few} to {many}" if few < many else f"steps       {few}",
+            f"time        about {duration(short)}{f' to {duration(long)}' if few < many else ''} on one core",
         ]
 
 

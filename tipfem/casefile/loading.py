@@ -255,9 +255,11 @@ def _sections(data: Mapping[str, Any], table: CaseTable | None, wrong: Sequence[
             if not field.is_required():
                 sections[name] = field.get_default(call_default_factory=True)
         elif name in ITEMS and name in kept:
-            pairs = kept[name].items() if isinstance(kept[name], Mapping) else enumerate(kept[name])
-            good = {key: _validated(ITEMS[name], item) for key, item in pairs}
-            sections[name] = good if isinstance(kept[name], Mapping) else list(good.values())
+            kind, items = ITEMS[name], kept[name]
+            if isinstance(items, Mapping):
+                sections[name] = {key: _validated(kind, items.get(key)) for key in data[name]}
+            else:
+                sections[name] = [_validated(kind, item) for item in items]
         elif name in kept:
             sections[name] = _validated(field.annotation, kept[name])
             if sections[name] is None:

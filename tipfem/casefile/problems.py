@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import difflib
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -65,6 +66,10 @@ def shown(value: Any) -> str:
         return "a table"
     if isinstance(value, bool):
         return "true" if value else "false"
+    if isinstance(value, list) and value and isinstance(value[0], Mapping):
+        return "a list of tables"
+    if isinstance(value, (datetime.date, datetime.time)):
+        return value.isoformat()
     text = "[" + ", ".join(map(shown, value)) + "]" if isinstance(value, list) else repr(value)
     return text if len(text) <= LONGEST else text[: LONGEST - 4] + " ..." + ("]" if text.startswith("[") else "")
 
@@ -255,7 +260,7 @@ class Translator:
         if path[-1] == "form" and "const" not in node and "enum" not in node:
             node, unit = self.reader.node(path[:-1], self.data)
             return f"is missing; give {self.reader.expected(node, unit)}"
-        described = node.get("description", "")
+        described = node.get("description", "").removesuffix(f" [{unit}]")
         return f"is missing; give {self.reader.expected(node, unit)}" + (f": {described}" if described else "")
 
     def _wrong(self, path: Path) -> str:

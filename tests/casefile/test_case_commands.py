@@ -1,0 +1,212 @@
+"""The commands on case files: what they do, what they say, and their exit codes."""
+
+import csv
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+from demo_runs import DEMOS
+from test_bad_input import GOOD
+
+import tipfem as tp
+from tipfem.casefile import inspection
+from tipfem.casefile.commands import main
+from tipfem.casefile.loading import load_case
+
+CASE = str(DEMOS / "cases" / "dam_break.toml")
+COARSE = ("--set", "tank.spacing=0.02")
+
+
+def tipfem(*words, **options):
+    """A command in a process of its own."""
+    return subprocess.run([sys.executable, "-m", "tipfem", *words], capture_output=True, text=True, **options)
+
+
+def test_run_writes_results_and_the_whole_case(tmp_path, capsys):
+    out = tmp_path / "out"
+    words = ["run", CASE, *COARSE, "--set", "fluids.water.viscosity=2e-3", "--until", "0.012", "--out", str(out)]
+    assert main([*words, "--no-progress"]) == 0
+    assert "to t = 0.012 s" in capsys.readouterr().out
+    summary = json.loads((out / "summary.json").read_text("utf-8"))
+    assert (summary["status"], summary["time"], summary["fluids"][0]["viscosity"]) == ("complete", 0.012, 2e-3)
+    kept = load_case(out / "case.toml")
+    assert (kept.end, kept.folder, kept.table.fluids["water"].viscosity) == (0.012, out, 2e-3)
+    wanted = load_case(CASE, [COARSE[1]]).case().particles
+    assert np.array_equal(kept.case().particles.position, wanted.position)
+    assert len(list((out / "fields").glob("*.vtu"))) == 4  # 0, 0.004, 0.008 and 0.012 s
+    # Another run does not go there by accident.
+    assert main(words) == 2
+    assert "holds results" in capsys.readouterr().err
+    assert main([*words, "--overwrite"]) == 0
+    assert main(["info", str(out)]) == 0
+    said = capsys.readouterr().out
+    for word in ("Dam break of water in air", "water (998.2", "complete", "to t = 0.012 s", "taichi 1.7.4", "MB"):
+        assert word in said
+
+
+def test_a_run_that_cannot_go_on_exits_with_1(tmp_path, capsys, monkeypatch):
+    def fail(self, *_, **__):
+        raise tp.SimulationError("the run stops at t = 0 s")
+
+    monkeypatch.setattr(tp.Simulation, "run", fail)
+    assert main(["run", CASE, *COARSE, "--out", str(tmp_path / "out")]) == 1
+    assert "the run stops" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_signals_end_a_run_with_its_last_state_written(number, code, tmp_path):
+    out = tmp_path / "out"
+    words = ["run", CASE, "--set", "tank.spacing=0.01", "--until", "100", "--out", str(out)]
+    process = subprocess.Popen([sys.executable, "-m", "tipfem", *words], stderr=subprocess.PIPE, text=True)
+    try:
+        deadline = time.monotonic() + 120
+        while not (out / "history.csv").exists() and time.monotonic() < deadline:
+            assert process.poll() is None, process.stderr.read()
+            time.sleep(0.2)
+        time.sleep(0.5)
+        process.send_signal(number)
+        _, said = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == code
+    assert "Traceback" not in said
+    assert "stopped at t = " in said
+    summary = json.loads((out / "summary.json").read_text("utf-8"))
+    assert summary["status"] == "interrupted"
+    with open(out / "history.csv", newline="") as file:
+        steps = list(csv.DictReader(file))
+    assert len(steps) == summary["steps"]
+    assert (out / "fields" / f"step_{len(steps):06d}.vtu").exists()
+
+
+def test_check_says_what_a_run_takes_and_draws_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["check", CASE, *COARSE]) == 0
+    said = capsys.readouterr().out
+    assert "no mistakes found" in said
+    count = len(load_case(CASE, [COARSE[1]]).case().particles)
+    assert f"particles   {count}, " in said
+    assert re.search(r"steps       334\b", said)
+    assert re.search(r"memory      about \d+ MB", said)
+    picture = imageio.imread(tmp_path / "dam_break.png")
+    assert picture.shape == (720, 1280, 3)
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20
+    assert main(["check", CASE, *COARSE, "--picture", "no/folder.png"]) == 2
+
+
+def test_check_of_a_case_in_3d_draws_nothing(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    text = GOOD[: GOOD.index("[walls.top]")].replace("-9.81]", "-9.81, 0]").replace('"sharp"', '"interpolated"')
+    text = text.replace("[0.3, 0.2]", "[0.2, 0.2, 0.2]").replace("spacing = 0.02", "spacing = 0.05\njitter = 0.1")
+    text = text.replace("[[0, 0], [0.3, 0.1]]", "[[0, 0, 0], [0.2, 0.1, 0.2]]") + "[time]\nend = 1.0\n"
+    (tmp_path / "cube.toml").write_text(text)
+    assert main(["check", "cube.toml"]) == 0
+    assert "only two-dimensional cases" in capsys.readouterr().out
+    assert not list(tmp_path.glob("*.png"))
+
+
+def test_a_broken_file_is_refused_without_taichi(tmp_path):
+    (tmp_path / "case.toml").write_text(GOOD.replace("998.2", "-998.2"))
+    code = (
+        "import sys; from tipfem.casefile.commands import main; code = main(['check', 'case.toml']); "
+        "sys.exit(99 if 'taichi' in sys.modules else code)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.splitlines() == [
+        "case.toml:6: fluids.water.density is -998.2 kg/m^3; it must be a number > 0 in kg/m^3",
+        "1 mistake; nothing was started",
+    ]
+
+
+def test_a_broken_file_is_refused_in_a_second_of_the_processor(tmp_path):
+    (tmp_path / "case.toml").write_text(GOOD.replace("998.2", "-998.2"))
+    before = os.times()
+    assert tipfem("check", str(tmp_path / "case.toml")).returncode == 2
+    after = os.times()
+    used = after.children_user + after.children_system - before.children_user - before.children_system
+    assert used < 1.5  # 0.8 s on an idle machine
+
+
+def test_check_without_a_picture_needs_no_taichi(tmp_path):
+    code = (
+        "import sys; from tipfem.casefile.commands import main; "
+        f"code = main(['check', {CASE!r}, '--no-picture']); sys.exit(99 if 'taichi' in sys.modules else code)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "particles   13806" in done.stdout
+
+
+def test_schema_prints_or_writes_the_schema(tmp_path, capsys):
+    assert main(["schema"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert main(["schema", "--out", str(tmp_path / "s.json")]) == 0
+    assert json.loads((tmp_path / "s.json").read_text("utf-8")) == printed
+    assert printed["properties"]["gravity"]["unit"] == "m/s^2"
+
+
+def test_info_on_a_run_that_was_killed(tmp_path, capsys):
+    out = tmp_path / "out"
+    file = load_case(CASE, [COARSE[1]])
+    simulation = file.simulation(out)
+    simulation.step()
+    simulation.step()
+    simulation.results.close()
+    with open(out / "history.csv", "a") as history:
+        history.write("3,0.1")  # half a row
+    assert main(["info", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "no summary: still running, or killed" in said
+    assert "steps       2, to t = " in said
+
+
+def test_doctor_finds_what_is_there_and_the_cure_of_what_is_not(monkeypatch, capsys):
+    tried = []
+
+    def starts(name, code, cure, *, needed=True):
+        tried.append(name)
+        return inspection.Finding(name, name != "CUDA", "tried", cure, needed)
+
+    monkeypatch.setattr(inspection, "_starts", starts)
+    assert main(["doctor"]) == 0
+    said = capsys.readouterr().out
+    assert tried == ["processor", "CUDA", "Vulkan"]
+    assert re.search(r"none +CUDA +tried\n +optional; needs an NVIDIA GPU", said)
+    for name in ("Python", "Taichi", "ffmpeg", "cache folder", "threads"):
+        assert re.search(rf"ok +{name}", said)
+    monkeypatch.setattr(inspection, "version", lambda name: "1.6.0")
+    monkeypatch.setenv("XDG_CACHE_HOME", "/proc/nowhere")
+    assert main(["doctor"]) == 1
+    said = capsys.readouterr().out
+    assert re.search(r"MISSING +Taichi +1.6.0\n +pip install taichi==1.7.4", said)
+    assert re.search(r"none +cache folder .*\n.*set XDG_CACHE_HOME", said)
+
+
+def test_what_does_not_start_is_told_in_one_line():
+    found = inspection._starts("x", "raise RuntimeError('no driver')", "install it", needed=False)
+    assert (found.fine, found.what) == (False, "RuntimeError: no driver")
+    crashed = inspection._starts("x", "import os; os.kill(os.getpid(), 11)", "install it")
+    assert (crashed.fine, crashed.what) == (False, "ended by signal 11")
+    assert inspection._starts("x", "pass", "").fine
+
+
+def test_help_names_the_exit_codes_and_all_commands(capsys):
+    assert main(["--help"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    for word in ("run", "check", "info", "doctor", "render", "schema", "143", "nothing was started"):
+        assert word in said
+
+
+def test_render_passes_its_words_on(capsys):
+    with pytest.raises(SystemExit) as end:
+        main(["render", "--help"])
+    assert end.value.code == 0
+    assert "--playback-rate" in capsys.readouterr().out
