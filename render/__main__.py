@@ -1,4 +1,4 @@
-"""python -m tipfem.render"""
+"""Run as a command: ``python -m tipfem.render``."""
 
 import sys
 

@@ -2,8 +2,9 @@
 
 import re
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
+from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,16 +13,25 @@ from PIL import Image
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from .arrays import Array, Range
 from .movie import MovieWriter, check_movie_name
 from .renderer import Renderer
 from .results import Results
 from .scales import check_range, field_limits
+from .scene import Scene
 
 _MOST_SAMPLED = 24  # stored times that are read to find the range of a field
 
 
 class Animation(NamedTuple):
-    """What was written: the PNG files, the movies, the back end, the range of the field's colours."""
+    """The files that were written.
+
+    Attributes:
+        frames: PNG files.
+        movies: movie files.
+        backend: the back end used.
+        field_range: (low, high) of the field's colours; None without a field.
+    """
 
     frames: list[Path]
     movies: list[Path]
@@ -30,31 +40,42 @@ class Animation(NamedTuple):
 
 
 def animate(
-    out,
+    out: str | PathLike[str],
     field: str | None = None,
     frames: bool = True,
     movie: str | Iterable[str] | None = "animation.mp4",
     playback_rate: float = 25.0,
     *,
-    size=(1280, 720),
-    field_range=None,
+    size: tuple[int, int] = (1280, 720),
+    field_range: Range | None = None,
     mesh: bool = False,
     particles: bool = False,
     backend: str = "auto",
     fluid_colours: Mapping[str, str] | None = None,
 ) -> Animation:
-    """Draw every stored time of the results folder `out`, one picture each.
+    """Draw every stored time of a results folder, one picture each.
 
-    Frames go to out/frames/frame_0000.png, ..., movies to `out`. With a field its name is in theirs:
-    out/frames_pressure/, animation_pressure.mp4. Frames numbered beyond the last stored time, left by
+    Frames go to out/frames/frame_0000.png, ..., movies to out. With a field its name is part of theirs:
+    out/frames_pressure/, animation_pressure.mp4. Frames with higher numbers than the last stored time, left by
     an earlier and longer run, are removed.
 
-    movie: one or more file names ending in .mp4, .gif or .webp; None or empty for none.
-    playback_rate: pictures shown a second.
-    field_range: (low, high) of the colours; None takes it from up to 24 stored times, one range for all.
-    The rest as in `render_frame`.
+    Args:
+        out: results folder.
+        field: name of a field to colour by; None shows the fluids.
+        frames: write PNG files.
+        movie: one or more file names ending in .mp4, .gif or .webp; None or empty for none.
+        playback_rate: pictures per second.
+        size: (width, height) [px], even numbers.
+        field_range: (low, high) of the colours; None takes it from up to 24 stored times, one range for all.
+        mesh: draw the edges of the cells.
+        particles: draw the particles as dots.
+        backend: "ggui", "raster" or "auto", see `Renderer`.
+        fluid_colours: colours "#rrggbb" by the names of fluids.
 
-    Raises ValueError on bad arguments, ResultsError on a bad results folder, OSError where writing fails.
+    Raises:
+        ValueError: an argument is invalid.
+        ResultsError: the results folder cannot be read.
+        OSError: a file cannot be written.
     """
     names = [movie] if isinstance(movie, str) else list(movie or [])
     names = [check_movie_name(name) for name in names]
@@ -79,10 +100,10 @@ def animate(
         renderer = stack.enter_context(Renderer(size, backend, fluid_colours))
         progress = stack.enter_context(_progress())
         writers: list[MovieWriter] = []
-        stack.callback(lambda: [writer.discard() for writer in writers])
         for name in names:
             path = results.folder / f"{Path(name).stem}{tail}{Path(name).suffix}"
             writers.append(MovieWriter(path, renderer.size, playback_rate))
+            stack.callback(writers[-1].discard)
         if frames:
             folder.mkdir(exist_ok=True)
         for i in progress.track(range(len(results)), description="drawing"):
@@ -98,13 +119,13 @@ def animate(
     return Animation(written, movies, used, field_range)
 
 
-def _sampled(results):
+def _sampled(results: Results) -> Iterator[Scene]:
     """Scenes at evenly spaced stored times."""
     count = min(len(results), _MOST_SAMPLED)
     return (results.scene(int(i)) for i in np.linspace(0, len(results) - 1, count).round())
 
 
-def _write_png(path, image):
+def _write_png(path: Path, image: Array) -> Path:
     part = path.with_name(f".{path.name}.part")
     try:
         # Level 1 takes half the time of the default, and such flat pictures are small at any level.
@@ -117,14 +138,14 @@ def _write_png(path, image):
     return path
 
 
-def _remove_beyond(folder, count):
+def _remove_beyond(folder: Path, count: int) -> None:
     for path in folder.glob("frame_*.png"):
         number = re.fullmatch(r"frame_(\d+)\.png", path.name)
         if number and int(number[1]) >= count:
             path.unlink()
 
 
-def _progress():
+def _progress() -> Progress:
     """A bar on a terminal, nothing elsewhere."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     return Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty())

@@ -1,11 +1,15 @@
 """Text, ticks, legend and colour bar, painted on a finished picture at its own resolution."""
 
+from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw, ImageFont
 
 from . import colours
+from .arrays import Array, Box, Point, Range
 from .layout import Layout
 from .picture import WALL_THICKNESS, is_signed
 from .scales import field_label, round_ticks, tick_labels
@@ -15,32 +19,64 @@ SMALL, NORMAL, LARGE = 16, 19, 27  # text heights in design pixels
 
 
 @lru_cache(maxsize=32)
-def _font(height: float):
+def _font(height: float) -> Any:
     return ImageFont.load_default(size=height)
 
 
 def text_width(text: str, height: float) -> float:
-    """[px] of a text of that height [px]."""
-    return _font(height).getlength(text)
+    """Width of a text [px].
+
+    Args:
+        text: one line.
+        height: of the text [px].
+    """
+    return float(_font(height).getlength(text))
 
 
-def panel_width(scene: Scene, field) -> float:
-    """Width in design pixels that the panel needs beside the tank."""
+def panel_width(scene: Scene, field: str | None) -> float:
+    """Width that the panel needs beside the tank [design pixels].
+
+    Args:
+        scene: what is drawn.
+        field: name of the field shown, or None.
+    """
     names = [text_width(name, NORMAL) + 42 for name in scene.fluid_names]
     return max([200.0, *names, text_width(field_label(field), NORMAL) if field else 0.0])
 
 
 class Annotator:
-    """Paints on one picture (H, W, 3) uint8."""
+    """Paints text and scales on one picture.
 
-    def __init__(self, image, layout: Layout):
+    Args:
+        image: (H, W, 3) uint8.
+        layout: of the picture.
+    """
+
+    def __init__(self, image: Array, layout: Layout) -> None:
         self.image = Image.fromarray(image)
         self.draw = ImageDraw.Draw(self.image)
         self.layout = layout
         self.unit = layout.unit
 
-    def text(self, at, text, height=NORMAL, colour=colours.TEXT, anchor="lt", limit=None):
-        """One line of text; limit: the most px it may take, beyond which it ends in dots."""
+    def text(
+        self,
+        at: Point,
+        text: str,
+        height: float = NORMAL,
+        colour: str = colours.TEXT,
+        anchor: str = "lt",
+        limit: float | None = None,
+    ) -> None:
+        """Write one line of text.
+
+        Args:
+            at: x and y of the anchor [px].
+            text: to be written; a "^" raises the next character.
+            height: [design pixels].
+            colour: "#rrggbb".
+            anchor: of Pillow.
+            limit: largest width [px]; longer texts are cut and end in dots.
+        """
         font = _font(height * self.unit)
         if limit is not None:
             whole = text
@@ -62,23 +98,23 @@ class Annotator:
             self.draw.text((x, part_y), part, fill=colour, font=part_font, anchor=anchor)
             x += part_font.getlength(part)
 
-    def line(self, points, colour=colours.SUBTLE):
-        """A thin line through points [px]."""
-        self.draw.line([tuple(p) for p in points], fill=colour, width=max(1, round(self.unit)))
+    def line(self, points: Sequence[Point], colour: str = colours.SUBTLE) -> None:
+        """Draw a thin line through points [px] in a ``colour`` "#rrggbb"."""
+        self.draw.line(list(points), fill=colour, width=max(1, round(self.unit)))
 
-    def axes(self):
-        """Ticks and their labels in metres, left of the tank and below it."""
+    def axes(self) -> None:
+        """Draw ticks and their labels in metres, left of the tank and below it."""
         left, top, right, bottom = self.layout.box
         u, lower, upper = self.unit, self.layout.lower, self.layout.upper
         start, length = (WALL_THICKNESS + 3) * u, 6 * u
 
-        across = round_ticks(lower[0], upper[0], _most(right - left, 90 * u))
-        for value, label in zip(across, tick_labels(across), strict=True):
+        horizontal = round_ticks(lower[0], upper[0], _most(right - left, 90 * u))
+        for value, label in zip(horizontal, tick_labels(horizontal), strict=True):
             x = self.layout.pixels([value, lower[1]])[0]
             self.line([(x, bottom + start), (x, bottom + start + length)])
             self.text((x, bottom + start + length + 5 * u), label, SMALL, colours.SUBTLE, "mt")
-        upward = round_ticks(lower[1], upper[1], _most(bottom - top, 60 * u))
-        for value, label in zip(upward, tick_labels(upward), strict=True):
+        vertical = round_ticks(lower[1], upper[1], _most(bottom - top, 60 * u))
+        for value, label in zip(vertical, tick_labels(vertical), strict=True):
             y = self.layout.pixels([lower[0], value])[1]
             self.line([(left - start, y), (left - start - length, y)])
             self.text((left - start - length - 5 * u, y), label, SMALL, colours.SUBTLE, "rm")
@@ -86,21 +122,28 @@ class Annotator:
         self.text(((left + right) / 2, below), "x [m]", SMALL, colours.SUBTLE, "mt")
         self.text((left - start - length - 5 * u, top - 22 * u), "y [m]", SMALL, colours.SUBTLE, "rm")
 
-    def title(self, text):
-        """The title above the tank, cut where the picture ends."""
+    def title(self, text: str) -> None:
+        """Write the title above the tank, cut at the end of the picture."""
         left, top, _, _ = self.layout.box
         room = self.layout.size[0] - left - 20 * self.unit
         self.text((left, top - 44 * self.unit), text, 23, colours.TEXT, "lm", limit=room)
 
-    def panel(self, scene: Scene, fills, field, field_range):
-        """Time, legend and colour bar, stacked beside the tank or in a row below it."""
+    def panel(self, scene: Scene, fills: Array, field: str | None, field_range: Range | None) -> None:
+        """Draw time, legend and colour bar, stacked beside the tank or in a row below it.
+
+        Args:
+            scene: what is drawn.
+            fills: (F, 3) colours of the fluids.
+            field: name of the field shown, or None.
+            field_range: (low, high) of its colours.
+        """
         left, top, right, bottom = self.layout.panel
         u = self.unit
         clock = f"t = {scene.time:.3f} s"
         if self.layout.beside:
             self.text((left, top), clock, LARGE)
             y = top + 58 * u
-            if field is None:
+            if field is None or field_range is None:
                 for name, fill in zip(scene.fluid_names, fills, strict=True):
                     self.swatch((left, y), name, fill, right - left)
                     y += 34 * u
@@ -112,7 +155,7 @@ class Annotator:
         y = top + 20 * u
         self.text((left, y), clock, LARGE)
         x = left + text_width("t = 000.000 s", LARGE * u) + 40 * u
-        if field is None:
+        if field is None or field_range is None:
             for name, fill in zip(scene.fluid_names, fills, strict=True):
                 self.swatch((x, y), name, fill, right - x)
                 x += text_width(name, NORMAL * u) + 72 * u
@@ -123,8 +166,15 @@ class Annotator:
                 x, y = left + 12 * u, y + 42 * u
             self.level_bar((x, y, right - 12 * u, y + 20 * u), field, field_range)
 
-    def swatch(self, at, name, fill, room):
-        """A fluid's colour and its name; `room` [px] is what both may take."""
+    def swatch(self, at: Point, name: str, fill: Array, room: float) -> None:
+        """Draw a fluid's colour and its name.
+
+        Args:
+            at: upper left corner [px].
+            name: of the fluid.
+            fill: (3,) colour.
+            room: largest width of both [px].
+        """
         (x, y), u = at, self.unit
         side = 22 * u
         self.draw.rectangle(
@@ -132,8 +182,16 @@ class Annotator:
         )
         self.text((x + side + 12 * u, y + side / 2), name, NORMAL, anchor="lm", limit=room - side - 12 * u)
 
-    def interface_key(self, at, scene):
-        """What the line over a field means, where there are two fluids; returns the y [px] below it."""
+    def interface_key(self, at: Point, scene: Scene) -> float:
+        """Draw the key of the interface over a field, if there are two fluids.
+
+        Args:
+            at: upper left corner [px].
+            scene: what is drawn.
+
+        Returns:
+            y below it [px].
+        """
         (x, y), u = at, self.unit
         if len(scene.fluid_names) < 2:
             return y
@@ -143,8 +201,14 @@ class Annotator:
         self.text((x + 34 * u, y + 10 * u), "interface", NORMAL, anchor="lm")
         return y + 44 * u
 
-    def upright_bar(self, box, field, field_range):
-        """A colour bar from bottom to top; its pointed ends stand for values beyond the range."""
+    def upright_bar(self, box: Box, field: str, field_range: Range) -> None:
+        """Draw a vertical colour bar; its pointed ends stand for values outside the range.
+
+        Args:
+            box: left, top, right, bottom [px].
+            field: name of the field.
+            field_range: (low, high) of its colours.
+        """
         left, top, right, bottom = box
         table = colours.colour_table(is_signed(field))
         rows = max(2, round(bottom - top))
@@ -155,14 +219,14 @@ class Annotator:
         self._end([(left, top), (middle, top - tip), (right, top)], table[-1])
         if not (field == "speed" and field_range[0] == 0):
             self._end([(left, bottom), (middle, bottom + tip), (right, bottom)], table[0])
-        ticks = round_ticks(*field_range, _most(bottom - top, 56 * self.unit))
+        ticks = round_ticks(field_range[0], field_range[1], _most(bottom - top, 56 * self.unit))
         for value, label in zip(ticks, tick_labels(ticks), strict=True):
             y = bottom - (value - field_range[0]) / (field_range[1] - field_range[0]) * (bottom - top)
             self.line([(right, y), (right + 6 * self.unit, y)])
             self.text((right + 11 * self.unit, y), label, SMALL, anchor="lm")
 
-    def level_bar(self, box, field, field_range):
-        """The same from left to right."""
+    def level_bar(self, box: Box, field: str, field_range: Range) -> None:
+        """Draw a horizontal colour bar; see `upright_bar`."""
         left, top, right, bottom = box
         table = colours.colour_table(is_signed(field))
         columns = max(2, round(right - left))
@@ -172,22 +236,41 @@ class Annotator:
         self._end([(right, top), (right + tip, middle), (right, bottom)], table[-1])
         if not (field == "speed" and field_range[0] == 0):
             self._end([(left, top), (left - tip, middle), (left, bottom)], table[0])
-        ticks = round_ticks(*field_range, _most(right - left, 70 * self.unit))
+        ticks = round_ticks(field_range[0], field_range[1], _most(right - left, 70 * self.unit))
         for value, label in zip(ticks, tick_labels(ticks), strict=True):
             x = left + (value - field_range[0]) / (field_range[1] - field_range[0]) * (right - left)
             self.line([(x, bottom), (x, bottom + 6 * self.unit)])
             self.text((x, bottom + 10 * self.unit), label, SMALL, anchor="mt")
 
-    def _bar(self, shades, box):
+    def _bar(self, shades: Array, box: Box) -> None:
         bar = Image.fromarray(np.rint(shades * 255).astype(np.uint8))
         self.image.paste(bar, (round(box[0]), round(box[1])))
 
-    def _end(self, corners, colour):
+    def _end(self, corners: Sequence[Point], colour: Array) -> None:
         self.draw.polygon([(round(x), round(y)) for x, y in corners], fill=_bytes(colour))
 
 
-def annotate(image, scene: Scene, layout: Layout, fills, field=None, field_range=None) -> np.ndarray:
-    """The picture (H, W, 3) uint8 with all its text."""
+def annotate(
+    image: Array,
+    scene: Scene,
+    layout: Layout,
+    fills: Array,
+    field: str | None = None,
+    field_range: Range | None = None,
+) -> Array:
+    """Add all text and scales to a picture.
+
+    Args:
+        image: (H, W, 3) uint8.
+        scene: what is drawn.
+        layout: of the picture.
+        fills: (F, 3) colours of the fluids.
+        field: name of the field shown, or None.
+        field_range: (low, high) of its colours.
+
+    Returns:
+        (H, W, 3) uint8.
+    """
     annotator = Annotator(image, layout)
     annotator.axes()
     if scene.title:
@@ -196,9 +279,10 @@ def annotate(image, scene: Scene, layout: Layout, fills, field=None, field_range
     return np.asarray(annotator.image)
 
 
-def _most(length, each):
+def _most(length: float, each: float) -> int:
     return max(2, int(length / each) + 1)
 
 
-def _bytes(colour):
-    return tuple(round(255 * float(channel)) for channel in colour)
+def _bytes(colour: ArrayLike) -> tuple[int, int, int]:
+    red, green, blue = (round(255 * float(channel)) for channel in np.asarray(colour))
+    return red, green, blue

@@ -3,6 +3,7 @@
 import argparse
 import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from .animation import animate
@@ -95,8 +96,15 @@ def parser() -> argparse.ArgumentParser:
     return made
 
 
-def main(arguments=None) -> int:
-    """Run the command; returns the exit status: 0, or 2 after an error said in one line on stderr."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command.
+
+    Args:
+        arguments: of the command line; by default those of the process.
+
+    Returns:
+        The exit status: 0, 2 after an error, which is one line on stderr, or 130 after an interrupt.
+    """
     given = parser().parse_args(arguments)
     try:
         if given.strip:
@@ -131,14 +139,14 @@ def main(arguments=None) -> int:
     return 0
 
 
-def _size(text):
+def _size(text: str) -> tuple[int, int]:
     match = re.fullmatch(r"(\d+)[xX](\d+)", text)
     if not match:
         raise argparse.ArgumentTypeError(f"{text!r}: expected WIDTHxHEIGHT in pixels, for example 1280x720")
     return int(match[1]), int(match[2])
 
 
-def _colour(text):
+def _colour(text: str) -> tuple[str, str]:
     name, equals, code = text.partition("=")
     if not (name and equals):
         raise argparse.ArgumentTypeError(f"{text!r}: expected FLUID=#RRGGBB, for example water=#0072b2")

@@ -1,9 +1,12 @@
 """Colours of the fluids and of the fields, as sRGB in [0, 1]."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
+
+from .arrays import Array
 
 BACKGROUND = (1.0, 1.0, 1.0)
 TEXT = "#1f2630"
@@ -36,37 +39,63 @@ BLUE_RED = (
 )
 
 
-def rgb(code: str) -> np.ndarray:
-    """'#rrggbb' -> (3,) in [0, 1]."""
+def rgb(code: str) -> Array:
+    """The colour "#rrggbb" as an array (3,) in [0, 1].
+
+    Args:
+        code: "#rrggbb".
+
+    Raises:
+        ValueError: it is not of that form.
+    """
     if not isinstance(code, str) or not re.fullmatch(r"#[0-9a-fA-F]{6}", code):
         raise ValueError(f"colour {code!r}: expected '#rrggbb', for example '#0072b2'")
     return np.array([int(code[k : k + 2], 16) for k in (1, 3, 5)]) / 255
 
 
-def mix(colour, other, share: float) -> np.ndarray:
-    """`share` of the other colour in the first; both (..., 3)."""
-    return (1 - share) * np.asarray(colour) + share * np.asarray(other)
+def mix(colour: ArrayLike, other: ArrayLike, share: float) -> Array:
+    """Mixture of two colours (..., 3) with a ``share`` of the other one."""
+    return np.asarray((1 - share) * np.asarray(colour) + share * np.asarray(other))
 
 
-def colour_table(signed: bool) -> np.ndarray:
+def colour_table(signed: bool) -> Array:
     """256 colours, (256, 3): viridis, or blue-white-red for a quantity with a sign."""
     points = np.stack([rgb(code) for code in (BLUE_RED if signed else VIRIDIS)])
     at, steps = np.linspace(0, 1, 256), np.linspace(0, 1, len(points))
     return np.stack([np.interp(at, steps, channel) for channel in points.T], axis=1)
 
 
-def map_values(values, low: float, high: float, table) -> np.ndarray:
-    """Colours (N, 3) of values (N,); values outside [low, high] take the colour of the nearer end."""
+def map_values(values: ArrayLike, low: float, high: float, table: Array) -> Array:
+    """Colours of values; those outside [low, high] take the colour of the nearer end.
+
+    Args:
+        values: (...,).
+        low: value of the first colour.
+        high: value of the last colour.
+        table: (K, 3) colours.
+
+    Returns:
+        (..., 3).
+    """
     share = np.clip((np.asarray(values) - low) / (high - low), 0, 1)
-    return table[np.rint(share * (len(table) - 1)).astype(np.int64)]
+    return np.asarray(table[np.rint(share * (len(table) - 1)).astype(np.int64)])
 
 
-def fluid_colours(names, densities=None, chosen: Mapping[str, str] | None = None) -> np.ndarray:
-    """Fill colours (F, 3), one a fluid.
+def fluid_colours(
+    names: Sequence[str], densities: Sequence[float] | None = None, chosen: Mapping[str, str] | None = None
+) -> Array:
+    """Fill colours (F, 3), one per fluid.
 
     Gases are near-white. Among the liquids, the one named water (else the heaviest) is blue; the others
-    take orange, green, ... from heavy to light. `chosen` maps a name to '#rrggbb' and wins.
-    Without densities the last of several fluids is taken as a gas.
+    take orange, green, ... from heavy to light.
+
+    Args:
+        names: of the F fluids.
+        densities: (F,) [kg/m^3]; without them the last of several fluids is taken as a gas.
+        chosen: colours "#rrggbb" by the names of fluids, in place of these.
+
+    Raises:
+        ValueError: a colour is given for a name that is not a fluid, or is not of the form "#rrggbb".
     """
     chosen = dict(chosen or {})
     for name in chosen:
@@ -76,7 +105,8 @@ def fluid_colours(names, densities=None, chosen: Mapping[str, str] | None = None
         densities = [1000.0 - k for k in range(len(names))]
         if len(names) > 1:
             densities[-1] = 1.0
-    by_density = sorted(range(len(names)), key=lambda k: -densities[k])
+    known = densities
+    by_density = sorted(range(len(names)), key=lambda k: -known[k])
     gases = [k for k in by_density if densities[k] < GAS_DENSITY]
     liquids = [k for k in by_density if densities[k] >= GAS_DENSITY]
     liquids.sort(key=lambda k: "water" not in names[k].lower())  # stable: the rest stay heavy to light
@@ -85,26 +115,27 @@ def fluid_colours(names, densities=None, chosen: Mapping[str, str] | None = None
     return np.stack([rgb(chosen.get(name, codes[k])) for k, name in enumerate(names)])
 
 
-def luminance(colour) -> np.ndarray:
-    """Rough lightness (...,) of colours (..., 3)."""
-    return np.asarray(colour) @ np.array([0.2126, 0.7152, 0.0722])
+def luminance(colour: ArrayLike) -> Array:
+    """Approximate lightness (...,) of colours (..., 3)."""
+    return np.asarray(np.asarray(colour) @ np.array([0.2126, 0.7152, 0.0722]))
 
 
-def _pale(fills):
-    return (luminance(fills) > 0.75)[:, None]
+def _pale(fills: ArrayLike) -> Array:
+    return np.asarray((luminance(fills) > 0.75)[:, None])
 
 
-def tone(fills) -> np.ndarray:
+def tone(fills: ArrayLike) -> Array:
     """Colours (F, 3) of fine lines on the fills: darker on pale ones, lighter on dark ones."""
     dark = (luminance(fills) < 0.45)[:, None]
     return np.where(dark, mix(fills, 1.0, 0.38), mix(fills, rgb(WALL), 0.38))
 
 
-def dot_colours_on_field(fills) -> np.ndarray:
+def dot_colours_on_field(fills: ArrayLike) -> Array:
     """Colours (F, 3) of particle dots over a field: pale fluids near-white, the others dark."""
     return np.where(_pale(fills), mix(fills, 1.0, 0.5), 0.45 * np.asarray(fills))
 
 
-def dot_colours(fills) -> np.ndarray:
+def dot_colours(fills: ArrayLike) -> Array:
     """Colours (F, 3) of particle dots: the fill where it is strong, a darker tone of it where it is pale."""
-    return np.where(_pale(fills), np.asarray(fills) * np.array([0.52, 0.64, 0.74]), fills)
+    fills = np.asarray(fills)
+    return np.where(_pale(fills), fills * np.array([0.52, 0.64, 0.74]), fills)

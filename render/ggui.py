@@ -1,4 +1,4 @@
-"""Paint a drawing with Taichi's GGUI on an invisible window; needs a Vulkan driver, no display.
+"""Paint a drawing with Taichi's GGUI in an invisible window; needs a Vulkan driver, but no display.
 
 A process has one window at a time; it is kept between pictures of one size. GGUI has no antialiasing, so
 the window has twice the width and height of the picture.
@@ -8,10 +8,13 @@ import atexit
 import contextlib
 import os
 import tempfile
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from .arrays import Array
 from .runtime import ensure_runtime, ti
 
 SAMPLES = 2  # a side: the window is this many times larger
@@ -27,7 +30,12 @@ def _shrink(
     tall: ti.types.ndarray(dtype=ti.f32, ndim=3),
     image: ti.types.ndarray(dtype=ti.u8, ndim=3),
 ):
-    """Box filter. tall: GGUI's picture, [x, y up, RGBA]; image: (H, W, 3), y down."""
+    """Box filter.
+
+    Args:
+        tall: GGUI's picture, [x, y up, RGBA].
+        image: (H, W, 3), y down, written.
+    """
     for column, row in ti.ndrange(image.shape[1], image.shape[0]):  # along the memory of `tall`
         for k in ti.static(range(3)):
             total = ti.cast(0, ti.f32)
@@ -41,7 +49,7 @@ def _shrink(
 class _Window:
     """The process's one window, and the fields its triangles are read from."""
 
-    def __init__(self, size):
+    def __init__(self, size: tuple[int, int]) -> None:
         self.size = size
         self.program = ensure_runtime()
         with _quiet_driver() as said:
@@ -51,9 +59,9 @@ class _Window:
                 raise DriverError(", ".join([str(error), *said()])) from None
         self.canvas = self.window.get_canvas()
         self.capacity = 0
-        self._tree = None
+        self._tree: Any = None
 
-    def reserve(self, count):
+    def reserve(self, count: int) -> None:
         """Make room for `count` triangles. A new field compiles kernels, so room grows by halves."""
         if count <= self.capacity:
             return
@@ -66,9 +74,10 @@ class _Window:
         builder.dense(ti.i, 3 * self.capacity).place(self.colours)
         self._tree = builder.finalize()
 
-    def destroy(self):
+    def destroy(self) -> None:
+        """Destroy the window and free its memory."""
         if ti.lang.impl.get_runtime().prog is not self.program:
-            return  # Taichi was restarted; its end took the window's memory along
+            return  # Taichi was restarted; its end freed the window's memory
         self.window.destroy()
         if self._tree is not None:
             self._tree.destroy()
@@ -77,7 +86,7 @@ class _Window:
 _open: _Window | None = None
 
 
-def _window(size) -> _Window:
+def _window(size: tuple[int, int]) -> _Window:
     global _open
     if _open is not None and (_open.size != size or _open.program is not ensure_runtime()):
         close_window()
@@ -86,8 +95,8 @@ def _window(size) -> _Window:
     return _open
 
 
-def close_window():
-    """Destroy the window if there is one: left alive, it brings the process down at its end."""
+def close_window() -> None:
+    """Destroy the window if there is one; an open window crashes the process at its end."""
     global _open
     if _open is not None:
         with _no_settings_file():
@@ -99,11 +108,19 @@ atexit.register(close_window)
 
 
 class GGUICanvas:
-    """Paints drawings of one size, in pixels (width, height). Raises DriverError without a driver."""
+    """Paints drawings of one size.
+
+    Args:
+        size: (width, height) [px].
+
+    Raises:
+        DriverError: there is no Vulkan driver.
+        ValueError: the size is too large for GGUI.
+    """
 
     name = "ggui"
 
-    def __init__(self, size):
+    def __init__(self, size: tuple[int, int]) -> None:
         self.size = size
         if max(size) * SAMPLES > _LARGEST:
             raise ValueError(
@@ -113,8 +130,17 @@ class GGUICanvas:
         with _no_settings_file():
             _window((size[0] * SAMPLES, size[1] * SAMPLES))
 
-    def paint(self, vertices, colours, background) -> np.ndarray:
-        """Picture (H, W, 3) uint8 of triangles (T, 3, 2) [px] and their colours (T, 3, 3) in [0, 1]."""
+    def paint(self, vertices: Array, colours: Array, background: Sequence[float]) -> Array:
+        """Paint triangles.
+
+        Args:
+            vertices: (T, 3, 2) [px].
+            colours: (T, 3, 3) of the vertices, in [0, 1].
+            background: (3,) colour in [0, 1].
+
+        Returns:
+            (H, W, 3) uint8.
+        """
         width, height = self.size
         with _no_settings_file():
             window = _window((width * SAMPLES, height * SAMPLES))
@@ -134,14 +160,14 @@ class GGUICanvas:
         _shrink(np.ascontiguousarray(picture), image)
         return image
 
-    def close(self):
+    def close(self) -> None:
         """Destroy the process's window; a later picture opens it again."""
         close_window()
 
 
 @contextlib.contextmanager
-def _no_settings_file():
-    """GGUI leaves imgui.ini in the working directory: take away what it left."""
+def _no_settings_file() -> Iterator[None]:
+    """Remove the imgui.ini that GGUI writes to the working directory."""
     path = Path("imgui.ini").absolute()
     before = path.exists()
     try:
@@ -152,13 +178,13 @@ def _no_settings_file():
 
 
 @contextlib.contextmanager
-def _quiet_driver():
-    """Hold back what the driver prints while it starts; yields a function that returns it as lines."""
+def _quiet_driver() -> Iterator[Callable[[], list[str]]]:
+    """Capture what the driver prints while it starts; yields a function that returns its first lines."""
     with tempfile.TemporaryFile() as held:
         saved = os.dup(2)
         os.dup2(held.fileno(), 2)
 
-        def said():
+        def said() -> list[str]:
             held.seek(0)
             return [line.strip() for line in held.read().decode(errors="replace").splitlines()[:3]]
 

@@ -1,11 +1,10 @@
 """Cut the mesh where fluids meet.
 
-Where every cell has its fluid, nothing is cut: a cell is of one fluid as a whole, and the interface is the
-edges between cells of different fluids. Where the particles carry the fluid, a cell whose particles differ is
-cut at the mid-points of its edges: the single particle keeps the corner triangle (a quarter of the area), the
-other two the quadrilateral. With three fluids the cuts run from the mid-points to the centroid, a third of the
-area each. The line drawn between two colours is thus the interface of the method itself, not a contour
-through it.
+If every cell has a fluid, nothing is cut: the interface consists of the edges between cells of different fluids. If
+the particles carry the fluid, a cell whose particles differ is cut at the mid-points of its edges: the single particle
+keeps the corner triangle (a quarter of the area), the other two the quadrilateral. With three fluids the cuts run from
+the mid-points to the centroid, a third of the area each. The line between two colours is the interface as the method
+represents it, not a contour.
 """
 
 from typing import NamedTuple
@@ -13,19 +12,31 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from .arrays import Array
+
 
 class FluidRegions(NamedTuple):
-    """Triangles (T, 3, 2) [m], the fluid of each (T,), and the interface segments (S, 2, 2) [m]."""
+    """The cells split by fluid.
 
-    triangles: np.ndarray
-    fluid: np.ndarray
-    segments: np.ndarray
+    Attributes:
+        triangles: (T, 3, 2) corners [m].
+        fluid: (T,) fluid of each triangle.
+        segments: (S, 2, 2) ends of the interface segments [m].
+    """
+
+    triangles: Array
+    fluid: Array
+    segments: Array
 
 
-def fluid_regions(position, cells, fluid, cell_fluid=None) -> FluidRegions:
+def fluid_regions(position: Array, cells: Array, fluid: Array, cell_fluid: Array | None = None) -> FluidRegions:
     """Split the cells by fluid.
 
-    position: (N, 2) [m]; cells: (M, 3); fluid: (N,); cell_fluid: (M,) or None.
+    Args:
+        position: (N, 2) [m].
+        cells: (M, 3).
+        fluid: (N,) of the particles.
+        cell_fluid: (M,) of the cells, or None.
     """
     if cell_fluid is not None:
         return FluidRegions(position[cells], cell_fluid, position[_edges_between(cells, cell_fluid)])
@@ -56,47 +67,56 @@ def fluid_regions(position, cells, fluid, cell_fluid=None) -> FluidRegions:
     return FluidRegions(np.concatenate(triangles), np.concatenate(owners), np.concatenate(segments))
 
 
-def mesh_edges(cells) -> tuple[np.ndarray, np.ndarray]:
-    """Every edge once, (E, 2), and whether it lies on the mesh's boundary, (E,) bool."""
+def mesh_edges(cells: Array) -> tuple[Array, Array]:
+    """Every edge of ``cells`` (M, 3) once, (E, 2), and whether it is on the mesh's boundary, (E,) bool."""
     pairs, _, count = _unique_edges(cells)
     return pairs, count == 1
 
 
-def edge_means(cells, corners) -> np.ndarray:
+def edge_means(cells: Array, corners: Array) -> Array:
     """Mean (E, K) on each edge of `mesh_edges`, over the cells that share it, of values at the cells' corners.
 
-    cells: (M, 3); corners: (M, 3, K).
+    Args:
+        cells: (M, 3).
+        corners: (M, 3, K) values.
     """
     _, inverse, count = _unique_edges(cells)
     halves = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]).mean(axis=1)
     total = np.zeros((len(count), corners.shape[2]))
     np.add.at(total, inverse, halves)
-    return total / count[:, None]
+    return np.asarray(total / count[:, None])
 
 
-def particle_fluids(cells, fluid, cell_fluid) -> tuple[np.ndarray, np.ndarray]:
-    """The fluid of each particle by its cells, (N,), and whether it lies between several fluids, (N,) bool.
+def particle_fluids(cells: Array, fluid: Array, cell_fluid: Array) -> tuple[Array, Array]:
+    """The fluid of each particle by its cells, (N,), and whether it is between several fluids, (N,) bool.
 
-    cells: (M, 3); cell_fluid: (M,). A particle between fluids, or in no cell, keeps what `fluid` (N,) says.
+    Args:
+        cells: (M, 3).
+        fluid: (N,) kept for particles between fluids and for particles in no cell.
+        cell_fluid: (M,).
     """
     lowest, highest = _extremes(cells.ravel(), np.repeat(cell_fluid, 3), len(fluid))
     return np.where(lowest == highest, lowest, fluid), lowest < highest
 
 
-def loose_particles(cells, wall) -> tuple[np.ndarray, np.ndarray]:
-    """Masks (N,) of the particles off the walls, and of those of walls, that are in no cell; none without cells.
+def loose_particles(cells: Array, wall: Array) -> tuple[Array, Array]:
+    """Masks (N,) of the particles off the walls, and of wall particles, that are in no cell; none without cells.
 
-    cells: (M, 3); wall: (N,) bool.
+    Args:
+        cells: (M, 3).
+        wall: (N,) mask of the wall particles.
     """
     unused = np.full(len(wall), len(cells) > 0)
     unused[cells] = False
     return unused & ~wall, unused & wall
 
 
-def walls_around(position, wall) -> tuple[np.ndarray, np.ndarray]:
-    """Edges (S, 2) around the particles of the walls, and triangles (T, 3) that fill the space between them.
+def walls_around(position: Array, wall: Array) -> tuple[Array, Array]:
+    """Edges (S, 2) around the wall particles, and triangles (T, 3) that fill the space between them.
 
-    position: (N, 2) [m]; wall: (N,) bool, those that count; without any, there are no edges.
+    Args:
+        position: (N, 2) [m].
+        wall: (N,) mask of the wall particles; with fewer than three there are no edges.
     """
     index = np.flatnonzero(wall)
     if len(index) < 3:
@@ -106,14 +126,14 @@ def walls_around(position, wall) -> tuple[np.ndarray, np.ndarray]:
     return edges, np.stack([np.full(len(around), around[0]), *edges.T], axis=1)
 
 
-def _edges_between(cells, cell_fluid):
+def _edges_between(cells: Array, cell_fluid: Array) -> Array:
     """Edges (S, 2) whose two cells belong to different fluids."""
     pairs, inverse, _ = _unique_edges(cells)
     lowest, highest = _extremes(inverse, np.tile(cell_fluid, 3), len(pairs))
-    return pairs[lowest != highest]
+    return np.asarray(pairs[lowest != highest])
 
 
-def _extremes(index, values, count):
+def _extremes(index: Array, values: Array, count: int) -> tuple[Array, Array]:
     """Lowest and highest of the values of each index, both (count,); without a value, highest is -1."""
     lowest, highest = np.full(count, np.iinfo(np.int64).max), np.full(count, -1)
     np.minimum.at(lowest, index, values)
@@ -121,7 +141,7 @@ def _extremes(index, values, count):
     return lowest, highest
 
 
-def _unique_edges(cells):
+def _unique_edges(cells: Array) -> tuple[Array, Array, Array]:
     halves = np.concatenate([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]])
     halves = np.sort(halves, axis=1)
     base = int(halves.max()) + 1 if len(halves) else 1
@@ -129,5 +149,5 @@ def _unique_edges(cells):
     return np.stack([keys // base, keys % base], axis=1), inverse, count
 
 
-def _stack(*points):
+def _stack(*points: Array) -> Array:
     return np.stack(points, axis=1)

@@ -1,8 +1,12 @@
-"""Where things stand in the picture: the tank, and the margin that carries time, legend and colour bar."""
+"""Layout of a picture: the tank, and a panel with time, legend and colour bar."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
+
+from .arrays import Array, Box
 
 SMALLEST = (320, 240)  # [px] width, height
 LARGEST = 16384
@@ -13,30 +17,35 @@ _NARROW = 900  # [design pixels] below this width a panel below the tank takes t
 
 @dataclass(frozen=True)
 class Layout:
-    """Places in pixels, y down.
+    """Positions in a picture in pixels, y down.
 
-    unit: the size in px of one design pixel of a 1280x720 picture; text and lines scale with it.
-    box: left, top, right, bottom of the framed region `lower` to `upper`.
-    scale: [px/m]. beside: whether the panel stands right of the tank, else below it.
-    panel: left, top, right, bottom of the panel.
+    Attributes:
+        size: (width, height) of the picture [px].
+        unit: size of one design pixel of a 1280x720 picture [px]; text and lines scale with it.
+        lower: (2,) lower corner of the framed region [m].
+        upper: (2,) upper corner of it.
+        scale: [px/m].
+        box: left, top, right, bottom of the framed region [px].
+        beside: whether the panel is to the right of the tank, else below it.
+        panel: left, top, right, bottom of the panel [px].
     """
 
     size: tuple[int, int]
     unit: float
-    lower: np.ndarray
-    upper: np.ndarray
+    lower: Array
+    upper: Array
     scale: float
-    box: tuple[float, float, float, float]
+    box: Box
     beside: bool
-    panel: tuple[float, float, float, float]
+    panel: Box
 
     @property
     def narrow(self) -> bool:
         """Whether a panel below the tank takes two rows."""
         return self.size[0] < _NARROW * self.unit
 
-    def pixels(self, points) -> np.ndarray:
-        """Points (..., 2) [m] -> (..., 2) [px]."""
+    def pixels(self, points: ArrayLike) -> Array:
+        """Points (..., 2) [m] in the picture, (..., 2) [px]."""
         points = np.asarray(points, np.float64)
         left, _, _, bottom = self.box
         x = left + (points[..., 0] - self.lower[0]) * self.scale
@@ -44,8 +53,15 @@ class Layout:
         return np.stack([x, y], axis=-1)
 
 
-def check_size(size) -> tuple[int, int]:
-    """The size (width, height) [px] as integers, or ValueError."""
+def check_size(size: Sequence[int]) -> tuple[int, int]:
+    """The size (width, height) as integers.
+
+    Args:
+        size: (width, height) [px].
+
+    Raises:
+        ValueError: these are not two even numbers in the range supported.
+    """
     try:
         width, height = (int(n) for n in size)
         if (width, height) != tuple(size):
@@ -61,10 +77,15 @@ def check_size(size) -> tuple[int, int]:
     return width, height
 
 
-def make_layout(size, lower, upper, title: bool, panel_width: float) -> Layout:
-    """Place the tank as large as it can be, with the panel beside it or below it.
+def make_layout(size: tuple[int, int], lower: ArrayLike, upper: ArrayLike, title: bool, panel_width: float) -> Layout:
+    """Make the tank as large as possible, with the panel beside it or below it.
 
-    title: whether a title stands above; panel_width: what the panel needs when beside, in design pixels.
+    Args:
+        size: (width, height) of the picture [px].
+        lower: (2,) lower corner of the framed region [m].
+        upper: (2,) upper corner of it.
+        title: whether there is a title above the tank.
+        panel_width: width that the panel needs beside the tank [design pixels].
     """
     width, height = size
     unit = max(SMALLEST_UNIT, min((width * height / (1280 * 720)) ** 0.5, width / 480, height / 360))
@@ -96,4 +117,4 @@ def make_layout(size, lower, upper, title: bool, panel_width: float) -> Layout:
     # Whole pixels: the tank's straight walls then fall between pixel rows and stay crisp.
     left, bottom = round(left), round(top + tank[1])
     box = (left, bottom - tank[1], left + tank[0], bottom)
-    return Layout(tuple(size), unit, np.asarray(lower), np.asarray(upper), float(scale), box, beside, panel)
+    return Layout(size, unit, np.asarray(lower), np.asarray(upper), float(scale), box, beside, panel)

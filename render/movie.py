@@ -1,15 +1,19 @@
 """Encode frames as a movie: .mp4 (H.264), .gif or .webp, with the ffmpeg that imageio-ffmpeg brings."""
 
 import contextlib
+from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import imageio_ffmpeg
 import numpy as np
 from PIL import Image
 
+from .arrays import Array
+
 # Players take untagged colours for one of two standards, by size: convert to BT.709 and say so.
 _BT709 = ["-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709", "-color_range", "tv"]
-_CODECS = {
+_CODECS: dict[str, dict[str, Any]] = {
     ".mp4": dict(
         codec="libx264",
         pix_fmt_out="yuv420p",
@@ -48,8 +52,15 @@ class MovieError(OSError):
     """A movie that could not be written whole."""
 
 
-def check_movie_name(name) -> str:
-    """The name of a movie file if its ending is a known one, or ValueError."""
+def check_movie_name(name: str | PathLike[str]) -> str:
+    """The name of a movie file.
+
+    Args:
+        name: without folders, with a known suffix.
+
+    Raises:
+        ValueError: it has folders or another suffix.
+    """
     name = str(name)
     if Path(name).name != name:
         raise ValueError(f"movie {name!r}: expected a file name without folders")
@@ -59,15 +70,21 @@ def check_movie_name(name) -> str:
 
 
 class MovieWriter:
-    """Writes frames (H, W, 3) uint8 to a temporary file beside `path`; `finish()` checks and renames it."""
+    """Writes frames to a temporary file beside a path; `finish` checks and renames it.
 
-    def __init__(self, path, size, frame_rate: float):
+    Args:
+        path: of the movie; its suffix chooses the format.
+        size: (width, height) of the frames [px].
+        frame_rate: [1/s].
+    """
+
+    def __init__(self, path: str | PathLike[str], size: tuple[int, int], frame_rate: float) -> None:
         self.path = Path(path)
         suffix = self.path.suffix.lower()
         self.part = self.path.with_name(f".{self.path.stem}.part{suffix}")
         self.count = 0
-        self.size = tuple(size)
-        # quality=None: the parameters above say it.
+        self.size = size
+        # quality=None: the parameters above set it.
         self._pipe = imageio_ffmpeg.write_frames(
             str(self.part),
             self.size,
@@ -79,8 +96,15 @@ class MovieWriter:
         )
         self._pipe.send(None)
 
-    def append(self, image: np.ndarray):
-        """Add one frame."""
+    def append(self, image: Array) -> None:
+        """Add one frame.
+
+        Args:
+            image: (H, W, 3) uint8.
+
+        Raises:
+            MovieError: it cannot be written.
+        """
         try:
             self._pipe.send(np.ascontiguousarray(image))
         except OSError as error:
@@ -92,10 +116,14 @@ class MovieWriter:
         self.count += 1
 
     def finish(self) -> Path:
-        """Close, check that every frame is in the file, and give it its name."""
+        """Close the file, check that it has every frame, and give it its name.
+
+        Raises:
+            MovieError: frames are missing.
+        """
         self._pipe.close()
         try:
-            # The encoder says nothing when the disk is full: count what can be read back.
+            # The encoder reports no error when the disk is full: count the frames that can be read back.
             found = _count_frames(self.part)
             if found != self.count:
                 raise MovieError(f"{self.path}: {found} of {self.count} frames can be read back; is the disk full?")
@@ -105,22 +133,22 @@ class MovieWriter:
             raise
         return self.path
 
-    def discard(self):
+    def discard(self) -> None:
         """Stop and remove the unfinished file."""
         with contextlib.suppress(OSError, RuntimeError):
             self._pipe.close()
         self.part.unlink(missing_ok=True)
 
 
-def _count_frames(path):
+def _count_frames(path: Path) -> int:
     if not path.is_file() or path.stat().st_size == 0:
         return 0
     try:
         if path.suffix.lower() == ".mp4":
             return imageio_ffmpeg.count_frames_and_secs(str(path))[0] or 0
         with Image.open(path) as image:
-            image.seek(image.n_frames - 1)
+            image.seek(getattr(image, "n_frames", 1) - 1)
             image.load()
-            return image.n_frames
+            return int(getattr(image, "n_frames", 1))
     except (RuntimeError, OSError, EOFError, ValueError):
         return 0

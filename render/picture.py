@@ -1,8 +1,9 @@
-"""From a scene to the drawing of its tank: walls, fluids or a field, mesh, particles, interface."""
+"""Drawing of a scene's tank: walls, fluids or a field, mesh, particles, interface."""
 
 import numpy as np
 
 from . import colours
+from .arrays import Array
 from .drawing import Drawing
 from .interface import edge_means, fluid_regions, loose_particles, mesh_edges, particle_fluids, walls_around
 from .layout import Layout
@@ -18,17 +19,23 @@ MESH_WIDTH = 0.8
 def draw_scene(
     scene: Scene,
     layout: Layout,
-    fills: np.ndarray,
+    fills: Array,
     *,
     field: str | None = None,
-    field_range: tuple[float, float] = (0.0, 1.0),
+    field_range: tuple[float, float] | None = None,
     mesh: bool = False,
     particles: bool = False,
 ) -> Drawing:
     """Drawing of one scene.
 
-    fills: (F, 3) colours of the fluids; field: a name in `scene.fields`, or None to show the fluids;
-    field_range: (low, high) of the colours, needed with a field.
+    Args:
+        scene: what is drawn.
+        layout: of the picture.
+        fills: (F, 3) colours of the fluids.
+        field: a name in `scene.fields`, or None to show the fluids.
+        field_range: (low, high) of the colours, used with a field.
+        mesh: draw the edges of the cells.
+        particles: draw the particles as dots.
     """
     assert scene.wall is not None, "a Scene fills in what was left out"
     assert scene.spacing is not None, "a Scene fills in what was left out"
@@ -41,7 +48,7 @@ def draw_scene(
     # Walls are stroked on both sides of the mesh's boundary; the fluids painted next hide the inner half.
     hull = edges[on_boundary & scene.wall[edges].all(axis=1)]
     thick = WALL_THICKNESS * unit
-    # Where there is no fluid at a wall, the emptiness is painted like one.
+    # Dry walls are drawn around the empty space between them.
     spray, dry = loose_particles(scene.cells, scene.wall)
     box, inside = walls_around(scene.position, scene.wall & dry.any())
     drawing.lines(pixels[np.concatenate([hull, box])], 2 * thick, colours.rgb(colours.WALL), cap=thick)
@@ -53,16 +60,17 @@ def draw_scene(
         tones = colours.tone(shown)[_corner_fluids(scene)]
         dots = colours.dot_colours(fills)
     else:
+        low, high = (0.0, 1.0) if field_range is None else field_range
         table = colours.colour_table(is_signed(field))
-        at_corners = colours.map_values(scene.corner_values(field), *field_range, table)
+        at_corners = colours.map_values(scene.corner_values(field), low, high, table)
         drawing.triangles(pixels[scene.cells], at_corners)
         tones = 0.6 * at_corners
         dots = colours.dot_colours_on_field(fills)
 
-    # A particle in no cell is a drop, about as large as what it carries.
+    # A particle in no cell is drawn as a drop of about the volume that it carries.
     drop, tints = SPRAY_RADIUS * scene.spacing * layout.scale, fills[scene.fluid[spray]]
     if field is not None:
-        tints = colours.map_values(scene.field_values(field)[spray], *field_range, table)
+        tints = colours.map_values(scene.field_values(field)[spray], low, high, table)
     drawing.dots(pixels[spray], max(drop, 0.9 * unit), tints)
 
     if mesh:
@@ -80,19 +88,19 @@ def draw_scene(
     interface = layout.pixels(regions.segments)
     light, dark = colours.rgb(colours.HALO), colours.rgb(colours.INTERFACE)
     if field is not None:
-        # A light line under the dark one: it stays visible on every colour of the table.
+        # A light line under the dark one, so that it is visible on every colour of the table.
         drawing.lines(interface, HALO_WIDTH * unit, light, cap=0.5 * unit)
         drawing.dots(beads, radius + (HALO_WIDTH - INTERFACE_WIDTH) / 2 * unit, np.tile(light, (len(beads), 1)))
     drawing.lines(interface, INTERFACE_WIDTH * unit, dark, cap=0.3 * unit)
-    # Particles on the interface are of both fluids: they have its colour.
+    # Particles on the interface belong to both fluids and have its colour.
     drawing.dots(beads, radius, np.tile(dark, (len(beads), 1)))
     return drawing
 
 
-def _corner_fluids(scene):
+def _corner_fluids(scene: Scene) -> Array:
     """The fluid at the corners of each cell, (M, 3): the cell's, else the particles'."""
     if scene.cell_fluid is None:
-        return scene.fluid[scene.cells]
+        return np.asarray(scene.fluid[scene.cells])
     return np.repeat(scene.cell_fluid[:, None], 3, axis=1)
 
 

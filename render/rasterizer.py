@@ -1,12 +1,16 @@
-"""Paint a drawing with Taichi kernels: no graphics driver needed.
+"""Paint a drawing with Taichi kernels, without a graphics driver.
 
 Vertices snap to a grid of 1/256 sample, as on graphics hardware, so that the edge functions are exact
 integers and neighbouring triangles leave no gap. Every sample keeps the highest index of the triangles
 that cover it, which is painter's order whatever the order of the threads.
 """
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
+from .arrays import Array
 from .runtime import ensure_runtime, ti
 
 SAMPLES = 2  # a side: 2x2 samples a pixel
@@ -29,7 +33,12 @@ def _edge(ax: ti.i64, ay: ti.i64, bx: ti.i64, by: ti.i64, x: ti.i64, y: ti.i64) 
 
 @ti.kernel
 def _cover(corners: ti.types.ndarray(dtype=ti.i32, ndim=2), owner: ti.types.ndarray(dtype=ti.i32, ndim=2)):
-    """corners: (T, 6) x0 y0 x1 y1 x2 y2 on the sub-sample grid; owner: (rows, columns) of samples."""
+    """Write the number of the last triangle that covers each sample.
+
+    Args:
+        corners: (T, 6) x0 y0 x1 y1 x2 y2 on the sub-sample grid.
+        owner: (rows, columns) of samples, -1 at first.
+    """
     for t in range(corners.shape[0]):
         ax, ay = ti.i64(corners[t, 0]), ti.i64(corners[t, 1])
         bx, by = ti.i64(corners[t, 2]), ti.i64(corners[t, 3])
@@ -92,7 +101,17 @@ def _resolve(
     blue: ti.f32,
     image: ti.types.ndarray(dtype=ti.u8, ndim=3),
 ):
-    """Mean colour of the samples of every pixel. vertices, colours: (T, 3, 2) [px], (T, 3, 3)."""
+    """Mean colour of the samples of every pixel.
+
+    Args:
+        vertices: (T, 3, 2) [px].
+        colours: (T, 3, 3) of the vertices.
+        owner: (rows, columns) triangle of each sample, -1 for the background.
+        red: of the background.
+        green: of the background.
+        blue: of the background.
+        image: (H, W, 3), written.
+    """
     for row, column in ti.ndrange(image.shape[0], image.shape[1]):
         total = ti.Vector([ti.cast(0, ti.f32), ti.cast(0, ti.f32), ti.cast(0, ti.f32)])
         for j, i in ti.static(ti.ndrange(SAMPLES, SAMPLES)):
@@ -109,24 +128,37 @@ def _resolve(
 
 
 class Rasterizer:
-    """Paints drawings of one size, in pixels (width, height)."""
+    """Paints drawings of one size.
+
+    Args:
+        size: (width, height) [px].
+    """
 
     name = "raster"
 
-    def __init__(self, size):
+    def __init__(self, size: tuple[int, int]) -> None:
         self.size = size
-        self._owner = None
-        self._program = None
+        self._owner: Any = None
+        self._program: Any = None
 
-    def paint(self, vertices, colours, background) -> np.ndarray:
-        """Picture (H, W, 3) uint8 of triangles (T, 3, 2) [px] and their colours (T, 3, 3) in [0, 1]."""
+    def paint(self, vertices: Array, colours: Array, background: Sequence[float]) -> Array:
+        """Paint triangles.
+
+        Args:
+            vertices: (T, 3, 2) [px].
+            colours: (T, 3, 3) of the vertices, in [0, 1].
+            background: (3,) colour in [0, 1].
+
+        Returns:
+            (H, W, 3) uint8.
+        """
         width, height = self.size
         program = ensure_runtime()
         if self._program is not program:
             self._owner = ti.ndarray(ti.i32, shape=(height * SAMPLES, width * SAMPLES))
             self._program = program
         _clear(self._owner)
-        if len(vertices) == 0:  # Taichi takes no empty array; this triangle has no area
+        if len(vertices) == 0:  # Taichi does not accept empty arrays; this triangle has no area
             vertices, colours = np.zeros((1, 3, 2), np.float32), np.zeros((1, 3, 3), np.float32)
         snapped = np.clip(vertices * np.float32(SAMPLES), -_FARTHEST, _FARTHEST) * np.float32(_SUBGRID)
         _cover(np.rint(snapped).astype(np.int32).reshape(-1, 6), self._owner)
@@ -136,6 +168,6 @@ class Rasterizer:
         )
         return image
 
-    def close(self):
+    def close(self) -> None:
         """Free the sample buffer."""
         self._owner = self._program = None

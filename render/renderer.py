@@ -1,12 +1,12 @@
 """Draw scenes as pictures, with either back end."""
 
 import sys
-from collections.abc import Mapping
-
-import numpy as np
+from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 from . import colours
 from .annotation import annotate, panel_width
+from .arrays import Array, Range
 from .ggui import DriverError, GGUICanvas
 from .layout import Layout, check_size, make_layout
 from .picture import draw_scene
@@ -14,21 +14,43 @@ from .rasterizer import Rasterizer
 from .scales import check_range, field_limits
 from .scene import Scene
 
+
+class Canvas(Protocol):
+    """A back end that paints drawings of one size."""
+
+    name: str
+
+    def paint(self, vertices: Array, colours: Array, background: Sequence[float]) -> Array:
+        """Picture (H, W, 3) uint8 of triangles (T, 3, 2) [px] with the colours (T, 3, 3) of their vertices."""
+
+    def close(self) -> None:
+        """Free the window or buffers."""
+
+
 BACKENDS = ("auto", "ggui", "raster")
 _told = False
 
 
 class Renderer:
-    """Draws many scenes at one size, with buffers used again. Use as a context manager, or `close()` it.
+    """Draws many scenes at one size and reuses its buffers. Use it as a context manager, or call `close`.
 
-    size: (width, height) [px], even numbers. backend: "ggui" (offscreen, needs a Vulkan driver), "raster"
-    (Taichi kernels alone), or "auto": GGUI, and without a driver the rasteriser, said in a line on stderr.
-    fluid_colours: name of a fluid -> '#rrggbb', for those that shall not have their default colour.
+    Args:
+        size: (width, height) [px], even numbers.
+        backend: "ggui" (offscreen, needs a Vulkan driver), "raster" (Taichi kernels only), or "auto": GGUI, and
+            without a driver the rasteriser, with a line on stderr.
+        fluid_colours: colours "#rrggbb" by the names of fluids, in place of the default colours.
 
-    Raises ValueError on a bad argument, RuntimeError where "ggui" is asked for and there is no driver.
+    Raises:
+        ValueError: an argument is invalid.
+        RuntimeError: the back end is "ggui" and there is no driver.
     """
 
-    def __init__(self, size=(1280, 720), backend="auto", fluid_colours: Mapping[str, str] | None = None):
+    def __init__(
+        self,
+        size: tuple[int, int] = (1280, 720),
+        backend: str = "auto",
+        fluid_colours: Mapping[str, str] | None = None,
+    ) -> None:
         self.size = check_size(size)
         self.fluid_colours = dict(fluid_colours or {})
         self._canvas = _canvas(self.size, backend)
@@ -38,55 +60,89 @@ class Renderer:
         """The back end in use: "ggui" or "raster"."""
         return self._canvas.name
 
-    def frame(self, scene: Scene, field=None, field_range=None, mesh=False, particles=False) -> np.ndarray:
-        """A picture of the scene, (H, W, 3) uint8; arguments as in `render_frame`."""
+    def frame(
+        self,
+        scene: Scene,
+        field: str | None = None,
+        field_range: Range | None = None,
+        mesh: bool = False,
+        particles: bool = False,
+    ) -> Array:
+        """A picture of a scene, (H, W, 3) uint8.
+
+        Args:
+            scene: what is drawn.
+            field: name of a field in `scene.fields` to colour by; None shows the fluids.
+            field_range: (low, high) of the colours in the field's SI unit; None takes them from the scene.
+            mesh: draw the edges of the cells.
+            particles: draw the particles as dots.
+
+        Raises:
+            ValueError: there is no such field, or the range is invalid.
+        """
         if field is not None:
             scene.field_values(field)
             field_range = field_limits([scene], field) if field_range is None else check_range(field_range)
         fills = colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours)
+        assert scene.lower is not None, "a Scene fills in what was left out"
+        assert scene.upper is not None, "a Scene fills in what was left out"
         layout = make_layout(self.size, scene.lower, scene.upper, bool(scene.title), panel_width(scene, field))
         drawing = draw_scene(scene, layout, fills, field=field, field_range=field_range, mesh=mesh, particles=particles)
         image = self._canvas.paint(*drawing.arrays(), colours.BACKGROUND)
         return annotate(image, scene, layout, fills, field, field_range)
 
-    def tank(self, scene: Scene, layout: Layout) -> np.ndarray:
-        """The fluids in their tank alone, without any text, (H, W, 3) uint8; the layout is of this renderer's size."""
+    def tank(self, scene: Scene, layout: Layout) -> Array:
+        """A picture of the fluids in their tank without text, (H, W, 3) uint8.
+
+        Args:
+            scene: what is drawn.
+            layout: of this renderer's size.
+        """
         fills = colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours)
         return self._canvas.paint(*draw_scene(scene, layout, fills).arrays(), colours.BACKGROUND)
 
-    def close(self):
+    def close(self) -> None:
         """Free the back end's window or buffers; a later frame opens them again."""
         self._canvas.close()
 
-    def __enter__(self):
+    def __enter__(self) -> "Renderer":
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
 def render_frame(
     scene: Scene,
-    size=(1280, 720),
-    field=None,
-    field_range=None,
-    mesh=False,
-    particles=False,
-    backend="auto",
+    size: tuple[int, int] = (1280, 720),
+    field: str | None = None,
+    field_range: Range | None = None,
+    mesh: bool = False,
+    particles: bool = False,
+    backend: str = "auto",
     fluid_colours: Mapping[str, str] | None = None,
-) -> np.ndarray:
+) -> Array:
     """One picture of a scene, (H, W, 3) uint8.
 
-    field: name of a field in `scene.fields` to colour by; None shows the fluids.
-    field_range: (low, high) of the colours in the field's SI unit; None takes them from the scene.
-    mesh, particles: draw the edges of the cells, and the particles as dots.
-    size, backend, fluid_colours: as in `Renderer`.
+    Args:
+        scene: what is drawn.
+        size: (width, height) [px], even numbers.
+        field: name of a field in `scene.fields` to colour by; None shows the fluids.
+        field_range: (low, high) of the colours in the field's SI unit; None takes them from the scene.
+        mesh: draw the edges of the cells.
+        particles: draw the particles as dots.
+        backend: "ggui", "raster" or "auto", see `Renderer`.
+        fluid_colours: colours "#rrggbb" by the names of fluids.
+
+    Raises:
+        ValueError: an argument is invalid.
+        RuntimeError: the back end is "ggui" and there is no driver.
     """
     with Renderer(size, backend, fluid_colours) as renderer:
         return renderer.frame(scene, field, field_range, mesh, particles)
 
 
-def _canvas(size, backend):
+def _canvas(size: tuple[int, int], backend: str) -> Canvas:
     global _told
     if backend not in BACKENDS:
         raise ValueError(f"backend {backend!r}: expected one of {', '.join(BACKENDS)}")

@@ -4,11 +4,15 @@ import contextlib
 import io
 import json
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
+from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import meshio
 import numpy as np
 
+from .arrays import Array
 from .scene import Scene
 
 FORMAT = 1
@@ -21,12 +25,28 @@ class ResultsError(ValueError):
 class Results:
     """The stored times of a results folder, in order of time.
 
-    `len(results)` is the number of stored times, `results.times` are these times [s], and
-    `results.scene(i)` reads one of them. Files listed in fields.pvd when the object is made are seen;
-    a run still under way may add more.
+    `len(results)` is the number of stored times, and `results.scene(i)` reads one of them. fields.pvd is read when
+    the object is made; a run that is still under way may add more times.
+
+    Args:
+        out: results folder.
+
+    Attributes:
+        folder: its path.
+        times: stored times [s].
+        files: their VTU files.
+        fluid_names: names of the F fluids.
+        fluid_densities: (F,) [kg/m^3].
+        lower: (2,) lower corner of the domain [m].
+        upper: (2,) upper corner of the domain [m].
+        spacing: of the particles [m].
+        title: of the case.
+
+    Raises:
+        ResultsError: the folder cannot be read.
     """
 
-    def __init__(self, out):
+    def __init__(self, out: str | PathLike[str]) -> None:
         self.folder = Path(out)
         if not self.folder.is_dir():
             raise ResultsError(f"results folder {self.folder}: there is no such folder")
@@ -55,11 +75,19 @@ class Results:
         self.title = str(case.get("title") or "")
         self.times, self.files = self._read_collection()
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.times)
 
     def scene(self, i: int) -> Scene:
-        """Read stored time i; negative i count from the last. Raises ResultsError on a bad file."""
+        """Read one of the stored times.
+
+        Args:
+            i: its number; negative numbers count from the last.
+
+        Raises:
+            IndexError: there is no such time.
+            ResultsError: its file cannot be read.
+        """
         if not -len(self) <= i < len(self):
             raise IndexError(f"stored time {i}: there are {len(self)}, numbered from 0")
         path = self.files[i]
@@ -69,11 +97,12 @@ class Results:
             raise ResultsError(f"{path}: point data 'fluid' is missing; there are: {', '.join(sorted(data))}")
         blocks = [k for k, block in enumerate(mesh.cells) if block.type == "triangle"]
         cells = [mesh.cells[k].data for k in blocks]
-        cell_fluid, cell_fields = None, {}
+        cell_fluid: Array | None = None
+        cell_fields: dict[str, Array] = {}
         if "fluid" in mesh.cell_data and blocks:
             owners = [np.ravel(mesh.cell_data["fluid"][k]) for k in blocks]
             cell_fluid = np.concatenate(owners).astype(np.int64)
-            if "density" in data:  # that of a particle on an interface holds on one side only
+            if "density" in data:  # the value of a particle on an interface is that of one side
                 cell_fields["density"] = np.take(self.fluid_densities, cell_fluid, mode="clip")
         try:
             return Scene(
@@ -95,7 +124,7 @@ class Results:
         except ValueError as error:
             raise ResultsError(f"{path}: {error}") from None
 
-    def _read_case(self):
+    def _read_case(self) -> dict[str, Any]:
         path = self.folder / "case.json"
         if not path.is_file():
             raise ResultsError(f"{path}: there is no such file; is {self.folder} a results folder?")
@@ -107,7 +136,7 @@ class Results:
             raise ResultsError(f"{path}: expected a JSON object, got {type(case).__name__}")
         return case
 
-    def _read_collection(self):
+    def _read_collection(self) -> tuple[list[float], list[Path]]:
         path = self.folder / "fields.pvd"
         if not path.is_file():
             raise ResultsError(f"{path}: there is no such file; no time has been written yet")
@@ -121,8 +150,8 @@ class Results:
         return [time for time, _ in listed], [self.folder / name for _, name in listed]
 
 
-def _scalar_fields(data):
-    """Every quantity that can be drawn, name -> (N,): the scalars, the speed, the velocity's components."""
+def _scalar_fields(data: Mapping[str, Array]) -> dict[str, Array]:
+    """All quantities (N,) that can be drawn, by name: the scalars, the speed, the velocity's components."""
     fields = {}
     for name, values in data.items():
         if name == "velocity":
@@ -133,7 +162,7 @@ def _scalar_fields(data):
     return fields
 
 
-def _read_vtu(path):
+def _read_vtu(path: Path) -> meshio.Mesh:
     if not path.is_file():
         raise ResultsError(f"{path}: listed in fields.pvd, but there is no such file")
     said = io.StringIO()

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import tempfile
+from typing import Any
 
 # Both are read when Taichi is imported: no banner, and a writable place for its cache, without which
 # it ends the process.
@@ -13,11 +14,14 @@ if "XDG_CACHE_HOME" not in os.environ and not (_home and os.access(_home, os.W_O
 
 import taichi as ti  # noqa: E402  (the environment must be set before)
 
+__all__ = ["ensure_runtime", "ti"]
 
-def ensure_runtime():
-    """Start Taichi on the CPU if no runtime is up; a running one, a solver's perhaps, is used as it is.
 
-    Returns the running program: whoever keeps device memory compares it, since a restart frees that memory.
+def ensure_runtime() -> Any:
+    """Start Taichi on the CPU unless it runs already, for a solver perhaps.
+
+    Returns:
+        The running program. A restart of Taichi makes another one and frees all device memory.
     """
     if ti.lang.impl.get_runtime().prog is None:
         with contextlib.redirect_stdout(None):  # "Starting on arch" is a bare print

@@ -4,7 +4,9 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from .arrays import Array, Range
 from .picture import is_signed
 from .scene import Scene
 
@@ -18,22 +20,28 @@ LABELS = {
 
 
 def field_label(field: str) -> str:
-    """'pressure' -> 'pressure [Pa]'; a field without known units keeps its name."""
+    """The name of a field with its unit, such as "pressure [Pa]"; only the name if the unit is unknown."""
     name, unit = LABELS.get(field, (field.replace("_", " "), ""))
     return f"{name} [{unit}]" if unit else name
 
 
-def round_ticks(low: float, high: float, most: int) -> np.ndarray:
-    """At most `most` round numbers in [low, high], in steps of 1, 2 or 5 times a power of ten."""
+def round_ticks(low: float, high: float, most: int) -> Array:
+    """Round numbers in a range, in steps of 1, 2 or 5 times a power of ten.
+
+    Args:
+        low: end of the range.
+        high: end of the range.
+        most: largest number of ticks.
+    """
     step = _round_step((high - low) / max(most - 1, 1))
     while math.floor(high / step + 1e-9) - math.ceil(low / step - 1e-9) + 1 > most:
         step = _round_step(step * 1.01)
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    return np.arange(first, last + 1) * step
+    return np.asarray(np.arange(first, last + 1) * step)
 
 
-def tick_labels(ticks) -> list[str]:
-    """One label a tick, all with as many decimals as their step needs."""
+def tick_labels(ticks: ArrayLike) -> list[str]:
+    """One label per tick, all with as many decimals as their step needs."""
     ticks = np.asarray(ticks)
     step = ticks[1] - ticks[0] if len(ticks) > 1 else abs(ticks[0]) if len(ticks) else 1.0
     largest = np.abs(ticks).max(initial=0.0)
@@ -43,11 +51,15 @@ def tick_labels(ticks) -> list[str]:
     return [f"{round(float(value), decimals) + 0.0:.{decimals}f}" for value in ticks]
 
 
-def field_limits(scenes: Iterable[Scene], field: str) -> tuple[float, float]:
+def field_limits(scenes: Iterable[Scene], field: str) -> Range:
     """A round range (low, high) for a field over scenes.
 
-    The 0.5 % at either end are left out, so that a few extreme particles do not take all the colours;
+    The 0.5 % at either end are left out, so that a few extreme particles do not determine the colours;
     a signed quantity gets a range symmetric about zero, and a speed starts at zero.
+
+    Args:
+        scenes: with the field.
+        field: its name.
     """
     low, high = np.inf, -np.inf
     for scene in scenes:
@@ -65,8 +77,15 @@ def field_limits(scenes: Iterable[Scene], field: str) -> tuple[float, float]:
     return math.floor(low / step + 1e-9) * step, math.ceil(high / step - 1e-9) * step
 
 
-def check_range(field_range) -> tuple[float, float]:
-    """The range as two numbers, or ValueError."""
+def check_range(field_range: Iterable[float]) -> Range:
+    """The range as two numbers.
+
+    Args:
+        field_range: low and high.
+
+    Raises:
+        ValueError: these are not two finite numbers, low below high.
+    """
     try:
         low, high = (float(value) for value in field_range)
     except (TypeError, ValueError):
@@ -76,7 +95,7 @@ def check_range(field_range) -> tuple[float, float]:
     return low, high
 
 
-def _round_step(value):
+def _round_step(value: float) -> float:
     """The smallest of 1, 2, 5 times a power of ten that is not below the value."""
     power = 10.0 ** math.floor(math.log10(value))
     return next(step * power for step in (1, 2, 5, 10) if step * power >= value * (1 - 1e-9))

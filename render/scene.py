@@ -2,51 +2,58 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
+
+from .arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
     """One time of a two-dimensional multi-fluid flow, in SI units.
 
-    position: particle positions [m], shape (N, 2).
-    cells: triangles as particle indices, shape (M, 3); M may be 0.
-    fluid: the fluid of each particle, an index into `fluid_names`, shape (N,).
-    wall: 1 on wall particles, 0 elsewhere, shape (N,). Default: no walls.
-    fields: name -> values at the particles, shape (N,).
-    cell_fields: name -> values of the cells, shape (M,), for those of `fields` that jump from cell to cell.
-        They colour the cells in place of the particles' values.
-    time: [s].
-    fluid_names: one name a fluid.
-    fluid_densities: one density a fluid [kg/m^3]; it only chooses the colours.
-        Default: the fluids are taken as listed from heavy to light.
-    lower, upper: corners of the box that is framed [m], shape (2,). Default: the particles' bounding box.
-    cell_fluid: the fluid of each cell, shape (M,). Where given, interfaces follow cell edges, and the
-        particles on them belong to both sides; otherwise a cell whose particles carry different fluids
-        is cut at the mid-points of its edges.
-    spacing: mean particle spacing [m]; it only sizes the dots. Default: from the area a particle has.
-    title: a line above the picture.
+    Attributes:
+        position: (N, 2) particle positions [m].
+        cells: (M, 3) triangles as particle indices; M may be 0.
+        fluid: (N,) fluid of each particle, an index into ``fluid_names``.
+        wall: (N,) 1 on wall particles, 0 elsewhere; by default no walls.
+        fields: values (N,) at the particles, by name.
+        cell_fields: values (M,) of the cells, by name, for the fields that jump from cell to cell.
+            They colour the cells in place of the particles' values.
+        time: [s].
+        fluid_names: one name per fluid.
+        fluid_densities: one density per fluid [kg/m^3], which chooses the colours. By default the fluids are
+            ordered from heavy to light.
+        lower: (2,) lower corner of the box that is framed [m]; by default that of the particles' bounding box.
+        upper: (2,) upper corner of it.
+        cell_fluid: (M,) fluid of each cell. If given, interfaces follow cell edges, and the
+            particles on them belong to both sides; otherwise a cell whose particles carry different fluids
+            is cut at the mid-points of its edges.
+        spacing: mean particle spacing [m], the scale of the dots; by default from the mean area per particle.
+        title: a line above the picture.
 
-    Raises ValueError naming the argument where a shape or a value is wrong.
+    Raises:
+        ValueError: a shape or a value is wrong; the message names the argument.
     """
 
-    position: np.ndarray
-    cells: np.ndarray
-    fluid: np.ndarray
-    wall: np.ndarray | None = None
-    fields: Mapping[str, np.ndarray] = field(default_factory=dict)
-    cell_fields: Mapping[str, np.ndarray] = field(default_factory=dict)
+    position: Array
+    cells: Array
+    fluid: Array
+    wall: Array | None = None
+    fields: Mapping[str, Array] = field(default_factory=dict)
+    cell_fields: Mapping[str, Array] = field(default_factory=dict)
     time: float = 0.0
     fluid_names: tuple[str, ...] = ("fluid",)
     fluid_densities: tuple[float, ...] | None = None
-    lower: np.ndarray | None = None
-    upper: np.ndarray | None = None
-    cell_fluid: np.ndarray | None = None
+    lower: Array | None = None
+    upper: Array | None = None
+    cell_fluid: Array | None = None
     spacing: float | None = None
     title: str = ""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         position = np.asarray(self.position, np.float64)
         if position.ndim != 2 or position.shape[1] != 2 or len(position) == 0:
             raise ValueError(f"position: shape {position.shape}, expected (N, 2) with N > 0")
@@ -95,7 +102,7 @@ class Scene:
         if not spacing > 0:
             raise ValueError(f"spacing: {spacing}, expected a length above 0 m")
 
-        values = dict(
+        checked: dict[str, Any] = dict(
             position=position,
             cells=cells,
             fluid=fluid,
@@ -109,30 +116,38 @@ class Scene:
             cell_fluid=cell_fluid,
             spacing=spacing,
         )
-        for name, value in values.items():
+        for name, value in checked.items():
             object.__setattr__(self, name, value)
 
-    def field_values(self, name: str) -> np.ndarray:
-        """Values of the field at the particles, shape (N,).
+    def field_values(self, name: str) -> Array:
+        """Values (N,) of a field at the particles.
 
-        Raises ValueError where the scene has no such field, or one that is not finite.
+        Args:
+            name: of the field.
+
+        Raises:
+            ValueError: there is no such field, or it is not finite.
         """
         if name not in self.fields:
             known = ", ".join(sorted(self.fields)) or "none"
             raise ValueError(f"field {name!r} is not in the results; there are: {known}")
         return self._finite(name, self.fields[name], "particle")
 
-    def corner_values(self, name: str) -> np.ndarray:
-        """Values of the field at the corners of the cells, shape (M, 3): the cell's own, else the particles'.
+    def corner_values(self, name: str) -> Array:
+        """Values (M, 3) of a field at the corners of the cells: those of the cell if it has any, else the particles'.
 
-        Raises as `field_values` does.
+        Args:
+            name: of the field.
+
+        Raises:
+            ValueError: there is no such field, or it is not finite.
         """
         values = self.field_values(name)
         if name not in self.cell_fields:
-            return values[self.cells]
+            return np.asarray(values[self.cells])
         return np.repeat(self._finite(name, self.cell_fields[name], "cell")[:, None], 3, axis=1)
 
-    def _finite(self, name, values, of):
+    def _finite(self, name: str, values: Array, of: str) -> Array:
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
             raise ValueError(
@@ -141,13 +156,13 @@ class Scene:
         return values
 
 
-def _integers(name, values, count):
-    values = np.asarray(values)
-    if values.shape != (count,):
-        raise ValueError(f"{name}: shape {values.shape}, expected ({count},)")
-    return values.astype(np.int64)
+def _integers(name: str, values: ArrayLike, count: int) -> Array:
+    array = np.asarray(values)
+    if array.shape != (count,):
+        raise ValueError(f"{name}: shape {array.shape}, expected ({count},)")
+    return array.astype(np.int64)
 
 
-def _check_index(name, values, count, of):
+def _check_index(name: str, values: Array, count: int, of: str) -> None:
     if values.size and (values.min() < 0 or values.max() >= count):
         raise ValueError(f"{name}: indices from {values.min()} to {values.max()}, expected 0 to {count - 1} ({of})")

@@ -1,28 +1,31 @@
-"""Several stored times of a run side by side in one picture, each under its time: a figure for a page."""
+"""A figure of several stored times of a run, side by side in one picture."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from math import ceil
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from . import colours
 from .annotation import NORMAL, Annotator, text_width
+from .arrays import Array
 from .layout import LARGEST, SMALLEST, Layout
 from .picture import WALL_THICKNESS
 from .renderer import Renderer
 from .results import Results
 
 WIDTH = 1600  # [px] of a whole strip
-MOST_COLUMNS = 4  # unless it is said otherwise
+MOST_COLUMNS = 4  # by default
 _HEAD, _FOOT, _SIDE = 40.0, 14.0, 14.0  # around a tank, for its time and the next tank [design pixels]
 _LEGEND = 52.0
 
 
 def strip(
-    out,
+    out: str | PathLike[str],
     times: Iterable[float],
-    path=None,
+    path: str | PathLike[str] | None = None,
     *,
     columns: int | None = None,
     width: int = WIDTH,
@@ -31,11 +34,22 @@ def strip(
 ) -> Path:
     """Draw the fluids of a results folder at several times, side by side in one PNG.
 
-    times: [s]; of the stored times those closest to them are drawn, each once, under the time they are of.
-    path: of the picture; out/strip.png by default. columns: tanks in a row; at most 4 by default.
-    width: of the whole picture [px]. The rest as in `render_frame`.
+    Args:
+        out: results folder.
+        times: [s]; the closest stored times are drawn, each once, with their times above.
+        path: of the picture; by default strip.png in the results folder.
+        columns: tanks in a row; at most 4 by default.
+        width: of the whole picture [px].
+        backend: "ggui", "raster" or "auto", see `Renderer`.
+        fluid_colours: colours "#rrggbb" by the names of fluids.
 
-    Raises ValueError on bad arguments, ResultsError on a bad results folder, OSError where writing fails.
+    Returns:
+        The path of the picture.
+
+    Raises:
+        ValueError: an argument is invalid.
+        ResultsError: the results folder cannot be read.
+        OSError: the picture cannot be written.
     """
     results = Results(out)
     chosen = closest(results.times, times)
@@ -63,16 +77,21 @@ def strip(
     fills = colours.fluid_colours(results.fluid_names, results.fluid_densities, fluid_colours)
     whole = Annotator(sheet, layout)
     _legend(whole, results.fluid_names, fills, rows * height)
-    path = results.folder / "strip.png" if path is None else Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    whole.image.save(path, format="png", compress_level=6)
-    return path
+    target = results.folder / "strip.png" if path is None else Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    whole.image.save(target, format="png", compress_level=6)
+    return target
 
 
-def closest(stored, times: Iterable[float]) -> list[int]:
-    """Numbers of the ``stored`` times (K,) that are closest to the given ones, in order, each once.
+def closest(stored: ArrayLike, times: Iterable[float]) -> list[int]:
+    """Numbers of the stored times that are closest to given ones, in order, each once.
 
-    Raises ValueError where no time is given, or one that is no number.
+    Args:
+        stored: (K,) stored times [s].
+        times: the times wanted [s].
+
+    Raises:
+        ValueError: no time is given, or one is not a finite number.
     """
     wanted = np.asarray(list(times), np.float64)
     if wanted.size == 0 or not np.isfinite(wanted).all():
@@ -80,8 +99,13 @@ def closest(stored, times: Iterable[float]) -> list[int]:
     return sorted({int(np.argmin(np.abs(np.asarray(stored) - time))) for time in wanted})
 
 
-def label(time: float, stored) -> str:
-    """The time [s] as it stands over a picture: with as many digits as tell the stored times apart."""
+def label(time: float, stored: ArrayLike) -> str:
+    """The label of a picture: its time with as many digits as distinguish the stored times.
+
+    Args:
+        time: [s].
+        stored: (K,) stored times [s].
+    """
     step = np.diff(np.unique(stored))
     digits = 3
     if len(step):  # 0.25 needs two digits
@@ -89,8 +113,8 @@ def label(time: float, stored) -> str:
     return f"t = {time:.{digits}f} s"
 
 
-def _tank_layout(room: int, lower, upper) -> Layout:
-    """The tank alone, as wide as `room` [px] lets it be."""
+def _tank_layout(room: int, lower: ArrayLike, upper: ArrayLike) -> Layout:
+    """The tank without a panel, as large as the width ``room`` [px] allows."""
     extent = np.asarray(upper) - np.asarray(lower)
     unit = max(room / 400, 1.0)
     scale = (room - 2 * _SIDE * unit) / extent[0]
@@ -106,8 +130,8 @@ def _tank_layout(room: int, lower, upper) -> Layout:
     return Layout((room, height), unit, np.asarray(lower), np.asarray(upper), float(scale), box, False, box)
 
 
-def _legend(annotator: Annotator, names, fills, top: float) -> None:
-    """The fluids' colours and names in the middle below all tanks."""
+def _legend(annotator: Annotator, names: Sequence[str], fills: Array, top: float) -> None:
+    """Draw the fluids' colours and names centred below all tanks."""
     u, gap = annotator.unit, 40.0
     lengths = [34 * u + text_width(name, NORMAL * u) for name in names]
     x = (annotator.image.width - sum(lengths) - gap * u * (len(names) - 1)) / 2
