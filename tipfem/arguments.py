@@ -1,6 +1,6 @@
-"""What a number is, and an array of numbers: the checks that every argument from outside passes.
+"""Checks of arguments that users pass: what counts as a number, and as an array of numbers.
 
-Neither function raises: the caller does, for it knows what the argument is called and what would fit.
+Neither function raises: the caller does, because it knows the argument's name and its valid values.
 """
 
 from __future__ import annotations
@@ -10,10 +10,11 @@ from numbers import Real
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 
 def is_number(value: Any) -> bool:
-    """Whether ``value`` is one finite real number; texts, truth values and None are not."""
+    """Whether ``value`` is one finite real number; strings, truth values and None are not."""
     if not isinstance(value, Real) or isinstance(value, bool | np.bool_):
         return False
     try:
@@ -22,11 +23,11 @@ def is_number(value: Any) -> bool:
         return False
 
 
-def numbers(values: Any) -> np.ndarray:
-    """``values`` as a new array of floats; one NaN of shape () for what is not an array of real numbers.
+def numbers(values: Any) -> NDArray[Any]:
+    """``values`` as a new array of floats; one NaN of shape () if they are not an array of real numbers.
 
-    Truth values count as 0 and 1.
-    That NaN passes no check of shape or finiteness, so those checks refuse texts, None and ragged lists too.
+    Truth values count as 0 and 1. The NaN fails every check of shape or finiteness, so those checks refuse strings,
+    None and ragged lists too.
     """
     try:
         array = np.array(values)

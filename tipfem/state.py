@@ -92,7 +92,7 @@ def lumped(mesh: Mesh, density: Array) -> Array:
     """Lumped mass (N,) [kg, per metre of depth in 2-D] from the elements' densities (M,) [kg/m^3]."""
     mass = np.zeros(len(mesh.position))
     cells = np.ascontiguousarray(mesh.cells)
-    launch(work.lump, cells, mesh.measure, density, mass, len(cells), mesh.dimension)
+    launch(work.lump, cells, mesh.measure, density, mass, mesh.dimension)
     return mass
 
 

@@ -1,11 +1,8 @@
 """What `performance.py` measures, in a process of its own for each size and number of threads."""
 
-from __future__ import annotations
-
 import resource
 import tempfile
 import time
-from collections import defaultdict
 from collections.abc import Callable
 from typing import Any
 
@@ -15,252 +12,230 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 from scipy.spatial import Delaunay
-from tipfem.demos.benchmarks.states import simulation_of
+from tipfem.demos.benchmarks.states import first_system, simulation_of
 
 import tipfem as tp
-from tipfem.backend.arrays import Buffers, download
-from tipfem.backend.launch import launch
-from tipfem.fem import residual
-from tipfem.linalg import fgmres, vector_kernels
+from tipfem.linalg import fgmres
 from tipfem.output import ResultsFolder
 from tipfem.step.flow import FlowProblem
-from tipfem.step.linear_system import LinearSystem
+from tipfem.step.linear_system import Workspace
+from tipfem.timers import Timings
 
 Array = NDArray[Any]
-BYTES_OF_A_STEP = 12_500  # a node: what 2.5 Newton iterations of 8 Krylov iterations, and remeshing, must move
-COLUMNS = {  # part of a step: where its time is spent
-    "set-up": (FlowProblem, "__init__"),
-    "residual": (FlowProblem, "residual"),
-    "Jacobian": (FlowProblem, "linearise"),
-}
-# What an iteration of Krylov's method does; a processor does it in one launch, whose time is shared out as launches of
-# each take.
+Operator = Callable[[Any, Any], None]
+
+BYTES_OF_A_STEP = 12_500  # a particle: what 2.5 Newton iterations of 8 Krylov iterations, and remeshing, must move
+TIMERS = {"set-up": "set-up", "residual": "residual", "Jacobian": "jacobian"}  # part of a step: its timer
+# What an iteration of Krylov's method does. On a processor it is done in one launch, whose time is divided among them
+# as they take when each is launched by itself.
 SHARED = ("products", "preconditioner", "orthogonalisation")
 
 
-class Stopwatch:
-    """Adds up the time that functions take; patches them, for this process only."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = defaultdict(float)
-
-    def watch(self, name: str, owner: Any, attribute: str) -> None:
-        """Count the time in ``owner.attribute`` under a name."""
-        original: Callable[..., Any] = getattr(owner, attribute)
-
-        def timed(*arguments: Any, **options: Any) -> Any:
-            start = time.perf_counter()
-            try:
-                return original(*arguments, **options)
-            finally:
-                ti.sync()
-                self.seconds[name] += time.perf_counter() - start
-
-        setattr(owner, attribute, timed)
+@ti.kernel
+def _copy(source: ti.types.ndarray(ndim=1), target: ti.types.ndarray(ndim=1), n: ti.i32):
+    for i in range(n):
+        target[i] = source[i]
 
 
-def copy_speed(nodes: int) -> float:
-    """Bytes read and written per second [1/s] when as much is copied as a step must move, at most 1 GB."""
-    n = min(int(nodes * BYTES_OF_A_STEP / 16), 60_000_000)
-    buffers = Buffers()
-    source, target = buffers.get("source", n), buffers.get("target", n)
+def timer_seconds(timings: Timings, name: str) -> float:
+    """Seconds under all timers of that name, whatever they are nested in."""
+    return sum(seconds for path, seconds in timings.seconds.items() if path.rpartition("/")[2] == name)
+
+
+def copy_speed(count: int) -> float:
+    """Bytes read and written per second [1/s] when as much is copied as a step of ``count`` particles must move.
+
+    At most 1 GB is copied.
+    """
+    n = min(int(count * BYTES_OF_A_STEP / 16), 60_000_000)
+    source, target = ti.ndarray(ti.f64, n), ti.ndarray(ti.f64, n)
     source.fill(1.0)
-    best = np.inf
-    for _ in range(5):
-        start = time.perf_counter()
-        launch(vector_kernels.move, source, 0, target, 0, n, work=(n, 2.0))
-        ti.sync()
-        best = min(best, time.perf_counter() - start)
-    return 16 * n / best
+    return 16 * n / _best(lambda: _copy(source, target, n), times=6)
 
 
 def measure_steps(state: dict[str, Array], steps: int) -> dict[str, Any]:
-    """Time of a step and of its parts [s], iterations, memory, copy speed."""
+    """Time of a step and of its parts [s], of the first one, iterations, memory, copy speed."""
+    start = time.perf_counter()
     simulation = simulation_of(state)
-    for _ in range(2):  # kernels are compiled or loaded
-        simulation.step()
-    watch, nodes = Stopwatch(), len(simulation.particles)
-    for name, (owner, attribute) in COLUMNS.items():
-        watch.watch(name, owner, attribute)
-    watch.watch("Krylov", fgmres, "fgmres")
-    watch.watch("remeshing", simulation.remesher, "remesh")
-    total = []
+    simulation.step()  # kernels are compiled or loaded
+    first = time.perf_counter() - start
+    simulation.step()
+    count = len(simulation.particles)
+    timings = simulation.timings
+    timings.synchronise = ti.sync
+    timings.reset()
     for _ in range(steps):
-        start = time.perf_counter()
         simulation.step()
-        ti.sync()
-        total.append(time.perf_counter() - start)
+    seconds = {name: timer_seconds(timings, name) / steps for name in ("step", "krylov", "remeshing", *TIMERS.values())}
     rows = simulation.history[-steps:]
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024  # before anything large is copied
-    speed = copy_speed(nodes)
-    solves = watch.seconds.pop("Krylov") / steps
-    parts = {name: seconds / steps for name, seconds in watch.seconds.items()}
-    parts |= {name: solves * share for name, share in _shares(simulation).items()}
+    parts = {part: seconds[name] for part, name in TIMERS.items()}
+    parts |= {name: seconds["krylov"] * share for name, share in _shares(simulation).items()}
     with tempfile.TemporaryDirectory() as folder:
-        start = time.perf_counter()
         results = ResultsFolder(folder)
-        results.write_fields(0, 0.0, simulation.mesh, simulation.particles, np.zeros(nodes))
+        start = time.perf_counter()
+        results.write_fields(0, 0.0, simulation.mesh, simulation.particles, np.zeros(count))
         output = time.perf_counter() - start
     start = time.perf_counter()
     Delaunay(simulation.particles.position)
     qhull = time.perf_counter() - start
-    newton, krylov_iterations = (sum(row[name] for row in rows) for name in ("newton_iterations", "krylov_iterations"))
+    newton, krylov = (sum(row[name] for row in rows) for name in ("newton_iterations", "krylov_iterations"))
     return {
-        "nodes": nodes,
-        "step": float(np.mean(total)),
-        "parts": parts,
+        "particles": count,
+        "step": seconds["step"],
+        "first_step": first,
+        "parts": parts | {"remeshing": seconds["remeshing"]},
         "output": output,
         "qhull": qhull,
         "newton": newton / steps,
-        "krylov": krylov_iterations / newton,
-        "copy": speed,
+        "krylov": krylov / newton,
+        "copy": copy_speed(count),
         "memory": memory,
     }
 
 
+def _system(simulation: tp.Simulation, workspace: Workspace) -> tuple[FlowProblem, float]:
+    """The first Newton system of a simulation's next step, and the seconds that its preconditioner took to set up."""
+    timings = Timings(ti.sync)
+    with timings.active():
+        dt = simulation.history[-1]["time_step"]
+        problem, _ = first_system(simulation.mesh, simulation.particles, simulation.case.fluids, dt, workspace)
+    return problem, timer_seconds(timings, "preconditioner")
+
+
+def _solve(
+    problem: FlowProblem, precondition: Operator | None = None, product: Operator | None = None
+) -> tuple[Any, float]:
+    """Solve to 1e-6 and tell the seconds; with operators of one's own, each is launched by itself."""
+    staged = precondition or product
+    start = time.perf_counter()
+    result = fgmres.fgmres(
+        product or problem.product,
+        precondition or problem.precondition,
+        problem.buffers.get("residual", problem.size),
+        problem.buffers.get("correction", problem.size),
+        problem.size,
+        tolerance=1e-6,
+        max_iterations=80,
+        buffers=problem.buffers,
+        iteration=None if staged else problem.system.iteration,
+    )
+    ti.sync()
+    return result, time.perf_counter() - start
+
+
 def _shares(simulation: tp.Simulation) -> dict[str, float]:
-    """Which part of a Krylov iteration each of `SHARED` takes, by launches of their own in one more step."""
-    original, found = FlowProblem.correct, []
+    """Which part of a Krylov iteration each of `SHARED` takes when each is launched by itself."""
+    problem, _ = _system(simulation, Workspace())
+    problem.linearise()
+    seconds = dict.fromkeys(SHARED, 0.0)
 
-    def correct(problem: FlowProblem, x: Any, tolerance: float) -> Any:
-        result = original(problem, x, tolerance)
-        if not found:
-            size, k = problem.size, 3
-            v, z, w = (problem.buffers.get(f"krylov.{name}", size) for name in "vzw")
-            basis = fgmres._Basis(size, 1e-3, problem.buffers)
-            partial, out = problem.buffers.partials("krylov.dots", k + 2, flat=True), np.zeros(k + 3)
-            again = (k, basis.orthonormal, basis.directions, w, partial, out, 0.0, True)
-            launch(vector_kernels.move, problem._r, 0, v, 0, size, work=(size, 2.0))
-            found.append(_best(lambda: problem.product(v, w)))
-            found.append(_best(lambda: problem.precondition(v, z)))
-            found.append(_best(lambda: basis.by_parts(problem.product, problem.precondition)(*again)))
-        return result
+    def timed(name: str, operator: Operator) -> Operator:
+        def apply(v: Any, out: Any) -> None:
+            ti.sync()
+            start = time.perf_counter()
+            operator(v, out)
+            ti.sync()
+            seconds[name] += time.perf_counter() - start
 
-    FlowProblem.correct = correct  # type: ignore[method-assign]
-    simulation.step()
-    FlowProblem.correct = original  # type: ignore[method-assign]
-    return dict(zip(SHARED, (np.array(found) / sum(found)).tolist(), strict=True))
+        return apply
+
+    operators = timed("preconditioner", problem.precondition), timed("products", problem.product)
+    _solve(problem, *operators)  # kernels are compiled or loaded
+    seconds.update(dict.fromkeys(SHARED, 0.0))
+    whole = _solve(problem, *operators)[1]
+    seconds["orthogonalisation"] = whole - seconds["products"] - seconds["preconditioner"]
+    return {name: value / whole for name, value in seconds.items()}
 
 
 def measure_solvers(state: dict[str, Array], direct: bool) -> dict[str, Any]:
     """The first Newton system of a step: our solve to 1e-6, and the same matrix by direct solvers and pyamg."""
-    simulation = simulation_of(state)
+    simulation, workspace = simulation_of(state), Workspace()
     simulation.step()
-    found: dict[str, Any] = {}
-    original, build = FlowProblem.correct, LinearSystem.__init__
-    seconds = {"build": 0.0}
-
-    def timed_build(self: LinearSystem, *arguments: Any) -> None:
-        start = time.perf_counter()
-        build(self, *arguments)
-        ti.sync()
-        seconds["build"] = time.perf_counter() - start
-
-    def correct(problem: FlowProblem, x: Any, tolerance: float) -> Any:
-        if not found:
-            found["nodes"] = problem.nodes
-            found.update(_solvers(problem, x, seconds["build"], direct))
-        return original(problem, x, tolerance)
-
-    FlowProblem.correct, LinearSystem.__init__ = correct, timed_build  # type: ignore[method-assign]
-    simulation.step()
-    FlowProblem.correct, LinearSystem.__init__ = original, build  # type: ignore[method-assign]
-    return found
-
-
-def _solvers(problem: FlowProblem, x: Any, build: float, direct: bool) -> dict[str, Any]:
+    _system(simulation, workspace)  # kernels are compiled or loaded
+    problem, build = _system(simulation, workspace)
+    problem.linearise()
+    ti.sync()
     start = time.perf_counter()
     problem.linearise()
     ti.sync()
     gather = time.perf_counter() - start
-
-    def solve() -> tuple[float, Any]:
-        begin = time.perf_counter()
-        result = fgmres.fgmres(
-            problem.product,
-            problem.precondition,
-            problem._r,
-            problem._dx,
-            problem.size,
-            tolerance=1e-6,
-            max_iterations=80,
-            buffers=problem.buffers,
-            iteration=problem.system.iteration,
-        )
-        return time.perf_counter() - begin, result
-
-    solve()
-    taken, result = solve()
-    found = {"iterations": result.iterations, "ours": build + gather + taken}
-    v, out = problem.buffers.get("krylov.v", problem.size), problem.buffers.get("krylov.w", problem.size)
+    _solve(problem)
+    result, taken = _solve(problem)
+    count = len(simulation.particles)
+    found = {"particles": count, "iterations": result.iterations, "ours": build + gather + taken}
+    v, out = problem.buffers.get("correction", problem.size), ti.ndarray(ti.f64, problem.size)
     found["product"] = _best(lambda: problem.product(v, out))
-    s = problem.scheme
-    found["matrix_free_product"] = _best(
-        lambda: residual.jacobian_product(
-            *problem._topology,
-            problem._density,
-            problem._record,
-            problem._scale,
-            v,
-            problem._local,
-            out,
-            s.cm,
-            s.cv,
-            s.cf,
-            problem.elements,
-            problem.nodes,
-            problem.dimension,
-        )
-    )
-    matrix, right = problem.system.matrix(), download(problem._r, problem.size).astype(float)
-    count = matrix.nnz // (problem.dimension + 1) ** 2
-    found["product_bytes"] = count * (9 * 8 + 4) + problem.nodes * (6 * 8 + 4)
-    found["copy"] = copy_speed(problem.nodes)
-    found |= _with_pyamg(problem, solve)
-    if direct:
-        # Rows of what is held are empty; one pressure of a closed tank is free.
-        empty = np.flatnonzero(np.asarray(abs(matrix).sum(axis=1)).ravel() == 0)
-        held = np.append(empty, problem.size - 1)
-        keep = np.ones(problem.size)
-        keep[held] = 0.0
-        closed = (sparse.diags(keep) @ matrix + sparse.diags(1.0 - keep)).tocsr()
-        right[held] = 0.0
-        start = time.perf_counter()
-        splu(closed.tocsc()).solve(right)
-        found["superlu"] = time.perf_counter() - start
-        try:
-            import pypardiso
-        except ImportError:
-            return found
-        start = time.perf_counter()
-        pypardiso.PyPardisoSolver().solve(closed, right)
-        found["pardiso"] = time.perf_counter() - start
-    return found
+    matrix = problem.system.matrix()
+    rhs = _host(problem.buffers.get("residual", problem.size), problem.size)
+    blocks = matrix.nnz // (problem.dimension + 1) ** 2
+    found["product_bytes"] = blocks * (9 * 8 + 4) + count * (6 * 8 + 4)
+    found["copy"] = copy_speed(count)
+    found |= _with_pyamg(problem, matrix)
+    return found | (_direct(matrix, rhs) if direct else {})
 
 
-def _with_pyamg(problem: FlowProblem, solve: Callable[[], tuple[float, Any]]) -> dict[str, Any]:
-    """The same solve with one V-cycle of smoothed aggregation instead of the background grid's."""
+def _direct(matrix: sparse.csr_matrix, rhs: Array) -> dict[str, float]:
+    """Seconds of direct solvers for K x = b; PARDISO if it is installed."""
+    # Rows of what is prescribed are empty; one pressure of a closed tank is free.
+    empty = np.flatnonzero(np.asarray(abs(matrix).sum(axis=1)).ravel() == 0)
+    held = np.append(empty, len(rhs) - 1)
+    keep = np.ones(len(rhs))
+    keep[held] = 0.0
+    closed = (sparse.diags(keep) @ matrix + sparse.diags(1.0 - keep)).tocsr()
+    rhs = keep * rhs
+    start = time.perf_counter()
+    splu(closed.tocsc()).solve(rhs)
+    found = {"superlu": time.perf_counter() - start}
+    try:
+        import pypardiso
+    except ImportError:
+        return found
+    start = time.perf_counter()
+    pypardiso.PyPardisoSolver().solve(closed, rhs)
+    return found | {"pardiso": time.perf_counter() - start}
+
+
+def _with_pyamg(problem: FlowProblem, matrix: sparse.csr_matrix) -> dict[str, Any]:
+    """The same solve with one V-cycle of smoothed aggregation instead of the background grid's, if it is installed.
+
+    The block preconditioner around the cycle, see `tipfem.step.linear_system`, is applied by SciPy: with rows scaled
+    so that diag(A) is one, z_p = S^-1 (r_p - D r_u) / scale and z_u = r_u + G z_p.
+    """
     try:
         import pyamg
     except ImportError:
         return {}
+    width = problem.dimension + 1
+    pressure = np.arange(problem.size) % width == problem.dimension
+    divergence, gradient = matrix[pressure][:, ~pressure].tocsr(), matrix[~pressure][:, pressure].tocsr()
+    scale = _host(problem.buffers.get("scale", problem.size), problem.size)[pressure]
     start = time.perf_counter()
-    hierarchy = pyamg.smoothed_aggregation_solver(problem.system.laplacian())
-    cycle = hierarchy.aspreconditioner(cycle="V")
+    cycle = pyamg.smoothed_aggregation_solver(problem.system.laplacian()).aspreconditioner(cycle="V")
     setup = time.perf_counter() - start
+    z = np.empty(problem.size)
 
-    def apply(b: Any, x: Any) -> None:
-        problem.buffers.upload("schur_x", cycle @ download(b, problem.nodes).astype(float))
+    def precondition(v: Any, out: Any) -> None:
+        r = _host(v, problem.size)
+        rhs = r[pressure] - divergence @ r[~pressure]
+        z[pressure] = p = cycle @ np.divide(rhs, scale, out=np.zeros_like(rhs), where=scale > 0)
+        z[~pressure] = r[~pressure] - gradient @ p
+        _copy(z, out, problem.size)
 
-    grid = problem.system.multigrid
-    ours, grid.apply, grid.together = grid.apply, apply, False  # type: ignore[method-assign]
-    solve()  # kernels that are not for a team
-    taken, result = solve()
-    grid.apply, grid.together = ours, True  # type: ignore[method-assign]
+    _solve(problem, precondition)  # kernels are compiled or loaded
+    result, taken = _solve(problem, precondition)
     return {"pyamg": taken + setup, "pyamg_iterations": result.iterations}
 
 
+def _host(array: Any, n: int) -> NDArray[np.float64]:
+    """The first ``n`` entries of a device array."""
+    values = np.empty(n)
+    _copy(array, values, n)
+    return values
+
+
 def _best(function: Callable[[], None], times: int = 20) -> float:
+    """The least of the seconds that a function takes."""
     best = np.inf
     for _ in range(times):
         start = time.perf_counter()

@@ -29,7 +29,7 @@ import tipfem as tp
 # Sizes: distance of the particles in the run that a state is taken from [m], and how often it is refined.
 SIZES = ((0.01, 1), (0.01, 2), (0.004, 1), (0.01, 3), (0.004, 2))
 SHORT = ((0.03, 0), (0.03, 1))
-DIRECT_LIMIT = 100_000  # nodes up to which direct solvers are tried
+DIRECT_LIMIT = 100_000  # particles up to which direct solvers are tried
 STEPS = 10
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442", "#999999", "#000000")
 
@@ -47,7 +47,7 @@ def worker(arguments: argparse.Namespace) -> None:
     tp.init(arch=arguments.arch, threads=arguments.threads if arguments.arch == "cpu" else None)
     figures = cases.measure_steps(state, arguments.steps)
     if arguments.solvers:
-        figures["solvers"] = cases.measure_solvers(state, direct=figures["nodes"] <= DIRECT_LIMIT)
+        figures["solvers"] = cases.measure_solvers(state, direct=figures["particles"] <= DIRECT_LIMIT)
     arguments.result.write_text(json.dumps(figures))
 
 
@@ -87,8 +87,11 @@ def measure(arguments: argparse.Namespace) -> list[dict[str, Any]]:
         )
         found.append({"threads": threads, "arch": arch, **json.loads(result.read_text())})
         result.unlink()
-        print(f"{found[-1]['nodes']} nodes, {_where(found[-1])}: {found[-1]['step'] * 1e3:.0f} ms a step", flush=True)
-    return sorted(found, key=lambda figures: (figures["arch"], figures["threads"], figures["nodes"]))
+        print(
+            f"{found[-1]['particles']} particles, {_where(found[-1])}: {found[-1]['step'] * 1e3:.0f} ms a step",
+            flush=True,
+        )
+    return sorted(found, key=lambda figures: (figures["arch"], figures["threads"], figures["particles"]))
 
 
 def _python(*words: str) -> None:
@@ -102,31 +105,33 @@ def _where(figures: Mapping[str, Any]) -> str:
 
 def table(found: Sequence[Mapping[str, Any]]) -> str:
     """The figures as tables in Markdown."""
-    parts = [*cases.COLUMNS, *cases.SHARED, "remeshing"]
+    parts = [*cases.TIMERS, *cases.SHARED, "remeshing"]
     lines = [
         "Milliseconds a step, and where they go:",
         "",
-        "| nodes | on | step | " + " | ".join(parts) + " | rest | us a node | of copying 12.5 kB a node | Newton "
+        "| particles | on | step | "
+        + " | ".join(parts)
+        + " | rest | us a particle | of copying 12.5 kB a particle | Newton "
         "| Krylov per Newton | memory, MB | writing fields | Qhull |",
         "|" + "---|" * (len(parts) + 12),
     ]
     for f in found:
         ms = [f["parts"].get(name, 0.0) * 1e3 for name in parts]
         rest = f["step"] * 1e3 - sum(ms)
-        copied = f["step"] / (f["nodes"] * cases.BYTES_OF_A_STEP / f["copy"])
+        copied = f["step"] / (f["particles"] * cases.BYTES_OF_A_STEP / f["copy"])
         lines.append(
-            f"| {f['nodes']} | {_where(f)} | {f['step'] * 1e3:.0f} | "
+            f"| {f['particles']} | {_where(f)} | {f['step'] * 1e3:.0f} | "
             + " | ".join(f"{v:.1f}" for v in ms)
-            + f" | {rest:.1f} | {f['step'] / f['nodes'] * 1e6:.2f} | {copied:.1f} | {f['newton']:.1f} | "
+            + f" | {rest:.1f} | {f['step'] / f['particles'] * 1e6:.2f} | {copied:.1f} | {f['newton']:.1f} | "
             f"{f['krylov']:.1f} | {f['memory'] / 1e6:.0f} | {f['output'] * 1e3:.0f} | {f['qhull'] * 1e3:.0f} |"
         )
     lines += [
         "",
         "The first Newton system of a step, to 1e-6 (seconds; times of ours in brackets):",
         "",
-        "| nodes | FGMRES iterations | ours | with pyamg's cycle | PARDISO | SuperLU | product over copying its bytes "
-        "| matrix-free product over it |",
-        "|" + "---|" * 8,
+        "| particles | FGMRES iterations | ours | with pyamg's cycle | PARDISO | SuperLU "
+        "| product over copying its bytes |",
+        "|" + "---|" * 7,
     ]
     for f in found:
         if "solvers" not in f:
@@ -136,35 +141,37 @@ def table(found: Sequence[Mapping[str, Any]]) -> str:
         amg = f"{s['pyamg']:.2f} ({s['pyamg_iterations']} iterations)" if "pyamg" in s else "not installed"
         direct = [f"{s[n]:.2f} ({s[n] / s['ours']:.0f})" if n in s else "-" for n in ("pardiso", "superlu")]
         lines.append(
-            f"| {s['nodes']} | {s['iterations']} | {s['ours']:.3f} | {amg} | "
+            f"| {s['particles']} | {s['iterations']} | {s['ours']:.3f} | {amg} | "
             + " | ".join(direct)
-            + f" | {product:.1f} | {s['matrix_free_product'] / s['product']:.1f} |"
+            + f" | {product:.1f} |"
         )
-    speeds = ", ".join(f"{f['copy'] / 1e9:.0f} ({f['nodes']}, {_where(f)})" for f in found)
+    first = ", ".join(f"{f['first_step']:.1f} ({f['particles']}, {_where(f)})" for f in found)
+    speeds = ", ".join(f"{f['copy'] / 1e9:.0f} ({f['particles']}, {_where(f)})" for f in found)
+    lines += ["", f"Seconds to make a simulation and take its first step, kernels included: {first}."]
     return "\n".join([*lines, "", f"Copying, GB/s read and written: {speeds}.", ""])
 
 
 def plot(path: Path, found: Sequence[Mapping[str, Any]]) -> None:
-    """Time a node of each part against the number of nodes, and the rivals' times for one system."""
+    """Time a particle of each part against the number of particles, and the rivals' times for one system."""
     from matplotlib.ticker import NullLocator
 
     figure = new_figure(12.0, 5.0, dpi=120)
     left, right = figure.subplots(1, 2)
     rows = [f for f in found if "solvers" in f]
     place, bottom = np.arange(len(rows)), np.zeros(len(rows))
-    parts = [*cases.COLUMNS, *cases.SHARED, "remeshing"]
+    parts = [*cases.TIMERS, *cases.SHARED, "remeshing"]
     for name, colour in zip([*parts, "rest"], COLOURS, strict=False):
         value = np.array(
             [
                 (f["step"] - sum(f["parts"].values()) if name == "rest" else f["parts"].get(name, 0.0))
-                / f["nodes"]
+                / f["particles"]
                 * 1e6
                 for f in rows
             ]
         )
         left.bar(place, value, 0.7, bottom=bottom, color=colour, label=name, edgecolor="white")
         bottom += value
-    left.set_xticks(place, [f"{f['nodes'] / 1e3:.0f}k" for f in rows])
+    left.set_xticks(place, [f"{f['particles'] / 1e3:.0f}k" for f in rows])
     left.set(xlabel="particles", ylabel="time a step and particle [us]", title="Where the time of a step goes")
     left.set_ylim(0, 1.45 * bottom.max())
     left.legend(fontsize=9, ncols=3, loc="upper left")
@@ -174,20 +181,22 @@ def plot(path: Path, found: Sequence[Mapping[str, Any]]) -> None:
         ("PARDISO", "pardiso", "s--"),
         ("SuperLU", "superlu", "^-."),
     ):
-        known = [(f["solvers"]["nodes"], f["solvers"][key]) for f in rows if key in f["solvers"]]
+        known = [(f["solvers"]["particles"], f["solvers"][key]) for f in rows if key in f["solvers"]]
         if known:
             right.loglog(*zip(*known, strict=True), style, label=name, linewidth=2, markersize=7)
     right.set(xlabel="particles", ylabel="time [s]", title="One Newton system, solved to 1e-6")
     right.xaxis.set_minor_locator(NullLocator())
-    right.set_xticks([f["nodes"] for f in rows], [f"{f['nodes'] / 1e3:.0f}k" for f in rows])
+    right.set_xticks([f["particles"] for f in rows], [f"{f['particles'] / 1e3:.0f}k" for f in rows])
     right.grid(alpha=0.3, which="both")
     right.legend(fontsize=11)
     save(figure, path)
 
 
 def _hard(systems: Mapping[str, tuple[int, int]]) -> str:
-    lines = [f"| {name} | {nodes} | {iterations} |" for name, (nodes, iterations) in systems.items()]
-    return "\n".join(["", "Hard systems:", "", "| system | nodes | FGMRES iterations |", "|---|---|---|", *lines, ""])
+    lines = [f"| {name} | {particles} | {iterations} |" for name, (particles, iterations) in systems.items()]
+    return "\n".join(
+        ["", "Hard systems:", "", "| system | particles | FGMRES iterations |", "|---|---|---|", *lines, ""]
+    )
 
 
 def check(found: Sequence[Mapping[str, Any]], hard: Mapping[str, tuple[int, int]]) -> list[str]:

@@ -13,7 +13,7 @@ from states import first_state, moved_to
 
 import tipfem as tp
 from tipfem.backend.launch import launch
-from tipfem.case.grading import Grading, graded, thinned
+from tipfem.case.grading import Grading, limit_gradation_at_points, thinned
 from tipfem.case.numerics import FittedRule
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.delaunay import triangulate
@@ -64,9 +64,9 @@ def test_targets_grow_as_a_cone_around_what_is_fine():
     wish = np.full(len(x), 0.1)
     wish[7] = 0.01
     expected = np.minimum(0.1, 0.01 + 0.2 * np.linalg.norm(x - x[7], axis=1))
-    np.testing.assert_allclose(graded(x, wish, 0.2), expected, rtol=1e-12)
+    np.testing.assert_allclose(limit_gradation_at_points(x, wish, 0.2), expected, rtol=1e-12)
     many = np.random.default_rng(1).uniform(0.01, 0.1, len(x))
-    target = graded(x, many, 0.2)
+    target = limit_gradation_at_points(x, many, 0.2)
     assert (target <= many).all()
     near = cKDTree(x).query(x, k=8)[1][:, 1:]
     steps = target[:, None] - target[near] - 0.2 * np.linalg.norm(x[:, None] - x[near], axis=2)
@@ -297,3 +297,9 @@ def test_a_tank_starts_near_its_targets(far):
     distance, _ = cKDTree(particles.position).query(particles.position, k=2)
     off = (particles.position > 0.75).all(axis=1) & (particles.position < 0.95).all(axis=1)
     assert 0.66 < np.median(distance[off, 1]) / far < 1.07
+
+
+def test_a_function_that_raises_gives_one_error():
+    tank = tp.tank((1.0, 1.0), 0.1).fill(WATER)
+    with pytest.raises(ValueError, match=r"^Grading: where raised IndexError for positions of shape \(\d+, 2\)"):
+        tp.Case(tank, [WATER], (0, -9.81), grading=Grading(where=lambda x: x[:, 2]))

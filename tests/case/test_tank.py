@@ -134,7 +134,7 @@ def test_a_layer_of_one_line_may_lie_beside_another(water, air, glycerin):
             measured = volumes(tank.sample([air, water, glycerin]), 3)
             np.testing.assert_allclose(measured, [1 - exact.sum(), *exact], rtol=1e-12)
         else:
-            with pytest.raises(ValueError, match=r"axis 1, .* thinner than its neighbours let it be \(0\.6 spacings"):
+            with pytest.raises(ValueError, match=r"axis 1, .* thinner than its neighbours allow \(0\.6 spacings"):
                 tank.sample([air, water, glycerin])
 
 

@@ -40,8 +40,8 @@ def test_a_refined_state_is_the_same_flow_on_four_times_the_triangles(state):
 
 def test_a_refined_state_runs_and_is_measured(state):
     figures = cases.measure_steps(states.refined(state), steps=2)
-    assert figures["nodes"] == len(states.refined(state)["position"])
-    assert set(figures["parts"]) == {*cases.COLUMNS, *cases.SHARED, "remeshing"}
+    assert figures["particles"] == len(states.refined(state)["position"])
+    assert set(figures["parts"]) == {*cases.TIMERS, *cases.SHARED, "remeshing"}
     assert 0 < sum(figures["parts"].values()) < figures["step"]
     assert 1e8 < figures["copy"] < 1e12
     json.dumps(figures)
@@ -53,7 +53,7 @@ def test_direct_solvers_and_ours_solve_the_same_system(state):
     assert found["superlu"] > 0
     rows = [{"threads": 2, "arch": "cpu", **cases.measure_steps(state, 1), "solvers": found}]
     text = performance.table(rows)
-    assert f"| {found['nodes']} | 2 thread(s) |" in text
+    assert f"| {found['particles']} | 2 thread(s) |" in text
     assert performance.check(rows, {"hard": (100, 20)}) == []
     rows[0]["solvers"] = found | {"iterations": 99}
     assert "99 iterations" in performance.check(rows, {"hard": (100, 90)})[0]

@@ -11,7 +11,7 @@ from test_element_residual import DIMENSIONS, HEAVY, LIGHT, SCHEMES, THICK, Sett
 import tipfem as tp
 from tipfem.backend.arrays import partials
 from tipfem.backend.launch import launch
-from tipfem.fem import work as balance_kernels
+from tipfem.fem import work as work_kernels
 from tipfem.mesh.delaunay import triangulate
 from tipfem.state import lumped
 
@@ -121,12 +121,12 @@ def test_sums_over_particles(dimension, count):
     mass, wall = rng.uniform(size=count), (rng.uniform(size=count) < 0.3)
     x, v, a, v_old, a_old, relative, force, u = rng.standard_normal((8, count, d))
     sums = np.zeros(1 + 2 * d)
-    launch(balance_kernels.state_sums, mass, x, v, partials(len(sums)), sums, count, d, work=work)
+    launch(work_kernels.state_sums, mass, x, v, partials(len(sums)), sums, d, work=work)
     of_state = [mass @ (v * v).sum(axis=1), *(mass @ x), *(mass @ v)]
     np.testing.assert_allclose(sums, of_state, rtol=1e-12, atol=1e-12)
     gravity, sums = rng.standard_normal(d), np.zeros(3 + 4 * d)
     launch(
-        balance_kernels.step_sums,
+        work_kernels.step_sums,
         mass,
         wall.view(np.int8),
         v_old,
@@ -142,7 +142,6 @@ def test_sums_over_particles(dimension, count):
         sums,
         0.3,
         0.7,
-        count,
         d,
         work=(count, 1e-6),
     )

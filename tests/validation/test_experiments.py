@@ -1,35 +1,20 @@
-"""demos/experiments.py: the reference data, and the comparison of a run with it."""
+"""demos/validation/dam_break/experiments.py: the reference data, and the comparison of a run with it."""
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from tipfem.demos.validation.dam_break import experiments
 
-DEMOS = Path(__file__).resolve().parents[2] / "demos"
 WIDTH, GRAVITY = 0.146, 9.81
 PER_T = math.sqrt(WIDTH / (2.0 * GRAVITY))  # seconds in one unit of T
 PER_TAU = math.sqrt(WIDTH / GRAVITY)  # seconds in one unit of tau
 
 
-@pytest.fixture(scope="module")
-def experiments():
-    """The module, loaded by its path: demos/ holds scripts and is no package."""
-    spec = importlib.util.spec_from_file_location("experiments_under_test", DEMOS / "experiments.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # a dataclass looks its own module up by name
-    try:
-        spec.loader.exec_module(module)
-        yield module
-    finally:
-        del sys.modules[spec.name]
-
-
-def measured_front(experiments, shift=0.0, scale=1.0, end=3.6, start=0.0):
+def measured_front(shift=0.0, scale=1.0, end=3.6, start=0.0):
     """A front that passes through every reading of table 2, `shift` later in T and `scale` times as long.
 
     Returns time [s] and front [m]. Straight before the first reading, where Z(T + shift = 0) is 1.
@@ -41,7 +26,7 @@ def measured_front(experiments, shift=0.0, scale=1.0, end=3.6, start=0.0):
     return axis * PER_T, scale * z * WIDTH
 
 
-def measured_height(experiments, shift=0.0, scale=1.0):
+def measured_height(shift=0.0, scale=1.0):
     """A height that passes through every reading of table 6, `shift` later in T; time [s] and height [m]."""
     data = experiments.martin_moyce_height()
     axis = np.append(0.0, data.time + shift / math.sqrt(2.0))
@@ -57,7 +42,7 @@ def measured_height(experiments, shift=0.0, scale=1.0):
         ("koshizuka_oka_mps_front", 18, (0.0, 1.002), (2.943, 3.997)),
     ],
 )
-def test_series_are_read_whole(experiments, load, count, first, last):
+def test_series_are_read_whole(load, count, first, last):
     series = getattr(experiments, load)()
     assert series.time.shape == series.values.shape == (count,)
     assert (series.time[0], series.values[0]) == first
@@ -67,14 +52,14 @@ def test_series_are_read_whole(experiments, load, count, first, last):
     assert "Source" in series.source
 
 
-def test_an_absent_column_is_an_error(experiments):
+def test_an_absent_column_is_an_error():
     with pytest.raises(KeyError):
         experiments._load("koshizuka_oka1996_front_exp", "label", "T_tsqrt2g_over_L", "absent")
 
 
 @pytest.mark.parametrize("shift", [-0.2345, 0.0, 0.15])
-def test_a_known_shift_is_recovered(experiments, shift):
-    result = experiments.compare_front(*measured_front(experiments, shift), WIDTH)
+def test_a_known_shift_is_recovered(shift):
+    result = experiments.compare_front(*measured_front(shift), WIDTH)
     assert result.shift == pytest.approx(shift, abs=1e-4)
     assert result.rms < 1e-4
     assert result.slope == pytest.approx(result.slope_experiment, rel=1e-3)
@@ -84,23 +69,23 @@ def test_a_known_shift_is_recovered(experiments, shift):
     assert (result.rms_unshifted > 0.02) == (shift != 0.0)
 
 
-def test_a_run_that_leads_has_a_negative_shift(experiments):
-    time, front = measured_front(experiments)
+def test_a_run_that_leads_has_a_negative_shift():
+    time, front = measured_front()
     result = experiments.compare_front(time - 0.01, front, WIDTH)
     assert result.shift == pytest.approx(-0.01 / PER_T, abs=1e-4)
 
 
-def test_the_scaling_is_that_of_the_other_column(experiments):
+def test_the_scaling_is_that_of_the_other_column():
     """The same flow in a column four times as wide, and on the moon, compares alike."""
-    time, front = measured_front(experiments, shift=-0.1)
+    time, front = measured_front(shift=-0.1)
     wide = experiments.compare_front(2.0 * time, 4.0 * front, 4.0 * WIDTH)
     moon = experiments.compare_front(time * math.sqrt(GRAVITY / 1.62), front, WIDTH, gravity=1.62)
     assert wide.shift == moon.shift == pytest.approx(-0.1, abs=1e-4)
     assert max(wide.rms, moon.rms) < 1e-4
 
 
-def test_a_front_too_long_by_a_twentieth(experiments):
-    front = measured_front(experiments, scale=1.05)
+def test_a_front_too_long_by_a_twentieth():
+    front = measured_front(scale=1.05)
     fixed = experiments.compare_front(*front, WIDTH, shift_limit=0.0)
     assert fixed.shift == 0.0
     assert fixed.rms == pytest.approx(0.05, abs=1e-6)
@@ -112,40 +97,40 @@ def test_a_front_too_long_by_a_twentieth(experiments):
     assert free.shift < 0.0
 
 
-def test_slope_of_a_straight_line(experiments):
+def test_slope_of_a_straight_line():
     axis = np.linspace(0.0, 3.4, 40)
     result = experiments.compare_front(axis * PER_T, (0.8 + 0.7 * axis) * WIDTH, WIDTH)
     assert result.slope == pytest.approx(0.7, rel=1e-9)
     assert result.slope_experiment == pytest.approx(1.2978, abs=1e-4)
 
 
-def test_a_shift_out_of_reach_is_reported(experiments):
-    result = experiments.compare_front(*measured_front(experiments, shift=-0.4), WIDTH)
+def test_a_shift_out_of_reach_is_reported():
+    result = experiments.compare_front(*measured_front(shift=-0.4), WIDTH)
     assert result.shift == -0.3
     assert result.shift_at_limit
 
 
-def test_a_run_shorter_than_the_data(experiments):
-    result = experiments.compare_front(*measured_front(experiments, shift=-0.1, end=2.0), WIDTH)
+def test_a_run_shorter_than_the_data():
+    result = experiments.compare_front(*measured_front(shift=-0.1, end=2.0), WIDTH)
     assert result.shift == pytest.approx(-0.1, abs=1e-4)
     assert result.points == 7  # the readings up to T = 1.98, met at 1.88; the next is met at 2.10
     assert result.slope == pytest.approx(result.slope_experiment, rel=1e-3)
-    shortest = experiments.compare_front(*measured_front(experiments, end=1.5), WIDTH, shift_limit=0.0)
+    shortest = experiments.compare_front(*measured_front(end=1.5), WIDTH, shift_limit=0.0)
     assert math.isfinite(shortest.rms)
     assert math.isnan(shortest.slope)
     with pytest.raises(ValueError, match="fewer than three"):
-        experiments.compare_front(*measured_front(experiments, end=1.0), WIDTH)
+        experiments.compare_front(*measured_front(end=1.0), WIDTH)
 
 
-def test_a_run_that_starts_late_leaves_the_first_readings_out(experiments):
-    result = experiments.compare_front(*measured_front(experiments, start=0.5), WIDTH)
+def test_a_run_that_starts_late_leaves_the_first_readings_out():
+    result = experiments.compare_front(*measured_front(start=0.5), WIDTH)
     assert result.points == 12
     assert result.rms < 1e-4
 
 
 @pytest.mark.parametrize("shift", [-0.25, 0.0, 0.2])
-def test_height_at_a_known_shift(experiments, shift):
-    result = experiments.compare_height(*measured_height(experiments, shift), 2.0 * WIDTH, WIDTH, shift=shift)
+def test_height_at_a_known_shift(shift):
+    result = experiments.compare_height(*measured_height(shift), 2.0 * WIDTH, WIDTH, shift=shift)
     assert result.shift == shift
     assert result.rms < 1e-9
     assert result.largest < 1e-9
@@ -154,15 +139,15 @@ def test_height_at_a_known_shift(experiments, shift):
     assert result.largest_unshifted >= result.rms_unshifted
 
 
-def test_height_too_large_by_a_twentieth(experiments):
-    time, height = measured_height(experiments)
+def test_height_too_large_by_a_twentieth():
+    time, height = measured_height()
     result = experiments.compare_height(time, 1.05 * height, 2.0 * WIDTH, WIDTH)
     assert result.rms == result.rms_unshifted == pytest.approx(0.05, abs=1e-9)
     assert result.largest == result.largest_unshifted == pytest.approx(0.05, abs=1e-9)
 
 
-def test_height_leaves_out_what_the_shift_takes_before_the_run(experiments):
-    time, height = measured_height(experiments)
+def test_height_leaves_out_what_the_shift_takes_before_the_run():
+    time, height = measured_height()
     late = time >= 0.5 * PER_TAU  # the first reading, tau = 0.56, is met at 0.35 under the shift
     result = experiments.compare_height(time[late], height[late], 2.0 * WIDTH, WIDTH, shift=-0.3)
     assert result.points == 10
@@ -170,7 +155,7 @@ def test_height_leaves_out_what_the_shift_takes_before_the_run(experiments):
         experiments.compare_height([0.0, 0.01], [0.29, 0.28], 2.0 * WIDTH, WIDTH)
 
 
-def test_height_wants_the_column_of_the_data(experiments):
+def test_height_wants_the_column_of_the_data():
     with pytest.raises(ValueError, match="twice as high"):
         experiments.compare_height([0.0, 0.1, 0.2], [0.1, 0.1, 0.1], WIDTH, WIDTH)
     with pytest.raises(ValueError, match="shift"):
@@ -191,16 +176,16 @@ def test_height_wants_the_column_of_the_data(experiments):
         ({"front": [0.1, 0.0, 0.3]}, "positive"),
     ],
 )
-def test_wrong_input_is_named(experiments, change, message):
+def test_wrong_input_is_named(change, message):
     good = {"time": [0.0, 0.1, 0.3], "front": [0.15, 0.2, 0.5], "width": WIDTH}
     assert experiments.compare_front(**good).points > 0
     with pytest.raises(ValueError, match=message):
         experiments.compare_front(**(good | change))
 
 
-def test_the_plot_is_written_and_not_blank(experiments, tmp_path):
+def test_the_plot_is_written_and_not_blank(tmp_path):
     image = pytest.importorskip("matplotlib.image")
-    runs = {"fine": measured_front(experiments, -0.2), "coarse": measured_front(experiments, -0.1)}
+    runs = {"fine": measured_front(-0.2), "coarse": measured_front(-0.1)}
     path = experiments.plot_front(tmp_path / "new" / "front.png", runs, WIDTH, shift=-0.2)
     pixels = image.imread(path)[..., :3]  # (height, width, 3) in [0, 1]
     assert pixels.shape[0] > 600
@@ -212,17 +197,17 @@ def test_the_plot_is_written_and_not_blank(experiments, tmp_path):
         assert (np.abs(pixels - rgb).max(axis=-1) < 0.02).sum() > 100, color
 
 
-def test_the_plot_refuses_wrong_input(experiments, tmp_path):
+def test_the_plot_refuses_wrong_input(tmp_path):
     pytest.importorskip("matplotlib")
     with pytest.raises(ValueError, match="at least one"):
         experiments.plot_front(tmp_path / "front.png", {}, WIDTH)
     with pytest.raises(ValueError, match="width"):
-        experiments.plot_front(tmp_path / "front.png", {"run": measured_front(experiments)}, 0.0)
+        experiments.plot_front(tmp_path / "front.png", {"run": measured_front()}, 0.0)
 
 
-def test_the_plot_names_its_extra_when_matplotlib_is_missing(experiments, tmp_path, monkeypatch):
+def test_the_plot_names_its_extra_when_matplotlib_is_missing(tmp_path, monkeypatch):
     for name in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)  # what import finds of a package that is not there
     with pytest.raises(ImportError, match=r"tipfem\[plot\]"):
-        experiments.plot_front(tmp_path / "front.png", {"run": measured_front(experiments)}, WIDTH)
+        experiments.plot_front(tmp_path / "front.png", {"run": measured_front()}, WIDTH)

@@ -1,1 +1,1 @@
-"""What a user says: fluids, tanks, particles, walls, gradings, the numbers of the method."""
+"""What users describe: fluids, tanks, particles, walls, gradings, parameters of the method."""

@@ -1,4 +1,4 @@
-"""Boundary: which wall particle lies on which straight side, and what its walls leave it free to do."""
+"""Boundary: on which straight sides each wall particle lies, and in which directions it is free to slide."""
 
 from __future__ import annotations
 
@@ -16,43 +16,43 @@ from tipfem.case.walls import Motion, Pose, Wall, rates
 from tipfem.errors import SimulationError
 from tipfem.typing import Array
 
-# A wall particle farther than this from a straight line does not lie on it [spacings].
+# A wall particle lies on a straight side if it is closer to it than this [spacings].
 ON_LINE = 1e-6
-# Part of the tank's volume by which moving walls may change it: their functions' round-off.
+# Relative change of the tank's volume that moving walls may cause, for the round-off of their functions.
 VOLUME_SLACK = 1e-6
 
 
 class Boundary:
-    """The walls of a case on its particles. Places y are those of the tank as it stood at t = 0.
+    """The walls of a case on its particles. Positions y are in the frame of the tank, as at t = 0.
 
     A particle on one side, n . y = c + s(t) with the inward normal n and the side's displacement s, is held in the
     direction n; a particle on several sides (in a corner) in the directions of all their normals. Along the side it
-    is free where the wall slips, and otherwise stays where it is.
+    slides with the fluid where the wall slips, and otherwise stays.
 
     Args:
         particles: the initial state.
-        walls: those that are not simply fixed and no-slip.
-        motion: of the whole tank, or None.
-        closed: whether the fluids fill it, so that moving walls must keep its volume.
+        walls: all walls that slip, slide or move.
+        motion: rigid motion of the whole tank, or None.
+        closed: whether the fluids fill the tank, so that moving walls must keep its volume.
 
     Attributes:
-        active: whether there is anything but fixed no-slip walls.
+        active: whether any wall slips, slides or moves.
         index: (W,) the wall particles.
-        normal: (W, d, d) rows: the normals of the sides a particle lies on; rows left over are zero.
-        inverse: (W, d, d) the pseudo-inverse of each of them.
-        side: (W, d) number of the side that each row belongs to.
+        normal: (W, d, d) for each wall particle a matrix whose rows are the normals of its sides; unused rows are zero.
+        inverse: (W, d, d) pseudo-inverses of these matrices.
+        side: (W, d) number of the side of each row.
         free: (W, d, d) projector on the directions in which the particle slides with the fluid.
-        sliding: (W,) the wall whose velocity the particle has; -1 for those that have none.
-        pieces: rows of particles along a side, ends included, whose spacing is looked after (2-D), each with their
-            places along it, 0 at one end and 1 at the other; None for those that slip.
-        slides: (K,) places in `index` of the particles that slide.
+        sliding: (W,) number of the wall whose velocity the particle has; -1 for none.
+        pieces: rows of particles along a side, ends included, that are kept evenly spaced (2-D). Each row comes with
+            the particles' coordinates along it, 0 at one end and 1 at the other, or None where the wall slips.
+        slides: (K,) positions in `index` of the particles that slide.
         still: (N,) mask of the wall particles that do not slide.
-        stays: (N,) mask of those that are not set elsewhere either.
-        pinned: (W,) mask of those at corners and at the ends of walls.
+        stays: (N,) mask of the wall particles that neither slide nor are relocated along the wall.
+        pinned: (W,) mask of the wall particles at corners and at the ends of walls.
 
     Raises:
         ValueError: a wall has no particles, is not straight, or contradicts another; the tank would change
-            its volume; or a function of time gives what it must not.
+            its volume; or a function of time returns something invalid.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class Boundary:
                     raise ValueError(f"Case: {message}")
 
     def _find_sides(self, particles: Particles) -> None:
-        """The straight sides of the cloud's convex hull, and which wall particles are on each of them."""
+        """Find the straight sides of the convex hull, and the wall particles on each of them."""
         d, centre = self.dimension, particles.position.mean(axis=0)
         facets = ConvexHull((particles.position - centre) / self._h).equations
         facets = facets[np.unique(facets.round(9), axis=0, return_index=True)[1]]
@@ -101,7 +101,7 @@ class Boundary:
             if mask.any() and not any(known):
                 normals.append(n)
                 masks.append(mask)
-                offsets.append(float(np.median(self._y[mask] @ n)))  # exact where the walls run along an axis
+                offsets.append(float(np.median(self._y[mask] @ n)))  # exact for walls along an axis
         self.side_normal, self.offset, self.on_side = np.array(normals), np.array(offsets), np.stack(masks, axis=1)
         count = len(self.index)
         self.normal, self.side = np.zeros((count, d, d)), np.zeros((count, d), dtype=np.int64)
@@ -118,7 +118,7 @@ class Boundary:
         self.inverse = np.linalg.pinv(self.normal, rcond=1e-9)
 
     def _members(self, wall: Wall, particles: Particles) -> tuple[int, Array]:
-        """The side a wall lies on, and its particles as places in `index`, along the wall in 2-D."""
+        """The side of a wall, and its particles as positions in `index`, in order along the wall in 2-D."""
         here, d = f"Case: wall {wall.name!r}", self.dimension
         if wall.between is not None:
             if d != 2:
@@ -135,7 +135,7 @@ class Boundary:
                 raise ValueError(f"{here}: particles must be indices from 0 to {len(particles) - 1}, or a mask of all")
             if not particles.wall[given].all():
                 i = int(given[np.argmin(particles.wall[given])])
-                raise ValueError(f"{here}: particle {i} at {particles.position[i].tolist()} is no wall particle")
+                raise ValueError(f"{here}: particle {i} at {particles.position[i].tolist()} is not a wall particle")
             found = np.searchsorted(self.index, np.unique(given))
         if len(found) < d + 1:
             raise ValueError(f"{here}: only {len(found)} wall particles belong to it; it takes {d + 1} or more")
@@ -162,7 +162,7 @@ class Boundary:
         return np.array([-n[1], n[0]])
 
     def _assign(self) -> None:
-        """What each particle is free to do, and which rows of them are kept evenly spaced."""
+        """Find the free directions of each particle, and the rows of particles that are kept evenly spaced."""
         count, d = len(self.index), self.dimension
         owner = np.full((count, len(self.offset)), -1)
         self.pinned = pinned = np.asarray(self.normal[:, 1].any(axis=1))
@@ -172,13 +172,13 @@ class Boundary:
             if (owner[inner, side] >= 0).any() or (self.walls[number].motion is not None and self.mover[side] >= 0):
                 other = max(int(owner[inner, side].max()), int(self.mover[side]))
                 names = [self.walls[k].name for k in (other, number)]
-                raise ValueError(f"Case: walls {names} overlap; every place has one wall")
+                raise ValueError(f"Case: walls {names} overlap; every wall particle belongs to one wall")
             owner[inner, side] = number
             if d == 2:
                 pinned[found[[0, -1]]] = True
             if self.walls[number].motion is not None:
                 self.mover[side] = number
-        slips = np.array([wall.slips for wall in self.walls] + [False])  # the last for "no wall", -1
+        slips = np.array([wall.slips for wall in self.walls] + [False])  # the last one is for no wall, -1
         # On an edge in 3-D, all of the sides must slip for the particle to slide along it.
         free: Array = (slips[owner] | ~self.on_side).all(axis=1) & self.on_side.any(axis=1)
         if d == 2:
@@ -192,7 +192,7 @@ class Boundary:
             self._find_pieces(pinned, slips, owner)
 
     def _find_pieces(self, pinned: Array, slips: Array, owner: Array) -> None:
-        """Rows between pinned particles that slip or slide, or that a moving wall shortens and lengthens at an end."""
+        """Find the rows between pinned particles that slip or slide, or whose length a moving wall changes."""
         slide = np.array([wall.velocity is not None for wall in self.walls] + [False])
         for side in range(len(self.offset)):
             row = np.flatnonzero(self.on_side[:, side])
@@ -205,23 +205,23 @@ class Boundary:
                 slippery = bool(slips[owner[piece[1:-1], side]].all())
                 if len(piece) > 2 and (slippery or slide[owner[piece[1], side]] or (self.mover[at_ends] >= 0).any()):
                     along = self._y[piece] @ self._tangent(side)
-                    places = (along - along[0]) / (along[-1] - along[0])
-                    self.pieces.append((self.index[piece], None if slippery else places))
+                    coordinate = (along - along[0]) / (along[-1] - along[0])
+                    self.pieces.append((self.index[piece], None if slippery else coordinate))
                     self.stays[self.index[piece[1:-1]]] = False
 
     def _check_start(self, particles: Particles) -> None:
         for wall, (side, _) in zip(self.walls, self.members, strict=True):
             if wall.displacement(0.0) != 0:
                 raise ValueError(
-                    f"Case: wall {wall.name!r}: motion at t = 0 is {wall.displacement(0.0):g} m; it must be zero, for "
-                    "the particles stand where the wall is then"
+                    f"Case: wall {wall.name!r}: motion at t = 0 is {wall.displacement(0.0):g} m; it must be zero, "
+                    "because the particles stand on the wall at that time"
                 )
             velocity = wall.sliding(0.0, self.dimension)
-            across = abs(float(velocity @ self.side_normal[side]))
-            if across > 1e-9 * np.linalg.norm(velocity):
+            normal_speed = abs(float(velocity @ self.side_normal[side]))
+            if normal_speed > 1e-9 * np.linalg.norm(velocity):
                 raise ValueError(
-                    f"Case: wall {wall.name!r}: velocity {velocity.tolist()} m/s is not along the wall; what moves a "
-                    "wall along its normal is motion"
+                    f"Case: wall {wall.name!r}: velocity {velocity.tolist()} m/s is not along the wall; use motion "
+                    "to move a wall along its normal"
                 )
         v = particles.velocity[self.index]
         held = v - np.einsum("wij,wj->wi", self.free, v)
@@ -233,26 +233,45 @@ class Boundary:
             )
 
     def displacements(self, time: float, step: float) -> tuple[Array, Array, Array]:
-        """Displacement (S,) of the sides along their normals [m], with its first two derivatives."""
+        """Displacement (S,) of the sides along their normals [m], with its first two derivatives.
+
+        Args:
+            time: [s].
+            step: of the finite differences [s].
+        """
         values = np.zeros((3, len(self.offset)))
         for side in np.flatnonzero(self.mover >= 0):
             values[:, side] = rates(self.walls[self.mover[side]].displacement, time, step)
         return values[0], values[1], values[2]
 
     def sliding_velocities(self, time: float, step: float) -> tuple[Array, Array]:
-        """Velocity (K + 1, d) [m/s] of the K walls along themselves and its derivative; the last row is zero."""
+        """Velocity (K + 1, d) [m/s] of the K walls along themselves and its derivative; the last row is zero.
+
+        Args:
+            time: [s].
+            step: of the finite differences [s].
+        """
         d = self.dimension
         parts = [rates(partial(wall.sliding, dimension=d), time, step)[:2] for wall in self.walls]
         still = np.zeros(d)
         return np.array([*(p[0] for p in parts), still]), np.array([*(p[1] for p in parts), still])
 
     def pose(self, time: float, step: float) -> Pose:
-        """Where the tank is at a time [s]; ``step`` [s] is that of the finite differences."""
+        """Position and motion of the tank.
+
+        Args:
+            time: [s].
+            step: of the finite differences [s].
+        """
         return Pose.still(self.dimension) if self.motion is None else self.motion.pose(time, step, self.dimension)
 
     def speed_over_spacing(self, particles: Particles, time: float, step: float) -> float:
-        """Largest speed of a particle relative to the tank, in its target spacings [1/s], at a time [s]; see `pose`
-        for ``step``.
+        """Largest ratio of a particle's speed relative to the tank and its target spacing [1/s].
+
+        Args:
+            particles: the state.
+            time: [s].
+            step: of the finite differences [s], see `pose`.
         """
         relative = particles.velocity
         if self.motion is not None:
@@ -260,13 +279,28 @@ class Boundary:
         return float(np.sqrt((sum(axis * axis for axis in relative.T) / particles.target**2).max()))
 
     def held(self, y: Array, displacement: Array) -> Array:
-        """The places y (W, d) nearest to the given ones that are on all sides, displaced by (S,) [m]."""
+        """Project the wall particles onto their sides.
+
+        Args:
+            y: (W, d) positions [m].
+            displacement: (S,) of the sides along their normals [m].
+
+        Returns:
+            (W, d) the nearest positions on all of a particle's displaced sides [m].
+        """
         missing = (self.offset + displacement)[self.side] - np.einsum("wki,wi->wk", self.normal, y)
         missing[~self.normal.any(axis=2)] = 0.0
-        return y + np.einsum("wik,wk->wi", self.inverse, missing)
+        return np.asarray(y + np.einsum("wik,wk->wi", self.inverse, missing))
 
     def require_volume(self, time: float) -> None:
-        """Raises SimulationError if the walls' motions have changed the tank's volume."""
+        """Check that the walls' motions keep the volume of a closed tank.
+
+        Args:
+            time: [s].
+
+        Raises:
+            SimulationError: they do not.
+        """
         if (self.mover >= 0).any() and (message := self._volume_error(time)):
             raise SimulationError(message)
 
@@ -283,21 +317,21 @@ class Boundary:
             return ""
         return (
             f"at t = {time:g} s the walls' motions change the volume of the closed tank by {100 * change:.2g} %, and "
-            "fluids are incompressible; another wall must give way, the opposite one by motion=lambda t: -s(t)"
+            "fluids are incompressible; another wall must move outwards, the opposite one by motion=lambda t: -s(t)"
         )
 
 
-# A wall particle this close to a side's line is on it [spacings]: splits and slides are right to round-off.
+# A wall particle is on a side if it is closer to its line than this [spacings]: splits and slides have round-off.
 ON_SIDE = 1e-5
 
 
 def reassigned(boundary: Boundary, particles: Particles, pose: Pose, displacement: Array) -> Boundary:
-    """The same walls on other particles, in 2-D; a particle of a wall is one that stands on its line.
+    """The same walls on other particles, in 2-D. Wall particles on a wall's line belong to that wall.
 
     Args:
-        boundary: of the particles as they were; a wall keeps the ends that it has there.
-        particles: as they are.
-        pose: where the tank is.
+        boundary: of the previous particles; walls keep the ends that they have there.
+        particles: the new particles.
+        pose: position of the tank.
         displacement: (S,) of the sides along their normals [m].
     """
     new = copy.copy(boundary)
@@ -323,7 +357,7 @@ def reassigned(boundary: Boundary, particles: Particles, pose: Pose, displacemen
 
 
 def _frames(normals: Array, on_side: Array) -> tuple[Array, Array]:
-    """Normals (W, 2, 2) and numbers (W, 2) of the first two sides that each wall particle is on, not parallel."""
+    """Normals (W, 2, 2) and numbers (W, 2) of the first two sides of each wall particle that are not parallel."""
     rows = np.arange(len(on_side))
     first = np.argmax(on_side, axis=1)
     cross = normals[first, 0][:, None] * normals[:, 1] - normals[first, 1][:, None] * normals[:, 0]

@@ -194,7 +194,10 @@ class Case:
             )
 
     def fluid_index(self, name: str) -> int:
-        """Index of a fluid by its name.
+        """Index of a fluid.
+
+        Args:
+            name: of the fluid.
 
         Raises:
             ValueError: there is no fluid of that name.
@@ -210,12 +213,19 @@ class Case:
         return not self.free_surface
 
     def acceleration(self, position: Array, time: float) -> Array:
-        """Gravity and body force (N, d) [m/s^2] at positions (N, d) [m] and a time [s].
+        """Gravity and body force per mass.
+
+        Args:
+            position: (N, d) [m].
+            time: [s].
+
+        Returns:
+            (N, d) [m/s^2].
 
         Raises:
             ValueError: the body force has the wrong shape or is not finite.
         """
-        force = np.broadcast_to(self.gravity, position.shape).copy()
+        force: Array = np.broadcast_to(self.gravity, position.shape).copy()
         if self.body_force is not None:
             extra = np.asarray(self.body_force(position, time), dtype=float)
             if extra.shape == position.shape and not np.isfinite(extra).all():
@@ -230,10 +240,10 @@ class Case:
                     f"of shape {position.shape}"
                 )
             force += extra
-        return force
+        return np.asarray(force)
 
     def natural_frequency(self) -> float:
-        """sqrt(|b| / h) [1/s] with the largest acceleration b by gravity and body force at the start."""
+        """Frequency sqrt(|b| / h) with the largest acceleration b by gravity and body force at the start [1/s]."""
         force = self.acceleration(self.particles.position, 0.0)
         return float(np.sqrt(np.linalg.norm(force, axis=1).max() / self.particles.spacing))
 

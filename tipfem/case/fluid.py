@@ -1,4 +1,4 @@
-"""Fluids: incompressible, Newtonian, told apart by density and viscosity."""
+"""Fluids: incompressible and Newtonian, with density and viscosity."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ class Fluid:
     """An incompressible Newtonian fluid.
 
     Attributes:
-        name: what the fluid is called in results and pictures; unique within a case.
+        name: of the fluid in results and pictures; unique within a case.
         density: mass density [kg/m^3], > 0.
         viscosity: dynamic viscosity [Pa s], >= 0.
 
     Raises:
-        ValueError: the name is empty or no text, or a property is out of range or no finite number.
+        ValueError: the name is empty or not a string, or a property is out of range or not a finite number.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Grading: target spacings that depend on place and fluid."""
+"""Grading: target spacings that depend on position and fluid."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ from tipfem.arguments import is_number, numbers
 from tipfem.case.fluid import Fluid
 from tipfem.typing import Array
 
-# A function of places is asked for sizes at all particles of a lattice; these many sizes stand for all of them.
+# Gradation limiting takes time for every distinct size; this many represent all of them.
 SIZES = 16
-# Every so many lines of a lattice are kept, the most that are not farther apart than this part of the target: numbers
-# that share factors, so that thinned lattices have points in common where they meet.
+# Of a lattice every first, second, third ... line is kept. These strides share factors, so that lattices of different
+# strides have points in common. Lines may be farther apart than the target by the factor ROUNDED.
 STRIDES = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256])
 ROUNDED = 1.06
 
 
 @dataclass(frozen=True)
 class Grading:
-    """How far apart particles stand, as a function of place and fluid.
+    """Target distances between particles, as a function of position and fluid.
 
-    At interfaces, and in fluids that are not named, the target is the case's own spacing, which is the smallest. Away
-    from interfaces it grows to what a fluid allows, also along walls. Particles are created and removed to follow it
-    as the fluids move: edges come to be 0.7 to 1.7 targets long.
+    At interfaces, and in fluids that are not named, the target is the case's spacing, which is the smallest. Away
+    from interfaces it grows to the fluid's largest target, also along walls. Particles are created and removed to
+    follow it as the fluids move: edges become 0.7 to 1.7 targets long.
 
     Attributes:
         largest: by a fluid's name, the target far from its interfaces [m].
-        growth: by how much the target grows per distance, 0.02 to 0.5.
-        where: function of positions (K, d) [m] to the largest targets (K,) there [m], for places that are to be
-            resolved better - a boundary layer, say; or None. It must give values > 0; inf sets no limit, and below the
-            case's spacing they count as that. It is asked for all particles at the start and after every step, in
-            the frame that does not move with the tank. If no fluid is named, it alone says what targets are.
+        growth: largest gradient of the target, 0.02 to 0.5.
+        where: function of positions (K, d) [m] to upper limits (K,) of the targets [m], for regions that need a finer
+            resolution, such as boundary layers; or None. It must return values > 0; inf sets no limit, and values below
+            the case's spacing count as that. It is evaluated at all particles at the start and after every step, in
+            the frame that does not move with the tank. If no fluid is named, it alone determines the targets.
 
     Raises:
-        ValueError: a number is out of range or none.
+        ValueError: a number is out of range, or not a number.
     """
 
     largest: Mapping[str, float] = field(default_factory=dict)
@@ -58,14 +58,21 @@ class Grading:
             raise ValueError(f"Grading: where is {self.where!r}; it must be a function of positions")
 
     def summary(self) -> dict[str, object]:
-        """What results say of it."""
+        """The grading as it is written with results."""
         return {"largest": dict(self.largest), "growth": self.growth, "where": self.where is not None}
 
     def of_fluids(self, names: list[str], spacing: float) -> Array:
-        """(F,) largest target of each fluid [m].
+        """Largest target of each fluid.
+
+        Args:
+            names: of the F fluids.
+            spacing: of the case, the smallest target [m].
+
+        Returns:
+            (F,) [m].
 
         Raises:
-            ValueError: there is no fluid of a name that was given, or its target is below ``spacing`` [m].
+            ValueError: ``largest`` names a fluid that does not exist, or its target is below the spacing.
         """
         for name, value in self.largest.items():
             if name not in names:
@@ -79,7 +86,7 @@ class Grading:
         return np.array([self.largest.get(name, others) for name in names], dtype=float)
 
     def sizing(self, position: Array, fluid: Array, at_interface: Array, largest: Array, spacing: float) -> Array:
-        """(N,) targets if they could change from one particle to the next [m].
+        """The sizing function before its gradient is limited: target spacings (N,) [m].
 
         Args:
             position: (N, d) [m].
@@ -89,35 +96,40 @@ class Grading:
             spacing: the smallest target [m].
 
         Raises:
-            ValueError: `where` gives what it must not.
+            ValueError: `where` raised, or returned values of the wrong shape or not > 0.
         """
         widest = max(axis.max() - axis.min() for axis in position.T)
-        wish = np.minimum(np.where(at_interface, spacing, largest.take(fluid)), widest)
+        size = np.minimum(np.where(at_interface, spacing, largest.take(fluid)), widest)
         if self.where is not None:
-            given = numbers(self.where(position.copy()))
-            if given.shape != wish.shape:
+            try:
+                given = numbers(self.where(position.copy()))
+            except Exception as error:
+                raise ValueError(
+                    f"Grading: where raised {type(error).__name__} for positions of shape {position.shape}: {error}"
+                ) from error
+            if given.shape != size.shape:
                 raise ValueError(
                     f"Grading: where gave shape {given.shape} for positions of shape {position.shape}; it must be "
-                    f"targets > 0 in metres, one for each, of shape {wish.shape}"
+                    f"targets > 0 in metres, one for each, of shape {size.shape}"
                 )
             if not (given > 0).all():
                 i = int(np.argmin(given > 0))
                 raise ValueError(f"Grading: where gave {given[i]} at {position[i].tolist()}; it must be > 0, in metres")
-            wish = np.minimum(wish, np.maximum(given, spacing))
-        return np.asarray(wish)
+            size = np.minimum(size, np.maximum(given, spacing))
+        return np.asarray(size)
 
 
 def thinned(
     grading: Grading, position: Array, shape: tuple[int, int], fluid: Array, fluids: Sequence[Fluid], spacing: float
 ) -> Array:
-    """Which points of a lattice are to be particles: every one, every second, every third ... along both axes.
+    """Select the points of a lattice that become particles: every first, second, third ... along both axes.
 
     Args:
-        grading: of the targets.
-        position: (N, 2) of the lattice [m], the second axis running fastest.
-        shape: how many lines it has.
-        fluid: (N,) of the points; where they differ from one to the next there is an interface.
-        fluids: that the numbers stand for.
+        grading: the target spacings.
+        position: (N, 2) lattice points [m], the second axis running fastest.
+        shape: number of points along each axis.
+        fluid: (N,) of the points; an interface is where neighbours differ.
+        fluids: the fluids that ``fluid`` indexes.
         spacing: of the lattice, the smallest target [m].
 
     Returns:
@@ -130,24 +142,33 @@ def thinned(
         at_interface[one] |= differs
         at_interface[other] |= differs
     largest = grading.of_fluids([f.name for f in fluids], spacing)
-    wish = grading.sizing(position, fluid, at_interface.ravel(), largest, spacing)
-    target = graded(position, wish, grading.growth)
+    size = grading.sizing(position, fluid, at_interface.ravel(), largest, spacing)
+    target = limit_gradation_at_points(position, size, grading.growth)
     stride = STRIDES[np.searchsorted(STRIDES, ROUNDED * target / spacing, side="right") - 1].reshape(shape)
-    row, column = (np.minimum(np.arange(n), np.arange(n)[::-1]) for n in shape)  # lines are counted from the next wall
-    return ((row[:, None] % stride == 0) & (column[None, :] % stride == 0)).ravel()
+    row, column = (np.minimum(np.arange(n), np.arange(n)[::-1]) for n in shape)  # counted from the nearest wall
+    return np.asarray(((row[:, None] % stride == 0) & (column[None, :] % stride == 0)).ravel())
 
 
-def graded(position: Array, wish: Array, growth: float) -> Array:
-    """(N,) the largest targets that are nowhere above ``wish`` (N,) and grow by ``growth`` per distance at most [m]."""
-    sizes = np.unique(wish)
-    if len(sizes) > SIZES:
-        sizes = sizes[np.linspace(0, len(sizes) - 1, SIZES).astype(int)]
-    target = wish.copy()
-    sizes = sizes[np.isfinite(sizes)]
-    for low, high in itertools.pairwise([*sizes, np.inf]):
-        of_this = (wish >= low) & (wish < high)
-        open_ones = np.flatnonzero(target > low)
-        if len(open_ones) and of_this.any():
-            distance = cKDTree(position[of_this]).query(position[open_ones])[0]
-            target[open_ones] = np.minimum(target[open_ones], low + growth * distance)
-    return target
+def limit_gradation_at_points(position: Array, size: Array, growth: float) -> Array:
+    """Limit the gradient of a sizing function.
+
+    Args:
+        position: (N, d) [m].
+        size: (N,) upper limits of the target spacings [m].
+        growth: largest gradient.
+
+    Returns:
+        (N,) the largest target spacings that nowhere exceed ``size`` and grow by ``growth`` per distance at most [m].
+    """
+    levels = np.unique(size)
+    if len(levels) > SIZES:
+        levels = levels[np.linspace(0, len(levels) - 1, SIZES).astype(int)]
+    target = size.copy()
+    levels = levels[np.isfinite(levels)]
+    for low, high in itertools.pairwise([*levels, np.inf]):
+        of_this = (size >= low) & (size < high)
+        larger = np.flatnonzero(target > low)
+        if len(larger) and of_this.any():
+            distance = cKDTree(position[of_this]).query(position[larger])[0]
+            target[larger] = np.minimum(target[larger], low + growth * distance)
+    return np.asarray(target)

@@ -1,4 +1,4 @@
-"""Lines of the rectilinear lattices on which a tank's particles begin."""
+"""Rectilinear lattices on which the particles of a tank start, and their points on faces between fluids."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 
 from tipfem.typing import Array
 
-# Halvings of an edge between two parts: to round-off.
+# Bisections of an edge between two parts, enough for round-off.
 BISECTIONS = 52
-# How far beside a face to look for what is there, in spacings.
+# Distance from a face at which the parts on its two sides are sampled [spacings].
 BESIDE = 1e-4
 
 
@@ -21,15 +21,15 @@ def snap_to_faces(
     """Move lattice points onto the faces between parts of a tank.
 
     On every edge of the lattice, diagonals included, that joins two parts, the end that is closer to the face
-    moves there, along the edge; a point that could go to several places goes to the closest (Labelle & Shewchuk,
-    "Isosurface stuffing", 2007). Then no edge crosses a straight face but where walls are in the way.
-    Points on a wall stay on it, and the corners of the tank where they are.
+    moves there along the edge; a point with several targets moves to the closest (Labelle & Shewchuk,
+    "Isosurface stuffing", 2007). Then no edge crosses a straight face except at walls.
+    Points on a wall stay on it, and the corners of the tank do not move.
 
     Args:
         position: (N, 2) lattice points [m], the second axis running fastest.
         shape: points along each axis.
         size: (2,) of the tank [m].
-        part: from positions (K, 2) to the number (K,) of the part that each lies in.
+        part: function of positions (K, 2) [m] to the number (K,) of the part that each lies in.
 
     Returns:
         The points (N, 2), and the mask (N,) of those on a face.
@@ -47,23 +47,23 @@ def snap_to_faces(
         middle = 0.5 * (low + high)
         same = part(start + middle[:, None] * edge) == label[one]
         low, high = np.where(same, middle, low), np.where(same, high, middle)
-    place = 0.5 * (low + high)
-    # A face that a lattice line stands on is met at its end, to the last digit; parts overlap by round-off.
-    place = np.where(place < 1e-7, 0.0, np.where(place > 1 - 1e-7, 1.0, place))
-    crossing = start + place[:, None] * edge
-    mover = np.where(place <= 0.5, one, other)
+    fraction = 0.5 * (low + high)
+    # Parts overlap by round-off. A face along a lattice line is met exactly at an end of the edge.
+    fraction = np.where(fraction < 1e-7, 0.0, np.where(fraction > 1 - 1e-7, 1.0, fraction))
+    crossing = start + fraction[:, None] * edge
+    mover = np.where(fraction <= 0.5, one, other)
     on_wall = (position == 0.0) | (position == size)
     crossing = np.where(on_wall[mover] & (on_wall[one] & on_wall[other]), position[mover], crossing)
     leaves = (on_wall[mover] & (crossing != position[mover])).any(axis=1)
     mover, crossing = mover[~leaves], crossing[~leaves]
-    way = np.linalg.norm(crossing - position[mover], axis=1)
-    order = np.lexsort((way, mover))
+    distance = np.linalg.norm(crossing - position[mover], axis=1)
+    order = np.lexsort((distance, mover))
     mover, first = np.unique(mover[order], return_index=True)
     crossing = crossing[order][first]
-    # The two diagonals of a square may meet a face at one place, their middle: there one point goes, and one stays.
-    apart = np.abs(size).max() * 1e-9
-    alone = np.unique(np.round(crossing / apart).astype(np.int64), axis=0, return_index=True)[1]
-    mover, crossing = mover[alone], crossing[alone]
+    # The two diagonals of a square may cross a face at the same point, their middle: only one point moves there.
+    tolerance = np.abs(size).max() * 1e-9
+    distinct = np.unique(np.round(crossing / tolerance).astype(np.int64), axis=0, return_index=True)[1]
+    mover, crossing = mover[distinct], crossing[distinct]
     snapped = position.copy()
     snapped[mover] = crossing
     on_face = np.zeros(len(position), dtype=bool)
@@ -74,14 +74,14 @@ def snap_to_faces(
 def faces_of_part(
     faces: Iterable[float], axis: int, size: Array, spacing: float, part: Callable[[Array], Array]
 ) -> set[float]:
-    """Those of the faces across one axis beside which, somewhere, a part of the tank ends.
+    """The faces normal to one axis at which a part of the tank ends anywhere.
 
     Args:
         faces: coordinates along the axis [m].
-        axis: which.
+        axis: number of the axis.
         size: (d,) of the tank [m].
         spacing: of its particles [m].
-        part: from positions (K, d) to the mask (K,) of the part.
+        part: function of positions (K, d) [m] to a mask (K,) of those in the part.
     """
     others = [np.arange(0.25 * spacing, length, 0.5 * spacing) for k, length in enumerate(size) if k != axis]
     grid = np.stack([x.ravel() for x in np.meshgrid(*others, indexing="ij")], axis=1)
@@ -102,7 +102,7 @@ def heaviest_beside(
         position: points on faces [m].
         size: (2,) of the tank [m].
         spacing: of its particles [m].
-        fluid: from positions to fluids.
+        fluid: function of positions (K, 2) [m] to fluids (K,).
         density: of the fluids [kg/m^3].
     """
     best = fluid(position)
@@ -114,13 +114,13 @@ def heaviest_beside(
     return best
 
 
-# Lines closer than this, in spacings, would be crowded from the start: relocation moves such particles.
+# Least distance of lines [spacings]; relocation would move particles that are closer from the start.
 CLOSEST = 0.6
 
 
 def fitted_lines(axis: int, length: float, spacing: float, faces: Iterable[float]) -> Array:
     """Coordinates (n,) of the lines along one axis, with one on every face [m]; see `lines`."""
-    # A layer of two lines has a particle inside; with one, all would be shared with its neighbours.
+    # With two intervals or more a layer has particles of its own, which it does not share with its neighbours.
     edges = _edges(axis, length, spacing, faces, lambda lower, upper: (2 * CLOSEST, "two lines"))
     pieces = [np.zeros(1)]
     for lower, upper in itertools.pairwise(edges):
@@ -133,17 +133,17 @@ def lines(axis: int, length: float, spacing: float, faces: Iterable[float], on_l
     """Coordinates (n,) of the lines along one axis, with every face midway between two of them [m].
 
     Args:
-        axis: for messages.
+        axis: number of the axis, for messages.
         length: of the tank along it [m].
         spacing: h [m].
         faces: where parts of the tank end [m].
-        on_lines: those of the faces on which a line stands instead.
+        on_lines: the faces that have a line on them instead.
 
     Raises:
         ValueError: two faces are too close to each other.
     """
     h = spacing
-    # On a wall stands a line of its own, which the layer's first must keep off.
+    # A wall has a line of its own, from which the first line of the layer keeps its distance.
     edges = _edges(
         axis,
         length,
@@ -151,16 +151,16 @@ def lines(axis: int, length: float, spacing: float, faces: Iterable[float], on_l
         faces,
         lambda lower, upper: (CLOSEST * (1.0 if lower > 0 and upper < length else 1.5), "one line"),
     )
-    # First every layer by itself: a wall's line stands on the wall, the others half a step off the faces.
+    # Each layer separately: lines are on walls, and half a step from faces.
     layers = list(itertools.pairwise(edges))
     solid = {0.0, length, *on_lines}
     margins = [(0.0 if a in solid else 0.5) + (0.0 if b in solid else 0.5) for a, b in layers]
     counts = [max(int(m < 1), round((b - a) / h - m)) for (a, b), m in zip(layers, margins, strict=True)]
     steps = [(b - a) / (n + m) for (a, b), n, m in zip(layers, counts, margins, strict=True)]
-    # Both sides of a face then take the same half gap: that of the smaller step crowds neither.
+    # Then both sides of a face have the same half gap, that of the smaller step.
     half = [0.0, *(0.5 * min(s) for s in itertools.pairwise(steps)), 0.0]
     for k, n in enumerate(counts):
-        if n == 0:  # a line alone stands in the middle of its layer
+        if n == 0:  # a single line is in the middle of its layer
             half[k] = half[k + 1] = 0.5 * steps[k]
     half = [0.0 if edge in solid else gap for edge, gap in zip(edges, half, strict=True)]
     pieces = []
@@ -169,13 +169,13 @@ def lines(axis: int, length: float, spacing: float, faces: Iterable[float], on_l
         single = counts[k] == 0 and abs(last - first) < 1e-9 * h
         n = 0 if single else max(1, round((last - first) / h))
         if last - first < CLOSEST * n * h * (1 - 1e-9):
-            why = f"its neighbours let it be ({CLOSEST:g} spacings between lines)"
+            why = f"its neighbours allow ({CLOSEST:g} spacings between lines)"
             raise _thin(axis, lower, upper, h, why)
         pieces.append(np.linspace(first, last, n + 1))
     result = np.concatenate(pieces)
     result = result[np.append(np.diff(result) > 1e-9 * length, True)]  # a line on a face is in two layers
     result[-1] = length
-    return result
+    return np.asarray(result)
 
 
 def _edges(
@@ -183,10 +183,15 @@ def _edges(
 ) -> list[float]:
     """Coordinates of walls and faces along one axis, ascending [m].
 
-    limit: from two of them that follow each other to the least distance, in spacings, and what it is for.
+    Args:
+        axis: number of the axis, for messages.
+        length: of the tank along it [m].
+        spacing: h [m].
+        faces: where parts of the tank end [m].
+        limit: function of two consecutive coordinates to their least distance [spacings] and its purpose.
     """
     edges = [0.0]
-    # A face that is on a wall but for round-off is no face inside the tank.
+    # A face on a wall, up to round-off, is not inside the tank.
     inner = {face for face in faces if 1e-9 * length < face < length - 1e-9 * length}
     for face in [*sorted(inner), length]:
         if face - edges[-1] < 1e-9 * length:

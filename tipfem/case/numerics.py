@@ -1,4 +1,4 @@
-"""Numerics: the numbers of the method."""
+"""Numerics: parameters of the method."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from tipfem.typing import Array
 
 @dataclass(frozen=True)
 class RelocationRule:
-    """When a particle is moved, and where to. All lengths in target spacings h.
+    """When a particle is relocated, and where to, with the interpolated interface. All lengths in target spacings h.
 
     Attributes:
-        too_close: a particle closer than this to another is moved.
-        too_close_to_wall: a particle closer than this to a face of the wall is moved.
+        too_close: a particle closer than this to another is relocated.
+        too_close_to_wall: a particle closer than this to a face of the wall is relocated.
         long_edge: edges within a fluid longer than this take a particle at their middle.
         long_mixed_edge: edges between two fluids longer than this take a particle at a third of
             their length, so that no gap opens between the fluids.
-        urgent: a particle closer than this to another is moved into any edge longer than h.
-        at_surface: factor on these distances where one of two particles is on a free surface, and
-        along_surface: where both are, and for heights of particles on the surface over a wall.
+        urgent: a particle closer than this to another is relocated into any edge longer than h.
+        at_surface: factor on these distances if one of the two particles is on a free surface.
+        along_surface: the same factor if both are, and for the heights over a wall of particles on the surface.
 
     Raises:
-        ValueError: a length is not positive, or a rule would undo itself.
+        ValueError: a length is not positive, or relocated particles would be relocated again at once.
     """
 
     too_close: float = 0.6
@@ -57,13 +57,16 @@ class SurfaceRule:
 
     Attributes:
         alpha: simplices inside the fluid, at its surface, are fluid if R < alpha h.
-        inner: the same for simplices with a particle below the surface. Those with no other particles are fluid anyway.
-        first: factor on alpha for the first mesh of particles given as arrays; of a tank it is known what is filled.
-        join: simplices outside the fluid become fluid if R < join h, and
-        gap: if their smallest height is below gap h. So drops merge, and waves close.
+        inner: the same for simplices with a particle below the surface. Simplices whose particles are all below the
+            surface are always fluid.
+        first: factor on alpha for the first mesh of particles given as arrays. A tank knows which parts are filled.
+        join: simplices outside the fluid become fluid if R < join h and their smallest height is below gap h. So
+            drops merge and waves close.
+        gap: see ``join``.
         touch: a particle that is lower than this over a dry wall touches it.
-        wet: the same over a wall that is wet at one end, when the particle has passed the middle between the ends.
-        dry: it leaves that wall again when it is behind this part of the way, half of which is the middle.
+        wet: the same over a face of the wall that is wet at one end, once the particle has passed the middle.
+        dry: the particle leaves that face again when it falls behind this fraction of the distance between its ends;
+            0.5 is the middle.
 
     Raises:
         ValueError: a number is out of range.
@@ -146,37 +149,36 @@ class FittedRule:
 
 @dataclass(frozen=True)
 class Numerics:
-    """The numbers of the method.
+    """Parameters of the method.
 
     Attributes:
-        rho_inf: of generalized-alpha, 0 to 1.
+        rho_inf: spectral radius at infinity of generalized-alpha, 0 to 1.
         stabilisation: c in tau = c dt^2 of the PSPG term, > 0.
-        volume_correction: rate at which the source in J - 1 = s gives lost volume back to a fluid, in
+        volume_correction: rate at which the source in J - 1 = s restores the lost volume of a fluid, in
             units of sqrt(|b| / h) with the largest acceleration b by gravity and body force at the start; 0
-            switches the source off. The higher, the smaller the error of volume and the noisier the pressure.
-            With the sharp interface: whether (> 0) interfaces are moved so that volumes stay those of the
-            start, or (0) only what the remeshing itself changed is undone.
-        momentum_transfer: with the interpolated interface, whether a particle that a remeshing made heavier takes
-            on the velocity of the neighbours its new mass came from (see `momentum_transfer`). The paper's method
-            does not.
-        newton_tolerance: of the largest scaled residual, in spacings: how far it would move its particle.
+            switches the source off. A higher rate reduces the error of volume and adds noise to the pressure.
+            With the sharp interface any rate > 0 means that interfaces are moved to keep the volumes of the
+            start, and 0 that only the changes of volume by remeshing are undone.
+        momentum_transfer: with the interpolated interface, whether a particle whose mass a remeshing increases takes
+            on the velocity of the neighbours that lost it (see `momentum_transfer`). The paper's method does not.
+        newton_tolerance: of the largest scaled residual, expressed as a displacement in spacings.
         acceleration_tolerance: of the same residual as an acceleration, relative to gravity; the
-            tighter of both holds. Without it, short steps and large spacings would leave pressure loose.
-            The largest is that of a few particles where the mesh has just changed; the root of the mean square
-            of all is a fiftieth of it.
-        newton_iterations: after which a step is refused.
-        largest_move: displacement of the fastest particle that the length of a step aims at, in spacings; more than
-            0.5 only where no element would be crushed (see `StepControl`). A step in which one moves by 0.15 spacings
-            more is refused.
-        smallest_jacobian: a step in which an element's J falls below it is refused.
-        triangulation: of the interpolated interface in 2-D, between walls: "repair" flips the last mesh, and takes
-            relocated particles out of it and puts them in, where that can be done; "rebuild" asks Qhull every time.
-        relocation: when particles are moved, and where to, with the interpolated interface.
+            tighter of both holds. It keeps the pressure accurate for short steps and large spacings.
+            The largest residual is that of a few particles where the mesh has just changed; the root mean square
+            of all is about a fiftieth of it.
+        newton_iterations: largest number of iterations, after which a step is refused.
+        largest_move: target of the step control for the displacement of the fastest particle, in spacings; more than
+            0.5 only if J of no element falls below its limit (see `StepControl`). A step in which a particle moves
+            0.15 spacings more than this is refused.
+        smallest_jacobian: limit of J; a step in which an element's J falls below it is refused.
+        triangulation: with the interpolated interface in 2-D and without free surface: "repair" flips the last mesh,
+            and removes and inserts relocated particles, where that is possible; "rebuild" calls Qhull in every step.
+        relocation: when particles are relocated, and where to, with the interpolated interface.
         fitting: when the triangulation is changed, with the sharp interface.
         surface: which simplices are fluid, with a free surface.
 
     Raises:
-        ValueError: a number is out of range or none, or a rule is none of its kind.
+        ValueError: a number is out of range or not a number, or a rule has the wrong type.
     """
 
     rho_inf: float = 0.0
@@ -218,13 +220,13 @@ class Numerics:
             raise ValueError(f"Numerics: momentum_transfer is {self.momentum_transfer!r}; it must be True or False")
 
     def tolerance(self, force: Array, cm: float, spacing: float, smallest: float) -> float:
-        """Largest scaled residual that counts as solved [spacings].
+        """Tolerance of the largest scaled residual [spacings].
 
         Args:
             force: (N, d) gravity and body force [m/s^2].
             cm: d a / d u of the time integration [1/s^2].
             spacing: of the particles [m].
-            smallest: what round-off leaves of a residual [spacings].
+            smallest: residual that round-off leaves [spacings].
         """
         strength = largest_length(force)
         by_force = self.acceleration_tolerance * strength / (cm * spacing) if strength > 0 else float("inf")

@@ -1,4 +1,4 @@
-"""Walls as the user says them: slip, sliding and moving walls, and the motion of a whole tank."""
+"""Walls as users describe them: slip, sliding and moving walls, and the rigid motion of a whole tank."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from tipfem.typing import Array
 
 Function = Callable[[float], Any]
 
-# Weights of finite differences of fourth order, for f' (over the step) and f'' (over its square): around a
-# time, and from it onwards where the function may not be defined before (at the start of a run).
+# Weights of finite differences of fourth order for f' (divided by the step) and f'' (divided by its square): central,
+# and one-sided for the start of a run, before which functions need not be defined.
 _AROUND = (np.array([1, -8, 0, 8, -1]) / 12, np.array([-1, 16, -30, 16, -1]) / 12)
 _ONWARDS = (np.array([-25, 48, -36, 16, -3, 0]) / 12, np.array([45, -154, 214, -156, 61, -10]) / 12)
 
 
 @dataclass(frozen=True)
 class Wall:
-    """A straight wall, or a part of one, that is not simply fixed and no-slip.
+    """A straight wall, or a part of one, that slips, slides or moves.
 
-    Which wall particles it is made of: those on the line between two points (2-D), or those given by index or
-    mask. They must lie on one straight side of the cloud. A corner, where it meets a wall of another direction,
-    is fixed in both. So are, in 2-D, the ends of a wall that goes on straight as another wall.
+    Its particles are those on the line between two points (2-D), or those given by index or mask. They must lie on
+    one straight side of the domain. Particles in corners are held by both walls. In 2-D so are the ends of a wall
+    that continues straight as another wall.
 
     Attributes:
-        name: what errors call it.
+        name: for messages; unique within a case.
         between: the two ends [m], each (2,).
         particles: indices (K,) or mask (N,) of its particles, instead of ``between``.
         slip: whether the fluid slides along it without friction.
         slip_length: l [m] of Navier's condition, traction = viscosity / l (v - v_wall) along the wall; > 0.
         velocity: of a wall that slides along itself, relative to the tank: (d,) [m/s], or a function of time
-            [s] to it. Its particles stay where they are.
+            [s] that returns it. The wall's particles do not move along with it.
         motion: function of time [s] to the displacement [m] of the wall along its normal since t = 0, relative
             to the tank; positive into the fluid. It must be smooth: velocity and acceleration are its derivatives.
 
@@ -53,7 +53,7 @@ class Wall:
     def __post_init__(self) -> None:
         here = f"wall {self.name!r}"
         if not isinstance(self.name, str) or not self.name:
-            raise ValueError(f"wall: name is {self.name!r}; it must be a text")
+            raise ValueError(f"wall: name is {self.name!r}; it must be a non-empty string")
         if (self.between is None) == (self.particles is None):
             raise ValueError(f"{here}: give either its ends, between, or its particles")
         if not isinstance(self.slip, bool):
@@ -78,14 +78,35 @@ class Wall:
         return self.slip or self.slip_length is not None
 
     def displacement(self, time: float) -> Array:
-        """Displacement () along the inward normal [m]; raises ValueError unless it is a finite number."""
+        """Displacement along the inward normal.
+
+        Args:
+            time: [s].
+
+        Returns:
+            () [m].
+
+        Raises:
+            ValueError: ``motion`` did not return a finite number.
+        """
         value = 0.0 if self.motion is None else self.motion(time)
         if not is_number(value):
             raise ValueError(f"wall {self.name!r}: motion at t = {time:g} s gave {value!r}; it must be a length in m")
         return np.array(float(value))
 
     def sliding(self, time: float, dimension: int) -> Array:
-        """Velocity (d,) of the wall along itself [m/s]; raises ValueError unless it is finite and has d parts."""
+        """Velocity of the wall along itself.
+
+        Args:
+            time: [s].
+            dimension: d.
+
+        Returns:
+            (d,) [m/s].
+
+        Raises:
+            ValueError: the velocity given is not finite, or has another shape.
+        """
         given = self.velocity(time) if callable(self.velocity) else self.velocity
         value = np.zeros(dimension) if given is None else numbers(given)
         if value.shape != (dimension,) or not np.isfinite(value).all():
@@ -103,11 +124,11 @@ class Motion:
     Attributes:
         translation: function of time [s] to a displacement (d,) [m].
         angle: function of time [s] to an angle [rad], anticlockwise.
-        pivot: (d,) point [m] about which the tank turns; it is translated with the tank.
+        pivot: (d,) centre of rotation [m]; it is translated with the tank.
         axis: (3,) direction of the axis of rotation; of a three-dimensional tank only.
 
     Raises:
-        ValueError: none of the functions is given, one of them is no function, or the axis is no direction.
+        ValueError: neither function is given, one of them is not callable, or the axis is not a direction.
     """
 
     translation: Function | None = None
@@ -129,22 +150,31 @@ class Motion:
             raise ValueError(f"Motion: pivot is {self.pivot!r}; it must be a point in m")
 
     def check(self, dimension: int) -> None:
-        """Check against the case's dimension, and the start.
+        """Check the dimension and the values at t = 0.
+
+        Args:
+            dimension: d of the case.
 
         Raises:
-            ValueError: pivot or translation has the wrong shape, or the tank is not where it stands at t = 0.
+            ValueError: pivot or translation has the wrong shape, or the motion is not zero at t = 0.
         """
         if self.pivot is not None and numbers(self.pivot).shape != (dimension,):
             raise ValueError(f"Motion: pivot is {self.pivot!r}; it must be a point of {dimension} coordinates in m")
         for name, value in (("translation", self._shift(0.0, dimension)), ("angle", self._angle(0.0))):
             if np.any(value != 0):
                 raise ValueError(
-                    f"Motion: {name} at t = 0 is {value.tolist()}; it must be zero, for the particles stand where the "
-                    "tank is then"
+                    f"Motion: {name} at t = 0 is {value.tolist()}; it must be zero, because the particles stand "
+                    "where the tank is at that time"
                 )
 
     def pose(self, time: float, step: float, dimension: int) -> Pose:
-        """Where the tank is at a time [s], and how it moves; ``step`` [s] is that of the finite differences."""
+        """Position and motion of the tank.
+
+        Args:
+            time: [s].
+            step: of the finite differences [s].
+            dimension: d of the case.
+        """
         shift, velocity, acceleration = rates(lambda t: self._shift(t, dimension), time, step)
         angle, rate, rate_change = (float(value) for value in rates(self._angle, time, step))
         pivot = np.zeros(dimension) if self.pivot is None else numbers(self.pivot)
@@ -196,32 +226,37 @@ class Pose:
 
     @classmethod
     def still(cls, dimension: int) -> Pose:
-        """Of a tank that stands where it stood."""
-        zero, nothing = np.zeros(dimension), np.zeros((dimension, dimension))
-        return cls(zero, zero, np.eye(dimension), nothing, nothing, zero, zero)
+        """The pose of a tank of ``dimension`` d at rest."""
+        zero, zeros = np.zeros(dimension), np.zeros((dimension, dimension))
+        return cls(zero, zero, np.eye(dimension), zeros, zeros, zero, zero)
 
     def place(self, y: Array) -> Array:
-        """Places x (K, d) of the tank's points ``y`` (K, d)."""
-        return self.centre + (y - self.pivot) @ self.rotation.T
+        """Positions x (K, d) of the tank's points ``y`` (K, d) [m]."""
+        return np.asarray(self.centre + (y - self.pivot) @ self.rotation.T)
 
     def origin(self, x: Array) -> Array:
         """The tank's points y (K, d) that are at ``x`` (K, d)."""
-        return self.pivot + (x - self.centre) @ self.rotation
+        return np.asarray(self.pivot + (x - self.centre) @ self.rotation)
 
     def rigid_velocity(self, x: Array) -> Array:
         """Velocity (K, d) of the tank's points at ``x`` (K, d)."""
-        return self.velocity + (x - self.centre) @ self.angular_velocity.T
+        return np.asarray(self.velocity + (x - self.centre) @ self.angular_velocity.T)
 
     def rigid_acceleration(self, x: Array) -> Array:
         """Acceleration (K, d) of the tank's points at ``x`` (K, d)."""
         w = self.angular_velocity
-        return self.acceleration + (x - self.centre) @ (self.angular_acceleration + w @ w).T
+        return np.asarray(self.acceleration + (x - self.centre) @ (self.angular_acceleration + w @ w).T)
 
 
 def rates(function: Callable[[float], Array], time: float, step: float) -> tuple[Array, Array, Array]:
-    """Value of a function of time and its first two derivatives, by differences over ``step`` [s].
+    """Value of a function of time and its first two derivatives, by finite differences.
 
-    The function is never asked for a negative time: a motion may begin with the run.
+    The function is not evaluated at negative times: a motion may begin with the run.
+
+    Args:
+        function: of time [s].
+        time: [s].
+        step: of the differences [s].
     """
     onwards = time < 2 * step
     weights, first = (_ONWARDS, 0) if onwards else (_AROUND, -2)

@@ -61,6 +61,17 @@ def volume_change(h):
 
 
 @ti.func
+def volume_ratio(cells: ti.template(), e, position: ti.template(), motion, dim: ti.template()):
+    """J = det(I + H) of an element whose corners move by the rows of ``motion`` (dim + 1, dim)."""
+    big_g, _area = reference_gradients(cells, e, position, dim)
+    h = ti.Matrix.zero(float, dim, dim)
+    for a in ti.static(range(dim + 1)):
+        corner = ti.Vector([motion[a, k] for k in ti.static(range(dim))])
+        h += corner.outer_product(gradient(big_g, a))
+    return 1.0 + volume_change(h)
+
+
+@ti.func
 def cofactor(f):
     """J F^-T, for any F, invertible or not."""
     result = ti.Matrix.zero(float, f.n, f.n)

@@ -10,7 +10,7 @@ import taichi as ti
 
 from tipfem.backend.launch import kernel
 from tipfem.fem.element import gradient
-from tipfem.fem.residual import linearisation, unknown
+from tipfem.fem.residual import displacement_of, linearisation
 
 
 @ti.func
@@ -182,7 +182,7 @@ def correction_row(
     dim: ti.template(),
 ):
     """Particle i's entries of (r_u + G z_p, z_p), z_p = ``pressure`` (N,); r and out begin at ``begin``."""
-    u = unknown(r, begin // (dim + 1) + i, dim)
+    u = displacement_of(r, begin // (dim + 1) + i, dim)
     for s in range(row_offsets[i], row_offsets[i + 1]):
         p = pressure[columns[s]]
         for k in ti.static(range(dim)):

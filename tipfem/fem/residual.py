@@ -8,7 +8,8 @@ k < d, and its pressure for k = d. ``scale`` multiplies the rows; it is zero for
 
 import taichi as ti
 
-from tipfem.backend.launch import kernel, part_of
+from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
+from tipfem.backend.launch import kernel
 from tipfem.fem.element import (
     cauchy_stress,
     cofactor,
@@ -19,8 +20,6 @@ from tipfem.fem.element import (
     volume_change,
 )
 
-ELEMENT = 15.0  # nanoseconds that a thread takes for an element in `step_limits`
-
 
 def record_width(dim: int) -> int:
     """Entries of an element's linearisation, see `residual`."""
@@ -28,7 +27,7 @@ def record_width(dim: int) -> int:
 
 
 @ti.func
-def unknown(x: ti.template(), i, dim: ti.template()):
+def displacement_of(x: ti.template(), i, dim: ti.template()):
     """Displacement (dim,) of particle ``i`` in a vector of unknowns."""
     return ti.Vector([x[i * (dim + 1) + k] for k in ti.static(range(dim))])
 
@@ -103,20 +102,20 @@ def gathered(local: ti.template(), corners: ti.template(), first, last, k, width
 
 @kernel
 def residual(
-    cells: ti.types.ndarray(),
-    offsets: ti.types.ndarray(),
-    corners: ti.types.ndarray(),
-    position: ti.types.ndarray(),
-    velocity: ti.types.ndarray(),
-    acceleration: ti.types.ndarray(),
-    density: ti.types.ndarray(),
-    viscosity: ti.types.ndarray(),
-    source: ti.types.ndarray(),
-    x: ti.types.ndarray(),
-    scale: ti.types.ndarray(),
-    record: ti.types.ndarray(),
-    local: ti.types.ndarray(),
-    out: ti.types.ndarray(),
+    cells: Ints2,
+    offsets: Ints1,
+    corners: Ints1,
+    position: Reals2,
+    velocity: Reals2,
+    acceleration: Reals2,
+    density: Reals1,
+    viscosity: Reals1,
+    source: Reals1,
+    x: Reals1,
+    scale: Reals1,
+    record: Reals2,
+    local: Reals2,
+    out: Reals1,
     cm: float,
     cv: float,
     cf: float,
@@ -124,7 +123,7 @@ def residual(
     factor: float,
     elements: ti.i32,
     nodes: ti.i32,
-    dim: ti.template(),
+    dim: Template,
 ):
     """Momentum and continuity residual at ``x``, scaled, and each element's linearisation.
 
@@ -147,7 +146,7 @@ def residual(
         accelerations = ti.Matrix.zero(float, dim + 1, dim)
         for a in ti.static(range(dim + 1)):
             i = cells[e, a]
-            u = unknown(x, i, dim)
+            u = displacement_of(x, i, dim)
             g = gradient(big_g, a)
             p = x[i * (dim + 1) + dim]
             h += u.outer_product(g)
@@ -198,21 +197,21 @@ def residual(
 
 @kernel
 def jacobian_product(
-    cells: ti.types.ndarray(),
-    offsets: ti.types.ndarray(),
-    corners: ti.types.ndarray(),
-    density: ti.types.ndarray(),
-    record: ti.types.ndarray(),
-    scale: ti.types.ndarray(),
-    x: ti.types.ndarray(),
-    local: ti.types.ndarray(),
-    out: ti.types.ndarray(),
+    cells: Ints2,
+    offsets: Ints1,
+    corners: Ints1,
+    density: Reals1,
+    record: Reals2,
+    scale: Reals1,
+    x: Reals1,
+    local: Reals2,
+    out: Reals1,
     cm: float,
     cv: float,
     cf: float,
     elements: ti.i32,
     nodes: ti.i32,
-    dim: ti.template(),
+    dim: Template,
 ):
     """Exact derivative of the scaled residual along ``x``, from the elements' linearisation.
 
@@ -229,7 +228,7 @@ def jacobian_product(
         growth = 0.0
         for a in ti.static(range(dim + 1)):
             i = cells[e, a]
-            u = unknown(x, i, dim)
+            u = displacement_of(x, i, dim)
             p = x[i * (dim + 1) + dim]
             g = gradient(g_now, a)
             h += u.outer_product(g)
@@ -245,57 +244,9 @@ def jacobian_product(
         mass = density[e] * area / (dim + 1) * cm
         for a in ti.static(range(dim + 1)):
             g = gradient(g_now, a)
-            force = w * (stress @ g) + mass * unknown(x, cells[e, a], dim)
+            force = w * (stress @ g) + mass * displacement_of(x, cells[e, a], dim)
             for k in ti.static(range(dim)):
                 local[e * (dim + 1) + a, k] = force[k]
             local[e * (dim + 1) + a, dim] = area / (dim + 1) * growth + tail[2] * g.dot(dq)
     for i in range(nodes):
         gather_node(local, offsets, corners, scale, out, i, dim)
-
-
-@kernel
-def step_limits(
-    cells: ti.types.ndarray(),
-    position: ti.types.ndarray(),
-    target: ti.types.ndarray(),
-    x: ti.types.ndarray(),
-    partial: ti.types.ndarray(),
-    result: ti.types.ndarray(),
-    elements: ti.i32,
-    nodes: ti.i32,
-    dim: ti.template(),
-    parts: ti.i32,
-    stride: ti.template(),
-    serial: ti.template(),
-):
-    """result: smallest J_{n+1}, largest |u|^2 over the square of the particle's ``target`` (N,), and how many entries
-    of ``x`` are not finite.
-    """
-    ti.loop_config(serialize=serial)
-    for t in range(parts * stride):
-        smallest = 1e30
-        largest = 0.0
-        bad = 0.0
-        first, last = part_of(t, parts, stride, elements)
-        for e in range(first, last):
-            big_g, _area = reference_gradients(cells, e, position, dim)
-            h = ti.Matrix.zero(float, dim, dim)
-            for a in ti.static(range(dim + 1)):
-                h += unknown(x, cells[e, a], dim).outer_product(gradient(big_g, a))
-            smallest = ti.min(smallest, 1.0 + volume_change(h))
-        first, last = part_of(t, parts, stride, nodes)
-        for i in range(first, last):
-            u = unknown(x, i, dim)
-            largest = ti.max(largest, u.dot(u) / target[i] ** 2)
-            for k in ti.static(range(dim + 1)):
-                if ti.math.isnan(x[i * (dim + 1) + k]) or ti.math.isinf(x[i * (dim + 1) + k]):
-                    bad += 1.0
-        if t % stride == 0:
-            partial[t // stride, 0] = smallest
-            partial[t // stride, 1] = largest
-            partial[t // stride, 2] = bad
-    ti.loop_config(serialize=True)
-    for c in range(parts):
-        result[0] = ti.min(result[0], partial[c, 0])
-        result[1] = ti.max(result[1], partial[c, 1])
-        result[2] += partial[c, 2]

@@ -5,6 +5,7 @@ Vectors of unknowns are laid out as in `tipfem.fem.residual`.
 
 import taichi as ti
 
+from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.fem.element import gradient, row
 from tipfem.linalg.sparsity import behind
@@ -27,27 +28,27 @@ def gradients_from(cells: ti.template(), e, own, position: ti.template(), dim: t
 
 @kernel
 def scale_and_laplacian(
-    cells: ti.types.ndarray(),
-    offsets: ti.types.ndarray(),
-    corners: ti.types.ndarray(),
-    position: ti.types.ndarray(),
-    density: ti.types.ndarray(),
-    viscosity: ti.types.ndarray(),
-    fixed: ti.types.ndarray(),
-    pinned: ti.types.ndarray(),
-    wide: ti.types.ndarray(),
-    places: ti.types.ndarray(),
-    row_offsets: ti.types.ndarray(),
-    columns: ti.types.ndarray(),
-    values: ti.types.ndarray(),
-    scale: ti.types.ndarray(),
+    cells: Ints2,
+    offsets: Ints1,
+    corners: Ints1,
+    position: Reals2,
+    density: Reals1,
+    viscosity: Reals1,
+    fixed: Ints1,
+    pinned: Ints1,
+    wide: Ints1,
+    places: Ints1,
+    row_offsets: Ints1,
+    columns: Ints1,
+    values: Reals1,
+    scale: Reals1,
     cm: float,
     cv: float,
     schur: float,
     spacing: float,
     nodes: ti.i32,
-    dim: ti.template(),
-    serial: ti.template(),
+    dim: Template,
+    serial: Template,
 ):
     """The rows' scale, and the approximate pressure Schur complement in CSR.
 

@@ -6,31 +6,33 @@
 
 import taichi as ti
 
+from tipfem.backend.array_types import Flags1, Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel, part_of
-from tipfem.fem.residual import gathered, linearisation, unknown
+from tipfem.fem.element import row
+from tipfem.fem.residual import displacement_of, gathered, linearisation
 
 WORKS = 6  # sums of `step_work` before the force of the walls
 
 
 @kernel
 def step_work(
-    cells: ti.types.ndarray(),
-    offsets: ti.types.ndarray(),
-    corners: ti.types.ndarray(),
-    record: ti.types.ndarray(),
-    source: ti.types.ndarray(),
-    local: ti.types.ndarray(),
-    wall: ti.types.ndarray(),
-    x: ti.types.ndarray(),
-    partial: ti.types.ndarray(),
-    result: ti.types.ndarray(),
+    cells: Ints2,
+    offsets: Ints1,
+    corners: Ints1,
+    record: Reals2,
+    source: Reals1,
+    local: Reals2,
+    wall: Ints1,
+    x: Reals1,
+    partial: Reals2,
+    result: Reals1,
     cf: float,
     dt: float,
     elements: ti.i32,
     nodes: ti.i32,
-    dim: ti.template(),
+    dim: Template,
     parts: ti.i32,
-    stride: ti.template(),
+    stride: Template,
 ):
     """Work of the terms of the residual at ``x`` when it is tested with the displacements u and pressures p in ``x``.
 
@@ -54,7 +56,7 @@ def step_work(
             # grad phi_0 = -sum of the others
             for a in ti.static(range(1, dim + 1)):
                 g = ti.Vector([g_now[ti.static(a - 1), k] for k in ti.static(range(dim))])
-                big_l += (unknown(x, cells[e, a], dim) - unknown(x, cells[e, 0], dim)).outer_product(g)
+                big_l += (displacement_of(x, cells[e, a], dim) - displacement_of(x, cells[e, 0], dim)).outer_product(g)
             for a in ti.static(range(dim + 1)):
                 mean_p += x[cells[e, a] * (dim + 1) + dim] / (dim + 1)
             stress = tail[4] * (l + l.transpose())
@@ -88,53 +90,49 @@ def step_work(
 
 @kernel
 def lump(
-    cells: ti.types.ndarray(),
-    measure: ti.types.ndarray(),
-    density: ti.types.ndarray(),
-    mass: ti.types.ndarray(),
-    elements: ti.i32,
-    dim: ti.template(),
+    cells: Ints2,
+    measure: Reals1,
+    density: Reals1,
+    mass: Reals1,
+    dim: Template,
 ):
     """Lumped mass [kg] (N,) of the particles, zero before; in the order of the elements."""
     ti.loop_config(serialize=True)
-    for e in range(elements):
+    for e in range(cells.shape[0]):
         m = density[e] * measure[e] / (dim + 1)
         for a in ti.static(range(dim + 1)):
             mass[cells[e, a]] = mass[cells[e, a]] + m
 
 
 @ti.func
-def vector_of(values: ti.template(), i, dim: ti.template()):
-    """Row ``i`` of an array of vectors (N, dim)."""
-    return ti.Vector([values[i, k] for k in ti.static(range(dim))])
+def state_of(mass: ti.template(), position: ti.template(), velocity: ti.template(), i, dim: ti.template()):
+    """What particle ``i`` adds to the sums m v . v, m x and m v."""
+    v = row(velocity, i, dim)
+    return mass[i] * v.dot(v), mass[i] * row(position, i, dim), mass[i] * v
 
 
 @kernel
 def state_sums(
-    mass: ti.types.ndarray(),
-    position: ti.types.ndarray(),
-    velocity: ti.types.ndarray(),
-    partial: ti.types.ndarray(),
-    result: ti.types.ndarray(),
-    nodes: ti.i32,
-    dim: ti.template(),
+    mass: Reals1,
+    position: Reals2,
+    velocity: Reals2,
+    partial: Reals2,
+    result: Reals1,
+    dim: Template,
     parts: ti.i32,
-    stride: ti.template(),
-    serial: ti.template(),
+    stride: Template,
+    serial: Template,
 ):
-    """Sums over the particles, added to result (1 + 2 d,): m v . v, then m x and m v in each direction.
-
-    ``serial``: by one thread.
-    """
+    """Sums over the particles, added to result (1 + 2 d,): m v . v, then m x and m v in each direction."""
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         energy, place, momentum = 0.0, ti.Vector.zero(float, dim), ti.Vector.zero(float, dim)
-        first, last = part_of(t, parts, stride, nodes)
+        first, last = part_of(t, parts, stride, mass.shape[0])
         for i in range(first, last):
-            v = vector_of(velocity, i, dim)
-            energy += mass[i] * v.dot(v)
-            place += mass[i] * vector_of(position, i, dim)
-            momentum += mass[i] * v
+            own_energy, own_place, own_momentum = state_of(mass, position, velocity, i, dim)
+            energy += own_energy
+            place += own_place
+            momentum += own_momentum
         if t % stride == 0:
             partial[t // stride, 0] = energy
             for k in ti.static(range(dim)):
@@ -147,55 +145,53 @@ def state_sums(
 
 @kernel
 def step_sums(
-    mass: ti.types.ndarray(),
-    wall: ti.types.ndarray(),
-    old_velocity: ti.types.ndarray(),
-    old_acceleration: ti.types.ndarray(),
-    position: ti.types.ndarray(),
-    velocity: ti.types.ndarray(),
-    acceleration: ti.types.ndarray(),
-    relative: ti.types.ndarray(),
-    force: ti.types.ndarray(),
-    gravity: ti.types.ndarray(),
-    u: ti.types.ndarray(),
-    partial: ti.types.ndarray(),
-    result: ti.types.ndarray(),
+    mass: Reals1,
+    wall: Flags1,
+    old_velocity: Reals2,
+    old_acceleration: Reals2,
+    position: Reals2,
+    velocity: Reals2,
+    acceleration: Reals2,
+    relative: Reals2,
+    force: Reals2,
+    gravity: Reals1,
+    u: Reals2,
+    partial: Reals2,
+    result: Reals1,
     shift: float,
     dt: float,
-    nodes: ti.i32,
-    dim: ti.template(),
+    dim: Template,
     parts: ti.i32,
-    stride: ti.template(),
-    serial: ti.template(),
+    stride: Template,
+    serial: Template,
 ):
     """Sums over the particles of a step with displacements ``u``, added to result (3 + 4 d,).
 
     With a_alpha = relative + force: m a_alpha . u and m (force - gravity) . u, then in each direction m times the
     change of velocity + shift * acceleration (of wall particles dt a_alpha) and m force; then those of `state_sums`.
-    ``serial``: by one thread.
     """
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         inertia, external, energy = 0.0, 0.0, 0.0
         change, weight = ti.Vector.zero(float, dim), ti.Vector.zero(float, dim)
         place, momentum = ti.Vector.zero(float, dim), ti.Vector.zero(float, dim)
-        first, last = part_of(t, parts, stride, nodes)
+        first, last = part_of(t, parts, stride, mass.shape[0])
         for i in range(first, last):
-            v = vector_of(velocity, i, dim)
-            energy += mass[i] * v.dot(v)
-            place += mass[i] * vector_of(position, i, dim)
-            momentum += mass[i] * v
-            b, way = vector_of(force, i, dim), vector_of(u, i, dim)
-            a = vector_of(relative, i, dim) + b
-            inertia += mass[i] * a.dot(way)
+            own_energy, own_place, own_momentum = state_of(mass, position, velocity, i, dim)
+            energy += own_energy
+            place += own_place
+            momentum += own_momentum
+            b, displacement = row(force, i, dim), row(u, i, dim)
+            a = row(relative, i, dim) + b
+            inertia += mass[i] * a.dot(displacement)
             weight += mass[i] * b
             for k in ti.static(range(dim)):
-                external += mass[i] * (b[k] - gravity[k]) * way[k]
+                external += mass[i] * (b[k] - gravity[k]) * displacement[k]
             if wall[i] != 0:
                 change += mass[i] * dt * a
             else:
-                turn = vector_of(acceleration, i, dim) - vector_of(old_acceleration, i, dim)
-                change += mass[i] * (v - vector_of(old_velocity, i, dim) + shift * turn)
+                gained = row(acceleration, i, dim) - row(old_acceleration, i, dim)
+                change += mass[i] * (row(velocity, i, dim) - row(old_velocity, i, dim) + shift * gained)
         if t % stride == 0:
             partial[t // stride, 0], partial[t // stride, 1] = inertia, external
             for k in ti.static(range(dim)):

@@ -8,6 +8,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Flags1, Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
+from tipfem.backend.union_find import find_root
 from tipfem.fem.element import area_of
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE
 
@@ -22,13 +23,11 @@ DISPLACEMENT, BEFORE = 0, 2
 
 
 @ti.func
-def find_root(parent: Template, t):
-    """Root of cell t in a union-find forest, with path halving."""
-    root = t
-    while parent[root] != root:
-        parent[root] = parent[parent[root]]
-        root = parent[root]
-    return root
+def unite(label: Template, one, other):
+    """Join the component of root ``one`` with that of cell ``other``; the root of both, which is the lower one."""
+    root = find_root(label, other)
+    label[ti.max(one, root)] = ti.min(one, root)
+    return ti.min(one, root)
 
 
 @kernel
@@ -68,9 +67,7 @@ def label_components(
                 if fluid[o] != fluid[t]:
                     bit = ON_INTERFACE
                 elif label[o] != root:
-                    other = find_root(label, o)
-                    label[ti.max(root, other)] = ti.min(root, other)
-                    root = ti.min(root, other)
+                    root = unite(label, root, o)
             elif o < 0:
                 bit = ON_HULL
             if bit > 0:

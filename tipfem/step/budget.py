@@ -17,7 +17,7 @@ import numpy as np
 from tipfem.backend.arrays import partials
 from tipfem.backend.launch import launch
 from tipfem.case.case import Case
-from tipfem.fem import work as balance_kernels
+from tipfem.fem import work as work_kernels
 from tipfem.mesh.free_surface import loose_volumes
 from tipfem.state import Solved, State
 from tipfem.timers import timer
@@ -54,13 +54,12 @@ class Totals:
         d, mass, particles = len(gravity), state.mass, state.particles
         sums = np.zeros(1 + 2 * d)
         launch(
-            balance_kernels.state_sums,
+            work_kernels.state_sums,
             mass,
             particles.position,
             particles.velocity,
             partials(len(sums)),
             sums,
-            len(mass),
             d,
             work=(len(mass), SUM),
         )
@@ -144,7 +143,7 @@ class Budget:
         d = old.dimension
         sums = np.zeros(3 + 4 * d)
         launch(
-            balance_kernels.step_sums,
+            work_kernels.step_sums,
             mass,
             old.wall.view(np.int8),
             old.velocity,
@@ -160,7 +159,6 @@ class Budget:
             sums,
             shift,
             scheme.dt,
-            len(mass),
             d,
             work=(len(mass), SUM),
         )

@@ -13,7 +13,8 @@ from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.errors import StepRefused
 from tipfem.fem import residual as assembly
-from tipfem.fem import work as balance_kernels
+from tipfem.fem import step_limits
+from tipfem.fem import work as work_kernels
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg import fgmres, vector_kernels
 from tipfem.mesh.mesh import Mesh, no_surface, parabola
@@ -204,9 +205,9 @@ class FlowProblem:
 
     def work(self, x: Any) -> StepWork:
         """Work of each term at ``x``, where the last `residual` was; no `product` may come between."""
-        result = np.zeros(balance_kernels.WORKS + self.dimension)
+        result = np.zeros(work_kernels.WORKS + self.dimension)
         launch(
-            balance_kernels.step_work,
+            work_kernels.step_work,
             *self._topology,
             self._record,
             self._source,
@@ -260,7 +261,7 @@ class FlowProblem:
         """Smallest J_{n+1} and largest displacement of ``x``, relative to the tank's motion."""
         result = np.array([1e30, 0.0, 0.0])
         launch(
-            assembly.step_limits,
+            step_limits.step_limits,
             self._topology[0],
             self._position,
             self._target,
@@ -270,7 +271,7 @@ class FlowProblem:
             self.elements,
             self.nodes,
             self.dimension,
-            work=(self.elements, assembly.ELEMENT),
+            work=(self.elements, step_limits.ELEMENT),
         )
         if self.walls.tank_moves:
             square = (self.walls.relative(self.split(x)[0]) ** 2).sum(axis=1)

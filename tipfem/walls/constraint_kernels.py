@@ -9,7 +9,7 @@ import taichi as ti
 
 from tipfem.backend.launch import kernel
 from tipfem.fem.element import row
-from tipfem.fem.residual import unknown
+from tipfem.fem.residual import displacement_of
 
 
 def face_record_width(dim: int) -> int:
@@ -56,7 +56,7 @@ def project(
     """x_i = P_i x_i for the displacements of ``count`` particles; projector (count, d * d)."""
     for s in range(count):
         i = index[s]
-        u = unknown(x, i, dim)
+        u = displacement_of(x, i, dim)
         for k in ti.static(range(dim)):
             total = 0.0
             for j in ti.static(range(dim)):
@@ -112,10 +112,10 @@ def slip_residual(
     ti.loop_config(serialize=True)
     for f in range(count):
         n = row(normal, f, dim)
-        first = row(position, faces[f, 0], dim) + cf * unknown(x, faces[f, 0], dim)
+        first = row(position, faces[f, 0], dim) + cf * displacement_of(x, faces[f, 0], dim)
         side = ti.Matrix.zero(float, dim - 1, dim)
         for a in ti.static(range(1, dim)):
-            corner = row(position, faces[f, a], dim) + cf * unknown(x, faces[f, a], dim)
+            corner = row(position, faces[f, a], dim) + cf * displacement_of(x, faces[f, a], dim)
             for k in ti.static(range(dim)):
                 side[a - 1, k] = corner[k] - first[k]
                 record[f, 1 + dim * dim + (a - 1) * dim + k] = side[a - 1, k]
@@ -148,11 +148,11 @@ def slip_product(
     ti.loop_config(serialize=True)
     for f in range(count):
         n = row(normal, f, dim)
-        first = unknown(x, faces[f, 0], dim)
+        first = displacement_of(x, faces[f, 0], dim)
         side = ti.Matrix.zero(float, dim - 1, dim)
         change = ti.Matrix.zero(float, dim - 1, dim)
         for a in ti.static(range(1, dim)):
-            corner = unknown(x, faces[f, a], dim)
+            corner = displacement_of(x, faces[f, a], dim)
             for k in ti.static(range(dim)):
                 side[a - 1, k] = record[f, 1 + dim * dim + (a - 1) * dim + k]
                 change[a - 1, k] = cf * (corner[k] - first[k])

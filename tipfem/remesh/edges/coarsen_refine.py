@@ -5,6 +5,8 @@ Limits are relative to the target spacings where they are applied, those of area
 masses of particles; the momentum that this would change is given to the particles around, unless one belongs to a wall.
 """
 
+from typing import Any, NamedTuple
+
 import taichi as ti
 
 from tipfem.backend.array_types import Flags1, Ints1, Ints2, Reals1, Reals2, Template
@@ -53,18 +55,41 @@ ROUND_OFF = 1e-12
 FAR = 1e30
 
 
+class Room(NamedTuple):
+    """Segments of scratch: the cells around two particles, and the particles around the first, itself the last."""
+
+    star: Segment
+    other_star: Segment
+    group: Segment
+
+
+def room_in(scratch: Any) -> Room:
+    """The segments of a scratch array (SCRATCH,) in a kernel."""
+    return Room(Segment(scratch, 0), Segment(scratch, STAR + 1), Segment(scratch, 2 * (STAR + 1)))
+
+
+@ti.func
+def flag_height(mesh: Template, limits: Template, flag: Template, t, i: Template, wanted, length):
+    """Flag the particle at corner i of cell t if it is near the border opposite, of this length and target [m]."""
+    height = double_cell_area(mesh, t)
+    if height < limits[TO_INTERFACE] * wanted * length:
+        ti.atomic_or(flag[mesh.cells[t, i]], NEAR_BORDER)
+    if mesh.neighbours[t, i] < 0 and height < limits[FILM] * wanted * length:
+        ti.atomic_or(flag[mesh.cells[t, i]], NEAR_HULL)
+
+
 @ti.func
 def flag_crowding(mesh: Template, limits: Template, flag: Template, t):
-    """Flag the particles of cell t that are near each other or an edge of an interface or the hull.
+    """Flag the particles of cell t that are near each other or a border: an edge of an interface or the hull.
 
-    Returns the square of the longest of the cell's edges over their targets, of those that it names and its borders.
+    Looks at the edges that the cell names (see `long_edges`) and at its borders; returns the square of the longest of
+    their lengths over their targets.
     """
     x, cells = ti.static(mesh.state, mesh.cells)
     longest = 0.0
     for i in ti.static(range(3)):
-        o = mesh.neighbours[t, i]
         border = is_border(mesh, t, i)
-        if border or o > t:
+        if border or mesh.neighbours[t, i] > t:
             b, c = cells[t, ti.static((i + 1) % 3)], cells[t, ti.static((i + 2) % 3)]
             wanted, close = target(x, b, c), ti.max(limits[TOO_CLOSE], limits[ALONG_INTERFACE])
             reach = close * wanted * (1 + ROUND_OFF)
@@ -76,11 +101,7 @@ def flag_crowding(mesh: Template, limits: Template, flag: Template, t):
                     ti.atomic_or(flag[b], NEAR_PARTICLE)
                     ti.atomic_or(flag[c], NEAR_PARTICLE)
                 if border:
-                    height = double_cell_area(mesh, t)
-                    if height < limits[TO_INTERFACE] * wanted * length:
-                        ti.atomic_or(flag[cells[t, i]], NEAR_BORDER)
-                    if o < 0 and height < limits[FILM] * wanted * length:
-                        ti.atomic_or(flag[cells[t, i]], NEAR_HULL)
+                    flag_height(mesh, limits, flag, t, i, wanted, length)
     return longest
 
 
@@ -231,31 +252,19 @@ def straighten_interface(mesh: Template, star: Template, a, p, q, least):
 
 
 @ti.func
-def collapse_conserving_momentum(
-    mesh: Template,
-    star: Template,
-    other_star: Template,
-    group: Template,
-    count,
-    closed,
-    p,
-    q,
-    a,
-    least,
-):
+def collapse_conserving_momentum(mesh: Template, room: Template, count, closed, p, q, a, least):
     """Move particle p into q and give the momentum that this changes to the particles around p.
 
     Args:
         mesh: the arrays.
-        star: the cells around p.
-        other_star: room for those around q.
-        group: room for the particles around p, and for p.
+        room: `Room` with the cells around p in its star.
         count: how many cells there are around p.
         closed: 1 if they surround p.
         p, q: the particles.
         a: the interface's particle beside p, if q is to move so that the area enclosed stays; -1 if q is to stay.
         least: twice the area that every cell must keep [m^2].
     """
+    star, group = ti.static(room.star, room.group)
     around = count + 1 - closed
     for m in range(around):
         set_entry(group, m, ring(mesh, star, count, p, m))
@@ -272,13 +281,33 @@ def collapse_conserving_momentum(
         change += add_mass(mesh, entry(star, m), 1)
     mesh.state[p, MASS] = 0.0
     if a >= 0:
-        change += straighten_interface(mesh, other_star, a, p, q, least)
+        change += straighten_interface(mesh, room.other_star, a, p, q, least)
     for m in range(count):
         if mesh.fluid[entry(star, m)] >= 0:
             mark_stale(mesh, entry(star, m))
     # What mass the triangles gain or lose moves as the particles around did.
     lost = change[2] * mean - ti.Vector([change[0], change[1]])
     distribute_momentum(mesh, group, around, lost)
+
+
+@ti.func
+def remove_crowding(mesh: Template, limits: Template, flag: Template, fixed: Template, room: Template, p):
+    """Move the flagged particle p into a neighbour that it crowds, if there is one; whether p was removed.
+
+    The neighbour is flagged (N,) no more: it has room then. Otherwise all particles of a row would be removed.
+    """
+    count, closed = collect_star(mesh, room.star, p)
+    removed = False
+    if count > 1:
+        q, a, along = collapse_target(mesh, limits, flag, room.star, count, closed, p)
+        if q >= 0:
+            if not along or mesh.wall[q] != 0 or fixed[q] != 0:
+                a = -1
+            least = limits[LEAST_AREA] * mesh.state[p, TARGET] ** 2
+            collapse_conserving_momentum(mesh, room, count, closed, p, q, a, least)
+            flag[q] = 0
+            removed = True
+    return removed
 
 
 @ti.func
@@ -355,8 +384,7 @@ def coarsen(
     [NEEDED] ones that should be split. scratch (SCRATCH,), flag (N,) and span (M,) are for this kernel's use.
     """
     mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, corner, wall, density, stale))
-    star, other_star = ti.static(Segment(scratch, 0), Segment(scratch, STAR + 1))
-    group = ti.static(Segment(scratch, 2 * (STAR + 1)))
+    room = ti.static(room_in(scratch))
     ti.loop_config(serialize=serial)
     for i in range(state.shape[0]):
         flag[i] = 0
@@ -367,17 +395,9 @@ def coarsen(
     ti.loop_config(serialize=True)
     for p in range(state.shape[0]):
         if flag[p] > 0 and fixed[p] == 0 and corner[p] >= 0 and counters[REMOVED] < options[MOST]:
-            count, closed = collect_star(mesh, star, p)
-            if count > 1:
-                q, a, along = collapse_target(mesh, limits, flag, star, count, closed, p)
-                if q >= 0:
-                    if not along or wall[q] != 0 or fixed[q] != 0:
-                        a = -1
-                    least = limits[LEAST_AREA] * state[p, TARGET] ** 2
-                    collapse_conserving_momentum(mesh, star, other_star, group, count, closed, p, q, a, least)
-                    removed[counters[REMOVED]] = p
-                    counters[REMOVED] += 1
-                    flag[q] = 0  # it has room now; without this, whole rows would follow
+            if remove_crowding(mesh, limits, flag, fixed, room, p):
+                removed[counters[REMOVED]] = p
+                counters[REMOVED] += 1
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):
         if limits[LONG_EDGE] > 0 and fluid[t] >= 0:

@@ -44,28 +44,34 @@ def square_distance(x: Template, a, b):
 
 
 @ti.func
-def mark_flips(mesh: Template, t, tolerance):
-    """Mark cell t and a neighbour of a higher number as stale if the edge between them may have to be flipped.
+def may_flip(x: Template, a, b, c, d, tolerance):
+    """Whether the edge b-c between cells (a, b, c) and (d, c, b) may not be Delaunay, as seen from either cell.
 
-    The edge is looked at from one side; the measure that `edge_operations.in_circle` divides by depends on the side.
-    The smaller of the two is taken, with a margin for round-off.
+    The measure that `edge_operations.in_circle` divides by depends on the cell. The smaller of the two is taken, with a
+    margin for round-off.
     """
-    x, cells = ti.static(mesh.state, mesh.cells)
-    f = mesh.fluid[t]
-    if f >= 0:
-        for i in ti.static(range(3)):
-            o = mesh.neighbours[t, i]
-            if o > t:
-                if mesh.fluid[o] == f:
-                    a, b, c = cells[t, i], cells[t, ti.static((i + 1) % 3)], cells[t, ti.static((i + 2) % 3)]
-                    d = cells[o, 0] + cells[o, 1] + cells[o, 2] - b - c
-                    inside, ad, bd, cd = circle_determinant(x, a, b, c, d)
-                    if inside > 0.0:
-                        beside_d, beside_a = ti.max(bd, cd), ti.max(square_distance(x, a, b), square_distance(x, a, c))
-                        largest = ti.max(ad, ti.min(beside_d, beside_a))
-                        if inside > MARGIN * tolerance * largest * largest:
-                            mesh.stale[t] = ti.i8(STALE)
-                            mesh.stale[o] = ti.i8(STALE)
+    inside, ad, bd, cd = circle_determinant(x, a, b, c, d)
+    result = False
+    if inside > 0.0:
+        beside_d, beside_a = ti.max(bd, cd), ti.max(square_distance(x, a, b), square_distance(x, a, c))
+        largest = ti.max(ad, ti.min(beside_d, beside_a))
+        result = inside > MARGIN * tolerance * largest * largest
+    return result
+
+
+@ti.func
+def mark_flips(mesh: Template, t, tolerance):
+    """Mark cell t and a neighbour of a higher number as stale if the edge between them may have to be flipped."""
+    cells = ti.static(mesh.cells)
+    for i in ti.static(range(3)):
+        o = mesh.neighbours[t, i]
+        if o > t:
+            if mesh.fluid[o] == mesh.fluid[t]:
+                b, c = cells[t, ti.static((i + 1) % 3)], cells[t, ti.static((i + 2) % 3)]
+                d = cells[o, 0] + cells[o, 1] + cells[o, 2] - b - c
+                if may_flip(mesh.state, cells[t, i], b, c, d, tolerance):
+                    mesh.stale[t] = ti.i8(STALE)
+                    mesh.stale[o] = ti.i8(STALE)
 
 
 @ti.func
@@ -127,7 +133,8 @@ def find_flips(
     mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, stale=stale))
     ti.loop_config(serialize=serial)
     for t in range(cells.shape[0]):
-        mark_flips(mesh, t, tolerance)
+        if fluid[t] >= 0:
+            mark_flips(mesh, t, tolerance)
 
 
 @kernel
