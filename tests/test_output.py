@@ -13,7 +13,7 @@ import pytest
 import tipfem as tp
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
-from tipfem.output import ResultsFolder, own_columns
+from tipfem.output import MANIFEST, STEP_COLUMNS, ResultsFolder, own_columns
 
 
 def state(water: tp.Fluid, air: tp.Fluid, dimension: int = 2, seed: int = 0) -> tuple[tp.Particles, Mesh]:
@@ -28,8 +28,9 @@ def state(water: tp.Fluid, air: tp.Fluid, dimension: int = 2, seed: int = 0) -> 
 
 
 def files(folder) -> set[str]:
-    """All files below a folder, hidden ones included."""
-    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    """All files below a folder, hidden ones included, but for the list of them."""
+    found = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    return found - {MANIFEST}
 
 
 def listed(folder) -> list[tuple[float, str]]:
@@ -198,18 +199,27 @@ def test_a_second_run_replaces_the_first_s_files_and_no_others(tmp_path, water, 
     first.write_summary({})
     first.close()
     own = files(tmp_path)
+    assert set((tmp_path / MANIFEST).read_text().splitlines()) == own
     assert own == {"case.json", "history.csv", "summary.json", "fields.pvd"} | {
         f"fields/step_{step:06d}.vtu" for step in (0, 5)
     }
     foreign = {"notes.txt", "fields/mine.vtu", "fields/step.txt", "movie/frame.png", "history.csv.bak"}
     foreign |= {"other/history.csv", "other/fields.pvd", "movie.mp4.part"}
-    for name in ("fields/step_000006.vtu.part", "summary.json.part"):  # of a run that was killed
-        (tmp_path / name).write_text("half a fi")
+    for name in ("fields/step_000006.vtu", "summary.json"):  # of a run that was killed
+        (tmp_path / (name + ".part")).write_text("half a fi")
+        with open(tmp_path / MANIFEST, "a") as manifest:
+            manifest.write(name + "\n")
+    foreign |= {"front.png", "fields/step_000007.vtu", "frames/frame_0000.png", "animation.mp4", "../outside.txt"}
+    with open(tmp_path / MANIFEST, "a") as manifest:
+        manifest.write("../outside.txt\n/etc/hostname\nfields\n\n")
     for name in foreign:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(name)
+    assert (tmp_path.parent / "outside.txt").exists()
+    foreign.remove("../outside.txt")
     second = ResultsFolder(tmp_path)
     assert files(tmp_path) == foreign
+    assert (tmp_path.parent / "outside.txt").exists()
     second.write_fields(2, 0.7, mesh, p, np.ones(len(p)))
     second.append_history({"step": 2, "speed": 3.0})
     second.close()
@@ -249,6 +259,34 @@ def test_a_failed_write_leaves_no_part_behind(tmp_path, water, air, monkeypatch)
     with pytest.raises(OSError, match="No space left"):
         folder.write_fields(1, 0.1, mesh, p, np.ones(len(p)))
     assert files(tmp_path) == set()
+
+
+@pytest.mark.parametrize("name", ["case.json", "history.csv", "summary.json", "fields.pvd"])
+def test_a_foreign_file_in_the_way_is_refused_and_nothing_is_touched(tmp_path, monkeypatch, water, name):
+    """As in out=".", in a folder of other work."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).write_text("mine")
+    (tmp_path / "front.png").write_text("mine too")
+    case = tp.Case(tp.tank((1, 1), 0.25).fill(water), [water], gravity=(0, -9.81))
+    with pytest.raises(ValueError, match=rf"out is '.', where {name} is no file of an earlier run"):
+        tp.Simulation(case, out=".")
+    assert files(tmp_path) == {name, "front.png"}
+    assert (tmp_path / name).read_text() == "mine"
+    (tmp_path / name).unlink()
+    tp.Simulation(case, out=".", time_step=1e-3).run(1e-3, progress=False)
+    tp.Simulation(case, out=".", time_step=1e-3).run(1e-3, progress=False)
+    assert (tmp_path / "front.png").read_text() == "mine too"
+
+
+def test_a_column_cannot_have_the_name_of_a_budget_s(water, air):
+    case = tp.Case(tp.tank((1, 1), 0.25).fill(water), [water, air][:1], gravity=(0, -9.81))
+    for name in ("kinetic_energy", "volume_water", "wall_force_y", "refused_steps", "wall_seconds"):
+        with pytest.raises(ValueError, match=f"columns: '{name}' is a column of every history"):
+            tp.Simulation(case, columns={name: lambda s: 1.0})
+    simulation = tp.Simulation(case, time_step=1e-3, columns={"volume_air": lambda s: 1.0})
+    simulation.step()
+    assert set(simulation.budget.columns) < set(simulation.history[0])
+    assert set(simulation.history[0]) == {*STEP_COLUMNS, *simulation.budget.columns, "volume_air"}
 
 
 @pytest.mark.parametrize("below", ["", "results", "deep/er/results"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import csv
 import gc
+import io
 import json
 import re
 import resource
@@ -12,9 +13,11 @@ import resource
 import meshio
 import numpy as np
 import pytest
+from device_memory import memory
 
 import tipfem as tp
-from tipfem.simulation import StepRefused
+from tipfem.errors import StepRefused
+from tipfem.mesh.probes import hydrostatic_pressure
 from tipfem.step.volume_source import volume_source
 
 
@@ -98,9 +101,25 @@ def test_a_refused_step_is_halved_and_leaves_the_state_alone(water, air, monkeyp
     assert refusals == [1e-3, 5e-4]
     assert simulation.time == 2.5e-4
     assert simulation.step_number == 1
+    assert simulation.history[0]["refused_steps"] == 2
     for _ in range(12):
         simulation.step()
     assert simulation.history[-1]["time_step"] == 1e-3
+    assert sum(row["refused_steps"] for row in simulation.history) == 2
+
+
+def test_the_history_has_what_newton_s_method_left(water, air):
+    """Within the tolerance, and smaller with a tighter one."""
+    left = []
+    for tolerance in (1e-4, 1e-9):
+        numerics = tp.Numerics(newton_tolerance=tolerance, acceleration_tolerance=1.0)
+        simulation = tp.Simulation(dam_break(water, air, numerics=numerics), time_step=1e-3)
+        for _ in range(10):
+            simulation.step()
+        residuals = [row["newton_residual"] for row in simulation.history]
+        assert 0 < max(residuals) <= tolerance
+        left.append(max(residuals[1:]))
+    assert left[1] < 1e-3 * left[0]
 
 
 def test_fast_particles_shorten_the_step(water, air):
@@ -120,10 +139,10 @@ def test_a_run_that_cannot_go_on_says_why_and_keeps_what_it_has(water, air, tmp_
     simulation = tp.Simulation(dam_break(water, air), tmp_path, time_step=1e-3, output_interval=2e-3)
     real = simulation.solve
 
-    def solve(state, dt, until):
+    def solve(state, *rest):
         if state.time > 4.5e-3:
             raise StepRefused("an element would be inverted")
-        return real(state, dt, until)
+        return real(state, *rest)
 
     monkeypatch.setattr(simulation, "solve", solve)
     with pytest.raises(tp.SimulationError, match=r"stops at t = 0.005 s.*an element would be inverted.*halving"):
@@ -159,7 +178,8 @@ def test_a_run_leaves_history_fields_and_summary(water, air, tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
     rows = list(csv.DictReader((tmp_path / "history.csv").open()))
     assert list(rows[0]) == (
-        "step,time,time_step,particles,newton_iterations,krylov_iterations,relocated,rebuilt,max_speed,"
+        "step,time,time_step,particles,newton_iterations,krylov_iterations,newton_residual,refused_steps,"
+        "relocated,rebuilt,max_speed,"
         "kinetic_energy,potential_energy,viscous_dissipation,numerical_dissipation,"
         "time_dissipation,geometry_dissipation,stabilisation_dissipation,source_dissipation,"
         "remeshing_dissipation,remeshing_potential_energy,external_work,energy_residual,"
@@ -220,10 +240,10 @@ def test_memory_is_flat_over_500_steps(water, air):
 
     for _ in range(100):
         simulation.step()
-    held, before = simulation.solver.workspace.buffers.memory(), resident()
+    held, before = memory(simulation.solver.workspace.buffers), resident()
     for _ in range(500):
         simulation.step()
-    assert simulation.solver.workspace.buffers.memory() < 1.3 * held
+    assert memory(simulation.solver.workspace.buffers) < 1.3 * held
     assert resident() - before < 20  # MiB
 
 
@@ -364,3 +384,78 @@ def test_a_refused_step_changes_nothing_but_the_length_of_the_next(water, air, m
         np.testing.assert_array_equal(getattr(simulation.particles, name), values)
     np.testing.assert_array_equal(simulation.volume_control.missing, missing)
     assert simulation.history == rows
+
+
+@pytest.mark.parametrize("until", ["0.1", None, float("nan"), True])
+def test_a_time_that_is_no_number_is_refused(water, air, until):
+    simulation = tp.Simulation(dam_break(water, air, 0.05), time_step=1e-3)
+    for call in (simulation.run, simulation.step):
+        with pytest.raises(ValueError, match=f"until is {until!r}; it must be a number, the time in s"):
+            call(until)
+
+
+@pytest.mark.parametrize("name", ["velocity", "acceleration", "pressure"])
+def test_a_value_that_is_not_finite_stops_the_run_and_is_named(water, air, tmp_path, name):
+    """The field, the particle and its place; state and history before it are kept."""
+    simulation = tp.Simulation(dam_break(water, air, 0.05), tmp_path, time_step=1e-3)
+    simulation.run(2e-3, progress=False)
+    place = simulation.particles.position[40].tolist()
+    getattr(simulation.particles, name)[40] = np.nan
+    message = rf"t = 0.002 s, step 2: {name} of particle 40 at {re.escape(str(place))} is .*nan.* at the start of"
+    with pytest.raises(tp.SimulationError, match=message):
+        simulation.run(4e-3, progress=False)
+    assert simulation.step_number == len(simulation.history) == 2
+    assert f"{name} of particle 40" in json.loads((tmp_path / "summary.json").read_text())["status"]
+
+
+@pytest.mark.parametrize("method", ["write_fields", "write_summary", "append_history", "write_case"])
+def test_whatever_cannot_be_written_is_a_simulation_error(water, air, tmp_path, monkeypatch, method):
+    """The first field and the summary too."""
+
+    def full_disk(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(f"tipfem.simulation.ResultsFolder.{method}", full_disk)
+    with pytest.raises(tp.SimulationError, match=r"the results cannot be written at t = .* s: .*No space left"):
+        tp.Simulation(dam_break(water, air, 0.05), tmp_path, time_step=1e-3).run(1e-3, progress=False)
+
+
+class Closed(io.StringIO):
+    """An error output that was closed."""
+
+    def isatty(self):
+        raise ValueError("I/O operation on closed file")
+
+
+@pytest.mark.parametrize("stream", [None, Closed()])
+def test_a_run_needs_no_error_output(water, air, monkeypatch, stream):
+    monkeypatch.setattr("sys.stderr", stream)
+    simulation = tp.Simulation(dam_break(water, air, 0.05), time_step=1e-3)
+    simulation.run(2e-3)
+    assert simulation.step_number == 2
+
+
+@pytest.mark.parametrize("interface", ["sharp", "interpolated"])
+def test_the_first_fields_have_the_pressure_of_fluids_at_rest(water, air, tmp_path, interface):
+    """Hydrostatic where the fluids are at rest; the run itself is what it is without results."""
+    tank = tp.tank((1, 1), 0.1).fill(air).fill(water, box=((0, 0), (1, 0.5)))
+    case = tp.Case(tank, [water, air], (0, -9.81), interface=interface)
+    simulation, alone = tp.Simulation(case, tmp_path, time_step=1e-3), tp.Simulation(case, time_step=1e-3)
+    simulation.run(3e-3, progress=False)
+    alone.run(3e-3, progress=False)
+    first = meshio.read(tmp_path / "fields" / "step_000000.vtu")
+    exact = hydrostatic_pressure(first.points[:, 1], [(water, 0.5), (air, 0.5)])
+    slack = 1e-6 if interface == "sharp" else 0.06  # the interpolated rule's interface is half a spacing thick
+    np.testing.assert_allclose(first.point_data["pressure"], exact, atol=slack * exact.max())
+    np.testing.assert_array_equal(simulation.particles.pressure, alone.particles.pressure)
+    np.testing.assert_array_equal(simulation.particles.position, alone.particles.position)
+    assert not simulation.case.particles.pressure.any()
+
+
+def test_a_pressure_that_was_given_is_the_first_that_is_written(water, tmp_path):
+    particles = tp.tank((1, 1), 0.25).fill(water).sample([water])
+    particles.pressure = np.arange(len(particles), dtype=float)
+    simulation = tp.Simulation(tp.Case(particles, [water], (0, -9.81)), tmp_path, time_step=1e-3)
+    simulation.run(1e-3, progress=False)
+    first = meshio.read(tmp_path / "fields" / "step_000000.vtu")
+    np.testing.assert_array_equal(first.point_data["pressure"], particles.pressure)

@@ -4,6 +4,7 @@
     history.csv     one row a step, SI units
     fields.pvd      the fields over time, for ParaView; fields/step_*.vtu
     summary.json    settings, versions, and figures of the whole run
+    .tipfem         names of these files: a later run in the folder removes them, and nothing else
 
 Every file but the history, which grows row by row, is written under another name and then renamed:
 a reader, or a full disk, never meets half a file.
@@ -15,7 +16,7 @@ import csv
 import json
 import os
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TextIO
@@ -27,53 +28,71 @@ from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
-# What an earlier run left, pictures drawn of it included: they would tell of another run than the numbers.
-_OWN_FILES = (
-    "fields/step_*.vtu",
-    "fields.pvd",
-    "history.csv",
-    "summary.json",
-    "case.json",
-    "frames*/frame_*.png",
-    "animation*.*",
-    "strip.png",
-    "front.png",
-    "amplitude.png",
-    "heights.png",
-)
+MANIFEST = ".tipfem"
+# What every run writes beside its fields; a file of that name that is not in the manifest belongs to somebody else.
+_NAMES = ("case.json", "history.csv", "summary.json", "fields.pvd")
 
 
 class ResultsFolder:
-    """Writes the results of one run; what an earlier run left there is replaced.
+    """Writes the results of one run; what an earlier run of tipfem wrote there is removed, all other files stay.
 
     Args:
         path: the folder; made when it is not there.
 
     Raises:
-        ValueError: the folder cannot be made or written to.
+        ValueError: the folder cannot be made or written to, or a file is in the way that no run of tipfem wrote.
     """
 
     def __init__(self, path: str | Path) -> None:
         if not str(path):
             raise ValueError("out is '', which would be the present folder; name a folder for the results")
         self.path = Path(path)
-        try:
-            (self.path / "fields").mkdir(parents=True, exist_ok=True)
-            probe = self.path / ".writable"
-            probe.write_text("")
-            probe.unlink()
-            for pattern in _OWN_FILES:
-                # The .part of a run that was killed is ours too.
-                for old in [*self.path.glob(pattern), *self.path.glob(pattern + ".part")]:
-                    old.unlink()
-        except OSError as error:
-            raise ValueError(
-                f"out is {str(path)!r}, which cannot be written to ({error.strerror}); name a folder that can"
-            ) from error
         self._history: TextIO | None = None
         self._columns: list[str] = []
         self._times: dict[str, float] = {}
         self._case: dict[str, Any] = {}
+        self._listed: list[str] = []
+        try:
+            earlier = self._earlier_files()
+            foreign = [name for name in _NAMES if name not in earlier and (self.path / name).exists()]
+            if foreign:
+                raise ValueError(
+                    f"out is {str(path)!r}, where {foreign[0]} is no file of an earlier run ({MANIFEST} lists those), "
+                    "so it is not replaced; name another folder, or remove the file"
+                )
+            (self.path / "fields").mkdir(parents=True, exist_ok=True)
+            probe = self.path / ".writable"
+            probe.write_text("")
+            probe.unlink()
+            for name in earlier:
+                # The .part is of a run that was killed.
+                for old in (self.path / name, self.path / (name + ".part")):
+                    old.unlink(missing_ok=True)
+            (self.path / MANIFEST).unlink(missing_ok=True)
+        except OSError as error:
+            raise ValueError(
+                f"out is {str(path)!r}, which cannot be written to ({error.strerror}); name a folder that can"
+            ) from error
+
+    def _earlier_files(self) -> list[str]:
+        """Names of the files that the manifest lists, as far as they lie in the folder."""
+        try:
+            names = (self.path / MANIFEST).read_text(encoding="utf-8").splitlines()
+        except FileNotFoundError:
+            return []
+        inside = [name for name in names if name and not Path(name).is_absolute() and ".." not in Path(name).parts]
+        return [name for name in inside if not (self.path / name).is_dir()]
+
+    def _list(self, name: str) -> None:
+        """Put a file into the manifest, before it is written."""
+        if name not in self._listed:
+            with open(self.path / MANIFEST, "a", encoding="utf-8") as manifest:
+                manifest.write(name + "\n")
+            self._listed.append(name)
+
+    def has_fields(self, step: int) -> bool:
+        """Whether the fields of a step have been written."""
+        return _field_file(step) in self._times
 
     def write_case(self, case: Case) -> None:
         """Write case.json."""
@@ -107,6 +126,7 @@ class ResultsFolder:
         After `close` the file is opened again and goes on.
         """
         if self._history is None:
+            self._list("history.csv")
             # No newline is translated: the csv module writes them itself, those within a name too.
             self._history = open(self.path / "history.csv", "a", encoding="utf-8", newline="")
         lines = csv.writer(self._history, lineterminator="\n")
@@ -130,7 +150,7 @@ class ResultsFolder:
 
         if self._case:
             self._widen_case(particles.position)
-        name = f"fields/step_{step:06d}.vtu"
+        name = _field_file(step)
         points, velocity = _three_dimensional(particles.position), _three_dimensional(particles.velocity)
         # Where interfaces run along edges, every triangle has its fluid, too.
         cell_data = {} if mesh.fluid is None else {"fluid": [mesh.fluid.astype(np.int32)]}
@@ -179,6 +199,7 @@ class ResultsFolder:
 
     def _replace(self, name: str, write: Callable[[Path], Any]) -> None:
         temporary = self.path / (name + ".part")
+        self._list(name)
         try:
             write(temporary)
             os.replace(temporary, self.path / name)
@@ -187,7 +208,7 @@ class ResultsFolder:
             raise
 
 
-# What a row of the history begins with; the budgets' columns follow, and a user's own.
+# Columns of the history beside those of the budgets, which stand before the wall-clock time.
 STEP_COLUMNS = (
     "step",
     "time",
@@ -195,6 +216,8 @@ STEP_COLUMNS = (
     "particles",
     "newton_iterations",
     "krylov_iterations",
+    "newton_residual",
+    "refused_steps",
     "relocated",
     "rebuilt",
     "max_speed",
@@ -202,14 +225,20 @@ STEP_COLUMNS = (
 )
 
 
-def own_columns(columns: Mapping[str, Callable[[Any], float]]) -> dict[str, Callable[[Any], float]]:
+def own_columns(
+    columns: Mapping[str, Callable[[Any], float]], others: Collection[str] = ()
+) -> dict[str, Callable[[Any], float]]:
     """A copy of a user's columns.
 
+    Args:
+        columns: functions, by name.
+        others: names of further columns that the history has.
+
     Raises:
-        ValueError: one has the name of a column that every history has, or is no function.
+        ValueError: one has the name of a column that the history has, or is no function.
     """
     for name, column in columns.items():
-        if name in STEP_COLUMNS:
+        if name in STEP_COLUMNS or name in others:
             raise ValueError(f"columns: {name!r} is a column of every history; choose another name")
         if not callable(column):
             raise ValueError(f"columns: {name!r} is {column!r}; it must be a function of the simulation")
@@ -236,6 +265,10 @@ def fill_columns(row: dict[str, float], columns: Mapping[str, Callable[[Any], fl
                 failure = ValueError(f"column {name!r} of the history failed: {error!r}")
                 failure.__cause__ = error
     return failure
+
+
+def _field_file(step: int) -> str:
+    return f"fields/step_{step:06d}.vtu"
 
 
 def _number(value: float) -> str:

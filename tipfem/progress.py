@@ -21,7 +21,7 @@ class RunProgress:
 
     def __init__(self, start: float, end: float, *, enabled: bool = True) -> None:
         self._progress: Progress | None = None
-        if enabled and sys.stderr.isatty():
+        if enabled and _on_terminal():
             self._progress = Progress(
                 TextColumn("t = {task.fields[time]:.4f} s"),
                 BarColumn(),
@@ -55,3 +55,11 @@ class RunProgress:
                 newton=row["newton_iterations"],
                 krylov=row["krylov_iterations"],
             )
+
+
+def _on_terminal() -> bool:
+    """Whether the error output is a terminal; it may also be closed, or missing."""
+    try:
+        return sys.stderr.isatty()
+    except (AttributeError, ValueError, OSError):
+        return False

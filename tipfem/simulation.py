@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import math
 import time as clock
-from collections.abc import Callable, Mapping
-from contextlib import closing, nullcontext, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,8 @@ from tipfem.timers import Timings, timer
 from tipfem.walls.motion import set_off
 
 Probe = Callable[["Simulation"], float]
+# The pressure of the initial fields is that after a step of this part of the first one's length.
+FIRST_STEP = 0.1
 
 
 class Simulation:
@@ -85,7 +87,6 @@ class Simulation:
         runtime.require_init()
         self.case = case
         self.output_interval = output_interval
-        self.columns = own_columns(columns or {})
         self.history: list[dict[str, float]] = []
         self.timings = Timings()
         frequency = case.natural_frequency()
@@ -93,7 +94,8 @@ class Simulation:
         self.control = StepControl(largest, target=case.numerics.largest_move)
         self.solver = StepSolver(case, self.control.reach)
         self.remesher, self.budget = remesher_for(case), Budget(case)
-        self._started, self._outputs = clock.perf_counter(), 0
+        self.columns = own_columns(columns or {}, self.budget.columns)
+        self._started = clock.perf_counter()
         try:
             initial = set_off(case.boundary, case.particles.copy(), 0.25 * self.control.largest)
             self.state = self.remesher.start(initial, case.boundary, case.pressure_reference())
@@ -104,7 +106,8 @@ class Simulation:
         # Last of all: it removes what an earlier run left, which a refused simulation must not do.
         self.results = ResultsFolder(out) if out is not None else None
         if self.results:
-            self.results.write_case(case)
+            with _writing(0.0):
+                self.results.write_case(case)
 
     @property
     def time(self) -> float:
@@ -138,27 +141,27 @@ class Simulation:
             until: time that must not be stepped over [s].
 
         Raises:
-            ValueError: ``until`` is not later than the present time.
+            ValueError: ``until`` is no number, or not later than the present time.
             SimulationError: even the smallest time step was refused; or the step was accepted, but a
                 function in ``columns`` failed, and its value in the history is NaN.
         """
-        if not until > self.time:
-            raise ValueError(f"step: until is {until!r} s; it must be later than the present {self.time:g} s")
+        self._require_later("step", until)
         with self.timings.active(), timer("step"):
-            accepted = False
-            while not accepted:
+            refused = 0
+            while True:
                 dt = self._step_length(until)
                 try:
                     solved = self.solve(self.state, dt, until)
                     state = self.remesher.remesh(solved)
-                    accepted = True
+                    break
                 except (StepRefused, TriangulationError, FloatingPointError) as reason:
                     self._refuse(dt, reason)
-            row = self.budget.account(solved, state)
+                    refused += 1
+            balance = self.budget.account(solved, state)
             self.control.accept(dt)
             self.volume_control.observe(state.volume, dt)
             self.state = state
-            self.record(solved, row)
+            self.record(solved, balance, refused)
 
     def solve(self, state: State, dt: float, until: float = math.inf) -> Solved:
         """Solve a step of length ``dt`` [s] from a state, without taking it.
@@ -180,6 +183,13 @@ class Simulation:
         speed = state.boundary.speed_over_spacing(state.particles, state.time, control.current)
         return control.length(speed, until - state.time, lambda dt: smallest_jacobian(state.mesh, state.particles, dt))
 
+    def _require_later(self, method: str, until: object) -> None:
+        """Raises ValueError unless ``until`` is a time after the present one."""
+        if until != math.inf and not is_number(until):
+            raise ValueError(f"{method}: until is {until!r}; it must be a number, the time in s")
+        if not until > self.time:  # type: ignore[operator]
+            raise ValueError(f"{method}: until is {until!r} s; it must be later than the present {self.time:g} s")
+
     def _refuse(self, dt: float, reason: Exception) -> None:
         """Halve the time step that was refused.
 
@@ -193,29 +203,29 @@ class Simulation:
             ) from reason
 
     def run(self, until: float, *, progress: bool = True) -> None:
-        """Step until a time, writing history and fields on the way.
+        """Step until a time, writing history and fields on the way; the present fields first, unless they are there.
 
         Args:
             until: [s].
             progress: show a progress bar when the error output is a terminal.
 
         Raises:
-            ValueError: the time has passed already.
-            SimulationError: the run cannot go on; all up to there is on disk.
+            ValueError: ``until`` is no number, or the time has passed already.
+            SimulationError: the run cannot go on, or its results cannot be written; all up to there is on disk.
         """
-        if not until > self.time:
-            raise ValueError(f"run: until is {until!r} s; it must be later than the present {self.time:g} s")
-        if self.step_number == 0 or self.time >= self._next_output():  # the latter after calls of `step`
-            self._write_fields()
+        self._require_later("run", until)
         bar = RunProgress(self.time, until, enabled=progress)
         status = "stopped"
         try:
             with bar, closing(self.results) if self.results else nullcontext():
+                if self.results and not self.results.has_fields(self.step_number):
+                    self._write_fields()
                 while self.time < until:
-                    self.step(min(until, self._next_output()))
-                    bar.update(self.time, self.history[-1])
-                    if self.time >= self._next_output() or self.time >= until:
-                        self._write_fields()
+                    due = min(until, self._next_output())
+                    while self.time < due:
+                        self.step(due)
+                        bar.update(self.time, self.history[-1])
+                    self._write_fields()
             status = "complete"
         except KeyboardInterrupt:
             status = "interrupted"
@@ -224,10 +234,11 @@ class Simulation:
             status = str(error)
             raise
         except OSError as error:
+            status = f"the results cannot be written: {error}"
             raise SimulationError(f"the results cannot be written at t = {self.time:.6g} s: {error}") from error
         finally:
             # On a disk that is full neither can be written; what stopped the run is the better message.
-            with nullcontext() if status == "complete" else suppress(OSError):
+            with _writing(self.time) if status == "complete" else suppress(OSError):
                 if status != "complete":
                     self._write_fields()
                 self.write_summary({"status": status})
@@ -263,12 +274,13 @@ class Simulation:
         )
 
     @timer("history")
-    def record(self, solved: Solved, budget: Mapping[str, float]) -> None:
+    def record(self, solved: Solved, balance: Mapping[str, float], refused: int) -> None:
         """Add the step that led to the present state to the history, in memory and on disk.
 
         Args:
             solved: the step's solve.
-            budget: columns of `Budget.account`.
+            balance: columns of `Budget.account`.
+            refused: how many longer steps were refused before.
 
         Raises:
             SimulationError: a function in ``columns`` failed; the row is there, with NaN for its value.
@@ -280,10 +292,12 @@ class Simulation:
             "particles": len(self.particles),
             "newton_iterations": solved.newton_iterations,
             "krylov_iterations": solved.krylov_iterations,
+            "newton_residual": solved.residual,
+            "refused_steps": refused,
             "relocated": self.state.relocations,
             "rebuilt": self.state.rebuilt,
             "max_speed": self.particles.max_speed,
-            **budget,
+            **balance,
         }
         row.update(dict.fromkeys(self.columns, math.nan), wall_seconds=clock.perf_counter() - self._started)
         try:
@@ -296,13 +310,38 @@ class Simulation:
             raise SimulationError(f"t = {self.time:.6g} s, step {self.step_number}: {failure}") from failure.__cause__
 
     def _next_output(self) -> float:
-        return math.inf if self.output_interval is None else self._outputs * self.output_interval
+        """The next time at which fields are to be written [s]."""
+        interval = self.output_interval
+        return math.inf if interval is None else (math.floor(self.time / interval + 1e-9) + 1) * interval
 
     def _write_fields(self) -> None:
-        """Write the present state to disk, and set when the next one is due."""
-        if self.output_interval is not None:
-            self._outputs = math.floor(self.time / self.output_interval + 1e-9) + 1
-        if self.results:
-            density = np.array([f.density for f in self.case.fluids])[self.particles.fluid]
-            with self.timings.active(), timer("output"):
-                self.results.write_fields(self.step_number, self.time, self.mesh, self.particles, density)
+        """Write the present fields to disk."""
+        if not self.results:
+            return
+        with self.timings.active(), timer("output"):
+            particles = self._with_first_pressure() if self.step_number == 0 else self.particles
+            density = np.array([f.density for f in self.case.fluids])[particles.fluid]
+            self.results.write_fields(self.step_number, self.time, self.mesh, particles, density)
+
+    def _with_first_pressure(self) -> Particles:
+        """The initial particles; with the pressure after a short step, where none was given.
+
+        Pressure has no history, so that the first step needs none. The state stays as it is.
+        """
+        particles = self.particles
+        if particles.pressure.any():
+            return particles
+        try:
+            solved = self.solve(self.state, FIRST_STEP * self._step_length(math.inf))
+        except (StepRefused, FloatingPointError, SimulationError):  # the first step will say why
+            return particles
+        return particles.shallow_copy(pressure=solved.particles.pressure)
+
+
+@contextmanager
+def _writing(time: float) -> Iterator[None]:
+    """Turn what keeps results from being written at a time [s] into a SimulationError."""
+    try:
+        yield
+    except OSError as error:
+        raise SimulationError(f"the results cannot be written at t = {time:.6g} s: {error}") from error

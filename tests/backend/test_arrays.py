@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import taichi as ti
+from device_memory import memory
 
 from tipfem.backend.arrays import Buffers, download
 
@@ -43,12 +43,6 @@ def test_upload_takes_slices_and_empty_arrays():
     np.testing.assert_array_equal(download(buffers.upload("a", table[::2, 1:3]), 3), table[::2, 1:3])
     np.testing.assert_array_equal(download(buffers.upload("b", table.T), 4), table.T)
     assert len(download(buffers.upload("empty", np.zeros(0)), 0)) == 0
-
-
-def memory(buffers):
-    """Bytes that the arrays hold."""
-    sizes = {ti.i32: 4, ti.f32: 4, ti.f64: 8}
-    return sum(int(np.prod(array.shape)) * sizes[array.dtype] for array in buffers._arrays.values())
 
 
 def test_memory_stays_flat_while_sizes_change():

@@ -108,11 +108,18 @@ class Budget:
 
     Args:
         case: names of the fluids, and gravity.
+
+    Attributes:
+        columns: names of the columns of `account`.
     """
 
     def __init__(self, case: Case) -> None:
         self._names = [f.name for f in case.fluids]
         self._gravity = np.asarray(case.gravity)
+        zeros, none = np.zeros(len(self._gravity)), np.zeros(len(self._names))
+        nothing = Totals(0.0, 0.0, zeros, none)
+        balance = SolveBalance(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, none)
+        self.columns = tuple(self._row(nothing, balance, nothing))
         self._last: tuple[State, Totals] | None = None
 
     def totals(self, state: State) -> Totals:

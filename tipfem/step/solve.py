@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+
+import numpy as np
 
 from tipfem.backend import runtime
 from tipfem.case.case import Case
+from tipfem.errors import StepRefused
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg.newton import newton
 from tipfem.state import Solved, State
@@ -14,6 +18,22 @@ from tipfem.step.linear_system import Workspace
 from tipfem.timers import timer
 from tipfem.typing import Array
 from tipfem.walls.step import walls_in_step
+
+
+def first_not_finite(fields: Mapping[str, Array], position: Array, when: str) -> str:
+    """A text that names the first field and particle whose value is not finite; empty if all are.
+
+    Args:
+        fields: (N,) or (N, d) values by name.
+        position: (N, d) of the particles [m].
+        when: what the text ends with.
+    """
+    for name, values in fields.items():
+        bad = ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+        if bad.any():
+            i = int(np.argmax(bad))
+            return f"{name} of particle {i} at {position[i].tolist()} is {values[i].tolist()} {when}"
+    return ""
 
 
 class StepSolver:
@@ -64,9 +84,19 @@ class StepSolver:
             max_iterations=numerics.newton_iterations,
             noise=runtime.round_off(),
         )
-        result.require()
-        problem.limits(result.solution).require(numerics.smallest_jacobian, self.reach)
+        limits = problem.limits(result.solution)
         displacement, pressure = problem.split(result.solution)
+        if not (limits.finite and math.isfinite(result.norm)):
+            fields = {name: getattr(before, name) for name in ("position", "velocity", "acceleration", "pressure")}
+            solution = {"displacement": displacement, "pressure": pressure}
+            raise StepRefused(
+                first_not_finite(fields, before.position, "at the start of the step")
+                or first_not_finite({"acceleration by gravity and body force": force}, before.position, "in the step")
+                or first_not_finite(solution, before.position, "in the solution")
+                or "the residual of the step is not finite"
+            )
+        result.require()
+        limits.require(numerics.smallest_jacobian, self.reach)
         surface = mesh.surface
         if surface is None or not surface.front.any():
             pressure -= pressure[state.reference]
