@@ -16,6 +16,7 @@ from blocks import Block, blocks, run_page
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES += sorted((ROOT / "demos").rglob("*.md"))
 PYTHON = [page for page in PAGES if any(block.language == "python" for block in blocks(page.read_text("utf-8")))]
 # A quick run stands for the one that is shown.
 SHORTER = {"README.md": {"spacing=0.005": "spacing=0.02", "until=0.4": "until=0.02"}}
@@ -51,8 +52,8 @@ def commands(text: str) -> list[str]:
         if block.language in SHELL:
             found += block.code.replace("\\\n", " ").splitlines()
     rest = re.sub(r"^ *```.*?^ *```$", "", text, flags=re.MULTILINE | re.DOTALL)
-    found += re.findall(r"^ {4}((?:python3?|make|pytest|pip) .*)$", rest, re.MULTILINE)
-    found += re.findall(r"`((?:python3?|make|pytest|pip)(?: [^`]+))`", rest.replace("\n", " "))
+    found += re.findall(r"^ {4}((?:python3?|make|pytest|pip|tipfem) .*)$", rest, re.MULTILINE)
+    found += re.findall(r"`((?:python3?|make|pytest|pip|tipfem)(?: [^`]+))`", rest.replace("\n", " "))
     return [line.strip() for line in found if line.strip() and not line.strip().startswith("#")]
 
 
@@ -84,6 +85,8 @@ def wrong_with(words: list[str], monkeypatch: pytest.MonkeyPatch) -> str | None:
     if program == "pytest" or rest[:2] == ["-m", "pytest"]:
         files = [word for word in rest if word.startswith("tests/")]
         return next((f"no {file}" for file in files if not (ROOT / file).exists()), None)
+    if program == "tipfem":
+        return wrong_with_options(["-m", *words], monkeypatch)
     if program in ("python", "python3", ".venv/bin/python"):
         if rest[:1] == ["-V"] or rest[:2] in (["-m", "venv"], ["-m", "http.server"]):
             return None
