@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from tipfem.case.particles import Particles
     from tipfem.case.tank import Tank, tank
     from tipfem.case.walls import Motion, Wall
-    from tipfem.simulation import Simulation, SimulationError
+    from tipfem.errors import SimulationError
+    from tipfem.simulation import Simulation
 
 __version__ = "0.1.0"
 

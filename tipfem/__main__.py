@@ -1,4 +1,4 @@
-"""python -m tipfem"""
+"""Run as a command: ``python -m tipfem``."""
 
 from tipfem.commands import main
 

@@ -58,7 +58,7 @@ class SharpMaterial(Material):
     @property
     def fraction(self) -> Array:
         """(M, F), all or nothing."""
-        return (self.fluid[:, None] == np.arange(self.count)).astype(float)
+        return np.asarray((self.fluid[:, None] == np.arange(self.count)).astype(float))
 
     def volumes(self, measure: Array) -> Array:
         """See `Material.volumes`."""

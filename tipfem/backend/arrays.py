@@ -80,7 +80,7 @@ def partials(columns: int) -> np.ndarray:
 def download(array: Any, rows: int) -> np.ndarray:
     """The first ``rows`` rows of a device array, as a NumPy array."""
     if on_host():
-        return host_view(array)[:rows].copy()
+        return np.asarray(host_view(array)[:rows].copy())
     width = array.shape[1:]
     values = np.empty((rows, *width), dtype=np.int32 if array.dtype == ti.i32 else real())
     if rows:

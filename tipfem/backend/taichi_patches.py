@@ -57,7 +57,7 @@ def _frame_without_source(frame: Any, context: int = 1) -> Any:
 
 _getframeinfo = inspect.getframeinfo
 if ENABLED:
-    inspect.getframeinfo = _frame_without_source  # type: ignore[assignment]
+    inspect.getframeinfo = _frame_without_source
 try:
     import taichi as ti
 finally:
@@ -162,7 +162,7 @@ def host_view(array: Any) -> np.ndarray:
     """A device array on the host as NumPy sees it; it must not outlive the array."""
     address = program().get_ndarray_data_ptr_as_int(array.arr)
     flat: np.ndarray = np.ctypeslib.as_array((_C_TYPES[array.dtype] * math.prod(array.shape)).from_address(address))
-    return flat.reshape(array.shape)
+    return np.asarray(flat.reshape(array.shape))
 
 
 def _address(array: Any) -> int:

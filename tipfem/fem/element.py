@@ -22,7 +22,7 @@ def row(array: ti.template(), i, dim: ti.template()):
 
 @ti.func
 def reference_gradients(cells: ti.template(), e, position: ti.template(), dim: ti.template()):
-    """Gradients G_1 ... G_d as the rows of a matrix, and the measure A. (G_0 = -sum of the others.)"""
+    """Gradients G_1 ... G_d as the rows of a matrix, and the measure A; G_0 is minus their sum."""
     origin = row(position, cells[e, 0], dim)
     side = ti.Matrix.zero(float, dim, dim)
     for a in ti.static(range(dim)):

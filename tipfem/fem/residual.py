@@ -58,8 +58,11 @@ def get_vector(record: ti.template(), e, start: ti.template(), dim: ti.template(
 
 @ti.func
 def linearisation(record: ti.template(), e, dim: ti.template()):
-    """An element's linearisation, see `residual`: gradients g_1 ... g_d and c_1 ... c_d, sigma, l, q, J / rho grad p,
-    and the vector of w, A, A tau, J / rho and the viscosity."""
+    """An element's linearisation, see `residual`.
+
+    Gradients g_1 ... g_d and c_1 ... c_d, sigma, l, q, J / rho grad p, and the vector of w, A, A tau, J / rho and the
+    viscosity.
+    """
     return (
         get_matrix(record, e, 0, dim),
         get_matrix(record, e, ti.static(dim * dim), dim),

@@ -56,8 +56,10 @@ def step_limits(
     stride: Template,
     serial: Template,
 ):
-    """result: smallest J_{n+1}, largest |u|^2 over the square of the particle's ``target`` (N,), and how many entries
-    of ``x`` are not finite.
+    """Quantities that limit a step, in ``result``.
+
+    These are the smallest J_{n+1}, the largest |u|^2 over the square of the particle's ``target`` (N,), and how many
+    entries of ``x`` are not finite.
     """
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):

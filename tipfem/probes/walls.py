@@ -149,8 +149,9 @@ class WallLine:
         return (y - self.start) @ self.tangent, (y - self.start) @ self.outward
 
     def faces(self, simulation: Sampled) -> tuple[Array, Array, Array, Array]:
-        """The faces of the mesh on the wall: both particles (K,), the cell (K,), and the outward normal times the
-        length (K, 2) [m].
+        """The faces of the mesh on the wall.
+
+        Their two particles (K,), the cell (K,), and the outward normal times the length (K, 2) [m].
         """
         particles, mesh = simulation.particles, simulation.mesh
         cell, i = np.nonzero(mesh.neighbours < 0)

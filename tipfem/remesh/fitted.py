@@ -174,8 +174,9 @@ def _follow_targets(t: Triangulation, held: Array, rule: FittedRule) -> Array:
 
 
 def _taken(t: Triangulation, particles: Particles, new: Mesh, position: Array) -> tuple[Particles, Mesh]:
-    """State, still without fluids, and mesh of a repaired triangulation at its last positions (N', 2), with what
-    ``new`` knows of it; see `repair` for errors.
+    """State, still without fluids, and mesh of a repaired triangulation at its last positions (N', 2).
+
+    The mesh takes over what ``new`` has computed; see `repair` for errors.
     """
     if (new.measure <= 0).any():
         place = position[t.cells[np.argmin(new.measure), 0]].tolist()
@@ -227,4 +228,4 @@ def hull_corners(mesh: Mesh) -> Array:
     np.add.at(total, b, direction)
     on = np.zeros(len(mesh.position), dtype=bool)
     on[a] = True
-    return on & (np.linalg.norm(total, axis=1) < 2 - 1e-9)
+    return np.asarray(on & (np.linalg.norm(total, axis=1) < 2 - 1e-9))

@@ -21,7 +21,7 @@ RISE = 0.01
 
 def nodal_density(mass: Array, volume: Array) -> Array:
     """Density (N,) [kg/m^3] around each particle from lumped masses and volumes (N,); NaN without any volume."""
-    return np.divide(mass, volume, out=np.full(len(mass), np.nan), where=volume > 0)
+    return np.asarray(np.divide(mass, volume, out=np.full(len(mass), np.nan), where=volume > 0))
 
 
 def transfer_momentum(

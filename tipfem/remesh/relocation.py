@@ -45,7 +45,7 @@ class Places:
     def interpolate(self, values: Array) -> Array:
         """Values of the particles (N, ...), linearly interpolated at the places (K, ...)."""
         w = self.weight.reshape((-1,) + (1,) * (values.ndim - 1))
-        return (1 - w) * values[self.start] + w * values[self.end]
+        return np.asarray((1 - w) * values[self.start] + w * values[self.end])
 
     def __getitem__(self, index: Array) -> Places:
         return Places(self.start[index], self.end[index], self.weight[index], self.length[index])
@@ -82,7 +82,7 @@ def cells_on_walls(mesh: Mesh, wall: Array) -> tuple[Array, Array]:
 def apex_of(mesh: Mesh, wall: Array, cells: Array) -> Array:
     """The one particle (K,) of each of the cells (K,) that is no wall particle."""
     corners = mesh.cells[cells]
-    return corners[np.arange(len(cells)), np.argmin(wall[corners], axis=1)]
+    return np.asarray(corners[np.arange(len(cells)), np.argmin(wall[corners], axis=1)])
 
 
 def measured_edges(mesh: Mesh, wall: Array, on_wall: Array, height: Array) -> Edges:
@@ -198,8 +198,9 @@ def _move(
 
     Args:
         particles: the state before relocation.
-        moved: the same with what was relocated already, (N,) ``gone``.
+        moved: the state with the particles that were relocated before.
         crowd: (N,) finite for particles that are to move.
+        gone: (N,) mask of the particles that were relocated before.
         edges: of the mesh before relocation, those longer than a spacing.
         rule: the lengths that decide.
 

@@ -84,4 +84,4 @@ def volume_source(mesh: Mesh, fraction: Array, initial_volume: Array, part: floa
     if not balanced:
         return np.asarray(growth)
     # A fluid that has vanished from the mesh cannot take part; the total must still be zero.
-    return growth - float(growth @ mesh.measure) / float(mesh.measure.sum())
+    return np.asarray(growth - float(growth @ mesh.measure) / float(mesh.measure.sum()))

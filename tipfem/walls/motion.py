@@ -48,11 +48,11 @@ class WallMotion:
 
     def held(self, values: Array) -> Array:
         """The parts of vectors (W, d) in the directions that the walls hold."""
-        return values - np.einsum("wij,wj->wi", self.free, values)
+        return np.asarray(values - np.einsum("wij,wj->wi", self.free, values))
 
     def slid(self, values: Array) -> Array:
         """The parts of vectors (W, d) along the walls that slip."""
-        return np.einsum("wij,wj->wi", self.free, values)
+        return np.asarray(np.einsum("wij,wj->wi", self.free, values))
 
     def rates(self, x: Array, velocity: Array) -> tuple[Array, Array]:
         """Velocity and acceleration (W, d) of the walls at x (W, d).
@@ -67,7 +67,7 @@ class WallMotion:
 
     def along(self, wall: int, x: Array) -> Array:
         """Velocity (K, d) at x (K, d) of a wall along itself, by its number."""
-        return self.pose.rigid_velocity(x) + self.pose.rotation @ self._own[wall]
+        return np.asarray(self.pose.rigid_velocity(x) + self.pose.rotation @ self._own[wall])
 
     def imposed(self, particles: Particles) -> Particles:
         """The particles with the velocities and accelerations that the walls prescribe."""

@@ -139,7 +139,7 @@ class FixedWalls(Walls):
         """See `Walls.constrain`."""
         result = u.copy()
         result[self._held] = 0.0
-        return result
+        return np.asarray(result)
 
     def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
         """See `Walls.histories`."""
@@ -273,7 +273,7 @@ class WallStep(Walls):
         index = self.boundary.index
         result = u.copy()
         result[index] = self.displacement[index] + self._after.slid(u[index])
-        return result
+        return np.asarray(result)
 
     def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
         """What v_alpha and a_alpha (N, d) are at u = 0, from those of free particles.
@@ -289,7 +289,7 @@ class WallStep(Walls):
 
     def relative(self, u: Array) -> Array:
         """See `Walls.relative`."""
-        return u - self._rigid
+        return np.asarray(u - self._rigid)
 
     def finish(self, before: Particles, u: Array, moved: Particles) -> Particles:
         """See `Walls.finish`."""
