@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import importlib.util
+import os
 import runpy
 import sys
 from pathlib import Path
@@ -110,4 +111,8 @@ def demo(
 
 def main() -> None:
     """Entry point of the command `tipfem`; see `tipfem.casefile.commands.EXIT_CODES`."""
-    sys.exit(call(app))
+    try:
+        sys.exit(call(app))
+    except BrokenPipeError:  # what reads the output, such as head, has had enough of it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)

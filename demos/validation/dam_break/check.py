@@ -143,7 +143,7 @@ class DamBreak(harness.Check):
 
     def columns(self) -> dict[str, harness.Probe]:
         """Front and height of the water, and with a free surface its spray."""
-        both = {"front": front, "column_height": column_height}
+        both: dict[str, harness.Probe] = {"front": front, "column_height": column_height}
         return {**both, "spray": spray} if self.free_surface else both
 
     def figures(self, simulation: tp.Simulation) -> dict[str, float]:

@@ -31,7 +31,8 @@ def along_height(simulation: tp.Simulation, count: int = 1500) -> tuple[Array, A
     # Slightly off the middle, so that the line does not run along edges.
     x = low[0] + (0.5 + 1e-4) * (high[0] - low[0])
     y = np.linspace(low[1], high[1], count + 2)[1:-1]
-    element = Triangulation(*position.T, simulation.mesh.cells).get_trifinder()(np.full_like(y, x), y)
+    triangulation = Triangulation(position[:, 0], position[:, 1], simulation.mesh.cells)
+    element = np.asarray(triangulation.get_trifinder()(np.full_like(y, x), y))
     material, found = simulation.state.material, element >= 0
     return y[found], material.density[element[found]], material.viscosity[element[found]]
 

@@ -32,7 +32,7 @@ def advance(simulation: tp.Simulation, until: float) -> tp.Simulation:
 
 def profile(simulation: tp.Simulation, points: Array) -> Array:
     """Velocity (K, 2) [m/s] at points (K, 2), linear in the triangles between the particles."""
-    return LinearNDInterpolator(simulation.particles.position, simulation.particles.velocity)(points)
+    return np.asarray(LinearNDInterpolator(simulation.particles.position, simulation.particles.velocity)(points))
 
 
 # Taylor-Green vortex: u = (sin kx cos ky, -cos kx sin ky) exp(-2 nu k^2 t) in a box of pi / k.
@@ -66,7 +66,8 @@ def taylor_green_velocity(x: Array, time: float, viscosity: float) -> Array:
     """Velocity (K, 2) [m/s] of the vortex at x (K, 2) [m]."""
     k = np.pi
     s, c = np.sin(k * x), np.cos(k * x)
-    return np.exp(-2 * viscosity * k**2 * time) * np.stack([s[:, 0] * c[:, 1], -c[:, 0] * s[:, 1]], axis=1)
+    decayed = np.exp(-2 * viscosity * k**2 * time)
+    return np.asarray(decayed * np.stack([s[:, 0] * c[:, 1], -c[:, 0] * s[:, 1]], axis=1))
 
 
 # Long cavity under a moving lid: in its middle the flow is that of a channel without net flow.
@@ -100,7 +101,7 @@ def channel(slip_length: float = 0.0, ratio: float = 1.0) -> Callable[[Array], A
     u(0) = l u'(0), u(1) = 1 and no net flow. Without slip and of one fluid it is 3 y^2 - 2 y.
     """
     l, m, h = slip_length, ratio, 0.5
-    rows = [  # a, b, c of the lower half; a, b, c of the upper
+    rows: list[tuple[list[float], float]] = [  # a, b, c of the lower half; a, b, c of the upper
         ([1, -l, 0, 0, 0, 0], 0),
         ([0, 0, 0, 1, 1, 1], 1),
         ([1, h, h**2, -1, -h, -(h**2)], 0),
@@ -108,7 +109,7 @@ def channel(slip_length: float = 0.0, ratio: float = 1.0) -> Callable[[Array], A
         ([0, 0, m, 0, 0, -1], 0),
         ([h, h**2 / 2, h**3 / 3, 1 - h, (1 - h**2) / 2, (1 - h**3) / 3], 0),
     ]
-    a = np.linalg.solve([row for row, _ in rows], [right for _, right in rows])
+    a = np.linalg.solve([row for row, _ in rows], [rhs for _, rhs in rows])
     return lambda y: np.where(y < h, a[0] + a[1] * y + a[2] * y**2, a[3] + a[4] * y + a[5] * y**2)
 
 
@@ -173,7 +174,7 @@ def linear_moment(time: Array, terms: int = 40) -> Array:
     own = np.sqrt((LAYERS[0] - LAYERS[1]) / sum(LAYERS) * 9.81 * k * np.tanh(k / 2))
     force = 4 * size * w**2 / (9.81 * k**2)
     eta = force * own**2 / (own**2 - w**2) * (np.cos(w * time) - np.cos(own * time))
-    return (-2 / k**2 * eta).sum(axis=1)
+    return np.asarray((-2 / k**2 * eta).sum(axis=1))
 
 
 ROLL = (0.5, 1.0)  # amplitude [rad] and frequency [rad/s]
@@ -192,8 +193,8 @@ def rolled(cells: int) -> tp.Simulation:
 def rolled_velocity(x: Array, time: float, terms: int = 60) -> Array:
     """Velocity (K, 2) [m/s] of the fluid in `rolled` at x (K, 2) [m]: it keeps its vorticity of zero."""
     spin, angle = ROLL[0] * ROLL[1] * np.sin(ROLL[1] * time), ROLL[0] * (1 - np.cos(ROLL[1] * time))
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    y = (x - 0.5) @ turn  # in the tank's frame, from its centre
+    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    y = (x - 0.5) @ rotation  # in the tank's frame, from its centre
     u = spin * np.stack([-y[:, 1], y[:, 0]], axis=1)
     for i in range(1, terms, 2):
         for j in range(1, terms, 2):
@@ -201,12 +202,12 @@ def rolled_velocity(x: Array, time: float, terms: int = 60) -> Array:
             a, b = i * np.pi * (y[:, 0] + 0.5), j * np.pi * (y[:, 1] + 0.5)
             u[:, 0] += psi * j * np.pi * np.sin(a) * np.cos(b)
             u[:, 1] -= psi * i * np.pi * np.cos(a) * np.sin(b)
-    return u @ turn.T
+    return np.asarray(u @ rotation.T)
 
 
 def stroke(time: float) -> float:
     """How far the walls of `pistons` have moved at a time [m]."""
-    return 0.15 * (1 - np.cos(2 * time))
+    return float(0.15 * (1 - np.cos(2 * time)))
 
 
 def pistons(cells: int, *, slip: bool) -> tp.Simulation:
