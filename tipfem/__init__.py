@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from tipfem.case.particles import Particles
     from tipfem.case.tank import Tank, tank
     from tipfem.case.walls import Motion, Wall
+    from tipfem.casefile.describing import describe, write_case
+    from tipfem.casefile.loading import CaseFile, load_case
+    from tipfem.casefile.problems import CaseFileError
     from tipfem.errors import SimulationError
     from tipfem.simulation import Simulation
 
@@ -23,6 +26,8 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Case",
+    "CaseFile",
+    "CaseFileError",
     "FittedRule",
     "Fluid",
     "Grading",
@@ -35,12 +40,17 @@ __all__ = [
     "SurfaceRule",
     "Tank",
     "Wall",
+    "describe",
     "init",
+    "load_case",
     "tank",
+    "write_case",
 ]
 
 _MODULES = {
     "Case": "case.case",
+    "CaseFile": "casefile.loading",
+    "CaseFileError": "casefile.problems",
     "FittedRule": "case.numerics",
     "Fluid": "case.fluid",
     "Grading": "case.grading",
@@ -53,8 +63,11 @@ _MODULES = {
     "SurfaceRule": "case.numerics",
     "Tank": "case.tank",
     "Wall": "case.walls",
+    "describe": "casefile.describing",
     "init": "backend.runtime",
+    "load_case": "casefile.loading",
     "tank": "case.tank",
+    "write_case": "casefile.describing",
 }
 
 

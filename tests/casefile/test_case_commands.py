@@ -210,3 +210,13 @@ def test_render_passes_its_words_on(capsys):
         main(["render", "--help"])
     assert end.value.code == 0
     assert "--playback-rate" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_prints_a_script_with_the_commands(shell, capsys):
+    assert main(["completion", shell]) == 0
+    script = capsys.readouterr().out
+    for word in ("tipfem", "run", "check", "overwrite"):
+        assert word in script
+    if shell == "bash":
+        assert subprocess.run(["bash", "-n"], input=script, text=True, check=False).returncode == 0

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 
 import jsonschema
 import pytest
@@ -10,6 +11,9 @@ from test_bad_input import GOOD, MISTAKES
 
 import tipfem as tp
 from tipfem.casefile import schema
+from tipfem.casefile.commands import EXIT_CODES
+from tipfem.casefile.loading import read_case
+from tipfem.casefile.problems import CaseFileError
 from tipfem.casefile.schema import json_schema
 from tipfem.casefile.source import tomllib
 
@@ -109,3 +113,27 @@ def test_the_json_schema_takes_the_demos_and_refuses_what_the_schema_refuses():
 
 def test_the_json_schema_in_the_docs_is_this_one():
     assert json.loads((DOCS / "case.schema.json").read_text("utf-8")) == json_schema()
+
+
+def test_the_annotated_example_of_the_docs_is_a_case(tmp_path):
+    page = (DOCS / "howto" / "case-files.md").read_text("utf-8")
+    (example,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    file = read_case(example, "drop.toml", overrides=["fluids.water.viscosity=2e-3"])
+    assert len(file.case().particles) > 500
+    file.simulation().step()
+
+
+def test_the_mistakes_shown_in_the_docs_are_those_that_are_told():
+    page = (DOCS / "howto" / "case-files.md").read_text("utf-8")
+    (example,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    (shown,) = re.findall(r"```text\n(.*?)```", page, re.DOTALL)
+    wrong = example.replace("998.2", "-998.2", 1).replace('fluid = "water"', 'fluid = "watr"', 1)
+    with pytest.raises(CaseFileError) as error:
+        read_case(wrong.replace('"ramp"', '"rmp"'), "drop.toml")
+    assert str(error.value).splitlines() == shown.splitlines()
+
+
+def test_all_exit_codes_are_in_the_docs():
+    page = (DOCS / "howto" / "case-files.md").read_text("utf-8")
+    rows = re.findall(r"^\| ([\d, ]+) \|", page, re.MULTILINE)
+    assert [int(code) for row in rows for code in row.split(",")] == list(EXIT_CODES)

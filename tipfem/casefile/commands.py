@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import App, Parameter
 
@@ -55,6 +55,17 @@ def register(app: App) -> None:
     for command in (run, check, info, doctor, schema):
         app.command(command)
     app.command(render, help_flags=[], version_flags=[])
+
+    @app.command
+    def completion(shell: Literal["bash", "zsh", "fish"], /) -> None:
+        """Print the script that completes commands and options in a shell.
+
+        Parameters
+        ----------
+        shell
+            bash, zsh or fish. In bash: eval "$(tipfem completion bash)".
+        """
+        print(app.generate_completion(shell=shell))
 
 
 def run(
