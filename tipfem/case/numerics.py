@@ -167,6 +167,9 @@ class Numerics:
             The largest residual is that of a few particles where the mesh has just changed; the root mean square
             of all is about a fiftieth of it.
         newton_iterations: largest number of iterations, after which a step is refused.
+        jacobian: how products with the Jacobian are formed in the Krylov iterations: "rows" gathers its rows once per
+            linearisation; "matrix-free" stores no rows and computes each product from the elements, which takes less
+            memory and more time. Solutions agree to the tolerance.
         largest_move: target of the step control for the displacement of the fastest particle, in spacings; more than
             0.5 only if J of no element falls below its limit (see `StepControl`). A step in which a particle moves
             0.15 spacings more than this is refused.
@@ -188,6 +191,7 @@ class Numerics:
     newton_tolerance: float = 1e-5
     acceleration_tolerance: float = 1e-2
     newton_iterations: int = 8
+    jacobian: str = "rows"
     largest_move: float = 0.35
     smallest_jacobian: float = 0.05
     triangulation: str = "repair"
@@ -213,6 +217,8 @@ class Numerics:
             raise ValueError(f"Numerics: newton_iterations is {self.newton_iterations!r}; it must be a whole number")
         if self.triangulation not in ("repair", "rebuild"):
             raise ValueError(f"Numerics: triangulation is {self.triangulation!r}; it must be 'repair' or 'rebuild'")
+        if self.jacobian not in ("rows", "matrix-free"):
+            raise ValueError(f"Numerics: jacobian is {self.jacobian!r}; it must be 'rows' or 'matrix-free'")
         for name, kind in (("relocation", RelocationRule), ("fitting", FittedRule), ("surface", SurfaceRule)):
             if not isinstance(getattr(self, name), kind):
                 raise ValueError(f"Numerics: {name} is {getattr(self, name)!r}; it must be a {kind.__name__}")

@@ -171,6 +171,9 @@ class NumericsTable(Model):
         "of the same residual as an acceleration, relative to gravity", default=1e-2, ge=1e-12, le=1.0
     )
     newton_iterations: int = quantity("after which a step is refused", default=8, ge=1, le=100)
+    jacobian: Literal["rows", "matrix-free"] = quantity(
+        "rows: gather the Jacobian; matrix-free: compute its products from the elements", default="rows"
+    )
     largest_move: float = quantity("displacement that a step aims at", "spacings", 0.35, ge=0.01, le=0.8)
     smallest_jacobian: float = quantity("below it a step is refused", default=0.05, ge=0.0, le=0.9)
     triangulation: Literal["repair", "rebuild"] = quantity(

@@ -43,7 +43,7 @@ def gather_rows(
     nodes: ti.i32,
     dim: ti.template(),
 ):
-    """The derivative of the scaled residual, block by block; its sums are those of `residual.jacobian_product`.
+    """The derivative of the scaled residual, block by block; its sums are those of `matrix_free.jacobian_product`.
 
     With s_a = sigma g_a, M = cv I - cf l, f = J / rho grad p, and c_b = J_{n+1} grad_{n+1} phi_b, an element adds for
     its nodes a, b

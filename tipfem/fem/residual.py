@@ -1,6 +1,6 @@
-"""Kernels that assemble the residual and the Jacobian-vector product.
+"""The kernel that assembles the residual, and linearises it on the elements.
 
-Every kernel computes element vectors into a buffer and then gathers them per node over the CSR
+It computes element vectors into a buffer and then gathers them per particle over the CSR
 incidence, so that results are repeatable bit by bit and no atomics are needed. Vectors of unknowns
 are flat and interleaved: entry ``i * (d + 1) + k`` is displacement component k of particle i for
 k < d, and its pressure for k = d. ``scale`` multiplies the rows; it is zero for fixed unknowns.
@@ -194,62 +194,5 @@ def residual(
         record[e, tail + 2] = area * tau
         record[e, tail + 3] = jacobian / rho
         record[e, tail + 4] = mu
-    for i in range(nodes):
-        gather_node(local, offsets, corners, scale, out, i, dim)
-
-
-@kernel
-def jacobian_product(
-    cells: Ints2,
-    offsets: Ints1,
-    corners: Ints1,
-    density: Reals1,
-    record: Reals2,
-    scale: Reals1,
-    x: Reals1,
-    local: Reals2,
-    out: Reals1,
-    cm: float,
-    cv: float,
-    cf: float,
-    elements: ti.i32,
-    nodes: ti.i32,
-    dim: Template,
-):
-    """Exact derivative of the scaled residual along ``x``, from the elements' linearisation.
-
-    With L = cf sum_b du_b (x) g_b:  d(w sigma g_a) = w (tr L sigma + dsigma - sigma L^T) g_a,
-    dl = (cv / cf) L - l L,  d(g_a . q) = g_a . (dq - L q),  dJ_{n+1} = sum_b c_b . du_b.
-    """
-    for e in range(elements):
-        g_now, c_next, sigma, l, q, pressure_force, tail = linearisation(record, e, dim)
-        w, area = tail[0], tail[1]
-        h = ti.Matrix.zero(float, dim, dim)
-        grad_p = ti.Vector.zero(float, dim)
-        mean_u = ti.Vector.zero(float, dim)
-        mean_p = 0.0
-        growth = 0.0
-        for a in ti.static(range(dim + 1)):
-            i = cells[e, a]
-            u = displacement_of(x, i, dim)
-            p = x[i * (dim + 1) + dim]
-            g = gradient(g_now, a)
-            h += u.outer_product(g)
-            grad_p += p * g
-            mean_u += u / (dim + 1)
-            mean_p += p / (dim + 1)
-            growth += gradient(c_next, a).dot(u)
-        big_l = cf * h
-        stress = cauchy_stress(cv * h - l @ big_l, mean_p, tail[4])
-        stress += big_l.trace() * sigma - sigma @ big_l.transpose()
-        dq = cm * mean_u + big_l.trace() * pressure_force + tail[3] * grad_p
-        dq -= big_l.transpose() @ pressure_force + big_l @ q
-        mass = density[e] * area / (dim + 1) * cm
-        for a in ti.static(range(dim + 1)):
-            g = gradient(g_now, a)
-            force = w * (stress @ g) + mass * displacement_of(x, cells[e, a], dim)
-            for k in ti.static(range(dim)):
-                local[e * (dim + 1) + a, k] = force[k]
-            local[e * (dim + 1) + a, dim] = area / (dim + 1) * growth + tail[2] * g.dot(dq)
     for i in range(nodes):
         gather_node(local, offsets, corners, scale, out, i, dim)

@@ -20,6 +20,7 @@ from tipfem.linalg import fgmres, vector_kernels
 from tipfem.mesh.mesh import Mesh, no_surface, parabola
 from tipfem.state import StepWork
 from tipfem.step.linear_system import LinearSystem, Workspace
+from tipfem.step.matrix_free import MatrixFreeSystem
 from tipfem.timers import timer
 from tipfem.typing import Array
 from tipfem.walls.constraints import WallRows
@@ -77,6 +78,7 @@ class FlowProblem:
         stabilisation: c in tau = c dt^2.
         workspace: what is used again from step to step.
         walls: what they prescribe in the step; by default all are fixed and no-slip.
+        jacobian: "rows" or "matrix-free", see `tipfem.Numerics`.
     """
 
     @timer("set-up")
@@ -90,7 +92,9 @@ class FlowProblem:
         stabilisation: float,
         workspace: Workspace,
         walls: Walls | None = None,
+        jacobian: str = "rows",
     ) -> None:
+        system = MatrixFreeSystem if jacobian == "matrix-free" else LinearSystem
         self.mesh, self.particles, self.scheme, self.properties = mesh, particles, scheme, properties
         self.walls = walls = walls or FixedWalls(Boundary(particles, (), None), mesh, particles, scheme)
         self.stabilisation = stabilisation
@@ -120,7 +124,7 @@ class FlowProblem:
         frame = walls.frame
         extremes = (properties.density.min(initial=np.inf), properties.density.max(initial=0.0))
         with timer("preconditioner"):
-            self.system = LinearSystem(
+            self.system = system(
                 self._topology,
                 mesh,
                 self._position,

@@ -89,7 +89,12 @@ class LinearSystem:
         frame: (N, d) where the particles are in the frame of the grid [m].
         spacing: of the particles [m].
         buffers: what is used again from step to step.
+
+    Attributes:
+        stores_rows: whether the Jacobian is kept in rows.
     """
+
+    stores_rows = True
 
     def __init__(
         self,
@@ -107,7 +112,8 @@ class LinearSystem:
         buffers: Buffers,
     ) -> None:
         self._topology, self._density, self._scale, self._scheme = topology, material[0], scale, scheme
-        self._nodes, self._dimension = len(mesh.position), mesh.dimension
+        self._nodes, self._elements, self._dimension = len(mesh.position), len(mesh.cells), mesh.dimension
+        self._buffers = buffers
         n, d = self._nodes, self._dimension
         # Each corner names at most d neighbours.
         wide = buffers.get("wide", mesh.cells.size * d + n, integer=True)
@@ -118,8 +124,9 @@ class LinearSystem:
         cursor = buffers.get("cursor", n + 1, integer=True)
         count = launch(sparsity.accumulate, self._row_offsets, cursor, n)
         self._columns = buffers.get("columns", count, integer=True)
+        entries = count if self.stores_rows else 0
         widths = {"uu": d * d, "up": d, "pu": d, "pp": 1}
-        self._blocks = tuple(buffers.get(f"rows.{name}", count * width) for name, width in widths.items())
+        self._blocks = tuple(buffers.get(f"rows.{name}", entries * width) for name, width in widths.items())
         self._schur_b, self._schur_x = buffers.get("schur_b", n), buffers.get("schur_x", n)
         self._laplacian = values = buffers.get("laplacian", count)
         launch(

@@ -73,7 +73,17 @@ class StepSolver:
         force = case.acceleration(position, state.time + scheme.cf * dt)
         material = ElementProperties(state.material.density, state.material.viscosity, growth)
         walls = walls_in_step(state.boundary, mesh, before, material.viscosity, scheme, state.time)
-        problem = FlowProblem(mesh, before, material, scheme, force, numerics.stabilisation, self.workspace, walls)
+        problem = FlowProblem(
+            mesh,
+            before,
+            material,
+            scheme,
+            force,
+            numerics.stabilisation,
+            self.workspace,
+            walls,
+            numerics.jacobian,
+        )
         tolerance = numerics.tolerance(force if varies else force[:1], scheme.cm, before.spacing, runtime.round_off())
         if state.step == 0:  # an error of pressure that the first step leaves would slosh for long
             tolerance = min(tolerance, 10 * runtime.round_off())

@@ -1,0 +1,118 @@
+"""Kernels of the Newton-Krylov solve without a matrix: products with the Jacobian, and halves of them.
+
+Vectors of unknowns and element records are laid out as in `tipfem.fem.residual`. With the blocks A, -G and D of the
+Jacobian K (see `tipfem.fem.jacobian`), the continuity rows of K (r_u, 0) are D r_u, and the momentum rows of K (0, p)
+are -G p: the preconditioner needs no more than products.
+"""
+
+import taichi as ti
+
+from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
+from tipfem.backend.launch import kernel
+from tipfem.fem.element import cauchy_stress, gradient
+from tipfem.fem.residual import displacement_of, gather_node, linearisation
+
+PARTICLE = 4.0  # nanoseconds that a thread takes for a particle of a vector
+
+
+@kernel
+def jacobian_product(
+    cells: Ints2,
+    offsets: Ints1,
+    corners: Ints1,
+    density: Reals1,
+    record: Reals2,
+    scale: Reals1,
+    x: Reals1,
+    local: Reals2,
+    out: Reals1,
+    cm: float,
+    cv: float,
+    cf: float,
+    elements: ti.i32,
+    nodes: ti.i32,
+    dim: Template,
+):
+    """Exact derivative of the scaled residual along ``x``, from the elements' linearisation.
+
+    With L = cf sum_b du_b (x) g_b:  d(w sigma g_a) = w (tr L sigma + dsigma - sigma L^T) g_a,
+    dl = (cv / cf) L - l L,  d(g_a . q) = g_a . (dq - L q),  dJ_{n+1} = sum_b c_b . du_b.
+    """
+    for e in range(elements):
+        g_now, c_next, sigma, l, q, pressure_force, tail = linearisation(record, e, dim)
+        w, area = tail[0], tail[1]
+        h = ti.Matrix.zero(float, dim, dim)
+        grad_p = ti.Vector.zero(float, dim)
+        mean_u = ti.Vector.zero(float, dim)
+        mean_p = 0.0
+        growth = 0.0
+        for a in ti.static(range(dim + 1)):
+            i = cells[e, a]
+            u = displacement_of(x, i, dim)
+            p = x[i * (dim + 1) + dim]
+            g = gradient(g_now, a)
+            h += u.outer_product(g)
+            grad_p += p * g
+            mean_u += u / (dim + 1)
+            mean_p += p / (dim + 1)
+            growth += gradient(c_next, a).dot(u)
+        big_l = cf * h
+        stress = cauchy_stress(cv * h - l @ big_l, mean_p, tail[4])
+        stress += big_l.trace() * sigma - sigma @ big_l.transpose()
+        dq = cm * mean_u + big_l.trace() * pressure_force + tail[3] * grad_p
+        dq -= big_l.transpose() @ pressure_force + big_l @ q
+        mass = density[e] * area / (dim + 1) * cm
+        for a in ti.static(range(dim + 1)):
+            g = gradient(g_now, a)
+            force = w * (stress @ g) + mass * displacement_of(x, cells[e, a], dim)
+            for k in ti.static(range(dim)):
+                local[e * (dim + 1) + a, k] = force[k]
+            local[e * (dim + 1) + a, dim] = area / (dim + 1) * growth + tail[2] * g.dot(dq)
+    for i in range(nodes):
+        gather_node(local, offsets, corners, scale, out, i, dim)
+
+
+@kernel
+def displacements_alone(r: Reals1, out: Reals1, nodes: ti.i32, dim: Template, serial: Template):
+    """out = (r_u, 0)."""
+    ti.loop_config(serialize=serial)
+    for i in range(nodes):
+        for k in ti.static(range(dim)):
+            out[i * (dim + 1) + k] = r[i * (dim + 1) + k]
+        out[i * (dim + 1) + dim] = 0.0
+
+
+@kernel
+def pressures_alone(pressure: Reals1, out: Reals1, nodes: ti.i32, dim: Template, serial: Template):
+    """out = (0, p) from pressures (N,)."""
+    ti.loop_config(serialize=serial)
+    for i in range(nodes):
+        for k in ti.static(range(dim)):
+            out[i * (dim + 1) + k] = 0.0
+        out[i * (dim + 1) + dim] = pressure[i]
+
+
+@kernel
+def schur_rhs(r: Reals1, product: Reals1, scale: Reals1, out: Reals1, nodes: ti.i32, dim: Template, serial: Template):
+    """out (N,) = r_p - D r_u without the scale of the rows, with ``product`` = K (r_u, 0); 0 where pressure is pinned.
+
+    As `tipfem.fem.jacobian.schur_row` has it from the rows.
+    """
+    ti.loop_config(serialize=serial)
+    for i in range(nodes):
+        row = i * (dim + 1) + dim
+        out[i] = 0.0
+        if scale[row] > 0.0:
+            out[i] = (r[row] - product[row]) / scale[row]
+
+
+@kernel
+def block_correction(
+    r: Reals1, product: Reals1, pressure: Reals1, out: Reals1, nodes: ti.i32, dim: Template, serial: Template
+):
+    """out = (r_u + G z_p, z_p) with z_p = ``pressure`` (N,) and ``product`` = K (0, z_p)."""
+    ti.loop_config(serialize=serial)
+    for i in range(nodes):
+        for k in ti.static(range(dim)):
+            out[i * (dim + 1) + k] = r[i * (dim + 1) + k] - product[i * (dim + 1) + k]
+        out[i * (dim + 1) + dim] = pressure[i]

@@ -1,0 +1,75 @@
+"""MatrixFreeSystem: the linear problem of a Newton iteration without the Jacobian's rows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tipfem.backend.launch import launch
+from tipfem.fem import matrix_free
+from tipfem.linalg.fgmres import Iteration
+from tipfem.step.linear_system import LinearSystem
+
+
+class MatrixFreeSystem(LinearSystem):
+    """A linear system whose products are computed from the elements' linearisation, with the same preconditioner.
+
+    The Jacobian is that of the last residual. The preconditioner's blocks D and G are halves of such products, so that
+    only the pressure Laplacian is stored in rows. See D. A. Knoll & D. E. Keyes, Jacobian-free Newton-Krylov methods,
+    Journal of Computational Physics 193, 2004; the products here are exact, not differences of residuals.
+
+    The arguments are those of `LinearSystem`.
+    """
+
+    stores_rows = False
+    _record: Any = None
+
+    def gather(self, record: Any) -> None:
+        """Take the elements' linearisation of the last residual, (M, w) on the device, as the Jacobian."""
+        self._record = record
+
+    def product(self, v: Any, out: Any) -> None:
+        """out = K v, the derivative of the scaled residual along ``v``; both (N (d + 1),) on the device."""
+        s, d = self._scheme, self._dimension
+        launch(
+            matrix_free.jacobian_product,
+            *self._topology,
+            self._density,
+            self._record,
+            self._scale,
+            v,
+            self._buffers.get("local", self._elements * (d + 1), d + 1),
+            out,
+            s.cm,
+            s.cv,
+            s.cf,
+            self._elements,
+            self._nodes,
+            d,
+        )
+
+    def precondition(self, r: Any, z: Any) -> None:
+        """z ~ K^-1 r, as `LinearSystem.precondition`; r and z are (N (d + 1),) on the device."""
+        n, d, work = self._nodes, self._dimension, (self._nodes, matrix_free.PARTICLE)
+        size = n * (d + 1)
+        half, product = (self._buffers.get(f"matrix_free.{name}", size) for name in ("half", "product"))
+        launch(matrix_free.displacements_alone, r, half, n, d, work=work)
+        self.product(half, product)
+        launch(matrix_free.schur_rhs, r, product, self._scale, self._schur_b, n, d, work=work)
+        self.multigrid.apply(self._schur_b, self._schur_x)
+        self._bubbles.lift(self._schur_b, self._schur_x)
+        launch(matrix_free.pressures_alone, self._schur_x, half, n, d, work=work)
+        self.product(half, product)
+        launch(matrix_free.block_correction, r, product, self._schur_x, z, n, d, work=work)
+
+    @property
+    def iteration(self) -> Iteration | None:
+        """None: an iteration takes several launches."""
+        return None
+
+    def matrix(self) -> Any:
+        """There is none.
+
+        Raises:
+            NotImplementedError: always.
+        """
+        raise NotImplementedError("MatrixFreeSystem stores no rows; Numerics(jacobian='rows') does")
