@@ -208,7 +208,10 @@ def run(
     figures = check.figures(simulation)
     missed = check.missed(figures, options)
     simulation.write_summary({"status": "complete", "validation": figures, "check": missed or "passed"})
-    check.plot(simulation, figures, options)
+    try:
+        check.plot(simulation, figures, options)
+    except ImportError as error:  # without matplotlib, which is an extra; the run and its check count all the same
+        print(f"note: {error}", file=sys.stderr)
     if options.frames:
         draw(options.out, shown)
     last = simulation.history[-1]

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import resource
+import sys
 from argparse import Namespace
 
 import imageio.v3 as iio
 import numpy as np
 import pytest
-from demo_runs import DEMOS, python, typed
+from demo_runs import DEMOS, called, python, typed
 from tipfem.demos import harness
 from tipfem.demos.validation.dam_break import case, check
 
@@ -129,3 +130,13 @@ def test_the_air_may_be_coarser():
     """--air-spacing takes particles out of the air."""
     graded = harness.load("dam_break", spacing=0.01, air_spacing=0.04).case
     assert len(graded.particles) < 0.5 * len(harness.load("dam_break", spacing=0.01).case.particles)
+
+
+def test_without_matplotlib_a_run_has_its_figures_and_no_front(tmp_path, monkeypatch, capsys):
+    """A plain installation has no matplotlib: it comes with an extra."""
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    out = tmp_path / "run"
+    summary = called("dam_break", out, "--spacing", "0.04", "--end-time", "0.02", "--no-frames")
+    assert summary["check"] == "passed"
+    assert "tipfem[plot]" in capsys.readouterr().err
+    assert not (out / "front.png").exists()
