@@ -47,6 +47,11 @@ def momentum(t: Triangulation) -> np.ndarray:
     return masses(t) @ t.state[:, VELOCITY:ACCELERATION]
 
 
+def momentum_scale(t: Triangulation) -> float:
+    """Size of the terms of which a momentum is the sum."""
+    return float(np.abs(t.state[:, MASS:TARGET] * t.state[:, VELOCITY:ACCELERATION]).sum())
+
+
 def areas(t: Triangulation) -> np.ndarray:
     """Of each fluid."""
     return np.bincount(t.fluid, weights=simplex_measure(np.ascontiguousarray(t.state[:, :2]), t.cells))
@@ -69,8 +74,8 @@ def delaunay(x) -> np.ndarray:
     return cells[np.abs(measure) > 1e-14]
 
 
-def check(t: Triangulation, gone: int = 0) -> None:
-    """All that must hold of a triangulation whose ``gone`` particles have no cells."""
+def check(t: Triangulation, removed: int = 0) -> None:
+    """All that must hold of a triangulation whose ``removed`` particles have no cells."""
     alive = t.fluid >= 0
     cells = t.cells[alive]
     number = np.where(alive, np.cumsum(alive) - 1, -1)
@@ -83,7 +88,7 @@ def check(t: Triangulation, gone: int = 0) -> None:
     np.testing.assert_array_equal(np.flatnonzero(t.corner >= 0), used)
     assert (t.cells[t.corner[used]] == used[:, None]).any(axis=1).all()
     assert alive[t.corner[used]].all()
-    assert len(used) == len(x) - gone
+    assert len(used) == len(x) - removed
     hull = int((t.neighbours[alive] < 0).sum())
     assert len(cells) == 2 * len(used) - 2 - hull  # Euler, of a disc
 

@@ -173,7 +173,7 @@ def test_a_collapsed_edge_takes_two_cells_along_and_the_rest_keeps_its_area(kind
                 if done[0]:
                     went += 1
                     t.compact()
-                    check(t, gone=1)
+                    check(t, removed=1)
                     assert t.corner[p] == -1
                     assert as_set(t.cells) == as_set(kept)
                     assert simplex_measure(x, t.cells).sum() == pytest.approx(1.0, rel=1e-12)

@@ -5,6 +5,7 @@ import pytest
 from triangulations import areas, border, check, cloud, delaunay, grid, masses, of
 
 from tipfem.mesh.mesh import simplex_measure
+from tipfem.remesh.edges.edge_operations import ACCELERATION, MASS, VELOCITY
 from tipfem.remesh.triangulation import Triangulation
 
 
@@ -38,7 +39,7 @@ def broken(height: float) -> tuple[int, np.ndarray]:
     y = x[cells, 1].mean(axis=1)
     t = of(x, cells, np.where((y > 2) & (y < 2 + height), 1, 0), density=[1.0, 50.0])
     number = break_films(t, 0.3)
-    np.testing.assert_allclose(t.state[:, 7], masses(t), rtol=1e-12)
+    np.testing.assert_allclose(t.state[:, MASS], masses(t), rtol=1e-12)
     return number, t.fluid
 
 
@@ -62,10 +63,10 @@ def test_a_layer_with_particles_inside_is_no_film():
     )
 
 
-def slide(t: Triangulation, held, reach: float = 2.0, way: float = 10.0) -> None:
-    """Let all contacts slide but those held, after a step of length ``way`` of all that is not on a wall."""
+def slide(t: Triangulation, held, reach: float = 2.0, path: float = 10.0) -> None:
+    """Let all contacts slide but those held, after a step of length ``path`` of all that is not on a wall."""
     mark = t.marks()
-    assert repaired(t, held, np.where(mark < 2, [[way], [0.0]], 0.0).T, reach=reach) == (0, 0)
+    assert repaired(t, held, np.where(mark < 2, [[path], [0.0]], 0.0).T, reach=reach) == (0, 0)
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.3, -0.7])
@@ -100,24 +101,24 @@ def upright(shift: float, wall=None) -> tuple[Triangulation, np.ndarray]:
     contact = np.flatnonzero((x[:, 0] == 3) & ((x[:, 1] == 0) | (x[:, 1] == 5)))
     x[contact, 0] += shift
     t = of(x, cells, fluid, wall=wall, density=[1.0, 1000.0])
-    t.state[:, 2:4] = np.random.default_rng(4).normal(size=(len(x), 2)) * (t.marks() < 2)[:, None]
+    t.state[:, VELOCITY:ACCELERATION] = np.random.default_rng(4).normal(size=(len(x), 2)) * (t.marks() < 2)[:, None]
     return t, contact
 
 
 @pytest.mark.parametrize("shift", [0.3, -0.3])
 def test_a_contact_that_slides_changes_no_velocity_where_walls_hold_particles(shift):
     t, contact = upright(shift)
-    velocity, total = t.state[:, 2:4].copy(), areas(t).sum()
+    velocity, total = t.state[:, VELOCITY:ACCELERATION].copy(), areas(t).sum()
     slide(t, np.zeros(len(t.state), dtype=np.int32))
     np.testing.assert_allclose(t.state[contact, 0], 3.0, atol=1e-14)
-    np.testing.assert_array_equal(t.state[:, 2:4], velocity)
-    np.testing.assert_allclose(t.state[:, 7], masses(t), rtol=1e-12)
+    np.testing.assert_array_equal(t.state[:, VELOCITY:ACCELERATION], velocity)
+    np.testing.assert_allclose(t.state[:, MASS], masses(t), rtol=1e-12)
     assert areas(t).sum() == pytest.approx(total, rel=1e-14)
     check(t)
 
 
-@pytest.mark.parametrize("way", [0.0, 0.04, 0.1])
-def test_a_contact_goes_at_most_twice_as_far_as_the_interface_above_it_went(way):
+@pytest.mark.parametrize("path", [0.0, 0.04, 0.1])
+def test_a_contact_goes_at_most_twice_as_far_as_the_interface_above_it_went(path):
     t, contact = upright(0.3)
-    slide(t, np.zeros(len(t.state), dtype=np.int32), way=way)
-    np.testing.assert_allclose(t.state[contact, 0], 3.3 - 2 * way, atol=1e-14)
+    slide(t, np.zeros(len(t.state), dtype=np.int32), path=path)
+    np.testing.assert_allclose(t.state[contact, 0], 3.3 - 2 * path, atol=1e-14)

@@ -11,6 +11,7 @@ import tipfem as tp
 from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.remesh import fitted
 from tipfem.remesh import fitted as fitting
+from tipfem.remesh.edges.edge_operations import MASS, TARGET
 from tipfem.remesh.remeshers import FittedRemesher
 
 WATER, AIR = tp.Fluid("water", 998.0, 1e-3), tp.Fluid("air", 1.2, 1.8e-5)
@@ -128,7 +129,7 @@ def test_the_names_of_two_fluids_do_not_matter():
 def momentum(particles, mesh, density) -> np.ndarray:
     """(2,) of all particles."""
     t = of(particles.position, mesh.cells, mesh.fluid, density=density)
-    return t.state[:, 7] @ particles.velocity
+    return t.state[:, MASS] @ particles.velocity
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -150,7 +151,7 @@ def test_a_repair_away_from_the_walls_keeps_momentum(fluids, seed):
     particles = tp.Particles(x, np.zeros(len(x)), wall, velocity=velocity, spacing=1.0)
     density = DENSITY[:fluids]
     after, repaired, changed = fitted.repair(particles, mesh, density, fitting.hull_corners(mesh), RULE)[:3]
-    scale = np.abs(of(x, mesh.cells, fluid, density=density).state[:, 7:] * velocity).sum()
+    scale = np.abs(of(x, mesh.cells, fluid, density=density).state[:, MASS:TARGET] * velocity).sum()
     assert changed.sum() >= 2
     assert (repaired.cells != mesh.cells).any()
     assert (after.velocity[~changed] != velocity[~changed]).any()

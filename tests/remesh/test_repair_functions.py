@@ -14,9 +14,11 @@ from tipfem.remesh import insertion_kernels, sizing, volume_kernels
 from tipfem.remesh.edges import films_contacts, flips
 from tipfem.remesh.edges.coarsen_refine import NEAR_BORDER
 from tipfem.remesh.edges.edge_operations import (
+    ACCELERATION,
     MASS,
     STAR,
     TARGET,
+    VELOCITY,
     Segment,
     TriangleArrays,
     collect_star,
@@ -163,7 +165,7 @@ def slide_one(
 
 
 @pytest.mark.parametrize(
-    ("reach", "way", "gap", "least", "goal", "moved"),
+    ("reach", "path", "gap", "least", "goal", "moved"),
     [
         (2.0, 10.0, 0.1, 0.0, 0.6, 0.6),  # where the line through (3.4, 2) and (3.5, 1) meets the wall
         (0.2, 10.0, 0.1, 0.0, 0.6, 0.6),  # at most that far from (3.5, 0)
@@ -173,7 +175,7 @@ def slide_one(
         (2.0, 10.0, 0.1, 0.5, 0.6, 0.18),  # with cells that keep their area
     ],
 )
-def test_a_contact_goes_to_where_its_interface_points(reach, way, gap, least, goal, moved):
+def test_a_contact_goes_to_where_its_interface_points(reach, path, gap, least, goal, moved):
     x, cells = grid(np.arange(7), np.arange(5))
     fluid = (x[cells, 0].mean(axis=1) > 3).astype(int)
     t = of(x, cells, fluid)
@@ -181,7 +183,7 @@ def test_a_contact_goes_to_where_its_interface_points(reach, way, gap, least, go
     t.state[a, 0], t.state[b, 0] = 3.5, 3.4
     t.state[:, MASS] = masses(t)
     displacement, limits, result = np.zeros_like(x), np.zeros(LIMITS), np.empty(3)
-    displacement[a] = way, 0.0
+    displacement[a] = path, 0.0
     limits[[REACH, GAP]] = reach, gap
     launch(slide_one, *arrays(t), displacement, limits, np.empty(SCRATCH, dtype=np.int32), w, a, least, result)
     sign = np.sign(result[1])
@@ -240,7 +242,7 @@ def flip_one(
 def test_a_flip_keeps_masses_and_momentum_and_marks_what_changed(walls):
     x = np.array([[0.0, 0.0], [1.0, -0.6], [2.0, 0.0], [1.0, 0.4]])
     t = of(x, np.array([[0, 1, 3], [2, 3, 1]]), wall=np.full(4, walls), density=[3.0])
-    t.state[:, 2:4] = velocity = np.random.default_rng(1).normal(size=(4, 2))
+    t.state[:, VELOCITY:ACCELERATION] = velocity = np.random.default_rng(1).normal(size=(4, 2))
     t._stale[:] = 0
     before = momentum(t)
     launch(flip_one, *arrays(t), np.empty(4, dtype=np.int32), 0, 0)
@@ -248,10 +250,12 @@ def test_a_flip_keeps_masses_and_momentum_and_marks_what_changed(walls):
     np.testing.assert_allclose(t.state[:, MASS], masses(t), rtol=1e-14)
     assert t._stale.tolist() == [1, 1]
     if walls:
-        np.testing.assert_array_equal(t.state[:, 2:4], velocity)
+        np.testing.assert_array_equal(t.state[:, VELOCITY:ACCELERATION], velocity)
     else:
         np.testing.assert_allclose(momentum(t), before, rtol=1e-13)
-        np.testing.assert_allclose(np.ptp(t.state[:, 2:4] - velocity, axis=0), 0.0, atol=1e-14)  # one velocity for all
+        np.testing.assert_allclose(
+            np.ptp(t.state[:, VELOCITY:ACCELERATION] - velocity, axis=0), 0.0, atol=1e-14
+        )  # one velocity for all
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""A Delaunay triangulation from the last one: what moved is flipped, what was relocated taken out and put in."""
+"""A Delaunay triangulation by repair of the last one: edges are flipped, relocated particles removed and inserted."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ TIES = 1e-13
 
 
 def repaired(mesh: Mesh, moved: Array, position: Array, moves: Array) -> Mesh | None:
-    """The Delaunay triangulation of particles that moved with a mesh, some of which were then set elsewhere.
+    """The Delaunay triangulation of particles that moved with a mesh, some of which were then relocated.
 
     Args:
         mesh: triangles on N particles; its hull is that of the new positions, too.
-        moved: (N, 2) where the particles were carried to [m].
-        position: (N, 2) where they are now [m].
-        moves: (K, 3) what was set elsewhere: the particle, and the two ends of the edge it is on now.
+        moved: (N, 2) positions after the motion [m].
+        position: (N, 2) positions after relocation [m].
+        moves: (K, 3) what was relocated: the particle, and the two ends of the edge it was inserted into.
 
     Returns:
-        The mesh; None where this cannot be had by repair: a triangle was inverted, a particle set elsewhere cannot be
-        taken out by collapsing an edge, one is not on an edge of the mesh, or flipping did not come to an end.
+        The mesh; None where repair fails: a triangle was inverted, a relocated particle cannot be removed by collapsing
+        an edge, one is not on an edge of the mesh, or flipping did not come to an end.
     """
-    carried = moved.copy()
-    carried[moves[:, 0]] = position[moves[:, 0]]
-    if (simplex_measure(moved, mesh.cells) <= 0).any() or not np.array_equal(carried, position):
+    expected = moved.copy()
+    expected[moves[:, 0]] = position[moves[:, 0]]
+    if (simplex_measure(moved, mesh.cells) <= 0).any() or not np.array_equal(expected, position):
         return None
     t = _triangulation(mesh, moved)
     if len(moves):

@@ -1,7 +1,6 @@
-"""Relocation: keep the cloud even by moving crowded particles to where it is thin, fluid by fluid.
+"""Relocation: keep the density of particles even by moving crowded ones into long edges of their own fluid.
 
-The number of particles of each fluid never changes, as in Carvalho & Sanches: what is taken from
-a crowded place is set into a long edge of the same fluid.
+The number of particles of each fluid never changes, as in Carvalho & Sanches.
 """
 
 from __future__ import annotations
@@ -34,8 +33,14 @@ class Edges:
 
 
 @dataclass(frozen=True)
-class Places:
-    """Places that can take a particle: between ``start`` and ``end``, at ``weight`` from the start."""
+class InsertionSites:
+    """Points on edges where a particle can be inserted; all arrays are (K,).
+
+    Attributes:
+        start, end: particles at the ends of the edge; ``start`` is of the fluid.
+        weight: part of the edge between the start and the site.
+        length: of the edge [m].
+    """
 
     start: Array
     end: Array
@@ -43,12 +48,12 @@ class Places:
     length: Array
 
     def interpolate(self, values: Array) -> Array:
-        """Values of the particles (N, ...), linearly interpolated at the places (K, ...)."""
+        """Values of the particles (N, ...), linearly interpolated at the sites (K, ...)."""
         w = self.weight.reshape((-1,) + (1,) * (values.ndim - 1))
         return np.asarray((1 - w) * values[self.start] + w * values[self.end])
 
-    def __getitem__(self, index: Array) -> Places:
-        return Places(self.start[index], self.end[index], self.weight[index], self.length[index])
+    def __getitem__(self, index: Array) -> InsertionSites:
+        return InsertionSites(self.start[index], self.end[index], self.weight[index], self.length[index])
 
 
 def cells_on_walls(mesh: Mesh, wall: Array) -> tuple[Array, Array]:
@@ -106,13 +111,13 @@ def measured_edges(mesh: Mesh, wall: Array, on_wall: Array, height: Array) -> Ed
     return Edges(i, j, np.sqrt(square), result)
 
 
-def places_in(
+def insertion_sites(
     edges: Edges, particles: Particles, fluid: int, crowded: Array, shortest: float, rule: RelocationRule
-) -> Places:
-    """Places for particles of a fluid in edges, high enough over the walls; the longest edges first.
+) -> InsertionSites:
+    """Sites for particles of a fluid in edges, high enough over the walls; the longest edges first.
 
-    Edges within the fluid that are not longer than ``shortest`` [m] take none, nor do those of crowded particles
-    (N,): they may be gone the next moment.
+    Edges within the fluid that are not longer than ``shortest`` [m] have none, nor have those of ``crowded`` particles
+    (N,), which may be relocated themselves.
     """
     i, j, length = edges.i, edges.j, edges.length
     own_i, own_j = particles.fluid[i] == fluid, particles.fluid[j] == fluid
@@ -125,36 +130,38 @@ def places_in(
     weight = np.where(mixed[edge], 1 / 3, 0.5)
     over_wall = np.where(particles.wall[start], weight, 1 - weight) * edges.height[edge]
     high = over_wall >= rule.too_close_to_wall * particles.spacing
-    return Places(start, end, weight, length[edge])[np.flatnonzero(high)]
+    return InsertionSites(start, end, weight, length[edge])[np.flatnonzero(high)]
 
 
-def with_room(places: Places, position: Array, tree: cKDTree, taken: Array, rule: RelocationRule, h: float) -> Places:
-    """Those of the places that are far enough from all particles, from ``taken`` (K, d), and from each other.
+def sites_with_room(
+    sites: InsertionSites, position: Array, tree: cKDTree, taken: Array, rule: RelocationRule, h: float
+) -> InsertionSites:
+    """Those of the sites that are far enough from all particles, from ``taken`` positions (K, d), and from each other.
 
     Of two that are too close to each other the first stays, the one in the longer edge.
     """
-    if not len(places.start):
-        return places
-    point = places.interpolate(position)
+    if not len(sites.start):
+        return sites
+    point = sites.interpolate(position)
     # An urgent particle may stand half a spacing from the ends of its edge; that is what its edge decides.
-    reach = np.minimum(rule.too_close * h, np.minimum(places.weight, 1 - places.weight) * places.length)
+    reach = np.minimum(rule.too_close * h, np.minimum(sites.weight, 1 - sites.weight) * sites.length)
     free = tree.query(point)[0] >= (1 - 1e-9) * reach
     if len(taken):
         free &= cKDTree(taken).query(point)[0] >= rule.too_close * h
-    places, point = places[np.flatnonzero(free)], point[free]
+    sites, point = sites[np.flatnonzero(free)], point[free]
     if not len(point):
-        return places
+        return sites
     first, second = np.sort(cKDTree(point).query_pairs(rule.too_close * h, output_type="ndarray"), axis=1).T
     undecided, chosen = np.ones(len(point), dtype=bool), np.zeros(len(point), dtype=bool)
     while undecided.any():
-        # A place is chosen when no undecided one before it is too close; then those too close to it are out.
+        # A site is chosen when no undecided one before it is too close; then those too close to it are out.
         live = undecided[first] & undecided[second]
         winner = undecided.copy()
         winner[second[live]] = False
         chosen |= winner
         undecided &= ~winner
         undecided[second[winner[first]]] = False
-    return places[np.flatnonzero(chosen)]
+    return sites[np.flatnonzero(chosen)]
 
 
 def relocate(particles: Particles, mesh: Mesh, rule: RelocationRule) -> tuple[Particles, Array]:
@@ -162,78 +169,83 @@ def relocate(particles: Particles, mesh: Mesh, rule: RelocationRule) -> tuple[Pa
 
     Args:
         particles: the state on N particles, after the step's motion.
-        mesh: of the step; its simplices must not be inverted at the particles' positions.
+        mesh: of the step; its cells must not be inverted at the particles' positions.
         rule: the lengths that decide.
 
     Returns:
-        The new state; and (K, 3) for each particle that was moved, itself and the two ends of the edge that it is on
-        now. It takes velocity, acceleration and pressure from these two, by linear interpolation.
+        The new state; and (K, 3) for each relocated particle, itself and the two ends of the edge into which it was
+        inserted. Velocity, acceleration and pressure are linearly interpolated from these two.
     """
     h = particles.spacing
     mesh = mesh.moved(particles.position)
     on_wall, height = cells_on_walls(mesh, particles.wall)
     edges = measured_edges(mesh, particles.wall, on_wall, height)
     long = edges[np.flatnonzero(edges.length > h)]
-    gone, stuck = np.zeros(len(particles), dtype=bool), np.zeros(len(particles), dtype=bool)
+    relocated, stuck = np.zeros(len(particles), dtype=bool), np.zeros(len(particles), dtype=bool)
     moved, moves = particles, np.zeros((0, 3), dtype=np.int64)
-    # Of a close pair one is asked to move; if its fluid has no place for it, then the other.
+    # Of a close pair one is to move; if its fluid has no site for it, then the other.
     for _ in range(2):
-        crowd = _crowding(mesh, edges, particles.wall, on_wall, height, gone, stuck, rule, h)
+        crowd = _crowding(mesh, edges, particles.wall, on_wall, height, relocated, stuck, rule, h)
         crowded = np.isfinite(crowd)
         if not crowded.any():
             break
-        moved, now = _move(particles, moved, crowd, gone, long, rule)
+        moved, now = _move(particles, moved, crowd, relocated, long, rule)
         moves = np.concatenate([moves, now])
         stuck |= crowded
         stuck[now[:, 0]] = False
         stuck[now[:, 1:]] = True
-        gone[now[:, 0]] = True
+        relocated[now[:, 0]] = True
     return moved, moves
 
 
 def _move(
-    particles: Particles, moved: Particles, crowd: Array, gone: Array, edges: Edges, rule: RelocationRule
+    particles: Particles, moved: Particles, crowd: Array, relocated: Array, edges: Edges, rule: RelocationRule
 ) -> tuple[Particles, Array]:
-    """Set crowded particles into places of their own fluid, the most crowded into the longest edges.
+    """Move crowded particles to sites of their own fluid, the most crowded into the longest edges.
 
     Args:
         particles: the state before relocation.
         moved: the state with the particles that were relocated before.
         crowd: (N,) finite for particles that are to move.
-        gone: (N,) mask of the particles that were relocated before.
+        relocated: (N,) mask of these.
         edges: of the mesh before relocation, those longer than a spacing.
         rule: the lengths that decide.
 
     Returns:
-        The new state, and (K, 3) what this call moved, as of `relocate`.
+        The new state, and what this call moved (K, 3), as of `relocate`.
     """
     h = particles.spacing
     crowded = np.isfinite(crowd)
-    moved, gone = moved.copy(), gone.copy()
+    moved, relocated = moved.copy(), relocated.copy()
     moves = [np.zeros((0, 3), dtype=np.int64)]
-    tree = cKDTree(particles.position, compact_nodes=False, balanced_tree=False)  # for few questions
+    tree = cKDTree(particles.position, compact_nodes=False, balanced_tree=False)  # for few queries
     for fluid in np.unique(particles.fluid[crowded]):
         own = np.flatnonzero(crowded & (particles.fluid == fluid))
         own = own[np.argsort(crowd[own], kind="stable")]
-        # Ordinary particles need a long edge; urgent ones take what there is.
+        # Ordinary particles need a long edge; urgent ones any edge.
         urgent = crowd[own] < rule.urgent * h
         shortest = h if urgent.any() else rule.long_edge * h
-        every = places_in(edges, particles, int(fluid), crowded | gone, shortest, rule)
+        every = insertion_sites(edges, particles, int(fluid), crowded | relocated, shortest, rule)
         few = 8 * len(own) + 32
-        while True:  # what is further down the list does not change what comes before
-            places = with_room(
-                every[np.arange(min(few, len(every.start)))], particles.position, tree, moved.position[gone], rule, h
+        while True:  # sites further down the list do not change those before
+            sites = sites_with_room(
+                every[np.arange(min(few, len(every.start)))],
+                particles.position,
+                tree,
+                moved.position[relocated],
+                rule,
+                h,
             )
-            if len(places.start) >= len(own) or few >= len(every.start):
+            if len(sites.start) >= len(own) or few >= len(every.start):
                 break
             few *= 4
-        k = min(len(own), len(places.start))
-        keep = (places.length[:k] > rule.long_edge * h) | urgent[:k]
-        own, places = own[:k][keep], places[np.flatnonzero(keep)]
+        k = min(len(own), len(sites.start))
+        keep = (sites.length[:k] > rule.long_edge * h) | urgent[:k]
+        own, sites = own[:k][keep], sites[np.flatnonzero(keep)]
         for name in ("position", "velocity", "acceleration", "pressure"):
-            getattr(moved, name)[own] = places.interpolate(getattr(particles, name))
-        gone[own] = True
-        moves.append(np.stack([own, places.start, places.end], axis=1))
+            getattr(moved, name)[own] = sites.interpolate(getattr(particles, name))
+        relocated[own] = True
+        moves.append(np.stack([own, sites.start, sites.end], axis=1))
     return moved, np.concatenate(moves)
 
 
@@ -243,21 +255,21 @@ def _crowding(
     wall: Array,
     on_wall: Array,
     height: Array,
-    gone: Array,
+    relocated: Array,
     stuck: Array,
     rule: RelocationRule,
     h: float,
 ) -> Array:
-    """(N,) distance that makes a particle one to move [m]; inf for those that stay.
+    """(N,) distance for which a particle is to move [m]; inf for those that stay.
 
-    Of two particles that are close to each other only one moves: not one that is ``stuck`` (N,) because its
-    fluid has no place for it or another was set beside it, and none if one of them is ``gone`` (N,) already.
+    Of two particles that are close to each other only one moves: not one that is ``stuck`` (N,) because its fluid has
+    no site for it or another was inserted beside it, and none if one of them is ``relocated`` (N,) already.
     """
     edges = edges[np.flatnonzero(edges.length < rule.too_close * h)]
     i, j, length = edges.i, edges.j, edges.length
     bound, front = wall | stuck, np.zeros(len(wall), dtype=bool) if mesh.surface is None else mesh.surface.front
     factor = np.array([1.0, rule.at_surface, rule.along_surface])
-    close = (length < factor[front[i].astype(int) + front[j]] * rule.too_close * h) & ~(gone[i] | gone[j])
+    close = (length < factor[front[i].astype(int) + front[j]] * rule.too_close * h) & ~(relocated[i] | relocated[j])
     close &= ~(bound[i] & bound[j])
     i, j, length = i[close], j[close], length[close]
     crowd = np.full(len(mesh.position), np.inf)
@@ -265,7 +277,7 @@ def _crowding(
     np.minimum.at(crowd, np.where(bound[j] | (front[j] & ~front[i] & ~bound[i]), i, j), length)
     # Height over a wall counts on the scale of distances, so that both can be compared.
     apex = apex_of(mesh, wall, on_wall)
-    low = (height < np.where(front, factor[2], 1.0)[apex] * rule.too_close_to_wall * h) & ~(gone | stuck)[apex]
+    low = (height < np.where(front, factor[2], 1.0)[apex] * rule.too_close_to_wall * h) & ~(relocated | stuck)[apex]
     np.minimum.at(crowd, apex[low], height[low] * (rule.too_close / rule.too_close_to_wall))
     both = np.isfinite(crowd[i]) & np.isfinite(crowd[j])
     i, j = i[both], j[both]
