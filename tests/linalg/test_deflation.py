@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
+from grid_levels import set_vector, upload_csr
 from mesh_twins import adjacency
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
@@ -12,7 +15,8 @@ from triangulations import component_labels
 import tipfem as tp
 from tipfem.backend.arrays import Buffers, download
 from tipfem.fem.time_integration import GeneralizedAlpha
-from tipfem.linalg.multigrid.deflation import Bubbles
+from tipfem.linalg.multigrid.deflation import SubdomainDeflation
+from tipfem.linalg.multigrid.grid_hierarchy import RHS, SOLUTION, VECTORS
 from tipfem.mesh.delaunay import triangulate
 from tipfem.remesh.fitted import with_fluids
 from tipfem.step.flow import ElementProperties, FlowProblem
@@ -56,27 +60,27 @@ def test_bubbles_are_the_smaller_components_of_the_light_fluid(fluids):
     density = density[mesh.fluid]
     offsets, columns = adjacency(mesh)
     put = buffers.upload
-    matrix = (put("rows", offsets), put("columns", columns), put("values", np.ones(len(columns))))
-    found = Bubbles(
+    found = SubdomainDeflation(
         put("cells", mesh.cells),
         put("density", density),
         (density.min(), density.max()),
         (len(mesh.cells), n, 3),
-        matrix,
+        upload_csr(buffers, sparse.csr_matrix((np.ones(len(columns)), columns, offsets), shape=(n, n))),
+        buffers.get("vectors", VECTORS * n),
         buffers,
     )
     if fluids != "both":
         assert found.count == 0
         return
     expected = sorted(light_components(mesh, n), key=len)[:-1]
-    starts = download(found.arrays[0], found.count + 1)
-    members = download(found.arrays[1], starts[-1])
-    got = [frozenset(part.tolist()) for part in np.split(members, starts[1:-1])]
+    starts = download(found.subdomains, found.count + 1)
+    lists = download(found.subdomains, starts[-1])
+    got = [frozenset(lists[first:last].tolist()) for first, last in pairwise(starts)]
     assert len(got) == 9
     assert set(got) == set(expected)
 
 
-def test_a_lift_makes_the_equations_of_each_bubble_hold_in_the_sum():
+def test_after_deflation_the_equations_of_each_bubble_hold_in_the_sum():
     particles, mesh = bubbly(0.02, grid_of_discs(6, 0.04))
     n, rng, buffers = len(particles), np.random.default_rng(5), Buffers()
     offsets, columns = adjacency(mesh)
@@ -84,21 +88,28 @@ def test_a_lift_makes_the_equations_of_each_bubble_hold_in_the_sum():
     matrix = (matrix + matrix.T + 14 * sparse.identity(n)).tocsr()
     matrix.sort_indices()
     put, density = buffers.upload, DENSITY[mesh.fluid]
-    device = (put("rows", matrix.indptr), put("columns", matrix.indices), put("values", matrix.data))
-    found = Bubbles(
-        put("cells", mesh.cells), put("density", density), (1.2, 998.0), (len(mesh.cells), n, 3), device, buffers
+    vectors = buffers.get("vectors", VECTORS * n)
+    found = SubdomainDeflation(
+        put("cells", mesh.cells),
+        put("density", density),
+        (1.2, 998.0),
+        (len(mesh.cells), n, 3),
+        upload_csr(buffers, matrix),
+        vectors,
+        buffers,
     )
     b, x = rng.standard_normal((2, n))
-    level = put("x", x)
-    found.lift(put("b", b), level)
-    y = download(level, n)
+    set_vector(vectors, RHS, b)
+    set_vector(vectors, SOLUTION, x)
+    found.correct()
+    y = vectors.to_numpy()[SOLUTION * n : (SOLUTION + 1) * n]
     bubbles = sorted(light_components(mesh, n), key=min)
     largest = max(bubbles, key=len)
     outside = np.ones(n, dtype=bool)
     for bubble in (part for part in bubbles if part is not largest):
         inside = np.array(sorted(bubble))
         outside[inside] = False
-        assert np.ptp(y[inside] - x[inside]) < 1e-12  # a level
+        assert np.ptp(y[inside] - x[inside]) < 1e-12  # a constant
         assert abs(y[inside] - x[inside]).max() > 1e-6
         assert abs((b - matrix @ y)[inside].sum()) < 1e-9 * abs(b[inside]).sum()  # they do not touch each other
     np.testing.assert_array_equal(y[outside], x[outside])
@@ -125,4 +136,4 @@ def test_light_bubbles_cost_few_iterations(spacing):
     result = problem.correct(x, 1e-6)
     assert result.converged
     assert result.iterations <= 20
-    assert problem.system._bubbles.count == 26
+    assert problem.system.deflation.count == 26

@@ -46,7 +46,7 @@ def solve(matrix, b, *, preconditioner=None, tolerance=1e-12, max_iterations=60,
 
 
 def system(n, seed=0, spread=0.6):
-    """A well-conditioned matrix without symmetry, and a right side."""
+    """A well-conditioned matrix without symmetry, and a right-hand side."""
     rng = np.random.default_rng(seed)
     matrix = np.eye(n) * 2 + spread * rng.standard_normal((n, n)) / math.sqrt(n) + np.triu(np.ones((n, n)), 1) / n
     return matrix, rng.standard_normal(n)
@@ -100,7 +100,8 @@ def test_fgmres_basis_stays_orthogonal_where_one_projection_is_not_enough():
     matrix = q @ np.diag(np.logspace(0, -10, n)) @ q.T
     buffers = Buffers()
     _, result = solve(matrix, rng.standard_normal(n), tolerance=1e-15, max_iterations=20, buffers=buffers)
-    basis = download(buffers.get("krylov.basis", 0), (result.iterations + 1) * n).reshape(-1, n)
+    vectors = download(buffers.get("krylov.vectors", 0), 2 * (result.iterations + 1) * n).reshape(-1, n)
+    basis = vectors[::2]
     assert len(basis) > 16
     np.testing.assert_allclose(basis @ basis.T, np.eye(len(basis)), atol=5e-11)
 
@@ -120,7 +121,7 @@ def test_fgmres_gives_up_at_the_limit():
     np.testing.assert_allclose(left, best / np.linalg.norm(b), rtol=1e-8)
 
 
-def test_fgmres_with_a_zero_right_side():
+def test_fgmres_with_a_zero_rhs():
     matrix, _ = system(12)
     x, result = solve(matrix, np.zeros(12))
     assert result == KrylovResult(0, 0.0, True)
@@ -128,7 +129,7 @@ def test_fgmres_with_a_zero_right_side():
 
 
 def test_fgmres_on_singular_systems():
-    """The zero matrix is reported, not raised; a Neumann Laplacian with a balanced right side is solved."""
+    """The zero matrix is reported, not raised; a Neumann Laplacian with a balanced right-hand side is solved."""
     x, result = solve(np.zeros((5, 5)), np.ones(5))
     assert not result.converged
     assert (x == 0).all()
@@ -179,7 +180,7 @@ def test_fgmres_does_not_look_beyond_the_live_entries():
     fresh, _ = solve(matrix, b)
     buffers = Buffers()
     solve(*system(100), buffers=buffers)
-    for name in ("test.x", "test.b", "krylov.v0", "krylov.z0", "krylov.v1"):
+    for name in ("test.x", "test.b", "krylov.vectors", "krylov.v", "krylov.z", "krylov.w"):
         overwrite(buffers.get(name, 100), np.full(100, np.nan))
     again, _ = solve(matrix, b, buffers=buffers)
     np.testing.assert_array_equal(again, fresh)

@@ -43,7 +43,7 @@ def test_products_and_preconditioner_are_those_of_the_rows(size):
     rows, free = (problem_of(size, jacobian) for jacobian in ("rows", "matrix-free"))
     assert rows.system.stores_rows
     assert not free.system.stores_rows
-    assert not any(name.startswith("rows.") and len(a.to_numpy()) > 16 for name, a in free.buffers._arrays.items())
+    assert not any(name == "blocks" and len(a.to_numpy()) > 16 for name, a in free.buffers._arrays.items())
     values = np.random.default_rng(1).standard_normal(rows.size) * (download(rows._scale, rows.size) > 0)
     for name, tolerance in (("product", 1e-12), ("precondition", 1e-9)):
         found = []

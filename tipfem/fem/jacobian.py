@@ -1,21 +1,25 @@
 """Kernels for the Jacobian in rows: gathered once from the elements' linearisation, then multiplied with many vectors.
 
 Row i couples particle i with the particles that share a cell with it, ``columns[row_offsets[i]:row_offsets[i + 1]]``,
-itself first. Its blocks stand in four arrays: ``uu`` (K, d * d) momentum by displacement, ``up`` (K, d) momentum by
-pressure, ``pu`` (K, d) continuity by displacement, ``pp`` (K,) continuity by pressure, all flat and scaled as the
-residual is. Vectors of unknowns and element records are laid out as in `tipfem.fem.residual`.
+itself first. Each coupling is a block of (d + 1) x (d + 1) numbers, scaled as the residual is: d rows of momentum and
+one of continuity, by d columns of displacement and one of pressure. ``blocks`` (K (d + 1)^2,) holds them row by row; it
+is flat because Taichi's products with an array of two axes take a quarter longer. Vectors of unknowns and element
+records are laid out as in `tipfem.fem.residual`.
 """
 
 import taichi as ti
 
+from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.fem.element import gradient
-from tipfem.fem.residual import displacement_of, linearisation
+from tipfem.fem.residual import linearisation
+
+ROW = 30.0  # nanoseconds of one thread to multiply a particle's rows
 
 
 @ti.func
-def around(rows, own, other: ti.template()):
-    """Gradient of the shape function that comes ``other`` behind ``own``, round and round; see `gradient`."""
+def around(rows, own, other: Template):
+    """Gradient of the shape function that follows ``own`` by ``other``, cyclically; see `gradient`."""
     dim = ti.static(rows.n)
     result = gradient(rows, other)
     for a in ti.static(range(1, dim + 1)):
@@ -25,35 +29,34 @@ def around(rows, own, other: ti.template()):
 
 @kernel
 def gather_rows(
-    cells: ti.types.ndarray(),
-    offsets: ti.types.ndarray(),
-    corners: ti.types.ndarray(),
-    density: ti.types.ndarray(),
-    record: ti.types.ndarray(),
-    scale: ti.types.ndarray(),
-    row_offsets: ti.types.ndarray(),
-    places: ti.types.ndarray(),
-    uu: ti.types.ndarray(),
-    up: ti.types.ndarray(),
-    pu: ti.types.ndarray(),
-    pp: ti.types.ndarray(),
+    cells: Ints2,
+    offsets: Ints1,
+    corners: Ints1,
+    density: Reals1,
+    record: Reals2,
+    scale: Reals1,
+    row_offsets: Ints1,
+    slots: Ints1,
+    blocks: Reals1,
     cm: float,
     cv: float,
     cf: float,
     nodes: ti.i32,
-    dim: ti.template(),
+    dim: Template,
 ):
     """The derivative of the scaled residual, block by block; its sums are those of `matrix_free.jacobian_product`.
 
     With s_a = sigma g_a, M = cv I - cf l, f = J / rho grad p, and c_b = J_{n+1} grad_{n+1} phi_b, an element adds for
     its nodes a, b
 
-    uu: w {mu [(g_a . g_b) M + g_b (x) M^T g_a] + cf [s_a (x) g_b - s_b (x) g_a]} + delta_ab rho A / (d + 1) cm I
-    up: -w g_a / (d + 1)
-    pu: A / (d + 1) c_b + A tau {cm / (d + 1) g_a + cf [(g_a . f) g_b - (g_a . g_b) f - (g_b . q) g_a]}
-    pp: A tau J / rho g_a . g_b
+    momentum by displacement: w {mu [(g_a . g_b) M + g_b (x) M^T g_a] + cf [s_a (x) g_b - s_b (x) g_a]}
+        + delta_ab rho A / (d + 1) cm I
+    momentum by pressure: -w g_a / (d + 1)
+    continuity by displacement: A / (d + 1) c_b
+        + A tau {cm / (d + 1) g_a + cf [(g_a . f) g_b - (g_a . g_b) f - (g_b . q) g_a]}
+    continuity by pressure: A tau J / rho g_a . g_b
 
-    ``relocation`` as in `sparsity.find_neighbours`.
+    ``slots`` as in `sparsity.find_neighbours`.
     """
     for i in range(nodes):
         first, last = row_offsets[i], row_offsets[i + 1]
@@ -64,13 +67,9 @@ def gather_rows(
         scale_u, scale_p = ti.Vector.zero(float, dim), scale[i * (dim + 1) + dim]
         for k in ti.static(range(dim)):
             scale_u[k] = scale[i * (dim + 1) + k]
-        for t in range(first * dim * dim, last * dim * dim):
-            uu[t] = 0.0
-        for t in range(first * dim, last * dim):
-            up[t] = 0.0
-            pu[t] = 0.0
-        for t in range(first, last):
-            pp[t] = 0.0
+        for s in range(first, last):
+            for t in range(ti.static((dim + 1) ** 2)):
+                blocks[s * (dim + 1) ** 2 + t] = 0.0
         for c in range(offsets[i], offsets[i + 1]):
             e = corners[c] // (dim + 1)
             own = corners[c] - e * (dim + 1)
@@ -95,151 +94,75 @@ def gather_rows(
                 growth = area / (dim + 1) * around(c_next, own, other)
                 growth = scale_p * (growth + inertia + a_f * g_b - both * f - g_b.dot(q) * g_a)
                 value = scale_p * by_pressure * both
-                s = first + places[c * dim + other - 1]
+                s = first + slots[c * dim + other - 1]
                 for k in ti.static(range(dim)):
                     for m in ti.static(range(dim)):
                         entry = scale_u[k] * block[k, m]
                         own_uu[k, m] -= entry
-                        uu[s * dim * dim + k * dim + m] = uu[s * dim * dim + k * dim + m] + entry
-                    up[s * dim + k] = up[s * dim + k] + pressure[k]
-                    pu[s * dim + k] = pu[s * dim + k] + growth[k]
-                pp[s] = pp[s] + value
+                        blocks[s * (dim + 1) ** 2 + k * (dim + 1) + m] = (
+                            blocks[s * (dim + 1) ** 2 + k * (dim + 1) + m] + entry
+                        )
+                    blocks[s * (dim + 1) ** 2 + k * (dim + 1) + dim] = (
+                        blocks[s * (dim + 1) ** 2 + k * (dim + 1) + dim] + pressure[k]
+                    )
+                    blocks[s * (dim + 1) ** 2 + dim * (dim + 1) + k] = (
+                        blocks[s * (dim + 1) ** 2 + dim * (dim + 1) + k] + growth[k]
+                    )
+                blocks[s * (dim + 1) ** 2 + dim * (dim + 2)] = blocks[s * (dim + 1) ** 2 + dim * (dim + 2)] + value
                 own_pu -= growth
                 own_pp -= value
         for k in ti.static(range(dim)):
             for m in ti.static(range(dim)):
-                uu[first * dim * dim + k * dim + m] = own_uu[k, m]
-            up[first * dim + k] = own_up[k]
-            pu[first * dim + k] = own_pu[k]
-        pp[first] = own_pp
+                blocks[first * (dim + 1) ** 2 + k * (dim + 1) + m] = own_uu[k, m]
+            blocks[first * (dim + 1) ** 2 + k * (dim + 1) + dim] = own_up[k]
+            blocks[first * (dim + 1) ** 2 + dim * (dim + 1) + k] = own_pu[k]
+        blocks[first * (dim + 1) ** 2 + dim * (dim + 2)] = own_pp
 
 
 @ti.func
 def row_product(
-    row_offsets: ti.template(),
-    columns: ti.template(),
-    uu: ti.template(),
-    up: ti.template(),
-    pu: ti.template(),
-    pp: ti.template(),
-    x: ti.template(),
-    begin,
-    out: ti.template(),
+    row_offsets: Template,
+    columns: Template,
+    blocks: Template,
+    x: Template,
+    x_start,
+    out: Template,
+    out_start,
     i,
-    dim: ti.template(),
+    dim: Template,
 ):
-    """Particle i's rows of out = K x, of an ``x`` that begins at the entry ``begin``."""
+    """Particle i's rows of out = K x; x and out begin at an entry of their arrays."""
     force = ti.Vector.zero(float, dim)
     growth = 0.0
     for s in range(row_offsets[i], row_offsets[i + 1]):
-        at = begin + columns[s] * (dim + 1)
+        at = x_start + columns[s] * (dim + 1)
         p = x[at + dim]
         for m in ti.static(range(dim)):
             u = x[at + m]
             for k in ti.static(range(dim)):
-                force[k] += uu[s * dim * dim + k * dim + m] * u
-            growth += pu[s * dim + m] * u
+                force[k] += blocks[s * (dim + 1) ** 2 + k * (dim + 1) + m] * u
+            growth += blocks[s * (dim + 1) ** 2 + dim * (dim + 1) + m] * u
         for k in ti.static(range(dim)):
-            force[k] += up[s * dim + k] * p
-        growth += pp[s] * p
+            force[k] += blocks[s * (dim + 1) ** 2 + k * (dim + 1) + dim] * p
+        growth += blocks[s * (dim + 1) ** 2 + dim * (dim + 2)] * p
+    at = out_start + i * (dim + 1)
     for k in ti.static(range(dim)):
-        out[i * (dim + 1) + k] = force[k]
-    out[i * (dim + 1) + dim] = growth
-
-
-@ti.func
-def schur_row(
-    row_offsets: ti.template(),
-    columns: ti.template(),
-    pu: ti.template(),
-    scale: ti.template(),
-    r: ti.template(),
-    begin,
-    i,
-    dim: ti.template(),
-):
-    """r_p - D r_u at particle i without the scale of the rows, from a scaled residual r that begins at ``begin``."""
-    row = i * (dim + 1) + dim
-    total = r[begin + row]
-    for s in range(row_offsets[i], row_offsets[i + 1]):
-        at = begin + columns[s] * (dim + 1)
-        for k in ti.static(range(dim)):
-            total -= pu[s * dim + k] * r[at + k]
-    # Not where pressure is prescribed.
-    return ti.select(scale[row] > 0.0, total / ti.max(scale[row], 1e-300), 0.0)
-
-
-@ti.func
-def correction_row(
-    row_offsets: ti.template(),
-    columns: ti.template(),
-    up: ti.template(),
-    r: ti.template(),
-    pressure: ti.template(),
-    out: ti.template(),
-    begin,
-    i,
-    dim: ti.template(),
-):
-    """Particle i's entries of (r_u + G z_p, z_p), z_p = ``pressure`` (N,); r and out begin at ``begin``."""
-    u = displacement_of(r, begin // (dim + 1) + i, dim)
-    for s in range(row_offsets[i], row_offsets[i + 1]):
-        p = pressure[columns[s]]
-        for k in ti.static(range(dim)):
-            u[k] -= up[s * dim + k] * p
-    at = begin + i * (dim + 1)
-    for k in ti.static(range(dim)):
-        out[at + k] = u[k]
-    out[at + dim] = pressure[i]
+        out[at + k] = force[k]
+    out[at + dim] = growth
 
 
 @kernel
 def multiply(
-    row_offsets: ti.types.ndarray(),
-    columns: ti.types.ndarray(),
-    uu: ti.types.ndarray(),
-    up: ti.types.ndarray(),
-    pu: ti.types.ndarray(),
-    pp: ti.types.ndarray(),
-    x: ti.types.ndarray(),
-    out: ti.types.ndarray(),
+    row_offsets: Ints1,
+    columns: Ints1,
+    blocks: Reals1,
+    x: Reals1,
+    out: Reals1,
     nodes: ti.i32,
-    dim: ti.template(),
-    serial: ti.template(),
+    dim: Template,
+    serial: Template,
 ):
     """out = K x."""
     ti.loop_config(serialize=serial)
     for i in range(nodes):
-        row_product(row_offsets, columns, uu, up, pu, pp, x, 0, out, i, dim)
-
-
-@kernel
-def schur_right_side(
-    row_offsets: ti.types.ndarray(),
-    columns: ti.types.ndarray(),
-    pu: ti.types.ndarray(),
-    scale: ti.types.ndarray(),
-    r: ti.types.ndarray(),
-    out: ti.types.ndarray(),
-    nodes: ti.i32,
-    dim: ti.template(),
-):
-    """out (N,) = r_p - D r_u without the scale of the rows, from a scaled residual ``r``."""
-    for i in range(nodes):
-        out[i] = schur_row(row_offsets, columns, pu, scale, r, 0, i, dim)
-
-
-@kernel
-def pressure_correction(
-    row_offsets: ti.types.ndarray(),
-    columns: ti.types.ndarray(),
-    up: ti.types.ndarray(),
-    r: ti.types.ndarray(),
-    pressure: ti.types.ndarray(),
-    out: ti.types.ndarray(),
-    nodes: ti.i32,
-    dim: ti.template(),
-):
-    """out = (r_u + G z_p, z_p) with z_p = ``pressure`` (N,), which is 0 where pressure is prescribed."""
-    for i in range(nodes):
-        correction_row(row_offsets, columns, up, r, pressure, out, 0, i, dim)
+        row_product(row_offsets, columns, blocks, x, 0, out, 0, i, dim)

@@ -11,6 +11,7 @@ from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.fem.element import cauchy_stress, gradient
 from tipfem.fem.residual import displacement_of, gather_node, linearisation
+from tipfem.linalg.multigrid.grid_hierarchy import RHS, SOLUTION
 
 PARTICLE = 4.0  # nanoseconds that a thread takes for a particle of a vector
 
@@ -83,36 +84,38 @@ def displacements_alone(r: Reals1, out: Reals1, nodes: ti.i32, dim: Template, se
 
 
 @kernel
-def pressures_alone(pressure: Reals1, out: Reals1, nodes: ti.i32, dim: Template, serial: Template):
-    """out = (0, p) from pressures (N,)."""
+def pressures_alone(vectors: Reals1, out: Reals1, nodes: ti.i32, dim: Template, serial: Template):
+    """out = (0, p), p the solution in ``vectors``, see `tipfem.linalg.multigrid.grid_hierarchy`."""
     ti.loop_config(serialize=serial)
     for i in range(nodes):
         for k in ti.static(range(dim)):
             out[i * (dim + 1) + k] = 0.0
-        out[i * (dim + 1) + dim] = pressure[i]
+        out[i * (dim + 1) + dim] = vectors[SOLUTION * nodes + i]
 
 
 @kernel
-def schur_rhs(r: Reals1, product: Reals1, scale: Reals1, out: Reals1, nodes: ti.i32, dim: Template, serial: Template):
-    """out (N,) = r_p - D r_u without the scale of the rows, with ``product`` = K (r_u, 0); 0 where pressure is pinned.
+def schur_rhs(
+    r: Reals1, product: Reals1, scale: Reals1, vectors: Reals1, nodes: ti.i32, dim: Template, serial: Template
+):
+    """r_p - D r_u without the scale of the rows, with ``product`` = K (r_u, 0); 0 where pressure is pinned.
 
-    As `tipfem.fem.jacobian.schur_row` has it from the rows.
+    It becomes the right-hand side in ``vectors``. `tipfem.step.block_preconditioner.schur_rhs` has it from the rows.
     """
     ti.loop_config(serialize=serial)
     for i in range(nodes):
         row = i * (dim + 1) + dim
-        out[i] = 0.0
+        vectors[RHS * nodes + i] = 0.0
         if scale[row] > 0.0:
-            out[i] = (r[row] - product[row]) / scale[row]
+            vectors[RHS * nodes + i] = (r[row] - product[row]) / scale[row]
 
 
 @kernel
 def block_correction(
-    r: Reals1, product: Reals1, pressure: Reals1, out: Reals1, nodes: ti.i32, dim: Template, serial: Template
+    r: Reals1, product: Reals1, vectors: Reals1, out: Reals1, nodes: ti.i32, dim: Template, serial: Template
 ):
-    """out = (r_u + G z_p, z_p) with z_p = ``pressure`` (N,) and ``product`` = K (0, z_p)."""
+    """out = (r_u + G z_p, z_p) with z_p the solution in ``vectors`` and ``product`` = K (0, z_p)."""
     ti.loop_config(serialize=serial)
     for i in range(nodes):
         for k in ti.static(range(dim)):
             out[i * (dim + 1) + k] = r[i * (dim + 1) + k] - product[i * (dim + 1) + k]
-        out[i * (dim + 1) + dim] = pressure[i]
+        out[i * (dim + 1) + dim] = vectors[SOLUTION * nodes + i]

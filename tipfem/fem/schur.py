@@ -8,19 +8,21 @@ import taichi as ti
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.fem.element import gradient, row
-from tipfem.linalg.sparsity import behind
+from tipfem.linalg.sparsity import corner_after
+
+SEARCH = 80.0  # nanoseconds of one thread to find a particle's neighbours, and for its row of the Laplacian
 
 
 @ti.func
 def gradients_from(cells: ti.template(), e, own, position: ti.template(), dim: ti.template()):
-    """As `element.reference_gradients`, but shape function 0 is that of corner ``own`` and k the one `behind` it by k.
+    """As `element.reference_gradients`, but shape function 0 is that of corner ``own``; they follow cyclically.
 
     The measure is positive.
     """
     origin = row(position, cells[e, own], dim)
     side = ti.Matrix.zero(float, dim, dim)
     for a in ti.static(range(dim)):
-        corner = row(position, cells[e, behind(own, ti.static(a + 1), dim)], dim)
+        corner = row(position, cells[e, corner_after(own, ti.static(a + 1), dim)], dim)
         for k in ti.static(range(dim)):
             side[k, a] = corner[k] - origin[k]
     return side.inverse(), ti.abs(side.determinant()) / (2.0 if ti.static(dim == 2) else 6.0)
@@ -36,8 +38,8 @@ def scale_and_laplacian(
     viscosity: Reals1,
     fixed: Ints1,
     pinned: Ints1,
-    wide: Ints1,
-    places: Ints1,
+    padded: Ints1,
+    slots: Ints1,
     row_offsets: Ints1,
     columns: Ints1,
     values: Reals1,
@@ -56,14 +58,14 @@ def scale_and_laplacian(
     scaled row is a length [m]: what its residual would move its particle by.
 
     values: P1 Laplacian sum_e A / (s cm rho) g_a . g_b with s = ``schur``; rows and columns of pinned pressures are
-    left empty. ``columns`` are those of ``wide`` without the gaps, see `sparsity.find_neighbours`.
+    left empty. ``columns`` are those of ``padded`` without the gaps, see `sparsity.find_neighbours`.
     """
     ti.loop_config(serialize=serial)
     for i in range(nodes):
         first = row_offsets[i]
         start = dim * offsets[i] + i - first
         for s in range(first, row_offsets[i + 1]):
-            columns[s] = wide[start + s]
+            columns[s] = padded[start + s]
             values[s] = 0.0
         diagonal = ti.Vector.zero(float, dim)
         volume, total = 0.0, 0.0
@@ -78,7 +80,7 @@ def scale_and_laplacian(
             for other in ti.static(range(1, dim + 1)):
                 value = stiffness * g.dot(gradient(big_g, other))
                 total -= value
-                s = first + places[c * dim + other - 1]
+                s = first + slots[c * dim + other - 1]
                 values[s] = values[s] + value
         values[first] = total
         is_pinned = pinned[i] != 0

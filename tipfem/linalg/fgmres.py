@@ -7,26 +7,23 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.backend.arrays import Buffers
-from tipfem.backend.launch import launch
+from tipfem.backend.arrays import Buffers, download
+from tipfem.backend.launch import launch, parts
 from tipfem.linalg import vector_kernels
+from tipfem.linalg.vector_kernels import ENTRY, ENTRY_OF_MANY
 
 Operator = Callable[[Any, Any], None]
-# (k, basis, directions, w, partial, out, cancelled, again): z_k = M v_k, w = A z_k, and what
-# `vector_kernels.orthogonalise` makes of w, itself becoming v_{k+1}; only the latter if ``again``. v_k and z_k are what
-# stands in basis and directions at k times the size.
-Iteration = Callable[[int, Any, Any, Any, Any, Any, float, bool], None]
+# (k, krylov, partial, cancelled): z_k = M v_k, w = A z_k in the place of v_{k+1}, and one pass of
+# `vector_kernels.orthogonalise`; see there.
+Iteration = Callable[[int, Any, Any, float], None]
 
-# Nanoseconds that a thread takes for an entry of a vector: of one vector, and of one to be made orthogonal to a few.
-ENTRY, ENTRY_OF_MANY = 2.0, 10.0
-
-# Vectors that the basis has room for at first; it grows by as many.
+# Pairs of vectors v_k, z_k that there is room for at first; room grows by as many.
 ROOM = 16
 
 
 @dataclass(frozen=True)
 class KrylovResult:
-    """How a solve went: iterations done, residual norm over that of the right side, and whether it converged."""
+    """How a solve went: iterations done, residual norm over that of the right-hand side, and whether it converged."""
 
     iterations: int
     relative_residual: float
@@ -36,7 +33,7 @@ class KrylovResult:
 def fgmres(
     operator: Operator,
     preconditioner: Operator,
-    right_side: Any,
+    rhs: Any,
     solution: Any,
     size: int,
     *,
@@ -47,43 +44,39 @@ def fgmres(
 ) -> KrylovResult:
     """Solve A x = b from x = 0 by flexible GMRES with right preconditioning.
 
-    Y. Saad, Iterative Methods for Sparse Linear Systems (2003), algorithm 9.6; classical
-    Gram-Schmidt, done twice when the first pass cancels too much.
+    Y. Saad, Iterative Methods for Sparse Linear Systems (2003), algorithm 9.6. Arnoldi's method by classical
+    Gram-Schmidt, with a second pass where the first cancels too much; the least-squares problem by Givens rotations.
 
     Args:
         operator: writes A v into its second argument.
-        preconditioner: writes an approximate A^-1 v into its second argument.
-        right_side: device vector with ``size`` live entries.
-        solution: device vector, overwritten.
+        preconditioner: writes an approximate A^-1 v into its second argument; it may differ from call to call.
+        rhs: device vector b with ``size`` live entries.
+        solution: device vector x, overwritten.
         size: number of unknowns.
-        tolerance: of the residual norm relative to that of ``right_side``.
-        max_iterations: when to give up; also the length of the basis, there is no restart.
-        buffers: where the basis lives between solves.
-        iteration: does both, and the first pass of the orthogonalisation, at once.
+        tolerance: of the residual norm relative to that of ``rhs``.
+        max_iterations: when to give up; also the size of the basis, there is no restart.
+        buffers: where the Krylov vectors live between solves.
+        iteration: applies both operators and the first pass of Gram-Schmidt in one launch, where that is possible.
 
     Raises:
         FloatingPointError: a norm is not finite.
     """
-    work = (size, ENTRY)
-    basis = _Basis(size, tolerance, buffers)
-    out = np.zeros(1)
-    partial = buffers.partials("krylov.partial", 1)
-    launch(vector_kernels.start, right_side, basis.orthonormal, partial, out, size, work=work)
-    beta = float(out[0])
+    krylov = KrylovSpace(size, tolerance, buffers)
+    beta = krylov.begin(rhs)
     if not math.isfinite(beta):
         raise FloatingPointError("the residual is not finite")
     if beta == 0.0:
-        launch(vector_kernels.fill, solution, 0.0, size, work=work)
+        launch(vector_kernels.fill, solution, 0.0, size, work=(size, ENTRY))
         return KrylovResult(0, 0.0, True)
-    hessenberg = np.zeros((max_iterations + 1, max_iterations))
-    # Numbers of Python's own: they are few, and NumPy takes longer to look at each.
+    triangle = np.zeros((max_iterations + 1, max_iterations))
+    # Python's own numbers: they are few, and NumPy takes longer for each.
     cosine: list[float] = []
     sine: list[float] = []
     g = [beta]
     k = 0
-    iteration = iteration or basis.by_parts(operator, preconditioner)
+    iteration = iteration or krylov.staged_iteration(operator, preconditioner)
     while k < max_iterations and abs(g[k]) > tolerance * beta:
-        column = basis.extend(k, iteration)
+        column = krylov.extend(k, iteration)
         if not all(map(math.isfinite, column)):
             raise FloatingPointError("a Krylov vector is not finite")
         for i in range(k):
@@ -97,18 +90,27 @@ def fgmres(
         cosine.append(column[k] / length)
         sine.append(column[k + 1] / length)
         column[k], column[k + 1] = length, 0.0
-        hessenberg[: k + 1, k] = column[: k + 1]
+        triangle[: k + 1, k] = column[: k + 1]
         g.append(-sine[k] * g[k])
         g[k] *= cosine[k]
         k += 1
-    weights = np.linalg.solve(np.triu(hessenberg[:k, :k]), g[:k]) if k else np.zeros(0)
-    launch(vector_kernels.combine, basis.directions, np.append(weights, 0.0), solution, k, size, work=work)
+    weights = np.linalg.solve(np.triu(triangle[:k, :k]), g[:k]) if k else np.zeros(0)
+    krylov.combine(weights, solution)
     relative = abs(g[k]) / beta
     return KrylovResult(k, relative, relative <= tolerance)
 
 
-class _Basis:
-    """The vectors v_0, v_1, ... of the Krylov space, and z_k = M v_k: one behind the other in two device arrays."""
+class KrylovSpace:
+    """The basis v_0, v_1, ... of the Krylov space and the directions z_k = M v_k, see `vector_kernels`.
+
+    Args:
+        size: of the vectors.
+        tolerance: of the relative residual norm; it bounds the loss of orthogonality.
+        buffers: where the vectors live between solves.
+
+    Attributes:
+        vectors: device array of the v_k and z_k.
+    """
 
     def __init__(self, size: int, tolerance: float, buffers: Buffers) -> None:
         self.size, self._buffers = size, buffers
@@ -116,29 +118,35 @@ class _Basis:
         self._loss_allowed, self._loss = max(1e-4 * tolerance, 1e-15), 0.0
         self._make_room(1)
 
-    def _make_room(self, vectors: int) -> None:
-        room = -(-vectors // ROOM) * ROOM
-        self.orthonormal = self._buffers.grow("krylov.basis", room * self.size)
-        self.directions = self._buffers.grow("krylov.directions", room * self.size)
-        self._room = room
+    def _make_room(self, pairs: int) -> None:
+        self._room = -(-pairs // ROOM) * ROOM
+        self.vectors = self._buffers.grow("krylov.vectors", 2 * self._room * self.size)
 
-    def by_parts(self, operator: Operator, preconditioner: Operator) -> Iteration:
-        """An iteration that does one after the other."""
-        size, work = self.size, (self.size, ENTRY)
-        v, z = (self._buffers.get(f"krylov.{name}", size) for name in "vz")
+    def begin(self, rhs: Any) -> float:
+        """Set v_0 = b / |b|; the norm |b|."""
+        out = np.zeros(1)
+        partial = self._buffers.get("krylov.partial", parts())
+        launch(vector_kernels.normalise, rhs, self.vectors, partial, out, self.size, work=(self.size, ENTRY))
+        return float(out[0])
 
-        def iteration(
-            k: int, basis: Any, directions: Any, w: Any, partial: Any, out: Any, cancelled: float, again: bool
-        ) -> None:
-            if not again:
-                launch(vector_kernels.move, basis, k * size, v, 0, size, work=work)
-                preconditioner(v, z)
-                operator(z, w)
-                launch(vector_kernels.move, z, 0, directions, k * size, size, work=work)
-            many = (size, ENTRY_OF_MANY)
-            launch(vector_kernels.orthogonalise, basis, w, partial, out, k, size, cancelled, work=many)
+    def staged_iteration(self, operator: Operator, preconditioner: Operator) -> Iteration:
+        """An iteration that applies the operators one after the other."""
+        n, work = self.size, (self.size, ENTRY)
+        v, z, w = (self._buffers.get(f"krylov.{name}", n) for name in "vzw")
+
+        def iteration(k: int, krylov: Any, partial: Any, cancelled: float) -> None:
+            launch(vector_kernels.copy_entries, krylov, 2 * k * n, v, n, work=work)
+            preconditioner(v, z)
+            operator(z, w)
+            launch(vector_kernels.store_direction, z, w, krylov, k, n, work=work)
+            self.orthogonalise(k, partial, cancelled)
 
         return iteration
+
+    def orthogonalise(self, k: int, partial: Any, cancelled: float) -> None:
+        """One pass of `vector_kernels.orthogonalise`."""
+        work = (self.size, ENTRY_OF_MANY)
+        launch(vector_kernels.orthogonalise, self.vectors, partial, k, self.size, cancelled, work=work)
 
     def extend(self, k: int, iteration: Iteration) -> list[float]:
         """Make z_k = M v_k, and of A z_k the vector v_{k+1}.
@@ -149,33 +157,40 @@ class _Basis:
         if k + 2 > self._room:
             self._make_room(k + 2)
         column = [0.0] * (k + 2)
-        w, partial = self._buffers.get("krylov.w", self.size), self._buffers.partials("krylov.dots", k + 2, flat=True)
-        # Below it, what cancellation leaves is neither orthogonal enough nor of a length known well: once more.
+        partial = self._buffers.get("krylov.dots", parts() * (k + 2))
+        # Below this fraction, what cancellation leaves is neither orthogonal enough nor of a norm known well.
         least = max(CANCELLED, ((self._loss + EPSILON) / self._loss_allowed) ** 2)
-        for again in (False, True):
-            out = np.zeros(k + 3)
-            iteration(k, self.orthonormal, self.directions, w, partial, out, least, again)
-            *components, before, after = out.tolist()
-            for j, component in enumerate(components):
-                column[j] += component
-            if not after < least * before:
-                break
-            least = CANCELLED
+        iteration(k, self.vectors, partial, least)
+        before, after = self._collect(column, partial)
+        if after < least * before:
+            self.orthogonalise(k, partial, CANCELLED)
+            before, after = self._collect(column, partial)
         # One pass of Gram-Schmidt multiplies what is not orthogonal already by the cancellation.
         grown = (self._loss + EPSILON) * math.sqrt(before / after) if after > 0 else self._loss_allowed
         self._loss = min(max(self._loss, grown), self._loss_allowed)
         column[k + 1] = math.sqrt(max(after, 0.0))
         return column
 
+    def _collect(self, column: list[float], partial: Any) -> tuple[float, float]:
+        """Add the components that a pass has found to ``column``; |w|^2 before the pass and after it."""
+        *components, _factor, before, after = download(partial, len(column) + 2).tolist()
+        for j, component in enumerate(components):
+            column[j] += component
+        return before, after
 
-# Part of a vector's squared length that must be left when it has been made orthogonal to others.
-CANCELLED = 1e-4
+    def combine(self, weights: Any, solution: Any) -> None:
+        """solution = sum of weights[j] z_j."""
+        k, work = len(weights), (self.size, ENTRY)
+        launch(vector_kernels.combine, self.vectors, np.append(weights, 0.0), solution, k, self.size, work=work)
+
+
+CANCELLED = 1e-4  # fraction of a vector's squared norm that orthogonalisation must leave
 EPSILON = 2e-16
 
 
 def largest(x: Any, n: int, buffers: Buffers) -> float:
     """Largest |x_i| of the first ``n`` entries; NaN if one of them is."""
     out = np.zeros(2)
-    partial = buffers.partials("krylov.partial_largest", 2)
+    partial = buffers.get("krylov.partial_largest", 2 * parts())
     launch(vector_kernels.largest, x, partial, out, n, work=(n, ENTRY))
     return float("nan") if out[1] > 0 else float(out[0])

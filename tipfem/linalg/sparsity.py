@@ -1,17 +1,34 @@
 """Kernels that find which cells and which neighbours each particle has.
 
-Lists of lists are CSR: ``offsets`` (N + 1,) says where the list of each particle begins. The order
-within a list does not depend on the number of threads, so that sums over it are repeatable bit by bit.
+Lists of lists are CSR: ``offsets`` (N + 1,) says where the list of each particle begins. The order within a list does
+not depend on the number of threads, so that sums over it are repeatable bit by bit.
 """
+
+from typing import Any, NamedTuple
 
 import taichi as ti
 
+from tipfem.backend.array_types import Ints1, Ints2, Template
 from tipfem.backend.launch import kernel
 
 
+class Csr(NamedTuple):
+    """A matrix in CSR on the device.
+
+    Attributes:
+        row_offsets: (N + 1,) integers: where the rows begin.
+        columns: (K,) integers.
+        values: (K,) reals, or (K, b) for a matrix of blocks, each row by row.
+    """
+
+    row_offsets: Any
+    columns: Any
+    values: Any
+
+
 @ti.func
-def take(cursor: ti.template(), i, serial: ti.template()):
-    """Count cursor[i] up by one; what it was. Not an atomic operation where one thread does the loop."""
+def post_increment(cursor: Template, i, serial: Template):
+    """Add one to cursor[i]; its value before. The operation is atomic unless the loop is ``serial``."""
     value = 0
     if ti.static(serial):
         value = cursor[i]
@@ -22,19 +39,19 @@ def take(cursor: ti.template(), i, serial: ti.template()):
 
 
 @kernel
-def list_uses(
-    cells: ti.types.ndarray(),
-    offsets: ti.types.ndarray(),
-    cursor: ti.types.ndarray(),
-    corners: ti.types.ndarray(),
+def list_corners(
+    cells: Ints2,
+    offsets: Ints1,
+    cursor: Ints1,
+    corners: Ints1,
     elements: ti.i32,
     nodes: ti.i32,
     width: ti.i32,
-    one_counts: ti.template(),
+    one_counts: Template,
 ):
-    """corners: places e * width + a of each particle in ``cells`` (M, width), in ascending order; ``offsets``.
+    """For each particle the places e * width + a where it stands in ``cells`` (M, width), in ascending order.
 
-    ``cursor`` (N,) is scratch.
+    The lists are ``corners`` (M width,) with ``offsets`` (N + 1,); ``cursor`` (N,) is scratch.
     """
     ti.loop_config(serialize=one_counts)
     for i in range(nodes + 1):
@@ -42,7 +59,7 @@ def list_uses(
     ti.loop_config(serialize=one_counts)
     for e in range(elements):
         for a in range(width):
-            take(offsets, cells[e, a] + 1, one_counts)
+            post_increment(offsets, cells[e, a] + 1, one_counts)
     ti.loop_config(serialize=True)
     for i in range(nodes):
         cursor[i] = offsets[i]
@@ -50,29 +67,24 @@ def list_uses(
     ti.loop_config(serialize=one_counts)
     for e in range(elements):
         for a in range(width):
-            corners[take(cursor, cells[e, a], one_counts)] = e * width + a
+            corners[post_increment(cursor, cells[e, a], one_counts)] = e * width + a
     if ti.static(not one_counts):
         for i in range(nodes):
             insertion_sort(corners, offsets[i], offsets[i + 1])
 
 
 @kernel
-def accumulate(
-    count: ti.types.ndarray(),
-    cursor: ti.types.ndarray(),
-    n: ti.i32,
-) -> ti.i32:
-    """Running sums of count[:n + 1] in place; ``cursor`` (n,) takes a copy of the first n. Returns the last sum."""
+def running_sums(count: Ints1, n: ti.i32) -> ti.i32:
+    """Replace count[:n + 1] by its running sums; the last of them."""
     ti.loop_config(serialize=True)
     for i in range(n):
-        cursor[i] = count[i]
         count[i + 1] = count[i] + count[i + 1]
     return count[n]
 
 
 @ti.func
-def insertion_sort(values: ti.template(), first, last):
-    """Sort values[first:last] in place; they are few."""
+def insertion_sort(values: Template, first, last):
+    """Sort values[first:last] in place; for short ranges."""
     for s in range(first + 1, last):
         value = values[s]
         t = s
@@ -83,47 +95,48 @@ def insertion_sort(values: ti.template(), first, last):
 
 
 @ti.func
-def behind(own, other: ti.template(), dim: ti.template()):
-    """The corner of a cell that comes ``other`` behind ``own``, round and round."""
-    b = own + other
+def corner_after(own, k, dim: Template):
+    """The corner of a cell that follows corner ``own`` by ``k``, cyclically."""
+    b = own + k
     return b - ti.select(b > dim, dim + 1, 0)
 
 
 @kernel
 def find_neighbours(
-    cells: ti.types.ndarray(),
-    offsets: ti.types.ndarray(),
-    corners: ti.types.ndarray(),
-    wide: ti.types.ndarray(),
-    count: ti.types.ndarray(),
-    places: ti.types.ndarray(),
+    cells: Ints2,
+    offsets: Ints1,
+    corners: Ints1,
+    padded: Ints1,
+    count: Ints1,
+    slots: Ints1,
     nodes: ti.i32,
-    dim: ti.template(),
-    serial: ti.template(),
+    dim: Template,
+    serial: Template,
 ):
-    """count[i + 1]: particles that share a cell with particle i, itself included; ``wide`` lists them with gaps.
+    """The particles that share a cell with each particle, itself included.
 
-    The list of i starts at dim * offsets[i] + i with i itself; the others follow as they are met in its cells.
-    places (M (d + 1) d,): of each entry c of ``corners`` where in that list the other particles of its cell are, the
-    one `behind` it by k at c * d + k - 1.
+    count[i + 1] (N + 1,): how many there are. ``padded``: the lists with gaps between them; that of particle i starts
+    at dim * offsets[i] + i with i itself, and the others follow in the order of its cells. slots (M (d + 1) d,): for
+    each entry c of ``corners``, where in that list the other particles of its cell are; the particle at `corner_after`
+    by k stands at c * d + k - 1. ``offsets`` and ``corners`` as from `list_corners`.
     """
     ti.loop_config(serialize=serial)
     for i in range(nodes):
         first = dim * offsets[i] + i
         n = 1
-        wide[first] = i
+        padded[first] = i
         for c in range(offsets[i], offsets[i + 1]):
             e = corners[c] // (dim + 1)
             own = corners[c] - e * (dim + 1)
-            for other in ti.static(range(1, dim + 1)):
-                j = cells[e, behind(own, other, dim)]
-                wide[first + n] = j  # so that the search ends
+            for k in ti.static(range(1, dim + 1)):
+                j = cells[e, corner_after(own, k, dim)]
+                padded[first + n] = j  # so that the search ends
                 s = 1
-                while wide[first + s] != j:
+                while padded[first + s] != j:
                     s += 1
                 if s == n:
                     n += 1
-                places[c * dim + other - 1] = s
+                slots[c * dim + k - 1] = s
         count[i + 1] = n
         if i == 0:
             count[0] = 0

@@ -1,30 +1,36 @@
-"""Kernels on the vectors of Krylov's method: dots, sums, and orthogonalisation in blocks that fit into the cache.
+"""Kernels on the vectors of Krylov's method: norms, sums, and orthogonalisation in blocks that fit into the cache.
 
 Sums are formed in a fixed number of parts, so that they do not depend on the number of threads. Taichi makes
 ``a[i] += b`` an atomic operation, many times slower than ``a[i] = a[i] + b``; where no other thread writes, the latter.
+
+The Krylov space is one array, ``krylov``, of vectors of n entries one after the other, in the order v_0, z_0, v_1, z_1,
+...: v_k is the orthonormal basis of Arnoldi's method, z_k = M v_k are the preconditioned directions.
 """
 
 import taichi as ti
 
+from tipfem.backend.array_types import Reals1, Template
 from tipfem.backend.launch import kernel, part_of
 
-# Rows of a vector that are worked on at once: what of all basis vectors fits into a core's cache.
-BLOCK = 512
-LANES = 256  # and at once, in memory of a thread's own
+BLOCK = 512  # rows of the vectors that are worked on at once: those of all basis vectors fit into a core's cache
+LANES = 256  # rows that are worked on at once in local memory
+
+# Nanoseconds of one thread for an entry: of one vector, and of one to be made orthogonal to a few.
+ENTRY, ENTRY_OF_MANY = 2.0, 10.0
 
 
 @kernel
-def start(
-    b: ti.types.ndarray(),
-    basis: ti.types.ndarray(),
-    partial: ti.types.ndarray(),
-    out: ti.types.ndarray(),
+def normalise(
+    b: Reals1,
+    krylov: Reals1,
+    partial: Reals1,
+    out: Reals1,
     n: ti.i32,
     parts: ti.i32,
-    stride: ti.template(),
-    serial: ti.template(),
+    stride: Template,
+    serial: Template,
 ):
-    """out[0] = |b|, v_0 = b / |b| (0 if b is 0)."""
+    """out[0] = |b|, v_0 = b / |b| (0 if b is 0); ``partial`` (parts,) is scratch."""
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, n)
@@ -32,127 +38,126 @@ def start(
         for i in range(first, last):
             total += b[i] * b[i]
         if t % stride == 0:
-            partial[t // stride, 0] = total
+            partial[t // stride] = total
     ti.loop_config(serialize=True)
     for _ in range(1):
         total = 0.0
         for c in range(parts):
-            total += partial[c, 0]
+            total += partial[c]
         out[0] = ti.sqrt(total)
-        partial[0, 0] = ti.select(total > 0.0, 1.0 / ti.sqrt(total), 0.0)
+        partial[0] = ti.select(total > 0.0, 1.0 / ti.sqrt(total), 0.0)
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, n)
-        factor = partial[0, 0]
+        factor = partial[0]
         for i in range(first, last):
-            basis[i] = factor * b[i]
+            krylov[i] = factor * b[i]
 
 
 @ti.func
-def dots(basis: ti.template(), w: ti.template(), partial: ti.template(), part, k, n, first, last):
-    """Part number ``part`` of the dot products of w with v_0 ... v_k and with itself, into partial (parts, k + 2)."""
+def partial_dots(krylov: Template, partial: Template, part, k, n, first, last):
+    """Entries first to last of the dot products of w = v_{k+1} with v_0 ... v_k and with itself.
+
+    They go into the row ``part`` of ``partial`` (parts, k + 2), stored row by row.
+    """
     at = part * (k + 2)
+    w = 2 * (k + 1) * n
     for j in range(k + 2):
         partial[at + j] = 0.0
     # Block by block, so that w is read from the cache for all v_j.
     for block in range((last - first + BLOCK - 1) // BLOCK):
         start = first + block * BLOCK
         end = ti.min(start + BLOCK, last)
-        for j in range(k + 1):
-            row = j * n
+        for j in range(k + 2):
+            v = 2 * j * n
             total = 0.0
             for i in range(start, end):
-                total += basis[row + i] * w[i]
+                total += krylov[v + i] * krylov[w + i]
             partial[at + j] = partial[at + j] + total
-        total = 0.0
-        for i in range(start, end):
-            total += w[i] * w[i]
-        partial[at + k + 1] = partial[at + k + 1] + total
 
 
 @ti.func
-def sum_dots(partial: ti.template(), out: ti.template(), k, parts, cancelled):
-    """What `orthogonalise` returns, from the parts; in place of the first part, what its last loop needs."""
-    left = 0.0
+def sum_dots(partial: Template, k, parts, cancelled):
+    """The results of `orthogonalise` from the `partial_dots`, into the first entries of ``partial``."""
+    before, after = 0.0, 0.0
     for m in range(k + 2):
-        j = k + 1 - m  # the length first
+        j = k + 1 - m  # |w|^2 first
         total = 0.0
         for c in range(parts):
             total += partial[c * (k + 2) + j]
         partial[j] = total
-        out[j] = total
-        left = total if m == 0 else left - total * total
-    out[k + 2] = left
-    partial[k + 1] = ti.select(left < cancelled * out[k + 1], 1.0, 1.0 / ti.sqrt(left))
+        if m == 0:
+            before = total
+        after = total if m == 0 else after - total * total
+    partial[k + 1] = ti.select(after < cancelled * before, 1.0, 1.0 / ti.sqrt(after))
+    partial[k + 2] = before
+    partial[k + 3] = after
 
 
 @ti.func
-def subtract(basis: ti.template(), w: ti.template(), partial: ti.template(), k, n, first, last):
-    """The entries from first on of v_{k+1}: w, which becomes the same, less its components, times a factor."""
+def subtract_projections(krylov: Template, partial: Template, k, n, first, last):
+    """Entries first to last of v_{k+1}: w less its components along v_0 ... v_k, times the factor of `sum_dots`."""
     factor = partial[k + 1]
-    # In memory of our own: what writes to arrays is not turned into vector instructions.
+    w = 2 * (k + 1) * n
+    # In local memory: loops that write to arrays are not turned into vector instructions.
     for block in range((last - first + LANES - 1) // LANES):
         start = first + block * LANES
         width = ti.min(LANES, last - start)
-        rest = ti.Vector.zero(float, LANES)
+        remainder = ti.Vector.zero(float, LANES)
         for i in range(width):
-            rest[i] = w[start + i]
+            remainder[i] = krylov[w + start + i]
         for j in range(k + 1):
-            row = j * n + start
+            v = 2 * j * n + start
             d = partial[j]
             for i in range(width):
-                rest[i] = rest[i] - d * basis[row + i]
-        row = (k + 1) * n + start
+                remainder[i] = remainder[i] - d * krylov[v + i]
         for i in range(width):
-            x = factor * rest[i]
-            w[start + i] = x
-            basis[row + i] = x
+            krylov[w + start + i] = factor * remainder[i]
 
 
 @kernel
 def orthogonalise(
-    basis: ti.types.ndarray(),
-    w: ti.types.ndarray(),
-    partial: ti.types.ndarray(),
-    out: ti.types.ndarray(),
+    krylov: Reals1,
+    partial: Reals1,
     k: ti.i32,
     n: ti.i32,
     cancelled: float,
     parts: ti.i32,
-    stride: ti.template(),
-    serial: ti.template(),
+    stride: Template,
+    serial: Template,
 ):
-    """v_{k+1} = w less its components d_j along v_0 ... v_k, over the length of that; w becomes the same.
+    """One pass of classical Gram-Schmidt: w, which stands in the place of v_{k+1}, becomes v_{k+1}.
 
-    out: d (k + 1,), |w|^2, and |w|^2 - |d|^2, which is the length squared of what is left. Where that is less than
-    the part ``cancelled`` of |w|^2, it is left as long as it is, for another pass.
+    partial, (parts (k + 2),) or larger: first d_j = v_j . w for j = 0 ... k, then the factor that has normalised the
+    remainder, |w|^2, and |w|^2 - |d|^2, the squared norm of the remainder. Where the last is less than the fraction
+    ``cancelled`` of |w|^2, the remainder is not normalised but left as it is, for a second pass.
     """
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, n)
         if t % stride == 0:
-            dots(basis, w, partial, t // stride, k, n, first, last)
+            partial_dots(krylov, partial, t // stride, k, n, first, last)
     ti.loop_config(serialize=True)
     for _ in range(1):
-        sum_dots(partial, out, k, parts, cancelled)
+        sum_dots(partial, k, parts, cancelled)
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, n)
-        subtract(basis, w, partial, k, n, first, last)
+        subtract_projections(krylov, partial, k, n, first, last)
 
 
 @kernel
 def combine(
-    directions: ti.types.ndarray(),
-    weights: ti.types.ndarray(),
-    x: ti.types.ndarray(),
+    krylov: Reals1,
+    weights: Reals1,
+    x: Reals1,
     k: ti.i32,
     n: ti.i32,
     parts: ti.i32,
-    stride: ti.template(),
-    serial: ti.template(),
+    stride: Template,
+    serial: Template,
 ):
-    """x = sum of weights[j] z_j over the ``k`` directions."""
+    """x = sum of weights[j] z_j over the first ``k`` directions."""
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, n)
@@ -163,17 +168,13 @@ def combine(
                 x[i] = 0.0
             for j in range(k):
                 d = weights[j]
+                z = (2 * j + 1) * n
                 for i in range(start, end):
-                    x[i] = x[i] + d * directions[j * n + i]
+                    x[i] = x[i] + d * krylov[z + i]
 
 
 @kernel
-def fill(
-    x: ti.types.ndarray(),
-    value: float,
-    n: ti.i32,
-    serial: ti.template(),
-):
+def fill(x: Reals1, value: float, n: ti.i32, serial: Template):
     """x_i = value for the first n entries."""
     ti.loop_config(serialize=serial)
     for i in range(n):
@@ -181,28 +182,24 @@ def fill(
 
 
 @kernel
-def move(
-    x: ti.types.ndarray(),
-    from_x: ti.i32,
-    y: ti.types.ndarray(),
-    from_y: ti.i32,
-    n: ti.i32,
-    serial: ti.template(),
-):
-    """Copy ``n`` entries of x into y, from an entry of each on."""
+def copy_entries(x: Reals1, from_x: ti.i32, y: Reals1, n: ti.i32, serial: Template):
+    """Copy ``n`` entries of x, from the entry ``from_x`` on, to the beginning of y."""
     ti.loop_config(serialize=serial)
     for i in range(n):
-        y[from_y + i] = x[from_x + i]
+        y[i] = x[from_x + i]
 
 
 @kernel
-def add(
-    x: ti.types.ndarray(),
-    y: ti.types.ndarray(),
-    factor: float,
-    n: ti.i32,
-    serial: ti.template(),
-):
+def store_direction(z: Reals1, w: Reals1, krylov: Reals1, k: ti.i32, n: ti.i32, serial: Template):
+    """Copy z to z_k, and w to the place of v_{k+1}, which lies behind it."""
+    ti.loop_config(serialize=serial)
+    for i in range(n):
+        krylov[(2 * k + 1) * n + i] = z[i]
+        krylov[(2 * k + 2) * n + i] = w[i]
+
+
+@kernel
+def add(x: Reals1, y: Reals1, factor: float, n: ti.i32, serial: Template):
     """y += factor x over the first ``n`` entries."""
     ti.loop_config(serialize=serial)
     for i in range(n):
@@ -210,16 +207,11 @@ def add(
 
 
 @kernel
-def largest(
-    x: ti.types.ndarray(),
-    partial: ti.types.ndarray(),
-    out: ti.types.ndarray(),
-    n: ti.i32,
-    parts: ti.i32,
-    stride: ti.template(),
-    serial: ti.template(),
-):
-    """out: largest |x_i| of the first n entries, and how many of them are no numbers; ``out`` starts at zero."""
+def largest(x: Reals1, partial: Reals1, out: Reals1, n: ti.i32, parts: ti.i32, stride: Template, serial: Template):
+    """out (2,): largest |x_i| of the first n entries, and the number of NaN among them; ``out`` starts at zero.
+
+    ``partial`` (2 parts,) is scratch.
+    """
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, n)
@@ -230,9 +222,9 @@ def largest(
             if ti.math.isnan(x[i]):
                 bad += 1.0
         if t % stride == 0:
-            partial[t // stride, 0] = value
-            partial[t // stride, 1] = bad
+            partial[t // stride] = value
+            partial[parts + t // stride] = bad
     ti.loop_config(serialize=True)
     for c in range(parts):
-        out[0] = ti.max(out[0], partial[c, 0])
-        out[1] += partial[c, 1]
+        out[0] = ti.max(out[0], partial[c])
+        out[1] += partial[parts + c]

@@ -258,7 +258,7 @@ class FlowProblem:
                 buffers=self.buffers,
                 iteration=None if self._rows.active else self.system.iteration,
             )
-        launch(vector_kernels.add, self._dx, x, -1.0, self.size, work=(self.size, fgmres.ENTRY))
+        launch(vector_kernels.add, self._dx, x, -1.0, self.size, work=(self.size, vector_kernels.ENTRY))
         return result
 
     def limits(self, x: Any) -> StepLimits:

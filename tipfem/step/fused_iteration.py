@@ -1,132 +1,199 @@
-"""A whole iteration of Krylov's method in one kernel, by a team of threads.
+"""A whole iteration of flexible GMRES in one kernel, by threads of a processor that wait for each other.
 
-It does with `tipfem.backend.barrier` what staged kernels do loop by loop elsewhere, the same but for rounding.
+The same, but for rounding, as the staged kernels of `tipfem.step.block_preconditioner`, `tipfem.fem.jacobian`,
+`tipfem.linalg.multigrid.v_cycle` and `tipfem.linalg.vector_kernels` in turn, with a tenth of the waiting.
 """
 
 import taichi as ti
 
+from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.barrier import share, synchronise
 from tipfem.backend.launch import kernel
-from tipfem.fem.jacobian import correction_row, row_product, schur_row
-from tipfem.linalg.multigrid.deflation_kernels import lift
+from tipfem.fem.jacobian import row_product
+from tipfem.linalg.multigrid.deflation import deflate
 from tipfem.linalg.multigrid.fused_cycle import cycle
-from tipfem.linalg.vector_kernels import dots, subtract, sum_dots
+from tipfem.linalg.multigrid.grid_hierarchy import RHS
+from tipfem.linalg.multigrid.mesh_transfer import pre_smooth_node
+from tipfem.linalg.vector_kernels import partial_dots, subtract_projections, sum_dots
+from tipfem.step.block_preconditioner import correct_row, schur_rhs_row
+
+ITERATION = 400.0  # nanoseconds of one thread for all that an iteration does for a particle
+
+
+@ti.func
+def _precondition(
+    row_offsets: Template,
+    columns: Template,
+    blocks: Template,
+    scale: Template,
+    laplacian: Template,
+    vectors: Template,
+    coordinates: Template,
+    cell_lists: Template,
+    levels: Template,
+    grid: Template,
+    subdomains: Template,
+    r: Template,
+    r_start,
+    z: Template,
+    z_start,
+    nodes,
+    barrier: Template,
+    thread,
+    threads,
+    dim: Template,
+):
+    """z = M r, see `LinearSystem.precondition`; r and z begin at an entry of their arrays."""
+    first, last = share(thread, threads, nodes)
+    for i in range(first, last):
+        vectors[RHS * nodes + i] = schur_rhs_row(row_offsets, columns, blocks, scale, r, r_start, i, dim)
+        pre_smooth_node(vectors, i, nodes)
+    synchronise(barrier, threads)
+    cycle(
+        row_offsets,
+        columns,
+        laplacian,
+        vectors,
+        coordinates,
+        cell_lists,
+        levels,
+        grid,
+        barrier,
+        nodes,
+        thread,
+        threads,
+        dim,
+    )
+    if subdomains[0] > 1:
+        if thread == 0:
+            deflate(row_offsets, columns, laplacian, vectors, subdomains, nodes)
+        synchronise(barrier, threads)
+    for i in range(first, last):
+        correct_row(row_offsets, columns, blocks, vectors, r, r_start, z, z_start, i, nodes, dim)
+
+
+@kernel
+def precondition(
+    row_offsets: Ints1,
+    columns: Ints1,
+    blocks: Reals1,
+    scale: Reals1,
+    laplacian: Reals1,
+    vectors: Reals1,
+    coordinates: Reals2,
+    cell_lists: Ints1,
+    levels: Reals1,
+    grid: Ints2,
+    subdomains: Ints1,
+    r: Reals1,
+    z: Reals1,
+    nodes: ti.i32,
+    dim: Template,
+    stride: Template,
+    serial: Template,
+    threads: ti.i32,
+    barrier: Ints1,
+):
+    """z = M r, the preconditioner M as in `LinearSystem.precondition`."""
+    ti.loop_config(serialize=serial)
+    for t in range(threads * stride):
+        if t % stride == 0:
+            _precondition(
+                row_offsets,
+                columns,
+                blocks,
+                scale,
+                laplacian,
+                vectors,
+                coordinates,
+                cell_lists,
+                levels,
+                grid,
+                subdomains,
+                r,
+                0,
+                z,
+                0,
+                nodes,
+                barrier,
+                t // stride,
+                threads,
+                dim,
+            )
 
 
 @kernel
 def iterate(
-    row_offsets: ti.types.ndarray(),
-    columns: ti.types.ndarray(),
-    uu: ti.types.ndarray(),
-    up: ti.types.ndarray(),
-    pu: ti.types.ndarray(),
-    pp: ti.types.ndarray(),
-    scale: ti.types.ndarray(),
-    b: ti.types.ndarray(),
-    x: ti.types.ndarray(),
-    residual: ti.types.ndarray(),
-    relax: ti.types.ndarray(),
-    values: ti.types.ndarray(),
-    cell: ti.types.ndarray(),
-    fraction: ti.types.ndarray(),
-    order: ti.types.ndarray(),
-    start: ti.types.ndarray(),
-    stencil: ti.types.ndarray(),
-    weights: ti.types.ndarray(),
-    grid_relax: ti.types.ndarray(),
-    grid_x: ti.types.ndarray(),
-    grid_b: ti.types.ndarray(),
-    grid_r: ti.types.ndarray(),
-    grid: ti.types.ndarray(),
-    offsets: ti.types.ndarray(),
-    inside: ti.types.ndarray(),
-    energy: ti.types.ndarray(),
-    basis: ti.types.ndarray(),
-    directions: ti.types.ndarray(),
-    w: ti.types.ndarray(),
-    partial: ti.types.ndarray(),
-    out: ti.types.ndarray(),
+    row_offsets: Ints1,
+    columns: Ints1,
+    blocks: Reals1,
+    scale: Reals1,
+    laplacian: Reals1,
+    vectors: Reals1,
+    coordinates: Reals2,
+    cell_lists: Ints1,
+    levels: Reals1,
+    grid: Ints2,
+    subdomains: Ints1,
+    krylov: Reals1,
+    partial: Reals1,
     k: ti.i32,
     nodes: ti.i32,
-    levels: ti.i32,
-    sweeps: ti.i32,
-    bubbles: ti.i32,
     cancelled: float,
-    again: ti.i32,
-    whole: ti.template(),
-    dim: ti.template(),
-    barrier: ti.types.ndarray(),
-    threads: ti.i32,
+    dim: Template,
     parts: ti.i32,
-    stride: ti.template(),
-    serial: ti.template(),
+    stride: Template,
+    serial: Template,
+    threads: ti.i32,
+    barrier: Ints1,
 ):
-    """z_k = M v_k, the preconditioner M as in `linear_system.LinearSystem.precondition`, in ``directions``; if
-    ``whole``, also w = K z_k and what `vector_kernels.orthogonalise` makes of it, w itself becoming v_{k+1}; ``again``
-    leaves it at the latter.
+    """z_k = M v_k; w = K z_k; one pass of Gram-Schmidt as by `vector_kernels.orthogonalise`.
 
-    b and x (N,) are the right side and the solution of the cycle; ``offsets``, ``inside`` and ``energy`` describe the
-    bubbles, see `tipfem.linalg.multigrid.deflation_kernels`.
+    The matrix K is given by ``row_offsets``, ``columns`` and ``blocks``, the preconditioner M by these, ``scale`` and
+    all from ``laplacian`` to ``subdomains``. The Krylov vectors are laid out as in `tipfem.linalg.vector_kernels`.
     """
     ti.loop_config(serialize=serial)
     for t in range(threads * stride):
         if t % stride == 0:
             thread = t // stride
             size = nodes * (dim + 1)
-            begin = k * size
-            if not again:
-                mine, end = share(thread, threads, nodes)
-                for i in range(mine, end):
-                    b[i] = schur_row(row_offsets, columns, pu, scale, basis, begin, i, dim)
-                    x[i] = relax[i] * b[i]
-                synchronise(barrier, threads)
-                cycle(
-                    b,
-                    x,
-                    residual,
-                    relax,
-                    row_offsets,
-                    columns,
-                    values,
-                    cell,
-                    fraction,
-                    order,
-                    start,
-                    stencil,
-                    weights,
-                    grid_relax,
-                    grid_x,
-                    grid_b,
-                    grid_r,
-                    grid,
-                    barrier,
-                    nodes,
-                    levels,
-                    sweeps,
-                    thread,
-                    threads,
-                    dim,
-                )
-                if bubbles > 0:
-                    if thread == 0:
-                        lift(b, x, row_offsets, columns, values, offsets, inside, energy, bubbles)
-                    synchronise(barrier, threads)
-                for i in range(mine, end):
-                    correction_row(row_offsets, columns, up, basis, x, directions, begin, i, dim)
-                if ti.static(whole):
-                    synchronise(barrier, threads)
-                    for i in range(mine, end):
-                        row_product(row_offsets, columns, uu, up, pu, pp, directions, begin, w, i, dim)
-                    synchronise(barrier, threads)
-            if ti.static(whole):
-                first, last = share(thread, threads, parts)
-                for part in range(first, last):
-                    low, high = share(part, parts, size)
-                    dots(basis, w, partial, part, k, size, low, high)
-                synchronise(barrier, threads)
-                if thread == 0:
-                    sum_dots(partial, out, k, parts, cancelled)
-                synchronise(barrier, threads)
-                for part in range(first, last):
-                    low, high = share(part, parts, size)
-                    subtract(basis, w, partial, k, size, low, high)
+            v = 2 * k * size
+            z, w = v + size, v + 2 * size
+            _precondition(
+                row_offsets,
+                columns,
+                blocks,
+                scale,
+                laplacian,
+                vectors,
+                coordinates,
+                cell_lists,
+                levels,
+                grid,
+                subdomains,
+                krylov,
+                v,
+                krylov,
+                z,
+                nodes,
+                barrier,
+                thread,
+                threads,
+                dim,
+            )
+            synchronise(barrier, threads)
+            begin, end = share(thread, threads, nodes)
+            for i in range(begin, end):
+                row_product(row_offsets, columns, blocks, krylov, z, krylov, w, i, dim)
+            synchronise(barrier, threads)
+            first, last = share(thread, threads, parts)
+            for part in range(first, last):
+                low, high = share(part, parts, size)
+                partial_dots(krylov, partial, part, k, size, low, high)
+            synchronise(barrier, threads)
+            if thread == 0:
+                sum_dots(partial, k, parts, cancelled)
+            synchronise(barrier, threads)
+            for part in range(first, last):
+                low, high = share(part, parts, size)
+                subtract_projections(krylov, partial, k, size, low, high)

@@ -54,12 +54,13 @@ class MatrixFreeSystem(LinearSystem):
         half, product = (self._buffers.get(f"matrix_free.{name}", size) for name in ("half", "product"))
         launch(matrix_free.displacements_alone, r, half, n, d, work=work)
         self.product(half, product)
-        launch(matrix_free.schur_rhs, r, product, self._scale, self._schur_b, n, d, work=work)
-        self.multigrid.apply(self._schur_b, self._schur_x)
-        self._bubbles.lift(self._schur_b, self._schur_x)
-        launch(matrix_free.pressures_alone, self._schur_x, half, n, d, work=work)
+        vectors = self.multigrid.vectors
+        launch(matrix_free.schur_rhs, r, product, self._scale, vectors, n, d, work=work)
+        self.multigrid.cycle()
+        self.deflation.correct()
+        launch(matrix_free.pressures_alone, vectors, half, n, d, work=work)
         self.product(half, product)
-        launch(matrix_free.block_correction, r, product, self._schur_x, z, n, d, work=work)
+        launch(matrix_free.block_correction, r, product, vectors, z, n, d, work=work)
 
     @property
     def iteration(self) -> Iteration | None:

@@ -1,33 +1,141 @@
-"""Bubbles of a light fluid in a heavy one, each a coarse unknown of the pressure's multigrid."""
+"""Subdomain deflation: each bubble of a light fluid in a heavy one is a coarse unknown of the pressure's multigrid.
 
-from __future__ import annotations
+Inside a bubble the pressure Laplacian is as many times stronger than around it as the outer fluid is heavier: the
+pressure of the whole bubble can be wrong by a constant that no smoother reduces, and that no background grid represents
+if the bubble is smaller than the grid's cells. So the coarse space is extended by the functions that are one on a
+bubble and zero elsewhere: R. A. Nicolaides, Deflation of conjugate gradients with applications to boundary value
+problems, SIAM J. Numer. Anal. 24, 1987.
+
+``subdomains`` holds the particles of the bubbles, list by list: those of bubble k are
+``subdomains[subdomains[k]:subdomains[k + 1]]``, so that there are ``subdomains[0] - 1`` bubbles.
+"""
 
 from typing import Any
 
 import numpy as np
+import taichi as ti
 
+from tipfem.backend.array_types import Ints1, Ints2, Reals1, Template
 from tipfem.backend.arrays import Buffers, download
-from tipfem.backend.launch import launch
-from tipfem.linalg.multigrid import deflation_kernels
+from tipfem.backend.launch import kernel, launch
+from tipfem.backend.union_find import find_root
+from tipfem.linalg.multigrid.grid_hierarchy import ENERGY, SOLUTION
+from tipfem.linalg.multigrid.mesh_transfer import residual_row
+from tipfem.linalg.sparsity import Csr
 from tipfem.typing import Array
 
-# Without a jump of the density as large as this nothing is a bubble; with one, what is lighter than the geometric
-# mean of the heaviest and the lightest element is.
-JUMP = 10.0
-# More particles than this are not a bubble: coarse grids know them.
+# There are no bubbles where the density's largest ratio is less than this; else the light elements are those below the
+# geometric mean of the lowest and the highest density.
+DENSITY_RATIO = 10.0
+# Components of more particles than this are left to the coarse grids.
 LARGEST = 2000
 
 
-class Bubbles:
-    """The bubbles of a step.
+@kernel
+def label_light_components(
+    cells: Ints2, density: Reals1, label: Ints1, limit: float, elements: ti.i32, nodes: ti.i32, width: ti.i32
+):
+    """Connected components of the cells (M, width) lighter than ``limit`` [kg/m^3], by union-find.
+
+    label (N,): the lowest number of the particles in a particle's component; -1 for particles in none.
+    """
+    ti.loop_config(serialize=True)
+    for i in range(nodes):
+        label[i] = -1
+    ti.loop_config(serialize=True)
+    for e in range(elements):
+        if density[e] < limit:
+            for a in range(width):
+                i = cells[e, a]
+                if label[i] < 0:
+                    label[i] = i
+            one = label[cells[e, 0]]
+            connected = True
+            for a in range(1, width):
+                connected = connected and label[cells[e, a]] == one
+            if not connected:
+                one = find_root(label, one)
+                for a in range(1, width):
+                    other = find_root(label, cells[e, a])
+                    if other < one:
+                        label[one] = other
+                        one = other
+                    else:
+                        label[other] = one
+    ti.loop_config(serialize=True)
+    for i in range(nodes):
+        if label[i] >= 0:
+            label[i] = find_root(label, i)
+
+
+@kernel
+def set_energies(
+    row_offsets: Ints1,
+    columns: Ints1,
+    values: Reals1,
+    label: Ints1,
+    subdomains: Ints1,
+    vectors: Reals1,
+    count: ti.i32,
+    nodes: ti.i32,
+):
+    """Diagonal entries of the coarse operator: the sum of the matrix's entries between the particles of a bubble.
+
+    As the vector `ENERGY` at each particle of the ``count`` bubbles; 0 at those of prescribed pressure,
+    which have no equation. ``label`` as from `label_light_components`.
+    """
+    for k in range(count):
+        total = 0.0
+        for m in range(subdomains[k], subdomains[k + 1]):
+            i = subdomains[m]
+            vectors[ENERGY * nodes + i] = 0.0
+            for s in range(row_offsets[i], row_offsets[i + 1]):
+                if label[columns[s]] == label[i]:
+                    total += values[s]
+                if columns[s] == i and values[s] > 0.0:
+                    vectors[ENERGY * nodes + i] = 1.0
+        for m in range(subdomains[k], subdomains[k + 1]):
+            vectors[ENERGY * nodes + subdomains[m]] = vectors[ENERGY * nodes + subdomains[m]] * ti.max(total, 0.0)
+
+
+@ti.func
+def deflate(row_offsets: Template, columns: Template, values: Template, vectors: Template, subdomains: Template, nodes):
+    """Add a constant to the solution in each bubble in turn, so that the sum of the equations there holds."""
+    for k in range(subdomains[0] - 1):
+        residual = 0.0
+        for m in range(subdomains[k], subdomains[k + 1]):
+            residual += residual_row(row_offsets, columns, values, vectors, SOLUTION, subdomains[m], nodes)
+        for m in range(subdomains[k], subdomains[k + 1]):
+            i = subdomains[m]
+            if vectors[ENERGY * nodes + i] > 0.0:
+                vectors[SOLUTION * nodes + i] = vectors[SOLUTION * nodes + i] + residual / vectors[ENERGY * nodes + i]
+
+
+@kernel
+def deflate_serially(
+    row_offsets: Ints1, columns: Ints1, values: Reals1, vectors: Reals1, subdomains: Ints1, nodes: ti.i32
+):
+    """`deflate` by one thread."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        deflate(row_offsets, columns, values, vectors, subdomains, nodes)
+
+
+class SubdomainDeflation:
+    """The coarse space of a step's bubbles: connected components of the light fluid, but for the largest.
 
     Args:
         cells: (M, d + 1) device array.
         density: (M,) device array [kg/m^3].
-        extremes: of the density, lowest and highest.
+        extremes: lowest and highest density.
         shape: M, N and d + 1.
-        matrix: the pressure Laplacian in CSR: row offsets, columns, values.
+        matrix: the pressure Laplacian.
+        vectors: the cycle's on the mesh, see `tipfem.linalg.multigrid.grid_hierarchy`.
         buffers: where arrays live between steps.
+
+    Attributes:
+        count: number of bubbles.
+        subdomains: device array of the particles in them, see above.
     """
 
     def __init__(
@@ -36,40 +144,37 @@ class Bubbles:
         density: Any,
         extremes: tuple[float, float],
         shape: tuple[int, int, int],
-        matrix: tuple[Any, Any, Any],
+        matrix: Csr,
+        vectors: Any,
         buffers: Buffers,
     ) -> None:
-        self.count, self._matrix = 0, matrix
-        names = {"offsets": True, "at": True, "energy": False}
-        # Offsets, members and energies; nobody looks at them without bubbles.
-        self.arrays = tuple(buffers.get(f"bubbles.{name}", 1, integer=kind) for name, kind in names.items())
+        self._matrix, self._vectors, self._nodes = matrix, vectors, shape[1]
         (lowest, highest), (elements, nodes, width) = extremes, shape
-        if highest < JUMP * lowest:
-            return
-        label = buffers.get("bubbles.label", nodes, integer=True)
-        limit = float(np.sqrt(lowest * highest))
-        launch(deflation_kernels.connect_light, cells, density, label, limit, elements, nodes, width)
-        offsets, members = _small(download(label, nodes))
-        self.count = len(offsets) - 1
-        if not self.count:
-            return
-        energy = buffers.get("bubbles.energy", self.count)
-        self.arrays = (buffers.upload("bubbles.offsets", offsets), buffers.upload("bubbles.at", members), energy)
-        launch(deflation_kernels.bubble_energies, *matrix, label, *self.arrays, self.count)
-
-    def lift(self, b: Any, x: Any) -> None:
-        """Set the level of x (N,) in every bubble so that the equations for b hold in the sum over its particles."""
+        lists = np.ones(1, dtype=np.int32)
+        if highest >= DENSITY_RATIO * lowest:
+            label = buffers.get("deflation.label", nodes, integer=True)
+            limit = float(np.sqrt(lowest * highest))
+            launch(label_light_components, cells, density, label, limit, elements, nodes, width)
+            lists = _bubble_lists(download(label, nodes))
+        self.count = int(lists[0]) - 1
+        self.subdomains = buffers.upload("deflation.subdomains", lists)
         if self.count:
-            launch(deflation_kernels.lift_bubbles, b, x, *self._matrix, *self.arrays, self.count)
+            launch(set_energies, *matrix, label, self.subdomains, vectors, self.count, nodes)
+
+    def correct(self) -> None:
+        """Add a constant to the solution in each bubble, so that the sum of the equations there holds."""
+        if self.count:
+            launch(deflate_serially, *self._matrix, self._vectors, self.subdomains, self._nodes)
 
 
-def _small(label: Array) -> tuple[Array, Array]:
-    """Offsets (B + 1,) and particles of the bubbles, from labels (N,) that are -1 outside the light fluid."""
+def _bubble_lists(label: Array) -> Array:
+    """The particles of all components but the largest, list by list, from labels (N,), -1 outside the light fluid."""
     light = np.flatnonzero(label >= 0)
-    of_light = label.take(light)
-    size = np.bincount(of_light, minlength=1)
-    size[np.argmax(size)] = LARGEST + 1  # the largest is no bubble, however small
-    inside = light[size.take(of_light) <= LARGEST]
+    labels = label.take(light)
+    size = np.bincount(labels, minlength=1)
+    size[np.argmax(size)] = LARGEST + 1  # excluded, however small
+    inside = light[size.take(labels) <= LARGEST]
     inside = inside[np.argsort(label[inside], kind="stable")]
     starts = np.flatnonzero(np.diff(label[inside], prepend=-1))
-    return np.append(starts, len(inside)).astype(np.int32), inside.astype(np.int32)
+    offsets = np.append(starts, len(inside))
+    return np.concatenate([offsets + len(offsets), inside]).astype(np.int32)

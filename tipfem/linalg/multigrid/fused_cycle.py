@@ -1,194 +1,139 @@
-"""A cycle of multigrid in one kernel, by a team of threads."""
+"""The V(1,1)-cycle of `v_cycle` in one launch, by threads of a processor that wait for each other."""
 
 import taichi as ti
 
+from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.barrier import share, synchronise
 from tipfem.backend.launch import kernel
-from tipfem.linalg.multigrid.grid_hierarchy import NEXT, lines
-from tipfem.linalg.multigrid.mesh_transfer import interpolated, rest_of_row, restrict_to_line
-from tipfem.linalg.multigrid.v_cycle import prolong, relax_line, restrict, solve_coarsest, subtract_product
+from tipfem.linalg.multigrid.grid_hierarchy import LEVELS, RESIDUAL, SOLUTION, lines
+from tipfem.linalg.multigrid.grid_transfer import (
+    partly_coarsened,
+    prolong_stage,
+    residual_line,
+    restrict_stage,
+    smooth_line,
+    solve_coarsest,
+)
+from tipfem.linalg.multigrid.mesh_transfer import (
+    correct_node,
+    post_smooth_node,
+    pre_smooth_node,
+    residual_row,
+    restrict_to_line,
+)
+
+CYCLE = 300.0  # nanoseconds of one thread for all that a cycle does for a mesh node
 
 
 @ti.func
-def _visit(
-    stencil: ti.template(),
-    weights: ti.template(),
-    relax: ti.template(),
-    x: ti.template(),
-    b: ti.template(),
-    r: ti.template(),
-    grid: ti.template(),
-    level,
-    down,
-    barrier: ti.template(),
-    thread,
-    threads,
-    dim: ti.template(),
-):
-    """On the way ``down``, what a sweep from zero on a level has left, restricted to the next coarser one, and a sweep
-    from zero there; else the coarser grid's correction added on the level, and one sweep.
+def _visit(levels: Template, grid: Template, level, down, barrier: Template, thread, threads, dim: Template):
+    """Item 2 of the cycle on a level if ``down``, else item 4.
 
-    One function for both ways, so that the product stands in the kernel once: machine code is made at every start.
+    One function for both, so that the product with the stencil stands in the kernel once: compiled code is made ready
+    at every start.
     """
-    one = grid[level, NEXT]
-    two = grid[one, NEXT]
-    first, last = share(thread, threads, lines(grid, level))
     if not down:
-        if ti.static(dim == 3):
-            begin, end = share(thread, threads, lines(grid, two))
-            for line in range(begin, end):
-                prolong(x, weights, grid, two, level + 1, line, 0, dim)
+        for axis in ti.static(range(dim)):
+            first, last = share(thread, threads, lines(grid, partly_coarsened(grid, level, axis, dim)))
+            for line in range(first, last):
+                prolong_stage(levels, grid, level, line, axis, dim)
             synchronise(barrier, threads)
-        begin, end = share(thread, threads, lines(grid, one))
-        for line in range(begin, end):
-            prolong(x, weights, grid, one, two, line, ti.static(dim - 2), dim)
-        synchronise(barrier, threads)
-        for line in range(first, last):
-            prolong(x, weights, grid, level, one, line, ti.static(dim - 1), dim)
-        synchronise(barrier, threads)
+    first, last = share(thread, threads, lines(grid, level))
     for line in range(first, last):
-        subtract_product(stencil, x, b, r, grid, level, line, dim)
+        residual_line(levels, grid, level, line, dim)
     synchronise(barrier, threads)
     if down:
-        fine = level
         for axis in ti.static(range(dim - 1, -1, -1)):
-            coarse = grid[fine, NEXT]
-            begin, end = share(thread, threads, lines(grid, coarse))
+            begin, end = share(thread, threads, lines(grid, partly_coarsened(grid, level, axis - 1, dim)))
             for line in range(begin, end):
-                if ti.static(axis == dim - 1):
-                    restrict(r, b, weights, grid, fine, coarse, line, axis, dim)
-                else:
-                    restrict(b, b, weights, grid, fine, coarse, line, axis, dim)
-                if ti.static(axis == 0):
-                    relax_line(relax, b, x, grid, coarse, line, False, dim)
+                restrict_stage(levels, grid, level, line, axis, dim)
             synchronise(barrier, threads)
-            fine = coarse
     else:
         for line in range(first, last):
-            relax_line(relax, r, x, grid, level, line, True, dim)
+            smooth_line(levels, grid, level, line, RESIDUAL, False, dim)
         synchronise(barrier, threads)
 
 
 @ti.func
 def cycle(
-    b: ti.template(),
-    x: ti.template(),
-    residual: ti.template(),
-    relax: ti.template(),
-    row_offsets: ti.template(),
-    columns: ti.template(),
-    values: ti.template(),
-    cell: ti.template(),
-    fraction: ti.template(),
-    order: ti.template(),
-    start: ti.template(),
-    stencil: ti.template(),
-    weights: ti.template(),
-    grid_relax: ti.template(),
-    grid_x: ti.template(),
-    grid_b: ti.template(),
-    grid_r: ti.template(),
-    grid: ti.template(),
-    barrier: ti.template(),
+    row_offsets: Template,
+    columns: Template,
+    values: Template,
+    vectors: Template,
+    coordinates: Template,
+    cell_lists: Template,
+    levels: Template,
+    grid: Template,
+    barrier: Template,
     nodes,
-    levels,
-    sweeps,
     thread,
     threads,
-    dim: ti.template(),
+    dim: Template,
 ):
-    """One V(1,1)-cycle for x (N,), which is ``relax`` b already at all nodes."""
+    """One V(1,1)-cycle; pre-smoothing on the mesh has been done at all nodes."""
     mine, end = share(thread, threads, nodes)
     for i in range(mine, end):
-        residual[i] = rest_of_row(row_offsets, columns, values, b, x, i)
+        vectors[RESIDUAL * nodes + i] = residual_row(row_offsets, columns, values, vectors, SOLUTION, i, nodes)
     synchronise(barrier, threads)
-    # By turns: of lines side by side, one thread's might hold most of the particles.
-    for turn in range((lines(grid, 0) - thread + threads - 1) // threads):
-        line = turn * threads + thread
-        restrict_to_line(residual, fraction, order, start, grid_b, grid, line, dim)
-        relax_line(grid_relax, grid_b, grid_x, grid, 0, line, False, dim)
+    # Lines are dealt out in turn: of lines side by side, one thread's might hold most of the particles.
+    for k in range((lines(grid, 0) - thread + threads - 1) // threads):
+        restrict_to_line(vectors, coordinates, cell_lists, levels, grid, k * threads + thread, nodes, dim)
     synchronise(barrier, threads)
-    for turn in range(2 * levels - 1):
-        if turn == levels - 1:
+    coarsest = grid[0, LEVELS] - 1
+    for visit in range(2 * coarsest + 1):
+        if visit == coarsest:
             if thread == 0:
-                solve_coarsest(stencil, grid_relax, grid_x, grid_b, grid, levels - 1, sweeps, dim)
+                solve_coarsest(levels, grid, dim)
             synchronise(barrier, threads)
         else:
-            down = turn < levels
-            level = turn if down else 2 * levels - 2 - turn
-            _visit(
-                stencil, weights, grid_relax, grid_x, grid_b, grid_r, grid, level, down, barrier, thread, threads, dim
-            )
+            down = visit < coarsest
+            level = visit if down else 2 * coarsest - visit
+            _visit(levels, grid, level, down, barrier, thread, threads, dim)
     for i in range(mine, end):
-        residual[i] = x[i] + interpolated(cell, fraction, grid_x, grid, i, dim)
+        correct_node(vectors, coordinates, levels, grid, i, nodes, dim)
     synchronise(barrier, threads)
     for i in range(mine, end):
-        rest = rest_of_row(row_offsets, columns, values, b, residual, i)
-        x[i] = ti.select(relax[i] > 0.0, residual[i] + relax[i] * rest, 0.0)
+        post_smooth_node(row_offsets, columns, values, vectors, i, nodes)
     synchronise(barrier, threads)
 
 
 @kernel
-def cycle_together(
-    b: ti.types.ndarray(),
-    x: ti.types.ndarray(),
-    residual: ti.types.ndarray(),
-    relax: ti.types.ndarray(),
-    row_offsets: ti.types.ndarray(),
-    columns: ti.types.ndarray(),
-    values: ti.types.ndarray(),
-    cell: ti.types.ndarray(),
-    fraction: ti.types.ndarray(),
-    order: ti.types.ndarray(),
-    start: ti.types.ndarray(),
-    stencil: ti.types.ndarray(),
-    weights: ti.types.ndarray(),
-    grid_relax: ti.types.ndarray(),
-    grid_x: ti.types.ndarray(),
-    grid_b: ti.types.ndarray(),
-    grid_r: ti.types.ndarray(),
-    grid: ti.types.ndarray(),
+def cycle_from_zero(
+    row_offsets: Ints1,
+    columns: Ints1,
+    values: Reals1,
+    vectors: Reals1,
+    coordinates: Reals2,
+    cell_lists: Ints1,
+    levels: Reals1,
+    grid: Ints2,
     nodes: ti.i32,
-    levels: ti.i32,
-    sweeps: ti.i32,
-    dim: ti.template(),
-    barrier: ti.types.ndarray(),
+    dim: Template,
+    stride: Template,
+    serial: Template,
     threads: ti.i32,
-    stride: ti.template(),
-    serial: ti.template(),
+    barrier: Ints1,
 ):
-    """One V(1,1)-cycle from zero."""
+    """One V(1,1)-cycle from a zero guess."""
     ti.loop_config(serialize=serial)
     for t in range(threads * stride):
         if t % stride == 0:
             thread = t // stride
             first, last = share(thread, threads, nodes)
             for i in range(first, last):
-                x[i] = relax[i] * b[i]
+                pre_smooth_node(vectors, i, nodes)
             synchronise(barrier, threads)
             cycle(
-                b,
-                x,
-                residual,
-                relax,
                 row_offsets,
                 columns,
                 values,
-                cell,
-                fraction,
-                order,
-                start,
-                stencil,
-                weights,
-                grid_relax,
-                grid_x,
-                grid_b,
-                grid_r,
+                vectors,
+                coordinates,
+                cell_lists,
+                levels,
                 grid,
                 barrier,
                 nodes,
-                levels,
-                sweeps,
                 thread,
                 threads,
                 dim,

@@ -1,120 +1,143 @@
-"""Kernels that bring the mesh to the finest background grid: which cell each node is in, and the operator there.
+"""Kernels that bring the mesh to the finest background grid: which grid cell each node is in, and the operator there.
 
-A mesh edge that spans more than the stencils' reach - of a mesh much coarser than the grid, as graded ones are in
-places - is replaced by a chain of springs: m of them, m times as stiff, with m - 1 further nodes between, its links. To
-those who know the two ends alone the chain is the edge: eliminating the links gives it back. So the grid's operator is
-right for all that is smooth along the edge, and every node of a chain has neighbours in the next cells only.
+A mesh edge that spans more than the stencils' reach, as in a graded mesh where it is much coarser than the grid, is
+replaced by a chain of springs: m of them, m times as stiff, with m - 1 further nodes between, its links. For whoever
+knows the two ends alone the chain is the edge: eliminating the links gives it back. So the grid's operator is right for
+all that is smooth along the edge, and every node of a chain has neighbours in the next grid cells only.
 
-Arrays of the grid are laid out as in `grid_hierarchy`. Links are numbered behind the N nodes of the mesh.
+Grids are laid out as in `grid_hierarchy`; for ``coordinates`` (N, d) of mesh nodes see `grid_hierarchy.cell_index`, for
+``cell_lists`` `mesh_transfer`. Links are numbered behind the N nodes of the mesh.
 """
 
 import taichi as ti
 
+from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel, part_of
 from tipfem.linalg.multigrid.grid_hierarchy import (
     PLACES,
+    RESIDUAL,
     SHAPE,
     SIZE,
+    STENCIL,
     cell_number,
+    cell_of,
     corners,
     line_at,
     line_start,
     lines,
     weight,
 )
-from tipfem.linalg.sparsity import insertion_sort, take
+from tipfem.linalg.sparsity import insertion_sort, post_increment
+
+# Nanoseconds of one thread for a mesh node: to find its grid cell; its chains; its part of the Galerkin product.
+LOCATE, CHAINS, PRODUCT = 10.0, 30.0, 60.0
 
 
 @ti.func
-def settle(
-    scaled: ti.template(), cell: ti.template(), fraction: ti.template(), grid: ti.template(), i, dim: ti.template()
-):
-    """Set the cell of node ``i`` and where in it the node is, from its place in sides of the cells."""
-    for k in ti.static(range(dim)):
-        index = ti.cast(ti.floor(scaled[k]), ti.i32)
-        index = ti.max(ti.min(index, grid[0, SHAPE + 3 - dim + k] - 2), 0)
-        cell[i, k] = index
-        fraction[i, k] = scaled[k] - index
+def place_of(coordinates: Template, i, dim: Template):
+    """Coordinates of node ``i`` as a vector (dim,)."""
+    return ti.Vector([coordinates[i, k] for k in ti.static(range(dim))])
 
 
 @ti.func
-def place_of(cell: ti.template(), fraction: ti.template(), i, dim: ti.template()):
-    """Place (dim,) of node ``i`` in sides of the cells."""
-    return ti.Vector([cell[i, k] + fraction[i, k] for k in ti.static(range(dim))])
-
-
-@ti.func
-def springs(cell: ti.template(), fraction: ti.template(), i, j, dim: ti.template()):
-    """Of how many springs the edge between two nodes consists: 1 if their cells are neighbours or the same."""
-    shift = ti.Vector([ti.abs(cell[j, k] - cell[i, k]) for k in ti.static(range(dim))])
+def spring_count(coordinates: Template, grid: Template, i, j, dim: Template):
+    """Of how many springs the edge between two nodes consists: 1 if their grid cells are neighbours or the same."""
+    shift = ti.abs(cell_of(coordinates, grid, j, dim) - cell_of(coordinates, grid, i, dim))
     number = 1
     if shift.max() > 1:
-        way = place_of(cell, fraction, j, dim) - place_of(cell, fraction, i, dim)
-        # A little more than the length: no spring then reaches over a whole cell, whatever the round-off.
-        number = ti.max(2, ti.cast(ti.ceil(ti.abs(way).max() + 1e-9), ti.i32))
+        edge = place_of(coordinates, j, dim) - place_of(coordinates, i, dim)
+        # A little more than the length: no spring then reaches over a whole grid cell, whatever the round-off.
+        number = ti.max(2, ti.cast(ti.ceil(ti.abs(edge).max() + 1e-9), ti.i32))
     return number
 
 
 @ti.func
-def add_hat(
-    rows: ti.template(), row, value, scaled: ti.template(), cell: ti.template(), grid: ti.template(), dim: ti.template()
-):
-    """Add ``value`` times the hat functions at a place, in or beside the cell of ``row``, to that row."""
+def add_hat(rows: Template, row, value, place, coordinates: Template, grid: Template, dim: Template):
+    """Add ``value`` times the hat functions at ``place`` (dim,), in or beside the grid cell of ``row``, to that row."""
+    cell = cell_of(coordinates, grid, row, dim)
     at, inside = ti.Vector.zero(ti.i32, dim), ti.Vector.zero(float, dim)
     for k in ti.static(range(dim)):
-        index = ti.max(ti.min(ti.cast(ti.floor(scaled[k]), ti.i32), grid[0, SHAPE + 3 - dim + k] - 2), 0)
-        at[k], inside[k] = index - cell[row, k], scaled[k] - index
+        index = ti.max(ti.min(ti.cast(ti.floor(place[k]), ti.i32), grid[0, SHAPE + 3 - dim + k] - 2), 0)
+        at[k], inside[k] = index - cell[k], place[k] - index
     for corner in ti.static(corners(dim)):
-        place = 0
+        entry = 0
         w = value
         for k in ti.static(range(dim)):
-            place = place * 4 + at[k] + 1 + corner[k]
+            entry = entry * 4 + at[k] + 1 + corner[k]
             w *= inside[k] if ti.static(corner[k] == 1) else 1.0 - inside[k]
-        rows[row, place] = rows[row, place] + w
+        rows[row, entry] = rows[row, entry] + w
+
+
+@kernel
+def locate_nodes(
+    position: Reals2,
+    lower: Reals1,
+    grid: Ints2,
+    coordinates: Reals2,
+    cell_lists: Ints1,
+    spacing: float,
+    nodes: ti.i32,
+    cells: ti.i32,
+    dim: Template,
+    serial: Template,
+):
+    """Coordinates (N, d) of the mesh nodes relative to the grid; cell_lists[c + 1]: number of nodes in grid cell c.
+
+    ``position`` (N, d) and the corner ``lower`` (d,) [m]; ``spacing`` is the side of a grid cell [m], and there are
+    ``cells`` of them.
+    """
+    ti.loop_config(serialize=serial)
+    for c in range(cells + 1):
+        cell_lists[c] = 0
+    ti.loop_config(serialize=serial)
+    for i in range(nodes):
+        for k in ti.static(range(dim)):
+            coordinates[i, k] = (position[i, k] - lower[k]) / spacing
+        post_increment(cell_lists, cell_number(coordinates, grid, i, dim) + 1, serial)
 
 
 @kernel
 def count_links(
-    row_offsets: ti.types.ndarray(),
-    columns: ti.types.ndarray(),
-    values: ti.types.ndarray(),
-    cell: ti.types.ndarray(),
-    fraction: ti.types.ndarray(),
-    links: ti.types.ndarray(),
+    row_offsets: Ints1,
+    columns: Ints1,
+    values: Reals1,
+    coordinates: Reals2,
+    grid: Ints2,
+    links: Ints1,
     nodes: ti.i32,
-    dim: ti.template(),
-    serial: ti.template(),
+    dim: Template,
+    serial: Template,
 ):
-    """links[i + 1] (N + 1,): how many links the chains from node ``i`` to its neighbours of higher number have."""
+    """links[i + 1] (N + 1,): number of links in the chains from node ``i`` to its neighbours of higher number."""
     ti.loop_config(serialize=serial)
     for i in range(nodes):
         number = 0
         for s in range(row_offsets[i], row_offsets[i + 1]):
             if columns[s] > i and values[s] < 0.0:
-                number += springs(cell, fraction, i, columns[s], dim) - 1
+                number += spring_count(coordinates, grid, i, columns[s], dim) - 1
         links[i + 1] = number
         if i == 0:
             links[0] = 0
 
 
 @kernel
-def lay_links(
-    row_offsets: ti.types.ndarray(),
-    columns: ti.types.ndarray(),
-    values: ti.types.ndarray(),
-    cell: ti.types.ndarray(),
-    fraction: ti.types.ndarray(),
-    links: ti.types.ndarray(),
-    rows: ti.types.ndarray(),
-    residual: ti.types.ndarray(),
-    count: ti.types.ndarray(),
-    grid: ti.types.ndarray(),
+def place_links(
+    row_offsets: Ints1,
+    columns: Ints1,
+    values: Reals1,
+    coordinates: Reals2,
+    links: Ints1,
+    rows: Reals2,
+    vectors: Reals1,
+    cell_lists: Ints1,
+    grid: Ints2,
     nodes: ti.i32,
-    dim: ti.template(),
-    serial: ti.template(),
+    dim: Template,
+    serial: Template,
 ):
-    """Cells, fractions and rows of the links, and their ``residual``, which is always zero; in ``count`` their cells
-    have one node more for each.
+    """Coordinates and rows of the links, and their residual in ``vectors``, which is always zero.
+
+    The grid cells of the links are counted in ``cell_lists`` as in `locate_nodes`.
     """
     ti.loop_config(serialize=serial)
     for i in range(nodes):
@@ -122,177 +145,169 @@ def lay_links(
         for s in range(row_offsets[i], row_offsets[i + 1]):
             j = columns[s]
             if j > i and values[s] < 0.0:
-                m = springs(cell, fraction, i, j, dim)
-                start = place_of(cell, fraction, i, dim)
-                piece = (place_of(cell, fraction, j, dim) - start) / m
+                m = spring_count(coordinates, grid, i, j, dim)
+                start = place_of(coordinates, i, dim)
+                piece = (place_of(coordinates, j, dim) - start) / m
                 for n in range(1, m):
                     here = start + n * piece
-                    settle(here, cell, fraction, grid, link, dim)
-                    residual[link] = 0.0
+                    for k in ti.static(range(dim)):
+                        coordinates[link, k] = here[k]
+                    vectors[RESIDUAL * nodes + link] = 0.0
                     for q in range(ti.static(4**dim)):
                         rows[link, q] = 0.0
                     stiffness = -m * values[s]
-                    add_hat(rows, link, 2 * stiffness, here, cell, grid, dim)
-                    add_hat(rows, link, -stiffness, here - piece, cell, grid, dim)
-                    add_hat(rows, link, -stiffness, here + piece, cell, grid, dim)
-                    take(count, cell_number(cell, grid, link, dim) + 1, serial)
+                    add_hat(rows, link, 2 * stiffness, here, coordinates, grid, dim)
+                    add_hat(rows, link, -stiffness, here - piece, coordinates, grid, dim)
+                    add_hat(rows, link, -stiffness, here + piece, coordinates, grid, dim)
+                    post_increment(cell_lists, cell_number(coordinates, grid, link, dim) + 1, serial)
                     link += 1
 
 
 @kernel
-def find_cells(
-    position: ti.types.ndarray(),
-    lower: ti.types.ndarray(),
-    grid: ti.types.ndarray(),
-    cell: ti.types.ndarray(),
-    fraction: ti.types.ndarray(),
-    count: ti.types.ndarray(),
-    spacing: float,
-    nodes: ti.i32,
-    cells: ti.i32,
-    dim: ti.template(),
-    serial: ti.template(),
-):
-    """cell (N, d) of each mesh node and where in it, fraction (N, d) of its side; count[c + 1]: nodes in cell c."""
-    ti.loop_config(serialize=serial)
-    for c in range(cells + 1):
-        count[c] = 0
-    ti.loop_config(serialize=serial)
-    for i in range(nodes):
-        scaled = ti.Vector([(position[i, k] - lower[k]) / spacing for k in ti.static(range(dim))])
-        settle(scaled, cell, fraction, grid, i, dim)
-        take(count, cell_number(cell, grid, i, dim) + 1, serial)
+def start_lists(cell_lists: Ints1, cursor: Ints1, cells: ti.i32):
+    """Numbers of nodes, as from `locate_nodes`, become the beginnings of the lists behind them in ``cell_lists``.
+
+    ``cursor`` (cells,) takes a copy of the beginnings.
+    """
+    ti.loop_config(serialize=True)
+    for c in range(cells):
+        if c == 0:
+            cell_lists[0] = cells + 1
+        cursor[c] = cell_lists[c]
+        cell_lists[c + 1] = cell_lists[c] + cell_lists[c + 1]
 
 
 @kernel
-def sort_into_cells(
-    cell: ti.types.ndarray(),
-    grid: ti.types.ndarray(),
-    start: ti.types.ndarray(),
-    cursor: ti.types.ndarray(),
-    order: ti.types.ndarray(),
+def fill_lists(
+    coordinates: Reals2,
+    grid: Ints2,
+    cell_lists: Ints1,
+    cursor: Ints1,
     nodes: ti.i32,
     cells: ti.i32,
-    dim: ti.template(),
-    one_counts: ti.template(),
+    dim: Template,
+    one_counts: Template,
 ):
-    """order (N,): the mesh nodes cell by cell, in ascending order; those of cell c from start[c] on."""
+    """Fill ``cell_lists`` with the nodes of each grid cell in ascending order; ``cursor`` as from `start_lists`."""
     ti.loop_config(serialize=one_counts)
     for i in range(nodes):
-        order[take(cursor, cell_number(cell, grid, i, dim), one_counts)] = i
+        cell_lists[post_increment(cursor, cell_number(coordinates, grid, i, dim), one_counts)] = i
     if ti.static(not one_counts):
         for c in range(cells):
-            insertion_sort(order, start[c], start[c + 1])
+            insertion_sort(cell_lists, cell_lists[c], cell_lists[c + 1])
 
 
 @ti.func
 def _add_cell(
-    fraction: ti.template(),
-    order: ti.template(),
-    rows: ti.template(),
-    stencil: ti.template(),
-    grid: ti.template(),
-    first,
-    last,
+    coordinates: Template,
+    cell_lists: Template,
+    rows: Template,
+    levels: Template,
+    grid: Template,
+    number,
     one,
     two,
     j,
-    dim: ti.template(),
+    dim: Template,
 ):
-    """Add P^T times the rows of the mesh nodes order[first:last], all those of a cell, to its corners' stencils."""
-    number = ti.static(len(corners(dim)))
+    """Add P^T times the rows of the mesh nodes in grid cell ``number`` to its corners' stencils."""
+    corner_count = ti.static(len(corners(dim)))
+    first, last = cell_lists[number], cell_lists[number + 1]
     # All of the grid is read before anything is written: the compiler does not keep what it has read beyond that.
-    size, at = grid[0, SIZE], ti.Vector.zero(ti.i32, number)
-    for k in ti.static(range(number)):
+    size, at = grid[0, SIZE], ti.Vector.zero(ti.i32, corner_count)
+    cell = ti.Vector.zero(ti.i32, dim)
+    for k in ti.static(range(dim)):
+        cell[k] = ti.Vector([one, two, j])[3 - dim + k]
+    for k in ti.static(range(corner_count)):
         corner = ti.static(corners(dim)[k])
         if ti.static(dim == 3):
             at[k] = line_at(grid, 0, one + corner[0], two + corner[1], dim) + j + corner[2]
         else:
             at[k] = line_at(grid, 0, one, two + corner[0], dim) + j + corner[1]
     for q in range(ti.static(4 ** (dim - 1))):
-        # Row q of the 4^d grid nodes around the cell.
-        total = ti.Matrix.zero(float, number, 4)
+        # Row q of the 4^d grid nodes around the grid cell.
+        total = ti.Matrix.zero(float, corner_count, 4)
         for m in range(first, last):
-            i = order[m]
-            for k in ti.static(range(number)):
-                w = weight(fraction, i, ti.static(corners(dim)[k]), dim)
+            i = cell_lists[m]
+            for k in ti.static(range(corner_count)):
+                w = weight(coordinates, cell, i, ti.static(corners(dim)[k]), dim)
                 for u in ti.static(range(4)):
                     total[k, u] += w * rows[i, q * 4 + u]
-        for k in ti.static(range(number)):
+        for k in ti.static(range(corner_count)):
             corner = ti.static(corners(dim)[k])
             row = q + 1 - corner[0]
             if ti.static(dim == 3):
                 row = (q // 4 + 1 - corner[0]) * PLACES + q % 4 + 1 - corner[1]
             for u in ti.static(range(4)):
-                to = (row * PLACES + u + 1 - corner[dim - 1]) * size + at[k]
-                stencil[to] = stencil[to] + total[k, u]
+                to = grid[0, STENCIL] + (row * PLACES + u + 1 - corner[dim - 1]) * size + at[k]
+                levels[to] = levels[to] + total[k, u]
 
 
 @kernel
-def assemble_first(
-    cell: ti.types.ndarray(),
-    fraction: ti.types.ndarray(),
-    order: ti.types.ndarray(),
-    start: ti.types.ndarray(),
-    row_offsets: ti.types.ndarray(),
-    columns: ti.types.ndarray(),
-    values: ti.types.ndarray(),
-    rows: ti.types.ndarray(),
-    stencil: ti.types.ndarray(),
-    grid: ti.types.ndarray(),
+def assemble_finest(
+    coordinates: Reals2,
+    cell_lists: Ints1,
+    row_offsets: Ints1,
+    columns: Ints1,
+    values: Reals1,
+    rows: Reals2,
+    levels: Reals1,
+    grid: Ints2,
     nodes: ti.i32,
-    dim: ti.template(),
+    dim: Template,
     parts: ti.i32,
-    stride: ti.template(),
-    serial: ti.template(),
+    stride: Template,
+    serial: Template,
 ):
     """Galerkin product P^T A P on the finest grid.
 
-    First A P, row by row of the mesh: ``rows`` (N, 4^d) on the grid nodes around the node's cell. Then each cell adds,
-    for its mesh nodes and links, to its 2^d corners. Long connections that pull nodes apart are left out,
-    with their part of the diagonal, so that rows still sum to zero. Rows of the links must be there already.
+    First A P, row by row of the mesh: ``rows`` (N, 4^d) on the grid nodes around the node's grid cell. Then each grid
+    cell adds, for its mesh nodes and links, to its 2^d corners. Long edges with positive entries, which pull nodes
+    apart, are left out with their part of the diagonal, so that rows still sum to zero. Rows of the links must be there
+    already.
     """
     ti.loop_config(serialize=serial)
     for i in range(nodes):
         for s in range(ti.static(4**dim)):
             rows[i, s] = 0.0
-        own = place_of(cell, fraction, i, dim)
+        own, own_cell = place_of(coordinates, i, dim), cell_of(coordinates, grid, i, dim)
         for s in range(row_offsets[i], row_offsets[i + 1]):
             j = columns[s]
-            m = springs(cell, fraction, i, j, dim)
+            m = spring_count(coordinates, grid, i, j, dim)
             if m == 1:
-                shift = ti.Vector([cell[j, k] - cell[i, k] for k in ti.static(range(dim))])
+                cell = cell_of(coordinates, grid, j, dim)
                 for corner in ti.static(corners(dim)):
-                    place = 0
+                    entry = 0
                     for k in ti.static(range(dim)):
-                        place = place * 4 + shift[k] + 1 + corner[k]
-                    rows[i, place] = rows[i, place] + values[s] * weight(fraction, j, corner, dim)
+                        entry = entry * 4 + cell[k] - own_cell[k] + 1 + corner[k]
+                    rows[i, entry] = rows[i, entry] + values[s] * weight(coordinates, cell, j, corner, dim)
             elif values[s] < 0.0:
-                piece = (place_of(cell, fraction, j, dim) - own) / m
-                add_hat(rows, i, m * values[s], own + piece, cell, grid, dim)
-                add_hat(rows, i, (1 - m) * values[s], own, cell, grid, dim)
+                piece = (place_of(coordinates, j, dim) - own) / m
+                add_hat(rows, i, m * values[s], own + piece, coordinates, grid, dim)
+                add_hat(rows, i, (1 - m) * values[s], own, coordinates, grid, dim)
             else:
-                add_hat(rows, i, values[s], own, cell, grid, dim)
+                add_hat(rows, i, values[s], own, coordinates, grid, dim)
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, lines(grid, 0))
         for line in range(first, last):
             at, size, width = line_start(grid, 0, line, dim), grid[0, SIZE], grid[0, SHAPE + 2]
             for place in range(ti.static(PLACES**dim)):
+                entries = grid[0, STENCIL] + place * size + at
                 for j in range(width):
-                    stencil[place * size + at + j] = 0.0
-    # Lines of cells add to the lines of nodes on either side: those that have none in common go together.
+                    levels[entries + j] = 0.0
+    # Lines of grid cells add to the lines of grid nodes on either side: those that have none in common go together.
     for colour in ti.static(corners(dim - 1)):
         ti.loop_config(serialize=serial)
         for t in range(parts * stride):
             first, last = part_of(t, parts, stride, lines(grid, 0))
             for line in range(first, last):
                 one, two = line // grid[0, SHAPE + 1], line % grid[0, SHAPE + 1]
-                turn = two % 2 == colour[dim - 2]
+                has_colour = two % 2 == colour[dim - 2]
                 if ti.static(dim == 3):
-                    turn = turn and one % 2 == colour[0]
-                if turn:
+                    has_colour = has_colour and one % 2 == colour[0]
+                if has_colour:
                     for j in range(grid[0, SHAPE + 2]):
-                        c = line * grid[0, SHAPE + 2] + j
-                        if start[c + 1] > start[c]:
-                            _add_cell(fraction, order, rows, stencil, grid, start[c], start[c + 1], one, two, j, dim)
+                        number = line * grid[0, SHAPE + 2] + j
+                        if cell_lists[number + 1] > cell_lists[number]:
+                            _add_cell(coordinates, cell_lists, rows, levels, grid, number, one, two, j, dim)

@@ -1,30 +1,50 @@
-"""The background grid: how its levels lie in memory, and kernels that form its operators by Galerkin products.
+"""The background grids: how their levels lie in memory, and kernels that form the operators by Galerkin products.
 
-Every level is a box of grid nodes with a rim of `REACH` more on all sides, on which all values are zero: so no loop
-asks where the grid ends. Levels lie one behind the other in flat arrays. The last axis is contiguous; a line of
-it is what the innermost loops run along, and what the processor's vector units work on. A level's stencil holds its
-operator's entries to all grid nodes within `REACH`, place by place: each place is an array like the level.
+Every level is a box of grid nodes with a rim of `REACH` more on all sides, on which all values are zero, so that no
+loop asks where the grid ends. The last axis is contiguous; a line along it is what the innermost loops run over, and
+what the processor's vector units work on. A level's stencil holds the operator's entries to all grid nodes within
+`REACH`, place by place: each place is an array like the level.
 
-From a level to the next coarser one it goes axis by axis, the last axis first; between two levels lie grids that are
-coarser along some axes only. A fine node between two coarse ones takes its value from both, weighted by how
-strongly the operator couples it to either side (J. E. Dendy, J. Comput. Phys. 48, 1982, for one axis): a bubble of a
-light fluid stays a bubble on the coarse grid, whatever the lines between which it lies.
+Coarsening goes axis by axis, the last axis first; between two levels lie grids that are coarser along some axes only.
+A fine node between two coarse ones takes its value from both, weighted by how strongly the operator couples it to
+either side (J. E. Dendy, J. Comput. Phys. 48, 1982, for one axis). So a bubble of a light fluid remains visible on the
+coarse grid, whatever its position between the grid lines.
 
-``grid`` (L, 9) describes grid by grid, the levels first: the first entry, the number of entries with the rim, the shape
-(3) and the strides (2) of all axes but the last, axes that are missing in front being of length 1 and stride 0; the
-stencil's first entry; and the number of the grid that is coarser along the next axis.
+All grids share one flat array of reals, ``levels``: five vectors of all grids one after the other (right-hand side,
+solution, damped inverse diagonal, interpolation weights, residual), then the stencils. The integers ``grid`` (G, 14)
+say where a grid's part is. Row by row, the levels first and the grids between them behind, the columns are:
+
+- `RHS`, `SOLUTION`, `DIAGONAL`, `WEIGHTS`, `RESIDUAL`: first entry of the grid's part of each vector;
+- `SIZE`: number of entries, with the rim;
+- `SHAPE` (3 columns): number of grid nodes along each axis, 1 for a missing first axis in 2-D;
+- `STRIDE` (2 columns): entries between neighbours along all axes but the last, 0 for a missing one;
+- `STENCIL`: first entry of the stencil;
+- `NEXT`: number of the grid that is coarser along the next axis;
+- `LEVELS`: number of levels, the same in all rows.
+
+The cycle's vectors on the N mesh nodes stand in an array ``vectors`` of their own, in the same order, each from the
+entry N times its number on. In place of weights it holds `ENERGY`, see `tipfem.linalg.multigrid.deflation`; behind the
+residual lies that of the links, see `tipfem.linalg.multigrid.grid_assembly`.
 """
 
 import itertools
 
 import taichi as ti
 
+from tipfem.backend.array_types import Ints1, Ints2, Reals1, Template
 from tipfem.backend.barrier import share, synchronise
 from tipfem.backend.launch import kernel, part_of
 
 REACH = 2  # a mesh edge joins nodes of neighbouring cells, whose corners are two grid nodes apart
 PLACES = 2 * REACH + 1  # of a stencil along an axis
-START, SIZE, SHAPE, STRIDE, STENCIL, NEXT = 0, 1, 2, 5, 7, 8
+# Vectors on the mesh and on the grids, and the columns of ``grid``.
+RHS, SOLUTION, DIAGONAL, WEIGHTS, RESIDUAL = range(5)
+VECTORS = 5
+ENERGY = WEIGHTS  # on the mesh, in place of weights
+SIZE, SHAPE, STRIDE, STENCIL, NEXT, LEVELS = 5, 6, 9, 11, 12, 13
+COLUMNS = 14
+
+GRID_NODE = 40.0  # nanoseconds of one thread for a grid node of the finest level in `coarsen_all_levels`
 
 
 def corners(dim: int) -> list[tuple[int, ...]]:
@@ -33,20 +53,20 @@ def corners(dim: int) -> list[tuple[int, ...]]:
 
 
 @ti.func
-def lines(grid: ti.template(), level):
+def lines(grid: Template, level):
     """Number of a level's lines."""
     return grid[level, SHAPE] * grid[level, SHAPE + 1]
 
 
 @ti.func
-def line_start(grid: ti.template(), level, line, dim: ti.template()):
+def line_start(grid: Template, level, line, dim: Template):
     """Where a line of a level begins, relative to the level's first entry."""
     n = grid[level, SHAPE + 1]
     return line_at(grid, level, line // n, line % n, dim)
 
 
 @ti.func
-def line_at(grid: ti.template(), level, i, j, dim: ti.template()):
+def line_at(grid: Template, level, i, j, dim: Template):
     """The same for the line of numbers i, j along the axes before the last; i is 0 in 2-D. It may lie in the rim."""
     start = REACH + (j + REACH) * grid[level, STRIDE + 1]
     if ti.static(dim == 3):
@@ -55,7 +75,7 @@ def line_at(grid: ti.template(), level, i, j, dim: ti.template()):
 
 
 @ti.func
-def row_shift(grid: ti.template(), level, row, dim: ti.template()):
+def row_shift(grid: Template, level, row, dim: Template):
     """How far away, in entries, row ``row`` of a stencil's places lies; a row has `PLACES` of them."""
     shift = (row - REACH) * grid[level, STRIDE + 1]
     if ti.static(dim == 3):
@@ -64,7 +84,7 @@ def row_shift(grid: ti.template(), level, row, dim: ti.template()):
 
 
 @ti.func
-def entry(grid: ti.template(), level, i, dim: ti.template()):
+def entry(grid: Template, level, i, dim: Template):
     """Entry of grid node ``i`` (dim,), relative to the level's first one."""
     at = i[dim - 1] + REACH
     for k in ti.static(range(dim - 1)):
@@ -73,39 +93,46 @@ def entry(grid: ti.template(), level, i, dim: ti.template()):
 
 
 @ti.func
-def cell_number(cell: ti.template(), grid: ti.template(), i, dim: ti.template()):
-    """Number of the cell of the finest level that mesh node ``i`` is in; as many as the level has grid nodes."""
+def cell_index(coordinates: Template, grid: Template, i, axis: Template, dim: Template):
+    """Index along an axis of the finest level's cell that mesh node ``i`` is in.
+
+    ``coordinates`` (N, d) are those of the nodes relative to the grid's lower corner, in sides of the cells. On the
+    upper boundary the last cell counts.
+    """
+    index = ti.cast(ti.floor(coordinates[i, axis]), ti.i32)
+    return ti.max(ti.min(index, grid[0, SHAPE + 3 - dim + axis] - 2), 0)
+
+
+@ti.func
+def cell_of(coordinates: Template, grid: Template, i, dim: Template):
+    """Indices (dim,) of the finest level's cell that mesh node ``i`` is in."""
+    cell = ti.Vector.zero(ti.i32, dim)
+    for k in ti.static(range(dim)):
+        cell[k] = cell_index(coordinates, grid, i, k, dim)
+    return cell
+
+
+@ti.func
+def cell_number(coordinates: Template, grid: Template, i, dim: Template):
+    """Number of the finest level's cell that mesh node ``i`` is in; there are as many numbers as grid nodes."""
     number = 0
     for k in ti.static(range(dim)):
-        number = number * grid[0, SHAPE + 3 - dim + k] + cell[i, k]
+        number = number * grid[0, SHAPE + 3 - dim + k] + cell_index(coordinates, grid, i, k, dim)
     return number
 
 
 @ti.func
-def cell_at(grid: ti.template(), line, j, corner: ti.template(), dim: ti.template()):
-    """Number of the finest level's cell of which entry ``j`` of a line is this corner; -1 if there is none."""
-    across = grid[0, SHAPE + 1]
-    at = ti.Vector([line // across, line % across, j])
-    number = 0
-    inside = True
-    for k in ti.static(range(dim)):
-        index = at[3 - dim + k] - ti.static(corner[k])
-        inside = inside and index >= 0
-        number = number * grid[0, SHAPE + 3 - dim + k] + index
-    return ti.select(inside, number, -1)
-
-
-@ti.func
-def weight(fraction: ti.template(), i, corner: ti.template(), dim: ti.template()):
-    """Multilinear weight of a corner of the node's grid cell."""
+def weight(coordinates: Template, cell: Template, i, corner: Template, dim: Template):
+    """Multilinear weight of a corner of ``cell`` (dim,), in which mesh node ``i`` is."""
     w = 1.0
     for k in ti.static(range(dim)):
-        w *= fraction[i, k] if ti.static(corner[k] == 1) else 1.0 - fraction[i, k]
+        fraction = coordinates[i, k] - cell[k]
+        w *= fraction if ti.static(corner[k] == 1) else 1.0 - fraction
     return w
 
 
 @ti.func
-def axis_stride(grid: ti.template(), level, axis, dim: ti.template()):
+def axis_stride(grid: Template, level, axis, dim: Template):
     """How far apart neighbours along an axis are, in entries."""
     stride = 1
     if axis < dim - 1:
@@ -114,7 +141,7 @@ def axis_stride(grid: ti.template(), level, axis, dim: ti.template()):
 
 
 @ti.func
-def places_apart(axis, dim: ti.template()):
+def places_apart(axis, dim: Template):
     """How far apart neighbouring places of a stencil along an axis are."""
     apart = 1
     for k in ti.static(range(dim - 1)):
@@ -124,7 +151,7 @@ def places_apart(axis, dim: ti.template()):
 
 
 @ti.func
-def fine_start(grid: ti.template(), fine, coarse, line, axis, dim: ti.template()):
+def fine_start(grid: Template, fine, coarse, line, axis, dim: Template):
     """Where the fine line begins that has twice the coarse one's number along the axis, relative to the first entry."""
     across = grid[coarse, SHAPE + 1]
     one, two = line // across, line % across
@@ -151,36 +178,33 @@ def parents(place: int) -> list[tuple[int, int, int, int]]:
 
 
 @ti.func
-def _weigh_line(
-    stencil: ti.template(), weights: ti.template(), grid: ti.template(), fine, line, axis, dim: ti.template()
-):
-    """Weights of a line of a grid, laid out as it is: the part of a node's value along an axis that comes from the
-    lower side.
+def _compute_weights(levels: Template, grid: Template, fine, line, axis, dim: Template):
+    """Interpolation weights along an axis, for a line of a grid: the part of a node's value that comes from the lower
+    side.
     """
     size, inside = grid[fine, SIZE], line_start(grid, fine, line, dim)
     entries = grid[fine, STENCIL] + inside
+    weights = grid[fine, WEIGHTS] + inside
     apart = places_apart(axis, dim)
     for j in range(grid[fine, SHAPE + 2]):
         lower, upper = 0.0, 0.0
         for others in range(ti.static(PLACES ** (dim - 1))):
             base = others // apart * (apart * PLACES) + others % apart
             for k in ti.static(range(REACH)):
-                lower -= stencil[entries + (base + k * apart) * size + j]
-                upper -= stencil[entries + (base + (PLACES - 1 - k) * apart) * size + j]
+                lower -= levels[entries + (base + k * apart) * size + j]
+                upper -= levels[entries + (base + (PLACES - 1 - k) * apart) * size + j]
         lower, upper = ti.max(lower, 0.0), ti.max(upper, 0.0)
         both = lower + upper
-        weights[grid[fine, START] + inside + j] = ti.select(both > 0.0, lower / ti.max(both, 1e-300), 0.5)
+        levels[weights + j] = ti.select(both > 0.0, lower / ti.max(both, 1e-300), 0.5)
 
 
 @ti.func
-def _coarsen_line(
-    stencil: ti.template(), weights: ti.template(), grid: ti.template(), fine, coarse, line, axis, dim: ti.template()
-):
-    """A line of the Galerkin product along one axis with these weights; P^T A P takes one for each axis."""
+def _galerkin_product(levels: Template, grid: Template, fine, coarse, line, axis, dim: Template):
+    """A line of the Galerkin product P^T A P along one axis; a level needs one for each axis."""
     from_size, to_size = grid[fine, SIZE], grid[coarse, SIZE]
     to = grid[coarse, STENCIL] + line_start(grid, coarse, line, dim)
     inside = fine_start(grid, fine, coarse, line, axis, dim)
-    at, points = grid[fine, STENCIL] + inside, grid[fine, START] + inside
+    at, weights = grid[fine, STENCIL] + inside, grid[fine, WEIGHTS] + inside
     step = 2 if axis == dim - 1 else 1
     stride = axis_stride(grid, fine, axis, dim)
     apart = places_apart(axis, dim)
@@ -188,82 +212,76 @@ def _coarsen_line(
         # The place along the axis is zero here; all others are what ``others`` counts, and where its column is.
         base = others // apart * (apart * PLACES) + others % apart
         shift = 0
-        rest = others
+        remainder = others
         for k in ti.static(range(dim - 1, -1, -1)):
             if k != axis:
-                shift += (rest % PLACES - REACH) * axis_stride(grid, fine, k, dim)
-                rest = rest // PLACES
+                shift += (remainder % PLACES - REACH) * axis_stride(grid, fine, k, dim)
+                remainder = remainder // PLACES
         target, source = to + base * to_size, at + base * from_size
         for j in range(grid[coarse, SHAPE + 2]):
             for place in ti.static(range(PLACES)):
                 total = 0.0
                 for near, fine_place, column, side in ti.static(parents(place)):
                     row = near * stride + step * j
-                    value = stencil[source + fine_place * apart * from_size + row]
+                    value = levels[source + fine_place * apart * from_size + row]
                     if ti.static(near == -1):
-                        value *= 1.0 - weights[points + row]
+                        value *= 1.0 - levels[weights + row]
                     if ti.static(near == 1):
-                        value *= weights[points + row]
+                        value *= levels[weights + row]
                     if ti.static(side == -1):
-                        value *= weights[points + shift + column * stride + step * j]
+                        value *= levels[weights + shift + column * stride + step * j]
                     if ti.static(side == 1):
-                        value *= 1.0 - weights[points + shift + column * stride + step * j]
+                        value *= 1.0 - levels[weights + shift + column * stride + step * j]
                     total += value
-                stencil[target + place * apart * to_size + j] = total
+                levels[target + place * apart * to_size + j] = total
 
 
 @kernel
 def coarsen_axis(
-    stencil: ti.types.ndarray(),
-    weights: ti.types.ndarray(),
-    grid: ti.types.ndarray(),
-    fine: ti.i32,
-    axis: ti.i32,
-    dim: ti.template(),
-    parts: ti.i32,
-    stride: ti.template(),
+    levels: Reals1, grid: Ints2, fine: ti.i32, axis: ti.i32, dim: Template, parts: ti.i32, stride: Template
 ):
-    """Weights of a grid along an axis, and the Galerkin product on the one that is coarser along it."""
+    """Weights of the grid number ``fine`` along an axis, and the Galerkin product on the grid coarser along it.
+
+    For devices whose threads cannot wait for each other; elsewhere `coarsen_all_levels` does all in one launch.
+    """
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, lines(grid, fine))
         for line in range(first, last):
-            _weigh_line(stencil, weights, grid, fine, line, axis, dim)
+            _compute_weights(levels, grid, fine, line, axis, dim)
     for t in range(parts * stride):
         coarse = grid[fine, NEXT]
         first, last = part_of(t, parts, stride, lines(grid, coarse))
         for line in range(first, last):
-            _coarsen_line(stencil, weights, grid, fine, coarse, line, axis, dim)
+            _galerkin_product(levels, grid, fine, coarse, line, axis, dim)
 
 
 @kernel
-def coarsen_together(
-    stencil: ti.types.ndarray(),
-    weights: ti.types.ndarray(),
-    grid: ti.types.ndarray(),
-    levels: ti.i32,
-    dim: ti.template(),
-    barrier: ti.types.ndarray(),
+def coarsen_all_levels(
+    levels: Reals1,
+    grid: Ints2,
+    dim: Template,
+    stride: Template,
+    serial: Template,
     threads: ti.i32,
-    stride: ti.template(),
-    serial: ti.template(),
+    barrier: Ints1,
 ):
-    """The same for all levels and axes, by a team of threads."""
+    """Weights and Galerkin products of all levels and axes."""
     ti.loop_config(serialize=serial)
     for t in range(threads * stride):
         if t % stride == 0:
             thread = t // stride
             fine = 0
-            for number in range((levels - 1) * dim):
+            for number in range((grid[0, LEVELS] - 1) * dim):
                 axis = dim - 1 - number % dim
                 if axis == dim - 1:
                     fine = number // dim
                 coarse = grid[fine, NEXT]
                 first, last = share(thread, threads, lines(grid, fine))
                 for line in range(first, last):
-                    _weigh_line(stencil, weights, grid, fine, line, axis, dim)
+                    _compute_weights(levels, grid, fine, line, axis, dim)
                 synchronise(barrier, threads)
                 first, last = share(thread, threads, lines(grid, coarse))
                 for line in range(first, last):
-                    _coarsen_line(stencil, weights, grid, fine, coarse, line, axis, dim)
+                    _galerkin_product(levels, grid, fine, coarse, line, axis, dim)
                 synchronise(barrier, threads)
                 fine = coarse

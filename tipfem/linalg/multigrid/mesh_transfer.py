@@ -1,157 +1,139 @@
-"""Kernels of the multigrid cycle on the mesh: smoothing there, and transfers to and from the finest grid.
+"""Device functions of the multigrid cycle on the mesh: smoothing there, and transfers to and from the finest grid.
 
-Grids are laid out as in `grid_hierarchy`. ``relax`` is the damped inverse diagonal of an operator. What is done
-for a node or a line stands in functions: `tipfem.step.fused_iteration` makes one kernel for a team of threads of them,
-`down_mesh` and `up_mesh` are for devices whose threads cannot wait for each other.
+``vectors`` holds the cycle's vectors on the mesh, ``levels`` those on the grids, see `grid_hierarchy`; the matrix
+on the mesh is in CSR. ``cell_lists`` holds the mesh nodes in each grid cell, cell by cell: those of grid cell c are
+``cell_lists[cell_lists[c]:cell_lists[c + 1]]``.
 """
 
 import taichi as ti
 
-from tipfem.backend.launch import kernel, part_of
+from tipfem.backend.array_types import Ints1, Ints2, Reals1, Template
+from tipfem.backend.launch import kernel
 from tipfem.linalg.multigrid.grid_hierarchy import (
+    DIAGONAL,
+    LEVELS,
     PLACES,
+    RESIDUAL,
+    RHS,
     SHAPE,
     SIZE,
-    START,
+    SOLUTION,
     STENCIL,
-    cell_at,
+    cell_of,
     corners,
     entry,
     line_start,
-    lines,
     weight,
 )
+from tipfem.linalg.multigrid.grid_transfer import smooth_line
 
 OMEGA = 0.8  # damping of Jacobi's method
+MESH_ROW = 30.0  # nanoseconds of one thread for a mesh node's row of the matrix
 
 
 @ti.func
-def rest_of_row(
-    row_offsets: ti.template(), columns: ti.template(), values: ti.template(), b: ti.template(), x: ti.template(), i
-):
-    """b - A x in row ``i`` of a matrix in CSR."""
-    rest = b[i]
+def residual_row(row_offsets: Template, columns: Template, values: Template, vectors: Template, x: Template, i, nodes):
+    """b - A x in row ``i``: b is the right-hand side, x the vector of that number in ``vectors``."""
+    residual = vectors[RHS * nodes + i]
     for s in range(row_offsets[i], row_offsets[i + 1]):
-        rest -= values[s] * x[columns[s]]
-    return rest
+        residual -= values[s] * vectors[x * nodes + columns[s]]
+    return residual
+
+
+@ti.func
+def pre_smooth_node(vectors: Template, i, nodes):
+    """Damped Jacobi's method from x = 0 at mesh node ``i``: x = D b."""
+    vectors[SOLUTION * nodes + i] = vectors[DIAGONAL * nodes + i] * vectors[RHS * nodes + i]
+
+
+@ti.func
+def correct_node(vectors: Template, coordinates: Template, levels: Template, grid: Template, i, nodes, dim: Template):
+    """x and the grids' correction at mesh node ``i``; it replaces the residual, so that the sweep after it reads it."""
+    vectors[RESIDUAL * nodes + i] = vectors[SOLUTION * nodes + i] + interpolated(coordinates, levels, grid, i, dim)
+
+
+@ti.func
+def post_smooth_node(row_offsets: Template, columns: Template, values: Template, vectors: Template, i, nodes):
+    """Damped Jacobi's method at mesh node ``i``, from what `correct_node` left; 0 where there is no equation."""
+    residual = residual_row(row_offsets, columns, values, vectors, RESIDUAL, i, nodes)
+    diagonal = vectors[DIAGONAL * nodes + i]
+    vectors[SOLUTION * nodes + i] = ti.select(diagonal > 0.0, vectors[RESIDUAL * nodes + i] + diagonal * residual, 0.0)
 
 
 @ti.func
 def restrict_to_line(
-    residual: ti.template(),
-    fraction: ti.template(),
-    order: ti.template(),
-    start: ti.template(),
-    grid_b: ti.template(),
-    grid: ti.template(),
+    vectors: Template,
+    coordinates: Template,
+    cell_lists: Template,
+    levels: Template,
+    grid: Template,
     line,
-    dim: ti.template(),
+    nodes,
+    dim: Template,
 ):
-    """A line of the finest grid's right side: what is left at the nodes in the cells around, weighted."""
-    to = grid[0, START] + line_start(grid, 0, line, dim)
+    """A line of the finest grid's right-hand side P^T r, P the linear interpolation; then pre-smooth there."""
+    to = grid[0, RHS] + line_start(grid, 0, line, dim)
+    across = grid[0, SHAPE + 1]
+    at = ti.Vector([line // across, line % across, 0])
     for j in range(grid[0, SHAPE + 2]):
+        at[2] = j
         total = 0.0
         for corner in ti.static(corners(dim)):
-            c = cell_at(grid, line, j, corner, dim)
-            if c >= 0:
-                for m in range(start[c], start[c + 1]):
-                    total += weight(fraction, order[m], corner, dim) * residual[order[m]]
-        grid_b[to + j] = total
+            # The grid cell of which this grid node is that corner, if there is one.
+            cell = ti.Vector.zero(ti.i32, dim)
+            number = 0
+            inside = True
+            for k in ti.static(range(dim)):
+                cell[k] = at[3 - dim + k] - ti.static(corner[k])
+                inside = inside and cell[k] >= 0
+                number = number * grid[0, SHAPE + 3 - dim + k] + cell[k]
+            if inside:
+                for m in range(cell_lists[number], cell_lists[number + 1]):
+                    i = cell_lists[m]
+                    total += weight(coordinates, cell, i, corner, dim) * vectors[RESIDUAL * nodes + i]
+        levels[to + j] = total
+    smooth_line(levels, grid, 0, line, RHS, True, dim)
 
 
 @ti.func
-def interpolated(
-    cell: ti.template(), fraction: ti.template(), grid_x: ti.template(), grid: ti.template(), i, dim: ti.template()
-):
-    """The finest grid's values at node ``i``."""
-    at = ti.Vector([cell[i, k] for k in ti.static(range(dim))])
+def interpolated(coordinates: Template, levels: Template, grid: Template, i, dim: Template):
+    """The finest grid's solution, interpolated (multi-)linearly to mesh node ``i``."""
+    cell = cell_of(coordinates, grid, i, dim)
     total = 0.0
     for corner in ti.static(corners(dim)):
-        near = grid[0, START] + entry(grid, 0, at + ti.Vector(corner), dim)
-        total += weight(fraction, i, corner, dim) * grid_x[near]
+        near = grid[0, SOLUTION] + entry(grid, 0, cell + ti.Vector(corner), dim)
+        total += weight(coordinates, cell, i, corner, dim) * levels[near]
     return total
 
 
 @kernel
 def damped_inverse_diagonals(
-    row_offsets: ti.types.ndarray(),
-    columns: ti.types.ndarray(),
-    values: ti.types.ndarray(),
-    relax: ti.types.ndarray(),
-    stencil: ti.types.ndarray(),
-    grid_relax: ti.types.ndarray(),
-    grid: ti.types.ndarray(),
+    row_offsets: Ints1,
+    columns: Ints1,
+    values: Reals1,
+    vectors: Reals1,
+    levels: Reals1,
+    grid: Ints2,
     nodes: ti.i32,
-    levels: ti.i32,
-    dim: ti.template(),
-    serial: ti.template(),
+    dim: Template,
+    serial: Template,
 ):
-    """relax (N,) = OMEGA / a_ii of a matrix in CSR, and the same for all grids; 0 where there is no equation."""
+    """OMEGA / a_ii of the matrix on the mesh and of the operators on all levels; 0 where there is no equation.
+
+    On the coarsest level, which Gauss-Seidel solves without damping, 1 / a_ii.
+    """
     ti.loop_config(serialize=serial)
     for i in range(nodes):
-        relax[i] = 0.0
+        vectors[DIAGONAL * nodes + i] = 0.0
         for s in range(row_offsets[i], row_offsets[i + 1]):
             if columns[s] == i and values[s] > 0.0:
-                relax[i] = OMEGA / values[s]
+                vectors[DIAGONAL * nodes + i] = OMEGA / values[s]
     ti.loop_config(serialize=serial)
-    for t in range(grid[0, START], grid[levels - 1, START] + grid[levels - 1, SIZE]):
+    for t in range(grid[0, DIAGONAL], grid[grid[0, LEVELS] - 1, DIAGONAL] + grid[grid[0, LEVELS] - 1, SIZE]):
         level = 0
-        while t >= grid[level, START] + grid[level, SIZE]:
+        while t >= grid[level, DIAGONAL] + grid[level, SIZE]:
             level += 1
         middle = ti.static(PLACES**dim // 2)
-        diagonal = stencil[grid[level, STENCIL] + middle * grid[level, SIZE] + t - grid[level, START]]
-        grid_relax[t] = ti.select(diagonal > 0.0, OMEGA / diagonal, 0.0)
-
-
-@kernel
-def down_mesh(
-    b: ti.types.ndarray(),
-    x: ti.types.ndarray(),
-    residual: ti.types.ndarray(),
-    relax: ti.types.ndarray(),
-    row_offsets: ti.types.ndarray(),
-    columns: ti.types.ndarray(),
-    values: ti.types.ndarray(),
-    fraction: ti.types.ndarray(),
-    order: ti.types.ndarray(),
-    start: ti.types.ndarray(),
-    grid_b: ti.types.ndarray(),
-    grid: ti.types.ndarray(),
-    nodes: ti.i32,
-    dim: ti.template(),
-    parts: ti.i32,
-    stride: ti.template(),
-):
-    """One sweep from zero on the mesh, and what is left restricted to the finest grid."""
-    for i in range(nodes):
-        x[i] = relax[i] * b[i]
-    for i in range(nodes):
-        residual[i] = rest_of_row(row_offsets, columns, values, b, x, i)
-    for t in range(parts * stride):
-        first, last = part_of(t, parts, stride, lines(grid, 0))
-        for line in range(first, last):
-            restrict_to_line(residual, fraction, order, start, grid_b, grid, line, dim)
-
-
-@kernel
-def up_mesh(
-    b: ti.types.ndarray(),
-    x: ti.types.ndarray(),
-    corrected: ti.types.ndarray(),
-    relax: ti.types.ndarray(),
-    row_offsets: ti.types.ndarray(),
-    columns: ti.types.ndarray(),
-    values: ti.types.ndarray(),
-    cell: ti.types.ndarray(),
-    fraction: ti.types.ndarray(),
-    grid_x: ti.types.ndarray(),
-    grid: ti.types.ndarray(),
-    nodes: ti.i32,
-    dim: ti.template(),
-):
-    """The finest grid's correction interpolated to the nodes, and one sweep on the mesh; 0 where is no equation."""
-    for i in range(nodes):
-        corrected[i] = x[i] + interpolated(cell, fraction, grid_x, grid, i, dim)
-    for i in range(nodes):
-        rest = rest_of_row(row_offsets, columns, values, b, corrected, i)
-        x[i] = ti.select(relax[i] > 0.0, corrected[i] + relax[i] * rest, 0.0)
+        diagonal = levels[grid[level, STENCIL] + middle * grid[level, SIZE] + t - grid[level, DIAGONAL]]
+        damping = 1.0 if level == grid[0, LEVELS] - 1 else OMEGA
+        levels[t] = ti.select(diagonal > 0.0, damping / diagonal, 0.0)

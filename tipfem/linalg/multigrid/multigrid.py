@@ -1,46 +1,69 @@
 """Multigrid on a background grid: the approximate inverse of the pressure Laplacian on the mesh.
 
-The mesh changes every step, the grid never does. Nodes interpolate (multi-)linearly to a uniform
-grid of about twice the spacing; below it, grids coarsen by two. All coarse operators are Galerkin
-products, so they know the jump of the density; their stencils reach two grid nodes in every
-direction. Sums are gathered, never scattered with atomics: results are repeatable bit by bit.
+The mesh changes every step, the grid does not. Particles interpolate (multi-)linearly to a uniform grid of about twice
+their spacing; below it, grids coarsen by two. All coarse operators are Galerkin products, so they represent the jump of
+the density; their stencils reach two grid nodes in every direction. Sums are gathered, never scattered with atomic
+operations: results are repeatable bit by bit.
 """
 
 from typing import Any
 
 import numpy as np
 
-from tipfem.backend import barrier
 from tipfem.backend.arrays import Buffers
+from tipfem.backend.barrier import available
 from tipfem.backend.launch import launch
-from tipfem.linalg.multigrid.fused_cycle import cycle_together
-from tipfem.linalg.multigrid.grid_assembly import assemble_first, count_links, find_cells, lay_links, sort_into_cells
-from tipfem.linalg.multigrid.grid_hierarchy import NEXT, PLACES, REACH, SIZE, STENCIL, coarsen_axis, coarsen_together
-from tipfem.linalg.multigrid.mesh_transfer import damped_inverse_diagonals, down_mesh, up_mesh
-from tipfem.linalg.multigrid.v_cycle import coarsest_grid, down_grid, up_grid
-from tipfem.linalg.sparsity import accumulate
-
-COARSEST_SWEEPS = 20
-ENTRIES = 40.0  # nanoseconds that a thread takes for a grid node in the product along an axis
-FIND = 10.0  # for a particle's cell
-ROW = 30.0  # for a particle's row in a sweep
-PRODUCT = 60.0  # for a particle in the product on the finest grid
-CYCLE = 300.0  # for a particle in a cycle
+from tipfem.linalg.multigrid.fused_cycle import CYCLE, cycle_from_zero
+from tipfem.linalg.multigrid.grid_assembly import (
+    CHAINS,
+    LOCATE,
+    PRODUCT,
+    assemble_finest,
+    count_links,
+    fill_lists,
+    locate_nodes,
+    place_links,
+    start_lists,
+)
+from tipfem.linalg.multigrid.grid_hierarchy import (
+    COLUMNS,
+    GRID_NODE,
+    LEVELS,
+    NEXT,
+    PLACES,
+    REACH,
+    SHAPE,
+    SIZE,
+    STENCIL,
+    STRIDE,
+    VECTORS,
+    coarsen_all_levels,
+    coarsen_axis,
+)
+from tipfem.linalg.multigrid.mesh_transfer import MESH_ROW, damped_inverse_diagonals
+from tipfem.linalg.multigrid.v_cycle import ascend, ascend_to_mesh, descend, descend_from_mesh, solve_coarsest_level
+from tipfem.linalg.sparsity import Csr, running_sums
+from tipfem.typing import Array
 
 
 class BackgroundMultigrid:
-    """Hierarchy of uniform grids over a box, for Laplacians on clouds inside it.
+    """Hierarchy of uniform grids over a box, for Laplacians on clouds of particles inside it.
 
     Args:
         lower, upper: (d,) corners of the box [m].
-        spacing: of the finest grid [m]; about twice the particles' distance.
+        spacing: of the finest grid [m]; about twice that of the particles.
         buffers: where the arrays live between steps.
 
     Attributes:
-        together: whether threads do a cycle in one launch, waiting for each other; they do on processors.
+        dimension, spacing, lower: as given.
+        shapes: (L, d) numbers of grid nodes of the levels along the axes.
+        layout: (G, 14) where the grids lie in memory, see `grid_hierarchy`.
+        fused: whether a cycle is one launch; on processors it is.
+        grid, levels: device arrays of the grids, see `grid_hierarchy`.
+        vectors, coordinates, cell_lists: device arrays of the mesh nodes, see `mesh_transfer`; set by `build`.
     """
 
-    def __init__(self, lower: np.ndarray, upper: np.ndarray, spacing: float, buffers: Buffers) -> None:
+    def __init__(self, lower: Array, upper: Array, spacing: float, buffers: Buffers) -> None:
         self.dimension = len(lower)
         self.lower = np.asarray(lower, dtype=float)
         self.spacing = float(spacing)
@@ -49,188 +72,122 @@ class BackgroundMultigrid:
         shapes = [cells + 1]
         while shapes[-1].max() > 5:
             shapes.append((shapes[-1] - 1 + 1) // 2 + 1)
-        self.levels = len(shapes)
         self.shapes = np.array(shapes, dtype=np.int32)
-        sizes = self.shapes.prod(axis=1)
-        self._cells = int(sizes[0])
-        self.grid, self._passes = _layout(self.shapes)
-        self._grid = buffers.upload("mg.grid", self.grid)
-        self._lower = buffers.upload("mg.lower", self.lower)
-        # Rims are zero for good: no kernel writes there.
-        total = int(self.grid[-1, :2].sum() + self.grid[0, 0])
-        stencils = int((self.grid[:, STENCIL] + self.grid[:, 1] * PLACES**self.dimension).max())
-        self._stencil = buffers.upload("mg.stencil", np.zeros(stencils))
-        self._x, self._b, self._r, self._grid_relax, self._weights = (
-            buffers.upload(f"mg.{name}", np.zeros(total)) for name in ("x", "b", "r", "grid_relax", "weights")
-        )
-        self._nodes, self.together = 0, barrier.available()
+        self._cells = int(self.shapes[0].prod())
+        self.layout, self._passes, entries = _layout(self.shapes)
+        self.grid = buffers.upload("multigrid.grid", self.layout)
+        # Rims are zero and stay so: no kernel writes there.
+        self.levels = buffers.upload("multigrid.levels", np.zeros(entries))
+        self._lower = buffers.upload("multigrid.lower", self.lower)
+        self._nodes, self.fused = 0, available()
+        self.vectors: Any = None
+        self.coordinates: Any = None
+        self.cell_lists: Any = None
 
-    def build(self, position: Any, row_offsets: Any, columns: Any, values: Any, nodes: int) -> None:
-        """Take over a Laplacian in CSR on ``nodes`` nodes at ``position`` (N, d), and form the coarse operators.
+    def build(self, position: Any, matrix: Csr, nodes: int) -> None:
+        """Take over a Laplacian on the mesh, and form the coarse operators.
 
-        All arguments are device arrays: row_offsets (N + 1,), columns and values. Rows sum to zero, but
-        for Dirichlet conditions.
+        Args:
+            position: (N, d) device array of the particles [m].
+            matrix: on the device; rows sum to zero, but for Dirichlet conditions.
+            nodes: N.
         """
-        self._nodes = nodes
-        self._matrix = (row_offsets, columns, values)
-        get, dim = self.buffers.get, self.dimension
-        self._start = get("mg.start", self._cells + 1, integer=True)
-        cursor = get("mg.cursor", max(self._cells, nodes), integer=True)
-
-        def settle_nodes(room: int) -> None:
-            self._cell, self._fraction = get("mg.cell", room, dim, integer=True), get("mg.fraction", room, dim)
-            launch(
-                find_cells,
-                position,
-                self._lower,
-                self._grid,
-                self._cell,
-                self._fraction,
-                self._start,
-                self.spacing,
-                nodes,
-                self._cells,
-                dim,
-                work=(nodes, FIND),
-            )
-
-        settle_nodes(nodes)
-        links = get("mg.links", nodes + 1, integer=True)
-        launch(count_links, *self._matrix, self._cell, self._fraction, links, nodes, dim, work=(nodes, ROW))
-        count = nodes + launch(accumulate, links, cursor, nodes)
-        rows, self._residual = get("mg.rows", count, 4**dim), get("mg.residual", count)
+        self._nodes, self._matrix = nodes, matrix
+        get, dim, cells = self.buffers.get, self.dimension, self._cells
+        cursor = get("multigrid.cursor", cells, integer=True)
+        lists = self._locate(position, nodes, nodes)
+        links = get("multigrid.links", nodes + 1, integer=True)
+        work = (nodes, CHAINS)
+        launch(count_links, *matrix, self.coordinates, self.grid, links, nodes, dim, work=work)
+        count = nodes + launch(running_sums, links, nodes)
+        rows = get("multigrid.rows", count, 4**dim)
+        self.vectors = get("multigrid.vectors", (VECTORS - 1) * nodes + count)
         if count > nodes:
-            if count > self._cell.shape[0]:  # a larger array is an empty one
-                settle_nodes(count)
+            if count > min(self.coordinates.shape[0], lists.shape[0] - cells - 1):
+                lists = self._locate(position, nodes, count)  # larger arrays are empty
             launch(
-                lay_links,
-                *self._matrix,
-                self._cell,
-                self._fraction,
+                place_links,
+                *matrix,
+                self.coordinates,
                 links,
                 rows,
-                self._residual,
-                self._start,
-                self._grid,
+                self.vectors,
+                lists,
+                self.grid,
                 nodes,
                 dim,
-                work=(nodes, ROW),
+                work=work,
             )
-        self._order = get("mg.order", count, integer=True)
-        launch(accumulate, self._start, cursor, self._cells)
-        launch(sort_into_cells, self._cell, self._grid, self._start, cursor, self._order, count, self._cells, dim)
+        launch(start_lists, lists, cursor, cells)
+        launch(fill_lists, self.coordinates, self.grid, lists, cursor, count, cells, dim)
         launch(
-            assemble_first,
-            self._cell,
-            self._fraction,
-            self._order,
-            self._start,
-            *self._matrix,
+            assemble_finest,
+            self.coordinates,
+            lists,
+            *matrix,
             rows,
-            self._stencil,
-            self._grid,
+            self.levels,
+            self.grid,
             nodes,
             dim,
             work=(nodes, PRODUCT),
         )
-        operators = (self._stencil, self._weights, self._grid)
-        if self.together:
-            launch(coarsen_together, *operators, self.levels, dim, work=(int(self.grid[0, SIZE]), ENTRIES))
+        if self.fused:
+            launch(coarsen_all_levels, self.levels, self.grid, dim, work=(int(self.layout[0, SIZE]), GRID_NODE))
         else:
             for fine, axis in self._passes:
-                launch(coarsen_axis, *operators, fine, axis, dim)
-        self._relax = get("mg.relax", nodes)
+                launch(coarsen_axis, self.levels, self.grid, fine, axis, dim)
         launch(
-            damped_inverse_diagonals,
-            *self._matrix,
-            self._relax,
-            self._stencil,
-            self._grid_relax,
-            self._grid,
+            damped_inverse_diagonals, *matrix, self.vectors, self.levels, self.grid, nodes, dim, work=(nodes, MESH_ROW)
+        )
+
+    def _locate(self, position: Any, nodes: int, count: int) -> Any:
+        """Find the mesh nodes' grid cells, with room for ``count`` nodes and links; the array ``cell_lists``."""
+        get, dim = self.buffers.get, self.dimension
+        self.coordinates = get("multigrid.coordinates", count, dim)
+        self.cell_lists = get("multigrid.cell_lists", self._cells + 1 + count, integer=True)
+        launch(
+            locate_nodes,
+            position,
+            self._lower,
+            self.grid,
+            self.coordinates,
+            self.cell_lists,
+            self.spacing,
             nodes,
-            self.levels,
+            self._cells,
             dim,
-            work=(nodes, ROW),
+            work=(nodes, LOCATE),
         )
+        return self.cell_lists
 
-    def apply(self, b: Any, x: Any) -> None:
-        """One V(1,1)-cycle from zero: x (N,) approximates the solution of the Laplacian for b (N,)."""
-        dim = self.dimension
-        if self.together:
-            launch(
-                cycle_together,
-                b,
-                x,
-                self._residual,
-                self._relax,
-                *self._matrix,
-                *self.grids,
-                self._nodes,
-                self.levels,
-                COARSEST_SWEEPS,
-                dim,
-                work=(self._nodes, CYCLE),
-            )
+    def cycle(self) -> None:
+        """One V(1,1)-cycle from a zero guess, from the right-hand side to the solution in ``vectors``."""
+        vectors, levels, grid = self.vectors, self.levels, self.grid
+        nodes, dim, lists = self._nodes, self.dimension, self.cell_lists
+        on_mesh = (*self._matrix, vectors, self.coordinates)
+        if self.fused:
+            launch(cycle_from_zero, *on_mesh, lists, levels, grid, nodes, dim, work=(nodes, CYCLE))
             return
-        _, fraction, order, start, *levels = self.grids
-        stencil, _weights, relax, x_grid, b_grid, _, grid = levels
-        launch(
-            down_mesh,
-            b,
-            x,
-            self._residual,
-            self._relax,
-            *self._matrix,
-            fraction,
-            order,
-            start,
-            b_grid,
-            grid,
-            self._nodes,
-            dim,
-        )
-        for level in range(self.levels - 1):
-            launch(down_grid, *levels, level, dim)
-        launch(coarsest_grid, stencil, relax, x_grid, b_grid, grid, self.levels, COARSEST_SWEEPS, dim)
-        for level in range(self.levels - 2, -1, -1):
-            launch(up_grid, *levels, level, dim)
-        launch(
-            up_mesh, b, x, self._residual, self._relax, *self._matrix, *self.grids[:2], x_grid, grid, self._nodes, dim
-        )
-
-    @property
-    def mesh_arrays(self) -> tuple[Any, Any]:
-        """Device arrays (N,): what a sweep leaves, and the damped inverse diagonal."""
-        return self._residual, self._relax
-
-    @property
-    def grids(self) -> tuple[Any, ...]:
-        """Device arrays: cell, fraction, order and start of `grid_assembly`, stencil, weights, relax, x, b and r of all
-        levels, and what describes them."""
-        return (
-            self._cell,
-            self._fraction,
-            self._order,
-            self._start,
-            self._stencil,
-            self._weights,
-            self._grid_relax,
-            self._x,
-            self._b,
-            self._r,
-            self._grid,
-        )
+        launch(descend_from_mesh, *on_mesh, lists, levels, grid, nodes, dim)
+        for level in range(len(self.shapes) - 1):
+            launch(descend, levels, grid, level, dim)
+        launch(solve_coarsest_level, levels, grid, dim)
+        for level in range(len(self.shapes) - 2, -1, -1):
+            launch(ascend, levels, grid, level, dim)
+        launch(ascend_to_mesh, *on_mesh, levels, grid, nodes, dim)
 
 
-def _layout(shapes: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int]]]:
-    """Where levels of ``shapes`` (L, d) lie, see `grid_hierarchy`, and the passes that coarsen them.
+def _layout(shapes: Array) -> tuple[Array, list[tuple[int, int]], int]:
+    """Where grids whose levels have ``shapes`` (L, d) lie in memory, see `grid_hierarchy`.
 
-    Behind the levels come those that stand between two of them, coarser along some axes only; they have stencils
-    alone. A pass is (grid, axis): from a grid to the one that is coarser along an axis.
+    Returns:
+        The rows of ``grid`` (G, 14); the passes that coarsen the levels, as (grid, axis) from a grid to the one that is
+        coarser along an axis; the number of entries of ``levels``.
     """
-    levels, dim = shapes.shape
+    count, dim = shapes.shape
     every, passes, after = [list(map(int, shape)) for shape in shapes], [], []
-    for level in range(levels - 1):
+    for level in range(count - 1):
         fine, shape = level, list(every[level])
         for axis in reversed(range(dim)):
             shape[axis] = every[level + 1][axis]
@@ -240,19 +197,24 @@ def _layout(shapes: np.ndarray) -> tuple[np.ndarray, list[tuple[int, int]]]:
             passes.append((fine, axis))
             after.append(coarse)
             fine = coarse
-    grid = np.zeros((len(every), 9), dtype=np.int32)
-    # Loops may look, to no effect, a little beyond the rim; also before the first grid and behind the last one.
+    grid = np.zeros((len(every), COLUMNS), dtype=np.int32)
+    grid[:, LEVELS] = count
+    # Loops may read, to no effect, a little beyond the rim; also before the first grid and behind the last one.
     margin = 3 * int(np.prod(shapes[0] + 2 * REACH) // (shapes[0][0] + 2 * REACH) * 2 + 1)
     start, stencil = margin, 0
     for row, shape in zip(grid, every, strict=True):
-        rim = [n + 2 * REACH for n in shape]
-        # Places of a stencil must not lie a multiple of 4 kB apart, or they fight for the same lines of the cache.
-        size = int(np.prod(rim))
+        with_rim = [n + 2 * REACH for n in shape]
+        # Places of a stencil must not lie a multiple of 4 kB apart, or they compete for the same lines of the cache.
+        size = int(np.prod(with_rim))
         size += (24 - size) % 512
-        strides = [int(np.prod(rim[k + 1 :])) for k in range(dim - 1)]
-        row[:] = [start, size, *[1] * (3 - dim), *shape, *[0] * (3 - dim), *strides, stencil, 0]
+        row[:VECTORS], row[SIZE], row[STENCIL] = start, size, stencil
+        row[SHAPE : SHAPE + 3] = [1] * (3 - dim) + shape
+        row[STRIDE : STRIDE + 2] = [0] * (3 - dim) + [int(np.prod(with_rim[k + 1 :])) for k in range(dim - 1)]
         start += size
         stencil += size * PLACES**dim
+    entries = start + margin  # of one vector
+    grid[:, :VECTORS] += np.arange(VECTORS, dtype=np.int32) * entries
+    grid[:, STENCIL] += VECTORS * entries
     for (fine, _), coarse in zip(passes, after, strict=True):
         grid[fine, NEXT] = coarse
-    return grid, passes
+    return grid, passes, VECTORS * entries + stencil

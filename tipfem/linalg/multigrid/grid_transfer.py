@@ -1,0 +1,174 @@
+"""Device functions of the multigrid cycle on the background grids, line by line: smoothing, residual, transfers.
+
+Grids are laid out as in `grid_hierarchy`. Where no other thread writes, ``a[i] = a[i] + b`` stands for ``a[i] += b``,
+which Taichi would make an atomic operation, many times slower.
+"""
+
+import taichi as ti
+
+from tipfem.backend.array_types import Template
+from tipfem.linalg.multigrid.grid_hierarchy import (
+    DIAGONAL,
+    LEVELS,
+    NEXT,
+    PLACES,
+    REACH,
+    RESIDUAL,
+    RHS,
+    SHAPE,
+    SIZE,
+    SOLUTION,
+    STENCIL,
+    WEIGHTS,
+    axis_stride,
+    fine_start,
+    line_at,
+    line_start,
+    lines,
+    row_shift,
+)
+
+LANES = 64  # grid nodes that `residual_line` works on at a time
+COARSEST_SWEEPS = 20  # of Gauss-Seidel's method
+
+
+@ti.func
+def smooth_line(levels: Template, grid: Template, level, line, rhs: Template, from_zero: Template, dim: Template):
+    """A line of damped Jacobi's x += D r, D the damped inverse diagonal; with x = 0 before if ``from_zero``.
+
+    ``rhs`` is the column of ``grid`` that says where r stands.
+    """
+    inside = line_start(grid, level, line, dim)
+    x, r, diagonal = grid[level, SOLUTION] + inside, grid[level, rhs] + inside, grid[level, DIAGONAL] + inside
+    for j in range(grid[level, SHAPE + 2]):
+        levels[x + j] = (0.0 if ti.static(from_zero) else levels[x + j]) + levels[diagonal + j] * levels[r + j]
+
+
+@ti.func
+def residual_line(levels: Template, grid: Template, level, line, dim: Template):
+    """A line of the residual r = b - A x."""
+    size, n = grid[level, SIZE], grid[level, SHAPE + 2]
+    inside = line_start(grid, level, line, dim)
+    # Block by block in local memory: loops that write to arrays are not turned into vector instructions. All places
+    # are in one loop: unrolled, they take a third of the time less, but half a second to be compiled at every start.
+    for block in range((n + LANES - 1) // LANES):
+        entry = inside + block * LANES
+        width = ti.min(LANES, n - block * LANES)
+        x = grid[level, SOLUTION] + entry
+        total = ti.Vector.zero(float, LANES)
+        for place in range(ti.static(PLACES**dim)):
+            entries = grid[level, STENCIL] + place * size + entry
+            near = x + row_shift(grid, level, place // PLACES, dim) + place % PLACES - REACH
+            for j in range(width):
+                total[j] = total[j] + levels[entries + j] * levels[near + j]
+        b, r = grid[level, RHS] + entry, grid[level, RESIDUAL] + entry
+        for j in range(width):
+            levels[r + j] = levels[b + j] - total[j]
+
+
+@ti.func
+def restrict_line(levels: Template, grid: Template, fine, coarse, line, axis: Template, dim: Template):
+    """A line of b = P^T r on the grid that is coarser along an axis.
+
+    r is the residual of a level, or, on a grid between two levels, its right-hand side.
+    """
+    source = ti.static(RESIDUAL if axis == dim - 1 else RHS)
+    inside = fine_start(grid, fine, coarse, line, axis, dim)
+    to = grid[coarse, RHS] + line_start(grid, coarse, line, dim)
+    r, weights = grid[fine, source] + inside, grid[fine, WEIGHTS] + inside
+    step = ti.static(2 if axis == dim - 1 else 1)
+    stride = axis_stride(grid, fine, axis, dim)
+    for j in range(grid[coarse, SHAPE + 2]):
+        own = step * j
+        lower, upper = own - stride, own + stride
+        levels[to + j] = (
+            levels[r + own]
+            + (1.0 - levels[weights + lower]) * levels[r + lower]
+            + levels[weights + upper] * levels[r + upper]
+        )
+
+
+@ti.func
+def prolong_line(levels: Template, grid: Template, fine, coarse, line, axis: Template, dim: Template):
+    """A line of P x of the grid that is coarser along an axis; on a level it is added to the solution there."""
+    inside = line_start(grid, fine, line, dim)
+    to, weights = grid[fine, SOLUTION] + inside, grid[fine, WEIGHTS] + inside
+    n = grid[fine, SHAPE + 2]
+    across = grid[fine, SHAPE + 1]
+    one, two = line // across, line % across
+    if ti.static(axis == dim - 1):  # the last axis leads to a level
+        x = grid[coarse, SOLUTION] + line_at(grid, coarse, one, two, dim)
+        for j in range((n + 1) // 2):
+            levels[to + 2 * j] = levels[to + 2 * j] + levels[x + j]
+        for j in range(n // 2):
+            f = 2 * j + 1
+            w = levels[weights + f]
+            levels[to + f] = levels[to + f] + w * levels[x + j] + (1.0 - w) * levels[x + j + 1]
+    else:
+        odd = two % 2
+        if ti.static(axis == dim - 2):
+            two = two // 2
+        if ti.static(axis == dim - 3):
+            odd = one % 2
+            one = one // 2
+        x = grid[coarse, SOLUTION] + line_at(grid, coarse, one, two, dim)
+        upper = x + axis_stride(grid, coarse, axis, dim)
+        if odd == 1:
+            for j in range(n):
+                w = levels[weights + j]
+                levels[to + j] = w * levels[x + j] + (1.0 - w) * levels[upper + j]
+        else:
+            for j in range(n):
+                levels[to + j] = levels[x + j]
+
+
+@ti.func
+def solve_coarsest(levels: Template, grid: Template, dim: Template):
+    """The coarsest level's equations by symmetric Gauss-Seidel sweeps."""
+    last = grid[0, LEVELS] - 1
+    x, b, diagonal = grid[last, SOLUTION], grid[last, RHS], grid[last, DIAGONAL]
+    size = grid[last, SIZE]
+    for t in range(size):
+        levels[x + t] = 0.0
+    n, width = lines(grid, last), grid[last, SHAPE + 2]
+    for step in range(COARSEST_SWEEPS * n * width):
+        g = step % (n * width)
+        if step // (n * width) % 2 == 1:
+            g = n * width - 1 - g
+        inside = line_start(grid, last, g // width, dim) + g % width
+        residual = levels[b + inside]
+        for row in range(ti.static(PLACES ** (dim - 1))):
+            near = x + inside + row_shift(grid, last, row, dim) - REACH
+            entries = grid[last, STENCIL] + row * PLACES * size + inside
+            for k in ti.static(range(PLACES)):
+                residual -= levels[entries + k * size] * levels[near + k]
+        levels[x + inside] = levels[x + inside] + levels[diagonal + inside] * residual
+
+
+@ti.func
+def partly_coarsened(grid: Template, level, axis: Template, dim: Template):
+    """Number of the grid that is coarser than a level along all axes behind ``axis``; axis -1 gives the next level."""
+    number = level
+    for _ in ti.static(range(dim - 1 - axis)):
+        number = grid[number, NEXT]
+    return number
+
+
+@ti.func
+def restrict_stage(levels: Template, grid: Template, level, line, axis: Template, dim: Template):
+    """Restriction from a level along one axis, for a line of `partly_coarsened` ``axis`` - 1.
+
+    The first axis leads to the next level, where pre-smoothing follows.
+    """
+    fine = partly_coarsened(grid, level, axis, dim)
+    coarse = grid[fine, NEXT]
+    restrict_line(levels, grid, fine, coarse, line, axis, dim)
+    if ti.static(axis == 0):
+        smooth_line(levels, grid, coarse, line, RHS, True, dim)
+
+
+@ti.func
+def prolong_stage(levels: Template, grid: Template, level, line, axis: Template, dim: Template):
+    """Prolongation to a level along one axis, for a line of `partly_coarsened` ``axis``."""
+    fine = partly_coarsened(grid, level, axis, dim)
+    prolong_line(levels, grid, fine, grid[fine, NEXT], line, axis, dim)

@@ -1,0 +1,88 @@
+"""Kernels of the block preconditioner: the right-hand side of the pressure's Schur complement, and back substitution.
+
+The Jacobian K of a step has the blocks A (momentum by displacement), -G (momentum by pressure) and D (continuity by
+displacement), see `tipfem.fem.jacobian`. With diag(A) in place of A and S for the Schur complement, the block
+factorisation is z_u = A^-1 r_u; z_p = S^-1 (r_p - D z_u); z_u += A^-1 G z_p; see M. Benzi, G. H. Golub, J. Liesen,
+Numerical solution of saddle point problems, Acta Numerica 14, 2005, section 10. The rows of r and K are scaled by
+1 / diag(A), so that r_u is A^-1 r_u already.
+"""
+
+import taichi as ti
+
+from tipfem.backend.array_types import Ints1, Reals1, Template
+from tipfem.backend.launch import kernel
+from tipfem.fem.residual import displacement_of
+from tipfem.linalg.multigrid.grid_hierarchy import RHS, SOLUTION
+
+
+@ti.func
+def schur_rhs_row(
+    row_offsets: Template, columns: Template, blocks: Template, scale: Template, r: Template, start, i, dim: Template
+):
+    """r_p - D r_u at particle i without the scale of the rows, from a scaled residual r that begins at ``start``."""
+    row = i * (dim + 1) + dim
+    total = r[start + row]
+    for s in range(row_offsets[i], row_offsets[i + 1]):
+        at = start + columns[s] * (dim + 1)
+        for k in ti.static(range(dim)):
+            total -= blocks[s * (dim + 1) ** 2 + dim * (dim + 1) + k] * r[at + k]
+    # Not where pressure is prescribed.
+    return ti.select(scale[row] > 0.0, total / ti.max(scale[row], 1e-300), 0.0)
+
+
+@ti.func
+def correct_row(
+    row_offsets: Template,
+    columns: Template,
+    blocks: Template,
+    vectors: Template,
+    r: Template,
+    r_start,
+    z: Template,
+    z_start,
+    i,
+    nodes,
+    dim: Template,
+):
+    """Particle i's entries of z = (r_u + G z_p, z_p), z_p the solution in ``vectors``."""
+    u = displacement_of(r, r_start // (dim + 1) + i, dim)
+    for s in range(row_offsets[i], row_offsets[i + 1]):
+        p = vectors[SOLUTION * nodes + columns[s]]
+        for k in ti.static(range(dim)):
+            u[k] -= blocks[s * (dim + 1) ** 2 + k * (dim + 1) + dim] * p
+    at = z_start + i * (dim + 1)
+    for k in ti.static(range(dim)):
+        z[at + k] = u[k]
+    z[at + dim] = vectors[SOLUTION * nodes + i]
+
+
+@kernel
+def schur_rhs(
+    row_offsets: Ints1,
+    columns: Ints1,
+    blocks: Reals1,
+    scale: Reals1,
+    r: Reals1,
+    vectors: Reals1,
+    nodes: ti.i32,
+    dim: Template,
+):
+    """The right-hand side in ``vectors``, see `tipfem.linalg.multigrid.grid_hierarchy`, from a scaled residual r."""
+    for i in range(nodes):
+        vectors[RHS * nodes + i] = schur_rhs_row(row_offsets, columns, blocks, scale, r, 0, i, dim)
+
+
+@kernel
+def correct(
+    row_offsets: Ints1,
+    columns: Ints1,
+    blocks: Reals1,
+    vectors: Reals1,
+    r: Reals1,
+    z: Reals1,
+    nodes: ti.i32,
+    dim: Template,
+):
+    """z = (r_u + G z_p, z_p), z_p the solution in ``vectors``, which is 0 where pressure is prescribed."""
+    for i in range(nodes):
+        correct_row(row_offsets, columns, blocks, vectors, r, 0, z, 0, i, nodes, dim)
