@@ -272,11 +272,9 @@ def test_a_simulation_refuses_impossible_times(case, value):
     refusal(ValueError, lambda: tp.Simulation(case(), time_step=value), "time step is", f"{value:g}", "> 0")
     refusal(ValueError, lambda: tp.Simulation(case(), output_interval=value), "output_interval is", repr(value))
     simulation = tp.Simulation(case())
-    if value == value:
-        refusal(ValueError, lambda: simulation.run(min(value, 0.0)), "until is", "later than")
-    else:
-        refusal(ValueError, lambda: simulation.run(value), "until is nan", "must be a number")
-    refusal(ValueError, lambda: simulation.step(min(value, 0.0) if value == value else value), "until is", "later than")
+    until, words = (value, "must be a number") if value != value else (min(value, 0.0), "later than")
+    refusal(ValueError, lambda: simulation.run(until), "until is", words)
+    refusal(ValueError, lambda: simulation.step(until), "until is", words)
     assert simulation.step_number == 0
     assert simulation.history == []
 
