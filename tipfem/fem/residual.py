@@ -15,7 +15,6 @@ from tipfem.fem.element import (
     cofactor,
     gradient,
     reference_gradients,
-    row,
     stabilisation_time,
     volume_change,
 )
@@ -52,7 +51,7 @@ def get_matrix(record: ti.template(), e, start: ti.template(), dim: ti.template(
 
 @ti.func
 def get_vector(record: ti.template(), e, start: ti.template(), dim: ti.template()):
-    """Read a vector (dim,) from an element's record."""
+    """Read a vector (dim,) from a row of an array, an element's record for instance."""
     return ti.Vector([record[e, start + k] for k in ti.static(range(dim))])
 
 
@@ -108,9 +107,7 @@ def residual(
     cells: Ints2,
     offsets: Ints1,
     corners: Ints1,
-    position: Reals2,
-    velocity: Reals2,
-    acceleration: Reals2,
+    motion: Reals2,
     density: Reals1,
     viscosity: Reals1,
     source: Reals1,
@@ -130,8 +127,8 @@ def residual(
 ):
     """Momentum and continuity residual at ``x``, scaled, and each element's linearisation.
 
-    velocity, acceleration (N, d): the part of v_alpha and of a_alpha - b that does not depend on
-    the step's displacement u; v_alpha = cv u + velocity, a_alpha - b = cm u + acceleration.
+    motion (N, 3 d): positions at the start, and the parts of v_alpha and of a_alpha - b that do not depend on the
+    step's displacement u; v_alpha = cv u + motion[:, d : 2 d], a_alpha - b = cm u + motion[:, 2 d :].
     source (M,): prescribed volume growth s in J - 1 = s. local (M (d + 1), d + 1) is scratch.
 
     Momentum, node a:   w sigma g_a + rho A / (d + 1) (a_alpha,a - b_a),  w = A J at the intermediate positions
@@ -139,7 +136,7 @@ def residual(
     (Carvalho & Sanches, eqs. 5 and 6; in eq. 6 both terms must carry the same sign.)
     """
     for e in range(elements):
-        big_g, area = reference_gradients(cells, e, position, dim)
+        big_g, area = reference_gradients(cells, e, motion, dim)
         h = ti.Matrix.zero(float, dim, dim)
         l_ref = ti.Matrix.zero(float, dim, dim)
         grad_p = ti.Vector.zero(float, dim)
@@ -153,8 +150,8 @@ def residual(
             g = gradient(big_g, a)
             p = x[i * (dim + 1) + dim]
             h += u.outer_product(g)
-            l_ref += (cv * u + row(velocity, i, dim)).outer_product(g)
-            acting = cm * u + row(acceleration, i, dim)
+            l_ref += (cv * u + get_vector(motion, i, dim, dim)).outer_product(g)
+            acting = cm * u + get_vector(motion, i, ti.static(2 * dim), dim)
             for k in ti.static(range(dim)):
                 accelerations[a, k] = acting[k]
             inertia += acting / (dim + 1)

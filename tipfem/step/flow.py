@@ -104,13 +104,13 @@ class FlowProblem:
         self.buffers = buffers = workspace.buffers
         put = buffers.upload
         self._topology = workspace.topology(mesh)
-        self._position, self._target = put("position", mesh.position), put("target", particles.target)
+        self._target = put("target", particles.target)
         self._density = put("density", properties.density)
         self._viscosity = put("viscosity", properties.viscosity)
         self._source = put("source", properties.source)
         velocity, acceleration = walls.histories(*scheme.history(particles))
         acceleration -= body_force
-        self._velocity, self._acceleration = put("velocity", velocity), put("acceleration", acceleration)
+        self._motion = put("motion", np.hstack([mesh.position, velocity, acceleration]))
         self._wall, self._relative = put("wall", particles.wall), acceleration
         self._local = buffers.get("local", self.elements * (d + 1), d + 1)
         self._record = buffers.get("record", self.elements, assembly.record_width(d))
@@ -127,7 +127,7 @@ class FlowProblem:
             self.system = system(
                 self._topology,
                 mesh,
-                self._position,
+                self._motion,
                 (self._density, self._viscosity),
                 extremes,
                 (put("fixed", walls.fixed | free.loose), put("pinned", free.pinned)),
@@ -170,9 +170,7 @@ class FlowProblem:
         launch(
             assembly.residual,
             *self._topology,
-            self._position,
-            self._velocity,
-            self._acceleration,
+            self._motion,
             self._density,
             self._viscosity,
             self._source,
@@ -190,7 +188,7 @@ class FlowProblem:
             self.nodes,
             self.dimension,
         )
-        self._rows.residual(self._position, self._velocity, x, self._scale, self._r)
+        self._rows.residual(self._motion, x, self._scale, self._r)
         return fgmres.largest(self._r, self.size, self.buffers) / self.particles.spacing
 
     @timer("jacobian")
@@ -267,7 +265,7 @@ class FlowProblem:
         launch(
             step_limits.step_limits,
             self._topology[0],
-            self._position,
+            self._motion,
             self._target,
             x,
             self.buffers.partials("limits", 3),

@@ -7,6 +7,7 @@ of N) applies to its momentum rows and to its displacement.
 
 import taichi as ti
 
+from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.fem.element import row
 from tipfem.fem.residual import displacement_of
@@ -47,11 +48,11 @@ def measure_change(side, change, n):
 
 @kernel
 def project(
-    index: ti.types.ndarray(),
-    projector: ti.types.ndarray(),
-    x: ti.types.ndarray(),
+    index: Ints1,
+    projector: Reals2,
+    x: Reals1,
     count: ti.i32,
-    dim: ti.template(),
+    dim: Template,
 ):
     """x_i = P_i x_i for the displacements of ``count`` particles; projector (count, d * d)."""
     for s in range(count):
@@ -66,11 +67,11 @@ def project(
 
 @kernel
 def slip_scale(
-    index: ti.types.ndarray(),
-    friction: ti.types.ndarray(),
-    scale: ti.types.ndarray(),
+    index: Ints1,
+    friction: Reals1,
+    scale: Reals1,
     count: ti.i32,
-    dim: ti.template(),
+    dim: Template,
 ):
     """One scale for all momentum rows of a sliding particle, so that scaling commutes with the projection.
 
@@ -88,20 +89,19 @@ def slip_scale(
 
 @kernel
 def slip_residual(
-    faces: ti.types.ndarray(),
-    coefficient: ti.types.ndarray(),
-    normal: ti.types.ndarray(),
-    wall_velocity: ti.types.ndarray(),
-    position: ti.types.ndarray(),
-    velocity: ti.types.ndarray(),
-    x: ti.types.ndarray(),
-    scale: ti.types.ndarray(),
-    record: ti.types.ndarray(),
-    out: ti.types.ndarray(),
+    faces: Ints2,
+    coefficient: Reals1,
+    normal: Reals2,
+    wall_velocity: Reals2,
+    motion: Reals2,
+    x: Reals1,
+    scale: Reals1,
+    record: Reals2,
+    out: Reals1,
     cv: float,
     cf: float,
     count: ti.i32,
-    dim: ti.template(),
+    dim: Template,
 ):
     """Add Navier's friction to the scaled residual: node a of a face gets A / d mu / l (v_alpha,a - v_wall,a).
 
@@ -112,10 +112,10 @@ def slip_residual(
     ti.loop_config(serialize=True)
     for f in range(count):
         n = row(normal, f, dim)
-        first = row(position, faces[f, 0], dim) + cf * displacement_of(x, faces[f, 0], dim)
+        first = row(motion, faces[f, 0], dim) + cf * displacement_of(x, faces[f, 0], dim)
         side = ti.Matrix.zero(float, dim - 1, dim)
         for a in ti.static(range(1, dim)):
-            corner = row(position, faces[f, a], dim) + cf * displacement_of(x, faces[f, a], dim)
+            corner = row(motion, faces[f, a], dim) + cf * displacement_of(x, faces[f, a], dim)
             for k in ti.static(range(dim)):
                 side[a - 1, k] = corner[k] - first[k]
                 record[f, 1 + dim * dim + (a - 1) * dim + k] = side[a - 1, k]
@@ -124,7 +124,7 @@ def slip_residual(
         for a in ti.static(range(dim)):
             i = faces[f, a]
             for k in ti.static(range(dim)):
-                slip = cv * x[i * (dim + 1) + k] + velocity[i, k] - wall_velocity[f, a * dim + k]
+                slip = cv * x[i * (dim + 1) + k] + motion[i, dim + k] - wall_velocity[f, a * dim + k]
                 record[f, 1 + a * dim + k] = slip
                 r = i * (dim + 1) + k
                 out[r] += scale[r] * measure / dim * coefficient[f] * slip
@@ -132,17 +132,17 @@ def slip_residual(
 
 @kernel
 def slip_product(
-    faces: ti.types.ndarray(),
-    coefficient: ti.types.ndarray(),
-    normal: ti.types.ndarray(),
-    record: ti.types.ndarray(),
-    scale: ti.types.ndarray(),
-    x: ti.types.ndarray(),
-    out: ti.types.ndarray(),
+    faces: Ints2,
+    coefficient: Reals1,
+    normal: Reals2,
+    record: Reals2,
+    scale: Reals1,
+    x: Reals1,
+    out: Reals1,
     cv: float,
     cf: float,
     count: ti.i32,
-    dim: ti.template(),
+    dim: Template,
 ):
     """Add the derivative of `slip_residual` along ``x``, from the faces' linearisation."""
     ti.loop_config(serialize=True)

@@ -48,7 +48,7 @@ class WallRows:
         """Whether walls slip, slide or move; constraints are then applied between the launches of an iteration."""
         return self._active
 
-    def residual(self, position: Any, velocity: Any, x: Any, scale: Any, out: Any) -> None:
+    def residual(self, motion: Any, x: Any, scale: Any, out: Any) -> None:
         """Add friction at ``x`` to the scaled residual ``out``, and project its momentum rows."""
         if self._faces:
             launch(
@@ -57,8 +57,7 @@ class WallRows:
                 self._coefficient,
                 self._normal,
                 self._velocity,
-                position,
-                velocity,
+                motion,
                 x,
                 scale,
                 self._record,
