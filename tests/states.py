@@ -27,6 +27,7 @@ def moved_to(state, particles, dt=1e-3):
         displacement=particles.position - state.particles.position,
         inertia=nothing,
         force=nothing,
+        grid_box=state.grid_box,
         growth=np.zeros(len(state.mesh.cells)),
         work=StepWork(*np.zeros(6), np.zeros(particles.dimension)),
         newton_iterations=0,

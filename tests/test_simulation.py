@@ -331,7 +331,7 @@ def test_the_volume_source_of_a_nearly_vanished_fluid_is_bounded(water, air):
     )
 
 
-@pytest.mark.parametrize("kind", ["sharp", "interpolated", "free surface", "graded"])
+@pytest.mark.parametrize("kind", ["sharp", "interpolated", "free surface", "piston", "graded"])
 def test_what_a_step_changes_is_all_in_the_attributes_it_names(water, air, kind):
     """A new simulation that is given copies of them goes on as the first one does, to the last bit."""
     tank = tp.tank((0.584, 0.584), 0.03).fill(water, box=((0, 0), (0.146, 0.292)))

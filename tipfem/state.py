@@ -112,6 +112,7 @@ class State:
         mass: (N,) lumped mass of each particle [kg, per metre of depth in 2-D]; what is in no element has its own.
         volume: (F,) of each fluid [m^2, or m^3 in 3-D], that of particles in no element included.
         start_volume: (F,) the same at the start of the simulation.
+        grid_box: (2, d) lowest and highest coordinates that the multigrid's grids cover [m]; NaN before the first step.
         relocated: (N,) mask of the particles that the last remeshing relocated or inserted.
         relocations: how many particles it relocated because they crowded others, or inserted.
         rebuilt: how many meshes since the start could not be had by repairing the one before.
@@ -128,6 +129,7 @@ class State:
     mass: Array
     volume: Array
     start_volume: Array
+    grid_box: Array
     relocated: Array
     relocations: int = 0
     rebuilt: int = 0
@@ -170,6 +172,7 @@ class Solved:
         inertia: (N, d) a_alpha - b [m/s^2], the acceleration less gravity and body force at the intermediate time.
         force: (N, d) gravity and body force b there [m/s^2].
         growth: (M,) relative growth of the elements that was prescribed.
+        grid_box: (2, d) that the multigrid's grids covered [m].
         work: of the terms of the residual.
         newton_iterations, krylov_iterations: that the solve took.
         residual: the norm of the scaled residual that Newton's method left [spacings].
@@ -184,6 +187,7 @@ class Solved:
     inertia: Array
     force: Array
     growth: Array
+    grid_box: Array
     work: StepWork
     newton_iterations: int
     krylov_iterations: int

@@ -278,6 +278,37 @@ class Boundary:
             relative = relative - self.pose(time, step).rigid_velocity(particles.position)
         return float(np.sqrt((sum(axis * axis for axis in relative.T) / particles.target**2).max()))
 
+    def reassigned(self, particles: Particles, pose: Pose, displacement: Array) -> Boundary:
+        """The same walls on other particles, in 2-D; walls keep the ends that they have here.
+
+        Wall particles on a wall's line belong to that wall.
+
+        Args:
+            particles: the new particles.
+            pose: position of the tank.
+            displacement: (S,) of the sides along their normals [m].
+        """
+        new = copy.copy(self)
+        new.index = np.flatnonzero(particles.wall)
+        new._y = pose.origin(particles.position[new.index])
+        heights = new._y @ self.side_normal.T - (self.offset + displacement)
+        new.on_side = np.abs(heights) < ON_SIDE * particles.spacing
+        new.normal, new.side = _frames(self.side_normal, new.on_side)
+        new.inverse = np.linalg.pinv(new.normal, rcond=1e-9)
+        new.members = []
+        for side, old in self.members:
+            along = new._y @ self._tangent(side)
+            found = np.flatnonzero(new.on_side[:, side])
+            if len(old) < self.on_side[:, side].sum():  # a part of its side
+                ends = self._y[old[[0, -1]]] @ self._tangent(side)
+                slack = ON_SIDE * particles.spacing
+                found = found[(along[found] > ends[0] - slack) & (along[found] < ends[1] + slack)]
+            new.members.append((side, found[np.argsort(along[found])]))
+        new.pieces = []
+        new.still, new.stays = particles.wall.copy(), particles.wall.copy()
+        new._assign()
+        return new
+
     def held(self, y: Array, displacement: Array) -> Array:
         """Project the wall particles onto their sides.
 
@@ -323,37 +354,6 @@ class Boundary:
 
 # A wall particle is on a side if it is closer to its line than this [spacings]: splits and slides have round-off.
 ON_SIDE = 1e-5
-
-
-def reassigned(boundary: Boundary, particles: Particles, pose: Pose, displacement: Array) -> Boundary:
-    """The same walls on other particles, in 2-D. Wall particles on a wall's line belong to that wall.
-
-    Args:
-        boundary: of the previous particles; walls keep the ends that they have there.
-        particles: the new particles.
-        pose: position of the tank.
-        displacement: (S,) of the sides along their normals [m].
-    """
-    new = copy.copy(boundary)
-    new.index = np.flatnonzero(particles.wall)
-    new._y = pose.origin(particles.position[new.index])
-    heights = new._y @ boundary.side_normal.T - (boundary.offset + displacement)
-    new.on_side = np.abs(heights) < ON_SIDE * particles.spacing
-    new.normal, new.side = _frames(boundary.side_normal, new.on_side)
-    new.inverse = np.linalg.pinv(new.normal, rcond=1e-9)
-    new.members = []
-    for side, old in boundary.members:
-        along = new._y @ boundary._tangent(side)
-        found = np.flatnonzero(new.on_side[:, side])
-        if len(old) < boundary.on_side[:, side].sum():  # a part of its side
-            ends = boundary._y[old[[0, -1]]] @ boundary._tangent(side)
-            slack = ON_SIDE * particles.spacing
-            found = found[(along[found] > ends[0] - slack) & (along[found] < ends[1] + slack)]
-        new.members.append((side, found[np.argsort(along[found])]))
-    new.pieces = []
-    new.still, new.stays = particles.wall.copy(), particles.wall.copy()
-    new._assign()
-    return new
 
 
 def _frames(normals: Array, on_side: Array) -> tuple[Array, Array]:

@@ -80,7 +80,7 @@ class Remesher(ABC):
         volume = material.volumes(mesh.measure) + loose_volumes(mesh, particles.fluid, len(self.fluids))
         if mesh.surface is not None:
             mass = mass + self.density[particles.fluid] * mesh.surface.volume
-        others.setdefault("start_volume", volume)
+        others = {"start_volume": volume, "grid_box": np.full((2, mesh.dimension), np.nan), **others}
         return State(particles=particles, mesh=mesh, material=material, mass=mass, volume=volume, **others)
 
 
@@ -218,6 +218,7 @@ class DelaunayRemesher(Remesher):
             reference=before.reference,
             fixed=before.fixed,
             start_volume=before.start_volume,
+            grid_box=solved.grid_box,
             relocated=relocated,
             relocations=len(moves) + of_walls,
             rebuilt=before.rebuilt + rebuilt,
@@ -345,6 +346,7 @@ class FittedRemesher(Remesher):
             reference=reference,
             fixed=fixed,
             start_volume=before.start_volume,
+            grid_box=solved.grid_box,
             relocated=relocated,
             relocations=int(relocated.sum()),
         )

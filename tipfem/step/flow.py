@@ -19,7 +19,7 @@ from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg import fgmres, vector_kernels
 from tipfem.mesh.mesh import Mesh, no_surface, parabola
 from tipfem.state import StepWork
-from tipfem.step.linear_system import LinearSystem, Workspace
+from tipfem.step.linear_system import LinearSystem, Workspace, covering_box
 from tipfem.step.matrix_free import MatrixFreeSystem
 from tipfem.timers import timer
 from tipfem.typing import Array
@@ -79,6 +79,7 @@ class FlowProblem:
         workspace: what is used again from step to step.
         walls: what they prescribe in the step; by default all are fixed and no-slip.
         jacobian: "rows" or "matrix-free", see `tipfem.Numerics`.
+        box: (2, d) that the multigrid's grids covered in the last step, see `covering_box`.
     """
 
     @timer("set-up")
@@ -93,6 +94,7 @@ class FlowProblem:
         workspace: Workspace,
         walls: Walls | None = None,
         jacobian: str = "rows",
+        box: Array | None = None,
     ) -> None:
         system = MatrixFreeSystem if jacobian == "matrix-free" else LinearSystem
         self.mesh, self.particles, self.scheme, self.properties = mesh, particles, scheme, properties
@@ -122,6 +124,7 @@ class FlowProblem:
         self._flight = parabola(particles.velocity, body_force, scheme.dt) if mesh.surface else None
         # A tank that moves stands still in its own frame, and so does the grid; the Laplacian is the same there.
         frame = walls.frame
+        self.box = covering_box(frame, particles.spacing, box)
         extremes = (properties.density.min(initial=np.inf), properties.density.max(initial=0.0))
         with timer("preconditioner"):
             self.system = system(
@@ -133,7 +136,7 @@ class FlowProblem:
                 (put("fixed", walls.fixed | free.loose), put("pinned", free.pinned)),
                 self._scale,
                 scheme,
-                workspace.multigrid(frame, particles.spacing),
+                workspace.multigrid(self.box, particles.spacing),
                 frame,
                 particles.spacing,
                 buffers,

@@ -36,8 +36,30 @@ class Topology(NamedTuple):
     corners: Any
 
 
+def covering_box(position: Array, spacing: float, last: Array | None = None) -> Array:
+    """Lowest and highest coordinates (2, d) that the multigrid's grids cover [m].
+
+    Args:
+        position: (N, d) of the particles, in the frame of the grids [m].
+        spacing: of the particles [m].
+        last: (2, d) the box of the step before; it is kept until the particles leave it or half of it. NaN for none.
+    """
+    # NumPy takes many times as long for all axes at once.
+    lower, upper = (np.array([find(x) for x in position.T]) for find in (np.min, np.max))
+    if last is not None and np.isfinite(last).all():
+        old_lower, old_upper = last
+        slack = 1e-6 * spacing  # round-off of a tank that moves
+        inside = (lower > old_lower - slack).all() and (upper < old_upper + slack).all()
+        if inside and np.prod(upper - lower) > 0.5 * np.prod(old_upper - old_lower):
+            return last
+        # Walls that have moved go on: leave them some room on the sides they have passed.
+        lower = np.where(lower < old_lower - slack, lower - 4 * spacing, lower)
+        upper = np.where(upper > old_upper + slack, upper + 4 * spacing, upper)
+    return np.stack([lower, upper])
+
+
 class Workspace:
-    """What outlives a time step: device arrays, and the hierarchy of grids.
+    """What time steps share: device arrays, and the hierarchy of grids. No result depends on an earlier step's.
 
     Attributes:
         buffers: the device arrays by name.
@@ -46,26 +68,17 @@ class Workspace:
     def __init__(self) -> None:
         self.buffers = Buffers()
         self._multigrid: BackgroundMultigrid | None = None
-        self._box: tuple[Array, Array] | None = None
+        self._box: Array = np.zeros((2, 0))
 
-    def multigrid(self, position: Array, spacing: float) -> BackgroundMultigrid:
-        """The hierarchy over a box around ``position`` (N, d) [m] for particles of a ``spacing`` [m].
+    def multigrid(self, box: Array, spacing: float) -> BackgroundMultigrid:
+        """The hierarchy over a box (2, d) [m] for particles of a ``spacing`` [m]; that of the last step if it can be.
 
-        It is made anew when they leave the box, or fill less than half of it.
+        One workspace serves particles of one spacing.
         """
-        # NumPy takes many times as long for all axes at once.
-        lower, upper = (np.array([find(x) for x in position.T]) for find in (np.min, np.max))
-        if self._multigrid is not None and self._box is not None:
-            old_lower, old_upper = self._box
-            slack = 1e-6 * spacing  # round-off of a tank that moves
-            inside = (lower > old_lower - slack).all() and (upper < old_upper + slack).all()
-            if inside and np.prod(upper - lower) > 0.5 * np.prod(old_upper - old_lower):
-                return self._multigrid
-            # A moving wall goes on: leave it some room on the sides that it has passed.
-            lower = np.where(lower < old_lower - slack, lower - 4 * spacing, lower)
-            upper = np.where(upper > old_upper + slack, upper + 4 * spacing, upper)
-        self._multigrid = BackgroundMultigrid(lower, upper, GRID_SPACING * spacing, self.buffers)
-        self._box = (lower, upper)
+        if self._multigrid is None or not np.array_equal(self._box, box):
+            lower, upper = box
+            self._multigrid = BackgroundMultigrid(lower, upper, GRID_SPACING * spacing, self.buffers)
+            self._box = box
         return self._multigrid
 
     def topology(self, mesh: Mesh) -> Topology:

@@ -44,8 +44,7 @@ class StepSolver:
         reach: largest displacement of a particle in a step [target spacings].
 
     Attributes:
-        workspace: device arrays and the multigrid's hierarchy, which steps share; no step depends on what an earlier
-            one left there, but for the box that the hierarchy covers.
+        workspace: device arrays and the multigrid's hierarchy, which steps share.
     """
 
     def __init__(self, case: Case, reach: float) -> None:
@@ -83,6 +82,7 @@ class StepSolver:
             self.workspace,
             walls,
             numerics.jacobian,
+            state.grid_box,
         )
         tolerance = numerics.tolerance(force if varies else force[:1], scheme.cm, before.spacing, runtime.round_off())
         if state.step == 0:  # an error of pressure that the first step leaves would slosh for long
@@ -123,6 +123,7 @@ class StepSolver:
             inertia=problem.acceleration(displacement),
             force=force,
             growth=growth,
+            grid_box=problem.box,
             work=problem.work(result.solution),
             newton_iterations=result.iterations,
             krylov_iterations=result.krylov_iterations,

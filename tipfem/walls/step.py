@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tipfem.case.boundary import Boundary, reassigned
+from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.mesh import Mesh, Surface
@@ -332,7 +332,7 @@ class WallStep(Walls):
 
     def reassign(self, particles: Particles) -> tuple[Particles, Boundary]:
         """See `Walls.reassign`."""
-        boundary = reassigned(self.boundary, particles, self._after.pose, self._after.displacement)
+        boundary = self.boundary.reassigned(particles, self._after.pose, self._after.displacement)
         rates = WallMotion(boundary, self._time + self.scheme.dt, 0.25 * self.scheme.dt)
         return rates.imposed(particles), boundary
 
