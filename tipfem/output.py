@@ -157,7 +157,7 @@ class ResultsFolder:
         blocks = [("triangle" if particles.dimension == 2 else "tetra", mesh.cells)]
         if not len(mesh.cells):  # meshio cannot write an empty block
             blocks = []
-        if mesh.surface is not None and mesh.surface.loose.any():
+        if mesh.surface.loose.any():
             blocks.append(("vertex", np.flatnonzero(mesh.surface.loose)[:, None]))
         content = meshio.Mesh(
             points,

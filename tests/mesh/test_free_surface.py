@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -244,6 +246,8 @@ def test_each_fluid_gets_its_own_volume_back_where_there_is_a_surface():
     fraction = np.stack([np.ones(len(mesh.cells)), np.zeros(len(mesh.cells))], axis=1)
     control = VolumeControl(np.array([0.6, 0.0]), 10.0, balanced=False)
     control.missing[:] = (0.1, 0.0)
-    assert control.source(mesh, fraction, 1e-3) == pytest.approx(np.full(len(mesh.cells), 0.01 * 0.2))
+    state = SimpleNamespace(mesh=mesh, material=SimpleNamespace(fraction=fraction))
+    assert control.source(state, 1e-3) == pytest.approx(np.full(len(mesh.cells), 0.01 * 0.2))
     control.balanced = True
-    assert control.source(mesh, fraction, 1e-3) == pytest.approx(np.zeros(len(mesh.cells)), abs=1e-15)
+    state = SimpleNamespace(mesh=mesh, material=SimpleNamespace(fraction=fraction))
+    assert control.source(state, 1e-3) == pytest.approx(np.zeros(len(mesh.cells)), abs=1e-15)

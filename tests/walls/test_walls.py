@@ -9,6 +9,7 @@ import pytest
 
 import tipfem as tp
 from tipfem.case.walls import rates
+from tipfem.mesh.mesh import no_surface
 from tipfem.walls.spacing import crowded_moves, space_back, space_sliding
 
 
@@ -187,7 +188,7 @@ def row_of(x):
 def test_a_crowded_particle_goes_to_the_middle_of_the_widest_gap():
     particles, piece = row_of([0, 1, 2, 3.6, 4.4, 5.2, 5.5, 6])
     assert crowded_moves(particles.position, piece) == [(6, 2, 3)]
-    assert space_sliding(particles, piece) == 1
+    assert space_sliding(particles, piece, no_surface(len(particles))) == 1
     np.testing.assert_allclose(particles.position[6], [2.8, 0])
     np.testing.assert_allclose(particles.velocity[6], [5.6, 0])
     assert particles.pressure[6] == pytest.approx(2.8)
@@ -203,7 +204,7 @@ def test_spacing_ends_and_keeps_number_and_ends(seed):
     x = np.sort(np.random.default_rng(seed).uniform(0, 30, 31))
     x[[0, -1]] = 0, 30
     particles, piece = row_of(x)
-    space_sliding(particles, piece)
+    space_sliding(particles, piece, no_surface(len(particles)))
     after = np.sort(particles.position[:, 0])
     assert after[[0, -1]].tolist() == [0, 30]
     gaps = np.diff(after)

@@ -74,7 +74,6 @@ class SurfaceMesher:
         x, wall, h = particles.position, particles.wall, particles.spacing
         cells, measure, neighbours = delaunay(x, h, wall)
         old = before.surface
-        assert old is not None
         used = before.used
         below = used & ~old.front & ~relocated
         inner = below[cells]
@@ -196,7 +195,6 @@ def _towards(ends: Array, others: Array, foot: Array) -> tuple[Array, Array]:
 def _with_volume(mesh: Mesh, own: Array) -> Mesh:
     """The mesh with volumes ``own`` (N,) for its loose particles."""
     s = mesh.surface
-    assert s is not None
     return Mesh(mesh.position, mesh.cells, surface=Surface(s.front, s.pinned, s.loose, np.where(s.loose, own, 0.0)))
 
 
@@ -206,7 +204,6 @@ def _lost_volume(before: Mesh, mesh: Mesh, old: Surface, wall: Array, h: float) 
     Those that flew before keep theirs. Others share the volume of the simplices that they leave evenly with the
     particles that leave them too, up to 2 h^d.
     """
-    assert mesh.surface is not None
     leaving = mesh.surface.loose & ~old.loose
     flags = leaving[before.cells]
     share = np.maximum(before.measure, 0.0) / np.maximum(flags.sum(axis=1), 1)
@@ -225,6 +222,4 @@ def loose_volumes(mesh: Mesh, fluid: Array, count: int) -> Array:
     Returns:
         (F,) [m^2, or m^3 in 3-D].
     """
-    if mesh.surface is None:
-        return np.zeros(count)
     return np.bincount(fluid, weights=mesh.surface.volume, minlength=count)

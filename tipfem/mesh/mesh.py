@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -30,6 +30,11 @@ class Surface:
     pinned: Array
     loose: Array
     volume: Array
+
+    @property
+    def exists(self) -> bool:
+        """Whether any particle is on the surface or in no simplex."""
+        return bool(self.front.any() or self.pinned.any())
 
     @property
     def used(self) -> Array:
@@ -102,15 +107,19 @@ class Mesh:
         cells: (M, d + 1) particles of each simplex, positively oriented, int32.
         fluid: (M,) fluid of each simplex where interfaces run along facets, int32; None where they cut
             through simplices.
-        surface: its free surface; None where walls surround the fluids.
+        surface: its free surface; that of `no_surface` where walls surround the fluids, which is the default.
         components: the connected components of the fluids, where cells have a fluid; None where they are not labelled.
     """
 
     position: Array
     cells: Array
     fluid: Array | None = None
-    surface: Surface | None = None
+    surface: Surface = field(default=None)  # type: ignore[assignment]  # see __post_init__
     components: Components | None = None
+
+    def __post_init__(self) -> None:
+        if self.surface is None:
+            object.__setattr__(self, "surface", no_surface(len(self.position)))
 
     @property
     def dimension(self) -> int:

@@ -267,7 +267,7 @@ def _crowding(
     """
     edges = edges[np.flatnonzero(edges.length < rule.too_close * h)]
     i, j, length = edges.i, edges.j, edges.length
-    bound, front = wall | stuck, np.zeros(len(wall), dtype=bool) if mesh.surface is None else mesh.surface.front
+    bound, front = wall | stuck, mesh.surface.front
     factor = np.array([1.0, rule.at_surface, rule.along_surface])
     close = (length < factor[front[i].astype(int) + front[j]] * rule.too_close * h) & ~(relocated[i] | relocated[j])
     close &= ~(bound[i] & bound[j])

@@ -78,7 +78,7 @@ class Remesher(ABC):
     def _state(self, particles: Particles, mesh: Mesh, material: Material, mass: Array, **others: Any) -> State:
         """A state from the lumped ``mass`` (N,) of its elements and from what else it is to hold."""
         volume = material.volumes(mesh.measure) + loose_volumes(mesh, particles.fluid, len(self.fluids))
-        if mesh.surface is not None:
+        if mesh.surface.loose.any():
             mass = mass + self.density[particles.fluid] * mesh.surface.volume
         others = {"start_volume": volume, "grid_box": np.full((2, mesh.dimension), np.nan), **others}
         return State(particles=particles, mesh=mesh, material=material, mass=mass, volume=volume, **others)
@@ -227,7 +227,7 @@ class DelaunayRemesher(Remesher):
     def _labelled(self, particles: Particles, mesh: Mesh) -> Particles:
         """The particles with the fluids of walls, and without pressure at a free surface."""
         particles = particles.shallow_copy(fluid=wall_fluid(mesh, particles.fluid, particles.wall))
-        if mesh.surface is not None:
+        if mesh.surface.pinned.any():
             particles = particles.shallow_copy(pressure=np.where(mesh.surface.pinned, 0.0, particles.pressure))
         return particles
 

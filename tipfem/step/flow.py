@@ -17,7 +17,7 @@ from tipfem.fem import step_limits
 from tipfem.fem import work as work_kernels
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg import fgmres, vector_kernels
-from tipfem.mesh.mesh import Mesh, no_surface, parabola
+from tipfem.mesh.mesh import Mesh, parabola
 from tipfem.state import StepWork
 from tipfem.step.linear_system import LinearSystem, Workspace, covering_box
 from tipfem.step.matrix_free import MatrixFreeSystem
@@ -120,8 +120,7 @@ class FlowProblem:
         self._r = buffers.get("residual", self.size)
         self._linearised = False
         self._dx = buffers.get("correction", self.size)
-        free = mesh.surface or no_surface(len(mesh.position))
-        self._flight = parabola(particles.velocity, body_force, scheme.dt) if mesh.surface else None
+        self._force, free = body_force, mesh.surface
         # A tank that moves stands still in its own frame, and so does the grid; the Laplacian is the same there.
         frame = walls.frame
         self.box = covering_box(frame, particles.spacing, box)
@@ -154,8 +153,9 @@ class FlowProblem:
         """Device vector of unknowns from (N, d) and (N,); wall particles are displaced as their walls want it."""
         x = np.empty((self.nodes, self.dimension + 1))
         x[:, :-1], x[:, -1] = self.walls.constrain(displacement), pressure
-        if self._flight is not None and self.mesh.surface:
-            x[:, :-1], x[:, -1] = self.mesh.surface.constrain(x[:, :-1], pressure, self._flight)
+        if self.mesh.surface.exists:
+            flight = parabola(self.particles.velocity, self._force, self.scheme.dt)
+            x[:, :-1], x[:, -1] = self.mesh.surface.constrain(x[:, :-1], pressure, flight)
         return self.buffers.upload("unknowns", x.ravel())
 
     def split(self, x: Any) -> tuple[Array, Array]:

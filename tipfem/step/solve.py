@@ -107,12 +107,10 @@ class StepSolver:
             )
         result.require()
         limits.require(numerics.smallest_jacobian, self.reach)
-        surface = mesh.surface
-        if surface is None or not surface.front.any():
+        if not mesh.surface.front.any():
             pressure -= pressure[state.reference]
         particles = walls.finish(before, displacement, scheme.advance(before, displacement, pressure))
-        if surface is not None:
-            particles = surface.landed(before, particles, force, dt)
+        particles = mesh.surface.landed(before, particles, force, dt)
         return Solved(
             before=state,
             time=state.time + dt if math.isnan(end) else end,

@@ -15,7 +15,7 @@ CORNER = 0.1  # the least distance to a dry corner, in mean distances
 FIELDS = ("position", "velocity", "acceleration", "pressure")
 
 
-def space_sliding(particles: Particles, piece: Array, surface: Surface | None = None) -> int:
+def space_sliding(particles: Particles, piece: Array, surface: Surface) -> int:
     """Set crowded particles of a wall that slips into its widest gaps, in place; returns how many.
 
     They take velocity, acceleration and pressure from the two ends of their gap, by linear interpolation.
@@ -23,12 +23,11 @@ def space_sliding(particles: Particles, piece: Array, surface: Surface | None = 
     Args:
         particles: the state on N particles.
         piece: (K,) those along a straight line; the first and the last stay.
-        surface: where the fluids end, if they do. The particles there stay, and dry ones are spaced evenly.
+        surface: where the fluids end. The particles there stay, and dry ones are spaced evenly.
     """
-    if surface is not None:
+    if surface.exists:
         _even_out(particles, piece, surface.dry(particles.wall))
-    held = None if surface is None else surface.front
-    moves = crowded_moves(particles.position, piece, held)
+    moves = crowded_moves(particles.position, piece, surface.front)
     for i, left, right in moves:
         for name in FIELDS:
             values = getattr(particles, name)

@@ -93,12 +93,12 @@ class Walls(ABC):
         """
 
     @abstractmethod
-    def space(self, particles: Particles, surface: Surface | None = None) -> tuple[Particles, int]:
+    def space(self, particles: Particles, surface: Surface) -> tuple[Particles, int]:
         """Space the particles along the walls that slip, slide, or that moving walls shorten and lengthen.
 
         Args:
             particles: at the end of the step.
-            surface: of the step's mesh, if it has one.
+            surface: of the step's mesh.
 
         Returns:
             The particles, and how many were relocated.
@@ -153,7 +153,7 @@ class FixedWalls(Walls):
         """See `Walls.finish`: the time integration holds wall particles already."""
         return moved
 
-    def space(self, particles: Particles, surface: Surface | None = None) -> tuple[Particles, int]:
+    def space(self, particles: Particles, surface: Surface) -> tuple[Particles, int]:
         """See `Walls.space`: nothing along these walls moves."""
         return particles, 0
 
@@ -301,7 +301,7 @@ class WallStep(Walls):
         done.velocity[index] = self.scheme.velocity(free, before)[index]
         return self._after.imposed(done)
 
-    def space(self, particles: Particles, surface: Surface | None = None) -> tuple[Particles, int]:
+    def space(self, particles: Particles, surface: Surface) -> tuple[Particles, int]:
         """See `Walls.space`."""
         slides = self.boundary.sliding >= 0
         if not self.boundary.pieces and not slides.any():
@@ -314,10 +314,9 @@ class WallStep(Walls):
                 space_back(spaced, piece, places)
         if particles.dimension == 3:
             spaced = self.set_back(spaced)
-        if surface is not None:  # what is dry stays where it is
-            dry = surface.dry(particles.wall)
-            spaced.velocity[dry] = self._after.pose.rigid_velocity(spaced.position[dry])
-            spaced.acceleration[dry] = self._after.pose.rigid_acceleration(spaced.position[dry])
+        dry = surface.dry(particles.wall)  # these stay where they are
+        spaced.velocity[dry] = self._after.pose.rigid_velocity(spaced.position[dry])
+        spaced.acceleration[dry] = self._after.pose.rigid_acceleration(spaced.position[dry])
         return self._after.imposed(spaced), count
 
     def set_back(self, particles: Particles) -> Particles:
