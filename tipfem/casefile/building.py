@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import zipfile
 from collections.abc import Callable, Iterable, Mapping
@@ -24,6 +25,7 @@ from tipfem.casefile.source import Path
 
 Report = Callable[[Path, str], None]
 SHAPES = ("box", "disc", "half_space", "polygon", "below", "above")
+MOST_PARTICLES = 5e7  # of a tank: more than a quarter of a terabyte of memory
 SUBJECT = re.compile(r"^(?:step|run|init|tank|fill|wall|Case|Simulation|[A-Z]\w+)(?: '[^']*')?: ")
 RULES = {"fitting": FittedRule, "relocation": RelocationRule, "surface": SurfaceRule}
 
@@ -146,6 +148,15 @@ class Parts:
             self.report(
                 ("gravity",), f"is {gravity} m/s^2; it must be {dimension} numbers, for the case is {dimension}-D"
             )
+        if tank is not None:
+            count = math.prod(edge / tank.spacing + 1 for edge in tank.size)
+            if not count <= MOST_PARTICLES:
+                self.report(
+                    ("tank", "spacing"),
+                    f"is {tank.spacing} m, which makes about {count:.1g} particles of {tank.size} m; "
+                    f"it must be so large that there are at most {MOST_PARTICLES:.0g}",
+                )
+                return None, dimension
         return (self._made(("tank",), self._new_empty_tank) if tank else None), dimension
 
     def _new_empty_tank(self) -> Tank:
