@@ -8,15 +8,13 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "build" / "api" / "tipfem"
 
 
-def on_config(config: Any) -> Any:
-    """Copy the parts of the package together, before any page is read."""
+def on_startup(*, command: str, dirty: bool) -> None:
+    """Copy the parts of the package together, before mkdocstrings looks for it."""
     shutil.rmtree(PACKAGE, ignore_errors=True)
     shutil.copytree(ROOT / "tipfem", PACKAGE, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(ROOT / "render", PACKAGE / "render", ignore=shutil.ignore_patterns("__pycache__"))
-    return config
