@@ -1,6 +1,6 @@
 """Remeshing with interfaces along edges: the triangulation moves with the particles and is repaired in place.
 
-Every triangle belongs to one fluid for good; flips, collapses and splits of edges hand that on. So a
+Every triangle belongs to one fluid, and so do those that flips, collapses and splits of edges put in its place. So a
 remeshing moves no volume from one fluid to another but where an interface is made coarser, slides
 along a wall, or a film breaks; and that is undone at once, see `volumes`.
 """
@@ -39,7 +39,7 @@ class Repaired(NamedTuple):
         particles: the state, on N' particles.
         mesh: the triangles.
         relocated: (N',) mask of the particles that have a new place, or are new.
-        renumbered: (N,) what number each particle has now, -1 for those that are gone; None if all have kept theirs.
+        renumbered: (N,) what number each particle has now, -1 for those removed; None if all have kept theirs.
     """
 
     particles: Particles
@@ -71,7 +71,7 @@ def repair(
         total: (F,) volume that each fluid is to have afterwards [m^2]; by default the solve's changes of volume
             stay, and only those of the remeshing are undone.
         graded: whether there are to be as many particles as the targets ask for. Otherwise N stays as it is: those
-            that crowd others are set elsewhere.
+            that crowd others are relocated.
 
     Raises:
         TriangulationError: the repair did not come to an end, or left a triangle without area.
@@ -158,7 +158,7 @@ def _follow_targets(t: Triangulation, held: Array, rule: FittedRule) -> Array:
         long_edge=WIDER * rule.long_edge,
     )
     edges, _ = t.coarsen(held, limits, most=before, every_edge=True)
-    gone = t.removed
+    removed = t.removed
     for number, (room, longer) in enumerate(ROUNDS):
         if number:
             edges = t.long_edges(longer * WIDER * rule.long_edge)
@@ -168,7 +168,7 @@ def _follow_targets(t: Triangulation, held: Array, rule: FittedRule) -> Array:
         t.refine(edges, room)
         t.make_delaunay(rule.flip_tolerance, stale_only=True)
     relocated = np.zeros(len(t.state), dtype=bool)
-    relocated[gone] = True
+    relocated[removed] = True
     relocated[before:] = True
     return relocated
 

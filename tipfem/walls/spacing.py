@@ -8,7 +8,7 @@ from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Surface
 from tipfem.typing import Array
 
-# A particle that slides is set elsewhere when it is closer to a neighbour than CLOSE mean distances along its
+# A particle that slides is relocated when it is closer to a neighbour than CLOSE mean distances along its
 # wall, or where another gap is wider than WIDE of them.
 CLOSE, WIDE = 0.6, 1.6
 CORNER = 0.1  # the least distance to a dry corner, in mean distances
@@ -16,7 +16,7 @@ FIELDS = ("position", "velocity", "acceleration", "pressure")
 
 
 def space_sliding(particles: Particles, piece: Array, surface: Surface) -> int:
-    """Set crowded particles of a wall that slips into its widest gaps, in place; returns how many.
+    """Relocate crowded particles of a wall that slips to its widest gaps, in place; returns how many.
 
     They take velocity, acceleration and pressure from the two ends of their gap, by linear interpolation.
 
