@@ -18,6 +18,8 @@ PICTURE = ROOT / "docs" / "images" / "layers.svg"
 WHAT = {
     "casefile": "cases in TOML, and the commands for them",
     "simulation": "the step and the run",
+    "run": "a run to a time: outputs, checkpoints, signals",
+    "checkpoint": "files to go on from",
     "state": "particles, mesh and material at one time",
     "output": "results folder",
     "probes": "measured on the way",

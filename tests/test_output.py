@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 import tipfem as tp
+from tipfem.checkpoint import file_name
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
-from tipfem.output import MANIFEST, STEP_COLUMNS, ResultsFolder, own_columns
+from tipfem.output import LOCK, MANIFEST, STEP_COLUMNS, ResultsFolder, own_columns
 
 
 def state(water: tp.Fluid, air: tp.Fluid, dimension: int = 2, seed: int = 0) -> tuple[tp.Particles, Mesh]:
@@ -28,9 +29,9 @@ def state(water: tp.Fluid, air: tp.Fluid, dimension: int = 2, seed: int = 0) -> 
 
 
 def files(folder) -> set[str]:
-    """All files below a folder, hidden ones included, but for the list of them."""
-    found = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
-    return found - {MANIFEST}
+    """All files below a folder, hidden ones included, but for the list of them and the lock."""
+    found = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file()]
+    return {path.as_posix() for path in found if path.name not in (MANIFEST, LOCK)}
 
 
 def listed(folder) -> list[tuple[float, str]]:
@@ -311,7 +312,8 @@ def test_a_run_writes_the_whole_folder(tmp_path, water, air):
     np.testing.assert_allclose([t for t, _ in listed(tmp_path)], [0, 2e-3, 4e-3], atol=1e-12)
     assert names[0] == "fields/step_000000.vtu"
     assert names[-1] == f"fields/step_{steps:06d}.vtu"
-    assert files(tmp_path) == {"case.json", "summary.json", "history.csv", "fields.pvd", *names}
+    checkpoints = {f"checkpoints/{file_name(step)}" for step in (0, steps)}
+    assert files(tmp_path) == {"case.json", "summary.json", "history.csv", "fields.pvd", *checkpoints, *names}
     np.testing.assert_array_equal(meshio.read(tmp_path / names[-1]).points[:, :2], simulation.particles.position)
     with open(tmp_path / "history.csv", newline="") as source:
         rows = list(csv.DictReader(source))

@@ -11,6 +11,7 @@ import pytest
 import tipfem as tp
 from tipfem import probes as tpp
 from tipfem.mesh.probes import surface_height
+from tipfem.output import ResultsFolder
 from tipfem.probes.walls import wall_line
 
 G = 9.81
@@ -173,13 +174,14 @@ def test_named_walls_and_those_that_move(water, air):
 def test_the_recorder_samples_at_the_interval_and_writes_what_it_keeps(layers, tmp_path):
     every = tpp.VolumeProbe(name="all", fluid="water")
     some = tpp.PointProbe(name="some", at=(0.1, 0.1), interval=0.25)
-    recorder = tpp.ProbeRecorder([every, some], layers.case, tmp_path)
+    recorder = tpp.ProbeRecorder([every, some], layers.case)
+    recorder.write_to(ResultsFolder(tmp_path))
     for time in (0.0, 0.1, 0.2, 0.25, 0.3, 0.6, 0.7, 0.75):
-        layers.time = time
+        layers.state = dataclasses.replace(layers.state, time=time)
         recorder.record(layers)
     assert recorder["all"]["time"].tolist() == [0.0, 0.1, 0.2, 0.25, 0.3, 0.6, 0.7, 0.75]
     assert recorder["some"]["time"].tolist() == [0.0, 0.25, 0.6, 0.75]
-    lines = (tmp_path / "some.csv").read_text().splitlines()
+    lines = (tmp_path / "probes" / "some.csv").read_text().splitlines()
     assert lines[0] == "time [s],pressure [Pa]"
     assert [float(line.split(",")[1]) for line in lines[1:]] == recorder["some"]["pressure"].tolist()
     with pytest.raises(KeyError, match="there is no probe 'none'"):

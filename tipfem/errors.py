@@ -9,3 +9,7 @@ class SimulationError(RuntimeError):
 
 class StepRefused(Exception):
     """A step was not good enough; a shorter one may be."""
+
+
+class CheckpointError(RuntimeError):
+    """A checkpoint cannot be read, or is not one of this run."""

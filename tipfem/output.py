@@ -4,6 +4,7 @@
     history.csv     one row a step, SI units
     fields.pvd      the fields over time, for ParaView; fields/step_*.vtu
     summary.json    settings, versions, and figures of the whole run
+    probes/*.csv    what probes have measured; checkpoints/*.h5
     .tipfem         names of these files: a later run in the folder removes them, and nothing else
 
 Every file but the history, which grows row by row, is written under another name and then renamed:
@@ -12,11 +13,14 @@ a reader, or a full disk, never meets half a file.
 
 from __future__ import annotations
 
+import atexit
 import csv
 import json
 import os
 import platform
-from collections.abc import Callable, Collection, Mapping
+import socket
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TextIO
@@ -29,6 +33,7 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
 MANIFEST = ".tipfem"
+LOCK = ".lock"
 # What every run writes beside its fields; a file of that name that is not in the manifest belongs to somebody else.
 _NAMES = ("case.json", "history.csv", "summary.json", "fields.pvd")
 
@@ -38,15 +43,19 @@ class ResultsFolder:
 
     Args:
         path: the folder; made when it is not there.
+        overwrite: whether an earlier run's results are removed; if not, they are an error.
 
     Raises:
-        ValueError: the folder cannot be made or written to, or a file is in the way that no run of tipfem wrote.
+        ValueError: the folder cannot be made or written to, a file is in the way that no run of tipfem wrote, another
+            run is writing into it, or it holds results that are not to be overwritten.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, *, overwrite: bool = True) -> None:
         if not str(path):
             raise ValueError("out is '', which would be the present folder; name a folder for the results")
         self.path = Path(path)
+        self._lock = FolderLock(self.path)
+        self._resumed: int | None = None
         self._history: TextIO | None = None
         self._columns: list[str] = []
         self._times: dict[str, float] = {}
@@ -60,10 +69,13 @@ class ResultsFolder:
                     f"out is {str(path)!r}, where {foreign[0]} is no file of an earlier run ({MANIFEST} lists those), "
                     "so it is not replaced; name another folder, or remove the file"
                 )
+            if earlier and not overwrite:
+                raise ValueError(
+                    f"out is {str(path)!r}, which holds the results of a run; name another folder, resume that run, or "
+                    "say that it is to be overwritten"
+                )
             (self.path / "fields").mkdir(parents=True, exist_ok=True)
-            probe = self.path / ".writable"
-            probe.write_text("")
-            probe.unlink()
+            self._lock.take()
             for name in earlier:
                 # The .part is of a run that was killed.
                 for old in (self.path / name, self.path / (name + ".part")):
@@ -74,6 +86,50 @@ class ResultsFolder:
                 f"out is {str(path)!r}, which cannot be written to ({error.strerror}); name a folder that can"
             ) from error
 
+    @classmethod
+    def continued(
+        cls, path: str | Path, content: Mapping[str, Any], history: Sequence[Mapping[str, float]], step: int
+    ) -> ResultsFolder:
+        """The folder of a run that goes on from a checkpoint; what was written after it is removed.
+
+        Args:
+            path: the folder.
+            content: what the checkpoint holds of `content`.
+            history: the rows up to the checkpoint.
+            step: number of the checkpoint's step.
+
+        Raises:
+            ValueError: another run is writing into the folder, or it cannot be written to.
+        """
+        folder = cls.__new__(cls)
+        folder.path, folder._history, folder._columns = Path(path), None, []
+        folder._lock, folder._resumed = FolderLock(folder.path), step
+        try:
+            folder._lock.take()
+            folder._listed = folder._earlier_files()
+            folder._times, folder._case = dict(content["times"]), dict(content["case"])
+            for name in folder._listed:
+                later = name.startswith("fields/") and name not in folder._times
+                if later or name.endswith(".part"):
+                    (folder.path / name).unlink(missing_ok=True)
+                (folder.path / (name + ".part")).unlink(missing_ok=True)
+            if folder._case:
+                folder._write_json("case.json", folder._case)
+            if folder._times:
+                folder._write_times()
+            if history:
+                folder._columns = list(history[0])
+                folder.replace_rows("history.csv", folder._columns, [list(row.values()) for row in history])
+            else:
+                (folder.path / "history.csv").unlink(missing_ok=True)
+        except OSError as error:
+            raise ValueError(f"{str(path)!r} cannot be written to ({error.strerror})") from error
+        return folder
+
+    def content(self) -> dict[str, Any]:
+        """What a checkpoint has to keep of the folder: the times of the fields, and case.json."""
+        return {"times": dict(self._times), "case": dict(self._case)}
+
     def _earlier_files(self) -> list[str]:
         """Names of the files that the manifest lists, as far as they lie in the folder."""
         try:
@@ -83,7 +139,7 @@ class ResultsFolder:
         inside = [name for name in names if name and not Path(name).is_absolute() and ".." not in Path(name).parts]
         return [name for name in inside if not (self.path / name).is_dir()]
 
-    def _list(self, name: str) -> None:
+    def list_file(self, name: str) -> None:
         """Put a file into the manifest, before it is written."""
         if name not in self._listed:
             with open(self.path / MANIFEST, "a", encoding="utf-8") as manifest:
@@ -91,8 +147,8 @@ class ResultsFolder:
             self._listed.append(name)
 
     def has_fields(self, step: int) -> bool:
-        """Whether the fields of a step have been written."""
-        return _field_file(step) in self._times
+        """Whether the fields of a step have been written, or were not due at it."""
+        return step == self._resumed or _field_file(step) in self._times
 
     def write_case(self, case: Case) -> None:
         """Write case.json."""
@@ -126,7 +182,8 @@ class ResultsFolder:
         After `close` the file is opened again and goes on.
         """
         if self._history is None:
-            self._list("history.csv")
+            self.list_file("history.csv")
+            self._lock.take()
             # No newline is translated: the csv module writes them itself, those within a name too.
             self._history = open(self.path / "history.csv", "a", encoding="utf-8", newline="")
         lines = csv.writer(self._history, lineterminator="\n")
@@ -173,6 +230,10 @@ class ResultsFolder:
         )
         self._replace(name, lambda path: meshio.write(path, content, file_format="vtu"))
         self._times[name] = time
+        self._write_times()
+
+    def _write_times(self) -> None:
+        """Write fields.pvd."""
         entries = "\n".join(
             f'    <DataSet timestep="{t:.9g}" part="0" file="{file}"/>' for file, t in self._times.items()
         )
@@ -187,11 +248,42 @@ class ResultsFolder:
         packages = {name: version(name) for name in ("tipfem", "taichi", "numpy", "scipy", "meshio")}
         self._write_json("summary.json", {**content, "versions": {"python": platform.python_version(), **packages}})
 
+    def append_rows(self, name: str, header: Sequence[str], rows: Sequence[Sequence[float]]) -> None:
+        """Add rows to a table, a CSV file; a new one begins with its header.
+
+        Args:
+            name: of the file, from the folder.
+            header: names of the columns.
+            rows: values, in full precision.
+        """
+        self.list_file(name)
+        path = self.path / name
+        path.parent.mkdir(exist_ok=True)
+        with open(path, "a", encoding="utf-8", newline="") as file:
+            lines = csv.writer(file, lineterminator="\n")
+            if file.tell() == 0:
+                lines.writerow(header)
+            lines.writerows([_exact(value) for value in row] for row in rows)
+
+    def replace_rows(self, name: str, header: Sequence[str], rows: Sequence[Sequence[float]]) -> None:
+        """Write a table anew, see `append_rows`; history.csv with as many digits as it has."""
+        number = _number if name == "history.csv" else _exact
+
+        def write(path: Path) -> None:
+            with open(path, "w", encoding="utf-8", newline="") as file:
+                lines = csv.writer(file, lineterminator="\n")
+                lines.writerow(header)
+                lines.writerows([number(value) for value in row] for row in rows)
+
+        (self.path / name).parent.mkdir(exist_ok=True)
+        self._replace(name, write)
+
     def close(self) -> None:
-        """Close the history."""
+        """Close the history, and let other runs write into the folder."""
         if self._history is not None:
             self._history.close()
             self._history = None
+        self._lock.release()
 
     def _write_json(self, name: str, content: Mapping[str, Any]) -> None:
         text = json.dumps(content, indent=2, default=_plain) + "\n"
@@ -199,13 +291,76 @@ class ResultsFolder:
 
     def _replace(self, name: str, write: Callable[[Path], Any]) -> None:
         temporary = self.path / (name + ".part")
-        self._list(name)
+        self.list_file(name)
         try:
             write(temporary)
             os.replace(temporary, self.path / name)
         except BaseException:
             temporary.unlink(missing_ok=True)
             raise
+
+
+class FolderLock:
+    """Keeps two runs out of one folder: a file with the host and the process that writes there.
+
+    A lock whose process has ended is taken over; so is one of this process.
+
+    Args:
+        folder: the results folder.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / LOCK
+
+    def take(self) -> None:
+        """Lock the folder.
+
+        Raises:
+            ValueError: another process that is running has locked it.
+            OSError: the file cannot be written.
+        """
+        own = {"host": socket.gethostname(), "process": os.getpid()}
+        try:
+            with open(self.path, "x", encoding="utf-8") as file:
+                json.dump(own, file)
+        except FileExistsError:
+            holder = self._holder()
+            if holder and not (holder["host"] == own["host"] and _has_ended(holder["process"])):
+                if holder != own:
+                    raise ValueError(
+                        f"{str(self.path.parent)!r} is in use by process {holder['process']} on {holder['host']}; name "
+                        f"another folder, or remove {LOCK} there if that run has ended"
+                    ) from None
+            temporary = self.path.with_name(f"{LOCK}.{os.getpid()}")
+            temporary.write_text(json.dumps(own), encoding="utf-8")
+            os.replace(temporary, self.path)
+        atexit.register(self.release)
+
+    def release(self) -> None:
+        """Unlock the folder, if this process has locked it."""
+        holder = self._holder()
+        if holder and holder["process"] == os.getpid() and holder["host"] == socket.gethostname():
+            with suppress(OSError):
+                self.path.unlink(missing_ok=True)
+
+    def _holder(self) -> dict[str, Any] | None:
+        """Who has locked the folder; None for nobody, or a file that says nothing."""
+        try:
+            holder = json.loads(self.path.read_text(encoding="utf-8"))
+            return {"host": str(holder["host"]), "process": int(holder["process"])}
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+
+
+def _has_ended(process: int) -> bool:
+    """Whether no process of this host has that number."""
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return True
+    except OSError:
+        return False
+    return False
 
 
 # Columns of the history beside those of the budgets, which stand before the wall-clock time.
@@ -269,6 +424,10 @@ def fill_columns(row: dict[str, float], columns: Mapping[str, Callable[[Any], fl
 
 def _field_file(step: int) -> str:
     return f"fields/step_{step:06d}.vtu"
+
+
+def _exact(value: float) -> str:
+    return str(int(value)) if isinstance(value, (int, np.integer)) else repr(float(value))
 
 
 def _number(value: float) -> str:

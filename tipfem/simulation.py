@@ -5,8 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time as clock
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, contextmanager, nullcontext, suppress
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +16,17 @@ from tipfem.backend import runtime
 from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
-from tipfem.errors import SimulationError, StepRefused
+from tipfem.checkpoint import FOLDER, CheckpointFolder, case_from, case_record, differences, environment, file_name
+from tipfem.errors import CheckpointError, SimulationError, StepRefused
 from tipfem.fem.time_integration import StepControl, smallest_jacobian
-from tipfem.mesh import probes
 from tipfem.mesh.delaunay import TriangulationError
 from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.probes import Energy
 from tipfem.output import ResultsFolder, fill_columns, own_columns
-from tipfem.progress import RunProgress
+from tipfem.probes import Probe, ProbeRecorder
 from tipfem.remesh.remeshers import remesher_for
+from tipfem.run import CheckpointSchedule, writing
+from tipfem.run import run as run_to
 from tipfem.state import Solved, State
 from tipfem.step.budget import Budget
 from tipfem.step.solve import StepSolver
@@ -32,7 +34,7 @@ from tipfem.step.volume_source import VolumeControl
 from tipfem.timers import Timings, timer
 from tipfem.walls.motion import set_off
 
-Probe = Callable[["Simulation"], float]
+Column = Callable[["Simulation"], float]
 # The pressure of the initial fields is that after a step of this part of the first one's length.
 FIRST_STEP = 0.1
 
@@ -48,12 +50,18 @@ class Simulation:
         output_interval: time between fields written to disk by `run` [s]; steps are shortened to end at
             these times. By default only the first and the last state of a run.
         columns: further columns of the history, by name: functions of the simulation.
+        probes: what is measured on the way, each in a file ``probes/NAME.csv``; see `tipfem.probes`.
+        checkpoint_interval: simulated time between checkpoints of `run` [s]; None for none by simulated time.
+        checkpoint_wall_interval: wall-clock time between them [s]; None for none by the clock. A run with a results
+            folder writes one at its start and at its end, too; see `resume`.
+        overwrite: whether the results of an earlier run in ``out`` are removed; if not, they are an error.
 
     Attributes:
         state: the present state, frozen; `particles`, `mesh`, `boundary`, `time` and `step_number` are parts of it.
         control: of the length of the time step.
         volume_control: of the source that gives the fluids back their volumes.
         history: one dict a step, as in history.csv.
+        probes: what the probes have measured, by their names.
         timings: wall-clock seconds by part of a step; see `tipfem.timers`.
 
     The attributes named in `CHANGES` are all that a step changes and that a later one depends on: a simulation of the
@@ -72,9 +80,18 @@ class Simulation:
         *,
         time_step: float | None = None,
         output_interval: float | None = None,
-        columns: Mapping[str, Probe] | None = None,
+        columns: Mapping[str, Column] | None = None,
+        probes: Sequence[Probe] = (),
+        checkpoint_interval: float | None = None,
+        checkpoint_wall_interval: float | None = 60.0,
+        overwrite: bool = True,
     ) -> None:
-        for name, value in (("time step", time_step), ("output_interval", output_interval)):
+        for name, value in (
+            ("time step", time_step),
+            ("output_interval", output_interval),
+            ("checkpoint_interval", checkpoint_interval),
+            ("checkpoint_wall_interval", checkpoint_wall_interval),
+        ):
             if value is not None and not (is_number(value) and value > 0):
                 raise ValueError(f"Simulation: {name} is {value!r} s; it must be > 0")
         if not isinstance(case, Case):
@@ -95,6 +112,7 @@ class Simulation:
         self.solver = StepSolver(case, self.control.reach)
         self.remesher, self.budget = remesher_for(case), Budget(case)
         self.columns = own_columns(columns or {}, self.budget.columns)
+        self.until, self.notes = math.nan, list[str]()
         self._started = clock.perf_counter()
         try:
             initial = set_off(case.boundary, case.particles.copy(), 0.25 * self.control.largest)
@@ -103,10 +121,13 @@ class Simulation:
             raise ValueError(f"Simulation: the initial particles cannot be meshed: {error}") from error
         rate = 0.0 if self.remesher.keeps_volumes else case.numerics.volume_correction * frequency
         self.volume_control = VolumeControl(self.state.volume, rate, balanced=case.closed)
+        self.probes = ProbeRecorder(probes, case)
+        self._schedule = CheckpointSchedule(checkpoint_interval, checkpoint_wall_interval)
         # Last of all: it removes what an earlier run left, which a refused simulation must not do.
-        self.results = ResultsFolder(out) if out is not None else None
+        self.results = ResultsFolder(out, overwrite=overwrite) if out is not None else None
         if self.results:
-            with _writing(0.0):
+            self.probes.write_to(self.results)
+            with writing(0.0):
                 self.results.write_case(case)
 
     @property
@@ -214,43 +235,16 @@ class Simulation:
             SimulationError: the run cannot go on, or its results cannot be written; all up to there is on disk.
         """
         self._require_later("run", until)
-        bar = RunProgress(self.time, until, enabled=progress)
-        status = "stopped"
-        try:
-            with bar, closing(self.results) if self.results else nullcontext():
-                if self.results and not self.results.has_fields(self.step_number):
-                    self._write_fields()
-                while self.time < until:
-                    due = min(until, self._next_output())
-                    while self.time < due:
-                        self.step(due)
-                        bar.update(self.time, self.history[-1])
-                    self._write_fields()
-            status = "complete"
-        except KeyboardInterrupt:
-            status = "interrupted"
-            raise
-        except SimulationError as error:
-            status = str(error)
-            raise
-        except OSError as error:
-            status = f"the results cannot be written: {error}"
-            raise SimulationError(f"the results cannot be written at t = {self.time:.6g} s: {error}") from error
-        finally:
-            # On a disk that is full neither can be written; what stopped the run is the better message.
-            with _writing(self.time) if status == "complete" else suppress(OSError):
-                if status != "complete":
-                    self._write_fields()
-                self.write_summary({"status": status})
+        run_to(self, until, progress=progress)
 
     def volume(self, name: str) -> float:
         """Volume of a fluid [m^2 in 2-D, m^3 in 3-D], spray included; see `Case.fluid_index` for errors."""
         return float(self.state.volume[self.case.fluid_index(name)])
 
-    def energy(self) -> probes.Energy:
+    def energy(self) -> Energy:
         """Kinetic and potential energy [J, per metre of depth in 2-D]."""
         totals = self.budget.totals(self.state)
-        return probes.Energy(totals.kinetic, totals.potential)
+        return Energy(totals.kinetic, totals.potential)
 
     def write_summary(self, content: Mapping[str, Any] | None = None) -> None:
         """Write summary.json with the run's settings and ``content``; nothing without a results folder."""
@@ -306,15 +300,129 @@ class Simulation:
             self.history.append(row)
             if self.results:
                 self.results.append_history(row)
+            self.probes.record(self)
         if failure:
             raise SimulationError(f"t = {self.time:.6g} s, step {self.step_number}: {failure}") from failure.__cause__
 
-    def _next_output(self) -> float:
+    def checkpoint_is_due(self) -> bool:
+        """Whether `run` is to write a checkpoint now."""
+        return self.results is not None and self._schedule.due(self.time)
+
+    def write_checkpoint(self, until: float) -> None:
+        """Write a checkpoint of the present state into the results folder; nothing without one.
+
+        Args:
+            until: time that the run is to reach [s], which `resume` goes on to.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        if not self.results:
+            return
+        with self.timings.active(), timer("checkpoint"):
+            content = {
+                "case": case_record(self.case),
+                "until": until,
+                "environment": {**environment(), **runtime.settings()},
+                "settings": {
+                    "time_step": self.control.largest,
+                    "output_interval": self.output_interval,
+                    "checkpoint_interval": self._schedule.interval,
+                    "checkpoint_wall_interval": self._schedule.wall_interval,
+                    "columns": list(self.columns),
+                    "probes": list(self.probes.probes),
+                },
+                "state": self.state,
+                "control": vars(self.control),
+                "missing": self.volume_control.missing,
+                "history": _table(self.history),
+                "probes": self.probes.content(),
+                "results": self.results.content(),
+                "wall_seconds": clock.perf_counter() - self._started,
+            }
+            self.results.list_file(f"{FOLDER}/{file_name(self.step_number)}")
+            CheckpointFolder(self.results.path).write(self.step_number, content)
+            self._schedule.written(self.time)
+
+    @classmethod
+    def resume(
+        cls,
+        out: str | Path,
+        case: Case | None = None,
+        *,
+        columns: Mapping[str, Column] | None = None,
+        probes: Sequence[Probe] | None = None,
+        allow_changes: bool = False,
+    ) -> Simulation:
+        """The simulation that a run in a results folder was, at its newest checkpoint; `run` goes on from there.
+
+        It goes on to the bit as the run would have that was not stopped, on the same processor with the same versions;
+        what is written differs in wall-clock times alone. What the run wrote after the checkpoint is removed.
+
+        Args:
+            out: the results folder.
+            case: the case of the run; needed if it has functions of Python's, which no file keeps.
+            columns: those of the run, functions which no file keeps either.
+            probes: those of the run, if it had any.
+            allow_changes: go on although numbers of the method (`Numerics`) have changed.
+
+        Returns:
+            The simulation. Its attribute ``until`` is the time [s] that the run was to reach; ``notes`` says in lines
+            what may make it differ from a run that was not stopped: another processor, other versions, files that are
+            damaged.
+
+        Raises:
+            CheckpointError: there is no checkpoint that can be read, the case has changed, or a part of it is missing.
+            ValueError: the folder cannot be written to.
+        """
+        folder = CheckpointFolder(Path(out))
+        notes: list[str] = []
+        case = case_from(folder.newest_record()) if case is None else case
+        content = folder.read(case, notes.append)
+        changed = differences(content["case"], case_record(case))
+        if changed and not (allow_changes and all(line.startswith("numerics.") for line in changed)):
+            remedy = "" if allow_changes else "; numbers of the method may change with allow_changes"
+            raise CheckpointError(f"{out}: the case is not that of the run: {'; '.join(changed)}{remedy}")
+        notes += [f"changed: {line}" for line in changed]
+        settings = content["settings"]
+        for what, given in (("columns", list(columns or {})), ("probes", [probe.name for probe in probes or ()])):
+            if sorted(given) != sorted(settings[what]):
+                raise CheckpointError(f"{out}: the run had the {what} {settings[what]}, and {given} are given")
+        simulation = cls(
+            case,
+            time_step=settings["time_step"],
+            output_interval=settings["output_interval"],
+            columns=columns,
+            probes=probes or (),
+            checkpoint_interval=settings["checkpoint_interval"],
+            checkpoint_wall_interval=settings["checkpoint_wall_interval"],
+        )
+        present = {**environment(), **runtime.settings()}
+        notes += [
+            f"{key}: {value}, now {present.get(key)}; the results may differ by round-off from those of one run"
+            for key, value in content["environment"].items()
+            if key != "threads" and present.get(key) != value
+        ]
+        simulation.state = content["state"]
+        vars(simulation.control).update(content["control"])
+        simulation.volume_control.missing = content["missing"]
+        simulation.history = _rows(content["history"])
+        simulation.until, simulation.notes = content["until"], notes
+        simulation._started = clock.perf_counter() - content["wall_seconds"]
+        simulation.results = ResultsFolder.continued(
+            out, content["results"], simulation.history, simulation.step_number
+        )
+        simulation.probes.go_on(content["probes"])
+        simulation.probes.write_to(simulation.results)
+        simulation._schedule.written(simulation.time)
+        return simulation
+
+    def next_output(self) -> float:
         """The next time at which fields are to be written [s]."""
         interval = self.output_interval
         return math.inf if interval is None else (math.floor(self.time / interval + 1e-9) + 1) * interval
 
-    def _write_fields(self) -> None:
+    def write_fields(self) -> None:
         """Write the present fields to disk."""
         if not self.results:
             return
@@ -338,10 +446,22 @@ class Simulation:
         return particles.shallow_copy(pressure=solved.particles.pressure)
 
 
-@contextmanager
-def _writing(time: float) -> Iterator[None]:
-    """Turn what keeps results from being written at a time [s] into a SimulationError."""
-    try:
-        yield
-    except OSError as error:
-        raise SimulationError(f"the results cannot be written at t = {time:.6g} s: {error}") from error
+def _table(history: list[dict[str, float]]) -> dict[str, Any]:
+    """Rows of a history as one array (K, C), with the names of the columns and which of them are whole numbers."""
+    names = list(history[0]) if history else []
+    return {
+        "columns": names,
+        "whole": [name for name in names if isinstance(history[0][name], (int, np.integer))],
+        "rows": np.array([[row[name] for name in names] for row in history], dtype=float).reshape(
+            len(history), len(names)
+        ),
+    }
+
+
+def _rows(table: Mapping[str, Any]) -> list[dict[str, float]]:
+    """The inverse of `_table`."""
+    whole = set(table["whole"])
+    return [
+        {name: int(value) if name in whole else float(value) for name, value in zip(table["columns"], row, strict=True)}
+        for row in table["rows"]
+    ]

@@ -1,7 +1,7 @@
 """Probes: what a run measures on its way, each in a file of its own.
 
-A probe is given to `tipfem.Simulation` and sampled at the start and after the steps. Values between particles are those
-of the linear shape functions, as in the solution; of a fluid at rest the pressure is exact.
+A probe is given to `tipfem.Simulation` and sampled after the steps. Values between particles are those of the linear
+shape functions, as in the solution; of a fluid at rest the pressure is exact.
 """
 
 from tipfem.probes.fluids import EnergyProbe, FrontProbe, VolumeProbe, WaveGauge

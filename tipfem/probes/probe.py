@@ -25,7 +25,10 @@ class Sampled(Protocol):
     """What a probe sees of a simulation."""
 
     case: Case
-    time: float
+
+    @property
+    def time(self) -> float:
+        """Of the present state [s]."""
 
     @property
     def particles(self) -> Particles:

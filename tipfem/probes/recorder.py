@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import math
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -14,19 +13,28 @@ from tipfem.probes.probe import Probe, Sampled
 from tipfem.typing import Array
 
 
+class Results(Protocol):
+    """Where samples are written."""
+
+    def append_rows(self, name: str, header: Sequence[str], rows: Sequence[Sequence[float]]) -> None:
+        """Add rows to a table; a new one begins with its header."""
+
+    def replace_rows(self, name: str, header: Sequence[str], rows: Sequence[Sequence[float]]) -> None:
+        """Write a table anew."""
+
+
 class ProbeRecorder:
-    """Samples probes as a run goes on, keeps their values, and writes each to ``probes/NAME.csv``.
+    """Samples probes as a run goes on, keeps their values, and writes each to ``probes/NAME.csv`` of a results folder.
 
     Args:
         probes: what to measure.
         case: what they measure it of.
-        folder: the results folder, or None to keep the values in memory only.
 
     Raises:
         ValueError: a probe does not fit the case, or two have the same name.
     """
 
-    def __init__(self, probes: Sequence[Probe], case: Case, folder: Path | None = None) -> None:
+    def __init__(self, probes: Sequence[Probe], case: Case) -> None:
         wrong = [probe for probe in probes if not isinstance(probe, Probe)]
         if wrong:
             raise ValueError(f"Simulation: probes holds {wrong[0]!r}; it must be a list of probes, as tp.PointProbe")
@@ -37,7 +45,7 @@ class ProbeRecorder:
         self.columns = {probe.name: [("time", "s"), *probe.columns(case)] for probe in probes}
         self.rows: dict[str, list[list[float]]] = {name: [] for name in self.probes}
         self._due = dict.fromkeys(self.probes, 0)
-        self._folder = folder
+        self._results: Results | None = None
 
     def __getitem__(self, name: str) -> dict[str, Array]:
         """The samples of a probe so far: arrays (K,) by column, ``time`` [s] first.
@@ -64,17 +72,32 @@ class ProbeRecorder:
                 self._due[name] = count + 1
             row = [simulation.time, *probe.sample(simulation)]
             self.rows[name].append(row)
-            if self._folder is not None:
-                self._write(name, row)
+            if self._results is not None:
+                self._results.append_rows(_file(name), self._header(name), [row])
 
-    def _write(self, name: str, row: list[float]) -> None:
-        assert self._folder is not None
-        path = self._folder / f"{name}.csv"
-        first = len(self.rows[name]) == 1
-        if first:
-            self._folder.mkdir(parents=True, exist_ok=True)
-        with open(path, "w" if first else "a", encoding="utf-8", newline="") as file:
-            lines = csv.writer(file, lineterminator="\n")
-            if first:
-                lines.writerow([f"{column} [{unit}]" for column, unit in self.columns[name]])
-            lines.writerow([repr(float(value)) for value in row])
+    def write_to(self, results: Results) -> None:
+        """Write into a results folder from now on; what has been sampled so far replaces what its files hold.
+
+        Raises:
+            OSError: a file cannot be written.
+        """
+        self._results = results
+        for name, rows in self.rows.items():
+            if rows:
+                results.replace_rows(_file(name), self._header(name), rows)
+
+    def content(self) -> dict[str, Any]:
+        """All samples so far, for a checkpoint."""
+        return {name: {"due": self._due[name], "rows": np.array(rows)} for name, rows in self.rows.items()}
+
+    def go_on(self, content: Mapping[str, Any]) -> None:
+        """Take over the samples of a checkpoint, see `content`."""
+        for name, probe in content.items():
+            self.rows[name], self._due[name] = probe["rows"].tolist(), probe["due"]
+
+    def _header(self, name: str) -> list[str]:
+        return [f"{column} [{unit}]" for column, unit in self.columns[name]]
+
+
+def _file(name: str) -> str:
+    return f"probes/{name}.csv"

@@ -1,0 +1,407 @@
+"""tipfem/checkpoint.py: a run goes on to the bit, and what is damaged or foreign is refused in one line."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time as clock
+
+import h5py
+import meshio
+import numpy as np
+import pytest
+
+import tipfem as tp
+from tipfem import checkpoint
+from tipfem.errors import CheckpointError
+
+GRAVITY = (0.0, -9.81)
+COLUMN = ((0, 0), (0.146, 0.292))
+
+
+def dam_break(water, air, spacing=0.02, **options):
+    tank = tp.tank((0.584, 0.584), spacing).fill(air).fill(water, box=COLUMN)
+    return tp.Case(tank, [water, air], GRAVITY, **options)
+
+
+def test_what_is_written_is_read(tmp_path, water, air):
+    shared = np.arange(6.0).reshape(2, 3)
+    content = {
+        "none": None,
+        "flag": True,
+        "count": 7,
+        "number": 0.1 + 0.2,
+        "odd": [math.inf, -math.inf, math.nan],
+        "text": "spacing \u00e4",
+        "pair": (1, 2.5),
+        "arrays": [shared, shared, np.asfortranarray(shared), np.zeros((0, 2), dtype=np.int32)],
+    }
+    path = tmp_path / "c.h5"
+    checkpoint.write_file(path, content)
+    found = checkpoint.read_file(path, None)
+    assert list(found) == list(content)
+    for key in ("none", "flag", "count", "number", "text", "pair"):
+        assert found[key] == content[key]
+        assert type(found[key]) is type(content[key])
+    assert found["odd"][:2] == [math.inf, -math.inf]
+    assert math.isnan(found["odd"][2])
+    for new, old in zip(found["arrays"], content["arrays"], strict=True):
+        assert new.dtype == old.dtype
+        assert new.tobytes() == old.tobytes()
+        assert new.flags.f_contiguous == old.flags.f_contiguous
+    assert found["arrays"][0] is found["arrays"][1]  # one array stays one
+
+
+@pytest.mark.parametrize("value", [object(), {1: 2}, {"f": lambda: 0}, {"case": np.float64}])
+def test_what_is_no_data_is_not_written(tmp_path, value):
+    with pytest.raises(TypeError, match="a checkpoint"):
+        checkpoint.write_file(tmp_path / "c.h5", {"value": value})
+    assert not list(tmp_path.iterdir())
+
+
+def damaged(path, how):
+    content = bytearray(path.read_bytes())
+    if how == "truncated":
+        path.write_bytes(content[: len(content) // 2])
+    elif how == "empty":
+        path.write_bytes(b"")
+    elif how == "foreign":
+        path.write_text("time,step\n0,1\n")
+    elif how == "other hdf5":
+        with h5py.File(path, "w") as file:
+            file["data"] = np.zeros(3)
+    elif how == "other format":
+        with h5py.File(path, "r+") as file:
+            file.attrs["tipfem_checkpoint"] = 99
+    elif how == "changed value":
+        with h5py.File(path, "r+") as file:
+            file["arrays/0"][0] = 1e9
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        ("truncated", "is damaged or no checkpoint"),
+        ("empty", "is damaged or no checkpoint"),
+        ("foreign", "is damaged or no checkpoint"),
+        ("other hdf5", "is no checkpoint of tipfem"),
+        ("other format", "is a checkpoint of format 99, not 1"),
+        ("changed value", "is damaged: its checksum is wrong"),
+    ],
+)
+def test_a_bad_file_is_one_line_and_the_one_before_is_taken(tmp_path, water, air, how, message):
+    case, folder, warnings = dam_break(water, air, 0.04), checkpoint.CheckpointFolder(tmp_path), []
+    folder.write(1, {"value": np.array([1.0])})
+    newest = folder.write(2, {"value": np.array([2.0])})
+    assert folder.read(case, warnings.append)["value"][0] == 2.0
+    damaged(newest, how)
+    with pytest.raises(CheckpointError, match=message) as error:
+        checkpoint.read_file(newest, case)
+    assert "\n" not in str(error.value)
+    assert folder.read(case, warnings.append)["value"][0] == 1.0
+    assert len(warnings) == 1
+    damaged(tmp_path / checkpoint.FOLDER / "step_000000001.h5", "empty")
+    with pytest.raises(CheckpointError, match="holds no checkpoint that can be read"):
+        folder.read(case, warnings.append)
+
+
+def test_the_newest_two_and_the_start_are_kept(tmp_path):
+    folder = checkpoint.CheckpointFolder(tmp_path)
+    for step in (0, 5, 10, 15):
+        folder.write(step, {"step": step})
+    assert [path.name for path in folder.files()] == ["step_000000015.h5", "step_000000010.h5", "step_000000000.h5"]
+
+
+def test_a_write_that_fails_leaves_what_there_was(tmp_path, monkeypatch):
+    folder = checkpoint.CheckpointFolder(tmp_path)
+    folder.write(1, {"step": 1})
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(OSError, match="No space"):
+        folder.write(2, {"step": 2})
+    assert [path.name for path in (tmp_path / checkpoint.FOLDER).iterdir()] == ["step_000000001.h5"]
+
+
+def test_cases_are_compared_value_by_value(water, air):
+    one = checkpoint.case_record(dam_break(water, air, 0.04))
+    assert checkpoint.differences(one, checkpoint.case_record(dam_break(water, air, 0.04))) == []
+    thick = tp.Fluid("water", density=water.density, viscosity=0.1)
+    other = dam_break(thick, air, 0.04, numerics=tp.Numerics(rho_inf=0.5), body_force=lambda x, t: 0 * x)
+    lines = checkpoint.differences(one, checkpoint.case_record(other))
+    assert [line.split(":")[0] for line in lines] == ["fluids.water.viscosity", "body_force", "numerics.rho_inf"]
+    assert lines[2] == "numerics.rho_inf: 0.0, now 0.5"
+    finer = checkpoint.differences(one, checkpoint.case_record(dam_break(water, air, 0.02)))
+    assert "particles.position: other values at the start" in finer
+
+
+def tidy(path):
+    """The lines of a history without the column of wall-clock times."""
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    at = rows[0].index("wall_seconds")
+    return [row[:at] + row[at + 1 :] for row in rows]
+
+
+FUNCTION = {"column": lambda simulation: simulation.particles.max_speed}
+
+CASES = {
+    "sharp": lambda water, air: dam_break(water, air),
+    "interpolated": lambda water, air: dam_break(water, air, interface="interpolated"),
+    "graded": lambda water, air: dam_break(water, air, 0.01, grading=tp.Grading({"air": 0.03})),
+    "free surface": lambda water, air: tp.Case(
+        tp.tank((0.584, 0.584), 0.02).fill(water, box=COLUMN), [water], GRAVITY, free_surface=True
+    ),
+    "walls": lambda water, air: tp.Case(
+        tp.tank((0.584, 0.584), 0.02)
+        .fill(air)
+        .fill(water, box=COLUMN)
+        .wall("left", slip=True)
+        .wall("bottom", slip_length=1e-3)
+        .wall("top", velocity=(0.3, 0.0)),
+        [water, air],
+        GRAVITY,
+    ),
+    "moving": lambda water, air: dam_break(
+        water, air, tank_motion=tp.Motion(angle=lambda t: 0.3 * np.sin(8 * t) ** 2, pivot=(0.3, 0.0))
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_resumed_run_is_the_uninterrupted_one_to_the_bit(tmp_path, water, air, name):
+    """Histories, probes, fields and states, at the end of a run that was stopped between two outputs."""
+
+    def simulation(out):
+        probe = tp.PointProbe(name="gauge", at=(0.05, 0.05), interval=0.007)
+        force = tp.WallForce(name="force", wall="left")
+        return tp.Simulation(
+            CASES[name](water, air),
+            out,
+            time_step=2e-3,
+            output_interval=0.02,
+            columns=FUNCTION,
+            probes=[probe, force],
+            checkpoint_interval=0.01,
+        )
+
+    whole = simulation(tmp_path / "whole")
+    whole.run(0.06, progress=False)
+    stopped = simulation(tmp_path / "stopped")
+
+    def stop(_):
+        if stopped.time > 0.033:
+            raise KeyboardInterrupt
+        return stopped.particles.max_speed
+
+    # The run is killed: nothing that is done on the way out may be of importance.
+    stopped.columns = {"column": stop}
+    copied = tmp_path / "killed"
+    real = tp.Simulation.write_fields
+
+    def copy_first(self):
+        if self.time > 0.033 and not copied.exists():
+            shutil.copytree(self.results.path, copied)
+        real(self)
+
+    stopped.write_fields = copy_first.__get__(stopped)
+    with pytest.raises(KeyboardInterrupt):
+        stopped.run(0.06, progress=False)
+    stopped.results.close()
+    (copied / ".lock").unlink(missing_ok=True)
+    probes = list(whole.probes.probes.values())
+    resumed = tp.Simulation.resume(copied, CASES[name](water, air), columns=FUNCTION, probes=probes)
+    assert resumed.notes == []
+    assert 0.02 < resumed.time <= 0.033
+    resumed.run(resumed.until, progress=False)
+    for field in ("position", "velocity", "acceleration", "pressure", "fluid", "wall"):
+        assert getattr(resumed.particles, field).tobytes() == getattr(whole.particles, field).tobytes(), field
+    assert tidy(copied / "history.csv") == tidy(tmp_path / "whole" / "history.csv")
+    names = sorted(path.relative_to(copied) for path in copied.rglob("*.*") if path.suffix in (".vtu", ".pvd", ".csv"))
+    there = sorted(
+        path.relative_to(tmp_path / "whole")
+        for path in (tmp_path / "whole").rglob("*.*")
+        if path.suffix in (".vtu", ".pvd", ".csv")
+    )
+    assert names == there
+    for path in names:
+        if path.name != "history.csv":
+            assert (copied / path).read_bytes() == (tmp_path / "whole" / path).read_bytes(), path
+
+
+def test_a_case_without_functions_is_found_in_its_folder(tmp_path, water, air):
+    simulation = tp.Simulation(dam_break(water, air, 0.04), tmp_path, time_step=2e-3)
+    simulation.run(0.01, progress=False)
+    resumed = tp.Simulation.resume(tmp_path)
+    assert resumed.time == 0.01
+    resumed.run(0.02, progress=False)
+    simulation.run(0.02, progress=False)
+    assert resumed.particles.position.tobytes() == simulation.particles.position.tobytes()
+
+
+def test_what_does_not_fit_the_run_is_refused_in_one_line(tmp_path, water, air):
+    with pytest.raises(CheckpointError, match="holds no checkpoint"):
+        tp.Simulation.resume(tmp_path / "nothing")
+    push = dam_break(water, air, 0.04, body_force=lambda x, t: 0 * x)
+    tp.Simulation(push, tmp_path, time_step=2e-3, columns=FUNCTION).run(0.004, progress=False)
+    with pytest.raises(CheckpointError, match="functions of Python's, which no file keeps: body_force"):
+        tp.Simulation.resume(tmp_path)
+    with pytest.raises(CheckpointError, match=r"the run had the columns \['column'\], and \[\] are given"):
+        tp.Simulation.resume(tmp_path, push)
+    softer = dam_break(water, air, 0.04, body_force=lambda x, t: 0 * x, numerics=tp.Numerics(rho_inf=0.5))
+    with pytest.raises(CheckpointError, match=r"numerics.rho_inf: 0.0, now 0.5; .* may change with allow_changes"):
+        tp.Simulation.resume(tmp_path, softer, columns=FUNCTION)
+    resumed = tp.Simulation.resume(tmp_path, softer, columns=FUNCTION, allow_changes=True)
+    assert resumed.notes == ["changed: numerics.rho_inf: 0.0, now 0.5"]
+    resumed.results.close()
+    thick = tp.Fluid("water", density=1000.0, viscosity=0.1)
+    with pytest.raises(CheckpointError, match=r"fluids.water.density: 998\.2, now 1000\.0"):
+        tp.Simulation.resume(tmp_path, dam_break(thick, air, 0.04), columns=FUNCTION, allow_changes=True)
+
+
+SCRIPT = """
+import sys
+import tipfem as tp
+tp.init(threads={threads})
+water = tp.Fluid("water", density=998.2, viscosity=1.002e-3)
+air = tp.Fluid("air", density=1.204, viscosity=1.825e-5)
+tank = tp.tank((0.584, 0.584), 0.02).fill(air).fill(water, box=((0, 0), (0.146, 0.292)))
+case = tp.Case(tank, [water, air], (0, -9.81))
+if "resume" in sys.argv:
+    simulation = tp.Simulation.resume(sys.argv[1])
+    assert simulation.notes == [], simulation.notes
+    until = simulation.until
+else:
+    simulation = tp.Simulation(case, sys.argv[1], time_step=1e-3, output_interval=0.02, checkpoint_interval=0.004)
+    until = 0.2
+print("begins", flush=True)
+simulation.run(until, progress=False)
+"""
+
+
+def start(out, *words, threads=1):
+    return subprocess.Popen(
+        [sys.executable, "-c", SCRIPT.format(threads=threads), str(out), *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The results of a run that nothing stops."""
+    out = tmp_path_factory.mktemp("whole")
+    process = start(out)
+    assert process.wait(300) == 0, process.stderr.read()
+    return out
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.35, 1.1])
+def test_killed_at_any_moment_it_goes_on_to_the_bit(tmp_path, whole, delay):
+    """By SIGKILL, at another number of threads; no file under its own name is truncated."""
+    process = start(tmp_path)
+    process.stdout.readline()
+    while not list(tmp_path.glob("checkpoints/*.h5")):
+        assert process.poll() is None
+        clock.sleep(0.01)
+    clock.sleep(delay)
+    process.kill()
+    process.wait()
+    for path in tmp_path.glob("checkpoints/*.h5"):
+        checkpoint.read_file(path, None)
+    for path in tmp_path.glob("fields/*.vtu"):
+        meshio.read(path)
+    again = start(tmp_path, "resume", threads=min(2, len(os.sched_getaffinity(0))))
+    assert again.wait(300) == 0, again.stderr.read()
+    assert tidy(tmp_path / "history.csv") == tidy(whole / "history.csv")
+    assert (tmp_path / "fields.pvd").read_text() == (whole / "fields.pvd").read_text()
+
+
+@pytest.mark.parametrize(
+    ("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, -signal.SIGINT), (signal.SIGHUP, 129)]
+)
+def test_a_signal_ends_the_run_with_a_checkpoint(tmp_path, whole, number, status):
+    process = start(tmp_path)
+    process.stdout.readline()
+    while not list(tmp_path.glob("checkpoints/*.h5")):
+        clock.sleep(0.01)
+    clock.sleep(0.5)
+    process.send_signal(number)
+    code = process.wait(60)
+    error = process.stderr.read()
+    assert code == status or (number == signal.SIGINT and code == 1 and "KeyboardInterrupt" in error), (code, error)
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    steps = len(tidy(tmp_path / "history.csv")) - 1
+    assert summary["steps"] == steps
+    assert summary["status"] != "complete"
+    assert (tmp_path / "checkpoints" / checkpoint.file_name(steps)).exists()
+    assert not (tmp_path / ".lock").exists()
+    again = start(tmp_path, "resume")
+    assert again.wait(300) == 0, again.stderr.read()
+    assert tidy(tmp_path / "history.csv") == tidy(whole / "history.csv")
+
+
+def test_the_kth_write_fails_and_nothing_that_was_readable_is_lost(tmp_path, water, air, monkeypatch):
+    """k = 1, 2, ...: every file that is put under its own name, until a whole run passes."""
+    real, case = os.replace, dam_break(water, air, 0.08)
+    messages = []
+    for k in range(1, 200):
+        count = 0
+        out = tmp_path / str(k)
+        simulation = tp.Simulation(case, out, time_step=4e-3, output_interval=0.008, checkpoint_interval=0.008)
+
+        def replace(source, target, k=k):
+            nonlocal count
+            count += 1
+            if count >= k:
+                raise OSError(28, "No space left on device", str(target))
+            real(source, target)
+
+        monkeypatch.setattr(os, "replace", replace)
+        try:
+            simulation.run(0.02, progress=False)
+            break
+        except tp.SimulationError as error:
+            messages.append(str(error))
+        finally:
+            monkeypatch.setattr(os, "replace", real)
+            simulation.results.close()
+        assert not list(out.rglob("*.part"))
+        for path in out.glob("fields/*.vtu"):
+            meshio.read(path)
+        for path in out.glob("checkpoints/*.h5"):
+            checkpoint.read_file(path, case)
+        if list(out.glob("checkpoints/*.h5")):
+            resumed = tp.Simulation.resume(out)
+            if resumed.time < 0.02:
+                resumed.run(0.02, progress=False)
+            resumed.results.close()
+    else:
+        pytest.fail("the run never passed")
+    assert len(messages) > 8
+    assert all("No space left on device" in message for message in messages)
+    assert tidy(tmp_path / str(len(messages)) / "history.csv") == tidy(out / "history.csv")
+
+
+def test_two_runs_do_not_share_a_folder(tmp_path, water, air):
+    process = start(tmp_path)
+    process.stdout.readline()
+    while not (tmp_path / "history.csv").exists():
+        clock.sleep(0.01)
+    with pytest.raises(ValueError, match=f"is in use by process {process.pid} on "):
+        tp.Simulation(dam_break(water, air, 0.04), tmp_path)
+    process.kill()
+    process.wait()
+    assert (tmp_path / ".lock").exists()
+    with pytest.raises(ValueError, match="holds the results of a run; name another folder, resume that run"):
+        tp.Simulation(dam_break(water, air, 0.04), tmp_path, overwrite=False)
+    tp.Simulation(dam_break(water, air, 0.04), tmp_path).results.close()  # the lock was stale
+    assert not list(tmp_path.glob("checkpoints/*.h5"))
+    assert not (tmp_path / ".lock").exists()

@@ -1,0 +1,177 @@
+"""A run of a simulation to a time: fields, checkpoints, progress, and an orderly end whatever stops it."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import threading
+import time as clock
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, nullcontext, suppress
+from types import FrameType
+from typing import Any, Protocol
+
+from tipfem.errors import SimulationError
+from tipfem.output import ResultsFolder
+from tipfem.progress import RunProgress
+
+SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+class StopRequest:
+    """Lets a step finish when the process is told to stop; told again, it stops at once.
+
+    As a context it takes the signals SIGINT (Ctrl-C), SIGTERM and SIGHUP; in the main thread only, for Python gives
+    them to no other.
+
+    Attributes:
+        signal: number of the signal that has come, or None.
+    """
+
+    def __init__(self) -> None:
+        self.signal: int | None = None
+        self._before: dict[int, object] = {}
+
+    def __enter__(self) -> StopRequest:
+        if threading.current_thread() is threading.main_thread():
+            for number in SIGNALS:
+                if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+                    self._before[number] = signal.signal(number, self._take)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._restore()
+
+    def _restore(self) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)  # type: ignore[arg-type]
+        self._before = {}
+
+    def _take(self, number: int, _frame: FrameType | None) -> None:
+        if self.signal is None:
+            self.signal = number
+        else:
+            self._restore()
+            os.kill(os.getpid(), number)
+
+    def obey(self) -> None:
+        """End the run if a signal has come.
+
+        Raises:
+            KeyboardInterrupt: it was SIGINT.
+            SystemExit: it was another; the exit status is 128 more than its number, 143 for SIGTERM.
+        """
+        if self.signal is None:
+            return
+        if self.signal == signal.SIGINT:
+            raise KeyboardInterrupt
+        raise SystemExit(128 + self.signal)
+
+
+class Runnable(Protocol):
+    """What a run needs of a simulation; see `tipfem.Simulation`."""
+
+    results: ResultsFolder | None
+    history: list[dict[str, float]]
+
+    @property
+    def time(self) -> float:
+        """Of the present state [s]."""
+
+    @property
+    def step_number(self) -> int:
+        """How many steps have been taken."""
+
+    def step(self, until: float) -> None:
+        """Advance by one time step."""
+
+    def next_output(self) -> float:
+        """The next time at which fields are to be written [s]."""
+
+    def write_fields(self) -> None:
+        """Write the present fields."""
+
+    def checkpoint_is_due(self) -> bool:
+        """Whether a checkpoint is to be written now."""
+
+    def write_checkpoint(self, until: float) -> None:
+        """Write a checkpoint of a run to a time."""
+
+    def write_summary(self, content: dict[str, Any]) -> None:
+        """Write the summary."""
+
+
+def run(simulation: Runnable, until: float, *, progress: bool) -> None:
+    """See `Simulation.run`."""
+    results, bar = simulation.results, RunProgress(simulation.time, until, enabled=progress)
+    status = "stopped"
+    try:
+        with StopRequest() as stop, bar, closing(results) if results else nullcontext():
+            if results and not results.has_fields(simulation.step_number):
+                simulation.write_fields()
+            simulation.write_checkpoint(until)
+            while simulation.time < until:
+                due = min(until, simulation.next_output())
+                while simulation.time < due:
+                    simulation.step(due)
+                    bar.update(simulation.time, simulation.history[-1])
+                    if simulation.checkpoint_is_due():
+                        simulation.write_checkpoint(until)
+                    stop.obey()
+                simulation.write_fields()
+            simulation.write_checkpoint(until)
+        status = "complete"
+    except KeyboardInterrupt:
+        status = "interrupted"
+        raise
+    except SystemExit as error:
+        status = f"ended by signal {error.code - 128}" if isinstance(error.code, int) else "ended"
+        raise
+    except SimulationError as error:
+        status = str(error)
+        raise
+    except OSError as error:
+        status = f"the results cannot be written: {error}"
+        raise SimulationError(f"the results cannot be written at t = {simulation.time:.6g} s: {error}") from error
+    finally:
+        # On a disk that is full none can be written; what stopped the run is the better message.
+        with writing(simulation.time) if status == "complete" else suppress(OSError):
+            if status != "complete":
+                simulation.write_fields()
+                simulation.write_checkpoint(until)
+            simulation.write_summary({"status": status})
+
+
+class CheckpointSchedule:
+    """When the next checkpoint is due.
+
+    Args:
+        interval: in simulated time [s], or None.
+        wall_interval: in wall-clock time [s], or None.
+    """
+
+    def __init__(self, interval: float | None, wall_interval: float | None) -> None:
+        self.interval, self.wall_interval = interval, wall_interval
+        self._wall, self._next = clock.monotonic(), 0.0
+
+    def written(self, time: float) -> None:
+        """A checkpoint of a simulated time [s] has been written."""
+        self._wall = clock.monotonic()
+        interval = self.interval
+        self._next = math.inf if interval is None else (math.floor(time / interval + 1e-9) + 1) * interval
+
+    def due(self, time: float) -> bool:
+        """Whether one is due at a simulated time [s]."""
+        if self.interval is not None and time >= self._next * (1 - 1e-12):
+            return True
+        return self.wall_interval is not None and clock.monotonic() - self._wall >= self.wall_interval
+
+
+@contextmanager
+def writing(time: float) -> Iterator[None]:
+    """Turn what keeps results from being written at a time [s] into a SimulationError."""
+    try:
+        yield
+    except OSError as error:
+        raise SimulationError(f"the results cannot be written at t = {time:.6g} s: {error}") from error
