@@ -1,6 +1,6 @@
 """Checks of arguments that users pass: what counts as a number, and as an array of numbers.
 
-Neither function raises: the caller does, because it knows the argument's name and its valid values.
+Neither function raises: the caller does, because it has the argument's name and its valid range.
 """
 
 from __future__ import annotations

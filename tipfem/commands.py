@@ -25,15 +25,15 @@ app = App(
 )
 register(app)
 
-# Where the demos are, and what the list calls them; a run.py has the name of its folder.
+# Patterns of the demos' paths, and the headings they are listed under; a run.py goes by the name of its folder.
 SECTIONS = {"*.py": "Demos", "validation/*/run.py": "Validation", "benchmarks/*.py": "Benchmarks"}
 
 
 def demo_folder() -> Path:
-    """Where the demos are installed.
+    """The folder in which the demos are installed.
 
     Raises:
-        SystemExit: they are not.
+        SystemExit: they are not installed.
     """
     found = importlib.util.find_spec("tipfem.demos")
     if found is None or not found.submodule_search_locations:
@@ -113,6 +113,6 @@ def main() -> None:
     """Entry point of the command `tipfem`; see `tipfem.casefile.commands.EXIT_CODES`."""
     try:
         sys.exit(call(app))
-    except BrokenPipeError:  # what reads the output, such as head, has had enough of it
+    except BrokenPipeError:  # the reader of the output, such as head, has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)

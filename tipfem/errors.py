@@ -4,11 +4,11 @@ from __future__ import annotations
 
 
 class SimulationError(RuntimeError):
-    """A run cannot go on; what was computed up to there is kept and written."""
+    """A run cannot continue; all results up to that time are kept and written."""
 
 
 class StepRefused(Exception):
-    """A step was not good enough; a shorter one may be."""
+    """A time step failed or was too inaccurate; a shorter one may succeed."""
 
 
 class CheckpointError(RuntimeError):

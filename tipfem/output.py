@@ -1,4 +1,4 @@
-"""Output: a results folder with the history, the fields over time and a summary.
+"""Output: a results folder with the history, the fields over time, and a summary.
 
     case.json       what was simulated: fluids, walls' box, spacing
     history.csv     one row a step, SI units
@@ -8,7 +8,7 @@
     .tipfem         names of these files: a later run in the folder removes them, and nothing else
 
 Every file but the history, which grows row by row, is written under another name and then renamed:
-a reader, or a full disk, never meets half a file.
+so no reader sees a partial file, even when the disk is full.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from tipfem.typing import Array
 
 MANIFEST = ".tipfem"
 LOCK = ".lock"
-# What every run writes beside its fields; a file of that name that is not in the manifest belongs to somebody else.
+# What every run writes besides its fields; a file of such a name that is not in the manifest is not tipfem's.
 _NAMES = ("case.json", "history.csv", "summary.json", "fields.pvd")
 
 
@@ -77,7 +77,7 @@ class ResultsFolder:
             (self.path / "fields").mkdir(parents=True, exist_ok=True)
             self._lock.take()
             for name in earlier:
-                # The .part is of a run that was killed.
+                # A run that was killed may have left a .part file.
                 for old in (self.path / name, self.path / (name + ".part")):
                     old.unlink(missing_ok=True)
             (self.path / MANIFEST).unlink(missing_ok=True)
@@ -131,7 +131,7 @@ class ResultsFolder:
         return {"times": dict(self._times), "case": dict(self._case)}
 
     def _earlier_files(self) -> list[str]:
-        """Names of the files that the manifest lists, as far as they lie in the folder."""
+        """Names of the files that the manifest lists and that are inside the folder."""
         try:
             names = (self.path / MANIFEST).read_text(encoding="utf-8").splitlines()
         except FileNotFoundError:
@@ -177,14 +177,14 @@ class ResultsFolder:
             self._write_json("case.json", self._case)
 
     def append_history(self, row: Mapping[str, float]) -> None:
-        """Add a step's row to history.csv; the first one decides on the columns.
+        """Append a step's row to history.csv; the first row determines the columns.
 
-        After `close` the file is opened again and goes on.
+        After `close`, the file is opened again and continued.
         """
         if self._history is None:
             self.list_file("history.csv")
             self._lock.take()
-            # No newline is translated: the csv module writes them itself, those within a name too.
+            # newline='': the csv module writes line ends itself.
             self._history = open(self.path / "history.csv", "a", encoding="utf-8", newline="")
         lines = csv.writer(self._history, lineterminator="\n")
         if not self._columns:
@@ -203,7 +203,7 @@ class ResultsFolder:
             particles: the state.
             density: (N,) of each particle's fluid [kg/m^3].
         """
-        import meshio  # here, for it takes a while and not every run writes fields
+        import meshio  # here, because it is slow to import and not every run writes fields
 
         if self._case:
             self._widen_case(particles.position)
@@ -244,7 +244,7 @@ class ResultsFolder:
         self._replace("fields.pvd", lambda path: path.write_text(text, encoding="utf-8"))
 
     def write_summary(self, content: Mapping[str, Any]) -> None:
-        """Write summary.json, with the versions of what the run was made with."""
+        """Write summary.json, with the versions of Python and of the packages used."""
         packages = {name: version(name) for name in ("tipfem", "taichi", "numpy", "scipy", "meshio")}
         self._write_json("summary.json", {**content, "versions": {"python": platform.python_version(), **packages}})
 
@@ -363,7 +363,7 @@ def _has_ended(process: int) -> bool:
     return False
 
 
-# Columns of the history beside those of the budgets, which stand before the wall-clock time.
+# Columns of the history besides those of the budgets, which come before the wall-clock time.
 STEP_COLUMNS = (
     "step",
     "time",
@@ -401,12 +401,12 @@ def own_columns(
 
 
 def fill_columns(row: dict[str, float], columns: Mapping[str, Callable[[Any], float]], source: Any) -> Exception | None:
-    """Put the values of further columns into a row of the history, as far as they can be had.
+    """Put the values of further columns into a row of the history, except those that fail.
 
     Args:
         row: the row; a column that fails stays as it is.
         columns: functions of ``source``, by name.
-        source: what they are evaluated on.
+        source: the argument of these functions.
 
     Returns:
         None, or an error that names the first column that failed, with its own error as the cause.

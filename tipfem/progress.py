@@ -14,9 +14,9 @@ class RunProgress:
     """Shows time, step length, Newton and Krylov iterations and the time left.
 
     Args:
-        start: where the bar is empty [s].
-        end: where it is full [s].
-        enabled: show it at all; it stays quiet anyway when the error output is not a terminal.
+        start: time at which the bar is empty [s].
+        end: time at which it is full [s].
+        enabled: show the bar; without effect when the error output is not a terminal.
     """
 
     def __init__(self, start: float, end: float, *, enabled: bool = True) -> None:

@@ -35,7 +35,7 @@ from tipfem.timers import Timings, timer
 from tipfem.walls.motion import set_off
 
 Column = Callable[["Simulation"], float]
-# The pressure of the initial fields is that after a step of this part of the first one's length.
+# The pressure of the initial fields is that after a step of this fraction of the first step's length.
 FIRST_STEP = 0.1
 
 
@@ -58,14 +58,14 @@ class Simulation:
 
     Attributes:
         state: the present state, frozen; `particles`, `mesh`, `boundary`, `time` and `step_number` are parts of it.
-        control: of the length of the time step.
-        volume_control: of the source that gives the fluids back their volumes.
+        control: chooses the length of the time step.
+        volume_control: the source term that restores the volumes of the fluids.
         history: one dict a step, as in history.csv.
         probes: what the probes have measured, by their names.
         timings: wall-clock seconds by part of a step; see `tipfem.timers`.
 
-    The attributes named in `CHANGES` are all that a step changes and that a later one depends on: a simulation of the
-    same case that is given another's goes on as that one does.
+    The attributes named in `CHANGES` are all that a step changes and a later step depends on: a simulation of the
+    same case that is given those of another continues exactly as the other does.
 
     Raises:
         ValueError: an argument is out of range, or ``out`` cannot be written to.
@@ -123,7 +123,7 @@ class Simulation:
         self.volume_control = VolumeControl(self.state.volume, rate, balanced=case.closed)
         self.probes = ProbeRecorder(probes, case)
         self._schedule = CheckpointSchedule(checkpoint_interval, checkpoint_wall_interval)
-        # Last of all: it removes what an earlier run left, which a refused simulation must not do.
+        # Last, because it removes the results of an earlier run, which a refused simulation must not do.
         self.results = ResultsFolder(out, overwrite=overwrite) if out is not None else None
         if self.results:
             self.probes.write_to(self.results)
@@ -190,7 +190,7 @@ class Simulation:
         Args:
             state: to start from.
             dt: length of the step [s].
-            until: time at which the step ends where it comes there but for round-off [s].
+            until: time that the step ends at exactly if it would differ from it by round-off only [s].
 
         Raises:
             StepRefused: the step is too long.
@@ -199,7 +199,7 @@ class Simulation:
         return self.solver.solve(state, dt, self.volume_control.source(state, dt), end)
 
     def _step_length(self, until: float) -> float:
-        """Length of the next step [s], which does not go beyond a time [s]."""
+        """Length of the next step [s], which ends no later than ``until`` [s]."""
         state, control = self.state, self.control
         speed = state.boundary.speed_over_spacing(state.particles, state.time, control.current)
         return control.length(speed, until - state.time, lambda dt: smallest_jacobian(state.mesh, state.particles, dt))
@@ -215,7 +215,7 @@ class Simulation:
         """Halve the time step that was refused.
 
         Raises:
-            SimulationError: it would fall below the smallest.
+            SimulationError: it would fall below the smallest one allowed.
         """
         if not self.control.refuse(dt):
             raise SimulationError(
@@ -224,7 +224,7 @@ class Simulation:
             ) from reason
 
     def run(self, until: float, *, progress: bool = True) -> None:
-        """Step until a time, writing history and fields on the way; the present fields first, unless they are there.
+        """Step until a time, writing the history and fields; the present fields first, unless they are written already.
 
         Args:
             until: [s].
@@ -232,7 +232,7 @@ class Simulation:
 
         Raises:
             ValueError: ``until`` is no number, or the time has passed already.
-            SimulationError: the run cannot go on, or its results cannot be written; all up to there is on disk.
+            SimulationError: the run cannot continue, or its results cannot be written; all earlier results are on disk.
         """
         self._require_later("run", until)
         run_to(self, until, progress=progress)
@@ -247,7 +247,7 @@ class Simulation:
         return Energy(totals.kinetic, totals.potential)
 
     def write_summary(self, content: Mapping[str, Any] | None = None) -> None:
-        """Write summary.json with the run's settings and ``content``; nothing without a results folder."""
+        """Write summary.json with the run's settings and ``content``; without a results folder, do nothing."""
         if not self.results:
             return
         self.results.write_summary(
@@ -432,16 +432,16 @@ class Simulation:
             self.results.write_fields(self.step_number, self.time, self.mesh, particles, density)
 
     def _with_first_pressure(self) -> Particles:
-        """The initial particles; with the pressure after a short step, where none was given.
+        """The initial particles, with the pressure after a short step if none was given.
 
-        Pressure has no history, so that the first step needs none. The state stays as it is.
+        Pressure has no time derivative, so the first step needs no initial value. The state is not changed.
         """
         particles = self.particles
         if particles.pressure.any():
             return particles
         try:
             solved = self.solve(self.state, FIRST_STEP * self._step_length(math.inf))
-        except (StepRefused, FloatingPointError, SimulationError):  # the first step will say why
+        except (StepRefused, FloatingPointError, SimulationError):  # the first step will report it
             return particles
         return particles.shallow_copy(pressure=solved.particles.pressure)
 

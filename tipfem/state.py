@@ -1,7 +1,7 @@
-"""State: what a simulation knows between two steps; Solved: what the solve of a step adds until the next state.
+"""State: a simulation between two steps; Solved: the result of a step's solve, before remeshing.
 
-Both are frozen. A step solves, which gives a `Solved`, and remeshes, which gives the next `State`; nothing of either is
-changed in place, so a step that is refused half-way leaves everything as it was.
+Both are frozen. A step solves, which gives a `Solved`, and remeshes, which gives the next `State`; neither is
+changed in place, so a step that is refused leaves the simulation unchanged.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from tipfem.walls.step import Walls
 
 @dataclass(frozen=True)
 class Material(ABC):
-    """What the M elements of a mesh are made of.
+    """Properties of the fluids in the M elements of a mesh.
 
     Attributes:
         density: (M,) [kg/m^3].
@@ -57,7 +57,7 @@ class SharpMaterial(Material):
 
     @property
     def fraction(self) -> Array:
-        """(M, F), all or nothing."""
+        """(M, F) part of each element that each fluid fills: 0 or 1."""
         return np.asarray((self.fluid[:, None] == np.arange(self.count)).astype(float))
 
     def volumes(self, measure: Array) -> Array:
@@ -84,7 +84,7 @@ class InterpolatedMaterial(Material):
 
     def volumes(self, measure: Array) -> Array:
         """See `Material.volumes`."""
-        # By einsum, which no threads share: a sum by BLAS would depend on their number, and wait for them.
+        # By einsum, which is serial: a sum by BLAS would depend on the number of threads.
         return np.asarray(np.einsum("k,kn->n", measure, self.parts))
 
 
@@ -98,7 +98,7 @@ def lumped(mesh: Mesh, density: Array) -> Array:
 
 @dataclass(frozen=True)
 class State:
-    """A simulation between two steps: all that the flow depends on, beside the case and the step's controllers.
+    """A simulation between two steps: all that the flow depends on, besides the case and the controllers.
 
     Attributes:
         time: [s].
@@ -107,15 +107,15 @@ class State:
         mesh: M cells on their positions.
         boundary: which particles lie on which walls.
         reference: the particle at which the pressure of a closed tank is zero.
-        fixed: (N,) mask of the particles that no remeshing relocates or removes, whatever their walls let them do.
+        fixed: (N,) mask of the particles that no remeshing relocates or removes, even on walls where others slide.
         material: of the elements.
-        mass: (N,) lumped mass of each particle [kg, per metre of depth in 2-D]; what is in no element has its own.
+        mass: (N,) lumped mass of each particle [kg, per metre of depth in 2-D]; particles in no element have their own.
         volume: (F,) of each fluid [m^2, or m^3 in 3-D], that of particles in no element included.
         start_volume: (F,) the same at the start of the simulation.
         grid_box: (2, d) lowest and highest coordinates that the multigrid's grids cover [m]; NaN before the first step.
         relocated: (N,) mask of the particles that the last remeshing relocated or inserted.
         relocations: how many particles it relocated because they crowded others, or inserted.
-        rebuilt: how many meshes since the start could not be had by repairing the one before.
+        rebuilt: how many meshes since the start were triangulated anew, because the last mesh could not be repaired.
     """
 
     time: float
@@ -137,7 +137,7 @@ class State:
 
 @dataclass(frozen=True)
 class StepWork:
-    """What the terms of the residual do when it is tested with displacements and pressures: see `work.step_work`.
+    """Work of the terms of the residual in a step, tested with displacements and pressures: see `work.step_work`.
 
     Attributes:
         viscous_dissipation: dt int 2 mu d : d [J, per metre of depth in 2-D, as all others].
@@ -146,7 +146,7 @@ class StepWork:
         stabilisation: loss by the stabilisation of pressure.
         source: work of pressure on the prescribed growth.
         walls: work of the walls' forces on the fluids.
-        wall_force: (d,) these forces together [N], on the fluids.
+        wall_force: (d,) resultant of the walls' forces on the fluids [N].
     """
 
     viscous_dissipation: float
@@ -174,8 +174,8 @@ class Solved:
         growth: (M,) relative growth of the elements that was prescribed.
         grid_box: (2, d) that the multigrid's grids covered [m].
         work: of the terms of the residual.
-        newton_iterations, krylov_iterations: that the solve took.
-        residual: the norm of the scaled residual that Newton's method left [spacings].
+        newton_iterations, krylov_iterations: how many the solve took.
+        residual: norm of the scaled residual after Newton's method [spacings].
     """
 
     before: State

@@ -8,7 +8,7 @@
     timings.seconds  # {"remeshing": 0.012, "remeshing/volumes": 0.004}
 
 A `timer` adds to the timings that are active where it runs, and costs next to nothing where none are. So the code that
-is timed knows of no simulation, and two simulations in one process do not mix.
+is timed needs no reference to a simulation, and the timings of two simulations in one process stay apart.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Timings:
         seconds: time spent under each path [s], that of nested timers included.
         calls: how often each of them was entered.
         synchronise: called before a timer is read, or None: on a device that works asynchronously (a GPU), time is
-            otherwise charged to whoever waits for the result.
+            otherwise counted where the result is waited for.
     """
 
     def __init__(self, synchronise: Callable[[], None] | None = None) -> None:
@@ -46,7 +46,7 @@ class Timings:
             _active.reset(token)
 
     def reset(self) -> None:
-        """Forget what has been measured; timers that are running go on, and count from their own start."""
+        """Discard the measurements; timers that are running go on, and count from their own start."""
         self.seconds.clear()
         self.calls.clear()
 

@@ -165,7 +165,7 @@ def test_duplicates_are_refused_with_both_numbers_and_the_place():
     x = np.concatenate([SQUARE, [[0.1, 0.1 + 1e-9]]])
     with pytest.raises(ValueError, match=r"2 and 4 are duplicates at \[0\.1, 0\.1") as refusal:
         tp.Particles(x, np.zeros(5, int), np.zeros(5, bool))
-    assert "place of its own" in str(refusal.value)
+    assert "position of its own" in str(refusal.value)
     with pytest.raises(ValueError, match="2 and 4 are duplicates"):
         tp.Particles(x, np.zeros(5, int), np.zeros(5, bool), spacing=0.1)
     x[4, 1] += 1e-6
@@ -190,6 +190,6 @@ def test_a_copy_refuses_what_is_no_part_of_a_state():
 def test_all_on_one_place_and_a_single_particle_have_no_spacing():
     with pytest.raises(ValueError, match=r"0 and [123] are duplicates"):
         tp.Particles(np.zeros((4, 2)), np.zeros(4, int), np.zeros(4, bool))
-    with pytest.raises(ValueError, match="one particle alone"):
+    with pytest.raises(ValueError, match="a single particle has no spacing"):
         tp.Particles(np.zeros((1, 2)), [0], [False])
     assert tp.Particles(np.zeros((1, 2)), [0], [False], spacing=0.1).spacing == 0.1

@@ -152,14 +152,14 @@ def test_step_control_aims_at_a_displacement():
 
 def test_step_control_takes_long_moves_only_where_nothing_is_crushed():
     """In a flow whose J is 1 - (rate dt)^2: up to the target, shortened by J, but no shorter than half a spacing."""
-    control, pace = StepControl(1.0, target=0.8), 2.0
-    for rate, expected in ((0.1, 0.8 / pace), (2.0, 0.99 * math.sqrt(0.6) / 2.0), (20.0, 0.5 / pace)):
-        dt = control.length(pace, math.inf, lambda dt, rate=rate: 1 - (rate * dt) ** 2)
+    control, speed = StepControl(1.0, target=0.8), 2.0
+    for rate, expected in ((0.1, 0.8 / speed), (2.0, 0.99 * math.sqrt(0.6) / 2.0), (20.0, 0.5 / speed)):
+        dt = control.length(speed, math.inf, lambda dt, rate=rate: 1 - (rate * dt) ** 2)
         assert dt == pytest.approx(expected, rel=1e-12)
     asked = []
-    assert StepControl(1.0, target=0.4).length(pace, math.inf, asked.append) == pytest.approx(0.2)
+    assert StepControl(1.0, target=0.4).length(speed, math.inf, asked.append) == pytest.approx(0.2)
     assert control.refuse(0.2)
-    assert control.length(pace, math.inf, asked.append) == pytest.approx(0.1)
+    assert control.length(speed, math.inf, asked.append) == pytest.approx(0.1)
     assert asked == []  # short steps need no look at the elements
 
 

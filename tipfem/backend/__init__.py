@@ -1,1 +1,1 @@
-"""Taichi: starting it, its arrays, launching kernels."""
+"""Taichi: start the runtime, hold its arrays, launch kernels."""

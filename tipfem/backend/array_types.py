@@ -1,16 +1,16 @@
-"""Types of the arrays that kernels take: what they hold, and how many axes they have.
+"""Types of the arrays that kernels take: element type and number of axes.
 
 The reals' precision is chosen when Taichi is started, after the kernels have been defined, and a kernel may be given
 device arrays in single precision beside NumPy arrays in double precision. So the types of reals name no precision: a
-kernel is compiled for what it is given. Taichi looks at the axes of device arrays only; `launch` looks at all arrays,
-when it sees a kernel with such arrays for the first time.
+kernel is compiled for the arrays it is given. Taichi checks the number of axes of device arrays only; `launch` checks
+all arrays, the first time that a kernel is given arrays of that kind.
 """
 
 from typing import TYPE_CHECKING, Any
 
 import taichi as ti
 
-if TYPE_CHECKING:  # Taichi's types are values, which type checkers do not take for types
+if TYPE_CHECKING:  # Taichi's types are values, which type checkers do not accept as types
     from typing import TypeAlias
 
     Array1: TypeAlias = Any
@@ -33,7 +33,7 @@ else:
 
 
 def mismatch(annotation: Any, array: Any) -> str:
-    """What is wrong with an array for a parameter of such a type; nothing if it is right.
+    """Why an array does not fit a parameter of such a type; an empty string if it does.
 
     Args:
         annotation: one of the types above, or of Taichi's.

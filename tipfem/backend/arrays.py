@@ -1,8 +1,8 @@
 """Device arrays: kept by name from step to step, filled from NumPy and read back.
 
 Taichi recompiles a kernel for every new field, but not for an ndarray of another length, and it never frees ndarrays of
-vectors. So all device arrays here are scalar ndarrays that grow and are used again; kernels are told how much of them
-is alive.
+vectors. So all device arrays here are scalar ndarrays that grow and are reused; kernels are passed how many of
+their rows are in use.
 """
 
 from typing import Any
@@ -17,13 +17,13 @@ from tipfem.backend.taichi_patches import host_view, on_host
 
 
 class Buffers:
-    """Device arrays by name, grown when needed and used again."""
+    """Device arrays by name, grown when needed and reused."""
 
     def __init__(self) -> None:
         self._arrays: dict[str, Any] = {}
 
     def get(self, name: str, rows: int, columns: int = 0, *, integer: bool = False) -> Any:
-        """A device array with at least ``rows`` rows; what it holds is undefined.
+        """A device array with at least ``rows`` rows, whose values are undefined.
 
         Args:
             name: the array's name; one name keeps one width and type.
@@ -42,7 +42,7 @@ class Buffers:
         return array
 
     def partials(self, name: str, columns: int, *, flat: bool = False) -> Any:
-        """A device array for the partial sums of a kernel, (parts, columns), or as long but flat.
+        """A device array (parts, columns) for the partial sums of a kernel, or (parts * columns,) if ``flat``.
 
         Args:
             name: the array's name.
@@ -52,7 +52,7 @@ class Buffers:
         return self.get(name, parts() * columns) if flat else self.get(name, parts(), columns)
 
     def grow(self, name: str, rows: int) -> Any:
-        """A one-dimensional array of reals with at least ``rows`` rows, which keeps what it holds when it grows."""
+        """A one-dimensional array of reals with at least ``rows`` rows, which keeps its values when it grows."""
         old = self._arrays.get(name)
         array = self.get(name, rows)
         if old is not None and array is not old:

@@ -1,8 +1,8 @@
-"""How the threads of a processor share one kernel: each does its share, then all wait for each other at a barrier.
+"""Barriers inside a kernel: each thread does its share of a loop, then waits for all others.
 
-A loop of Taichi's own wakes its threads and waits for them, 20 to 100 microseconds each time: as long as the loops of a
-multigrid cycle take. Inside one kernel, a barrier takes a fifth of a microsecond, because waiting threads stay awake. A
-kernel made so runs on processors only, with no more threads than Taichi has. `tipfem.backend.launch.launch` fills in
+A parallel loop of Taichi's wakes its threads and waits for them, 20 to 100 microseconds each time: as long as the loops
+of a multigrid cycle take. A barrier inside a kernel takes a fifth of a microsecond, because waiting threads spin. Such
+a kernel runs on CPUs only, with no more threads than Taichi has. `tipfem.backend.launch.launch` fills in
 its last parameters:
 
     @kernel
@@ -22,14 +22,14 @@ import taichi as ti
 
 from tipfem.backend import runtime
 
-# Entries of a barrier's array: how many threads have come, and how often all had, a cache line apart.
+# Entries of a barrier's array: how many threads have arrived, and how often all had, a cache line apart.
 ENTRIES = 64
 _PASSED = 32
 
 
 @ti.func
 def share(thread, threads, n):  # type: ignore[no-untyped-def]
-    """First and last + 1 of 0 ... n that are a thread's to do."""
+    """The range of a thread in 0 ... n: its first number, and its last + 1."""
     size = (n + threads - 1) // threads
     first = ti.min(thread * size, n)
     return first, ti.min(first + size, n)
@@ -37,9 +37,9 @@ def share(thread, threads, n):  # type: ignore[no-untyped-def]
 
 @ti.func
 def synchronise(barrier: ti.template(), threads):  # type: ignore[no-untyped-def]
-    """Wait until all threads have come here; what they have written before, all see behind.
+    """Wait until all threads have arrived; what they wrote before is visible to all afterwards.
 
-    ``barrier`` (ENTRIES,) integers, zero before the first time.
+    ``barrier`` (ENTRIES,) integers, zero before the first call.
     """
     if threads > 1:
         before = ti.atomic_add(barrier[_PASSED], 0)
@@ -52,7 +52,7 @@ def synchronise(barrier: ti.template(), threads):  # type: ignore[no-untyped-def
 
 
 def available() -> bool:
-    """Whether threads can wait for each other inside a kernel; they can on processors."""
+    """Whether threads can wait for each other inside a kernel; they can on CPUs."""
     return runtime.on_cpu()
 
 
@@ -60,29 +60,29 @@ _array: list[Any] = []
 
 
 def array() -> Any:
-    """The device array of the barrier; one serves all kernels, for one runs at a time."""
+    """The device array of the barrier; one serves all kernels, because they run one at a time."""
     if not _array:
         _array.append(ti.ndarray(ti.i32, (ENTRIES,)))  # zeros
     return _array[0]
 
 
 class Sharing:
-    """How many threads share a kernel with barriers: all, unless other programs want the processor too.
+    """How many threads share a kernel with barriers: all, unless other programs use the CPU too.
 
-    Who waits there for a thread that is not running waits for milliseconds. So where the threads have run for less than
-    `RUNNING` of the time, kernels are one thread's for a while. Results do not depend on it.
-    More threads than Taichi has would wait for ever.
+    Waiting at a barrier for a thread that the system has suspended takes milliseconds. So where the threads have run
+    for less than the fraction `RUNNING` of the time, kernels run on one thread for a while. Results do not depend on
+    it. With more threads than Taichi has, a barrier would never be passed.
     """
 
     RUNNING = 0.65
-    LOOK, REST = 0.01, 0.5  # [s] of work between two looks, and how long to go on with one thread
+    CHECK, REST = 0.01, 0.5  # [s] of work between two checks, and how long to continue with one thread
 
     def __init__(self) -> None:
         self._worked = self._ran = self._rest_until = 0.0
         self._count, self._begin, self._ran_before = 1, 0.0, 0.0
 
     def __call__(self, most: int) -> "Sharing":
-        """For a kernel of ``most`` threads; ``with`` returns how many it shall have, and measures them."""
+        """For a kernel of at most ``most`` threads; ``with`` returns how many it gets, and measures them."""
         self._count = most
         return self
 
@@ -99,7 +99,7 @@ class Sharing:
         end = time.perf_counter()
         self._worked += self._count * (end - self._begin)
         self._ran += time.process_time() - self._ran_before
-        if self._worked > self._count * self.LOOK:
+        if self._worked > self._count * self.CHECK:
             if self._ran < self.RUNNING * self._worked:
                 self._rest_until = end + self.REST
             self._worked = self._ran = 0.0

@@ -1,16 +1,16 @@
 """The one way to define a kernel, `kernel`, and to start it, `launch`.
 
-A kernel may end its list of parameters with some of these names, in any order. They say how its loops are shared among
-threads; `launch` fills them in, so that nothing else need know of it:
+A kernel may end its list of parameters with some of these names, in any order. They determine how its loops are shared
+among threads; `launch` fills them in, so that callers need not:
 
 - ``parts``: into how many parts long loops and their sums are split. It does not depend on the number of threads, so
   that sums are repeatable bit by bit. Arrays of partial sums have as many rows, see `tipfem.backend.arrays`.
-- ``stride`` (a template): how many iterations of a parallel loop stand for a part, all but one of them idle, see
-  `part_of`. Taichi hands 512 iterations at least to a thread of the processor: a loop over as many parts as there are
-  threads would run in one.
-- ``serial`` (a template): whether one thread had better run the loops, ``ti.loop_config(serialize=serial)``, because
-  there is less to do than waking the others costs. Results are the same.
-- ``one_counts`` (a template): whether one thread counts and lists faster than all do, with their atomic operations.
+- ``stride`` (a template): how many iterations of a parallel loop belong to one part, of which only the first works, see
+  `part_of`. Taichi gives a CPU thread at least 512 iterations: a loop over as many parts as there are threads would
+  run on one thread.
+- ``serial`` (a template): whether the loops run on one thread, ``ti.loop_config(serialize=serial)``, because there is
+  less to do than waking the others costs. Results are the same.
+- ``one_counts`` (a template): whether one thread counts and lists faster than several do by atomic operations.
 - ``threads`` and ``barrier``: how many threads share the kernel, and the array by which they wait for each other; see
   `tipfem.backend.barrier`.
 
@@ -38,8 +38,8 @@ from tipfem.backend.array_types import mismatch
 from tipfem.backend.taichi_patches import ENABLED, PreparedLaunch, program
 
 PARTS, PARTS_OF_GPU = 16, 4096
-ITERATIONS = 512  # of a parallel loop that Taichi gives to one thread of the processor at least
-WORTH_WAKING = 1.2e5  # [ns] of work of one thread from which on it pays to wake the others, which takes 10 to 50 us
+ITERATIONS = 512  # of a parallel loop that Taichi gives to one CPU thread at least
+WORTH_WAKING = 1.2e5  # [ns] of work of one thread above which waking the others, which takes 10 to 50 us, pays
 FEW_THREADS = 4  # with no more than these, atomic operations cost more than sharing a loop saves
 _INTEGER = type(ti.i32)
 SCHEDULING: dict[str, Any] = {
@@ -51,7 +51,7 @@ SCHEDULING: dict[str, Any] = {
     "barrier": ti.types.ndarray,
 }
 
-# What is prepared for a device array is forgotten with the array.
+# Launches prepared for each device array; they are dropped with the array.
 _users: dict[int, tuple[Any, set[tuple["Kernel", Any]]]] = {}
 
 
@@ -59,10 +59,10 @@ class Kernel:
     """A Taichi kernel that `launch` starts; made by `kernel`.
 
     Attributes:
-        taichi: the kernel as Taichi has it.
-        parameters: names of those that the caller gives.
+        taichi: the kernel as `ti.kernel` returns it.
+        parameters: names of those that the caller passes.
         scheduling: names of those that `launch` fills in.
-        waits: whether threads wait for each other in it.
+        waits: whether its threads wait for each other at barriers.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
@@ -97,20 +97,20 @@ class Kernel:
         serial = False
         if self._may_be_serial:
             if work is None:
-                raise TypeError(f"launch: {self.__name__} can be run by one thread; say how much work there is")
+                raise TypeError(f"launch: {self.__name__} has a parameter serial; pass work=(count, nanoseconds)")
             serial = is_serial(*work)
-        alone = self._counts and few_threads()
-        known = self._schedules.get((serial, alone))
+        one_counts = self._counts and few_threads()
+        known = self._schedules.get((serial, one_counts))
         if known is None:
             values = {
                 "parts": parts(),
                 "stride": 1 if serial or runtime.on_gpu() else ITERATIONS,
                 "serial": serial,
-                "one_counts": alone,
+                "one_counts": one_counts,
                 "threads": 1,
                 "barrier": barriers.array() if self.waits else None,
             }
-            known = self._schedules[serial, alone] = tuple(values[name] for name in self.scheduling)
+            known = self._schedules[serial, one_counts] = tuple(values[name] for name in self.scheduling)
         return known
 
     def start(self, arguments: tuple[Any, ...]) -> Any:
@@ -146,7 +146,7 @@ class Kernel:
         return prepared
 
     def _check(self, arguments: tuple[Any, ...]) -> None:
-        """Raises TypeError unless arrays are given where arrays are wanted, of the right kind."""
+        """Raises TypeError unless all arrays are given and are of the right kind."""
         for i in self._arrays:
             name = (*self.parameters, *self.scheduling)[i]
             if not isinstance(arguments[i], (np.ndarray, ti.Ndarray)):
@@ -157,7 +157,7 @@ class Kernel:
 
 
 def _forget(number: int, _: Any) -> None:
-    """Drop what was prepared for a device array that is gone."""
+    """Drop the launches prepared for a device array that was deleted."""
     _, users = _users.pop(number)
     for user, key in users:
         user._prepared.pop(key, None)
@@ -167,10 +167,11 @@ def kernel(function: Callable[..., Any]) -> Kernel:
     """A decorator: the function becomes a Taichi kernel that `launch` starts.
 
     Args:
-        function: with types of `tipfem.backend.array_types` or Taichi's own; it stands in a module, not in a class.
+        function: annotated with types of `tipfem.backend.array_types` or Taichi's own; defined in a module, not in a
+            class.
 
     Raises:
-        TypeError: a parameter that `launch` fills in stands before one that it does not.
+        TypeError: a parameter that `launch` fills in comes before one that it does not.
     """
     return Kernel(function)
 
@@ -178,15 +179,15 @@ def kernel(function: Callable[..., Any]) -> Kernel:
 def launch(kernel: Kernel, *arguments: Any, work: tuple[float, float] | None = None) -> Any:
     """Start a kernel; what it returns.
 
-    What there is to find out about a kernel and the types of its arguments is found out once: that takes Taichi longer
-    than many a kernel runs.
+    The types of a kernel's arguments are examined once and remembered, because that takes Taichi longer than many
+    kernels run.
 
     Args:
-        kernel: to be started.
-        arguments: those of its parameters that are not filled in here, see above: device arrays of scalars,
+        kernel: the kernel.
+        arguments: for the parameters that are not filled in here, see above: device arrays of scalars,
             C-contiguous NumPy arrays, and numbers.
-        work: how much there is to do: a count, and nanoseconds that one thread takes for each. For kernels with a
-            parameter ``serial``.
+        work: how much there is to do: a count, and how many nanoseconds one thread takes for each. Required for
+            kernels with a parameter ``serial``.
 
     Raises:
         TypeError: arguments are missing, too many, or of the wrong type; a kernel with ``serial`` is given no ``work``.
@@ -214,18 +215,18 @@ def parts() -> int:
 
 
 def is_serial(count: float, cost: float) -> bool:
-    """Whether loops of so many iterations, ``cost`` nanoseconds each, had better be run by one thread."""
+    """Whether loops of ``count`` iterations of ``cost`` nanoseconds each are faster on one thread."""
     return runtime.on_cpu() and (runtime.threads() == 1 or count * cost < WORTH_WAKING)
 
 
 def few_threads() -> bool:
-    """Whether one thread had better count and list, because atomic operations cost more than sharing saves."""
+    """Whether one thread is to count and list, because atomic operations cost more than sharing saves."""
     return runtime.on_cpu() and runtime.threads() <= FEW_THREADS
 
 
 @ti.func
 def part_of(t, parts, stride: ti.template(), n):  # type: ignore[no-untyped-def]
-    """First and last + 1 of 0 ... n that iteration ``t`` of ``parts * stride`` has to do; nothing for idle ones."""
+    """The range of iteration ``t`` of ``parts * stride`` in 0 ... n, first and last + 1; empty for idle iterations."""
     first, last = 0, 0
     if t % stride == 0:
         size = (n + parts - 1) // parts

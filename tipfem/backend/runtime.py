@@ -1,4 +1,4 @@
-"""Start Taichi, and say how it was started."""
+"""Start Taichi, and return how it was started."""
 
 import contextlib
 import os
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-# Without a writable home, Taichi ends the process on import or at exit; a cache elsewhere cures it.
+# Without a writable home, Taichi ends the process on import or at exit; so its cache goes to a temporary folder.
 _home = os.environ.get("HOME", "")
 if "XDG_CACHE_HOME" not in os.environ and not (_home and os.access(_home, os.W_OK)):
     os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="tipfem-cache-")
@@ -27,11 +27,11 @@ BIND_SWITCH = "TIPFEM_BIND_THREADS"
 def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) -> None:
     """Start Taichi; once a process.
 
-    On the CPU, where Taichi is to use all cores that the process may, each of its threads is bound to a core, unless
+    On the CPU, if Taichi is to use all cores available to the process, each of its threads is bound to a core, unless
     the environment variable ``TIPFEM_BIND_THREADS`` is 0.
 
     Args:
-        arch: "cpu" or "cuda".
+        arch: "cpu", or "cuda", which is untried: no run on a GPU has been made yet.
         precision: "f64" (the default) or "f32", of all reals in the kernels.
         threads: number of CPU threads; by default, and at most, as many as there are cores that the process may use.
 
@@ -71,7 +71,7 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
 
 
 def _own_threads() -> list[int]:
-    """The threads of this process in the order of their creation; none where the system does not tell."""
+    """The threads of this process in the order of their creation; empty where the system does not list them."""
     try:
         return [int(name) for name in os.listdir("/proc/self/task")]
     except OSError:
@@ -81,7 +81,7 @@ def _own_threads() -> list[int]:
 def _bind_to_cores(started: list[int], threads: int) -> None:
     """Bind Taichi's workers, the last of the threads it ``started``, to a core each, if they are to use all cores.
 
-    Their loops are short and so are the pauses between them. Schedulers then like to keep them on one core, and two
+    Their loops are short, and so are the pauses between them. Schedulers then tend to keep them on one core, where two
     threads are no faster than one.
     """
     cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_setaffinity") else []
@@ -102,7 +102,7 @@ def settings() -> dict[str, Any]:
 
 
 def on_cpu() -> bool:
-    """Whether Taichi was started on the processor."""
+    """Whether Taichi was started on the CPU."""
     return _running.get("arch") == "cpu"
 
 
@@ -122,10 +122,10 @@ def taichi_real() -> Any:
 
 
 def round_off() -> float:
-    """Displacement in spacings below which a residual is noise, with a light fluid under a heavy one's pressure."""
+    """Displacement in spacings below which a residual is round-off, for a light fluid under a heavy one's pressure."""
     return 1e-4 if _running.get("precision") == "f32" else 1e-13
 
 
 def threads() -> int:
-    """How many threads Taichi has on the processor."""
+    """How many CPU threads Taichi has."""
     return _threads[0]

@@ -1,17 +1,17 @@
 """All that changes Taichi or reaches into its private modules, in one place.
 
-It is made for Taichi 1.7.4. With another version, or where the environment variable ``TIPFEM_TAICHI_PATCHES`` is 0,
-nothing is changed: kernels are started by Taichi's own call, arrays are copied by kernels. Results are the same to the
-last bit; the start takes longer, and so does every launch.
+It is written for Taichi 1.7.4. With another version, or where the environment variable ``TIPFEM_TAICHI_PATCHES`` is 0,
+nothing is changed: kernels are started by Taichi's own call, arrays are copied by kernels. Results are bitwise the
+same; the start takes longer, and so does every launch.
 
 What is changed, and why:
 
-- ``inspect.getframeinfo`` while Taichi is imported: Taichi asks it for the source around every kernel of its own, which
-  takes a third of its import.
-- Taichi's look for the source of a kernel, the position that it keeps of every expression for messages, and its test
-  whether a kernel stands in a class: half of the time that reading kernels takes at the start of a program.
-- Launches: Taichi looks at every argument of every call, which takes longer than many a kernel. `PreparedLaunch` does
-  that once for a kernel and its arrays.
+- ``inspect.getframeinfo`` while Taichi is imported: Taichi calls it for the source around every kernel of its own,
+  which takes a third of the import.
+- How Taichi looks up the source of a kernel, records the position of every expression for messages, and tests whether
+  a kernel is defined in a class: half of the time that parsing kernels takes at the start of a program.
+- Launches: Taichi examines every argument of every call, which takes longer than many kernels. `PreparedLaunch` does
+  so once for a kernel and its arrays.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ SWITCH = "TIPFEM_TAICHI_PATCHES"
 
 
 def _installed() -> bool:
-    """Whether it is that version of Taichi which will be imported, without importing it."""
+    """Whether that version of Taichi is installed, without importing it."""
     spec = importlib.util.find_spec("taichi")
     if spec is None or spec.origin is None:
         return False
@@ -48,9 +48,10 @@ ENABLED = os.environ.get(SWITCH, "1") != "0" and _installed()
 
 
 def _frame_without_source(frame: Any, context: int = 1) -> Any:
-    """What `inspect.getframeinfo` says of a frame, without the source.
+    """What `inspect.getframeinfo` returns for a frame, without the source.
 
-    Taichi reads that to tell whether its own kernels stand in a class. None of them does; no source means the same.
+    Taichi searches the source to see whether its own kernels are defined in a class. None is, and without source it
+    finds that, too.
     """
     return inspect.Traceback(frame.f_code.co_filename, frame.f_lineno, frame.f_code.co_name, None, None)
 
@@ -70,9 +71,9 @@ from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext  # noqa:
 
 
 def _position(context: Any, node: Any) -> str:
-    """Where a statement of a kernel stands, in one line.
+    """File and line of a statement of a kernel, for messages.
 
-    For what a message may want to show, Taichi wraps the source of every expression of every kernel it reads.
+    Taichi itself formats the source of every expression of every kernel here, in case a message needs it.
     """
     return f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {context.func.func.__name__}:\n'
 
@@ -102,7 +103,7 @@ def _tree_and_context(
     ast_builder: Any = None,
     is_real_function: bool = False,
 ) -> tuple[ast.Module, Any]:
-    """What Taichi does at every call of a function in a kernel, with the source looked for once."""
+    """What Taichi does at every call of a function in a kernel, with the source looked up once."""
     file, lines, first, text = _source(self.func)
     tree = ast.parse(text)
     tree.body[0].decorator_list = []  # type: ignore[attr-defined]
@@ -136,7 +137,7 @@ if ENABLED:
 
 
 def running_threads() -> int:
-    """How many threads Taichi has on the processor, which the environment may change."""
+    """How many CPU threads Taichi has, which the environment may change."""
     return int(impl.current_cfg().cpu_max_num_threads)
 
 
@@ -146,7 +147,7 @@ def program() -> Any:
 
 
 def on_host() -> bool:
-    """Whether the processor can read and write device arrays itself, by `host_view`."""
+    """Whether device arrays are in host memory, where `host_view` can read and write them."""
     return ENABLED and bool(impl.current_cfg().arch == ti.cpu)
 
 
@@ -159,14 +160,14 @@ _C_TYPES: dict[Any, Any] = {
 
 
 def host_view(array: Any) -> np.ndarray:
-    """A device array on the host as NumPy sees it; it must not outlive the array."""
+    """A NumPy view of a device array in host memory; it must not outlive the array."""
     address = program().get_ndarray_data_ptr_as_int(array.arr)
     flat: np.ndarray = np.ctypeslib.as_array((_C_TYPES[array.dtype] * math.prod(array.shape)).from_address(address))
     return np.asarray(flat.reshape(array.shape))
 
 
 def _address(array: Any) -> int:
-    """Where an array's values are: what its ``ctypes.data`` says, in a quarter of the time where that can be had."""
+    """Address of an array's values, as from its ``ctypes.data``, in a quarter of the time where possible."""
     try:
         return ctypes.addressof(ctypes.c_char.from_buffer(array))
     except (TypeError, ValueError, BufferError):  # not contiguous, read-only, or empty
@@ -176,10 +177,10 @@ def _address(array: Any) -> int:
 
 
 class PreparedLaunch:
-    """A kernel compiled for some arguments, with all of a launch done once that can be.
+    """A kernel compiled for some arguments, with the work that all its launches share done once.
 
-    On the host, one launch context serves every launch, and device arrays are in it already. Numbers and NumPy arrays,
-    C-contiguous and of the same types, may be others every time; templates are part of the compiled kernel.
+    On the host, one launch context serves every launch and holds the device arrays. Numbers and C-contiguous NumPy
+    arrays of the same types may differ between launches; templates are part of the compiled kernel.
 
     Args:
         kernel: as `ti.kernel` returns it.

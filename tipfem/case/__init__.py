@@ -1,1 +1,1 @@
-"""What users describe: fluids, tanks, particles, walls, gradings, parameters of the method."""
+"""The user's description of a flow: fluids, tanks, particles, walls, grading, parameters of the method."""

@@ -42,7 +42,7 @@ class Boundary:
         inverse: (W, d, d) pseudo-inverses of these matrices.
         side: (W, d) number of the side of each row.
         free: (W, d, d) projector on the directions in which the particle slides with the fluid.
-        sliding: (W,) number of the wall whose velocity the particle has; -1 for none.
+        sliding: (W,) number of the wall whose velocity the particle takes; -1 for none.
         pieces: rows of particles along a side, ends included, that are kept evenly spaced (2-D). Each row comes with
             the particles' coordinates along it, 0 at one end and 1 at the other, or None where the wall slips.
         slides: (K,) positions in `index` of the particles that slide.
@@ -51,8 +51,8 @@ class Boundary:
         pinned: (W,) mask of the wall particles at corners and at the ends of walls.
 
     Raises:
-        ValueError: a wall has no particles, is not straight, or contradicts another; the tank would change
-            its volume; or a function of time returns something invalid.
+        ValueError: a wall has no particles, is not straight, or overlaps another; the tank would change
+            its volume; or a function of time returns an invalid value.
     """
 
     def __init__(
@@ -352,7 +352,8 @@ class Boundary:
         )
 
 
-# A wall particle is on a side if it is closer to its line than this [spacings]: splits and slides have round-off.
+# After remeshing, a wall particle is on a side if it is closer to its line than this [spacings]: new positions on the
+# line have round-off.
 ON_SIDE = 1e-5
 
 

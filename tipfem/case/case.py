@@ -43,8 +43,8 @@ class Case:
         walls: walls that slip, slide or move, in addition to those described in a tank; all others are fixed
             and no-slip. They are the outer walls: together they form the convex hull of a closed case.
         tank_motion: rigid motion of all walls together, or None.
-        grading: of the distance between particles, from the spacing at interfaces to more elsewhere; None for the same
-            distance everywhere. With the sharp interface only.
+        grading: target distances that grow from the spacing at interfaces to larger values away from them; None for
+            the same distance everywhere. With the sharp interface only.
 
     Attributes:
         particles: the initial state, sampled from the tank if one was given.
@@ -56,11 +56,11 @@ class Case:
         tank: the tank that the particles were sampled from; None for particles given as arrays.
         walls_have_fluids: whether the wall particles' fluids are known (from a tank) and need not be taken from
             their neighbours.
-        filled: function of positions (K, d) [m] to a mask (K,) of those in a fluid at the start, where a tank
-            tells; else None.
+        filled: function of positions (K, d) [m] to a mask (K,) of those in a fluid at the start; None for
+            particles given as arrays.
 
     Raises:
-        ValueError: something does not fit together; the message names what, where and what would.
+        ValueError: arguments are invalid or contradict each other; the message names them and the valid values.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class Case:
             self.tank.seal()
 
     def _check_options(self) -> None:
-        """Check what does not need the particles."""
+        """Check the options that can be checked without the particles."""
         if self.body_force is not None and not callable(self.body_force):
             raise ValueError(f"Case: body_force is {self.body_force!r}; it must be a function of positions and time")
         if not isinstance(self.numerics, Numerics):
@@ -173,7 +173,7 @@ class Case:
                 f"Case: the {len(particles)} particles enclose no space; {particles.dimension + 1} or more are "
                 "needed, not all on one line or in one plane"
             ) from error
-        # Facets of one straight wall share their equation but for round-off; one of them will do.
+        # Facets of one straight wall have the same equation up to round-off; one of them is enough.
         facets = facets[np.unique(facets.round(12), axis=0, return_index=True)[1]]
         depth = np.full(len(particles), np.inf)  # below the nearest facet [spacings]
         for facet in facets:  # one by one: all at once would take facets x particles of memory

@@ -15,8 +15,8 @@ from tipfem.typing import Array
 
 # Gradation limiting takes time for every distinct size; this many represent all of them.
 SIZES = 16
-# Of a lattice every first, second, third ... line is kept. These strides share factors, so that lattices of different
-# strides have points in common. Lines may be farther apart than the target by the factor ROUNDED.
+# Every stride-th line of a lattice is kept. These strides share factors, so that lattices of different strides have
+# points in common. Lines may be farther apart than the target by the factor ROUNDED.
 STRIDES = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256])
 ROUNDED = 1.06
 
@@ -35,7 +35,7 @@ class Grading:
         where: function of positions (K, d) [m] to upper limits (K,) of the targets [m], for regions that need a finer
             resolution, such as boundary layers; or None. It must return values > 0; inf sets no limit, and values below
             the case's spacing count as that. It is evaluated at all particles at the start and after every step, in
-            the frame that does not move with the tank. If no fluid is named, it alone determines the targets.
+            the frame that does not move with the tank. If no fluid is named, only this function limits the targets.
 
     Raises:
         ValueError: a number is out of range, or not a number.
@@ -122,7 +122,7 @@ class Grading:
 def thinned(
     grading: Grading, position: Array, shape: tuple[int, int], fluid: Array, fluids: Sequence[Fluid], spacing: float
 ) -> Array:
-    """Select the points of a lattice that become particles: every first, second, third ... along both axes.
+    """Select the points of a lattice that become particles: every stride-th along both axes.
 
     Args:
         grading: the target spacings.

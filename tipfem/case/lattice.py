@@ -9,7 +9,7 @@ import numpy as np
 
 from tipfem.typing import Array
 
-# Bisections of an edge between two parts, enough for round-off.
+# Bisections of an edge between two parts, down to round-off.
 BISECTIONS = 52
 # Distance from a face at which the parts on its two sides are sampled [spacings].
 BESIDE = 1e-4
@@ -48,7 +48,7 @@ def snap_to_faces(
         same = part(start + middle[:, None] * edge) == label[one]
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     fraction = 0.5 * (low + high)
-    # Parts overlap by round-off. A face along a lattice line is met exactly at an end of the edge.
+    # Parts overlap by round-off. A face along a lattice line crosses an edge exactly at its end.
     fraction = np.where(fraction < 1e-7, 0.0, np.where(fraction > 1 - 1e-7, 1.0, fraction))
     crossing = start + fraction[:, None] * edge
     mover = np.where(fraction <= 0.5, one, other)
@@ -120,7 +120,7 @@ CLOSEST = 0.6
 
 def fitted_lines(axis: int, length: float, spacing: float, faces: Iterable[float]) -> Array:
     """Coordinates (n,) of the lines along one axis, with one on every face [m]; see `lines`."""
-    # With two intervals or more a layer has particles of its own, which it does not share with its neighbours.
+    # With two intervals or more, a layer has particles that are not on its faces.
     edges = _edges(axis, length, spacing, faces, lambda lower, upper: (2 * CLOSEST, "two lines"))
     pieces = [np.zeros(1)]
     for lower, upper in itertools.pairwise(edges):

@@ -11,7 +11,7 @@ from tipfem.typing import Array
 
 @dataclass(frozen=True)
 class RelocationRule:
-    """When a particle is relocated, and where to, with the interpolated interface. All lengths in target spacings h.
+    """When and where to particles are relocated with the interpolated interface. All lengths in target spacings h.
 
     Attributes:
         too_close: a particle closer than this to another is relocated.
@@ -160,7 +160,7 @@ class Numerics:
             With the sharp interface any rate > 0 means that interfaces are moved to keep the volumes of the
             start, and 0 that only the changes of volume by remeshing are undone.
         momentum_transfer: with the interpolated interface, whether a particle whose mass a remeshing increases takes
-            on the velocity of the neighbours that lost it (see `momentum_transfer`). The paper's method does not.
+            momentum from the neighbours that lost it (see `momentum_transfer`). The paper's method does not.
         newton_tolerance: of the largest scaled residual, expressed as a displacement in spacings.
         acceleration_tolerance: of the same residual as an acceleration, relative to gravity; the
             tighter of both holds. It keeps the pressure accurate for short steps and large spacings.
@@ -174,9 +174,9 @@ class Numerics:
             0.5 only if J of no element falls below its limit (see `StepControl`). A step in which a particle moves
             0.15 spacings more than this is refused.
         smallest_jacobian: limit of J; a step in which an element's J falls below it is refused.
-        triangulation: with the interpolated interface in 2-D and without free surface: "repair" flips the last mesh,
-            and removes and inserts relocated particles, where that is possible; "rebuild" calls Qhull in every step.
-        relocation: when particles are relocated, and where to, with the interpolated interface.
+        triangulation: with the interpolated interface in 2-D and without free surface: "repair" flips edges of the
+            last mesh, and removes and inserts relocated particles, where possible; "rebuild" calls Qhull in every step.
+        relocation: when and where to particles are relocated with the interpolated interface.
         fitting: when the triangulation is changed, with the sharp interface.
         surface: which simplices are fluid, with a free surface.
 

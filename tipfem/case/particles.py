@@ -24,7 +24,7 @@ class Particles:
         acceleration: (N, d) [m/s^2].
         pressure: (N,) [Pa], positive in compression.
         spacing: target distance h between neighbours [m]; by default the median distance
-            from a particle to its nearest neighbour. Where targets differ from place to place, the smallest.
+            from a particle to its nearest neighbour. Where target distances vary, the smallest.
 
     Attributes:
         target: (N,) distance that each particle is to have from its neighbours [m]. It follows from the case's
@@ -151,7 +151,7 @@ class Particles:
         """
         if len(self) < 2:
             if not self.spacing:
-                raise ValueError("Particles: one particle alone has no spacing; give at least two")
+                raise ValueError("Particles: a single particle has no spacing; give at least two")
             return self.spacing
         distance, neighbour = cKDTree(self.position).query(self.position, k=2)
         median = float(np.median(distance[:, 1]))
@@ -161,7 +161,7 @@ class Particles:
             j = int(neighbour[i, 1] if neighbour[i, 1] != i else neighbour[i, 0])
             raise ValueError(
                 f"Particles: {min(i, j)} and {max(i, j)} are duplicates at {self.position[i].tolist()}; "
-                "every particle needs a place of its own"
+                "every particle needs a position of its own"
             )
         return median
 

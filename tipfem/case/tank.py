@@ -27,7 +27,7 @@ class Region:
 
     Attributes:
         fluid: that fills it.
-        part: what messages call it.
+        part: its description in messages.
         contains: function of positions (K, d) [m] to a mask (K,) of those in the region.
         box: (2, d) lower and upper corner of a box [m]; None for other shapes.
         given: the argument of `Tank.fill` for the region, "box", "disc" or "where", with its value; empty
@@ -63,9 +63,9 @@ class Region:
 class Tank:
     """A closed box with one row of wall particles, to be filled with fluids; `tank` makes one.
 
-    Particles stand on a rectilinear lattice. Every face of a filled box that lies inside the tank
-    runs midway between two of its lines: that is where the interface of two fluids is, and so the
-    volumes of layers are those asked for. Between faces the lines are evenly spaced, on each side
+    Particles are placed on a rectilinear lattice. Every face of a filled box inside the tank
+    runs midway between two lattice lines: the interface of two fluids is there, and so the
+    volumes of layers are exact. Between faces the lines are evenly spaced, on each side
     of a face by a little more or less than ``spacing``. A layer between two faces can be one line.
 
     Args:
@@ -106,7 +106,7 @@ class Tank:
             raise ValueError(f"tank: jitter is {jitter!r}; it must lie between 0 and 0.4 spacings")
 
     def seal(self) -> None:
-        """Refuse changes from here on: a case has taken its particles and walls from the tank."""
+        """Refuse further changes: a case has taken its particles and walls from the tank."""
         self._sealed = True
 
     def _require_open(self, what: str) -> None:
@@ -224,8 +224,9 @@ class Tank:
         result = []
         for name, what in self._walls.items():
             axis, upper = SIDES[name]
-            place = float(self.size[axis]) if upper else 0.0
-            result.append(Wall(name, particles=particles.wall & (particles.position[:, axis] == place), **what))
+            coordinate = float(self.size[axis]) if upper else 0.0
+            on_wall = particles.wall & (particles.position[:, axis] == coordinate)
+            result.append(Wall(name, particles=on_wall, **what))
         return result
 
     def sample(
@@ -238,7 +239,7 @@ class Tank:
             fitted: put particles on the faces between two fluids, instead of on both sides of them, and give
                 them the heavier one; in 2-D only. The sharp interface needs this.
             empty: let parts of the tank be empty. They have no particles except wall particles, whose fluid is -1.
-                In 2-D particles stand on the faces of empty parts, where free surfaces begin.
+                In 2-D there are particles on the faces of empty parts, which are the initial free surfaces.
             grading: target spacings that thin out the lattice away from interfaces; in 2-D only, and without empty
                 parts.
 
@@ -322,7 +323,8 @@ class Tank:
     def _mask(self, region: Region, position: Array, wall: Array) -> Array:
         """Mask (N,) of the lattice points in a region; see `sample` for errors."""
         inside = region.mask(position)
-        # Wall particles take the fluid of their neighbours, so a region with those alone would be lost silently.
+        # Wall particles take the fluid of their neighbours, so a region with wall particles only would be lost
+        # silently.
         if not (inside & ~wall).any():
             raise ValueError(
                 f"fill {region.fluid.name!r}: {region.part} holds no particle off the walls; it lies outside the "

@@ -36,7 +36,8 @@ class Wall:
         velocity: of a wall that slides along itself, relative to the tank: (d,) [m/s], or a function of time
             [s] that returns it. The wall's particles do not move along with it.
         motion: function of time [s] to the displacement [m] of the wall along its normal since t = 0, relative
-            to the tank; positive into the fluid. It must be smooth: velocity and acceleration are its derivatives.
+            to the tank; positive into the fluid. It must be smooth, because velocity and acceleration are its
+            derivatives.
 
     Raises:
         ValueError: a value has the wrong shape or sign, or two of them contradict each other.

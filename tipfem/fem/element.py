@@ -1,4 +1,4 @@
-"""Element mathematics of one linear simplex, as Taichi functions; for 2-D and 3-D alike.
+"""Element mathematics of one linear simplex, as Taichi functions, in 2-D and 3-D.
 
 Notation: G_a reference gradients of the shape functions, F the deformation from the last step's
 positions to the intermediate ones, g_a = F^-T G_a, J = det F, H = sum_a u_a (x) G_a.
@@ -9,7 +9,7 @@ import taichi as ti
 
 @ti.func
 def area_of(x: ti.template(), cells: ti.template(), t):
-    """Signed area of triangle ``t``; in the order of `mesh.simplex_measure`, to the last bit."""
+    """Signed area of triangle ``t``, bitwise that of `mesh.simplex_measure`."""
     a, b, c = cells[t, 0], cells[t, 1], cells[t, 2]
     return 0.5 * ((x[b, 0] - x[a, 0]) * (x[c, 1] - x[a, 1]) - (x[c, 0] - x[a, 0]) * (x[b, 1] - x[a, 1]))
 
@@ -50,7 +50,7 @@ def gradient(rows, a: ti.template()):
 
 @ti.func
 def volume_change(h):
-    """det(I + H) - 1 without the loss of digits of forming the determinant first."""
+    """det(I + H) - 1, without the cancellation of computing the determinant first."""
     result = h.trace()
     if ti.static(h.n == 2):
         result += h.determinant()
@@ -100,8 +100,8 @@ def cauchy_stress(velocity_gradient, pressure, viscosity):
 def stabilisation_time(measure, density, viscosity, dt, factor, dim: ti.template()):
     """tau [s^2] of the PSPG term for the constraint J = 1.
 
-    tau = dt / sqrt((1 / (c dt))^2 + (12 nu / h^2)^2): c dt^2 where inertia rules, dt times the
-    viscous time of Tezduyar (1992) where viscosity does. h is the diameter of the circle (ball) of
+    tau = dt / sqrt((1 / (c dt))^2 + (12 nu / h^2)^2): c dt^2 where inertia dominates, dt times the
+    viscous time of Tezduyar (1992) where viscosity dominates. h is the diameter of the circle (ball) of
     the element's measure. The constraint is J - 1, about dt div v; hence the factor dt.
     """
     length2 = 4.0 / ti.math.pi * measure

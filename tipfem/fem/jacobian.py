@@ -1,9 +1,9 @@
-"""Kernels for the Jacobian in rows: gathered once from the elements' linearisation, then multiplied with many vectors.
+"""Kernels for the Jacobian in rows: assembled once from the elements' linearisation, then applied to many vectors.
 
 Row i couples particle i with the particles that share a cell with it, ``columns[row_offsets[i]:row_offsets[i + 1]]``,
 itself first. Each coupling is a block of (d + 1) x (d + 1) numbers, scaled as the residual is: d rows of momentum and
 one of continuity, by d columns of displacement and one of pressure. ``blocks`` (K (d + 1)^2,) holds them row by row; it
-is flat because Taichi's products with an array of two axes take a quarter longer. Vectors of unknowns and element
+is flat because products with an array of two axes take Taichi a quarter longer. Vectors of unknowns and element
 records are laid out as in `tipfem.fem.residual`.
 """
 
@@ -14,7 +14,7 @@ from tipfem.backend.launch import kernel
 from tipfem.fem.element import gradient
 from tipfem.fem.residual import linearisation
 
-ROW = 30.0  # nanoseconds of one thread to multiply a particle's rows
+ROW = 30.0  # nanoseconds of one thread for a particle in `multiply`
 
 
 @ti.func
@@ -46,8 +46,8 @@ def gather_rows(
 ):
     """The derivative of the scaled residual, block by block; its sums are those of `matrix_free.jacobian_product`.
 
-    With s_a = sigma g_a, M = cv I - cf l, f = J / rho grad p, and c_b = J_{n+1} grad_{n+1} phi_b, an element adds for
-    its nodes a, b
+    With s_a = sigma g_a, M = cv I - cf l, f = J / rho grad p, and c_b = J_{n+1} grad_{n+1} phi_b, an element
+    contributes for its nodes a, b
 
     momentum by displacement: w {mu [(g_a . g_b) M + g_b (x) M^T g_a] + cf [s_a (x) g_b - s_b (x) g_a]}
         + delta_ab rho A / (d + 1) cm I
@@ -60,8 +60,8 @@ def gather_rows(
     """
     for i in range(nodes):
         first, last = row_offsets[i], row_offsets[i + 1]
-        # The block on the diagonal is summed up here. Gradients add to zero: so do the blocks of an element, but for
-        # its mass and the inertia in the stabilisation.
+        # The diagonal block is accumulated in registers. Gradients sum to zero, and so do the blocks of an element,
+        # except for its mass and the inertia in the stabilisation.
         own_uu, own_pp = ti.Matrix.zero(float, dim, dim), 0.0
         own_up, own_pu = ti.Vector.zero(float, dim), ti.Vector.zero(float, dim)
         scale_u, scale_p = ti.Vector.zero(float, dim), scale[i * (dim + 1) + dim]
@@ -131,7 +131,7 @@ def row_product(
     i,
     dim: Template,
 ):
-    """Particle i's rows of out = K x; x and out begin at an entry of their arrays."""
+    """Particle i's rows of out = K x; x and out begin at ``x_start`` and ``out_start`` in their arrays."""
     force = ti.Vector.zero(float, dim)
     growth = 0.0
     for s in range(row_offsets[i], row_offsets[i + 1]):

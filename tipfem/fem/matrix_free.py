@@ -1,8 +1,8 @@
-"""Kernels of the Newton-Krylov solve without a matrix: products with the Jacobian, and halves of them.
+"""Kernels of the matrix-free Newton-Krylov solve: products with the Jacobian, and with its blocks.
 
 Vectors of unknowns and element records are laid out as in `tipfem.fem.residual`. With the blocks A, -G and D of the
 Jacobian K (see `tipfem.fem.jacobian`), the continuity rows of K (r_u, 0) are D r_u, and the momentum rows of K (0, p)
-are -G p: the preconditioner needs no more than products.
+are -G p: the preconditioner needs only products with K.
 """
 
 import taichi as ti
@@ -13,7 +13,7 @@ from tipfem.fem.element import cauchy_stress, gradient
 from tipfem.fem.residual import displacement_of, gather_node, linearisation
 from tipfem.linalg.multigrid.grid_hierarchy import RHS, SOLUTION
 
-PARTICLE = 4.0  # nanoseconds that a thread takes for a particle of a vector
+PARTICLE = 4.0  # nanoseconds of one thread for a particle in the kernels with ``serial``
 
 
 @kernel
@@ -74,7 +74,7 @@ def jacobian_product(
 
 
 @kernel
-def displacements_alone(r: Reals1, out: Reals1, nodes: ti.i32, dim: Template, serial: Template):
+def copy_displacements(r: Reals1, out: Reals1, nodes: ti.i32, dim: Template, serial: Template):
     """out = (r_u, 0)."""
     ti.loop_config(serialize=serial)
     for i in range(nodes):
@@ -84,7 +84,7 @@ def displacements_alone(r: Reals1, out: Reals1, nodes: ti.i32, dim: Template, se
 
 
 @kernel
-def pressures_alone(vectors: Reals1, out: Reals1, nodes: ti.i32, dim: Template, serial: Template):
+def copy_pressures(vectors: Reals1, out: Reals1, nodes: ti.i32, dim: Template, serial: Template):
     """out = (0, p), p the solution in ``vectors``, see `tipfem.linalg.multigrid.grid_hierarchy`."""
     ti.loop_config(serialize=serial)
     for i in range(nodes):
@@ -99,7 +99,7 @@ def schur_rhs(
 ):
     """r_p - D r_u without the scale of the rows, with ``product`` = K (r_u, 0); 0 where pressure is pinned.
 
-    It becomes the right-hand side in ``vectors``. `tipfem.step.block_preconditioner.schur_rhs` has it from the rows.
+    It is the right-hand side in ``vectors``. `tipfem.step.block_preconditioner.schur_rhs` computes it from the rows.
     """
     ti.loop_config(serialize=serial)
     for i in range(nodes):

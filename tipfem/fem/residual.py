@@ -1,7 +1,7 @@
 """The kernel that assembles the residual, and linearises it on the elements.
 
-It computes element vectors into a buffer and then gathers them per particle over the CSR
-incidence, so that results are repeatable bit by bit and no atomics are needed. Vectors of unknowns
+It writes element vectors to a buffer and then gathers them per particle by the CSR lists of its
+cells, so that results are repeatable bit by bit and no atomics are needed. Vectors of unknowns
 are flat and interleaved: entry ``i * (d + 1) + k`` is displacement component k of particle i for
 k < d, and its pressure for k = d. ``scale`` multiplies the rows; it is zero for fixed unknowns.
 """
@@ -142,7 +142,7 @@ def residual(
         grad_p = ti.Vector.zero(float, dim)
         inertia = ti.Vector.zero(float, dim)
         mean_p = 0.0
-        # All is read before anything is written: the compiler does not keep what it has read beyond that.
+        # Everything is read before anything is written: the compiler would read again after a write.
         accelerations = ti.Matrix.zero(float, dim + 1, dim)
         for a in ti.static(range(dim + 1)):
             i = cells[e, a]

@@ -1,4 +1,4 @@
-"""Kernel of the block preconditioner: rows' scale, pressure Laplacian.
+"""Kernel of the block preconditioner: scaling of the rows, and pressure Laplacian.
 
 Vectors of unknowns are laid out as in `tipfem.fem.residual`.
 """
@@ -10,7 +10,9 @@ from tipfem.backend.launch import kernel
 from tipfem.fem.element import gradient, row
 from tipfem.linalg.sparsity import corner_after
 
-SEARCH = 80.0  # nanoseconds of one thread to find a particle's neighbours, and for its row of the Laplacian
+LAPLACIAN_ROW = 80.0  # nanoseconds of one thread for a particle in `scale_and_laplacian`
+# Columns of ``held`` (N, 2), which is not zero where an unknown is prescribed.
+DISPLACEMENT, PRESSURE = 0, 1
 
 
 @ti.func
@@ -36,8 +38,7 @@ def scale_and_laplacian(
     position: Reals2,
     density: Reals1,
     viscosity: Reals1,
-    fixed: Ints1,
-    pinned: Ints1,
+    held: Ints2,
     padded: Ints1,
     slots: Ints1,
     row_offsets: Ints1,
@@ -52,12 +53,12 @@ def scale_and_laplacian(
     dim: Template,
     serial: Template,
 ):
-    """The rows' scale, and the approximate pressure Schur complement in CSR.
+    """The scaling of the rows, and the approximate pressure Schur complement in CSR.
 
-    scale: 1 / diag(A) in the momentum rows, h / V_a in the continuity rows; 0 where u is fixed or p pinned. So every
-    scaled row is a length [m]: what its residual would move its particle by.
+    scale: 1 / diag(A) in the momentum rows, h / V_a in the continuity rows; 0 where u or p is held. So every
+    scaled residual is a length [m]: the displacement that would remove it.
 
-    values: P1 Laplacian sum_e A / (s cm rho) g_a . g_b with s = ``schur``; rows and columns of pinned pressures are
+    values: P1 Laplacian sum_e A / (s cm rho) g_a . g_b with s = ``schur``; rows and columns of held pressures are
     left empty. ``columns`` are those of ``padded`` without the gaps, see `sparsity.find_neighbours`.
     """
     ti.loop_config(serialize=serial)
@@ -83,13 +84,13 @@ def scale_and_laplacian(
                 s = first + slots[c * dim + other - 1]
                 values[s] = values[s] + value
         values[first] = total
-        is_pinned = pinned[i] != 0
+        is_pinned = held[i, PRESSURE] != 0
         for s in range(first, row_offsets[i + 1]):
-            if is_pinned or pinned[columns[s]] != 0:
+            if is_pinned or held[columns[s], PRESSURE] != 0:
                 values[s] = 0.0
         for k in ti.static(range(dim)):
             scale[i * (dim + 1) + k] = 0.0
-            if fixed[i] == 0 and volume > 0.0:
+            if held[i, DISPLACEMENT] == 0 and volume > 0.0:
                 scale[i * (dim + 1) + k] = 1.0 / diagonal[k]
         scale[i * (dim + 1) + dim] = 0.0
         if not is_pinned and volume > 0.0:

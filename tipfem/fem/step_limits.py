@@ -1,4 +1,4 @@
-"""Kernels that find how far a step deforms elements and moves particles: at a solution, and at the present speeds."""
+"""Kernels that measure how far a step deforms elements and moves particles."""
 
 import taichi as ti
 
@@ -7,7 +7,7 @@ from tipfem.backend.launch import kernel, part_of
 from tipfem.fem.element import row, volume_ratio
 from tipfem.fem.residual import displacement_of
 
-ELEMENT = 15.0  # nanoseconds that a thread takes for an element in `step_limits`
+ELEMENT = 15.0  # nanoseconds of one thread for an element in `step_limits`
 
 
 @kernel
@@ -23,7 +23,7 @@ def smallest_jacobian(
     parts: ti.i32,
     stride: Template,
 ):
-    """result[0]: the smallest J = det(I + dt grad v) of an element, or what was there if that is smaller."""
+    """result[0]: the smallest J = det(I + dt grad v) of an element, or its previous value if that is smaller."""
     for t in range(parts * stride):
         smallest = 1e30
         first, last = part_of(t, parts, stride, elements)

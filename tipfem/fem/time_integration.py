@@ -15,14 +15,14 @@ from tipfem.fem import step_limits
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
-# Steps in which a particle moves by more spacings than that must not crush elements; shorter ones hardly can. Without
-# that least length, a particle that sinks to a wall would make steps ever shorter and never get there.
+# Steps in which a particle moves by more than this [spacings] are shortened until J >= GENTLE; shorter steps are not,
+# because a particle that approaches a wall would make steps ever shorter and never reach it.
 LONG_MOVE = 0.5
-GENTLE = 0.4  # smallest J of an element at the present speeds that such a step may lead to
+GENTLE = 0.4  # smallest J of an element at the present velocities after such a step
 
 
 def smallest_jacobian(mesh: Mesh, particles: Particles, dt: float) -> float:
-    """Smallest J of an element if all particles went on at their velocities for ``dt`` [s]."""
+    """Smallest J of an element after ``dt`` [s] at the particles' present velocities."""
     result = np.array([1e30])
     launch(
         step_limits.smallest_jacobian,
@@ -94,7 +94,7 @@ class GeneralizedAlpha:
         return particles.velocity + self.dt * ((1 - self.gamma) * particles.acceleration + self.gamma * a_next)
 
     def history(self, particles: Particles) -> tuple[Array, Array]:
-        """What v_alpha and a_alpha (N, d) are at u = 0."""
+        """v_alpha and a_alpha (N, d) at u = 0."""
         v, a = particles.velocity, particles.acceleration
         by_v, by_a = -1 / (self.beta * self.dt), 1 - 0.5 / self.beta  # a_{n+1} at u = 0 is by_v v_n + by_a a_n
         share = (1 - self.alpha_f) * self.dt
@@ -102,7 +102,7 @@ class GeneralizedAlpha:
         return velocity, (1 - self.alpha_m) * by_v * v + ((1 - self.alpha_m) * by_a + self.alpha_m) * a
 
     def predict(self, particles: Particles) -> Array:
-        """Displacements (N, d) [m] if the acceleration stayed as it is."""
+        """Displacements (N, d) [m] at constant acceleration."""
         return self.dt * particles.velocity + 0.5 * self.dt**2 * particles.acceleration
 
     def advance(self, particles: Particles, u: Array, pressure: Array) -> Particles:
@@ -123,12 +123,12 @@ class StepControl:
 
     Attributes:
         largest: largest time step [s].
-        smallest: where a run gives up [s].
+        smallest: smallest time step, below which a run ends with an error [s].
         growth: factor by which an accepted step may grow.
-        reach: largest displacement of a particle in a step, in spacings; steps that would exceed it
-            are refused. 0.15 more than the target by default.
-        target: displacement that the next step aims at, in spacings, from the present speed; more than half a
-            spacing only where that crushes no element.
+        reach: largest displacement of a particle in a step, in spacings; steps that exceed it
+            are refused. By default 0.15 more than ``target``.
+        target: displacement of the fastest particle that the next step aims at, in spacings; more than half a
+            spacing only if J of no element falls below a limit.
     """
 
     largest: float
@@ -145,22 +145,22 @@ class StepControl:
         self.current = self.current or self.largest
         self.reach = self.reach or self.target + 0.15
 
-    def length(self, pace: float, remaining: float, jacobian: Callable[[float], float] = lambda _dt: 1.0) -> float:
+    def length(self, speed: float, remaining: float, jacobian: Callable[[float], float] = lambda _dt: 1.0) -> float:
         """Length of the next step [s].
 
         Args:
-            pace: largest speed of a particle, in its target spacings [1/s].
-            remaining: time to the next moment that a step must end at [s]; it is divided evenly.
-            jacobian: smallest J of an element at the present speeds, as a function of the step's length.
+            speed: largest speed of a particle, in its target spacings [1/s].
+            remaining: time until the next output or the end of the run [s]; it is divided evenly.
+            jacobian: smallest J of an element at the present velocities, as a function of the step's length.
         """
         dt = self.current
-        if pace > 0:
-            dt = min(dt, self.target / pace)
-            least = min(dt, LONG_MOVE / pace)
+        if speed > 0:
+            dt = min(dt, self.target / speed)
+            least = min(dt, LONG_MOVE / speed)
             for _ in range(3):
                 if dt <= least or (smallest := jacobian(dt)) >= GENTLE:
                     break
-                # Of a flow without divergence, 1 - J grows as dt^2.
+                # In a divergence-free flow, 1 - J grows as dt^2.
                 dt = max(least, 0.99 * dt * math.sqrt((1 - GENTLE) / (1 - smallest)))
             else:
                 dt = least

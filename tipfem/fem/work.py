@@ -1,7 +1,7 @@
-"""Kernels that sum up what particles have, and what the forces of a step did.
+"""Kernels that sum energy and momentum of the particles, and the work of the forces of a step.
 
-`step_work` reads what the last residual left behind, each element's linearisation (``record``) and element vectors
-(``local``), so that it must run before another residual or Jacobian-vector product does.
+`step_work` reads the linearisation (``record``) and the element vectors (``local``) of the last residual, so it must
+run before the next residual or Jacobian-vector product.
 """
 
 import taichi as ti
@@ -11,7 +11,7 @@ from tipfem.backend.launch import kernel, part_of
 from tipfem.fem.element import row
 from tipfem.fem.residual import displacement_of, gathered, linearisation
 
-WORKS = 6  # sums of `step_work` before the force of the walls
+WORKS = 6  # number of sums in `step_work`, not counting the force of the walls
 
 
 @kernel
@@ -96,7 +96,7 @@ def lump(
     mass: Reals1,
     dim: Template,
 ):
-    """Lumped mass [kg] (N,) of the particles, zero before; in the order of the elements."""
+    """Add the elements' lumped mass [kg] to that of the particles (N,), in the order of the elements."""
     ti.loop_config(serialize=True)
     for e in range(cells.shape[0]):
         m = density[e] * measure[e] / (dim + 1)
@@ -106,7 +106,7 @@ def lump(
 
 @ti.func
 def state_of(mass: ti.template(), position: ti.template(), velocity: ti.template(), i, dim: ti.template()):
-    """What particle ``i`` adds to the sums m v . v, m x and m v."""
+    """Contributions of particle ``i`` to the sums m v . v, m x and m v."""
     v = row(velocity, i, dim)
     return mass[i] * v.dot(v), mass[i] * row(position, i, dim), mass[i] * v
 

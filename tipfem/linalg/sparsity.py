@@ -1,4 +1,4 @@
-"""Kernels that find which cells and which neighbours each particle has.
+"""Kernels that list the cells and the neighbours of each particle.
 
 Lists of lists are CSR: ``offsets`` (N + 1,) says where the list of each particle begins. The order within a list does
 not depend on the number of threads, so that sums over it are repeatable bit by bit.
@@ -10,6 +10,9 @@ import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Template
 from tipfem.backend.launch import kernel
+
+# Nanoseconds of one thread for a particle in `find_neighbours`.
+NEIGHBOURS = 80.0
 
 
 class Csr(NamedTuple):
@@ -28,7 +31,7 @@ class Csr(NamedTuple):
 
 @ti.func
 def post_increment(cursor: Template, i, serial: Template):
-    """Add one to cursor[i]; its value before. The operation is atomic unless the loop is ``serial``."""
+    """Add one to cursor[i], and return its value before; atomic unless the loop is ``serial``."""
     value = 0
     if ti.static(serial):
         value = cursor[i]
@@ -49,7 +52,7 @@ def list_corners(
     width: ti.i32,
     one_counts: Template,
 ):
-    """For each particle the places e * width + a where it stands in ``cells`` (M, width), in ascending order.
+    """For each particle the corners e * width + a of cells e that it is, from ``cells`` (M, width), in ascending order.
 
     The lists are ``corners`` (M width,) with ``offsets`` (N + 1,); ``cursor`` (N,) is scratch.
     """
@@ -75,7 +78,7 @@ def list_corners(
 
 @kernel
 def running_sums(count: Ints1, n: ti.i32) -> ti.i32:
-    """Replace count[:n + 1] by its running sums; the last of them."""
+    """Replace count[:n + 1] by its running sums, and return the last."""
     ti.loop_config(serialize=True)
     for i in range(n):
         count[i + 1] = count[i] + count[i + 1]
@@ -117,8 +120,8 @@ def find_neighbours(
 
     count[i + 1] (N + 1,): how many there are. ``padded``: the lists with gaps between them; that of particle i starts
     at dim * offsets[i] + i with i itself, and the others follow in the order of its cells. slots (M (d + 1) d,): for
-    each entry c of ``corners``, where in that list the other particles of its cell are; the particle at `corner_after`
-    by k stands at c * d + k - 1. ``offsets`` and ``corners`` as from `list_corners`.
+    each entry c of ``corners``, where in that list the other particles of its cell are; entry c * d + k - 1
+    is for the particle at `corner_after` by k. ``offsets`` and ``corners`` as from `list_corners`.
     """
     ti.loop_config(serialize=serial)
     for i in range(nodes):

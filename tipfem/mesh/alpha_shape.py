@@ -52,7 +52,7 @@ class Shapes:
 
 
 def covered(points: Array, near: Array, before: Mesh) -> Array:
-    """Mask (K,) of the points that lie in a simplex of a mesh.
+    """Mask (K,) of the points that are in a simplex of a mesh.
 
     Args:
         points: (K, d) [m].
@@ -65,8 +65,8 @@ def covered(points: Array, near: Array, before: Mesh) -> Array:
     point = np.repeat(np.arange(len(points)), total)
     # Ranges of the simplices around all particles of a point, concatenated.
     first, number = offsets[near].ravel(), count.ravel()
-    place = np.arange(int(number.sum())) - np.repeat(np.cumsum(number) - number, number) + np.repeat(first, number)
-    cell = corners[place] // before.cells.shape[1]
+    entry = np.arange(int(number.sum())) - np.repeat(np.cumsum(number) - number, number) + np.repeat(first, number)
+    cell = corners[entry] // before.cells.shape[1]
     good = np.abs(before.measure[cell]) > 0
     point, cell = point[good], cell[good]
     corner = before.position[before.cells[cell]]

@@ -15,7 +15,7 @@ ON_INTERFACE, ON_HULL = 1, 2
 
 @dataclass(frozen=True)
 class Components:
-    """The K connected components of F fluids in M cells on N particles; they depend on the connectivity alone.
+    """The K connected components of F fluids in M cells on N particles; they depend on the connectivity only.
 
     Attributes:
         label: (M,) component of each cell, numbered from 0 in the order of their first cells, int32.

@@ -8,7 +8,7 @@ from scipy.spatial import Delaunay, QhullError
 from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.typing import Array
 
-# A simplex of wall particles with less than this measure [h^d] has no area except by round-off: it lies in a straight
+# A simplex of wall particles with less than this measure [h^d] has no area except by round-off: it is on a straight
 # wall.
 SLIVER = 1e-6
 # Qhull's usual options, and Q0: without merging nearly flat facets, which takes half of the time.
@@ -35,7 +35,7 @@ def delaunay(position: Array, spacing: float, wall: Array | None = None) -> tupl
         the number of the simplex opposite each corner, -1 for none.
 
     Raises:
-        TriangulationError: Qhull gave up.
+        TriangulationError: Qhull failed.
     """
     # Qhull loses points silently when the cloud is far from the origin.
     centred = (position - 0.5 * (position.min(axis=0) + position.max(axis=0))) / spacing
@@ -63,22 +63,22 @@ def _oriented(position: Array, options: str | None) -> tuple[Array, Array, Array
 
 
 def _is_unique(position: Array, cells: Array, measure: Array, neighbours: Array, wall: Array) -> bool:
-    """Whether triangles are the only Delaunay triangulation of ``position`` (N, 2), apart from cocircular walls.
+    """Whether triangles are the only Delaunay triangulation of ``position`` (N, 2), but for cocircular wall particles.
 
-    Then none is flat, their number follows from that of the particles by Euler's formula, and the particle across
+    Then none is flat, their number follows from that of the particles by Euler's formula, and the particle opposite
     each edge is outside the circumcircle.
     """
     edges = int((neighbours < 0).sum())
     if (measure < SLIVER).any() or len(cells) != 2 * len(position) - 2 - edges:
         return False
     # In complex numbers: both coordinates at once.
-    place = np.ascontiguousarray(position).view(np.complex128).ravel()
+    point = np.ascontiguousarray(position).view(np.complex128).ravel()
     first = np.arange(len(cells))[:, None]
     edge = np.flatnonzero((neighbours >= 0) & (neighbours < first))
     cell, other = edge // 3, neighbours.ravel()[edge]
     around = cells.sum(axis=1)
     apex = around[other] - around[cell] + cells.ravel()[edge]  # the corner of the other triangle off the edge
-    a, b, c = offset = place.take(cells.T.take(cell, axis=1)) - place.take(apex)
+    a, b, c = offset = point.take(cells.T.take(cell, axis=1)) - point.take(apex)
     square = offset.real**2 + offset.imag**2
     inside = square[0] * (b.conj() * c).imag + square[1] * (c.conj() * a).imag + square[2] * (a.conj() * b).imag
     close = inside > -TIE * square.max(axis=0) ** 2
@@ -99,7 +99,7 @@ def triangulate(position: Array, wall: Array, spacing: float) -> Mesh:
         particles.
 
     Raises:
-        TriangulationError: Qhull gave up or left out a particle, or a flat simplex has a particle off the walls.
+        TriangulationError: Qhull failed or left out a particle, or a flat simplex has a particle off the walls.
     """
     cells, measure, _ = delaunay(position, spacing)
     flat = (measure < SLIVER) & wall[cells].all(axis=1)

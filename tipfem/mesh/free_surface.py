@@ -1,9 +1,10 @@
 """Free surfaces: which Delaunay simplices are fluid (alpha-shape), and which particles are on the surface.
 
-The fluids fill what they filled before the step, and a little more where they touch something new. So the first test
-of a simplex is whether it lies inside the deformed simplices of the step (compare Fernandez, Marti & Ryzhakov,
-arXiv:2305.00228, 2023, who use a level set): inside, large simplices are fluid too; outside, where a simplex would add
-volume, it must be small. Plain alpha-shapes bridge gaps of two spacings, and gain volume with every drop that lands.
+The fluids fill the region they filled before the step, and a little more where they touch a wall or each other anew. So
+the first test of a simplex is whether it lies inside the deformed simplices of the step (compare Fernandez, Marti &
+Ryzhakov, arXiv:2305.00228, 2023, who use a level set): inside, large simplices are fluid too; outside, where a simplex
+would add volume, it must be small. Plain alpha-shapes bridge gaps of two spacings, and gain volume with every drop that
+lands.
 """
 
 from __future__ import annotations
@@ -82,8 +83,8 @@ class SurfaceMesher:
         undecided = np.flatnonzero((measure > FLAT) & ~solid & ~keep)
         keep[undecided[self._fluid(particles, cells[undecided], before, below, old, used)]] = True
         deep = below & ~wall
-        lets_go = hanging(before, particles.pressure, deep) & ~relocated
-        keep &= ~lets_go[cells].any(axis=1) | deep[cells].any(axis=1)
+        released = hanging(before, particles.pressure, deep) & ~relocated
+        keep &= ~released[cells].any(axis=1) | deep[cells].any(axis=1)
         mesh = self._finish(x, wall, cells, measure, neighbours, keep, h, measure > FLAT)
         return _with_volume(mesh, _lost_volume(before, mesh, old, wall, h))
 
@@ -171,8 +172,8 @@ class SurfaceMesher:
         held = cells[keep & pinned[cells].all(axis=1) & wall[cells].any(axis=1)]
         pinned[held[wall[held]]] = False
         if not start:
-            # Simplices whose pressure is zero everywhere have no effect: their particles fly. (The first mesh
-            # keeps them in corners.)
+            # Simplices whose pressure is zero everywhere have no effect: their particles move in free flight.
+            # (The first mesh keeps them in corners.)
             keep &= ~pinned[cells].all(axis=1)
             keep &= ~solid | _beside(keep & ~solid, neighbours)
         mesh = Mesh(position, np.ascontiguousarray(cells[keep]))
@@ -201,8 +202,8 @@ def _with_volume(mesh: Mesh, own: Array) -> Mesh:
 def _lost_volume(before: Mesh, mesh: Mesh, old: Surface, wall: Array, h: float) -> Array:
     """(N,) volumes of loose particles.
 
-    Those that flew before keep theirs. Others share the volume of the simplices that they leave evenly with the
-    particles that leave them too, up to 2 h^d.
+    Those that were loose before keep theirs. The volume of a simplex that others leave is divided evenly among all
+    particles that leave it; each gets at most 2 h^d.
     """
     leaving = mesh.surface.loose & ~old.loose
     flags = leaving[before.cells]

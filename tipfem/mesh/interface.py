@@ -46,9 +46,9 @@ class InterpolatedInterface:
     def fluid_fraction(self, mesh: Mesh, fluid: Array, count: int) -> Array:
         """Volume fraction (M, count) of each fluid in each element, from the particles' ``fluid`` (N,).
 
-        In 2-D the interface through the mid-edges cuts off a quarter of the element at a corner
-        of another fluid than the rest; in 3-D an eighth, and a half if two corners face two. An element of three
-        fluids is shared evenly among its corners.
+        In 2-D the interface through the mid-edges cuts a quarter of the element off at a corner of a different
+        fluid; in 3-D an eighth, or a half if two corners are of each fluid. An element of three fluids is divided
+        evenly among its corners.
         """
         cells, corners = mesh.cells, mesh.cells.shape[1]
         number = np.stack([(fluid[cells] == f).sum(axis=1) for f in range(count)], axis=1)

@@ -22,7 +22,7 @@ class Surface:
     Attributes:
         front: (N,) mask of the particles on the surface, including wall particles at its contacts.
         pinned: (N,) mask of the particles whose pressure is zero: those on the surface and those in no simplex.
-        loose: (N,) mask of the particles off the walls that are in no simplex; they fly.
+        loose: (N,) mask of the particles off the walls that are in no simplex; they move in free flight.
         volume: (N,) volume of fluid that each loose particle carries, zero for all others [m^2, or m^3 in 3-D].
     """
 
@@ -134,7 +134,7 @@ class Mesh:
     def with_(
         self, *, measure: Array | None = None, neighbours: Array | None = None, components: Components | None = None
     ) -> Mesh:
-        """This mesh with what the caller knows of it already, so that it is not computed again.
+        """This mesh with properties that the caller has computed already, so that they are not computed again.
 
         Args:
             measure: (M,) as of `measure`.
@@ -148,10 +148,10 @@ class Mesh:
         return mesh
 
     def moved(self, position: Array, measure: Array | None = None) -> Mesh:
-        """The same simplices at other positions (N, d) [m]; shares what depends on the connectivity alone.
+        """The same simplices at other positions (N, d) [m]; shares what depends on the connectivity only.
 
         The last result is kept and returned again for the same array, which must not be changed in between.
-        ``measure`` (M,) are the simplices' areas or volumes there, where the caller knows them.
+        ``measure`` (M,) are the simplices' areas or volumes there, if the caller has them.
         """
         last: Mesh | None = self.__dict__.get("_moved")
         if last is None or last.position is not position:
@@ -177,7 +177,7 @@ class Mesh:
         one, other = np.array(list(itertools.combinations(range(len(corner)), 2))).T
         one, other = corner[one].ravel(), corner[other].ravel()
         ends = np.minimum(one, other), np.maximum(one, other)
-        # Sorted and counted once by SciPy, which counts where NumPy compares.
+        # By SciPy, which sorts by counting, where NumPy would compare.
         graph = sparse.coo_matrix((np.ones(len(one), dtype=np.int8), ends), shape=(n, n)).tocsr()
         graph.sort_indices()
         rows = np.repeat(np.arange(n, dtype=np.int32), np.diff(graph.indptr))
@@ -215,7 +215,7 @@ def simplex_measure(position: Array, cells: Array) -> Array:
         corner = np.ascontiguousarray(position, dtype=np.float64).view(np.complex128).ravel().take(cells.T)
         a, b = corner[1:] - corner[0]
         return np.asarray(0.5 * (a.real * b.imag - b.real * a.imag))
-    # Coordinate by coordinate: gathering from rows takes several times as long.
+    # Coordinate by coordinate: gathering rows takes several times as long.
     coordinates = [np.ascontiguousarray(axis) for axis in position.T]
     sides = [[axis[corner] - axis[cells[:, 0]] for axis in coordinates] for corner in cells.T[1:]]
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = sides

@@ -1,11 +1,11 @@
-"""Budgets of energy, momentum and volume: where each of them goes in a step.
+"""Budgets of energy, momentum and volume of a step.
 
 The momentum equation of the step, tested with its displacements u, and the continuity equation, tested with its
-pressures, say what became of the energy (docs/theory/energy.md derives it):
+pressures, give the energy balance (derived in docs/theory/energy.md):
 
     dKE + dPE + viscous + (time + geometry + stabilisation + source + remeshing) - external = residual
 
-Every term is computed from its own definition; the residual is what Newton's method left.
+Every term is computed from its own definition; the residual is the error that Newton's method left.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from tipfem.timers import timer
 from tipfem.typing import Array
 
 AXES = "xyz"
-SUM = 5.0  # nanoseconds that a thread takes for the sums of a particle
+SUM = 5.0  # nanoseconds of one thread for a particle in `work.state_sums` and `work.step_sums`
 
 
 @dataclass(frozen=True)
 class Totals:
-    """What all particles together have.
+    """Totals over all particles.
 
     Attributes:
         kinetic: sum m v^2 / 2 [J, per metre of depth in 2-D, as all that follows].
@@ -50,7 +50,7 @@ class Totals:
 
     @staticmethod
     def of(state: State, gravity: Array) -> Totals:
-        """Of a state, with ``gravity`` (d,) [m/s^2]."""
+        """Totals of a state, with ``gravity`` (d,) [m/s^2]."""
         d, mass, particles = len(gravity), state.mass, state.particles
         sums = np.zeros(1 + 2 * d)
         launch(
@@ -74,7 +74,7 @@ class Totals:
 
 @dataclass(frozen=True)
 class SolveBalance:
-    """A solved step before its particles are meshed anew; all energies per step, losses positive [J].
+    """Balance of a solved step before remeshing; all energies per step, losses positive [J].
 
     Attributes:
         after: totals at the end of the step, with the masses it was solved with.
@@ -86,9 +86,9 @@ class SolveBalance:
         source: of the volume source; a gain or a loss.
         external: work of the body force (gravity excepted) and of the walls; positive when energy is gained.
         wall_force: (d,) of the walls on the fluids, at the intermediate time [N].
-        momentum_residual: (d,) change of sum m (v + (1/2 - alpha_f) dt a) that no force accounts for [N s]; wall
-            particles, whose state is prescribed, enter with dt a_alpha.
-        source_volume: (F,) growth that the volume source prescribed [m^3].
+        momentum_residual: (d,) change of sum m (v + (1/2 - alpha_f) dt a) less the impulse of all forces [N s]; wall
+            particles, whose state is prescribed, contribute dt a_alpha.
+        source_volume: (F,) volume that the volume source added [m^3].
     """
 
     after: Totals
@@ -123,7 +123,7 @@ class Budget:
         self._last: tuple[State, Totals] | None = None
 
     def totals(self, state: State) -> Totals:
-        """Of a state; those of the last one are remembered."""
+        """Totals of a state; those of the last one are kept."""
         if self._last is None or self._last[0] is not state:
             self._last = state, Totals.of(state, self._gravity)
         return self._last[1]
@@ -142,10 +142,10 @@ class Budget:
         return self._row(before, self._balance(solved, before), self.totals(state))
 
     def _balance(self, solved: Solved, before: Totals) -> SolveBalance:
-        """Of a solve from a state with the totals ``before``."""
+        """The balance of a solve from a state with the totals ``before``."""
         start, end, scheme, work = solved.before, solved.particles, solved.scheme, solved.work
         old, mass = start.particles, start.mass
-        # dt a_alpha is the change of v + (1/2 - alpha_f) dt a, but at walls, where the state is prescribed.
+        # dt a_alpha is the change of v + (1/2 - alpha_f) dt a, except at walls, where the state is prescribed.
         shift = (0.5 - scheme.alpha_f) * scheme.dt
         d = old.dimension
         sums = np.zeros(3 + 4 * d)

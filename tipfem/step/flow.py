@@ -1,4 +1,4 @@
-"""FlowProblem: one time step's nonlinear problem, where the kernels and the solvers meet."""
+"""FlowProblem: the nonlinear problem of one time step, which connects the kernels and the solvers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from tipfem.walls.step import FixedWalls, Walls
 
 @dataclass(frozen=True)
 class ElementProperties:
-    """What each of the M elements is made of.
+    """Properties of the M elements in a step.
 
     Attributes:
         density: (M,) [kg/m^3].
@@ -76,8 +76,8 @@ class FlowProblem:
         scheme: generalized-alpha with the step's length.
         body_force: (N, d) acceleration by gravity and the like [m/s^2], at the step's intermediate time.
         stabilisation: c in tau = c dt^2.
-        workspace: what is used again from step to step.
-        walls: what they prescribe in the step; by default all are fixed and no-slip.
+        workspace: arrays and grids that steps reuse.
+        walls: their constraints in the step; by default all are fixed and no-slip.
         jacobian: "rows" or "matrix-free", see `tipfem.Numerics`.
         box: (2, d) that the multigrid's grids covered in the last step, see `covering_box`.
     """
@@ -121,7 +121,7 @@ class FlowProblem:
         self._linearised = False
         self._dx = buffers.get("correction", self.size)
         self._force, free = body_force, mesh.surface
-        # A tank that moves stands still in its own frame, and so does the grid; the Laplacian is the same there.
+        # The grid moves with the tank, in whose frame the Laplacian is the same.
         frame = walls.frame
         self.box = covering_box(frame, particles.spacing, box)
         extremes = (properties.density.min(initial=np.inf), properties.density.max(initial=0.0))
@@ -132,7 +132,7 @@ class FlowProblem:
                 self._motion,
                 (self._density, self._viscosity),
                 extremes,
-                (put("fixed", walls.fixed | free.loose), put("pinned", free.pinned)),
+                put("held", np.stack([walls.fixed | free.loose, free.pinned], axis=1)),
                 self._scale,
                 scheme,
                 workspace.multigrid(self.box, particles.spacing),
@@ -150,7 +150,7 @@ class FlowProblem:
         return x
 
     def vector(self, displacement: Array, pressure: Array) -> Any:
-        """Device vector of unknowns from (N, d) and (N,); wall particles are displaced as their walls want it."""
+        """Device vector of unknowns from (N, d) and (N,); wall particles are displaced as their walls prescribe."""
         x = np.empty((self.nodes, self.dimension + 1))
         x[:, :-1], x[:, -1] = self.walls.constrain(displacement), pressure
         if self.mesh.surface.exists:
@@ -167,7 +167,7 @@ class FlowProblem:
     def residual(self, x: Any) -> float:
         """Evaluate the scaled residual at ``x`` and linearise; largest entry in spacings.
 
-        Every row is scaled to the length [m] by which it would move its particle.
+        Every row is scaled to a length [m], the displacement that would remove its residual.
         """
         s = self.scheme
         launch(
@@ -199,10 +199,6 @@ class FlowProblem:
         """Gather the Jacobian at the last `residual`."""
         self.system.gather(self._record)
         self._linearised = True
-
-    def residual_vector(self) -> Array:
-        """The last scaled residual (N, d + 1) [m]."""
-        return download(self._r, self.size).astype(np.float64).reshape(self.nodes, -1)
 
     def acceleration(self, displacement: Array) -> Array:
         """a_alpha - b (N, d) [m/s^2] at displacements (N, d), with gravity and body force b."""
@@ -243,7 +239,7 @@ class FlowProblem:
     def correct(self, x: Any, tolerance: float) -> fgmres.KrylovResult:
         """Solve K dx = -r, linearised at the last `residual`, by preconditioned FGMRES and add dx to ``x``.
 
-        A correction that need not be better than the change of K since the last one keeps that one's K.
+        Where ``tolerance`` is no tighter than the change of K since the last correction, K is not gathered again.
         """
         if tolerance < KEEPS_JACOBIAN or not self._linearised:
             self.linearise()
@@ -285,4 +281,4 @@ class FlowProblem:
 
 
 MAX_KRYLOV_ITERATIONS = 80
-KEEPS_JACOBIAN = 3e-2  # linear tolerance from which on an iteration does without a new Jacobian
+KEEPS_JACOBIAN = 3e-2  # linear tolerance above which an iteration reuses the last Jacobian

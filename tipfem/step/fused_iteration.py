@@ -1,7 +1,8 @@
-"""A whole iteration of flexible GMRES in one kernel, by threads of a processor that wait for each other.
+"""A whole iteration of flexible GMRES in one kernel, by CPU threads that wait for each other at barriers.
 
-The same, but for rounding, as the staged kernels of `tipfem.step.block_preconditioner`, `tipfem.fem.jacobian`,
-`tipfem.linalg.multigrid.v_cycle` and `tipfem.linalg.vector_kernels` in turn, with a tenth of the waiting.
+Up to round-off it computes the same as the separate kernels of `tipfem.step.block_preconditioner`,
+`tipfem.fem.jacobian`, `tipfem.linalg.multigrid.v_cycle` and `tipfem.linalg.vector_kernels`, with a tenth of the
+waiting.
 """
 
 import taichi as ti
@@ -17,7 +18,7 @@ from tipfem.linalg.multigrid.mesh_transfer import pre_smooth_node
 from tipfem.linalg.vector_kernels import partial_dots, subtract_projections, sum_dots
 from tipfem.step.block_preconditioner import correct_row, schur_rhs_row
 
-ITERATION = 400.0  # nanoseconds of one thread for all that an iteration does for a particle
+ITERATION = 400.0  # nanoseconds of one thread for a particle in `precondition` and `iterate`
 
 
 @ti.func
@@ -43,7 +44,7 @@ def _precondition(
     threads,
     dim: Template,
 ):
-    """z = M r, see `LinearSystem.precondition`; r and z begin at an entry of their arrays."""
+    """z = M r, see `LinearSystem.precondition`; r and z begin at ``r_start`` and ``z_start`` in their arrays."""
     first, last = share(thread, threads, nodes)
     for i in range(first, last):
         vectors[RHS * nodes + i] = schur_rhs_row(row_offsets, columns, blocks, scale, r, r_start, i, dim)

@@ -20,11 +20,11 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.step import block_preconditioner, fused_iteration
 from tipfem.typing import Array
 
-# Spacing of the finest background grid in particle spacings. Finer grids need as many iterations, from 1.2 on more:
-# edges then reach over more grid cells than the stencil does.
+# Spacing of the finest background grid in particle spacings. Finer grids need as many iterations, and below 1.2 more:
+# edges then span more grid cells than the stencil.
 GRID_SPACING = 2.0
-# The Schur complement is 0.54 to 0.99 of the Laplacian with the time integration's cm (stabilisation 0.25): near the
-# middle of that, a twentieth of the Krylov iterations is saved.
+# The Schur complement is 0.54 to 0.99 of the Laplacian with the time integration's cm (stabilisation 0.25). A factor
+# near the middle of that range saves a twentieth of the Krylov iterations.
 SCHUR_SCALE = 1.3
 
 
@@ -52,14 +52,14 @@ def covering_box(position: Array, spacing: float, last: Array | None = None) -> 
         inside = (lower > old_lower - slack).all() and (upper < old_upper + slack).all()
         if inside and np.prod(upper - lower) > 0.5 * np.prod(old_upper - old_lower):
             return last
-        # Walls that have moved go on: leave them some room on the sides they have passed.
+        # Walls that have moved are likely to go on: leave room on the sides they have passed.
         lower = np.where(lower < old_lower - slack, lower - 4 * spacing, lower)
         upper = np.where(upper > old_upper + slack, upper + 4 * spacing, upper)
     return np.stack([lower, upper])
 
 
 class Workspace:
-    """What time steps share: device arrays, and the hierarchy of grids. No result depends on an earlier step's.
+    """Device arrays and grids that time steps share. Results do not depend on those of earlier steps.
 
     Attributes:
         buffers: the device arrays by name.
@@ -71,9 +71,9 @@ class Workspace:
         self._box: Array = np.zeros((2, 0))
 
     def multigrid(self, box: Array, spacing: float) -> BackgroundMultigrid:
-        """The hierarchy over a box (2, d) [m] for particles of a ``spacing`` [m]; that of the last step if it can be.
+        """The hierarchy over a box (2, d) [m] for particles of a ``spacing`` [m].
 
-        One workspace serves particles of one spacing.
+        It is that of the last step if the box is the same. One workspace serves particles of one spacing.
         """
         if self._multigrid is None or not np.array_equal(self._box, box):
             lower, upper = box
@@ -100,18 +100,18 @@ class LinearSystem:
         position: (N, d) device array [m].
         material: device arrays of the elements' density [kg/m^3] and viscosity [Pa s], (M,) both.
         extremes: lowest and highest of the densities.
-        held: device arrays of where displacements are fixed and where pressures are pinned, (N,) both.
+        held: device array (N, 2), see `schur.scale_and_laplacian`: whether displacement and pressure are prescribed.
         scale: device array (N (d + 1),) that takes the rows' scales, see `schur.scale_and_laplacian`.
         scheme: generalized-alpha with the step's length.
         multigrid: over a box around ``frame``.
-        frame: (N, d) where the particles are in the frame of the grid [m].
+        frame: (N, d) positions of the particles in the frame of the grid [m].
         spacing: of the particles [m].
-        buffers: device arrays by name, used again from step to step.
+        buffers: device arrays by name, reused from step to step.
 
     Attributes:
         stores_rows: whether the Jacobian is kept in rows.
         multigrid: as given, with the pressure's operators of this step.
-        deflation: the coarse space of the bubbles.
+        deflation: the piecewise-constant coarse space.
         rows: the Jacobian K on the device, blocks (K, (d + 1)^2) as in `tipfem.fem.jacobian`; set by `gather`.
         pressure_laplacian: the approximate Schur complement on the device.
     """
@@ -125,7 +125,7 @@ class LinearSystem:
         position: Any,
         material: tuple[Any, Any],
         extremes: tuple[float, float],
-        held: tuple[Any, Any],
+        held: Any,
         scale: Any,
         scheme: GeneralizedAlpha,
         multigrid: BackgroundMultigrid,
@@ -141,8 +141,8 @@ class LinearSystem:
         padded = buffers.get("padded_columns", mesh.cells.size * d + n, integer=True)
         row_offsets = buffers.get("row_offsets", n + 1, integer=True)
         self._slots = buffers.get("slots", mesh.cells.size * d, integer=True)
-        work = (n, schur.SEARCH)
-        launch(sparsity.find_neighbours, *topology, padded, row_offsets, self._slots, n, d, work=work)
+        arrays = (*topology, padded, row_offsets, self._slots)
+        launch(sparsity.find_neighbours, *arrays, n, d, work=(n, sparsity.NEIGHBOURS))
         count = launch(sparsity.running_sums, row_offsets, n)
         columns = buffers.get("columns", count, integer=True)
         blocks = buffers.get("blocks", count * (d + 1) ** 2 if self.stores_rows else 0)
@@ -153,7 +153,7 @@ class LinearSystem:
             *topology,
             position,
             *material,
-            *held,
+            held,
             padded,
             self._slots,
             *self.pressure_laplacian,
@@ -164,7 +164,7 @@ class LinearSystem:
             spacing,
             n,
             d,
-            work=work,
+            work=(n, schur.LAPLACIAN_ROW),
         )
         self.multigrid = multigrid
         if frame is not mesh.position:
@@ -256,7 +256,7 @@ class LinearSystem:
         )
 
     def matrix(self) -> sparse.csr_matrix:
-        """K, scaled, as a SciPy matrix in CSR; unknowns interleaved as in vectors, rows of what is held empty."""
+        """K, scaled, as a SciPy matrix in CSR; unknowns interleaved as in vectors, rows of fixed unknowns empty."""
         row_offsets, columns, blocks = self._host(self.rows)
         d = self._dimension
         return sparse.bsr_matrix((blocks.reshape(-1, d + 1, d + 1), columns, row_offsets)).tocsr()

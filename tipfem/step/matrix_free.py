@@ -13,9 +13,9 @@ from tipfem.step.linear_system import LinearSystem
 class MatrixFreeSystem(LinearSystem):
     """A linear system whose products are computed from the elements' linearisation, with the same preconditioner.
 
-    The Jacobian is that of the last residual. The preconditioner's blocks D and G are halves of such products, so that
-    only the pressure Laplacian is stored in rows. See D. A. Knoll & D. E. Keyes, Jacobian-free Newton-Krylov methods,
-    Journal of Computational Physics 193, 2004; the products here are exact, not differences of residuals.
+    The Jacobian is that of the last residual. The preconditioner obtains products with the blocks D and G from products
+    with K, so only the pressure Laplacian is stored in rows. See D. A. Knoll & D. E. Keyes, Jacobian-free Newton-Krylov
+    methods, Journal of Computational Physics 193, 2004; the products here are exact, not differences of residuals.
 
     The arguments are those of `LinearSystem`.
     """
@@ -52,13 +52,13 @@ class MatrixFreeSystem(LinearSystem):
         n, d, work = self._nodes, self._dimension, (self._nodes, matrix_free.PARTICLE)
         size = n * (d + 1)
         half, product = (self._buffers.get(f"matrix_free.{name}", size) for name in ("half", "product"))
-        launch(matrix_free.displacements_alone, r, half, n, d, work=work)
+        launch(matrix_free.copy_displacements, r, half, n, d, work=work)
         self.product(half, product)
         vectors = self.multigrid.vectors
         launch(matrix_free.schur_rhs, r, product, self._scale, vectors, n, d, work=work)
         self.multigrid.cycle()
         self.deflation.correct()
-        launch(matrix_free.pressures_alone, vectors, half, n, d, work=work)
+        launch(matrix_free.copy_pressures, vectors, half, n, d, work=work)
         self.product(half, product)
         launch(matrix_free.block_correction, r, product, vectors, z, n, d, work=work)
 
@@ -68,7 +68,7 @@ class MatrixFreeSystem(LinearSystem):
         return None
 
     def matrix(self) -> Any:
-        """There is none.
+        """The matrix is not stored.
 
         Raises:
             NotImplementedError: always.

@@ -26,7 +26,7 @@ def first_not_finite(fields: Mapping[str, Array], position: Array, when: str) ->
     Args:
         fields: (N,) or (N, d) values by name.
         position: (N, d) of the particles [m].
-        when: what the text ends with.
+        when: the end of the text.
     """
     for name, values in fields.items():
         bad = ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
@@ -62,7 +62,7 @@ class StepSolver:
 
         Raises:
             StepRefused: Newton's method failed, an element would be inverted, or a particle would move too far.
-            ValueError: a function of time that the case was given returns what it must not.
+            ValueError: a function of time of the case returns an invalid value.
             SimulationError: the walls' motions change the tank's volume.
         """
         case, numerics, before, mesh = self.case, self.case.numerics, state.particles, state.mesh
@@ -85,7 +85,7 @@ class StepSolver:
             state.grid_box,
         )
         tolerance = numerics.tolerance(force if varies else force[:1], scheme.cm, before.spacing, runtime.round_off())
-        if state.step == 0:  # an error of pressure that the first step leaves would slosh for long
+        if state.step == 0:  # an error of pressure left by the first step would excite sloshing
             tolerance = min(tolerance, 10 * runtime.round_off())
         result = newton(
             problem,

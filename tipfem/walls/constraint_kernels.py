@@ -1,7 +1,7 @@
 """Kernels of walls: projection of constrained unknowns, and friction along walls that slip.
 
-They work on what `tipfem.fem.residual` and `tipfem.fem.schur` have computed, for the few particles concerned; vectors
-of unknowns are laid out as there. The projector P = I - N^+ N of a wall particle (with its walls' normals in the rows
+They modify the results of `tipfem.fem.residual` and `tipfem.fem.schur` for the particles of these walls; vectors of
+unknowns are laid out as there. The projector P = I - N^+ N of a wall particle (with its walls' normals in the rows
 of N) applies to its momentum rows and to its displacement.
 """
 
@@ -75,12 +75,12 @@ def slip_scale(
 ):
     """One scale for all momentum rows of a sliding particle, so that scaling commutes with the projection.
 
-    friction (count,) is what the wall adds to diag(A).
+    friction (count,) is the contribution of the wall to diag(A).
     """
     for s in range(count):
         i = index[s]
         diagonal = friction[s]
-        if scale[i * (dim + 1)] > 0.0:  # not of particles in no element
+        if scale[i * (dim + 1)] > 0.0:  # particles in no element have none
             for k in ti.static(range(dim)):
                 diagonal += 1.0 / (dim * scale[i * (dim + 1) + k])
             for k in ti.static(range(dim)):
@@ -105,9 +105,9 @@ def slip_residual(
 ):
     """Add Navier's friction to the scaled residual: node a of a face gets A / d mu / l (v_alpha,a - v_wall,a).
 
-    A is the face's measure at the intermediate positions; the sum over nodes instead of an integral keeps
-    friction on the diagonal, however short the slip length. faces (F, d); coefficient mu / l (F,); normal (F, d);
-    wall_velocity (F, d * d). The normal part of it falls to the projection. Serial: nodes share faces.
+    A is the face's measure at the intermediate positions; lumping (nodal quadrature) keeps friction on the diagonal,
+    however short the slip length. faces (F, d); coefficient mu / l (F,); normal (F, d);
+    wall_velocity (F, d * d). The projection removes its normal part. Serial, because faces share nodes.
     """
     ti.loop_config(serialize=True)
     for f in range(count):

@@ -1,4 +1,4 @@
-"""Constraints and friction of walls that slip, as the linear algebra of a step sees them."""
+"""Constraints and friction of walls that slip, in the linear systems of a step."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class WallRows:
     Args:
         walls: of the step.
         dimension: d.
-        scale: of the rows, which friction and projection change.
-        buffers: where the arrays live.
+        scale: scaling of the rows, which friction and projection change.
+        buffers: that hold the arrays.
     """
 
     def __init__(self, walls: Walls, dimension: int, scale: Any, buffers: Buffers) -> None:

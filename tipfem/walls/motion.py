@@ -1,4 +1,4 @@
-"""WallMotion: how fast the walls are at one moment, where their particles stand."""
+"""WallMotion: velocity and acceleration of the walls at one time, and positions of their particles."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from tipfem.typing import Array
 class WallMotion:
     """Velocities and accelerations that the walls prescribe at a time.
 
-    They are the derivatives of the prescribed functions, not what generalized-alpha makes of
-    displacements, which would ring.
+    They are the derivatives of the prescribed functions. Those that generalized-alpha would derive from displacements
+    would oscillate.
 
     Args:
         boundary: of the case.
@@ -21,13 +21,13 @@ class WallMotion:
         step: of the finite differences [s].
 
     Attributes:
-        pose: where the tank is.
+        pose: position of the tank.
         displacement: (S,) of the sides along their normals [m].
         free: (W, d, d) projectors on the directions in which the wall particles slide, in space.
         sliding: (W, d) velocity of walls that slide along themselves, in the tank's frame [m/s].
 
     Raises:
-        ValueError: a function of time gives what it must not.
+        ValueError: a function of time returns an invalid value.
     """
 
     def __init__(self, boundary: Boundary, time: float, step: float) -> None:
@@ -36,28 +36,28 @@ class WallMotion:
         self.displacement, *speeds = b.displacements(time, step)
         self._own, own_rate = b.sliding_velocities(time, step)
         self.sliding = self._own[b.sliding]
-        turn = self.pose.rotation
-        self.free = turn @ b.free @ turn.T
+        rotation = self.pose.rotation
+        self.free = rotation @ b.free @ rotation.T
         across, across_rate = (np.einsum("wik,wk->wi", b.inverse, speed[b.side]) for speed in speeds)
-        self._relative = (across + self.sliding) @ turn.T
-        self._relative_rate = (across_rate + own_rate[b.sliding]) @ turn.T
+        self._relative = (across + self.sliding) @ rotation.T
+        self._relative_rate = (across_rate + own_rate[b.sliding]) @ rotation.T
 
     def place(self, y: Array) -> Array:
-        """Places (W, d) [m] of the wall particles that are at y (W, d) in the tank at t = 0, or slide from there."""
+        """Positions (W, d) [m] of the wall particles whose positions in the tank at t = 0 are y (W, d) [m]."""
         return self.pose.place(self._boundary.held(y, self.displacement))
 
     def held(self, values: Array) -> Array:
-        """The parts of vectors (W, d) in the directions that the walls hold."""
+        """The components of vectors (W, d) in the directions that the walls constrain."""
         return np.asarray(values - np.einsum("wij,wj->wi", self.free, values))
 
     def slid(self, values: Array) -> Array:
-        """The parts of vectors (W, d) along the walls that slip."""
+        """The components of vectors (W, d) along the walls that slip."""
         return np.asarray(np.einsum("wij,wj->wi", self.free, values))
 
     def rates(self, x: Array, velocity: Array) -> tuple[Array, Array]:
         """Velocity and acceleration (W, d) of the walls at x (W, d).
 
-        velocity (W, d) is the particles' own: what slides along a wall that turns is accelerated by Coriolis.
+        velocity (W, d) is that of the particles: those that slide along a rotating wall have a Coriolis acceleration.
         """
         rigid = self.pose.rigid_velocity(x)
         v = rigid + self._relative
@@ -81,5 +81,5 @@ class WallMotion:
 
 
 def set_off(boundary: Boundary, particles: Particles, step: float) -> Particles:
-    """The initial particles, with the walls' own motion at t = 0; ``step`` [s] is that of its finite differences."""
+    """The initial particles with the walls' velocities at t = 0; ``step`` [s] is that of the finite differences."""
     return WallMotion(boundary, 0.0, step).imposed(particles) if boundary.active else particles

@@ -1,4 +1,4 @@
-"""Spacing of the particles along straight walls that slip, slide, or that moving walls shorten and lengthen."""
+"""Spacing of the particles along straight walls that slip or slide, or whose length a moving wall changes."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Surface
 from tipfem.typing import Array
 
-# A particle that slides is relocated when it is closer to a neighbour than CLOSE mean distances along its
-# wall, or where another gap is wider than WIDE of them.
+# A particle that slides is relocated when it is closer to a neighbour than CLOSE mean distances along its wall, or when
+# another gap is wider than WIDE mean distances.
 CLOSE, WIDE = 0.6, 1.6
 CORNER = 0.1  # the least distance to a dry corner, in mean distances
 FIELDS = ("position", "velocity", "acceleration", "pressure")
@@ -23,7 +23,7 @@ def space_sliding(particles: Particles, piece: Array, surface: Surface) -> int:
     Args:
         particles: the state on N particles.
         piece: (K,) those along a straight line; the first and the last stay.
-        surface: where the fluids end. The particles there stay, and dry ones are spaced evenly.
+        surface: the free surface. The particles on it stay, and dry ones are spaced evenly.
     """
     if surface.exists:
         _even_out(particles, piece, surface.dry(particles.wall))
@@ -35,28 +35,28 @@ def space_sliding(particles: Particles, piece: Array, surface: Surface) -> int:
     return len(moves)
 
 
-def space_back(particles: Particles, piece: Array, places: Array) -> None:
-    """Set the particles of a no-slip wall to their places between its ends, in place.
+def space_back(particles: Particles, piece: Array, coordinates: Array) -> None:
+    """Move the particles of a no-slip wall to given coordinates between its ends, in place.
 
-    Nothing is lost by that: their velocity is the wall's, and pressure has no history.
+    This loses no information: their velocity is the wall's, and pressure has no time derivative.
 
     Args:
         particles: the state on N particles.
         piece: (K,) those along a straight line, in order; the first and the last stay.
-        places: (K,) along it, 0 for the first and 1 for the last.
+        coordinates: (K,) along it, 0 for the first and 1 for the last.
     """
     _, along = _along(particles.position, piece)
     for name in FIELDS:
         values = getattr(particles, name)
         rows = values[piece].reshape(len(piece), -1)
-        new = np.stack([np.interp(places, along, rows[:, k]) for k in range(rows.shape[1])], axis=1)
+        new = np.stack([np.interp(coordinates, along, rows[:, k]) for k in range(rows.shape[1])], axis=1)
         values[piece[1:-1]] = new[1:-1].reshape(len(piece) - 2, *values.shape[1:])
 
 
 def _even_out(particles: Particles, piece: Array, dry: Array) -> None:
     """Space rows of dry particles of a piece evenly between the others, in place.
 
-    Where the corner is dry, nothing but this holds a wet particle that slides up to it: it stops there.
+    A wet particle that slides up to a dry corner is stopped there by this only.
     """
     order, along = _along(particles.position, piece)
     inner = ~np.isin(order, piece[[0, -1]])
@@ -76,9 +76,9 @@ def _even_out(particles: Particles, piece: Array, dry: Array) -> None:
 
 
 def crowded_moves(position: Array, piece: Array, held: Array | None = None) -> list[tuple[int, int, int]]:
-    """Which particles of a row are to be set between which others, one after the other.
+    """Which particles of a row are to be moved between which others, one after the other.
 
-    Distances count relative to the mean one along the row, for a moving wall changes it.
+    Distances are relative to their mean along the row, which a moving wall changes.
 
     Args:
         position: (N, d) [m].
@@ -86,37 +86,37 @@ def crowded_moves(position: Array, piece: Array, held: Array | None = None) -> l
         held: (N,) mask of further particles that stay.
 
     Returns:
-        Triples (particle, left, right): the particle goes midway between the other two, as they are by then.
+        Triples (particle, left, right): the particle moves midway between the other two, after the moves before.
     """
     order, along = _along(position, piece)
-    row, places = order.tolist(), along.tolist()
+    row, coordinates = order.tolist(), along.tolist()
     mean = 1.0 / (len(row) - 1)
     moves: list[tuple[int, int, int]] = []
     while len(moves) < len(row):
-        gap = np.diff(places)
+        gap = np.diff(coordinates)
         near, merged = np.minimum(gap[:-1], gap[1:]), gap[:-1] + gap[1:]
-        if held is not None:  # as if there were room enough
+        if held is not None:  # as if they were not crowded
             near, merged = (np.where(held[row[1:-1]], np.inf, values) for values in (near, merged))
         crowded = near < CLOSE * mean
-        # Of those that are too close, or else of all, the one whose absence leaves the smallest gap.
+        # Of those that are too close, or if none is, of all: the one whose removal leaves the smallest gap.
         k = int(np.argmin(np.where(crowded, merged, np.inf) if crowded.any() else merged))
         rest = np.delete(gap, k)
         rest[k] = merged[k]
         target = int(np.argmax(rest))
-        # Each move must even the row: the particle gets more room, or the widest gap goes.
+        # Each move must make the row more even: the particle gets more room, or the widest gap is closed.
         better = 0.5 * rest[target] > 1.05 * near[k] if crowded.any() else merged[k] < 0.95 * gap.max()
         if not (crowded.any() or gap.max() > WIDE * mean) or not better:
             break
         particle = row.pop(k + 1)
-        places.pop(k + 1)
+        coordinates.pop(k + 1)
         row.insert(target + 1, particle)
-        places.insert(target + 1, 0.5 * (places[target] + places[target + 1]))
+        coordinates.insert(target + 1, 0.5 * (coordinates[target] + coordinates[target + 1]))
         moves.append((particle, row[target], row[target + 2]))
     return moves
 
 
 def _along(position: Array, piece: Array) -> tuple[Array, Array]:
-    """The row in its order along the line, and the places (K,) of its particles, 0 at the first and 1 at the last."""
+    """The row in its order along the line, and the coordinates (K,) of its particles, from 0 to 1."""
     chord = position[piece[-1]] - position[piece[0]]
     along = (position[piece] - position[piece[0]]) @ chord / (chord @ chord)
     order = np.argsort(along, kind="stable")

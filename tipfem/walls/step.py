@@ -1,4 +1,4 @@
-"""Walls in one time step: what they prescribe of its unknowns, and of the particles after it.
+"""Walls in one time step: the constraints on its unknowns, and the particles of walls after it.
 
 `walls_in_step` chooses between walls that are all fixed and no-slip, `FixedWalls`, and all others, `WallStep`.
 """
@@ -28,7 +28,7 @@ class Faces:
         coefficient: (F,) viscosity over slip length [Pa s / m].
         normal: (F, d) of the wall, into the fluid, at the intermediate time.
         wall_velocity: (F, d * d) of the wall at each node, at the intermediate time [m/s].
-        friction: (K,) what they add to diag(A) of each sliding particle [kg / s^2].
+        friction: (K,) their contribution to diag(A) of each sliding particle [kg / s^2].
     """
 
     nodes: Array
@@ -47,7 +47,7 @@ class Faces:
 
 
 class Walls(ABC):
-    """What a step asks of its walls; N particles, d dimensions.
+    """The interface of a step to its walls; N particles, d dimensions.
 
     Attributes:
         boundary: which particles lie on which walls, at the start of the step.
@@ -76,7 +76,7 @@ class Walls(ABC):
 
     @abstractmethod
     def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
-        """What v_alpha and a_alpha (N, d) are at u = 0, from those of free particles."""
+        """v_alpha and a_alpha (N, d) at u = 0, from those of free particles."""
 
     @abstractmethod
     def relative(self, u: Array) -> Array:
@@ -84,17 +84,17 @@ class Walls(ABC):
 
     @abstractmethod
     def finish(self, before: Particles, u: Array, moved: Particles) -> Particles:
-        """The particles ``moved`` by a solution, with those of walls where and as fast as their walls have them.
+        """The particles ``moved`` by a solution, with wall particles as their walls prescribe.
 
         Args:
             before: the particles at the start of the step.
             u: (N, d) the solution's displacements [m].
-            moved: the particles at its end, right but for the walls.
+            moved: the particles at its end, with the walls still to be imposed.
         """
 
     @abstractmethod
     def space(self, particles: Particles, surface: Surface) -> tuple[Particles, int]:
-        """Space the particles along the walls that slip, slide, or that moving walls shorten and lengthen.
+        """Space the particles along the walls that slip or slide, or whose length a moving wall changes.
 
         Args:
             particles: at the end of the step.
@@ -106,7 +106,7 @@ class Walls(ABC):
 
     @abstractmethod
     def set_back(self, particles: Particles) -> Particles:
-        """The particles with those of no-slip walls that slide along themselves where they were in the tank."""
+        """The particles, with those of sliding no-slip walls back at their positions in the tank."""
 
     @abstractmethod
     def reassign(self, particles: Particles) -> tuple[Particles, Boundary]:
@@ -146,7 +146,7 @@ class FixedWalls(Walls):
         return self.constrain(velocity), self.constrain(acceleration)
 
     def relative(self, u: Array) -> Array:
-        """See `Walls.relative`: the tank stands still."""
+        """See `Walls.relative`: the tank is at rest."""
         return u
 
     def finish(self, before: Particles, u: Array, moved: Particles) -> Particles:
@@ -154,7 +154,7 @@ class FixedWalls(Walls):
         return moved
 
     def space(self, particles: Particles, surface: Surface) -> tuple[Particles, int]:
-        """See `Walls.space`: nothing along these walls moves."""
+        """See `Walls.space`: no particle of these walls moves."""
         return particles, 0
 
     def set_back(self, particles: Particles) -> Particles:
@@ -193,7 +193,7 @@ class WallStep(Walls):
         displacement: (N, d) w [m].
 
     Raises:
-        ValueError: a function of time gives what it must not.
+        ValueError: a function of time returns an invalid value.
         SimulationError: the walls' motions change the tank's volume.
     """
 
@@ -223,16 +223,16 @@ class WallStep(Walls):
         self.sliding = index[slides]
         self.fixed = particles.wall.copy()
         self.fixed[self.sliding] = False
-        # Where the sliding particles will be, about; of the fixed ones it is exact.
+        # Predicted positions of the wall particles, exact for the fixed ones.
         self._predicted = x.copy()
         self._predicted[index] += w + self._after.slid(scheme.predict(particles)[index])
         v_next, a_next = self._after.rates(self._predicted[index], v)
         self._velocity = self._after.held((1 - scheme.alpha_f) * v_next + scheme.alpha_f * v)
         self._acceleration = self._after.held((1 - scheme.alpha_m) * a_next + scheme.alpha_m * a)
-        # The rotation in between: the direction of the chords from the old places to the new.
+        # The rotation in between: the direction of the chords from the old positions to the new.
         u, _, vt = np.linalg.svd(scheme.cf * self._after.pose.rotation + scheme.alpha_f * self._before.pose.rotation)
-        self._turn = u @ vt
-        self.rows = (self._turn @ boundary.free[slides] @ self._turn.T).reshape(len(slides), x.shape[1] ** 2)
+        self._rotation = u @ vt
+        self.rows = (self._rotation @ boundary.free[slides] @ self._rotation.T).reshape(len(slides), x.shape[1] ** 2)
         self.columns = self._after.free[slides].reshape(len(slides), x.shape[1] ** 2)
         self.faces = self._find_faces(mesh, viscosity)
 
@@ -249,7 +249,7 @@ class WallStep(Walls):
             # A cell has one face on a straight wall: with all of its corners there it would have no volume.
             cell = np.flatnonzero(on_wall.sum(axis=1) == d)
             face = mesh.cells[cell][on_wall[cell]].reshape(-1, d)
-            n = self._turn @ b.side_normal[side]
+            n = self._rotation @ b.side_normal[side]
             edge = mesh.position[face[:, 1:]] - mesh.position[face[:, :1]]
             measure = n[0] * edge[:, 0, 1] - n[1] * edge[:, 0, 0] if d == 2 else np.cross(edge[:, 0], edge[:, 1]) @ n
             face[measure < 0, :2] = face[measure < 0, 1::-1]
@@ -276,9 +276,9 @@ class WallStep(Walls):
         return np.asarray(result)
 
     def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
-        """What v_alpha and a_alpha (N, d) are at u = 0, from those of free particles.
+        """v_alpha and a_alpha (N, d) at u = 0, from those of free particles.
 
-        In the directions that are held they are such that cv w, cm w added to them gives the walls' own.
+        In the constrained directions they are the walls' own less cv w and cm w.
         """
         s, index = self.scheme, self.boundary.index
         w = self.displacement[index]
@@ -307,11 +307,11 @@ class WallStep(Walls):
         if not self.boundary.pieces and not slides.any():
             return particles, 0
         spaced, count = particles.copy(), 0
-        for piece, places in self.boundary.pieces:
-            if places is None:
+        for piece, coordinates in self.boundary.pieces:
+            if coordinates is None:
                 count += space_sliding(spaced, piece, surface)
             else:
-                space_back(spaced, piece, places)
+                space_back(spaced, piece, coordinates)
         if particles.dimension == 3:
             spaced = self.set_back(spaced)
         dry = surface.dry(particles.wall)  # these stay where they are
