@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 
 from tipfem.backend.arrays import Buffers, download
-from tipfem.linalg.multigrid.grid_hierarchy import PLACES, REACH, RHS, SIZE, SOLUTION, STENCIL
+from tipfem.linalg.multigrid.grid_hierarchy import REACH, RHS, SIZE, SOLUTION, STENCIL, STENCIL_WIDTH
 from tipfem.linalg.multigrid.multigrid import BackgroundMultigrid
 from tipfem.linalg.sparsity import Csr
 
@@ -48,14 +48,14 @@ def level_matrix(grid, level):
     """A level's operator as a dense matrix, from its stencils; entries that leave the grid must be zero."""
     shape = tuple(int(n) for n in grid.shapes[level])
     size, start = int(grid.layout[level, SIZE]), int(grid.layout[level, STENCIL])
-    places = PLACES ** len(shape)
+    offsets = STENCIL_WIDTH ** len(shape)
     rim = [n + 2 * REACH for n in shape]
-    stencil = download(grid.levels, start + places * size)[start:].reshape(places, size)
+    stencil = download(grid.levels, start + offsets * size)[start:].reshape(offsets, size)
     assert not stencil[:, np.prod(rim) :].any()
-    stencil = stencil[:, : np.prod(rim)].reshape(places, *rim)
+    stencil = stencil[:, : np.prod(rim)].reshape(offsets, *rim)
     inner = (slice(None), *[slice(REACH, -REACH)] * len(shape))
     assert np.count_nonzero(stencil) == np.count_nonzero(stencil[inner])  # the rim is zero
-    stencil = stencil[inner].reshape(places, -1).T
+    stencil = stencil[inner].reshape(offsets, -1).T
     shifts = np.array(list(itertools.product(range(-REACH, REACH + 1), repeat=len(shape))))
     nodes = np.stack(np.unravel_index(np.arange(len(stencil)), shape), axis=1)
     target = nodes[:, None, :] + shifts

@@ -1,1 +1,1 @@
-"""Newton's method and flexible GMRES; they know no physics."""
+"""Newton's method, flexible GMRES and multigrid, independent of the physics."""

@@ -1,4 +1,4 @@
-"""Flexible GMRES on device vectors; no physics."""
+"""Flexible GMRES on device vectors."""
 
 import math
 from collections.abc import Callable
@@ -13,17 +13,17 @@ from tipfem.linalg import vector_kernels
 from tipfem.linalg.vector_kernels import ENTRY, ENTRY_OF_MANY
 
 Operator = Callable[[Any, Any], None]
-# (k, krylov, partial, cancelled): z_k = M v_k, w = A z_k in the place of v_{k+1}, and one pass of
+# (k, krylov, partial, cancelled): z_k = M v_k, w = A z_k stored as v_{k+1}, and one pass of
 # `vector_kernels.orthogonalise`; see there.
 Iteration = Callable[[int, Any, Any, float], None]
 
-# Pairs of vectors v_k, z_k that there is room for at first; room grows by as many.
+# Number of pairs of vectors v_k, z_k that are allocated at a time.
 ROOM = 16
 
 
 @dataclass(frozen=True)
 class KrylovResult:
-    """How a solve went: iterations done, residual norm over that of the right-hand side, and whether it converged."""
+    """Result of a solve: iterations, residual norm relative to the right-hand side, and whether it converged."""
 
     iterations: int
     relative_residual: float
@@ -50,12 +50,12 @@ def fgmres(
     Args:
         operator: writes A v into its second argument.
         preconditioner: writes an approximate A^-1 v into its second argument; it may differ from call to call.
-        rhs: device vector b with ``size`` live entries.
+        rhs: device vector b, of which ``size`` entries are used.
         solution: device vector x, overwritten.
         size: number of unknowns.
         tolerance: of the residual norm relative to that of ``rhs``.
-        max_iterations: when to give up; also the size of the basis, there is no restart.
-        buffers: where the Krylov vectors live between solves.
+        max_iterations: largest number of iterations, and so the size of the basis; there is no restart.
+        buffers: that hold the Krylov vectors between solves.
         iteration: applies both operators and the first pass of Gram-Schmidt in one launch, where that is possible.
 
     Raises:
@@ -69,7 +69,7 @@ def fgmres(
         launch(vector_kernels.fill, solution, 0.0, size, work=(size, ENTRY))
         return KrylovResult(0, 0.0, True)
     triangle = np.zeros((max_iterations + 1, max_iterations))
-    # Python's own numbers: they are few, and NumPy takes longer for each.
+    # Plain Python numbers: these are few, and NumPy would be slower.
     cosine: list[float] = []
     sine: list[float] = []
     g = [beta]
@@ -106,7 +106,7 @@ class KrylovSpace:
     Args:
         size: of the vectors.
         tolerance: of the relative residual norm; it bounds the loss of orthogonality.
-        buffers: where the vectors live between solves.
+        buffers: that hold the vectors between solves.
 
     Attributes:
         vectors: device array of the v_k and z_k.
@@ -114,7 +114,7 @@ class KrylovSpace:
 
     def __init__(self, size: int, tolerance: float, buffers: Buffers) -> None:
         self.size, self._buffers = size, buffers
-        # How far the vectors may be from orthogonal, the residual still being known well; and how far they are.
+        # Loss of orthogonality for which the residual is still accurate enough, and the estimated loss.
         self._loss_allowed, self._loss = max(1e-4 * tolerance, 1e-15), 0.0
         self._make_room(1)
 
@@ -123,7 +123,7 @@ class KrylovSpace:
         self.vectors = self._buffers.grow("krylov.vectors", 2 * self._room * self.size)
 
     def begin(self, rhs: Any) -> float:
-        """Set v_0 = b / |b|; the norm |b|."""
+        """Set v_0 = b / |b|, and return the norm |b|."""
         out = np.zeros(1)
         partial = self._buffers.get("krylov.partial", parts())
         launch(vector_kernels.normalise, rhs, self.vectors, partial, out, self.size, work=(self.size, ENTRY))
@@ -149,7 +149,7 @@ class KrylovSpace:
         launch(vector_kernels.orthogonalise, self.vectors, partial, k, self.size, cancelled, work=work)
 
     def extend(self, k: int, iteration: Iteration) -> list[float]:
-        """Make z_k = M v_k, and of A z_k the vector v_{k+1}.
+        """Compute z_k = M v_k, and v_{k+1} from A z_k.
 
         Returns:
             (k + 2,) column k of the Hessenberg matrix.
@@ -158,21 +158,21 @@ class KrylovSpace:
             self._make_room(k + 2)
         column = [0.0] * (k + 2)
         partial = self._buffers.get("krylov.dots", parts() * (k + 2))
-        # Below this fraction, what cancellation leaves is neither orthogonal enough nor of a norm known well.
+        # Below this fraction, the remainder after cancellation is neither orthogonal nor accurate enough.
         least = max(CANCELLED, ((self._loss + EPSILON) / self._loss_allowed) ** 2)
         iteration(k, self.vectors, partial, least)
         before, after = self._collect(column, partial)
         if after < least * before:
             self.orthogonalise(k, partial, CANCELLED)
             before, after = self._collect(column, partial)
-        # One pass of Gram-Schmidt multiplies what is not orthogonal already by the cancellation.
+        # One pass of Gram-Schmidt amplifies the loss of orthogonality by the cancellation.
         grown = (self._loss + EPSILON) * math.sqrt(before / after) if after > 0 else self._loss_allowed
         self._loss = min(max(self._loss, grown), self._loss_allowed)
         column[k + 1] = math.sqrt(max(after, 0.0))
         return column
 
     def _collect(self, column: list[float], partial: Any) -> tuple[float, float]:
-        """Add the components that a pass has found to ``column``; |w|^2 before the pass and after it."""
+        """Add the components of a pass to ``column``, and return |w|^2 before and after the pass."""
         *components, _factor, before, after = download(partial, len(column) + 2).tolist()
         for j, component in enumerate(components):
             column[j] += component

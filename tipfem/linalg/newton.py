@@ -11,7 +11,7 @@ from tipfem.linalg.fgmres import KrylovResult
 
 
 class Problem(Protocol):
-    """What `newton` asks of a problem. Vectors are the problem's own business."""
+    """The interface of `newton` to a problem, which chooses the type of its vectors."""
 
     def residual(self, x: Any) -> float:
         """Evaluate the residual at ``x``, linearise there, and return the residual's norm."""
@@ -22,12 +22,12 @@ class Problem(Protocol):
 
 @dataclass(frozen=True)
 class NewtonResult:
-    """How Newton's method went.
+    """Result of Newton's method.
 
     Attributes:
         solution: the last iterate.
         iterations: linear problems solved.
-        krylov_iterations: of all of them together.
+        krylov_iterations: their total.
         norm: of the residual at the solution.
         converged: whether the norm is within the tolerance.
     """
@@ -50,16 +50,16 @@ def newton(problem: Problem, x: Any, *, tolerance: float, max_iterations: int, n
     """Inexact Newton iteration from ``x`` until the residual's norm is within ``tolerance``.
 
     The linear tolerance follows Eisenstat & Walker (1996), choice 2 with gamma = 0.5, alpha = 2:
-    no system is solved more accurately than the quadratic convergence of Newton's method can use,
-    nor than the tolerance asks for.
+    no system is solved more accurately than the quadratic convergence of Newton's method or the
+    tolerance requires.
 
     Args:
         problem: residual and correction.
         x: first iterate, overwritten.
         tolerance: of the residual's norm, absolute.
-        max_iterations: when to give up.
-        noise: a first residual above it is corrected once even if it is within the tolerance. A flow that is
-            about to come to rest would otherwise drift on at the speed that the tolerance lets pass.
+        max_iterations: largest number of linear problems.
+        noise: a first residual above it is corrected once even if it is within the tolerance. Otherwise a flow
+            that is coming to rest would drift on at the speed that the tolerance allows.
     """
     forcing = FIRST_FORCING
     norm = problem.residual(x)
@@ -79,8 +79,8 @@ def newton(problem: Problem, x: Any, *, tolerance: float, max_iterations: int, n
     return NewtonResult(x, iterations, krylov_iterations, norm, norm <= tolerance)
 
 
-# What the first correction leaves of the residual by what is not linear, at the particles where it is largest, is a
-# hundredth or more in steps of half a spacing.
+# In steps of half a spacing, the nonlinear part of the residual after the first correction is a hundredth or more at
+# the particles where it is largest.
 FIRST_FORCING = 1e-2
 POLISH = 1e-2  # linear tolerance where the residual is within the tolerance already
 SMALLEST_FORCING = 1e-10

@@ -12,10 +12,10 @@ import taichi as ti
 from tipfem.backend.array_types import Reals1, Template
 from tipfem.backend.launch import kernel, part_of
 
-BLOCK = 512  # rows of the vectors that are worked on at once: those of all basis vectors fit into a core's cache
-LANES = 256  # rows that are worked on at once in local memory
+BLOCK = 512  # rows that are processed together: those of all basis vectors fit into a core's cache
+LANES = 256  # rows that are processed together in local memory
 
-# Nanoseconds of one thread for an entry: of one vector, and of one to be made orthogonal to a few.
+# Nanoseconds of one thread for an entry: of one vector, and in `orthogonalise`.
 ENTRY, ENTRY_OF_MANY = 2.0, 10.0
 
 
@@ -58,7 +58,7 @@ def normalise(
 def partial_dots(krylov: Template, partial: Template, part, k, n, first, last):
     """Entries first to last of the dot products of w = v_{k+1} with v_0 ... v_k and with itself.
 
-    They go into the row ``part`` of ``partial`` (parts, k + 2), stored row by row.
+    They are stored in row ``part`` of ``partial`` (parts, k + 2).
     """
     at = part * (k + 2)
     w = 2 * (k + 1) * n
@@ -99,7 +99,7 @@ def subtract_projections(krylov: Template, partial: Template, k, n, first, last)
     """Entries first to last of v_{k+1}: w less its components along v_0 ... v_k, times the factor of `sum_dots`."""
     factor = partial[k + 1]
     w = 2 * (k + 1) * n
-    # In local memory: loops that write to arrays are not turned into vector instructions.
+    # In local memory: loops that write to arrays are not vectorised.
     for block in range((last - first + LANES - 1) // LANES):
         start = first + block * LANES
         width = ti.min(LANES, last - start)
@@ -126,11 +126,11 @@ def orthogonalise(
     stride: Template,
     serial: Template,
 ):
-    """One pass of classical Gram-Schmidt: w, which stands in the place of v_{k+1}, becomes v_{k+1}.
+    """One pass of classical Gram-Schmidt: w, stored as v_{k+1}, becomes v_{k+1}.
 
-    partial, (parts (k + 2),) or larger: first d_j = v_j . w for j = 0 ... k, then the factor that has normalised the
-    remainder, |w|^2, and |w|^2 - |d|^2, the squared norm of the remainder. Where the last is less than the fraction
-    ``cancelled`` of |w|^2, the remainder is not normalised but left as it is, for a second pass.
+    partial, (parts (k + 2),) or larger: first d_j = v_j . w for j = 0 ... k, then the factor by which the
+    remainder was normalised, |w|^2, and |w|^2 - |d|^2, the squared norm of the remainder. Where the last is less than
+    the fraction ``cancelled`` of |w|^2, the remainder is not normalised, for a second pass.
     """
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
@@ -191,7 +191,7 @@ def copy_entries(x: Reals1, from_x: ti.i32, y: Reals1, n: ti.i32, serial: Templa
 
 @kernel
 def store_direction(z: Reals1, w: Reals1, krylov: Reals1, k: ti.i32, n: ti.i32, serial: Template):
-    """Copy z to z_k, and w to the place of v_{k+1}, which lies behind it."""
+    """Copy z to z_k, and w to v_{k+1}, which follows it."""
     ti.loop_config(serialize=serial)
     for i in range(n):
         krylov[(2 * k + 1) * n + i] = z[i]

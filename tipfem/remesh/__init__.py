@@ -1,1 +1,1 @@
-"""The next mesh: triangulations that follow the particles, volumes, relocation."""
+"""Remeshing: triangulations that follow the particles, volumes of the fluids, relocation of particles."""

@@ -12,7 +12,7 @@ from tipfem.remesh.insertion_kernels import SCRATCH, relocate_particles
 from tipfem.remesh.triangulation import Triangulation
 from tipfem.typing import Array
 
-# Round-off of the test whether a particle is in a circle, relative to its size: ties stay as they are.
+# Tolerance of the test whether a particle is in a circle, relative to its size: cocircular edges are not flipped.
 TIES = 1e-13
 
 
@@ -23,11 +23,11 @@ def repaired(mesh: Mesh, moved: Array, position: Array, moves: Array) -> Mesh | 
         mesh: triangles on N particles; its hull is that of the new positions, too.
         moved: (N, 2) positions after the motion [m].
         position: (N, 2) positions after relocation [m].
-        moves: (K, 3) what was relocated: the particle, and the two ends of the edge it was inserted into.
+        moves: (K, 3) the relocated particles, each with the two ends of the edge it was inserted into.
 
     Returns:
         The mesh; None where repair fails: a triangle was inverted, a relocated particle cannot be removed by collapsing
-        an edge, one is not on an edge of the mesh, or flipping did not come to an end.
+        an edge, one is not on an edge of the mesh, or flipping did not terminate.
     """
     expected = moved.copy()
     expected[moves[:, 0]] = position[moves[:, 0]]
@@ -60,7 +60,7 @@ def repaired(mesh: Mesh, moved: Array, position: Array, moves: Array) -> Mesh | 
 
 
 def _triangulation(mesh: Mesh, moved: Array) -> Triangulation:
-    """A copy of the mesh that can be changed; without masses, for these flips move no momentum."""
+    """A copy of the mesh that can be changed, without masses, because these flips transfer no momentum."""
     count, cells = len(moved), mesh.cells.copy()
     state = np.zeros((count, COLUMNS))
     state[:, :2] = moved

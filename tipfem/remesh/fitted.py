@@ -1,8 +1,8 @@
 """Remeshing with interfaces along edges: the triangulation moves with the particles and is repaired in place.
 
-Every triangle belongs to one fluid, and so do those that flips, collapses and splits of edges put in its place. So a
-remeshing moves no volume from one fluid to another but where an interface is made coarser, slides
-along a wall, or a film breaks; and that is undone at once, see `volumes`.
+Every triangle belongs to one fluid, and so do those that replace it after flips, collapses and splits of edges. So
+remeshing moves volume from one fluid to another only where an interface is coarsened, slides along a wall, or a film
+breaks; `volumes` then restores the volumes.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from tipfem.remesh.volumes import restore_volumes, with_components
 from tipfem.timers import timer
 from tipfem.typing import Array
 
-# How far from a new particle others must be, in target spacings; less where there is no such place.
+# Distance of a new particle from others, in target spacings; less where there is no such site.
 ROOM = (0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
-# Where the number of particles follows the targets: this room for new ones on edges that are that much longer than
-# long ones. Several rounds, for a round changes no triangle twice.
-WIDER = 1.15  # the rule's limits are that much wider then: as many particles stay as where N is kept, within 5 %
+# Where the number of particles follows the targets: distance of new particles from others, and factor on the length of
+# edges they are inserted into. Several rounds, because a round changes no triangle twice.
+WIDER = 1.15  # factor on the rule's limits then, with which N is within 5 % of that where it is kept
 ROUNDS = ((0.6, 1.0), (0.6, 1.0), (0.5, 1.2), (0.4, 1.4), (0.3, 1.6))
 # Height over a long interface edge, in target spacings, below which a particle is taken to be on it.
 SLIVER = 0.05
-GAP = 0.35  # that a contact leaves to the next particles on its wall, in target spacings
+GAP = 0.35  # of a contact to the next particles on its wall, in target spacings
 LEAST = 0.02  # twice the smallest area that a change may leave, in target spacings squared
 
 
 class Repaired(NamedTuple):
-    """What a repair makes of N particles and their triangles.
+    """The result of a repair of N particles and their triangles.
 
     Attributes:
         particles: the state, on N' particles.
         mesh: the triangles.
-        relocated: (N',) mask of the particles that have a new place, or are new.
-        renumbered: (N,) what number each particle has now, -1 for those removed; None if all have kept theirs.
+        relocated: (N',) mask of the particles that were relocated or are new.
+        renumbered: (N,) new number of each particle, -1 for those removed; None if no number changes.
     """
 
     particles: Particles
@@ -62,19 +62,20 @@ def repair(
     """Remesh particles that have moved.
 
     Args:
-        particles: the moved state on N particles with their target spacings; which are walls may change.
+        particles: the moved state on N particles with their target spacings; which of them are wall particles may
+            change.
         mesh: the triangles they moved with, none inverted.
         density: (F,) of the fluids [kg/m^3].
-        fixed: (N,) particles that must keep their place, as the corners of the tank.
-        rule: when to change what.
-        slippery: (N,) wall particles that slide with the fluid; where interfaces meet walls there, they do so, too.
-        total: (F,) volume that each fluid is to have afterwards [m^2]; by default the solve's changes of volume
-            stay, and only those of the remeshing are undone.
-        graded: whether there are to be as many particles as the targets ask for. Otherwise N stays as it is: those
-            that crowd others are relocated.
+        fixed: (N,) particles that must stay, such as those in corners of the tank.
+        rule: limits for changes of the triangulation.
+        slippery: (N,) wall particles that slide with the fluid; where interfaces end there, they slide, too.
+        total: (F,) volume that each fluid is to have afterwards [m^2]; by default changes of volume
+            by the solve stay, and only those by remeshing are undone.
+        graded: whether the number of particles follows the targets. Otherwise N is kept: particles that crowd others
+            are relocated.
 
     Raises:
-        TriangulationError: the repair did not come to an end, or left a triangle without area.
+        TriangulationError: the repair did not terminate, or left a triangle without area.
     """
     moved = mesh.moved(particles.position).measure
     if (moved <= 0).any():
@@ -97,7 +98,7 @@ def repair(
         if taken:
             flips += taken + t.make_delaunay(rule.flip_tolerance, stale_only=True)
     with timer("relocation"):
-        relocated = _follow_targets(t, held, rule) if graded else _set_elsewhere(t, held, rule)
+        relocated = _follow_targets(t, held, rule) if graded else _relocate_crowded(t, held, rule)
     t.compact()
     new = Mesh(np.ascontiguousarray(t.state[:, :2]), t.cells, t.fluid).with_(neighbours=t.neighbours)
     with timer("volumes"):
@@ -115,8 +116,8 @@ def repair(
     return Repaired(*_taken(t, particles, new, position), relocated, renumbered)
 
 
-def _set_elsewhere(t: Triangulation, held: Array, rule: FittedRule) -> Array:
-    """Take out particles that crowd others, and put them where the triangles are large; (N,) mask of them."""
+def _relocate_crowded(t: Triangulation, held: Array, rule: FittedRule) -> Array:
+    """Remove particles that crowd others and insert them into large triangles; return their mask (N,)."""
     limits = Crowding(
         too_close=rule.too_close,
         along_interface=rule.too_close_along_interface,
@@ -127,7 +128,7 @@ def _set_elsewhere(t: Triangulation, held: Array, rule: FittedRule) -> Array:
     )
     edges, needed = t.coarsen(held, limits, most=len(held))
     if needed > len(t.removed):
-        # Nothing that crowds is left to take: take from where particles stand closest.
+        # No crowded particle is left: remove particles where they are closest to each other.
         edges, _ = t.coarsen(held, limits._replace(too_close=rule.removable), most=needed - len(t.removed))
     relocated = np.zeros(len(held), dtype=bool)
     relocated[t.removed] = True
@@ -139,14 +140,14 @@ def _set_elsewhere(t: Triangulation, held: Array, rule: FittedRule) -> Array:
         if len(t.removed):
             edges, _ = t.longest_edges(rule.long_edge, t.candidates())
     if len(t.removed):
-        raise TriangulationError(f"{len(t.removed)} particles that crowded others find no room elsewhere")
+        raise TriangulationError(f"{len(t.removed)} particles that crowded others have no insertion site")
     return relocated
 
 
 def _follow_targets(t: Triangulation, held: Array, rule: FittedRule) -> Array:
-    """Take out particles where they are too many and put some in where they are too few; (N',) mask of all these.
+    """Remove particles where there are too many, and insert some where there are too few; return their mask (N',).
 
-    Those left over stay in ``t.removed``.
+    Those that are not inserted stay in ``t.removed``.
     """
     before = len(held)
     limits = Crowding(
@@ -179,8 +180,8 @@ def _taken(t: Triangulation, particles: Particles, new: Mesh, position: Array) -
     The mesh takes over what ``new`` has computed; see `repair` for errors.
     """
     if (new.measure <= 0).any():
-        place = position[t.cells[np.argmin(new.measure), 0]].tolist()
-        raise TriangulationError(f"the triangle at {place} has no area after the repair")
+        corner = position[t.cells[np.argmin(new.measure), 0]].tolist()
+        raise TriangulationError(f"the triangle at {corner} has no area after the repair")
     state = particles.shallow_copy(
         position=position,
         wall=t.wall.astype(bool),
@@ -218,7 +219,7 @@ def particle_fluid(mesh: Mesh, count: int, density: Array) -> Array:
 
 
 def hull_corners(mesh: Mesh) -> Array:
-    """(N,) mask of the particles at which the hull turns."""
+    """(N,) mask of the particles at corners of the hull."""
     cell, i = np.nonzero(mesh.neighbours < 0)
     a, b = mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]
     direction = mesh.position[b] - mesh.position[a]

@@ -1,6 +1,6 @@
 """Kernel that removes particles from a triangulation and inserts them into edges of it.
 
-Arrays are those of `edge_operations.TriangleArrays`; all runs in one thread.
+Arrays are those of `edge_operations.TriangleArrays`. The kernel is serial.
 """
 
 import taichi as ti
@@ -51,10 +51,10 @@ def removed_cells(mesh: Template, star: Template, count):
 
 @ti.func
 def edge_under(mesh: Template, star: Template, start, end, p):
-    """The edge from particle ``start`` towards ``end`` that particle p lies on: a cell and the corner opposite.
+    """The edge from particle ``start`` towards ``end`` on which particle p is: a cell and the corner opposite.
 
-    Another particle may have been inserted into the edge from ``start`` to ``end``: then the half that p lies on is
-    found. The cell is -1 for none. ``star`` is room for the cells around ``start``.
+    If another particle was inserted into the edge from ``start`` to ``end``, this is the half on which p
+    is. The cell is -1 for none. ``star`` is room for the cells around ``start``.
     """
     x = ti.static(mesh.state)
     count, closed = collect_star(mesh, star, start)
@@ -89,8 +89,8 @@ def relocate_particles(
     """Particles moves[m, 0] go to sites[m] (2,) [m], which is on the edge from moves[m, 1] to moves[m, 2].
 
     First the particle is removed by a collapse of the shortest edge that leaves each cell twice the area ``least``;
-    then the other edge is split. Returns how many were relocated before one could not be: all if it is as many as there
-    are moves. scratch (SCRATCH,) is for this kernel's use.
+    then the other edge is split. Returns how many were relocated before the first that could not be, which is the
+    number of moves if all were. scratch (SCRATCH,) is for this kernel's use.
     """
     mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, corner))
     star, other_star = ti.static(Segment(scratch, 0), Segment(scratch, STAR + 1))

@@ -1,10 +1,10 @@
-"""Momentum transfer: what a remeshing does to particles whose share of the heavy fluid it changes.
+"""Momentum transfer: velocities of particles whose mass remeshing increases.
 
-The particles keep their velocity when the mesh is made anew, but an element's density is the mean of
-its particles', so a particle of air whose new elements reach into the water weighs hundreds of times
-more than before. With its own velocity and acceleration it would then carry hundreds of times its
-momentum: a source of energy out of nothing. The mass it gained was its heavier neighbours', and so
-is the velocity of that mass.
+Particles keep their velocity when the mesh is made anew, but an element's density is the mean of
+its particles', so a particle of air whose new elements reach into the water can gain hundreds of times
+its mass. With its own velocity and acceleration it would then have hundreds of times its
+momentum: a spurious source of energy. The mass it gains belonged to its heavier neighbours, so it
+moves at their velocity.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
-# A particle's density must rise by this part before anything is transferred.
-RISE = 0.01
+# Smallest relative increase of a particle's density for which momentum is transferred.
+SMALLEST_INCREASE = 0.01
 
 
 def nodal_density(mass: Array, volume: Array) -> Array:
@@ -27,29 +27,29 @@ def nodal_density(mass: Array, volume: Array) -> Array:
 def transfer_momentum(
     particles: Particles, mesh: Mesh, before: Array, after: Array, still: Array | None = None
 ) -> Particles:
-    """Give what became heavier the velocity and acceleration of the neighbours its mass came from.
+    """Change the velocity and acceleration of particles that became heavier towards those of their heavier neighbours.
 
     v_i = (rho_i v_i + (rho'_i - rho_i) vbar_i) / rho'_i, with vbar_i the mean over the neighbours that were
     heavier, weighted by how much heavier they were; the same for the acceleration. Within one fluid
-    nothing changes. Wall particles give nothing: they stand still for the fluid's sake, not as its part.
+    nothing changes. Wall particles at rest do not contribute, because their velocity is prescribed.
 
     Args:
         particles: the state on N particles.
         mesh: the new mesh.
         before: (N,) density around each particle on the old mesh [kg/m^3].
         after: (N,) the same on the new one.
-        still: (N,) mask of the particles that stand still; by default all wall particles.
+        still: (N,) mask of the wall particles that do not slide; by default all wall particles.
 
     Returns:
-        The state, with new velocities and accelerations where density rose.
+        The state, with new velocities and accelerations where the density increased.
     """
     still = particles.wall if still is None else still
-    risen = (after > (1 + RISE) * before) & ~still
-    if not risen.any():
+    heavier = (after > (1 + SMALLEST_INCREASE) * before) & ~still
+    if not heavier.any():
         return particles
     i, j = mesh.edges.T
     one, other = np.concatenate([i, j]), np.concatenate([j, i])
-    donor = risen[one] & (before[other] > (1 + RISE) * before[one]) & ~still[other]
+    donor = heavier[one] & (before[other] > (1 + SMALLEST_INCREASE) * before[one]) & ~still[other]
     one, other = one[donor], other[donor]
     weight = before[other] - before[one]
     total = np.bincount(one, weights=weight, minlength=len(particles))

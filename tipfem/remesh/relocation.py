@@ -59,7 +59,7 @@ class InsertionSites:
 def cells_on_walls(mesh: Mesh, wall: Array) -> tuple[Array, Array]:
     """Cells (K,) of one fluid particle over a face of the wall, and the particle's height (K,) over it [m].
 
-    A face of wall particles that two cells share runs across the fluid (in a corner) and is no wall.
+    A face of wall particles that two cells share is inside the fluid (in a corner) and not part of a wall.
     """
     d = mesh.dimension
     near = np.flatnonzero(wall[mesh.cells].sum(axis=1) >= d)
@@ -85,7 +85,7 @@ def cells_on_walls(mesh: Mesh, wall: Array) -> tuple[Array, Array]:
 
 
 def apex_of(mesh: Mesh, wall: Array, cells: Array) -> Array:
-    """The one particle (K,) of each of the cells (K,) that is no wall particle."""
+    """The particle (K,) of each of the cells (K,) that is not a wall particle."""
     corners = mesh.cells[cells]
     return np.asarray(corners[np.arange(len(cells)), np.argmin(wall[corners], axis=1)])
 
@@ -116,8 +116,8 @@ def insertion_sites(
 ) -> InsertionSites:
     """Sites for particles of a fluid in edges, high enough over the walls; the longest edges first.
 
-    Edges within the fluid that are not longer than ``shortest`` [m] have none, nor have those of ``crowded`` particles
-    (N,), which may be relocated themselves.
+    There are none on edges within the fluid that are not longer than ``shortest`` [m], nor on those of ``crowded``
+    particles (N,), which may be relocated themselves.
     """
     i, j, length = edges.i, edges.j, edges.length
     own_i, own_j = particles.fluid[i] == fluid, particles.fluid[j] == fluid
@@ -143,7 +143,7 @@ def sites_with_room(
     if not len(sites.start):
         return sites
     point = sites.interpolate(position)
-    # An urgent particle may stand half a spacing from the ends of its edge; that is what its edge decides.
+    # An urgent particle may be inserted half a spacing from the ends of its edge, which its edge determines.
     reach = np.minimum(rule.too_close * h, np.minimum(sites.weight, 1 - sites.weight) * sites.length)
     free = tree.query(point)[0] >= (1 - 1e-9) * reach
     if len(taken):
@@ -154,7 +154,7 @@ def sites_with_room(
     first, second = np.sort(cKDTree(point).query_pairs(rule.too_close * h, output_type="ndarray"), axis=1).T
     undecided, chosen = np.ones(len(point), dtype=bool), np.zeros(len(point), dtype=bool)
     while undecided.any():
-        # A site is chosen when no undecided one before it is too close; then those too close to it are out.
+        # A site is chosen when no undecided site before it is too close; then those too close to it are rejected.
         live = undecided[first] & undecided[second]
         winner = undecided.copy()
         winner[second[live]] = False
@@ -170,7 +170,7 @@ def relocate(particles: Particles, mesh: Mesh, rule: RelocationRule) -> tuple[Pa
     Args:
         particles: the state on N particles, after the step's motion.
         mesh: of the step; its cells must not be inverted at the particles' positions.
-        rule: the lengths that decide.
+        rule: lengths for relocation.
 
     Returns:
         The new state; and (K, 3) for each relocated particle, itself and the two ends of the edge into which it was
@@ -183,7 +183,7 @@ def relocate(particles: Particles, mesh: Mesh, rule: RelocationRule) -> tuple[Pa
     long = edges[np.flatnonzero(edges.length > h)]
     relocated, stuck = np.zeros(len(particles), dtype=bool), np.zeros(len(particles), dtype=bool)
     moved, moves = particles, np.zeros((0, 3), dtype=np.int64)
-    # Of a close pair one is to move; if its fluid has no site for it, then the other.
+    # Of a close pair one is to move; if there is no site for it in its fluid, the other.
     for _ in range(2):
         crowd = _crowding(mesh, edges, particles.wall, on_wall, height, relocated, stuck, rule, h)
         crowded = np.isfinite(crowd)
@@ -212,7 +212,7 @@ def _move(
         rule: the lengths that decide.
 
     Returns:
-        The new state, and what this call moved (K, 3), as of `relocate`.
+        The new state, and the moves of this call (K, 3), as for `relocate`.
     """
     h = particles.spacing
     crowded = np.isfinite(crowd)
@@ -222,7 +222,7 @@ def _move(
     for fluid in np.unique(particles.fluid[crowded]):
         own = np.flatnonzero(crowded & (particles.fluid == fluid))
         own = own[np.argsort(crowd[own], kind="stable")]
-        # Ordinary particles need a long edge; urgent ones any edge.
+        # Urgent particles may go into any edge, others only into long edges.
         urgent = crowd[own] < rule.urgent * h
         shortest = h if urgent.any() else rule.long_edge * h
         every = insertion_sites(edges, particles, int(fluid), crowded | relocated, shortest, rule)
@@ -273,9 +273,9 @@ def _crowding(
     close &= ~(bound[i] & bound[j])
     i, j, length = i[close], j[close], length[close]
     crowd = np.full(len(mesh.position), np.inf)
-    # The surface keeps its shape when what is below it moves.
+    # Particles below the surface move rather than those on it, which give it its shape.
     np.minimum.at(crowd, np.where(bound[j] | (front[j] & ~front[i] & ~bound[i]), i, j), length)
-    # Height over a wall counts on the scale of distances, so that both can be compared.
+    # Heights over walls are scaled so that they can be compared with distances.
     apex = apex_of(mesh, wall, on_wall)
     low = (height < np.where(front, factor[2], 1.0)[apex] * rule.too_close_to_wall * h) & ~(relocated | stuck)[apex]
     np.minimum.at(crowd, apex[low], height[low] * (rule.too_close / rule.too_close_to_wall))

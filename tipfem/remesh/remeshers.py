@@ -1,8 +1,8 @@
 """Remeshers: from a solved step to the next state, one for each interface rule.
 
-A remesher decides all that depends on the interface rule: how particles are meshed, what the elements are made of,
-whether it keeps the fluids' volumes, and what becomes of velocities and walls after remeshing. `remesher_for` is the
-one place where a rule's name is looked at.
+All that depends on the interface rule is in a remesher: how particles are meshed, the properties of the elements,
+whether it keeps the fluids' volumes, and velocities and walls after remeshing. Only `remesher_for` uses the name of
+the rule.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ class Remesher(ABC):
         fluids: of the case.
 
     Attributes:
-        interface: the rule of what elements between fluids are made of.
-        keeps_volumes: whether remeshing gives the fluids back what they lost, so that no source need do it.
+        interface: the rule for the properties of elements between fluids.
+        keeps_volumes: whether remeshing restores the volumes of the fluids, so that no source is needed.
     """
 
     interface: InterfaceRule
@@ -76,7 +76,7 @@ class Remesher(ABC):
         """
 
     def _state(self, particles: Particles, mesh: Mesh, material: Material, mass: Array, **others: Any) -> State:
-        """A state from the lumped ``mass`` (N,) of its elements and from what else it is to hold."""
+        """A state from the lumped ``mass`` (N,) of its elements; ``others`` are further attributes."""
         volume = material.volumes(mesh.measure) + loose_volumes(mesh, particles.fluid, len(self.fluids))
         if mesh.surface.loose.any():
             mass = mass + self.density[particles.fluid] * mesh.surface.volume
@@ -91,12 +91,12 @@ class Mesher(Protocol):
         """The first mesh; see `Remesher.start` for errors."""
 
     def remesh(self, solved: Solved, particles: Particles, moves: Array) -> tuple[Mesh, bool]:
-        """The mesh after a step, and whether it was made from scratch where it could have been a repair.
+        """The mesh after a step, and whether it was triangulated anew although the last could have been repaired.
 
         Args:
             solved: the step.
             particles: those of the step after relocation.
-            moves: (K, 3) what relocation moved; see `relocate`.
+            moves: (K, 3) the moves of relocation; see `relocate`.
         """
 
 
@@ -104,8 +104,8 @@ class TankMesher:
     """Meshes of the whole tank, where walls surround the fluids.
 
     Args:
-        repairs: whether the last mesh is repaired where that can be done (see `delaunay_repair`), in 2-D only, or every
-            mesh made by Qhull.
+        repairs: whether the last mesh is repaired where possible (see `delaunay_repair`), in 2-D only; otherwise Qhull
+            makes every mesh.
     """
 
     def __init__(self, *, repairs: bool) -> None:
@@ -123,10 +123,10 @@ class TankMesher:
 
 
 class FreeSurfaceMesher:
-    """Meshes of what is wet.
+    """Meshes of the fluids below a free surface.
 
     Args:
-        mesher: what finds the free surface.
+        mesher: finds the free surface.
     """
 
     def __init__(self, mesher: SurfaceMesher) -> None:
@@ -148,8 +148,8 @@ class DelaunayRemesher(Remesher):
     Args:
         fluids: of the case.
         rule: of relocation.
-        mesher: of the whole tank, or of what is wet.
-        momentum_transfer: whether particles that became heavier take on their neighbours' velocities.
+        mesher: of the whole tank, or of the fluids below a free surface.
+        momentum_transfer: whether momentum is transferred to particles that became heavier.
     """
 
     interface = InterpolatedInterface()
@@ -225,7 +225,7 @@ class DelaunayRemesher(Remesher):
         )
 
     def _labelled(self, particles: Particles, mesh: Mesh) -> Particles:
-        """The particles with the fluids of walls, and without pressure at a free surface."""
+        """The particles, with fluids for wall particles, and zero pressure at a free surface."""
         particles = particles.shallow_copy(fluid=wall_fluid(mesh, particles.fluid, particles.wall))
         if mesh.surface.pinned.any():
             particles = particles.shallow_copy(pressure=np.where(mesh.surface.pinned, 0.0, particles.pressure))
@@ -247,9 +247,9 @@ class FittedRemesher(Remesher):
         fluids: of the case.
         rule: when the triangulation is changed.
         walls_have_fluids: whether the first particles' labels hold on the walls, too.
-        keep: whether every remeshing gives the fluids back the volumes they started with, not only those that
-            it found.
-        grading: of the target spacings; None where they are the same everywhere, and as many particles as at the start.
+        keep: whether every remeshing restores the volumes that the fluids started with, or only those before that
+            remeshing.
+        grading: of the target spacings; None for the same spacing everywhere and a constant number of particles.
     """
 
     interface = SharpInterface()

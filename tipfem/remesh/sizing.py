@@ -6,7 +6,7 @@ from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.remesh.edges.edge_operations import distance
 
-SWEEPS = 100  # far more than there are: targets spread along many edges in one sweep
+SWEEPS = 100  # far more than needed: one sweep carries targets along many edges
 ROUND_OFF = 1e-9
 
 
@@ -21,7 +21,7 @@ def lower_targets(x: Template, cells: Template, spacing: Template, lowered: Temp
         a, b = cells[t, i], cells[t, (i + 1) % 3]
         if spacing[a] > spacing[b]:
             a, b = b, a
-        # Most edges join equal targets, and most others are allowed: their lengths need no square root.
+        # Most edges need no change, and for these no square root.
         more = spacing[b] - spacing[a]
         if more > 0:
             dx, dy = growth * (x[a, 0] - x[b, 0]), growth * (x[a, 1] - x[b, 1])
@@ -39,8 +39,8 @@ def limit_gradation(x: Reals2, cells: Ints2, spacing: Reals1, lowered: Ints1, gr
     """Lower target ``spacing`` (N,) [m] until it grows by at most ``growth`` along every edge of the cells (M, 3).
 
     Sweeps over the cells, forwards and backwards, until one changes nothing; returns how many it took. x (N, 2) [m].
-    lowered (N,), zero before: the number of the visit, of all sweeps, in which a target was lowered last. Cells of
-    which none was since their last visit are passed over.
+    lowered (N,), zero before: the number of the visit, of all sweeps, in which a target was lowered last. Cells are
+    skipped if none of their targets was lowered since their last visit.
     """
     sweeps = 0
     ti.loop_config(serialize=True)

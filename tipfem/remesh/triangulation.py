@@ -18,8 +18,6 @@ from tipfem.remesh.edges.long_edges import NEEDED, REMOVED, STORED
 from tipfem.remesh.volumes import label_components
 from tipfem.typing import Array
 
-# Nanoseconds of work at a cell when it is gathered, looked through for flips, for films and for crowding particles.
-GATHER, FIND_FLIPS, FIND_FILMS, FIND_CROWDING = 20.0, 40.0, 10.0, 15.0
 MUCH_LONGER = coarsen_refine.MUCH_LONGER
 
 
@@ -32,7 +30,7 @@ class Crowding(NamedTuple):
         to_interface: distance of a particle inside a fluid to an edge of an interface or a wall.
         film: distance of an interface to a wall, and of a contact to the next particle on the wall.
         least_area: twice the area that a collapse must leave each cell, in target spacings squared.
-        long_edge: length from which on edges are long; 0 if they are not asked for.
+        long_edge: length above which edges are long; 0 if they are not wanted.
     """
 
     too_close: float
@@ -49,11 +47,11 @@ class Triangulation:
 
     Attributes:
         state: (N, COLUMNS) position, velocity, acceleration, pressure, lumped mass and target spacing of the particles;
-            the columns' names stand in `edge_operations`.
+            see `edge_operations` for the columns.
         cells, neighbours, fluid, corner: see `edge_operations.TriangleArrays`.
         wall: (N,) 1 for wall particles.
         density: (F,) of the fluids [kg/m^3].
-        removed: particles that were removed and are not inserted elsewhere yet, the free list of new ones.
+        removed: free list: the particles that were removed and have not been inserted again.
     """
 
     state: Array
@@ -72,15 +70,15 @@ class Triangulation:
 
     @classmethod
     def of(cls, particles: Particles, mesh: Mesh, density: Array, measure: Array, tolerance: float) -> Triangulation:
-        """A copy of a mesh, moved to where its particles are, with room for some more cells.
+        """A copy of a mesh at its particles' positions, with room for some more cells.
 
-        Its cells are marked stale where `make_delaunay` may have something to flip with ``tolerance``.
+        Its cells are marked stale where `make_delaunay` with ``tolerance`` may flip edges.
 
         Args:
             particles: the N particles, with target spacings.
             mesh: M triangles, which have fluids.
             density: (F,) of the fluids [kg/m^3].
-            measure: (M,) areas of the triangles where the particles are [m^2].
+            measure: (M,) areas of the triangles at the particles' positions [m^2].
             tolerance: see `make_delaunay`.
         """
         assert mesh.fluid is not None
@@ -104,7 +102,7 @@ class Triangulation:
             corner,
             stale,
             tolerance,
-            work=(elements, GATHER),
+            work=(elements, flips.GATHER),
         )
         wall = particles.wall.astype(np.int32)
         t = cls(state, cells, neighbours, fluid, corner, wall, density)
@@ -120,14 +118,14 @@ class Triangulation:
         return {"velocity": velocity, "acceleration": acceleration, "pressure": pressure, "target": spacing}
 
     def make_delaunay(self, tolerance: float, *, stale_only: bool = False) -> int:
-        """Flip edges that are not Delaunay; how many flips it took.
+        """Flip edges that are not Delaunay, and return the number of flips.
 
         Args:
             tolerance: how far a particle may be inside a circumcircle, see `edge_operations.in_circle`.
-            stale_only: look only at cells that this object has marked or changed since the last time.
+            stale_only: examine only cells that were marked or changed since the last call.
 
         Raises:
-            TriangulationError: the flips did not come to an end.
+            TriangulationError: flipping did not terminate.
         """
         elements = len(self.cells)
         if not stale_only:
@@ -140,7 +138,7 @@ class Triangulation:
                 self.fluid,
                 self._stale,
                 tolerance,
-                work=(elements, FIND_FLIPS),
+                work=(elements, flips.FIND_FLIPS),
             )
         counters, stack = np.zeros(flips.COUNTERS, dtype=np.int32), np.empty(max(8 * elements, 64), dtype=np.int32)
         while True:
@@ -162,7 +160,7 @@ class Triangulation:
             )
             count = int(counters[flips.FLIPS])
             if counters[flips.ENDLESS]:
-                raise TriangulationError(f"flipping edges does not come to an end ({count} flips)")
+                raise TriangulationError(f"flipping edges does not terminate ({count} flips)")
             if not counters[flips.STACK_FULL]:
                 return count
 
@@ -178,7 +176,7 @@ class Triangulation:
         removed = np.flatnonzero(self.fluid < 0)
         if not len(removed):
             return
-        # The last cells take the places of removed ones.
+        # The last cells replace removed ones.
         count = len(self.cells) - len(removed)
         last = np.arange(count, len(self.cells))
         source, goal = last[self.fluid[count:] >= 0], removed[removed < count]
@@ -197,7 +195,7 @@ class Triangulation:
             array[far] = number[array[far]]
 
     def longest_edges(self, long: float, most: int | None = None) -> tuple[Array, int]:
-        """The longest edges, in targets, but first those of interfaces and hull that are longer than ``long``.
+        """The longest edges, relative to their targets; those of interfaces and hull longer than ``long`` come first.
 
         Args:
             long: in target spacings.
@@ -244,12 +242,16 @@ class Triangulation:
         film: float,
         sliver: float,
     ) -> tuple[int, int]:
-        """Let interfaces meet walls where they point to, break films, absorb slivers beside interfaces.
+        """Slide contacts along walls in the direction of their interfaces, break films, absorb slivers at interfaces.
 
         Args:
             held: (N,) mask of contacts that do not slide along their wall.
             displacement: (N, 2) of the particles in the step [m].
-            reach, gap, least_area, film, sliver: limits, see `films_contacts.repair_interfaces`.
+            reach: largest displacement of a contact; this and the other limits as in `films_contacts`.
+            gap: distance of a contact to the next particles on its wall.
+            least_area: twice the area that every cell must keep.
+            film: height below which a film breaks.
+            sliver: height below which a cell at an interface is absorbed.
 
         Returns:
             How many cells changed their fluid because films broke, and because they were slivers.
@@ -278,7 +280,7 @@ class Triangulation:
                 np.empty(films_contacts.SCRATCH, dtype=np.int32),
                 flag,
                 slide,
-                work=(elements, FIND_FILMS),
+                work=(elements, films_contacts.CELL),
             )
             slide, limits[films_contacts.FILM] = 0, 0.0
             if counters[films_contacts.BROKEN]:
@@ -299,8 +301,8 @@ class Triangulation:
             every_edge: whether all long edges are wanted.
 
         Returns:
-            What `longest_edges` returns then, of as many edges as are wanted; or `long_edges`, if ``every_edge``; no
-            edges if limits.long_edge is 0.
+            The same as `longest_edges` afterwards, with as many edges as are wanted; or as `long_edges` if
+            ``every_edge``; no edges if limits.long_edge is 0.
         """
         elements, count = len(self.cells), len(self.state)
         counters, size = np.zeros(coarsen_refine.COUNTERS, dtype=np.int32), 3 * elements if limits.long_edge else 1
@@ -325,14 +327,14 @@ class Triangulation:
             np.empty(coarsen_refine.SCRATCH, dtype=np.int32),
             np.empty(count, dtype=np.int32),
             np.empty(elements),
-            work=(elements, FIND_CROWDING),
+            work=(elements, coarsen_refine.CELL),
         )
         self.removed = np.concatenate([self.removed, removed[: counters[REMOVED]]])
         self._changed(counters[REMOVED])
         return _sorted(edges, keys, int(counters[STORED])), int(counters[NEEDED])
 
     def provide(self, count: int) -> None:
-        """Let `removed` hold at least ``count`` particles, by creating some."""
+        """Create particles until `removed` holds at least ``count``."""
         more = count - len(self.removed)
         if more > 0:
             first = len(self.state)
@@ -360,14 +362,14 @@ class Triangulation:
         return number, kept
 
     def _changed(self, count: int, *, of_fluids: bool = False) -> None:
-        """Reset what so many changes have made wrong."""
+        """Reset the data that ``count`` changes have made invalid."""
         if count:
             self._marks = None
             if of_fluids:
                 self._stale = np.full(len(self.cells), STALE, dtype=np.int8)
 
     def candidates(self) -> int:
-        """How many edges are looked at for insertion sites of the particles of `removed`."""
+        """How many edges are examined for insertion sites of the particles of `removed`."""
         return int(coarsen_refine.insertion_candidates(len(self.removed)))
 
     def refine(self, edges: Array, room: float) -> None:

@@ -1,6 +1,6 @@
 """Kernels that label the connected components of fluids and keep their volumes.
 
-All run serially, in the order of the cells: sums are the same every time. Arrays are those of `volumes` and of
+All are serial, in the order of the cells, so that sums are repeatable. Arrays are those of `volumes` and of
 `tipfem.mesh.components.Components`.
 """
 
@@ -12,19 +12,19 @@ from tipfem.backend.union_find import find_root
 from tipfem.fem.element import area_of
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE
 
-TRIALS = 4  # of holding particles back, see `shift_interfaces`
+TRIALS = 4  # in which particles are held back, see `shift_interfaces`
 # Counters of `label_components`.
 COMPONENTS, INTERFACE_CELLS = 0, 1
 # Columns of the list of gradients' entries, see `gradients`.
 COMPONENT, NEXT = 0, 1
 END, FIXED = -1, -2
-# Columns of the scratch of `shift_interfaces`: where a particle's displacement and its position before begin.
+# First columns, in the scratch of `shift_interfaces`, of a particle's displacement and of its position before.
 DISPLACEMENT, BEFORE = 0, 2
 
 
 @ti.func
 def unite(label: Template, one, other):
-    """Join the component of root ``one`` with that of cell ``other``; the root of both, which is the lower one."""
+    """Join the component of root ``one`` with that of cell ``other``; return the lower of the two roots."""
     root = find_root(label, other)
     label[ti.max(one, root)] = ti.min(one, root)
     return ti.min(one, root)
@@ -97,7 +97,8 @@ def label_components(
                 n = cells[t, k]
                 if mark[n] == ON_INTERFACE:
                     beside = 1
-                # The corner's number stands in the two lowest bits: of several components, the last to end in it.
+                # The corner's number is in the two lowest bits: of several components, that with the highest corner is
+                # kept.
                 known = at[f, n]
                 if known != 4 * b + k and (known & 3 <= k or known < 0):
                     at[f, n] = 4 * b + k
@@ -120,7 +121,7 @@ def transfer_deficits(
     shares: Ints1,
     result: Reals1,
 ):
-    """Each component's deficit (K,) in equal parts with its particles: see `volumes.transfer_deficits`."""
+    """Divide each component's deficit (K,) equally among its particles: see `volumes.transfer_deficits`."""
     ti.loop_config(serialize=True)
     for f in range(old.shape[0]):
         for i in range(old.shape[1]):
@@ -197,7 +198,7 @@ def gradients(
 
 @ti.func
 def place_shifted(x: Template, nodes: Template, shift: Template, give_up):
-    """Put the particles ``nodes`` where ``shift`` (N, 4) displaces them to, or back if ``give_up``; how many moved."""
+    """Displace the particles ``nodes`` by ``shift`` (N, 4), or move them back if ``give_up``; return how many moved."""
     moved = 0
     for n in range(nodes.shape[0]):
         i = nodes[n]
@@ -212,7 +213,7 @@ def place_shifted(x: Template, nodes: Template, shift: Template, give_up):
 
 @ti.func
 def hold_back(x: Template, cells: Template, near: Template, measure: Template, shift: Template):
-    """No displacement for the particles of cells ``near`` that lost more than half of their area; how many cells."""
+    """Hold back the particles of cells ``near`` that lost more than half of their area; return how many cells."""
     halved = 0
     for n in range(near.shape[0]):
         t = near[n]
@@ -242,8 +243,8 @@ def shift_interfaces(
     """Displace the particles ``nodes`` by the sum of factor (K,) times their gradients, but by ``limit`` [m] at most.
 
     None moves at a cell that would lose more than half of its area. Positions ``x`` (N, 2) and areas (M,) are changed,
-    and ``gain`` (K,) is what the components' volumes gain. Returns how many particles moved; 0 where holding back some
-    does not help the others. shift (N, 4) is scratch.
+    and ``gain`` (K,) is increased by the change of the components' volumes. Returns how many particles moved, 0 if
+    cells still lose too much after `TRIALS` trials. shift (N, 4) is scratch.
     """
     ti.loop_config(serialize=True)
     for n in range(nodes.shape[0]):

@@ -1,8 +1,8 @@
 """Volumes of fluids whose interfaces run along edges: each connected component of a fluid keeps its own.
 
 The constraint J = 1 holds at particles, for the elements around them together. At an interface these belong to two
-fluids, and what one loses the other gains: no equation tells them apart, and no source can. So the deficit of every
-connected component is measured after each step, and made good by moving the interfaces.
+fluids, and one may lose what the other gains: no equation distinguishes them, and no source can. So the deficit of
+every connected component is measured after each step, and restored by moving the interfaces.
 """
 
 from __future__ import annotations
@@ -25,7 +25,9 @@ def label_components(
 
     Args:
         position: (N, 2) [m].
-        cells, neighbours, fluid: see `edge_operations`; removed cells (fluid -1) belong to no component, label -1.
+        cells: (M, 3), see `edge_operations.TriangleArrays`.
+        neighbours: (M, 3) of the cells.
+        fluid: (M,) of the cells; removed ones (fluid -1) belong to no component, label -1.
         fluids: F.
 
     Returns:
@@ -71,14 +73,14 @@ def with_components(mesh: Mesh, fluids: int) -> Mesh:
 def restore_volumes(
     new: Mesh, old: Mesh, moved: Array, relocated: Array, total: Array | None, limit: float, fluids: int
 ) -> Mesh:
-    """The mesh ``new`` with its interfaces moved so that each component has the volume that it should have.
+    """The mesh ``new`` with its interfaces moved so that each component has its prescribed volume.
 
     Args:
-        new: the triangles after remeshing, which know their fluids.
+        new: the triangles after remeshing, with their fluids.
         old: the mesh of the step, at its start.
         moved: (M,) areas of the old triangles after the step's motion [m^2].
         relocated: (N,) mask of the particles that were relocated.
-        total: (F,) volume that each fluid is to have [m^2]; by default what it had after the motion.
+        total: (F,) volume that each fluid is to have [m^2]; by default its volume after the motion.
         limit: of a particle's displacement in a round [m].
         fluids: F.
 
@@ -103,13 +105,13 @@ def restore_volumes(
 def transfer_deficits(old: Array, new: Array, deficit: Array, relocated: Array, count: int) -> Array:
     """Deficits of the components of a new mesh, from those of the old one.
 
-    A component hands its deficit on in equal parts with its particles: so components may merge and split.
+    The deficit of a component is divided equally among its particles, so that components may merge and split.
 
     Args:
         old: (F, N) `Components.at_particle`.
-        new: the same after remeshing; of more particles, maybe.
+        new: the same after remeshing, possibly of more particles.
         deficit: (K,) of the old components [m^2].
-        relocated: (N,) mask of particles that were relocated; they hand on nothing.
+        relocated: (N,) mask of particles that were relocated; they have no part of the deficit.
         count: K', number of new components.
 
     Returns:
@@ -121,14 +123,14 @@ def transfer_deficits(old: Array, new: Array, deficit: Array, relocated: Array, 
 
 
 def apportion(volume: Array, deficit: Array, fluid: Array, total: Array, movable: Array) -> Array:
-    """Volumes (K,) that components are to have: each its own deficit back, and what a fluid still lacks by size.
+    """Volumes (K,) that components are to have: own deficits restored, the rest of a fluid's apportioned by size.
 
     Args:
-        volume: (K,) that the components have [m^2].
+        volume: (K,) of the components [m^2].
         deficit: (K,) of the components [m^2].
         fluid: (K,) of the components.
         total: (F,) that each fluid is to have [m^2].
-        movable: (K,) mask of components whose surface can move; others keep what they have.
+        movable: (K,) mask of components whose surface can move; others keep their volume.
     """
     wanted = np.where(movable, np.maximum(volume + deficit, 0.5 * volume), volume)
     has = np.bincount(fluid, weights=wanted, minlength=len(total))
@@ -144,8 +146,8 @@ def apportion(volume: Array, deficit: Array, fluid: Array, total: Array, movable
 def move_interfaces(mesh: Mesh, volume: Array, wanted: Array, limit: float) -> Mesh:
     """Move the interfaces of a mesh until its components have the volumes wanted.
 
-    Every movable particle is displaced by sum_k lambda_k dV_k / dx, with the factors lambda that give the volumes; a
-    few rounds, for volumes are quadratic in positions.
+    Every movable particle is displaced by sum_k lambda_k dV_k / dx, with the factors lambda that give the volumes, in
+    a few rounds, because volumes are quadratic in positions.
 
     Args:
         mesh: M triangles with their components.
@@ -171,7 +173,7 @@ def move_interfaces(mesh: Mesh, volume: Array, wanted: Array, limit: float) -> M
             break
         gram, gain = np.zeros((len(wanted), len(wanted))), np.zeros(len(wanted))
         launch(kernels.gradients, x, mesh.cells, label, near, nodes, head, chain, gradient, gram)
-        # The volumes' sum is that of the tank: one combination of the factors moves nothing.
+        # The volumes sum to that of the tank, so one combination of the factors has no effect.
         factor = np.linalg.lstsq(gram, missing, rcond=1e-10)[0]
         moved = launch(
             kernels.shift_interfaces,

@@ -24,7 +24,6 @@ from tipfem.timers import timer
 from tipfem.typing import Array
 
 AXES = "xyz"
-SUM = 5.0  # nanoseconds of one thread for a particle in `work.state_sums` and `work.step_sums`
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,7 @@ class Totals:
             partials(len(sums)),
             sums,
             d,
-            work=(len(mass), SUM),
+            work=(len(mass), work_kernels.SUM),
         )
         return Totals.summed(sums, gravity, state.volume)
 
@@ -167,7 +166,7 @@ class Budget:
             shift,
             scheme.dt,
             d,
-            work=(len(mass), SUM),
+            work=(len(mass), work_kernels.SUM),
         )
         count = len(self._names)
         volume = start.material.volumes(solved.mesh.measure) + loose_volumes(start.mesh, old.fluid, count)

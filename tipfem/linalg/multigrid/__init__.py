@@ -1,1 +1,1 @@
-"""The preconditioner: multigrid on a background grid."""
+"""Multigrid on a background grid, and subdomain deflation: the preconditioner of the pressure."""

@@ -1,7 +1,7 @@
 """Subdomain deflation: each bubble of a light fluid in a heavy one is a coarse unknown of the pressure's multigrid.
 
-Inside a bubble the pressure Laplacian is as many times stronger than around it as the outer fluid is heavier: the
-pressure of the whole bubble can be wrong by a constant that no smoother reduces, and that no background grid represents
+The coefficient of the pressure Laplacian is larger inside a bubble than around it by the ratio of the densities: the
+pressure of the whole bubble can have a constant error that no smoother reduces, and that no background grid represents
 if the bubble is smaller than the grid's cells. So the coarse space is extended by the functions that are one on a
 bubble and zero elsewhere: R. A. Nicolaides, Deflation of conjugate gradients with applications to boundary value
 problems, SIAM J. Numer. Anal. 24, 1987.
@@ -24,8 +24,8 @@ from tipfem.linalg.multigrid.mesh_transfer import residual_row
 from tipfem.linalg.sparsity import Csr
 from tipfem.typing import Array
 
-# There are no bubbles where the density's largest ratio is less than this; else the light elements are those below the
-# geometric mean of the lowest and the highest density.
+# Smallest ratio of densities at which there are bubbles. The light elements are then those below the geometric mean of
+# the lowest and the highest density.
 DENSITY_RATIO = 10.0
 # Components of more particles than this are left to the coarse grids.
 LARGEST = 2000
@@ -100,7 +100,7 @@ def set_energies(
 
 @ti.func
 def deflate(row_offsets: Template, columns: Template, values: Template, vectors: Template, subdomains: Template, nodes):
-    """Add a constant to the solution in each bubble in turn, so that the sum of the equations there holds."""
+    """Add a constant to the solution in one bubble after the other, so that the sum of its equations holds."""
     for k in range(subdomains[0] - 1):
         residual = 0.0
         for m in range(subdomains[k], subdomains[k + 1]):
@@ -115,14 +115,14 @@ def deflate(row_offsets: Template, columns: Template, values: Template, vectors:
 def deflate_serially(
     row_offsets: Ints1, columns: Ints1, values: Reals1, vectors: Reals1, subdomains: Ints1, nodes: ti.i32
 ):
-    """`deflate` by one thread."""
+    """`deflate`, serially."""
     ti.loop_config(serialize=True)
     for _ in range(1):
         deflate(row_offsets, columns, values, vectors, subdomains, nodes)
 
 
 class SubdomainDeflation:
-    """The coarse space of a step's bubbles: connected components of the light fluid, but for the largest.
+    """The coarse space of a step's bubbles: all connected components of the light fluid except the largest.
 
     Args:
         cells: (M, d + 1) device array.
@@ -130,8 +130,8 @@ class SubdomainDeflation:
         extremes: lowest and highest density.
         shape: M, N and d + 1.
         matrix: the pressure Laplacian.
-        vectors: the cycle's on the mesh, see `tipfem.linalg.multigrid.grid_hierarchy`.
-        buffers: where arrays live between steps.
+        vectors: those of the cycle on the mesh, see `tipfem.linalg.multigrid.grid_hierarchy`.
+        buffers: that hold the arrays between steps.
 
     Attributes:
         count: number of bubbles.
@@ -162,7 +162,7 @@ class SubdomainDeflation:
             launch(set_energies, *matrix, label, self.subdomains, vectors, self.count, nodes)
 
     def correct(self) -> None:
-        """Add a constant to the solution in each bubble, so that the sum of the equations there holds."""
+        """Add a constant to the solution in each bubble, so that the sum of its equations holds."""
         if self.count:
             launch(deflate_serially, *self._matrix, self._vectors, self.subdomains, self._nodes)
 

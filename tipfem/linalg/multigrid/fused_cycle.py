@@ -1,4 +1,4 @@
-"""The V(1,1)-cycle of `v_cycle` in one launch, by threads of a processor that wait for each other."""
+"""The V(1,1)-cycle of `v_cycle` in one launch, by CPU threads that wait for each other at barriers."""
 
 import taichi as ti
 
@@ -22,15 +22,15 @@ from tipfem.linalg.multigrid.mesh_transfer import (
     restrict_to_line,
 )
 
-CYCLE = 300.0  # nanoseconds of one thread for all that a cycle does for a mesh node
+CYCLE = 300.0  # nanoseconds of one thread for a mesh node in `cycle_from_zero`
 
 
 @ti.func
 def _visit(levels: Template, grid: Template, level, down, barrier: Template, thread, threads, dim: Template):
     """Item 2 of the cycle on a level if ``down``, else item 4.
 
-    One function for both, so that the product with the stencil stands in the kernel once: compiled code is made ready
-    at every start.
+    One function for both, so that the product with the stencil is compiled once: compiled kernels are loaded at every
+    start of a program.
     """
     if not down:
         for axis in ti.static(range(dim)):
@@ -75,7 +75,7 @@ def cycle(
     for i in range(mine, end):
         vectors[RESIDUAL * nodes + i] = residual_row(row_offsets, columns, values, vectors, SOLUTION, i, nodes)
     synchronise(barrier, threads)
-    # Lines are dealt out in turn: of lines side by side, one thread's might hold most of the particles.
+    # Lines are distributed cyclically, because one block of adjacent lines may hold most of the particles.
     for k in range((lines(grid, 0) - thread + threads - 1) // threads):
         restrict_to_line(vectors, coordinates, cell_lists, levels, grid, k * threads + thread, nodes, dim)
     synchronise(barrier, threads)

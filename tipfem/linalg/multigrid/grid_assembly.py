@@ -1,12 +1,12 @@
-"""Kernels that bring the mesh to the finest background grid: which grid cell each node is in, and the operator there.
+"""Kernels for the finest background grid: the grid cell of each mesh node, and the operator by a Galerkin product.
 
 A mesh edge that spans more than the stencils' reach, as in a graded mesh where it is much coarser than the grid, is
-replaced by a chain of springs: m of them, m times as stiff, with m - 1 further nodes between, its links. For whoever
-knows the two ends alone the chain is the edge: eliminating the links gives it back. So the grid's operator is right for
-all that is smooth along the edge, and every node of a chain has neighbours in the next grid cells only.
+replaced by a chain of springs: m of them, m times as stiff, with m - 1 nodes between them, its links. Eliminating
+the links gives the edge back. So the grid's operator is accurate for functions that are smooth along the edge, and the
+neighbours of every node of a chain are in adjacent grid cells.
 
 Grids are laid out as in `grid_hierarchy`; for ``coordinates`` (N, d) of mesh nodes see `grid_hierarchy.cell_index`, for
-``cell_lists`` `mesh_transfer`. Links are numbered behind the N nodes of the mesh.
+``cell_lists`` `mesh_transfer`. Links are numbered after the N nodes of the mesh.
 """
 
 import taichi as ti
@@ -14,11 +14,11 @@ import taichi as ti
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel, part_of
 from tipfem.linalg.multigrid.grid_hierarchy import (
-    PLACES,
     RESIDUAL,
     SHAPE,
     SIZE,
     STENCIL,
+    STENCIL_WIDTH,
     cell_number,
     cell_of,
     corners,
@@ -29,36 +29,36 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
 )
 from tipfem.linalg.sparsity import insertion_sort, post_increment
 
-# Nanoseconds of one thread for a mesh node: to find its grid cell; its chains; its part of the Galerkin product.
+# Nanoseconds of one thread for a mesh node in `locate_nodes`; in `count_links` and `place_links`; in `assemble_finest`.
 LOCATE, CHAINS, PRODUCT = 10.0, 30.0, 60.0
 
 
 @ti.func
-def place_of(coordinates: Template, i, dim: Template):
+def point_of(coordinates: Template, i, dim: Template):
     """Coordinates of node ``i`` as a vector (dim,)."""
     return ti.Vector([coordinates[i, k] for k in ti.static(range(dim))])
 
 
 @ti.func
 def spring_count(coordinates: Template, grid: Template, i, j, dim: Template):
-    """Of how many springs the edge between two nodes consists: 1 if their grid cells are neighbours or the same."""
+    """Number of springs of the edge between two nodes: 1 if their grid cells are adjacent or the same."""
     shift = ti.abs(cell_of(coordinates, grid, j, dim) - cell_of(coordinates, grid, i, dim))
     number = 1
     if shift.max() > 1:
-        edge = place_of(coordinates, j, dim) - place_of(coordinates, i, dim)
-        # A little more than the length: no spring then reaches over a whole grid cell, whatever the round-off.
+        edge = point_of(coordinates, j, dim) - point_of(coordinates, i, dim)
+        # Slightly more than the length, so that no spring spans a whole grid cell, whatever the round-off.
         number = ti.max(2, ti.cast(ti.ceil(ti.abs(edge).max() + 1e-9), ti.i32))
     return number
 
 
 @ti.func
-def add_hat(rows: Template, row, value, place, coordinates: Template, grid: Template, dim: Template):
-    """Add ``value`` times the hat functions at ``place`` (dim,), in or beside the grid cell of ``row``, to that row."""
+def add_hat(rows: Template, row, value, point, coordinates: Template, grid: Template, dim: Template):
+    """Add ``value`` times the hat functions at ``point`` (dim,), in or beside the grid cell of ``row``, to that row."""
     cell = cell_of(coordinates, grid, row, dim)
     at, inside = ti.Vector.zero(ti.i32, dim), ti.Vector.zero(float, dim)
     for k in ti.static(range(dim)):
-        index = ti.max(ti.min(ti.cast(ti.floor(place[k]), ti.i32), grid[0, SHAPE + 3 - dim + k] - 2), 0)
-        at[k], inside[k] = index - cell[k], place[k] - index
+        index = ti.max(ti.min(ti.cast(ti.floor(point[k]), ti.i32), grid[0, SHAPE + 3 - dim + k] - 2), 0)
+        at[k], inside[k] = index - cell[k], point[k] - index
     for corner in ti.static(corners(dim)):
         entry = 0
         w = value
@@ -146,8 +146,8 @@ def place_links(
             j = columns[s]
             if j > i and values[s] < 0.0:
                 m = spring_count(coordinates, grid, i, j, dim)
-                start = place_of(coordinates, i, dim)
-                piece = (place_of(coordinates, j, dim) - start) / m
+                start = point_of(coordinates, i, dim)
+                piece = (point_of(coordinates, j, dim) - start) / m
                 for n in range(1, m):
                     here = start + n * piece
                     for k in ti.static(range(dim)):
@@ -165,7 +165,7 @@ def place_links(
 
 @kernel
 def start_lists(cell_lists: Ints1, cursor: Ints1, cells: ti.i32):
-    """Numbers of nodes, as from `locate_nodes`, become the beginnings of the lists behind them in ``cell_lists``.
+    """Turn numbers of nodes, as from `locate_nodes`, into the beginnings of the lists that follow in ``cell_lists``.
 
     ``cursor`` (cells,) takes a copy of the beginnings.
     """
@@ -213,7 +213,7 @@ def _add_cell(
     """Add P^T times the rows of the mesh nodes in grid cell ``number`` to its corners' stencils."""
     corner_count = ti.static(len(corners(dim)))
     first, last = cell_lists[number], cell_lists[number + 1]
-    # All of the grid is read before anything is written: the compiler does not keep what it has read beyond that.
+    # ``grid`` is read before anything is written: the compiler would read it again after a write.
     size, at = grid[0, SIZE], ti.Vector.zero(ti.i32, corner_count)
     cell = ti.Vector.zero(ti.i32, dim)
     for k in ti.static(range(dim)):
@@ -237,9 +237,9 @@ def _add_cell(
             corner = ti.static(corners(dim)[k])
             row = q + 1 - corner[0]
             if ti.static(dim == 3):
-                row = (q // 4 + 1 - corner[0]) * PLACES + q % 4 + 1 - corner[1]
+                row = (q // 4 + 1 - corner[0]) * STENCIL_WIDTH + q % 4 + 1 - corner[1]
             for u in ti.static(range(4)):
-                to = grid[0, STENCIL] + (row * PLACES + u + 1 - corner[dim - 1]) * size + at[k]
+                to = grid[0, STENCIL] + (row * STENCIL_WIDTH + u + 1 - corner[dim - 1]) * size + at[k]
                 levels[to] = levels[to] + total[k, u]
 
 
@@ -262,15 +262,15 @@ def assemble_finest(
     """Galerkin product P^T A P on the finest grid.
 
     First A P, row by row of the mesh: ``rows`` (N, 4^d) on the grid nodes around the node's grid cell. Then each grid
-    cell adds, for its mesh nodes and links, to its 2^d corners. Long edges with positive entries, which pull nodes
-    apart, are left out with their part of the diagonal, so that rows still sum to zero. Rows of the links must be there
-    already.
+    cell adds the contributions of its mesh nodes and links to its 2^d corners. Long edges with positive entries, whose
+    springs would be of negative stiffness, are left out with their part of the diagonal, so that rows still sum to
+    zero. Rows of the links must have been computed.
     """
     ti.loop_config(serialize=serial)
     for i in range(nodes):
         for s in range(ti.static(4**dim)):
             rows[i, s] = 0.0
-        own, own_cell = place_of(coordinates, i, dim), cell_of(coordinates, grid, i, dim)
+        own, own_cell = point_of(coordinates, i, dim), cell_of(coordinates, grid, i, dim)
         for s in range(row_offsets[i], row_offsets[i + 1]):
             j = columns[s]
             m = spring_count(coordinates, grid, i, j, dim)
@@ -282,7 +282,7 @@ def assemble_finest(
                         entry = entry * 4 + cell[k] - own_cell[k] + 1 + corner[k]
                     rows[i, entry] = rows[i, entry] + values[s] * weight(coordinates, cell, j, corner, dim)
             elif values[s] < 0.0:
-                piece = (place_of(coordinates, j, dim) - own) / m
+                piece = (point_of(coordinates, j, dim) - own) / m
                 add_hat(rows, i, m * values[s], own + piece, coordinates, grid, dim)
                 add_hat(rows, i, (1 - m) * values[s], own, coordinates, grid, dim)
             else:
@@ -292,11 +292,11 @@ def assemble_finest(
         first, last = part_of(t, parts, stride, lines(grid, 0))
         for line in range(first, last):
             at, size, width = line_start(grid, 0, line, dim), grid[0, SIZE], grid[0, SHAPE + 2]
-            for place in range(ti.static(PLACES**dim)):
-                entries = grid[0, STENCIL] + place * size + at
+            for offset in range(ti.static(STENCIL_WIDTH**dim)):
+                entries = grid[0, STENCIL] + offset * size + at
                 for j in range(width):
                     levels[entries + j] = 0.0
-    # Lines of grid cells add to the lines of grid nodes on either side: those that have none in common go together.
+    # Lines of grid cells add to the lines of grid nodes on either side: lines that share none have the same colour.
     for colour in ti.static(corners(dim - 1)):
         ti.loop_config(serialize=serial)
         for t in range(parts * stride):

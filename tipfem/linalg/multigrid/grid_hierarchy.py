@@ -1,18 +1,18 @@
-"""The background grids: how their levels lie in memory, and kernels that form the operators by Galerkin products.
+"""The background grids: memory layout of their levels, and kernels that form the operators by Galerkin products.
 
-Every level is a box of grid nodes with a rim of `REACH` more on all sides, on which all values are zero, so that no
-loop asks where the grid ends. The last axis is contiguous; a line along it is what the innermost loops run over, and
-what the processor's vector units work on. A level's stencil holds the operator's entries to all grid nodes within
-`REACH`, place by place: each place is an array like the level.
+Every level is a box of grid nodes with a rim of `REACH` more on all sides, where all values are zero, so that no
+loop needs a test for the boundary. The last axis is contiguous; the innermost, vectorised loops run over a line along
+it. A level's stencil holds the operator's entries to all grid nodes within
+`REACH`, offset by offset: there is an array like the level for each.
 
-Coarsening goes axis by axis, the last axis first; between two levels lie grids that are coarser along some axes only.
-A fine node between two coarse ones takes its value from both, weighted by how strongly the operator couples it to
-either side (J. E. Dendy, J. Comput. Phys. 48, 1982, for one axis). So a bubble of a light fluid remains visible on the
-coarse grid, whatever its position between the grid lines.
+Coarsening goes axis by axis, the last axis first; between two levels there are grids that are coarser along some axes
+only. A fine node between two coarse ones takes its value from both, weighted by how strongly the operator couples it to
+either side (J. E. Dendy, J. Comput. Phys. 48, 1982, for one axis). So the
+coarse grid represents a bubble of a light fluid wherever it is between the grid lines.
 
 All grids share one flat array of reals, ``levels``: five vectors of all grids one after the other (right-hand side,
 solution, damped inverse diagonal, interpolation weights, residual), then the stencils. The integers ``grid`` (G, 14)
-say where a grid's part is. Row by row, the levels first and the grids between them behind, the columns are:
+locate the grids in it. The rows are the levels first, then the grids between them; the columns are:
 
 - `RHS`, `SOLUTION`, `DIAGONAL`, `WEIGHTS`, `RESIDUAL`: first entry of the grid's part of each vector;
 - `SIZE`: number of entries, with the rim;
@@ -22,9 +22,9 @@ say where a grid's part is. Row by row, the levels first and the grids between t
 - `NEXT`: number of the grid that is coarser along the next axis;
 - `LEVELS`: number of levels, the same in all rows.
 
-The cycle's vectors on the N mesh nodes stand in an array ``vectors`` of their own, in the same order, each from the
-entry N times its number on. In place of weights it holds `ENERGY`, see `tipfem.linalg.multigrid.deflation`; behind the
-residual lies that of the links, see `tipfem.linalg.multigrid.grid_assembly`.
+The cycle's vectors on the N mesh nodes are in an array ``vectors`` of their own, in the same order; each begins at N
+times its number. In place of weights it holds `ENERGY`, see `tipfem.linalg.multigrid.deflation`; the residual is
+followed by that of the links, see `tipfem.linalg.multigrid.grid_assembly`.
 """
 
 import itertools
@@ -36,11 +36,11 @@ from tipfem.backend.barrier import share, synchronise
 from tipfem.backend.launch import kernel, part_of
 
 REACH = 2  # a mesh edge joins nodes of neighbouring cells, whose corners are two grid nodes apart
-PLACES = 2 * REACH + 1  # of a stencil along an axis
+STENCIL_WIDTH = 2 * REACH + 1  # of a stencil along an axis
 # Vectors on the mesh and on the grids, and the columns of ``grid``.
 RHS, SOLUTION, DIAGONAL, WEIGHTS, RESIDUAL = range(5)
 VECTORS = 5
-ENERGY = WEIGHTS  # on the mesh, in place of weights
+ENERGY = WEIGHTS  # on the mesh, instead of weights
 SIZE, SHAPE, STRIDE, STENCIL, NEXT, LEVELS = 5, 6, 9, 11, 12, 13
 COLUMNS = 14
 
@@ -60,14 +60,14 @@ def lines(grid: Template, level):
 
 @ti.func
 def line_start(grid: Template, level, line, dim: Template):
-    """Where a line of a level begins, relative to the level's first entry."""
+    """First entry of a line of a level, relative to the level's first entry."""
     n = grid[level, SHAPE + 1]
     return line_at(grid, level, line // n, line % n, dim)
 
 
 @ti.func
 def line_at(grid: Template, level, i, j, dim: Template):
-    """The same for the line of numbers i, j along the axes before the last; i is 0 in 2-D. It may lie in the rim."""
+    """The same for the line of numbers i, j along the axes before the last; i is 0 in 2-D. It may be in the rim."""
     start = REACH + (j + REACH) * grid[level, STRIDE + 1]
     if ti.static(dim == 3):
         start += (i + REACH) * grid[level, STRIDE]
@@ -76,10 +76,11 @@ def line_at(grid: Template, level, i, j, dim: Template):
 
 @ti.func
 def row_shift(grid: Template, level, row, dim: Template):
-    """How far away, in entries, row ``row`` of a stencil's places lies; a row has `PLACES` of them."""
+    """Distance in entries to row number ``row`` of a stencil; a row has `STENCIL_WIDTH` offsets."""
     shift = (row - REACH) * grid[level, STRIDE + 1]
     if ti.static(dim == 3):
-        shift = (row // PLACES - REACH) * grid[level, STRIDE] + (row % PLACES - REACH) * grid[level, STRIDE + 1]
+        shift = (row // STENCIL_WIDTH - REACH) * grid[level, STRIDE]
+        shift += (row % STENCIL_WIDTH - REACH) * grid[level, STRIDE + 1]
     return shift
 
 
@@ -133,7 +134,7 @@ def weight(coordinates: Template, cell: Template, i, corner: Template, dim: Temp
 
 @ti.func
 def axis_stride(grid: Template, level, axis, dim: Template):
-    """How far apart neighbours along an axis are, in entries."""
+    """Distance of neighbours along an axis, in entries."""
     stride = 1
     if axis < dim - 1:
         stride = grid[level, STRIDE + 3 - dim + axis]
@@ -141,18 +142,18 @@ def axis_stride(grid: Template, level, axis, dim: Template):
 
 
 @ti.func
-def places_apart(axis, dim: Template):
-    """How far apart neighbouring places of a stencil along an axis are."""
+def offset_stride(axis, dim: Template):
+    """Distance, in arrays, of the arrays for neighbouring offsets of a stencil along an axis."""
     apart = 1
     for k in ti.static(range(dim - 1)):
         if axis <= k:
-            apart *= PLACES
+            apart *= STENCIL_WIDTH
     return apart
 
 
 @ti.func
 def fine_start(grid: Template, fine, coarse, line, axis, dim: Template):
-    """Where the fine line begins that has twice the coarse one's number along the axis, relative to the first entry."""
+    """First entry, relative to the grid's, of the fine line of twice the coarse one's number along the axis."""
     across = grid[coarse, SHAPE + 1]
     one, two = line // across, line % across
     if axis == dim - 2:
@@ -162,37 +163,35 @@ def fine_start(grid: Template, fine, coarse, line, axis, dim: Template):
     return line_at(grid, fine, one, two, dim)
 
 
-def parents(place: int) -> list[tuple[int, int, int, int]]:
-    """Coarsening along one axis: which entries of the fine grid add to the entry ``place`` of the coarse one.
+def parents(offset: int) -> list[tuple[int, int, int, int]]:
+    """Coarsening along one axis: the entries of the fine stencil that contribute to entry ``offset`` of the coarse.
 
-    Tuples of: shift to the fine row, of twice the coarse one's number; place in the fine stencil; shift to the fine
-    column; and to which side its parent lies: -1 or 1 of an odd column, 0 of an even one.
+    Tuples of: shift to the fine row, of twice the coarse one's number; offset in the fine stencil; shift to the fine
+    column; and on which side its parent is: -1 or 1 for an odd column, 0 for an even one.
     """
     found = []
-    for near, fine_place in itertools.product((-1, 0, 1), range(PLACES)):
-        column = near + fine_place - REACH
+    for near, fine_offset in itertools.product((-1, 0, 1), range(STENCIL_WIDTH)):
+        column = near + fine_offset - REACH
         for parent in {column // 2, -(-column // 2)}:
-            if parent + REACH == place:
-                found.append((near, fine_place, column, 2 * parent - column))
+            if parent + REACH == offset:
+                found.append((near, fine_offset, column, 2 * parent - column))
     return found
 
 
 @ti.func
 def _compute_weights(levels: Template, grid: Template, fine, line, axis, dim: Template):
-    """Interpolation weights along an axis, for a line of a grid: the part of a node's value that comes from the lower
-    side.
-    """
+    """Interpolation weights along an axis, for a line of a grid: the part of a node's value from the lower side."""
     size, inside = grid[fine, SIZE], line_start(grid, fine, line, dim)
     entries = grid[fine, STENCIL] + inside
     weights = grid[fine, WEIGHTS] + inside
-    apart = places_apart(axis, dim)
+    apart = offset_stride(axis, dim)
     for j in range(grid[fine, SHAPE + 2]):
         lower, upper = 0.0, 0.0
-        for others in range(ti.static(PLACES ** (dim - 1))):
-            base = others // apart * (apart * PLACES) + others % apart
+        for others in range(ti.static(STENCIL_WIDTH ** (dim - 1))):
+            base = others // apart * (apart * STENCIL_WIDTH) + others % apart
             for k in ti.static(range(REACH)):
                 lower -= levels[entries + (base + k * apart) * size + j]
-                upper -= levels[entries + (base + (PLACES - 1 - k) * apart) * size + j]
+                upper -= levels[entries + (base + (STENCIL_WIDTH - 1 - k) * apart) * size + j]
         lower, upper = ti.max(lower, 0.0), ti.max(upper, 0.0)
         both = lower + upper
         levels[weights + j] = ti.select(both > 0.0, lower / ti.max(both, 1e-300), 0.5)
@@ -207,23 +206,23 @@ def _galerkin_product(levels: Template, grid: Template, fine, coarse, line, axis
     at, weights = grid[fine, STENCIL] + inside, grid[fine, WEIGHTS] + inside
     step = 2 if axis == dim - 1 else 1
     stride = axis_stride(grid, fine, axis, dim)
-    apart = places_apart(axis, dim)
-    for others in range(ti.static(PLACES ** (dim - 1))):
-        # The place along the axis is zero here; all others are what ``others`` counts, and where its column is.
-        base = others // apart * (apart * PLACES) + others % apart
+    apart = offset_stride(axis, dim)
+    for others in range(ti.static(STENCIL_WIDTH ** (dim - 1))):
+        # ``others`` counts the offsets along the other axes; that along the axis is zero here.
+        base = others // apart * (apart * STENCIL_WIDTH) + others % apart
         shift = 0
         remainder = others
         for k in ti.static(range(dim - 1, -1, -1)):
             if k != axis:
-                shift += (remainder % PLACES - REACH) * axis_stride(grid, fine, k, dim)
-                remainder = remainder // PLACES
+                shift += (remainder % STENCIL_WIDTH - REACH) * axis_stride(grid, fine, k, dim)
+                remainder = remainder // STENCIL_WIDTH
         target, source = to + base * to_size, at + base * from_size
         for j in range(grid[coarse, SHAPE + 2]):
-            for place in ti.static(range(PLACES)):
+            for offset in ti.static(range(STENCIL_WIDTH)):
                 total = 0.0
-                for near, fine_place, column, side in ti.static(parents(place)):
+                for near, fine_offset, column, side in ti.static(parents(offset)):
                     row = near * stride + step * j
-                    value = levels[source + fine_place * apart * from_size + row]
+                    value = levels[source + fine_offset * apart * from_size + row]
                     if ti.static(near == -1):
                         value *= 1.0 - levels[weights + row]
                     if ti.static(near == 1):
@@ -233,7 +232,7 @@ def _galerkin_product(levels: Template, grid: Template, fine, coarse, line, axis
                     if ti.static(side == 1):
                         value *= 1.0 - levels[weights + shift + column * stride + step * j]
                     total += value
-                levels[target + place * apart * to_size + j] = total
+                levels[target + offset * apart * to_size + j] = total
 
 
 @kernel
@@ -242,7 +241,7 @@ def coarsen_axis(
 ):
     """Weights of the grid number ``fine`` along an axis, and the Galerkin product on the grid coarser along it.
 
-    For devices whose threads cannot wait for each other; elsewhere `coarsen_all_levels` does all in one launch.
+    For devices whose threads cannot wait for each other; on others `coarsen_all_levels` does all in one launch.
     """
     for t in range(parts * stride):
         first, last = part_of(t, parts, stride, lines(grid, fine))

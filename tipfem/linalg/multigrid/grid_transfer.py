@@ -1,7 +1,7 @@
 """Device functions of the multigrid cycle on the background grids, line by line: smoothing, residual, transfers.
 
-Grids are laid out as in `grid_hierarchy`. Where no other thread writes, ``a[i] = a[i] + b`` stands for ``a[i] += b``,
-which Taichi would make an atomic operation, many times slower.
+Grids are laid out as in `grid_hierarchy`. Where no other thread writes, ``a[i] = a[i] + b`` is used instead of
+``a[i] += b``, which Taichi makes an atomic operation, many times slower.
 """
 
 import taichi as ti
@@ -11,7 +11,6 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     DIAGONAL,
     LEVELS,
     NEXT,
-    PLACES,
     REACH,
     RESIDUAL,
     RHS,
@@ -19,6 +18,7 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     SIZE,
     SOLUTION,
     STENCIL,
+    STENCIL_WIDTH,
     WEIGHTS,
     axis_stride,
     fine_start,
@@ -28,7 +28,7 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     row_shift,
 )
 
-LANES = 64  # grid nodes that `residual_line` works on at a time
+LANES = 64  # grid nodes that `residual_line` processes together
 COARSEST_SWEEPS = 20  # of Gauss-Seidel's method
 
 
@@ -36,7 +36,7 @@ COARSEST_SWEEPS = 20  # of Gauss-Seidel's method
 def smooth_line(levels: Template, grid: Template, level, line, rhs: Template, from_zero: Template, dim: Template):
     """A line of damped Jacobi's x += D r, D the damped inverse diagonal; with x = 0 before if ``from_zero``.
 
-    ``rhs`` is the column of ``grid`` that says where r stands.
+    ``rhs`` is the column of ``grid`` for r.
     """
     inside = line_start(grid, level, line, dim)
     x, r, diagonal = grid[level, SOLUTION] + inside, grid[level, rhs] + inside, grid[level, DIAGONAL] + inside
@@ -49,16 +49,16 @@ def residual_line(levels: Template, grid: Template, level, line, dim: Template):
     """A line of the residual r = b - A x."""
     size, n = grid[level, SIZE], grid[level, SHAPE + 2]
     inside = line_start(grid, level, line, dim)
-    # Block by block in local memory: loops that write to arrays are not turned into vector instructions. All places
-    # are in one loop: unrolled, they take a third of the time less, but half a second to be compiled at every start.
+    # Block by block in local memory: loops that write to arrays are not vectorised. The loop over the stencil is not
+    # unrolled: that saves a third of the time, but costs half a second of compilation at every start.
     for block in range((n + LANES - 1) // LANES):
         entry = inside + block * LANES
         width = ti.min(LANES, n - block * LANES)
         x = grid[level, SOLUTION] + entry
         total = ti.Vector.zero(float, LANES)
-        for place in range(ti.static(PLACES**dim)):
-            entries = grid[level, STENCIL] + place * size + entry
-            near = x + row_shift(grid, level, place // PLACES, dim) + place % PLACES - REACH
+        for offset in range(ti.static(STENCIL_WIDTH**dim)):
+            entries = grid[level, STENCIL] + offset * size + entry
+            near = x + row_shift(grid, level, offset // STENCIL_WIDTH, dim) + offset % STENCIL_WIDTH - REACH
             for j in range(width):
                 total[j] = total[j] + levels[entries + j] * levels[near + j]
         b, r = grid[level, RHS] + entry, grid[level, RESIDUAL] + entry
@@ -137,17 +137,17 @@ def solve_coarsest(levels: Template, grid: Template, dim: Template):
             g = n * width - 1 - g
         inside = line_start(grid, last, g // width, dim) + g % width
         residual = levels[b + inside]
-        for row in range(ti.static(PLACES ** (dim - 1))):
+        for row in range(ti.static(STENCIL_WIDTH ** (dim - 1))):
             near = x + inside + row_shift(grid, last, row, dim) - REACH
-            entries = grid[last, STENCIL] + row * PLACES * size + inside
-            for k in ti.static(range(PLACES)):
+            entries = grid[last, STENCIL] + row * STENCIL_WIDTH * size + inside
+            for k in ti.static(range(STENCIL_WIDTH)):
                 residual -= levels[entries + k * size] * levels[near + k]
         levels[x + inside] = levels[x + inside] + levels[diagonal + inside] * residual
 
 
 @ti.func
 def partly_coarsened(grid: Template, level, axis: Template, dim: Template):
-    """Number of the grid that is coarser than a level along all axes behind ``axis``; axis -1 gives the next level."""
+    """Number of the grid that is coarser than a level along all axes after ``axis``; axis -1 gives the next level."""
     number = level
     for _ in ti.static(range(dim - 1 - axis)):
         number = grid[number, NEXT]

@@ -12,13 +12,13 @@ from tipfem.backend.launch import kernel
 from tipfem.linalg.multigrid.grid_hierarchy import (
     DIAGONAL,
     LEVELS,
-    PLACES,
     RESIDUAL,
     RHS,
     SHAPE,
     SIZE,
     SOLUTION,
     STENCIL,
+    STENCIL_WIDTH,
     cell_of,
     corners,
     entry,
@@ -28,7 +28,7 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
 from tipfem.linalg.multigrid.grid_transfer import smooth_line
 
 OMEGA = 0.8  # damping of Jacobi's method
-MESH_ROW = 30.0  # nanoseconds of one thread for a mesh node's row of the matrix
+MESH_ROW = 30.0  # nanoseconds of one thread for a mesh node in `damped_inverse_diagonals`
 
 
 @ti.func
@@ -48,13 +48,13 @@ def pre_smooth_node(vectors: Template, i, nodes):
 
 @ti.func
 def correct_node(vectors: Template, coordinates: Template, levels: Template, grid: Template, i, nodes, dim: Template):
-    """x and the grids' correction at mesh node ``i``; it replaces the residual, so that the sweep after it reads it."""
+    """x plus the grids' correction at mesh node ``i``, written over the residual, where post-smoothing reads it."""
     vectors[RESIDUAL * nodes + i] = vectors[SOLUTION * nodes + i] + interpolated(coordinates, levels, grid, i, dim)
 
 
 @ti.func
 def post_smooth_node(row_offsets: Template, columns: Template, values: Template, vectors: Template, i, nodes):
-    """Damped Jacobi's method at mesh node ``i``, from what `correct_node` left; 0 where there is no equation."""
+    """Damped Jacobi's method at mesh node ``i``, after `correct_node`; 0 where there is no equation."""
     residual = residual_row(row_offsets, columns, values, vectors, RESIDUAL, i, nodes)
     diagonal = vectors[DIAGONAL * nodes + i]
     vectors[SOLUTION * nodes + i] = ti.select(diagonal > 0.0, vectors[RESIDUAL * nodes + i] + diagonal * residual, 0.0)
@@ -133,7 +133,7 @@ def damped_inverse_diagonals(
         level = 0
         while t >= grid[level, DIAGONAL] + grid[level, SIZE]:
             level += 1
-        middle = ti.static(PLACES**dim // 2)
+        middle = ti.static(STENCIL_WIDTH**dim // 2)
         diagonal = levels[grid[level, STENCIL] + middle * grid[level, SIZE] + t - grid[level, DIAGONAL]]
         damping = 1.0 if level == grid[0, LEVELS] - 1 else OMEGA
         levels[t] = ti.select(diagonal > 0.0, damping / diagonal, 0.0)

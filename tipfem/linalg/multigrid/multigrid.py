@@ -2,7 +2,7 @@
 
 The mesh changes every step, the grid does not. Particles interpolate (multi-)linearly to a uniform grid of about twice
 their spacing; below it, grids coarsen by two. All coarse operators are Galerkin products, so they represent the jump of
-the density; their stencils reach two grid nodes in every direction. Sums are gathered, never scattered with atomic
+density; their stencils reach two grid nodes in every direction. Sums are gathered, never scattered with atomic
 operations: results are repeatable bit by bit.
 """
 
@@ -30,11 +30,11 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     GRID_NODE,
     LEVELS,
     NEXT,
-    PLACES,
     REACH,
     SHAPE,
     SIZE,
     STENCIL,
+    STENCIL_WIDTH,
     STRIDE,
     VECTORS,
     coarsen_all_levels,
@@ -52,13 +52,13 @@ class BackgroundMultigrid:
     Args:
         lower, upper: (d,) corners of the box [m].
         spacing: of the finest grid [m]; about twice that of the particles.
-        buffers: where the arrays live between steps.
+        buffers: that hold the arrays between steps.
 
     Attributes:
         dimension, spacing, lower: as given.
         shapes: (L, d) numbers of grid nodes of the levels along the axes.
-        layout: (G, 14) where the grids lie in memory, see `grid_hierarchy`.
-        fused: whether a cycle is one launch; on processors it is.
+        layout: (G, 14) memory layout of the grids, see `grid_hierarchy`.
+        fused: whether a cycle is one launch; it is on CPUs.
         grid, levels: device arrays of the grids, see `grid_hierarchy`.
         vectors, coordinates, cell_lists: device arrays of the mesh nodes, see `mesh_transfer`; set by `build`.
     """
@@ -76,7 +76,7 @@ class BackgroundMultigrid:
         self._cells = int(self.shapes[0].prod())
         self.layout, self._passes, entries = _layout(self.shapes)
         self.grid = buffers.upload("multigrid.grid", self.layout)
-        # Rims are zero and stay so: no kernel writes there.
+        # Rims stay zero: no kernel writes there.
         self.levels = buffers.upload("multigrid.levels", np.zeros(entries))
         self._lower = buffers.upload("multigrid.lower", self.lower)
         self._nodes, self.fused = 0, available()
@@ -85,11 +85,11 @@ class BackgroundMultigrid:
         self.cell_lists: Any = None
 
     def build(self, position: Any, matrix: Csr, nodes: int) -> None:
-        """Take over a Laplacian on the mesh, and form the coarse operators.
+        """Set the Laplacian on the mesh, and form the coarse operators.
 
         Args:
             position: (N, d) device array of the particles [m].
-            matrix: on the device; rows sum to zero, but for Dirichlet conditions.
+            matrix: on the device; rows sum to zero, except for Dirichlet conditions.
             nodes: N.
         """
         self._nodes, self._matrix = nodes, matrix
@@ -104,7 +104,7 @@ class BackgroundMultigrid:
         self.vectors = get("multigrid.vectors", (VECTORS - 1) * nodes + count)
         if count > nodes:
             if count > min(self.coordinates.shape[0], lists.shape[0] - cells - 1):
-                lists = self._locate(position, nodes, count)  # larger arrays are empty
+                lists = self._locate(position, nodes, count)  # the larger arrays are new, and so empty
             launch(
                 place_links,
                 *matrix,
@@ -142,7 +142,7 @@ class BackgroundMultigrid:
         )
 
     def _locate(self, position: Any, nodes: int, count: int) -> Any:
-        """Find the mesh nodes' grid cells, with room for ``count`` nodes and links; the array ``cell_lists``."""
+        """Find the mesh nodes' grid cells, with room for ``count`` nodes and links; return the array ``cell_lists``."""
         get, dim = self.buffers.get, self.dimension
         self.coordinates = get("multigrid.coordinates", count, dim)
         self.cell_lists = get("multigrid.cell_lists", self._cells + 1 + count, integer=True)
@@ -179,7 +179,7 @@ class BackgroundMultigrid:
 
 
 def _layout(shapes: Array) -> tuple[Array, list[tuple[int, int]], int]:
-    """Where grids whose levels have ``shapes`` (L, d) lie in memory, see `grid_hierarchy`.
+    """Memory layout of grids whose levels have ``shapes`` (L, d), see `grid_hierarchy`.
 
     Returns:
         The rows of ``grid`` (G, 14); the passes that coarsen the levels, as (grid, axis) from a grid to the one that is
@@ -199,19 +199,19 @@ def _layout(shapes: Array) -> tuple[Array, list[tuple[int, int]], int]:
             fine = coarse
     grid = np.zeros((len(every), COLUMNS), dtype=np.int32)
     grid[:, LEVELS] = count
-    # Loops may read, to no effect, a little beyond the rim; also before the first grid and behind the last one.
+    # Loops may read, to no effect, a little beyond the rim, so also before the first grid and after the last.
     margin = 3 * int(np.prod(shapes[0] + 2 * REACH) // (shapes[0][0] + 2 * REACH) * 2 + 1)
     start, stencil = margin, 0
     for row, shape in zip(grid, every, strict=True):
         with_rim = [n + 2 * REACH for n in shape]
-        # Places of a stencil must not lie a multiple of 4 kB apart, or they compete for the same lines of the cache.
+        # The arrays of a stencil must not be a multiple of 4 kB apart, or they compete for the same cache lines.
         size = int(np.prod(with_rim))
         size += (24 - size) % 512
         row[:VECTORS], row[SIZE], row[STENCIL] = start, size, stencil
         row[SHAPE : SHAPE + 3] = [1] * (3 - dim) + shape
         row[STRIDE : STRIDE + 2] = [0] * (3 - dim) + [int(np.prod(with_rim[k + 1 :])) for k in range(dim - 1)]
         start += size
-        stencil += size * PLACES**dim
+        stencil += size * STENCIL_WIDTH**dim
     entries = start + margin  # of one vector
     grid[:, :VECTORS] += np.arange(VECTORS, dtype=np.int32) * entries
     grid[:, STENCIL] += VECTORS * entries

@@ -13,10 +13,10 @@ With D the damped inverse diagonal of an operator A, b the right-hand side and r
 
 See W. L. Briggs, V. E. Henson, S. F. McCormick, A Multigrid Tutorial (2000), chapter 3.
 
-All that is done for a node or a line stands in `mesh_transfer` and `grid_transfer`. There are two drivers, because
-Taichi shares only the outermost loops of a kernel among threads. Here each stage is such a loop: all threads have done
-one before the next begins, on every device. `tipfem.linalg.multigrid.fused_cycle` has one outermost loop, over threads
-that share the stages and wait for each other: one launch and a tenth of the waiting, on processors only.
+The operations on a node or a line are in `mesh_transfer` and `grid_transfer`. There are two drivers, because Taichi
+shares only the outermost loops of a kernel among threads. Here each stage is such a loop: on every device, one ends
+before the next begins. `tipfem.linalg.multigrid.fused_cycle` has one outermost loop, over threads that share the stages
+and wait for each other at barriers: one launch and a tenth of the waiting, on CPUs only.
 """
 
 import taichi as ti
@@ -83,7 +83,7 @@ def descend(levels: Reals1, grid: Ints2, level: ti.i32, dim: Template, parts: ti
 
 @kernel
 def solve_coarsest_level(levels: Reals1, grid: Ints2, dim: Template):
-    """Item 3, by one thread."""
+    """Item 3, serially."""
     ti.loop_config(serialize=True)
     for _ in range(1):
         solve_coarsest(levels, grid, dim)

@@ -1,1 +1,1 @@
-"""Kernels that flip, split and collapse edges."""
+"""Kernels that flip, split and collapse edges of a triangulation."""

@@ -1,8 +1,8 @@
 """Kernels that remove particles from a triangulation and insert some, in place, on `edge_operations.TriangleArrays`.
 
-A look at all cells runs in parallel and flags what needs attention; the few changes that follow are made serially.
+All cells are examined and flagged in parallel; the few changes that follow are made serially.
 Limits are relative to the target spacings where they are applied, those of areas to the squares. A collapse changes the
-masses of particles; the momentum that this would change is given to the particles around, unless one belongs to a wall.
+masses of particles; the change of momentum is distributed to the particles around, unless one belongs to a wall.
 """
 
 from typing import Any, NamedTuple
@@ -46,11 +46,12 @@ MOST, WAITING, EVERY_EDGE, OPTIONS = 0, 1, 2, 3
 COUNTERS = 3  # of `coarsen`: REMOVED, STORED, NEEDED
 # Counters of `refine`.
 INSERTED, CELLS_USED = 0, 1
-# Bits of the flags of particles that crowd others: who is near.
+# Bits of the flags of particles that crowd others: what is near.
 NEAR_PARTICLE, NEAR_BORDER, NEAR_HULL = 1, 2, 4
 SCRATCH = 3 * (STAR + 1) + 1  # entries: two stars, and the particles of one
-MUCH_LONGER = 1.4  # times the limit of long edges: inside a fluid, only longer ones need a particle
-SHORT_SIDE = 0.8  # of the room that a new particle needs, to the ends of its edge
+MUCH_LONGER = 1.4  # factor on the limit of long edges, above which edges inside a fluid need a particle
+SHORT_SIDE = 0.8  # factor on the room that a new particle needs, for its distance to the ends of its edge
+CELL = 15.0  # nanoseconds of one thread for a cell in `coarsen`
 ROUND_OFF = 1e-12
 FAR = 1e30
 
@@ -82,8 +83,8 @@ def flag_height(mesh: Template, limits: Template, flag: Template, t, i: Template
 def flag_crowding(mesh: Template, limits: Template, flag: Template, t):
     """Flag the particles of cell t that are near each other or a border: an edge of an interface or the hull.
 
-    Looks at the edges that the cell names (see `long_edges`) and at its borders; returns the square of the longest of
-    their lengths over their targets.
+    Examines the edges that the cell names (see `long_edges`) and its borders; returns the square of the largest ratio
+    of their lengths to their targets.
     """
     x, cells = ti.static(mesh.state, mesh.cells)
     longest = 0.0
@@ -107,7 +108,7 @@ def flag_crowding(mesh: Template, limits: Template, flag: Template, t):
 
 @ti.func
 def target_on_hull(mesh: Template, limits: Template, star: Template, count, p, contact):
-    """The nearer neighbour on the hull of a particle p on it; -1 if it is not near.
+    """The nearer neighbour on the hull of a particle p on it; -1 if it is not close.
 
     ``contact``: whether an interface ends at p.
     """
@@ -120,7 +121,7 @@ def target_on_hull(mesh: Template, limits: Template, star: Template, count, p, c
 
 @ti.func
 def target_on_interface(mesh: Template, limits: Template, p, number, first, second):
-    """The nearer neighbour on the interface of a particle p that it passes through; -1 if it is not near.
+    """The nearer neighbour on the interface that passes through particle p; -1 if it is not close.
 
     Also -1 where interfaces touch, so that more than two (``number``) of their edges leave p.
     """
@@ -165,7 +166,7 @@ def target_inside(mesh: Template, limits: Template, star: Template, count, p, ne
 
 @ti.func
 def collapse_target(mesh: Template, limits: Template, flag: Template, star: Template, count, closed, p):
-    """Into which neighbour a flagged particle p is to be moved.
+    """The neighbour into which a flagged particle p is to be moved.
 
     Args:
         mesh: the arrays.
@@ -206,8 +207,10 @@ def keep_enclosed_area(mesh: Template, star: Template, count, a, p, q, b, least)
         mesh: the arrays.
         star: the cells around q.
         count: how many.
-        a, b: the interface's particles beside p and q.
-        p, q: as before; p is still where it was.
+        a: the interface's particle beside p.
+        p: the removed particle, whose position is kept.
+        q: the particle to be moved.
+        b: the interface's particle beside q.
         least: twice the area that every cell must keep [m^2].
 
     Returns:
@@ -260,7 +263,8 @@ def collapse_conserving_momentum(mesh: Template, room: Template, count, closed, 
         room: `Room` with the cells around p in its star.
         count: how many cells there are around p.
         closed: 1 if they surround p.
-        p, q: the particles.
+        p: the particle to be removed.
+        q: its neighbour.
         a: the interface's particle beside p, if q is to move so that the area enclosed stays; -1 if q is to stay.
         least: twice the area that every cell must keep [m^2].
     """
@@ -285,7 +289,7 @@ def collapse_conserving_momentum(mesh: Template, room: Template, count, closed, 
     for m in range(count):
         if mesh.fluid[entry(star, m)] >= 0:
             mark_stale(mesh, entry(star, m))
-    # What mass the triangles gain or lose moves as the particles around did.
+    # Mass that the triangles gain or lose has the mean velocity of the particles around.
     lost = change[2] * mean - ti.Vector([change[0], change[1]])
     distribute_momentum(mesh, group, around, lost)
 
@@ -294,7 +298,7 @@ def collapse_conserving_momentum(mesh: Template, room: Template, count, closed, 
 def remove_crowding(mesh: Template, limits: Template, flag: Template, fixed: Template, room: Template, p):
     """Move the flagged particle p into a neighbour that it crowds, if there is one; whether p was removed.
 
-    The neighbour is flagged (N,) no more: it has room then. Otherwise all particles of a row would be removed.
+    The flag (N,) of the neighbour is cleared, because it then has room. Otherwise a whole row would be removed.
     """
     count, closed = collect_star(mesh, room.star, p)
     removed = False
@@ -322,7 +326,7 @@ def gather_long_edges(
     every,
     waiting,
 ):
-    """Store the long edges of cell t, see `coarsen`; ``span`` (M,) saves a look at cells with short edges only."""
+    """Store the long edges of cell t, see `coarsen`; ``span`` (M,) lets cells with short edges be skipped."""
     wanted = ti.min(insertion_candidates(counters[REMOVED] + waiting), edges.shape[0])
     bound = long if every != 0 else 0.5 * long
     if every == 0 and counters[STORED] == wanted:
@@ -343,7 +347,7 @@ def gather_long_edges(
 
 @ti.pyfunc
 def insertion_candidates(particles):
-    """How many edges are looked at for insertion sites of so many particles."""
+    """How many edges are examined for insertion sites of so many particles."""
     return 8 * particles + 32
 
 
@@ -373,15 +377,16 @@ def coarsen(
 
     Off interfaces and walls: those closer than limits[TOO_CLOSE] to another, or than [TO_INTERFACE] to an edge of
     interface or wall. On an interface: closer than [ALONG_INTERFACE] to the next on it, and the area enclosed is kept;
-    or closer than [FILM] to a wall, which the interface then meets; where interfaces touch, only this. On a wall:
-    closer than [ALONG_INTERFACE] to the next on it, or than [FILM] where an interface meets the wall. fixed (N,) stay.
+    or closer than [FILM] to a wall, so that the interface then ends there; where interfaces touch, only this. On a
+    wall: closer than [ALONG_INTERFACE] to the next on it, or than [FILM] at a contact. fixed (N,) stay.
     No cell is left with less than twice the area [LEAST_AREA].
 
     Afterwards, where limits[LONG_EDGE] > 0: the edges and keys (E,) of `long_edges.longest_edges` for as many particles
     as were removed and options[WAITING], in no order, or of `long_edges.long_edges` if options[EVERY_EDGE] is 1.
 
-    removed (N,): who was, at most options[MOST]. counters, zero before: [REMOVED] particles, [STORED] edges, and
-    [NEEDED] ones that should be split. scratch (SCRATCH,), flag (N,) and span (M,) are for this kernel's use.
+    removed (N,): the particles removed, at most options[MOST]. counters, zero before: [REMOVED] particles, [STORED]
+    edges, and [NEEDED] ones that should be split. scratch (SCRATCH,), flag (N,) and span (M,) are for this kernel's
+    use.
     """
     mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, corner, wall, density, stale))
     room = ti.static(room_in(scratch))
@@ -407,7 +412,7 @@ def coarsen(
 
 @ti.func
 def interpolate_midpoint(x: Template, n, b, c):
-    """Set the state of particle n to the mean of those of b and c, which changes no momentum; not its mass."""
+    """Set the state of particle n, except its mass, to the mean of those of b and c, which conserves momentum."""
     for s in range(INTERPOLATED):
         x[n, s] = 0.5 * (x[b, s] + x[c, s])
     x[n, TARGET] = target(x, b, c)
@@ -471,8 +476,8 @@ def refine(
 ):
     """Insert the ``removed`` particles (P,) in the middle of edges, in the order given.
 
-    edges (K,): names as of `long_edges`. An edge is passed over if a cell beside it was changed already or if a
-    particle stands closer than ``room`` target spacings to its middle. removed_cells (2 P + 1,): for the cells that are
+    edges (K,): names as of `long_edges`. An edge is skipped if a cell beside it was changed already or if a
+    particle is closer than ``room`` target spacings to its middle. removed_cells (2 P + 1,): for the cells that are
     created. A new particle takes the mean of the two states; on the edge of a wall it belongs to the wall. touched
     (M,), zero before: cells that were changed. counters, zero before: [INSERTED] particles, the first of ``removed``,
     and [CELLS_USED] of the removed ones.

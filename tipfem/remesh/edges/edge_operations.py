@@ -1,6 +1,6 @@
 """Changes to a triangulation in place, as Taichi functions: flips, collapses and splits of edges.
 
-All functions here are for one thread: what they change is shared by neighbours.
+All functions here are serial, because neighbouring cells share what they change.
 """
 
 from typing import Any, NamedTuple
@@ -9,7 +9,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Template
 
-# More cells than this around one particle are not collected; six is the mean.
+# Largest number of cells around one particle that is collected; six is the mean.
 STAR = 60
 # Columns of the particles' state, and how many there are: `POSITION`, `VELOCITY` and `ACCELERATION` begin two each.
 POSITION, VELOCITY, ACCELERATION, PRESSURE, MASS, TARGET, COLUMNS = 0, 2, 4, 6, 7, 8, 9
@@ -22,7 +22,7 @@ class TriangleArrays(NamedTuple):
     """The arrays of a triangulation of N particles and M cells.
 
     They are grouped in a kernel by ``ti.static(TriangleArrays(...))``. A group exists at compile time only; arrays that
-    the functions called do not use may be missing.
+    the functions called do not use may be None.
 
     Attributes:
         state: (N, COLUMNS) of the particles; (N, 2) positions where only these are used.
@@ -142,7 +142,7 @@ def is_border(mesh: Template, t, i: Template):
 
 @ti.func
 def replace_neighbour(mesh: Template, cell, old, new):
-    """Where ``cell`` had ``old`` as a neighbour it has ``new``; a cell of -1 is the outside."""
+    """Replace the neighbour ``old`` of ``cell`` by ``new``; a cell of -1 is the outside."""
     if cell >= 0:
         k = column_of(mesh.neighbours, cell, old)
         if k >= 0:
@@ -170,14 +170,14 @@ def should_flip(mesh: Template, t, i, tolerance):
             a, b, c = cells[t, i], cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
             d = cells[o, column_of(mesh.neighbours, o, t)]
             if in_circle(x, a, b, c, d) > tolerance:
-                # True of every edge that is not Delaunay, but for round-off: the four are in convex position.
+                # Up to round-off, the four are in convex position for every edge that is not Delaunay.
                 result = double_area(x, a, b, d) > 0 and double_area(x, a, d, c) > 0
     return result
 
 
 @ti.func
 def mark_stale(mesh: Template, t):
-    """Note that a cell and its neighbours may have an edge to flip."""
+    """Mark a cell and its neighbours, which may have an edge to flip."""
     if mesh.stale[t] == CURRENT:
         mesh.stale[t] = ti.i8(STALE)
     for k in ti.static(range(3)):
@@ -343,7 +343,7 @@ def momentum_of(x: Template, group: Template, count):
 def distribute_momentum(mesh: Template, group: Template, count, lost):
     """Give ``lost`` momentum (2,) to the first ``count`` particles of a `Segment`, by one velocity for all of them.
 
-    Nothing happens if one of them belongs to a wall, which takes the momentum.
+    No velocity changes if one of them belongs to a wall, which takes up the momentum.
     """
     mass = 0.0
     walls = 0

@@ -33,9 +33,10 @@ BROKEN, ABSORBED, COUNTERS = 0, 1, 2
 # Bits of the flags of cells.
 IN_FILM, AT_INTERFACE = 1, 2
 SCRATCH = 2 * (STAR + 1)  # entries: two stars
-FASTER = 2.0  # times as far as the interface above it, a contact slides at most
-STEEPER = 1.05  # times as high as the first particle of an interface, the second must be to give a direction
-TRIALS, SHORTER = 3, 0.3  # to slide a contact, each time this much as far as the time before
+CELL = 10.0  # nanoseconds of one thread for a cell in `repair_interfaces`
+FASTER = 2.0  # largest ratio of a contact's displacement to that of the interface's next particle
+STEEPER = 1.05  # least ratio of heights of an interface's second and first particles that gives a direction
+TRIALS, SHORTER = 3, 0.3  # trials to slide a contact, and the factor on its displacement from one to the next
 
 
 @ti.func
@@ -47,8 +48,10 @@ def contact_goal(mesh: Template, displacement: Template, limits: Template, star:
         displacement: (N, 2) of the particles in the step [m].
         limits: those of `repair_interfaces`.
         star: room for the cells around a.
-        w, a: the contact and the interface's first particle off the wall.
-        one, other: the particles ahead of w and behind it on the wall, with the fluid on the left.
+        w: the contact.
+        a: the interface's first particle off the wall.
+        one: the particle ahead of w on the wall, with the fluid on the left.
+        other: the particle behind w on the wall.
 
     Returns:
         The displacement [m]; and the direction (2,) of the wall.
@@ -113,7 +116,7 @@ def slide_contact(
     other_star: Template,
     w,
 ):
-    """Let the contact w of an interface slide to where the interface points to, if it is a simple contact."""
+    """Slide the contact w of an interface along its wall in the direction of the interface, if it is a simple one."""
     count, closed = collect_star(mesh, star, w)
     if count > 1 and closed == 0:
         number, a, _none = interface_edges(mesh, star, count, closed, w)
@@ -171,7 +174,7 @@ def break_film(mesh: Template, t):
 def is_sliver(mesh: Template, mark: Template, limits: Template, t, i: Template):
     """Whether cell t is low over its edge opposite corner i, which is long and part of an interface.
 
-    It is no sliver if the particle at the corner is itself on an interface or the hull.
+    It is not a sliver if the particle at the corner is itself on an interface or the hull.
     """
     x = ti.static(mesh.state)
     o = mesh.neighbours[t, i]
@@ -190,7 +193,7 @@ def absorb_sliver(mesh: Template, mark: Template, flag: Template, limits: Templa
     """Give cell t to the fluid beyond a long edge over which it is a sliver.
 
     Its third particle is marked (N,) as on the interface, its neighbours are flagged (M,) `AT_INTERFACE`. Returns how
-    many times the cell was given away.
+    many times the cell changed its fluid.
     """
     absorbed = 0
     for i in ti.static(range(3)):
@@ -224,22 +227,22 @@ def repair_interfaces(
     slide: ti.i32,
     serial: Template,
 ):
-    """Let interfaces meet walls where they point to, break films, and absorb slivers beside interfaces.
+    """Slide contacts along walls in the direction of their interfaces, break films, and absorb slivers at interfaces.
 
-    Contacts, but those ``fixed`` (N,), slide along walls where ``slide`` is 1: the line through the last two particles
-    of the interface off the wall, A and B, is extended to the wall, at most limits[REACH] from the foot of A. In a step
-    the contact goes at most twice as far as A did, of the particles' displacement (N, 2) [m]: the fluid wets walls by
-    its motion, and does not creep along them. The contact stays [GAP] away from the next particles on the wall, and no
-    cell is left with less than twice the area [LEAST_AREA].
+    Contacts, except those ``fixed`` (N,), slide along walls where ``slide`` is 1: the line through the last two
+    particles of the interface off the wall, A and B, is extended to the wall, at most limits[REACH] from the foot of A.
+    In a step the contact goes at most twice as far as A did, of the particles' displacement (N, 2) [m]: the fluid wets
+    walls by its motion, and does not creep along them. The contact stays [GAP] away from the next particles on the
+    wall, and no cell is left with less than twice the area [LEAST_AREA].
 
-    Films go to the fluid beside them: cells without a particle inside their fluid, lower than [FILM]. A film that thin
-    is about to let two surfaces meet, or a filament to break. Its cells go to the fluid beyond their longest edge at an
-    interface. counters: [BROKEN] cells.
+    Films go to the fluid beside them: cells without a particle inside their fluid, lower than [FILM]. At such a thin
+    film, two surfaces are about to coalesce, or a filament to break. Its cells go to the fluid beyond their longest
+    edge at an interface. counters: [BROKEN] cells.
 
-    Slivers are absorbed if no film breaks, for then marks have changed: a cell lower than [SLIVER] over an interface's
+    Slivers are absorbed if no film breaks, which would change the marks: a cell lower than [SLIVER] over an interface's
     edge longer than [LONG_EDGE] goes to the fluid beyond the edge, if its third particle is neither on an interface nor
-    on the hull: there is no room on such an edge for another one, and that one cannot be removed where others lie as
-    close. counters: [ABSORBED] cells; mark (N,) is kept up to date.
+    on the hull: there is no room on such an edge for another particle, and this one cannot be removed where others are
+    as close. counters: [ABSORBED] cells; mark (N,) is kept up to date.
 
     scratch (SCRATCH,) and flag (M,) are for this kernel's use.
     """

@@ -1,7 +1,7 @@
 """Kernels that make a triangulation Delaunay by flips; arrays are those of `edge_operations.TriangleArrays`.
 
 Edges between cells of two fluids, the interface, are never flipped; nor is the hull. A flip changes the masses of
-particles; the momentum that this would change is given to the particles around it, unless one belongs to a wall.
+particles; the change of momentum is distributed to the particles around it, unless one belongs to a wall.
 """
 
 import taichi as ti
@@ -32,7 +32,9 @@ from tipfem.remesh.edges.edge_operations import (
 
 # Counters of `make_delaunay`.
 FLIPS, ENDLESS, STACK_FULL, COUNTERS = 0, 1, 2, 3
-MOST_FLIPS = 40  # a cell, on average: far more than there are
+# Nanoseconds of one thread for a cell in `gather` and in `find_flips`.
+GATHER, FIND_FLIPS = 20.0, 40.0
+MOST_FLIPS = 40  # for each cell, on average: far more than needed
 MARGIN = 0.9  # of the tolerance of flips, for round-off
 
 
@@ -45,9 +47,9 @@ def square_distance(x: Template, a, b):
 
 @ti.func
 def may_flip(x: Template, a, b, c, d, tolerance):
-    """Whether the edge b-c between cells (a, b, c) and (d, c, b) may not be Delaunay, as seen from either cell.
+    """Whether the edge b-c between cells (a, b, c) and (d, c, b) may not be Delaunay, by the test from either cell.
 
-    The measure that `edge_operations.in_circle` divides by depends on the cell. The smaller of the two is taken, with a
+    The length that `edge_operations.in_circle` divides by depends on the cell. The smaller of the two is used, with a
     margin for round-off.
     """
     inside, ad, bd, cd = circle_determinant(x, a, b, c, d)
@@ -152,11 +154,11 @@ def make_delaunay(
     counters: Ints1,
     tolerance: ti.f64,
 ):
-    """Lawson's flips until every edge but interfaces and hull is Delaunay, but for ``tolerance``, see `in_circle`.
+    """Lawson's flips until every edge off interfaces and hull is Delaunay within ``tolerance``, see `in_circle`.
 
-    Only cells that are stale are looked at; afterwards those are that have changed, and their neighbours. stack (S,)
-    and scratch (4,) are for this kernel's use. counters: [FLIPS] made, [ENDLESS] set to 1 if they did not come to an
-    end, [STACK_FULL] set to 1 if the stack was too small, so that the kernel must run again.
+    Only stale cells are examined; afterwards the cells that changed are stale, and their neighbours. stack (S,)
+    and scratch (4,) are for this kernel's use. counters: [FLIPS] made, [ENDLESS] set to 1 if they did not
+    terminate, [STACK_FULL] set to 1 if the stack was too small, so that the kernel must run again.
     """
     mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, corner, wall, density, stale))
     four = ti.static(Segment(scratch))
@@ -224,7 +226,7 @@ def gather(
 
 @kernel
 def scatter(state: Reals2, velocity: Reals2, acceleration: Reals2, pressure: Reals1, spacing: Reals1):
-    """The particles' arrays from the rows of ``state``, but for positions and masses; see `gather`."""
+    """The particles' arrays from the rows of ``state``, except positions and masses; see `gather`."""
     ti.loop_config(serialize=True)
     for n in range(state.shape[0]):
         for k in ti.static(range(2)):

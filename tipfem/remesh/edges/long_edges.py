@@ -51,7 +51,7 @@ def exchange(keys: Template, edges: Template, m, n):
 
 @ti.func
 def sift_up(keys: Template, edges: Template, last):
-    """Restore the order of a heap to which entry ``last`` was added."""
+    """Re-establish the order of a heap to which entry ``last`` was added."""
     m = last
     while m > 0 and comes_after(keys, edges, m, (m - 1) // 2):
         exchange(keys, edges, m, (m - 1) // 2)
@@ -60,7 +60,7 @@ def sift_up(keys: Template, edges: Template, last):
 
 @ti.func
 def sift_down(keys: Template, edges: Template, size):
-    """Restore the order of a heap of ``size`` entries whose top was replaced."""
+    """Re-establish the order of a heap of ``size`` entries whose top was replaced."""
     m = 0
     going = True
     while going:
