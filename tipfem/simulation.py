@@ -6,6 +6,7 @@ import dataclasses
 import math
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +36,6 @@ from tipfem.timers import Timings, timer
 from tipfem.walls.motion import set_off
 
 Column = Callable[["Simulation"], float]
-# The pressure of the initial fields is that after a step of this fraction of the first step's length.
-FIRST_STEP = 0.1
 
 
 class Simulation:
@@ -172,7 +171,10 @@ class Simulation:
             while True:
                 dt = self._step_length(until)
                 try:
-                    solved = self.solve(self.state, dt, until)
+                    start = self.state
+                    if start.step == 0:
+                        start = self.solver.consistent(start, self._step_length(math.inf))
+                    solved = self.solve(start, dt, until)
                     state = self.remesher.remesh(solved)
                     break
                 except (StepRefused, TriangulationError, FloatingPointError) as reason:
@@ -427,23 +429,11 @@ class Simulation:
         if not self.results:
             return
         with self.timings.active(), timer("output"):
-            particles = self._with_first_pressure() if self.step_number == 0 else self.particles
-            density = np.array([f.density for f in self.case.fluids])[particles.fluid]
-            self.results.write_fields(self.step_number, self.time, self.mesh, particles, density)
-
-    def _with_first_pressure(self) -> Particles:
-        """The initial particles, with the pressure after a short step if none was given.
-
-        Pressure has no time derivative, so the first step needs no initial value. The state is not changed.
-        """
-        particles = self.particles
-        if particles.pressure.any():
-            return particles
-        try:
-            solved = self.solve(self.state, FIRST_STEP * self._step_length(math.inf))
-        except (StepRefused, FloatingPointError, SimulationError):  # the first step will report it
-            return particles
-        return particles.shallow_copy(pressure=solved.particles.pressure)
+            if self.step_number == 0:
+                with suppress(StepRefused, FloatingPointError, SimulationError):  # the first step will report it
+                    self.state = self.solver.consistent(self.state, self._step_length(math.inf))
+            density = np.array([f.density for f in self.case.fluids])[self.particles.fluid]
+            self.results.write_fields(self.step_number, self.time, self.mesh, self.particles, density)
 
 
 def _table(history: list[dict[str, float]]) -> dict[str, Any]:

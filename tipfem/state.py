@@ -134,6 +134,12 @@ class State:
     relocations: int = 0
     rebuilt: int = 0
 
+    @property
+    def mean_acceleration(self) -> float:
+        """Root mean square of the particles' accelerations over their mass [m/s^2]."""
+        a = self.particles.acceleration
+        return float(np.sqrt(np.einsum("i,ik,ik", self.mass, a, a) / self.mass.sum()))
+
 
 @dataclass(frozen=True)
 class StepWork:
@@ -197,6 +203,11 @@ class Solved:
     def dt(self) -> float:
         """Length of the step [s]."""
         return self.scheme.dt
+
+    @property
+    def acceleration(self) -> Array:
+        """(N, d) a_alpha [m/s^2], the acceleration at the intermediate time."""
+        return self.inertia + self.force
 
     @property
     def mesh(self) -> Mesh:

@@ -162,10 +162,11 @@ class Numerics:
         momentum_transfer: with the interpolated interface, whether a particle whose mass a remeshing increases takes
             momentum from the neighbours that lost it (see `momentum_transfer`). The paper's method does not.
         newton_tolerance: of the largest scaled residual, expressed as a displacement in spacings.
-        acceleration_tolerance: of the same residual as an acceleration, relative to gravity; the
-            tighter of both holds. It keeps the pressure accurate for short steps and large spacings.
-            The largest residual is that of a few particles where the mesh has just changed; the root mean square
-            of all is about a fiftieth of it.
+        acceleration_tolerance: of the same residual as an acceleration, relative to that of the flow (the root mean
+            square over its mass, at most gravity, at least 1e-4 of gravity); the tighter of both holds. It keeps the
+            pressure accurate for short steps and large spacings, and slow flows as accurate as fast ones. The largest
+            residual is that of a few particles where the mesh has just changed; the root mean square of all is about a
+            fiftieth of it.
         newton_iterations: largest number of iterations, after which a step is refused.
         jacobian: how products with the Jacobian are formed in the Krylov iterations: "rows" gathers its rows once per
             linearisation; "matrix-free" stores no rows and computes each product from the elements, which takes less
@@ -225,15 +226,21 @@ class Numerics:
         if not isinstance(self.momentum_transfer, bool):
             raise ValueError(f"Numerics: momentum_transfer is {self.momentum_transfer!r}; it must be True or False")
 
-    def tolerance(self, force: Array, cm: float, spacing: float, smallest: float) -> float:
+    def tolerance(self, force: Array, acceleration: float, cm: float, spacing: float, smallest: float) -> float:
         """Tolerance of the largest scaled residual [spacings].
 
         Args:
             force: (N, d) gravity and body force [m/s^2].
+            acceleration: of the flow at the start of the step, root mean square over its mass [m/s^2].
             cm: d a / d u of the time integration [1/s^2].
             spacing: of the particles [m].
             smallest: residual that round-off leaves [spacings].
         """
-        strength = largest_length(force)
+        gravity = largest_length(force)
+        strength = min(max(acceleration, QUIET * gravity), gravity)
         by_force = self.acceleration_tolerance * strength / (cm * spacing) if strength > 0 else float("inf")
         return max(min(self.newton_tolerance, by_force), smallest)
+
+
+# A flow that accelerates less than that, relative to gravity, is solved no more accurately.
+QUIET = 1e-4

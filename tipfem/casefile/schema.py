@@ -168,7 +168,7 @@ class NumericsTable(Model):
     )
     newton_tolerance: float = quantity("of the largest residual", "spacings", 1e-5, ge=1e-14, le=1e-1)
     acceleration_tolerance: float = quantity(
-        "of the same residual as an acceleration, relative to gravity", default=1e-2, ge=1e-12, le=1.0
+        "of the same residual as an acceleration, relative to the flow's own", default=1e-2, ge=1e-12, le=1.0
     )
     newton_iterations: int = quantity("after which a step is refused", default=8, ge=1, le=100)
     jacobian: Literal["rows", "matrix-free"] = quantity(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 
@@ -17,6 +18,7 @@ from tipfem.step.flow import ElementProperties, FlowProblem
 from tipfem.step.linear_system import Workspace
 from tipfem.timers import timer
 from tipfem.typing import Array
+from tipfem.walls.motion import set_off
 from tipfem.walls.step import walls_in_step
 
 
@@ -84,7 +86,13 @@ class StepSolver:
             numerics.jacobian,
             state.grid_box,
         )
-        tolerance = numerics.tolerance(force if varies else force[:1], scheme.cm, before.spacing, runtime.round_off())
+        tolerance = numerics.tolerance(
+            force if varies else force[:1],
+            state.mean_acceleration,
+            scheme.cm,
+            before.spacing,
+            runtime.round_off(),
+        )
         if state.step == 0:  # an error of pressure left by the first step would excite sloshing
             tolerance = min(tolerance, 10 * runtime.round_off())
         result = newton(
@@ -127,3 +135,38 @@ class StepSolver:
             krylov_iterations=result.krylov_iterations,
             residual=result.norm,
         )
+
+    def consistent(self, state: State, dt: float) -> State:
+        """An initial state with the accelerations and pressures that follow from its positions and velocities.
+
+        The time integration starts from accelerations. With none, the first step counts only half of the forces, and
+        all that follows lags by half a step. What a step of length dt finds consists of these accelerations and, where
+        the velocities are not free of divergence or walls set off at once, of a part in proportion to 1 / dt, that a
+        step takes to correct the velocities. Two steps of different lengths, which are not taken, tell them apart:
+        a = 2 a(dt) - a(dt / 2).
+
+        Args:
+            state: any; only one before the first step whose free particles have no acceleration, or none of whose
+                particles has a pressure, is changed. What the particles have is kept.
+            dt: length of the first step [s].
+
+        Raises:
+            StepRefused: see `solve`, for other errors too.
+        """
+        if state.step > 0:
+            return state
+        particles = state.particles
+        accelerated, pressed = particles.acceleration[~particles.wall].any(), particles.pressure.any()
+        if accelerated and pressed:
+            return state
+        growth = np.zeros(len(state.mesh.cells))
+        whole, half = self.solve(state, dt, growth), self.solve(state, 0.5 * dt, growth)
+        if not pressed:
+            pressure = 2 * whole.particles.pressure - half.particles.pressure
+            particles = particles.shallow_copy(pressure=pressure)
+        if not accelerated:
+            acceleration = 2 * whole.acceleration - half.acceleration
+            if not state.boundary.active:
+                acceleration[particles.wall] = 0.0
+            particles = set_off(state.boundary, particles.shallow_copy(acceleration=acceleration), 0.25 * dt)
+        return dataclasses.replace(state, particles=particles)

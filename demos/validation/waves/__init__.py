@@ -1,0 +1,1 @@
+"""Standing waves between two fluids."""

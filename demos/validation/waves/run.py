@@ -1,0 +1,220 @@
+"""Standing waves between two fluids: periods, amplitudes, and the energy that numerics give or take.
+
+A square tank with walls that slip, filled half with one fluid and half with a lighter one. Their interface starts as
+half a cosine, at rest. Water under air is all but undamped; a viscous liquid under air loses a third of its amplitude
+in half a period. Without surface tension, with k = pi / L, the wave of small amplitude has the frequency
+
+    omega^2 = g k tanh(k L / 2) (rho_1 - rho_2) / (rho_1 + rho_2)
+
+    summary.json      figures of all runs
+    waves.png         amplitude over time
+    <flow>_<...>/     history.csv and summary.json of each run
+
+    python -m tipfem demo validation/waves --across 20 40 --periods 3
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tipfem.demos import harness
+from tipfem.demos.support.figures import COLOURS, DASHES, new_figure, save
+
+import tipfem as tp
+
+Array = NDArray[np.float64]
+
+LENGTH = 0.2  # of the tank's sides: half a wavelength [m]
+GRAVITY = 9.81  # [m/s^2]
+AIR = tp.Fluid("air", density=1.2, viscosity=1.8e-5)
+# Lower fluid and amplitude in wavelengths, by the name of the flow.
+FLOWS = {
+    "water": (tp.Fluid("water", density=1000.0, viscosity=1e-3), 0.0125),
+    "syrup": (tp.Fluid("syrup", density=1000.0, viscosity=2.5), 0.01),
+}
+TIME_STEP = 0.05  # [sqrt(h / g)]
+LARGEST_PERIOD_ERROR = 0.02  # of water, from 20 particles across on
+LARGEST_RESIDUAL = 1e-3  # energy that Newton's method leaves unaccounted for, over that of the wave
+
+
+def period(lower: tp.Fluid) -> float:
+    """Period of a small wave of a fluid under air, without viscosity [s]."""
+    k = math.pi / LENGTH
+    ratio = (lower.density - AIR.density) / (lower.density + AIR.density)
+    return 2 * math.pi / math.sqrt(GRAVITY * k * math.tanh(0.5 * k * LENGTH) * ratio)
+
+
+def build(flow: str, across: int, amplitude: float | None = None, numerics: tp.Numerics | None = None) -> tp.Case:
+    """The wave's case.
+
+    Args:
+        flow: one of `FLOWS`.
+        across: particles along a side of the tank.
+        amplitude: in wavelengths; by default the flow's.
+        numerics: parameters of the method.
+    """
+    lower, usual = FLOWS[flow]
+    height = (amplitude or usual) * 2 * LENGTH
+    tank = tp.tank((LENGTH, LENGTH), LENGTH / across)
+    tank.fill(AIR).fill(lower, where=lambda x: x[:, 1] < LENGTH / 2 + height * np.cos(math.pi * x[:, 0] / LENGTH))
+    for wall in ("left", "right", "bottom", "top"):
+        tank.wall(wall, slip=True)
+    return tp.Case(tank, [lower, AIR], (0, -GRAVITY), numerics=numerics)
+
+
+def mode(simulation: tp.Simulation) -> float:
+    """Amplitude of the first mode [m]: (2 / L) times the integral of cos(k x) over the lower fluid."""
+    mesh = simulation.mesh
+    lower = np.flatnonzero(mesh.fluid == 0)
+    corners = mesh.position[mesh.cells[lower], 0]
+    # By the middles of the edges, which is exact for quadratic functions.
+    middles = 0.5 * (corners + np.roll(corners, 1, axis=1))
+    mean = np.cos(math.pi * middles / LENGTH).mean(axis=1)
+    return float(2 / LENGTH * (mesh.measure[lower] * mean).sum())
+
+
+def extremes(time: Array, amplitude: Array) -> Array:
+    """Times and sizes (K, 2) of the extremes after the start, by parabolas through three points."""
+    found = []
+    for i in range(1, len(time) - 1):
+        y = np.abs(amplitude[i - 1 : i + 2])
+        if y[1] >= y[0] and y[1] > y[2] and amplitude[i] * amplitude[0] * (-1) ** (len(found) + 1) > 0:
+            a, b, c = np.polyfit(time[i - 1 : i + 2] - time[i], y, 2)
+            found.append((time[i] - 0.5 * b / a, c - 0.25 * b**2 / a))
+    return np.array(found).reshape(-1, 2)
+
+
+def measure(
+    flow: str,
+    across: int,
+    periods: float,
+    *,
+    time_step: float = TIME_STEP,
+    amplitude: float | None = None,
+    numerics: tp.Numerics | None = None,
+    out: Path | None = None,
+) -> tuple[dict[str, Any], Array]:
+    """Run a wave.
+
+    Args:
+        flow: one of `FLOWS`.
+        across: particles along a side of the tank.
+        periods: how long.
+        time_step: largest time step [sqrt(h / g)].
+        amplitude: in wavelengths; by default the flow's.
+        numerics: parameters of the method.
+        out: folder for the history, or None.
+
+    Returns:
+        The figures, and times [s] and amplitudes relative to the first (K, 2). Figures are: ``peaks``, the sizes of
+        the extremes after the start; ``period`` over that of theory; energies over that of the wave at the start:
+        ``residual``, which Newton's method left, and ``remeshing``, which remeshing took; iterations a step.
+    """
+    lower, usual = FLOWS[flow]
+    step = time_step * math.sqrt(LENGTH / across / GRAVITY)
+    case = build(flow, across, amplitude, numerics)
+    simulation = tp.Simulation(case, out, time_step=step, columns={"amplitude": mode})
+    start = mode(simulation)
+    simulation.run(periods * period(lower), progress=False)
+    history = simulation.history
+    course = np.array([(0.0, start), *((row["time"], row["amplitude"]) for row in history)]) / [1.0, start]
+    peaks = extremes(*course.T)
+    height = (amplitude or usual) * 2 * LENGTH
+    energy = 0.25 * (lower.density - AIR.density) * GRAVITY * LENGTH * height**2
+    figures = {
+        "flow": flow,
+        "across": across,
+        "steps": len(history),
+        "peaks": peaks[:, 1].tolist(),
+        "period": 2 * peaks[-1, 0] / len(peaks) / period(lower) if len(peaks) else math.nan,
+        "residual": sum(row["energy_residual"] for row in history) / energy,
+        "remeshing": sum(row["remeshing_dissipation"] for row in history) / energy,
+        "newton_iterations": sum(row["newton_iterations"] for row in history) / len(history),
+        "krylov_iterations": sum(row["krylov_iterations"] for row in history) / len(history),
+    }
+    return figures, course
+
+
+def check(figures: Mapping[str, Any]) -> list[str]:
+    """What a run misses of what is expected of it; an empty list when all is well."""
+    missed = []
+    name = f"{figures['flow']}, {figures['across']} across"
+    if not abs(figures["residual"]) <= LARGEST_RESIDUAL:
+        missed.append(f"{name}: the energy closes to {figures['residual']:.2%} of the wave's, not to 0.1 %")
+    if figures["flow"] == "water" and figures["peaks"] and not abs(figures["period"] - 1) <= LARGEST_PERIOD_ERROR:
+        missed.append(f"{name}: the period is {figures['period']:.3f} of theory's")
+    return missed
+
+
+def plot(path: Path, runs: Mapping[str, tuple[str, Array]]) -> None:
+    """Draw the amplitudes over time: label -> (flow, course).
+
+    Raises:
+        ImportError: there is no matplotlib.
+    """
+    figure = new_figure(8.0, 4.5)
+    axes = figure.add_subplot()
+    for number, (label, (flow, course)) in enumerate(runs.items()):
+        t = course[:, 0] / period(FLOWS[flow][0])
+        style = {"color": COLOURS[number % len(COLOURS)], "linestyle": DASHES[number // len(COLOURS) % len(DASHES)]}
+        axes.plot(t, course[:, 1], label=label, **style)
+    axes.set_xlabel("t / T")
+    axes.set_ylabel("amplitude / that of the start")
+    axes.grid(alpha=0.3)
+    axes.legend()
+    save(figure, path)
+
+
+def table(results: Sequence[Mapping[str, Any]]) -> str:
+    """The figures of several runs as a table in Markdown, a row each."""
+    lines = ["| wave | across | period | peaks | energy: residual | by remeshing | Newton | Krylov a step |"]
+    lines.append("|---|---|---|---|---|---|---|---|")
+    lines += [
+        f"| {r['flow']} | {r['across']} | {r['period']:.4f} | {' '.join(f'{p:.4f}' for p in r['peaks'])} | "
+        f"{r['residual']:.1e} | {-r['remeshing']:.2%} | {r['newton_iterations']:.2f} | {r['krylov_iterations']:.1f} |"
+        for r in results
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Run with the given command line, or the process's."""
+    parser = argparse.ArgumentParser(
+        description=(__doc__ or "").split("\n\n")[0], formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    add = parser.add_argument
+    add("--flow", choices=list(FLOWS), nargs="+", default=list(FLOWS), help="which waves")
+    add("--across", type=int, nargs="+", default=[20, 40], metavar="N", help="particles along a side of the tank")
+    add("--periods", type=harness.positive, default=3.0, metavar="P", help="how long each wave runs")
+    add("--time-step", type=harness.positive, default=TIME_STEP, metavar="C", help="in units of sqrt(h / g)")
+    add("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run")
+    add("--out", type=Path, default=Path("out/validation/waves"), metavar="FOLDER", help="folder for the results")
+    given = parser.parse_args(words)
+    results: list[dict[str, Any]] = []
+    runs: dict[str, tuple[str, Array]] = {}
+    with harness.one_message():
+        tp.init(arch=given.arch)
+        for flow in given.flow:
+            for across in given.across:
+                out = given.out / f"{flow}_{across}"
+                figures, course = measure(flow, across, given.periods, time_step=given.time_step, out=out)
+                results.append(figures)
+                runs[f"{flow}, {across} across"] = flow, course
+    missed = [text for figures in results for text in check(figures)]
+    summary = {"runs": results, "check": missed or "passed"}
+    (given.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    (given.out / "table.md").write_text(table(results), encoding="utf-8")
+    plot(given.out / "waves.png", runs)
+    print(table(results))
+    harness.conclude(given.out, missed)
+
+
+if __name__ == "__main__":
+    main()

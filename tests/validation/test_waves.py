@@ -1,0 +1,53 @@
+"""Standing waves: amplitudes and energies at the default tolerance are those of a tight one."""
+
+from __future__ import annotations
+
+import json
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+from tipfem.demos.validation.waves import run as waves
+
+import tipfem as tp
+
+TIGHT = tp.Numerics(newton_tolerance=1e-10, acceleration_tolerance=1e-6)
+
+
+@pytest.mark.parametrize(("flow", "amplitude"), [("syrup", 0.01), ("water", 0.001)])
+def test_the_tolerance_follows_a_slow_flow(flow, amplitude):
+    """A damped wave, and one that accelerates at 0.5 % of gravity: within 0.5 %, its energy closed to 0.1 %."""
+    found, _ = waves.measure(flow, 16, 1.1, amplitude=amplitude)
+    tight, _ = waves.measure(flow, 16, 1.1, amplitude=amplitude, numerics=TIGHT)
+    assert len(found["peaks"]) == 2
+    np.testing.assert_allclose(found["peaks"], tight["peaks"], rtol=5e-3)
+    assert abs(found["residual"]) < 1e-3
+    assert found["krylov_iterations"] < 0.6 * tight["krylov_iterations"]
+    assert waves.check(found) == []
+
+
+def test_the_command_leaves_table_figure_and_figures(tmp_path, capsys):
+    waves.main(["--flow", "water", "--across", "16", "20", "--periods", "0.6", "--out", str(tmp_path)])
+    printed = capsys.readouterr().out
+    assert "check: passed" in printed
+    assert (tmp_path / "table.md").read_text() in printed
+    assert iio.imread(tmp_path / "waves.png").std() > 5
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert [run["across"] for run in summary["runs"]] == [16, 20]
+    assert all(0.97 < run["peaks"][0] < 1.03 and 0.97 < run["period"] < 1.03 for run in summary["runs"])
+
+
+def test_the_extremes_of_a_damped_cosine_are_found():
+    t = np.linspace(0, 2.1, 421)
+    found = waves.extremes(t, np.exp(-0.1 * t) * np.cos(2 * np.pi * t))
+    np.testing.assert_allclose(found[:, 1], np.exp(-0.1 * found[:, 0]), rtol=1e-3)
+    np.testing.assert_allclose(found[:, 0], [0.5, 1.0, 1.5, 2.0], atol=5e-3)
+
+
+def test_the_check_can_fail():
+    good = {"flow": "water", "across": 20, "residual": 1e-4, "peaks": [1.0], "period": 1.001}
+    assert waves.check(good) == []
+    assert "closes to 1.00%" in waves.check({**good, "residual": 0.01})[0]
+    assert "closes to nan%" in waves.check({**good, "residual": float("nan")})[0]
+    assert "period is 1.100" in waves.check({**good, "period": 1.1})[0]
+    assert waves.check({**good, "flow": "syrup", "period": 1.1}) == []
