@@ -10,7 +10,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from . import colours
 from .arrays import Array, Box, Point, Range
-from .layout import Layout
+from .layout import Layout, LayoutKey
 from .picture import WALL_THICKNESS, is_signed
 from .scales import field_label, round_ticks, tick_labels
 from .scene import Scene
@@ -128,35 +128,32 @@ class Annotator:
         room = self.layout.size[0] - left - 20 * self.unit
         self.text((left, top - 44 * self.unit), text, 23, colours.TEXT, "lm", limit=room)
 
-    def panel(self, scene: Scene, fills: Array, field: str | None, field_range: Range | None) -> None:
-        """Draw time, legend and colour bar, stacked beside the tank or in a row below it.
+    def panel(self, names: Sequence[str], fills: Array, field: str | None, field_range: Range | None) -> None:
+        """Draw legend and colour bar, stacked beside the tank or in a row below it; see `clock` for the time.
 
         Args:
-            scene: what is drawn.
+            names: of the fluids.
             fills: (F, 3) colours of the fluids.
             field: name of the field shown, or None.
             field_range: (low, high) of its colours.
         """
         left, top, right, bottom = self.layout.panel
         u = self.unit
-        clock = f"t = {scene.time:.3f} s"
         if self.layout.beside:
-            self.text((left, top), clock, LARGE)
             y = top + 58 * u
             if field is None or field_range is None:
-                for name, fill in zip(scene.fluid_names, fills, strict=True):
+                for name, fill in zip(names, fills, strict=True):
                     self.swatch((left, y), name, fill, right - left)
                     y += 34 * u
             else:
-                y = self.interface_key((left, y), scene)
+                y = self.interface_key((left, y), len(names))
                 self.text((left, y), field_label(field), NORMAL, limit=right - left)
                 self.upright_bar((left, y + 44 * u, left + 24 * u, bottom - 14 * u), field, field_range)
             return
         y = top + 20 * u
-        self.text((left, y), clock, LARGE)
         x = left + text_width("t = 000.000 s", LARGE * u) + 40 * u
         if field is None or field_range is None:
-            for name, fill in zip(scene.fluid_names, fills, strict=True):
+            for name, fill in zip(names, fills, strict=True):
                 self.swatch((x, y), name, fill, right - x)
                 x += text_width(name, NORMAL * u) + 72 * u
         else:
@@ -182,18 +179,18 @@ class Annotator:
         )
         self.text((x + side + 12 * u, y + side / 2), name, NORMAL, anchor="lm", limit=room - side - 12 * u)
 
-    def interface_key(self, at: Point, scene: Scene) -> float:
+    def interface_key(self, at: Point, fluids: int) -> float:
         """Draw the key of the interface over a field, if there are two fluids.
 
         Args:
             at: upper left corner [px].
-            scene: what is drawn.
+            fluids: their number.
 
         Returns:
             y below it [px].
         """
         (x, y), u = at, self.unit
-        if len(scene.fluid_names) < 2:
+        if fluids < 2:
             return y
         self.draw.line(
             [(x, y + 10 * u), (x + 24 * u, y + 10 * u)], fill=colours.INTERFACE, width=max(1, round(1.8 * u))
@@ -258,10 +255,12 @@ def annotate(
     field: str | None = None,
     field_range: Range | None = None,
 ) -> Array:
-    """Add all text and scales to a picture.
+    """Write all text and scales on a picture, outside of its tank.
+
+    All but the time is the same in many pictures: it is drawn once, and its pixels are kept.
 
     Args:
-        image: (H, W, 3) uint8.
+        image: (H, W, 3) uint8; changed.
         scene: what is drawn.
         layout: of the picture.
         fills: (F, 3) colours of the fluids.
@@ -269,14 +268,57 @@ def annotate(
         field_range: (low, high) of its colours.
 
     Returns:
-        (H, W, 3) uint8.
+        The image.
     """
-    annotator = Annotator(image, layout)
+    shades = tuple(tuple(map(float, fill)) for fill in fills)
+    where, colour = _constant_pixels(layout.key, scene.title, scene.fluid_names, shades, field, field_range)
+    image.reshape(-1, 3)[where] = colour
+    clock(image, scene.time, layout)
+    return image
+
+
+def clock(image: Array, time: float, layout: Layout) -> None:
+    """Write the time on a picture.
+
+    Args:
+        image: (H, W, 3) uint8; changed.
+        time: [s].
+        layout: of the picture.
+    """
+    left, top = layout.panel[:2]
+    u, text = layout.unit, f"t = {time:.3f} s"
+    if not layout.beside:
+        top += 20 * u
+    # Only the part of the picture about the text is copied to Pillow and back.
+    column, row = max(0, int(left) - 2), max(0, int(top) - 2)
+    height, width = round(1.3 * LARGE * u) + 4, round(text_width(text, LARGE * u)) + 8
+    part = image[row : row + height, column : column + width]
+    annotator = Annotator(np.ascontiguousarray(part), layout)
+    annotator.text((left - column, top - row), text, LARGE)
+    part[:] = np.asarray(annotator.image)
+
+
+@lru_cache(maxsize=16)
+def _constant_pixels(
+    layout_key: LayoutKey,
+    title: str,
+    names: tuple[str, ...],
+    shades: tuple[tuple[float, ...], ...],
+    field: str | None,
+    field_range: Range | None,
+) -> tuple[Array, Array]:
+    """Axes, title, legend and colour bar: the pixels (K,) that they change in a picture, and their colours (K, 3)."""
+    layout = Layout.from_key(layout_key)
+    width, height = layout.size
+    background = np.full((height, width, 3), 255, np.uint8)
+    annotator = Annotator(background, layout)
     annotator.axes()
-    if scene.title:
-        annotator.title(scene.title)
-    annotator.panel(scene, fills, field, field_range)
-    return np.asarray(annotator.image)
+    if title:
+        annotator.title(title)
+    annotator.panel(names, np.array(shades), field, field_range)
+    pixels = np.asarray(annotator.image).reshape(-1, 3)
+    where = np.flatnonzero((pixels != background.reshape(-1, 3)).any(axis=1))
+    return where, pixels[where]
 
 
 def _most(length: float, each: float) -> int:

@@ -8,11 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import Array
-
-# A hexagon as a fan of four triangles.
-_ANGLES = np.deg2rad(60 * np.arange(6))
-_HEXAGON = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
-_FAN = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]])
+from .shapes import TRIANGLES_A_DOT, TRIANGLES_A_LINE, dot_triangles, line_triangles
 
 
 class Drawing:
@@ -29,12 +25,9 @@ class Drawing:
             vertices: (T, 3, 2) [px].
             colours: (3,) for all, (T, 3) for each triangle, or (T, 3, 3) for each vertex.
         """
-        vertices = np.asarray(vertices, np.float32)
+        self._vertices.append(np.asarray(vertices, np.float32))
         colours = np.asarray(colours, np.float32)
-        if colours.ndim == 2:
-            colours = colours[:, None, :]
-        self._vertices.append(vertices)
-        self._colours.append(np.broadcast_to(colours, (len(vertices), 3, 3)))
+        self._colours.append(np.broadcast_to(colours, (len(self._vertices[-1]), 3)) if colours.ndim == 1 else colours)
 
     def lines(self, segments: ArrayLike, width: float, colour: ArrayLike, cap: float = 0.0) -> None:
         """Add line segments.
@@ -45,18 +38,10 @@ class Drawing:
             colour: (3,) for all, or (S, 3) for each segment.
             cap: length added at both ends [px].
         """
-        segments = np.asarray(segments, np.float64)
-        start, end = segments[:, 0], segments[:, 1]
-        along = end - start
-        length = np.linalg.norm(along, axis=1, keepdims=True)
-        along = along / np.maximum(length, 1e-12)
-        aside = np.stack([-along[:, 1], along[:, 0]], axis=1) * (width / 2)
-        start, end = start - cap * along, end + cap * along
-        corners = np.stack([start - aside, end - aside, end + aside, start + aside], axis=1)
-        colour = np.asarray(colour)
+        colour = np.asarray(colour, np.float32)
         if colour.ndim == 2:
-            colour = np.repeat(colour, 2, axis=0)
-        self.triangles(corners[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 2), colour)
+            colour = np.repeat(colour, TRIANGLES_A_LINE, axis=0)
+        self.triangles(line_triangles(segments, width, cap), colour)
 
     def dots(self, centres: ArrayLike, radius: float, colours: ArrayLike) -> None:
         """Add dots.
@@ -64,13 +49,42 @@ class Drawing:
         Args:
             centres: (N, 2) [px].
             radius: [px].
-            colours: (N, 3).
+            colours: (3,) for all, or (N, 3).
         """
-        corners = np.asarray(centres)[:, None, :] + radius * _HEXAGON
-        self.triangles(corners[:, _FAN].reshape(-1, 3, 2), np.repeat(colours, len(_FAN), axis=0))
+        colours = np.asarray(colours, np.float32)
+        if colours.ndim == 2:
+            colours = np.repeat(colours, TRIANGLES_A_DOT, axis=0)
+        self.triangles(dot_triangles(centres, radius), colours)
 
     def arrays(self) -> tuple[Array, Array]:
         """All triangles: vertices (T, 3, 2) [px] and colours (T, 3, 3), float32, in painter's order."""
         if not self._vertices:
             return np.empty((0, 3, 2), np.float32), np.empty((0, 3, 3), np.float32)
-        return np.concatenate(self._vertices), np.concatenate(self._colours)
+        colours = [
+            np.broadcast_to(given[:, None, :] if given.ndim == 2 else given, (len(vertices), 3, 3))
+            for vertices, given in zip(self._vertices, self._colours, strict=True)
+        ]
+        return np.concatenate(self._vertices), np.concatenate(colours)
+
+    def compact(self) -> tuple[Array, Array, Array, Array]:
+        """All triangles in painter's order, with the colours of vertices only where they differ.
+
+        Returns:
+            vertices (T, 3, 2) [px]; flat (T, 3) colours of the triangles of one colour; slot (T,) int32, the row of
+            a triangle's colours in graded, or -1 for one colour; graded (G, 3, 3) colours of vertices, of one
+            unused row at least.
+        """
+        count = sum(map(len, self._vertices))
+        vertices, flat = np.empty((count, 3, 2), np.float32), np.empty((count, 3), np.float32)
+        slot, graded, at, row = np.empty(count, np.int32), [np.zeros((1, 3, 3), np.float32)], 0, 1
+        for corners, colours in zip(self._vertices, self._colours, strict=True):
+            part = slice(at, at + len(corners))
+            vertices[part] = corners
+            if colours.ndim == 3:
+                slot[part] = np.arange(row, row + len(corners))
+                graded.append(colours)
+                row += len(corners)
+            else:
+                flat[part], slot[part] = colours, -1
+            at += len(corners)
+        return vertices, flat, slot, np.concatenate(graded)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from .arrays import Array
+from .drawing import Drawing
 from .runtime import ensure_runtime, ti
 
 SAMPLES = 2  # a side: the window is this many times larger
@@ -130,18 +131,18 @@ class GGUICanvas:
         with _no_settings_file():
             _window((size[0] * SAMPLES, size[1] * SAMPLES))
 
-    def paint(self, vertices: Array, colours: Array, background: Sequence[float]) -> Array:
+    def paint(self, drawing: Drawing, background: Sequence[float]) -> Array:
         """Paint triangles.
 
         Args:
-            vertices: (T, 3, 2) [px].
-            colours: (T, 3, 3) of the vertices, in [0, 1].
+            drawing: what is painted.
             background: (3,) colour in [0, 1].
 
         Returns:
             (H, W, 3) uint8.
         """
         width, height = self.size
+        vertices, colours = drawing.arrays()
         with _no_settings_file():
             window = _window((width * SAMPLES, height * SAMPLES))
             window.reserve(len(vertices))

@@ -29,7 +29,25 @@ class FluidRegions(NamedTuple):
     segments: Array
 
 
-def fluid_regions(position: Array, cells: Array, fluid: Array, cell_fluid: Array | None = None) -> FluidRegions:
+class Edges(NamedTuple):
+    """The edges of cells, each once, in the order of their particles' numbers.
+
+    Attributes:
+        pairs: (E, 2) particles, the lower number first.
+        first: (E,) where the sides of each edge begin in ``sides``.
+        shared_by: (E,) number of cells that share each edge; 1 on the mesh's boundary.
+        sides: (3 M,) sides of the cells by edge: M k + m is the side of cell m from its corner k to the next one.
+    """
+
+    pairs: Array
+    first: Array
+    shared_by: Array
+    sides: Array
+
+
+def fluid_regions(
+    position: Array, cells: Array, fluid: Array, cell_fluid: Array | None = None, edges: Edges | None = None
+) -> FluidRegions:
     """Split the cells by fluid.
 
     Args:
@@ -37,9 +55,11 @@ def fluid_regions(position: Array, cells: Array, fluid: Array, cell_fluid: Array
         cells: (M, 3).
         fluid: (N,) of the particles.
         cell_fluid: (M,) of the cells, or None.
+        edges: of the cells, if they are known.
     """
     if cell_fluid is not None:
-        return FluidRegions(position[cells], cell_fluid, position[_edges_between(cells, cell_fluid)])
+        known = cell_edges(cells) if edges is None else edges
+        return FluidRegions(position[cells], cell_fluid, position[_edges_between(known, cell_fluid)])
     a, b, c = fluid[cells].T
     pure = (a == b) & (b == c)
     three = (a != b) & (b != c) & (c != a)
@@ -67,24 +87,42 @@ def fluid_regions(position: Array, cells: Array, fluid: Array, cell_fluid: Array
     return FluidRegions(np.concatenate(triangles), np.concatenate(owners), np.concatenate(segments))
 
 
-def mesh_edges(cells: Array) -> tuple[Array, Array]:
-    """Every edge of ``cells`` (M, 3) once, (E, 2), and whether it is on the mesh's boundary, (E,) bool."""
-    pairs, _, count = _unique_edges(cells)
-    return pairs, count == 1
+def cell_edges(cells: Array) -> Edges:
+    """The edges of ``cells`` (M, 3)."""
+    count = 3 * len(cells)
+    if count == 0:
+        none = np.empty(0, np.int64)
+        return Edges(np.empty((0, 2), np.int64), none, none, none)
+    low, high = np.empty(count, np.int64), np.empty(count, np.int64)
+    for k in range(3):
+        part = slice(k * len(cells), (k + 1) * len(cells))
+        np.minimum(cells[:, k], cells[:, (k + 1) % 3], out=low[part])
+        np.maximum(cells[:, k], cells[:, (k + 1) % 3], out=high[part])
+    # Pair and side in one number: NumPy sorts numbers several times as fast as it sorts their order.
+    base, bits = int(high.max()) + 1, count.bit_length()
+    keys = low * base + high
+    if (base * base) << bits < 1 << 63:
+        packed = np.sort((keys << bits) | np.arange(count))
+        keys, sides = packed >> bits, packed & ((1 << bits) - 1)
+    else:
+        sides = np.argsort(keys, kind="stable")
+        keys = keys[sides]
+    first = np.flatnonzero(np.diff(keys, prepend=-1))
+    pairs = np.stack(np.divmod(keys[first], base), axis=1)
+    return Edges(pairs, first, np.diff(first, append=count), sides)
 
 
-def edge_means(cells: Array, corners: Array) -> Array:
-    """Mean (E, K) on each edge of `mesh_edges`, over the cells that share it, of values at the cells' corners.
+def edge_means(edges: Edges, values: Array) -> Array:
+    """Mean (E, K) on each edge, over the cells that share it, of values (M, K) of the cells.
 
     Args:
-        cells: (M, 3).
-        corners: (M, 3, K) values.
+        edges: of the M cells.
+        values: (M, K).
     """
-    _, inverse, count = _unique_edges(cells)
-    halves = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]).mean(axis=1)
-    total = np.zeros((len(count), corners.shape[2]))
-    np.add.at(total, inverse, halves)
-    return np.asarray(total / count[:, None])
+    if len(edges.first) == 0:
+        return np.empty((0, values.shape[1]))
+    total = np.add.reduceat(values[edges.sides % len(values)], edges.first)
+    return np.asarray(total / edges.shared_by[:, None])
 
 
 def particle_fluids(cells: Array, fluid: Array, cell_fluid: Array) -> tuple[Array, Array]:
@@ -126,11 +164,13 @@ def walls_around(position: Array, wall: Array) -> tuple[Array, Array]:
     return edges, np.stack([np.full(len(around), around[0]), *edges.T], axis=1)
 
 
-def _edges_between(cells: Array, cell_fluid: Array) -> Array:
-    """Edges (S, 2) whose two cells belong to different fluids."""
-    pairs, inverse, _ = _unique_edges(cells)
-    lowest, highest = _extremes(inverse, np.tile(cell_fluid, 3), len(pairs))
-    return np.asarray(pairs[lowest != highest])
+def _edges_between(edges: Edges, cell_fluid: Array) -> Array:
+    """Edges (S, 2) whose cells belong to different fluids."""
+    if len(edges.first) == 0:
+        return edges.pairs
+    fluid = cell_fluid[edges.sides % len(cell_fluid)]
+    differ = np.minimum.reduceat(fluid, edges.first) != np.maximum.reduceat(fluid, edges.first)
+    return np.asarray(edges.pairs[differ])
 
 
 def _extremes(index: Array, values: Array, count: int) -> tuple[Array, Array]:
@@ -139,14 +179,6 @@ def _extremes(index: Array, values: Array, count: int) -> tuple[Array, Array]:
     np.minimum.at(lowest, index, values)
     np.maximum.at(highest, index, values)
     return lowest, highest
-
-
-def _unique_edges(cells: Array) -> tuple[Array, Array, Array]:
-    halves = np.concatenate([cells[:, [0, 1]], cells[:, [1, 2]], cells[:, [2, 0]]])
-    halves = np.sort(halves, axis=1)
-    base = int(halves.max()) + 1 if len(halves) else 1
-    keys, inverse, count = np.unique(halves @ [base, 1], return_inverse=True, return_counts=True)
-    return np.stack([keys // base, keys % base], axis=1), inverse, count
 
 
 def _stack(*points: Array) -> Array:

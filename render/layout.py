@@ -2,11 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import Array, Box
+from .arrays import Array, Box, Point
+
+# The values of a `Layout` in its order, with points as tuples: two equal layouts have equal keys.
+LayoutKey: TypeAlias = tuple[tuple[int, int], float, Point, Point, float, Box, bool, Box]
 
 SMALLEST = (320, 240)  # [px] width, height
 LARGEST = 16384
@@ -43,6 +47,18 @@ class Layout:
     def narrow(self) -> bool:
         """Whether a panel below the tank takes two rows."""
         return self.size[0] < _NARROW * self.unit
+
+    @property
+    def key(self) -> LayoutKey:
+        """The layout as a value that can be compared and looked up."""
+        lower, upper = ((float(x), float(y)) for x, y in (self.lower, self.upper))
+        return self.size, self.unit, lower, upper, self.scale, self.box, self.beside, self.panel
+
+    @classmethod
+    def from_key(cls, key: LayoutKey) -> "Layout":
+        """The layout of a `key`."""
+        size, unit, lower, upper, scale, box, beside, panel = key
+        return cls(size, unit, np.array(lower), np.array(upper), scale, box, beside, panel)
 
     def pixels(self, points: ArrayLike) -> Array:
         """Points (..., 2) [m] in the picture, (..., 2) [px]."""

@@ -5,7 +5,7 @@ import numpy as np
 from . import colours
 from .arrays import Array
 from .drawing import Drawing
-from .interface import edge_means, fluid_regions, loose_particles, mesh_edges, particle_fluids, walls_around
+from .interface import edge_means, particle_fluids
 from .layout import Layout
 from .scene import Scene
 
@@ -42,39 +42,43 @@ def draw_scene(
     drawing = Drawing()
     unit = layout.unit
     pixels = layout.pixels(scene.position)
-    regions = fluid_regions(scene.position, scene.cells, scene.fluid, scene.cell_fluid)
-    edges, on_boundary = mesh_edges(scene.cells)
+    geometry = scene.geometry
+    regions, edges = geometry.regions, geometry.edges
+    walls, inside, spray, dry = geometry.surroundings
 
     # Walls are stroked on both sides of the mesh's boundary; the fluids painted next hide the inner half.
-    hull = edges[on_boundary & scene.wall[edges].all(axis=1)]
     thick = WALL_THICKNESS * unit
-    # Dry walls are drawn around the empty space between them.
-    spray, dry = loose_particles(scene.cells, scene.wall)
-    box, inside = walls_around(scene.position, scene.wall & dry.any())
-    drawing.lines(pixels[np.concatenate([hull, box])], 2 * thick, colours.rgb(colours.WALL), cap=thick)
+    drawing.lines(pixels[walls], 2 * thick, colours.rgb(colours.WALL), cap=thick)
     drawing.triangles(pixels[inside], np.array(colours.BACKGROUND))
 
+    # Colours are those of cells, (M, 3), where fields or fluids jump between them, else of particles, (N, 3).
     if field is None:
         shown = colours.mix(fills, 1.0, 0.62) if particles else fills
         drawing.triangles(layout.pixels(regions.triangles), shown[regions.fluid])
-        tones = colours.tone(shown)[_corner_fluids(scene)]
+        tones = colours.tone(shown)[scene.fluid if scene.cell_fluid is None else scene.cell_fluid]
+        by_cell = scene.cell_fluid is not None
         dots = colours.dot_colours(fills)
     else:
         low, high = (0.0, 1.0) if field_range is None else field_range
         table = colours.colour_table(is_signed(field))
-        at_corners = colours.map_values(scene.corner_values(field), low, high, table)
-        drawing.triangles(pixels[scene.cells], at_corners)
-        tones = 0.6 * at_corners
+        values = scene.field_values(field)
+        by_cell = field in scene.cell_fields
+        shades = colours.map_values(scene.cell_values(field) if by_cell else values, low, high, table)
+        shades = shades.astype(np.float32)
+        drawing.triangles(pixels[scene.cells], shades if by_cell else shades[scene.cells])
+        tones = 0.6 * shades
         dots = colours.dot_colours_on_field(fills)
 
     # A particle in no cell is drawn as a drop of about the volume that it carries.
     drop, tints = SPRAY_RADIUS * scene.spacing * layout.scale, fills[scene.fluid[spray]]
     if field is not None:
-        tints = colours.map_values(scene.field_values(field)[spray], low, high, table)
+        tints = colours.map_values(values[spray], low, high, table)
     drawing.dots(pixels[spray], max(drop, 0.9 * unit), tints)
 
     if mesh:
-        drawing.lines(pixels[edges], max(MESH_WIDTH * unit, 0.5), edge_means(scene.cells, tones))
+        ends = pixels[edges.pairs]
+        lines = edge_means(edges, tones) if by_cell else tones[edges.pairs].mean(axis=1)
+        drawing.lines(ends, max(MESH_WIDTH * unit, 0.5), lines)
     radius = min(max(0.27 * scene.spacing * layout.scale, 0.9 * unit), 6 * unit)
     beads = pixels[:0]
     if particles:
@@ -90,18 +94,11 @@ def draw_scene(
     if field is not None:
         # A light line under the dark one, so that it is visible on every colour of the table.
         drawing.lines(interface, HALO_WIDTH * unit, light, cap=0.5 * unit)
-        drawing.dots(beads, radius + (HALO_WIDTH - INTERFACE_WIDTH) / 2 * unit, np.tile(light, (len(beads), 1)))
+        drawing.dots(beads, radius + (HALO_WIDTH - INTERFACE_WIDTH) / 2 * unit, light)
     drawing.lines(interface, INTERFACE_WIDTH * unit, dark, cap=0.3 * unit)
     # Particles on the interface belong to both fluids and have its colour.
-    drawing.dots(beads, radius, np.tile(dark, (len(beads), 1)))
+    drawing.dots(beads, radius, dark)
     return drawing
-
-
-def _corner_fluids(scene: Scene) -> Array:
-    """The fluid at the corners of each cell, (M, 3): the cell's, else the particles'."""
-    if scene.cell_fluid is None:
-        return np.asarray(scene.fluid[scene.cells])
-    return np.repeat(scene.cell_fluid[:, None], 3, axis=1)
 
 
 def is_signed(field: str) -> bool:

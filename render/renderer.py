@@ -7,6 +7,7 @@ from typing import Protocol
 from . import colours
 from .annotation import annotate, panel_width
 from .arrays import Array, Range
+from .drawing import Drawing
 from .ggui import DriverError, GGUICanvas
 from .layout import Layout, check_size, make_layout
 from .picture import draw_scene
@@ -20,8 +21,8 @@ class Canvas(Protocol):
 
     name: str
 
-    def paint(self, vertices: Array, colours: Array, background: Sequence[float]) -> Array:
-        """Picture (H, W, 3) uint8 of triangles (T, 3, 2) [px] with the colours (T, 3, 3) of their vertices."""
+    def paint(self, drawing: Drawing, background: Sequence[float]) -> Array:
+        """Picture (H, W, 3) uint8 of a drawing on a background (3,) in [0, 1]."""
 
     def close(self) -> None:
         """Free the window or buffers."""
@@ -88,7 +89,7 @@ class Renderer:
         assert scene.upper is not None, "a Scene fills in what was left out"
         layout = make_layout(self.size, scene.lower, scene.upper, bool(scene.title), panel_width(scene, field))
         drawing = draw_scene(scene, layout, fills, field=field, field_range=field_range, mesh=mesh, particles=particles)
-        image = self._canvas.paint(*drawing.arrays(), colours.BACKGROUND)
+        image = self._canvas.paint(drawing, colours.BACKGROUND)
         return annotate(image, scene, layout, fills, field, field_range)
 
     def tank(self, scene: Scene, layout: Layout) -> Array:
@@ -99,7 +100,7 @@ class Renderer:
             layout: of this renderer's size.
         """
         fills = colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours)
-        return self._canvas.paint(*draw_scene(scene, layout, fills).arrays(), colours.BACKGROUND)
+        return self._canvas.paint(draw_scene(scene, layout, fills), colours.BACKGROUND)
 
     def close(self) -> None:
         """Free the back end's window or buffers; a later frame opens them again."""

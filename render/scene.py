@@ -2,12 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import Array
+from .geometry import Geometry
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,6 +121,12 @@ class Scene:
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 
+    @cached_property
+    def geometry(self) -> Geometry:
+        """Edges, interface and walls, computed at the first use and kept."""
+        assert self.wall is not None, "filled in above"
+        return Geometry(self.position, self.cells, self.fluid, self.wall, self.cell_fluid)
+
     def field_values(self, name: str) -> Array:
         """Values (N,) of a field at the particles.
 
@@ -133,19 +141,16 @@ class Scene:
             raise ValueError(f"field {name!r} is not in the results; there are: {known}")
         return self._finite(name, self.fields[name], "particle")
 
-    def corner_values(self, name: str) -> Array:
-        """Values (M, 3) of a field at the corners of the cells: those of the cell if it has any, else the particles'.
+    def cell_values(self, name: str) -> Array:
+        """Values (M,) of a field of `cell_fields`.
 
         Args:
             name: of the field.
 
         Raises:
-            ValueError: there is no such field, or it is not finite.
+            ValueError: it is not finite.
         """
-        values = self.field_values(name)
-        if name not in self.cell_fields:
-            return np.asarray(values[self.cells])
-        return np.repeat(self._finite(name, self.cell_fields[name], "cell")[:, None], 3, axis=1)
+        return self._finite(name, self.cell_fields[name], "cell")
 
     def _finite(self, name: str, values: Array, of: str) -> Array:
         bad = np.flatnonzero(~np.isfinite(values))

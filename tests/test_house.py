@@ -41,7 +41,7 @@ TAICHI = (
     "step/fused_iteration.py",
     "walls/constraint_kernels.py",
 )
-RENDER_TAICHI = ("ggui.py", "rasterizer.py", "runtime.py")
+RENDER_TAICHI = ("ggui.py", "rasterizer.py", "runtime.py", "shapes.py")
 LINES = 500  # a longer file usually has two subjects
 
 TIPFEM = sorted((ROOT / "tipfem").rglob("*.py"))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from render_results import sharp_tank, tank
-from tipfem.render.interface import edge_means, fluid_regions, mesh_edges, particle_fluids
+from tipfem.render.interface import cell_edges, edge_means, fluid_regions, particle_fluids
 
 TRIANGLE = np.array([[0.0, 0.0], [2.0, 0.3], [0.4, 1.7]])
 
@@ -106,17 +106,32 @@ def test_particles_take_the_fluid_of_their_cells():
 
 def test_means_on_edges_are_over_the_cells_that_share_them():
     cells = np.array([[0, 1, 2], [0, 2, 3]])
-    assert mesh_edges(cells)[0].tolist() == [[0, 1], [0, 2], [0, 3], [1, 2], [2, 3]]
-    of_cells = np.repeat([[[1.0, 10.0]], [[3.0, 50.0]]], 3, axis=1)
-    assert edge_means(cells, of_cells).tolist() == [[1, 10], [2, 30], [3, 50], [1, 10], [3, 50]]
-    at_particles = np.array([[1.0], [2.0], [4.0], [8.0]])
-    assert edge_means(cells, at_particles[cells]).ravel().tolist() == [1.5, 2.5, 4.5, 3, 6]
+    assert cell_edges(cells).pairs.tolist() == [[0, 1], [0, 2], [0, 3], [1, 2], [2, 3]]
+    of_cells = np.array([[1.0, 10.0], [3.0, 50.0]])
+    assert edge_means(cell_edges(cells), of_cells).tolist() == [[1, 10], [2, 30], [3, 50], [1, 10], [3, 50]]
 
 
 def test_edges_of_two_cells():
-    edges, on_boundary = mesh_edges(np.array([[0, 1, 2], [0, 2, 3]]))
-    assert edges.tolist() == [[0, 1], [0, 2], [0, 3], [1, 2], [2, 3]]
-    assert on_boundary.tolist() == [True, False, True, True, True]
+    edges = cell_edges(np.array([[0, 1, 2], [0, 2, 3]]))
+    assert edges.pairs.tolist() == [[0, 1], [0, 2], [0, 3], [1, 2], [2, 3]]
+    assert edges.shared_by.tolist() == [1, 2, 1, 1, 1]
+    assert [sorted(edges.sides[k : k + n].tolist()) for k, n in zip(edges.first, edges.shared_by, strict=True)] == [
+        [0],
+        [1, 4],
+        [5],
+        [2],
+        [3],
+    ]
+
+
+def test_edges_of_particles_with_large_numbers_are_the_same():
+    """Numbers too large to be packed with their sides are sorted in another way."""
+    _, cells, _, _ = tank(0.0)
+    far = 3_000_000_000
+    edges, moved = cell_edges(cells), cell_edges(cells.astype(np.int64) + far)
+    assert (moved.pairs - far == edges.pairs).all()
+    assert (moved.shared_by == edges.shared_by).all()
+    assert (moved.sides == edges.sides).all()
 
 
 def test_no_cells():
@@ -125,4 +140,4 @@ def test_no_cells():
         regions = fluid_regions(TRIANGLE, none, np.zeros(3, int), cell_fluid)
         assert regions.triangles.shape == (0, 3, 2)
         assert regions.segments.shape == (0, 2, 2)
-    assert edge_means(none, np.empty((0, 3, 3))).shape == (0, 3)
+    assert edge_means(cell_edges(none), np.empty((0, 3))).shape == (0, 3)

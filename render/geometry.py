@@ -1,0 +1,61 @@
+"""What the pictures of a scene share: computed at its first picture and kept with it, whatever is shown."""
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from .arrays import Array
+from .interface import Edges, FluidRegions, cell_edges, fluid_regions, loose_particles, walls_around
+
+
+class Surroundings(NamedTuple):
+    """Walls and particles outside the cells.
+
+    Attributes:
+        walls: (W, 2) edges of walls, pairs of particles.
+        inside: (T, 3) triangles that fill the space between dry walls.
+        spray: (N,) mask of the particles off the walls that are in no cell.
+        dry: (N,) mask of the wall particles that are in no cell.
+    """
+
+    walls: Array
+    inside: Array
+    spray: Array
+    dry: Array
+
+
+class Geometry:
+    """Edges, interface and walls of a scene, in metres or as indices.
+
+    Args:
+        position: (N, 2) [m].
+        cells: (M, 3).
+        fluid: (N,) of the particles.
+        wall: (N,) mask of the wall particles.
+        cell_fluid: (M,) of the cells, or None.
+    """
+
+    def __init__(self, position: Array, cells: Array, fluid: Array, wall: Array, cell_fluid: Array | None) -> None:
+        self._position, self._cells, self._fluid = position, cells, fluid
+        self._wall, self._cell_fluid = wall, cell_fluid
+
+    @cached_property
+    def edges(self) -> Edges:
+        """Edges of the cells."""
+        return cell_edges(self._cells)
+
+    @cached_property
+    def regions(self) -> FluidRegions:
+        """The cells split by fluid, and the interface."""
+        return fluid_regions(self._position, self._cells, self._fluid, self._cell_fluid, self.edges)
+
+    @cached_property
+    def surroundings(self) -> Surroundings:
+        """Walls and loose particles."""
+        pairs = self.edges.pairs
+        hull = pairs[(self.edges.shared_by == 1) & self._wall[pairs].all(axis=1)]
+        # Dry walls are drawn around the empty space between them.
+        spray, dry = loose_particles(self._cells, self._wall)
+        box, inside = walls_around(self._position, self._wall & dry.any())
+        return Surroundings(np.concatenate([hull, box]), inside, spray, dry)

@@ -1,0 +1,98 @@
+"""Lines and dots as triangles, by Taichi kernels: a mesh has many of them."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .arrays import Array
+from .runtime import ensure_runtime, ti
+
+# A hexagon as a fan of four triangles.
+_ANGLES = np.deg2rad(60 * np.arange(6))
+_HEXAGON = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
+_FAN = _HEXAGON[np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]])]
+TRIANGLES_A_LINE = 2
+TRIANGLES_A_DOT = len(_FAN)
+
+
+@ti.kernel
+def _stroke(
+    segments: ti.types.ndarray(dtype=ti.f64, ndim=3),
+    half: ti.f64,
+    cap: ti.f64,
+    out: ti.types.ndarray(dtype=ti.f32, ndim=3),
+):
+    """Two triangles for each segment.
+
+    Args:
+        segments: (S, 2, 2) ends [px].
+        half: of the width [px].
+        cap: length added at both ends [px].
+        out: (2 S, 3, 2), written.
+    """
+    for s in range(segments.shape[0]):
+        x, y = segments[s, 0, 0], segments[s, 0, 1]
+        dx, dy = segments[s, 1, 0] - x, segments[s, 1, 1] - y
+        length = ti.max(ti.sqrt(dx * dx + dy * dy), 1e-12)
+        dx, dy = dx / length, dy / length
+        sx, sy = x - cap * dx, y - cap * dy
+        ex, ey = segments[s, 1, 0] + cap * dx, segments[s, 1, 1] + cap * dy
+        ax, ay = -dy * half, dx * half
+        out[2 * s, 0, 0], out[2 * s, 0, 1] = ti.cast(sx - ax, ti.f32), ti.cast(sy - ay, ti.f32)
+        out[2 * s, 1, 0], out[2 * s, 1, 1] = ti.cast(ex - ax, ti.f32), ti.cast(ey - ay, ti.f32)
+        out[2 * s, 2, 0], out[2 * s, 2, 1] = ti.cast(ex + ax, ti.f32), ti.cast(ey + ay, ti.f32)
+        out[2 * s + 1, 2, 0], out[2 * s + 1, 2, 1] = ti.cast(sx + ax, ti.f32), ti.cast(sy + ay, ti.f32)
+        for k in ti.static(range(2)):
+            out[2 * s + 1, 0, k] = out[2 * s, 0, k]
+            out[2 * s + 1, 1, k] = out[2 * s, 2, k]
+
+
+@ti.kernel
+def _fan_out(
+    centres: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    fan: ti.types.ndarray(dtype=ti.f64, ndim=3),
+    radius: ti.f64,
+    out: ti.types.ndarray(dtype=ti.f32, ndim=4),
+):
+    """The triangles of a hexagon for each dot.
+
+    Args:
+        centres: (N, 2) [px].
+        fan: (4, 3, 2) of radius 1.
+        radius: [px].
+        out: (N, 4, 3, 2), written.
+    """
+    for n in range(centres.shape[0]):
+        for t in range(fan.shape[0]):
+            for j, k in ti.static(ti.ndrange(3, 2)):
+                out[n, t, j, k] = ti.cast(centres[n, k] + radius * fan[t, j, k], ti.f32)
+
+
+def line_triangles(segments: ArrayLike, width: float, cap: float) -> Array:
+    """Triangles (2 S, 3, 2) [px] of lines along segments, float32.
+
+    Args:
+        segments: (S, 2, 2) ends [px].
+        width: [px].
+        cap: length added at both ends [px].
+    """
+    given = np.ascontiguousarray(segments, np.float64)
+    out = np.empty((TRIANGLES_A_LINE * len(given), 3, 2), np.float32)
+    if len(given):  # Taichi does not accept empty arrays
+        ensure_runtime()
+        _stroke(given, width / 2, cap, out)
+    return out
+
+
+def dot_triangles(centres: ArrayLike, radius: float) -> Array:
+    """Triangles (4 N, 3, 2) [px] of dots, float32.
+
+    Args:
+        centres: (N, 2) [px].
+        radius: [px].
+    """
+    given = np.ascontiguousarray(centres, np.float64)
+    out = np.empty((len(given), TRIANGLES_A_DOT, 3, 2), np.float32)
+    if len(given):
+        ensure_runtime()
+        _fan_out(given, _FAN, radius, out)
+    return out.reshape(-1, 3, 2)
