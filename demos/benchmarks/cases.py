@@ -1,9 +1,12 @@
 """What `performance.py` measures, in a process of its own for each size and number of threads."""
 
+import importlib.metadata
+import os
 import resource
 import tempfile
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -94,12 +97,14 @@ def measure_steps(state: dict[str, Array], steps: int) -> dict[str, Any]:
     }
 
 
-def _system(simulation: tp.Simulation, workspace: Workspace) -> tuple[FlowProblem, float]:
+def _system(simulation: tp.Simulation, workspace: Workspace, jacobian: str = "rows") -> tuple[FlowProblem, float]:
     """The first Newton system of a simulation's next step, and the seconds that its preconditioner took to set up."""
     timings = Timings(ti.sync)
     with timings.active():
         dt = simulation.history[-1]["time_step"]
-        problem, _ = first_system(simulation.mesh, simulation.particles, simulation.case.fluids, dt, workspace)
+        problem, _ = first_system(
+            simulation.mesh, simulation.particles, simulation.case.fluids, dt, workspace, jacobian
+        )
     return problem, timer_seconds(timings, "preconditioner")
 
 
@@ -172,7 +177,30 @@ def measure_solvers(state: dict[str, Array], direct: bool) -> dict[str, Any]:
     found["product_bytes"] = blocks * (9 * 8 + 4) + count * (6 * 8 + 4)
     found["copy"] = copy_speed(count)
     found |= _with_pyamg(problem, matrix)
-    return found | (_direct(matrix, rhs) if direct else {})
+    found |= _direct(matrix, rhs) if direct else {}
+    return found | _matrix_free(simulation)
+
+
+def _matrix_free(simulation: tp.Simulation) -> dict[str, Any]:
+    """The same solve without rows of the Jacobian: seconds with set-up, iterations, and seconds of a product."""
+    workspace = Workspace()
+    _solve(_linearised(simulation, workspace)[0])  # kernels are compiled or loaded
+    problem, build = _linearised(simulation, workspace)
+    result, taken = _solve(problem)
+    v, out = problem.buffers.get("correction", problem.size), ti.ndarray(ti.f64, problem.size)
+    product = _best(lambda: problem.product(v, out))
+    return {
+        "matrix_free": build + taken,
+        "matrix_free_iterations": result.iterations,
+        "matrix_free_product": product,
+    }
+
+
+def _linearised(simulation: tp.Simulation, workspace: Workspace) -> tuple[FlowProblem, float]:
+    """As `_system`, matrix-free and linearised."""
+    problem, build = _system(simulation, workspace, "matrix-free")
+    problem.linearise()
+    return problem, build
 
 
 def _direct(matrix: sparse.csr_matrix, rhs: Array) -> dict[str, float]:
@@ -187,13 +215,28 @@ def _direct(matrix: sparse.csr_matrix, rhs: Array) -> dict[str, float]:
     start = time.perf_counter()
     splu(closed.tocsc()).solve(rhs)
     found = {"superlu": time.perf_counter() - start}
-    try:
-        import pypardiso
-    except ImportError:
+    pypardiso = _import_pardiso()
+    if pypardiso is None:
         return found
     start = time.perf_counter()
     pypardiso.PyPardisoSolver().solve(closed, rhs)
     return found | {"pardiso": time.perf_counter() - start}
+
+
+def _import_pardiso() -> Any | None:
+    """The module pypardiso, None where it is not installed.
+
+    It looks for the library of the package mkl in the folder of the running Python only, where it is not if that is a
+    virtual environment on top of another.
+    """
+    try:
+        for file in importlib.metadata.files("mkl") or []:
+            if file.name.startswith("libmkl_rt.so"):
+                os.environ.setdefault("PYPARDISO_MKL_RT", str(Path(str(file.locate())).resolve()))
+        import pypardiso
+    except ImportError:  # of either package
+        return None
+    return pypardiso
 
 
 def _with_pyamg(problem: FlowProblem, matrix: sparse.csr_matrix) -> dict[str, Any]:

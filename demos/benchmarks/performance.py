@@ -96,7 +96,7 @@ def measure(arguments: argparse.Namespace) -> list[dict[str, Any]]:
 
 def _python(*words: str) -> None:
     if subprocess.run([sys.executable, *words], check=False).returncode:
-        harness.stop("a measurement failed; its message stands above")
+        harness.stop("a measurement failed; see its message above")
 
 
 def _where(figures: Mapping[str, Any]) -> str:
@@ -129,9 +129,9 @@ def table(found: Sequence[Mapping[str, Any]]) -> str:
         "",
         "The first Newton system of a step, to 1e-6 (seconds; times of ours in brackets):",
         "",
-        "| particles | FGMRES iterations | ours | with pyamg's cycle | PARDISO | SuperLU "
-        "| product over copying its bytes |",
-        "|" + "---|" * 7,
+        "| particles | FGMRES iterations | ours | ours, matrix-free | with pyamg's cycle | PARDISO | SuperLU "
+        "| product over copying its bytes | matrix-free product over it |",
+        "|" + "---|" * 9,
     ]
     for f in found:
         if "solvers" not in f:
@@ -139,11 +139,12 @@ def table(found: Sequence[Mapping[str, Any]]) -> str:
         s = f["solvers"]
         product = s["product"] / (s["product_bytes"] / s["copy"])
         amg = f"{s['pyamg']:.2f} ({s['pyamg_iterations']} iterations)" if "pyamg" in s else "not installed"
+        free = f"{s['matrix_free']:.3f} ({s['matrix_free_iterations']} iterations)"
         direct = [f"{s[n]:.2f} ({s[n] / s['ours']:.0f})" if n in s else "-" for n in ("pardiso", "superlu")]
         lines.append(
-            f"| {s['particles']} | {s['iterations']} | {s['ours']:.3f} | {amg} | "
+            f"| {s['particles']} | {s['iterations']} | {s['ours']:.3f} | {free} | {amg} | "
             + " | ".join(direct)
-            + f" | {product:.1f} |"
+            + f" | {product:.1f} | {s['matrix_free_product'] / s['product']:.1f} |"
         )
     first = ", ".join(f"{f['first_step']:.1f} ({f['particles']}, {_where(f)})" for f in found)
     speeds = ", ".join(f"{f['copy'] / 1e9:.0f} ({f['particles']}, {_where(f)})" for f in found)
@@ -177,6 +178,7 @@ def plot(path: Path, found: Sequence[Mapping[str, Any]]) -> None:
     left.legend(fontsize=9, ncols=3, loc="upper left")
     for name, key, style in (
         ("tipfem", "ours", "o-"),
+        ("tipfem, matrix-free", "matrix_free", "d-"),
         ("with pyamg's cycle", "pyamg", "v:"),
         ("PARDISO", "pardiso", "s--"),
         ("SuperLU", "superlu", "^-."),
@@ -200,7 +202,7 @@ def _hard(systems: Mapping[str, tuple[int, int]]) -> str:
 
 
 def check(found: Sequence[Mapping[str, Any]], hard: Mapping[str, tuple[int, int]]) -> list[str]:
-    """What the measurement misses of what holds on every machine, loaded or not; empty when all is well."""
+    """Limits that hold on every machine, loaded or not, and that the measurement exceeds; empty if all hold."""
     counts = [f["solvers"]["iterations"] for f in found if "solvers" in f]
     missed = [f"{n} iterations of FGMRES to 1e-6, above {MOST_ITERATIONS}" for n in counts if n > MOST_ITERATIONS]
     missed += [f"{n} iterations for {name}, above {MOST_HARD}" for name, (_, n) in hard.items() if n > MOST_HARD]
@@ -224,7 +226,7 @@ def main(words: Sequence[str] | None = None) -> None:
     )
     add("--threads", type=int, default=2, help="CPU threads; one more run takes one")
     add("--steps", type=int, default=STEPS, help="time steps that are measured")
-    add("--arch", choices=["cpu", "cuda"], default="cpu", help="cuda measures the GPU beside the CPU")
+    add("--arch", choices=["cpu", "cuda"], default="cpu", help="cuda (untried) measures a GPU as well")
     add("--short", action="store_true", help="two small sizes only")
     for name, kind in (("--worker", Path), ("--refine", int), ("--result", Path)):
         add(name, type=kind, help=argparse.SUPPRESS)

@@ -125,7 +125,12 @@ def _iterations(tank: tp.Tank, fluids: list[tp.Fluid], dt: float, grading: tp.Gr
 
 
 def first_system(
-    mesh: Mesh, particles: tp.Particles, fluids: Sequence[tp.Fluid], dt: float, workspace: Workspace
+    mesh: Mesh,
+    particles: tp.Particles,
+    fluids: Sequence[tp.Fluid],
+    dt: float,
+    workspace: Workspace,
+    jacobian: str = "rows",
 ) -> tuple[FlowProblem, Any]:
     """The problem of a time step under gravity, at its first iterate.
 
@@ -134,7 +139,8 @@ def first_system(
         particles: the state.
         fluids: of the case.
         dt: time step [s].
-        workspace: what is used again from step to step.
+        workspace: arrays and grids that steps reuse.
+        jacobian: "rows" or "matrix-free".
 
     Returns:
         The problem, whose residual has been evaluated, and the device vector of the first iterate.
@@ -143,7 +149,7 @@ def first_system(
     material = ElementProperties(density[mesh.fluid], viscosity[mesh.fluid], np.zeros(len(mesh.cells)))
     force = np.tile([0.0, -dam_break.GRAVITY], (len(particles), 1))
     scheme, stabilisation = GeneralizedAlpha(0.0, dt), Numerics().stabilisation
-    problem = FlowProblem(mesh, particles, material, scheme, force, stabilisation, workspace)
+    problem = FlowProblem(mesh, particles, material, scheme, force, stabilisation, workspace, jacobian=jacobian)
     x = problem.predict()
     problem.residual(x)
     return problem, x

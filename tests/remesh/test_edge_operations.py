@@ -7,23 +7,25 @@ import pytest
 import taichi as ti
 from triangulations import as_set, border, check, circle_test, cloud, delaunay, of
 
+from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2
+from tipfem.backend.launch import kernel, launch
 from tipfem.mesh.mesh import simplex_measure
 from tipfem.remesh.edges import edge_operations
 from tipfem.remesh.edges.edge_operations import Segment, TriangleArrays
 
 
-@ti.kernel
-def in_circles(x: ti.types.ndarray(), four: ti.types.ndarray(), result: ti.types.ndarray()):
+@kernel
+def in_circles(x: Reals2, four: Ints2, result: Reals1):
     for k in range(four.shape[0]):
         result[k] = edge_operations.in_circle(x, four[k, 0], four[k, 1], four[k, 2], four[k, 3])
 
 
-@ti.kernel
+@kernel
 def split_edge(
-    cells: ti.types.ndarray(),
-    neighbours: ti.types.ndarray(),
-    corner: ti.types.ndarray(),
-    fluid: ti.types.ndarray(),
+    cells: Ints2,
+    neighbours: Ints2,
+    corner: Ints1,
+    fluid: Ints1,
     t: ti.i32,
     i: ti.i32,
     n: ti.i32,
@@ -36,14 +38,14 @@ def split_edge(
         edge_operations.split(mesh, t, i, n, t2, o2)
 
 
-@ti.kernel
+@kernel
 def star_of(
-    cells: ti.types.ndarray(),
-    neighbours: ti.types.ndarray(),
-    corner: ti.types.ndarray(),
+    cells: Ints2,
+    neighbours: Ints2,
+    corner: Ints1,
     p: ti.i32,
-    star: ti.types.ndarray(),
-    result: ti.types.ndarray(),
+    star: Ints1,
+    result: Ints1,
 ):
     mesh, around = ti.static(TriangleArrays(None, cells, neighbours, None, corner), Segment(star))
     ti.loop_config(serialize=True)
@@ -52,18 +54,18 @@ def star_of(
         result[0], result[1] = count, closed
 
 
-@ti.kernel
+@kernel
 def collapse_edge(
-    x: ti.types.ndarray(),
-    cells: ti.types.ndarray(),
-    neighbours: ti.types.ndarray(),
-    corner: ti.types.ndarray(),
-    fluid: ti.types.ndarray(),
-    star: ti.types.ndarray(),
+    x: Reals2,
+    cells: Ints2,
+    neighbours: Ints2,
+    corner: Ints1,
+    fluid: Ints1,
+    star: Ints1,
     p: ti.i32,
     q: ti.i32,
     least: ti.f64,
-    done: ti.types.ndarray(),
+    done: Ints1,
 ):
     mesh, around = ti.static(TriangleArrays(x, cells, neighbours, fluid, corner), Segment(star))
     ti.loop_config(serialize=True)
@@ -83,7 +85,7 @@ def test_in_circle_is_the_determinant_with_the_right_sign():
     clockwise = simplex_measure(x, four[:, :3]) < 0
     four[clockwise] = four[clockwise][:, [1, 0, 2, 3]]
     result = np.empty(len(four))
-    in_circles(x, four, result)
+    launch(in_circles, x, four, result)
     np.testing.assert_allclose(result, circle_test(x, four), rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(result[:400], result[400:800], rtol=1e-9, atol=1e-15)  # no matter the unit
     for (a, b, c, d), value in zip(four[:400], result, strict=False):
@@ -108,7 +110,7 @@ def test_a_split_edge_has_its_particle_and_the_areas_are_kept(seed):
             t.cells = np.concatenate([t.cells, np.zeros((2, 3), dtype=np.int32)])
             t.neighbours = np.concatenate([t.neighbours, np.full((2, 3), -1, dtype=np.int32)])
             t.fluid = np.concatenate([t.fluid, np.full(2, -1, dtype=np.int32)])
-            split_edge(t.cells, t.neighbours, t.corner, t.fluid, t0, i, len(x), more + 1, more)
+            launch(split_edge, t.cells, t.neighbours, t.corner, t.fluid, t0, i, len(x), more + 1, more)
             assert (t.fluid[more:] >= 0).tolist() == [not hull, True]
             t.compact()
             check(t)
@@ -128,7 +130,7 @@ def test_a_star_goes_round_its_particle():
         on_hull = np.unique(border(t, hull=True))
         for p in range(len(x)):
             star, result = np.empty(edge_operations.STAR + 1, dtype=np.int32), np.zeros(2, dtype=np.int32)
-            star_of(t.cells, t.neighbours, t.corner, p, star, result)
+            launch(star_of, t.cells, t.neighbours, t.corner, p, star, result)
             around = star[: result[0]]
             assert sorted(around) == np.flatnonzero((t.cells == p).any(axis=1)).tolist()
             assert result[1] == (p not in on_hull)
@@ -144,7 +146,7 @@ def test_a_star_of_too_many_cells_is_left_alone():
         x = np.concatenate([np.stack([np.cos(angle), np.sin(angle)], axis=1), [[0.0, 0.0]]])
         t = of(x, np.stack([np.arange(n), (np.arange(n) + 1) % n, np.full(n, n)], axis=1))
         star, result = np.full(edge_operations.STAR + 4, -7, dtype=np.int32), np.zeros(2, dtype=np.int32)
-        star_of(t.cells, t.neighbours, t.corner, n, star, result)
+        launch(star_of, t.cells, t.neighbours, t.corner, n, star, result)
         assert result[0] == expected
         assert (star[edge_operations.STAR + 1 :] == -7).all()
 
@@ -165,7 +167,9 @@ def test_a_collapsed_edge_takes_two_cells_along_and_the_rest_keeps_its_area(kind
                 t = of(x, first.cells)
                 done[0] = 0
                 star = np.empty(edge_operations.STAR + 1, dtype=np.int32)
-                collapse_edge(t.state, t.cells, t.neighbours, t.corner, t.fluid, star, int(p), int(q), 1e-9, done)
+                launch(
+                    collapse_edge, t.state, t.cells, t.neighbours, t.corner, t.fluid, star, int(p), int(q), 1e-9, done
+                )
                 kept = np.where(first.cells == p, q, first.cells)
                 kept = kept[~((first.cells == p).any(axis=1) & (first.cells == q).any(axis=1))]
                 assert done[0] == (2 * simplex_measure(x, kept)[(kept == q).any(axis=1)] >= 1e-9).all()

@@ -18,22 +18,24 @@ from triangulations import (
     of,
 )
 
+from tipfem.backend.array_types import Ints1, Ints2, Reals2
+from tipfem.backend.launch import kernel, launch
 from tipfem.mesh.mesh import simplex_measure
 from tipfem.remesh.edges import edge_operations
 from tipfem.remesh.edges.edge_operations import ACCELERATION, MASS, VELOCITY
 from tipfem.remesh.triangulation import Crowding, Triangulation
 
 
-@ti.kernel
+@kernel
 def flip_edges(
-    x: ti.types.ndarray(),
-    cells: ti.types.ndarray(),
-    neighbours: ti.types.ndarray(),
-    fluid: ti.types.ndarray(),
-    corner: ti.types.ndarray(),
-    edges: ti.types.ndarray(),
+    x: Reals2,
+    cells: Ints2,
+    neighbours: Ints2,
+    fluid: Ints1,
+    corner: Ints1,
+    edges: Ints1,
     flat: ti.f64,
-    count: ti.types.ndarray(),
+    count: Ints1,
 ):
     """Flip those of ``edges`` (3 * cell + corner) that lie in one fluid and in a convex quadrilateral."""
     mesh = ti.static(edge_operations.TriangleArrays(x, cells, neighbours, fluid, corner))
@@ -55,7 +57,7 @@ def shuffled(t: Triangulation, seed: int) -> int:
     count = np.zeros(1, dtype=np.int32)
     edges = np.random.default_rng(seed).permutation(np.tile(np.arange(t.cells.size, dtype=np.int32), 3))
     flat = 1e-10 * float(np.ptp(t.state[:, 1]))
-    flip_edges(t.state, t.cells, t.neighbours, t.fluid, t.corner, edges, flat, count)
+    launch(flip_edges, t.state, t.cells, t.neighbours, t.fluid, t.corner, edges, flat, count)
     return int(count[0])
 
 

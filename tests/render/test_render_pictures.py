@@ -67,14 +67,25 @@ def test_options_change_the_tank_and_not_the_frame():
             assert (renderer.frame(scene) == plain).all()
 
 
-def test_three_fluids_and_no_cells():
+def colours_in(image):
+    """All colours of an image, as a set of triples."""
+    return set(map(tuple, image.reshape(-1, 3).tolist()))
+
+
+def test_three_fluids_have_three_colours():
     points, cells, fluid, _ = tank(0.0)
     fluid[:40] = 2
-    names = ("water", "air", "glycerin")
-    scene = Scene(position=points, cells=cells, fluid=fluid, fluid_names=names)
-    render_frame(scene, (400, 300), backend="raster")
-    bare = Scene(position=points, cells=[], fluid=np.zeros(len(points)))
-    render_frame(bare, (400, 300), particles=True, mesh=True, backend="raster")
+    chosen = {"water": "#804020", "air": "#208040", "glycerin": "#402080"}
+    scene = Scene(position=points, cells=cells, fluid=fluid, fluid_names=tuple(chosen))
+    found = colours_in(render_frame(scene, (400, 300), backend="raster", fluid_colours=chosen))
+    assert {(0x80, 0x40, 0x20), (0x20, 0x80, 0x40), (0x40, 0x20, 0x80)} <= found
+
+
+def test_particles_are_drawn_where_there_are_no_cells():
+    bare = Scene(position=tank(0.0)[0], cells=[], fluid=np.zeros(len(tank(0.0)[0])))
+    empty = render_frame(bare, (400, 300), mesh=True, backend="raster")
+    drawn = render_frame(bare, (400, 300), particles=True, mesh=True, backend="raster")
+    assert 0.001 < (drawn != empty).any(axis=2).mean() < 0.5
 
 
 def test_colours_of_fluids():

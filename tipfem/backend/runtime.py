@@ -31,7 +31,7 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
     the environment variable ``TIPFEM_BIND_THREADS`` is 0.
 
     Args:
-        arch: "cpu", or "cuda", which is untried: no run on a GPU has been made yet.
+        arch: "cpu", or "cuda", which has not been tried on a GPU.
         precision: "f64" (the default) or "f32", of all reals in the kernels.
         threads: number of CPU threads; by default, and at most, as many as there are cores that the process may use.
 

@@ -95,7 +95,7 @@ def run(
     threads
         Number of CPU threads; by default as many as there are cores.
     arch
-        cpu or cuda.
+        cpu, or cuda, which has not been tried on a GPU.
     overwrite
         Replace results that are in the folder.
     progress

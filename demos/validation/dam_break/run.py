@@ -89,7 +89,7 @@ def main(words: Sequence[str] | None = None) -> None:
     add = parser.add_argument
     add("--spacing", type=harness.positive, nargs="+", default=SPACINGS, metavar="H", help="of each run [m]")
     add("--interface", choices=sorted(INTERFACES), default=DEFAULT_INTERFACE, help="rule for the interface")
-    add("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run")
+    add("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run; cuda is untried")
     add("--out", type=Path, default=Path("out/validation/dam_break"), metavar="FOLDER", help="for the results")
     add(
         "--compare",

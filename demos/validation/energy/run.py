@@ -206,7 +206,7 @@ def main(words: Sequence[str] | None = None) -> None:
     add("--time-step", type=float, default=TIME_STEP, metavar="DT", help="largest time step [s]")
     add("--rho-inf", type=float, nargs="+", default=[0.0, 0.8], metavar="R", help="of generalized-alpha, 0 to 1")
     add("--interface", choices=sorted(INTERFACES), default="interpolated", help="elements between two fluids")
-    add("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run")
+    add("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run; cuda is untried")
     add("--out", type=Path, default=Path("out/validation/energy"), metavar="FOLDER", help="folder for the results")
     given = parser.parse_args(words)
     results: list[dict[str, float]] = []

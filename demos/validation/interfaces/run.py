@@ -209,7 +209,7 @@ def main(words: Sequence[str] | None = None) -> None:
     add("--rest-cells", type=int, metavar="N", help="spacings along an edge of the layers at rest")
     add("--spacing", type=float, metavar="H", help="of the dam break's particles [m]")
     add("--sloshing-end", type=float, metavar="T", help="simulated time of the sloshing [s]")
-    add("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run")
+    add("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run; cuda is untried")
     add("--out", type=Path, default=Path("out/validation/interfaces"), metavar="FOLDER", help="folder for the results")
     given = parser.parse_args(words)
     for name in ("rest_cells", "spacing", "sloshing_end"):

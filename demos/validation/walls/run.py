@@ -237,7 +237,7 @@ def main(words: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("--short", action="store_true", help="coarse and quick: for a look, and for the tests")
     parser.add_argument("--only", nargs="+", choices=list(STUDIES), default=list(STUDIES), help="which studies")
-    parser.add_argument("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run")
+    parser.add_argument("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run; cuda is untried")
     parser.add_argument(
         "--out", type=Path, default=Path("out/validation/walls"), metavar="FOLDER", help="for the results"
     )
