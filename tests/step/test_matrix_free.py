@@ -57,6 +57,16 @@ def test_products_and_preconditioner_are_those_of_the_rows(size):
             np.testing.assert_allclose(found[1][:, k], found[0][:, k], atol=tolerance * scale)
 
 
+@pytest.mark.parametrize("size", [(1.0, 0.8), (1.0, 1.0, 0.75)], ids=["2-D", "3-D"])
+def test_the_matrix_on_the_host_is_that_of_the_products(size):
+    problem = problem_of(size, "rows")
+    values = np.random.default_rng(2).standard_normal(problem.size)
+    v, out = problem.buffers.upload("test.v", values), problem.buffers.get("test.out", problem.size)
+    problem.product(v, out)
+    found = download(out, problem.size)
+    np.testing.assert_allclose(problem.system.matrix() @ values, found, atol=1e-13 * abs(found).max())
+
+
 def test_a_matrix_free_system_has_no_matrix():
     with pytest.raises(NotImplementedError, match="stores no rows"):
         problem_of((1.0, 0.8), "matrix-free").system.matrix()

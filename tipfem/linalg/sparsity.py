@@ -21,7 +21,7 @@ class Csr(NamedTuple):
     Attributes:
         row_offsets: (N + 1,) integers: where the rows begin.
         columns: (K,) integers.
-        values: (K,) reals, or (K, b) for a matrix of blocks, each row by row.
+        values: (K,) reals, or (K b,) for a matrix of blocks of b values, block after block.
     """
 
     row_offsets: Any

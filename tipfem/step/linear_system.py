@@ -112,7 +112,7 @@ class LinearSystem:
         stores_rows: whether the Jacobian is kept in rows.
         multigrid: as given, with the pressure's operators of this step.
         deflation: the piecewise-constant coarse space.
-        rows: the Jacobian K on the device, blocks (K, (d + 1)^2) as in `tipfem.fem.jacobian`; set by `gather`.
+        rows: the Jacobian K on the device, blocks as in `tipfem.fem.jacobian`; set by `gather`.
         pressure_laplacian: the approximate Schur complement on the device.
     """
 
@@ -257,16 +257,17 @@ class LinearSystem:
 
     def matrix(self) -> sparse.csr_matrix:
         """K, scaled, as a SciPy matrix in CSR; unknowns interleaved as in vectors, rows of fixed unknowns empty."""
-        row_offsets, columns, blocks = self._host(self.rows)
-        d = self._dimension
-        return sparse.bsr_matrix((blocks.reshape(-1, d + 1, d + 1), columns, row_offsets)).tocsr()
+        width = self._dimension + 1
+        row_offsets, columns, blocks = self._host(self.rows, width**2)
+        return sparse.bsr_matrix((blocks.reshape(-1, width, width), columns, row_offsets)).tocsr()
 
     def laplacian(self) -> sparse.csr_matrix:
         """The pressure Laplacian of the preconditioner as a SciPy matrix in CSR."""
         row_offsets, columns, values = self._host(self.pressure_laplacian)
         return sparse.csr_matrix((values, columns, row_offsets))
 
-    def _host(self, matrix: Csr) -> tuple[Array, Array, Array]:
+    def _host(self, matrix: Csr, block: int = 1) -> tuple[Array, Array, Array]:
+        """Row offsets, columns and values of a matrix with ``block`` values for each column."""
         row_offsets = download(matrix.row_offsets, self._nodes + 1)
         count = int(row_offsets[-1])
-        return row_offsets, download(matrix.columns, count), download(matrix.values, count).astype(float)
+        return row_offsets, download(matrix.columns, count), download(matrix.values, block * count).astype(float)

@@ -1,4 +1,4 @@
-"""What walls and relocation owe the fluids, step by step; see test_relocation.py for the rules one by one."""
+"""Wall particles and relocated ones in runs: their fluids, tight walls, any number of fluids, edges at interfaces."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def carries_its_closest_neighbours_fluid(mesh, fluid, wall):
 
 
 def test_wall_particles_carry_the_fluid_of_their_closest_neighbour(water, air):
-    """At every step of a dam break, up to and past the impact; dozens of them change their fluid on the way."""
+    """At every step of a dam break, up to and past the impact; dozens of them change their fluid meanwhile."""
     simulation = collapsing(water, air)
     wall, changed = simulation.particles.wall, 0
     before = simulation.particles.fluid.copy()
@@ -48,7 +48,7 @@ def test_wall_particles_carry_the_fluid_of_their_closest_neighbour(water, air):
 
 
 def test_relocated_particles_stay_with_their_fluid(water, air):
-    """No particle off the walls ever changes its fluid, and one set elsewhere is joined to others of it."""
+    """No particle off the walls ever changes its fluid, and one that is relocated is joined to others of it."""
     simulation = collapsing(water, air)
     off = ~simulation.particles.wall
     fluid, relocated = simulation.particles.fluid.copy(), 0
