@@ -459,3 +459,16 @@ def test_a_pressure_that_was_given_is_the_first_that_is_written(water, tmp_path)
     simulation.run(1e-3, progress=False)
     first = meshio.read(tmp_path / "fields" / "step_000000.vtu")
     np.testing.assert_array_equal(first.point_data["pressure"], particles.pressure)
+
+
+def test_a_linear_system_that_is_not_solved_is_a_refused_step(water, air, monkeypatch):
+    """Its correction is not Newton's; where no step's system can be solved, the run says so."""
+    simulation = tp.Simulation(dam_break(water, air, 0.05), time_step=1e-3)
+    simulation.step()
+    monkeypatch.setattr("tipfem.step.flow.MAX_KRYLOV_ITERATIONS", 1)
+    with pytest.raises(StepRefused, match="the linear system was not solved in 1 iterations: its residual is"):
+        simulation.solve(simulation.state, 1e-3)
+    before = simulation.state
+    with pytest.raises(tp.SimulationError, match="the linear system was not solved"):
+        simulation.step()
+    assert simulation.state is before

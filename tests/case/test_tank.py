@@ -398,3 +398,67 @@ def test_a_named_function_is_named_in_the_error(water):
 
     with pytest.raises(ValueError, match=r"^fill .water.: where=column "):
         tp.tank((1, 1), 0.1).fill(water, where=column).sample([water])
+
+
+def rotation(x):
+    """Solid-body rotation about the middle of the unit square at 2 rad/s."""
+    return 2 * np.stack([0.5 - x[:, 1], x[:, 0] - 0.5], axis=1)
+
+
+def test_fluids_start_with_the_velocities_that_they_are_given(water, air):
+    """A function, a vector or nothing; later fills replace earlier ones, and walls hold what is on them."""
+    tank = tp.tank((1, 1), 0.1).fill(air).fill(water, box=((0, 0), (1, 0.4)), velocity=rotation)
+    tank.fill(air, box=((0, 0.7), (1, 1)), velocity=(0.1, 0.2))
+    p = tank.sample([water, air], fitted=True)
+    y = p.position[:, 1]
+    water_, fast = ~p.wall & (y < 0.39), ~p.wall & (y > 0.71)
+    np.testing.assert_allclose(p.velocity[water_], rotation(p.position[water_]), atol=1e-15)
+    np.testing.assert_array_equal(p.velocity[fast], np.broadcast_to([0.1, 0.2], (fast.sum(), 2)))
+    assert fast.sum() > 10
+    assert not p.velocity[p.wall | ((y > 0.41) & (y < 0.69))].any()
+
+
+def test_walls_that_slip_let_fluids_start_along_them(water):
+    tank = tp.tank((1, 1), 0.1).fill(water, velocity=lambda x: x * [1, -1]).wall("bottom", slip=True)
+    simulation = tp.Simulation(tp.Case(tank, [water], (0, 0)), time_step=1e-3)
+    p = simulation.particles
+    bottom = p.wall & (p.position[:, 1] == 0) & (p.position[:, 0] > 0) & (p.position[:, 0] < 1)
+    np.testing.assert_allclose(p.velocity[bottom, 0], p.position[bottom, 0], rtol=1e-12)
+    assert not p.velocity[bottom, 1].any()
+    assert not p.velocity[p.wall & ~bottom].any()
+
+
+def test_a_taylor_green_vortex_decays_as_it_should():
+    """Between walls that slip: u = (sin(pi x) cos(pi y), -cos(pi x) sin(pi y)), with an energy ~ exp(-4 nu pi^2 t)."""
+    fluid = tp.Fluid("fluid", density=1.0, viscosity=0.02)
+    pi = np.pi
+
+    def velocity(x):
+        (sx, sy), (cx, cy) = np.sin(pi * x).T, np.cos(pi * x).T
+        return 0.1 * np.stack([sx * cy, -cx * sy], axis=1)
+
+    tank = tp.tank((1, 1), 1 / 24, jitter=0.1).fill(fluid, velocity=velocity)
+    for wall in ("left", "right", "bottom", "top"):
+        tank.wall(wall, slip=True)
+    simulation = tp.Simulation(tp.Case(tank, [fluid], (0, 0)), time_step=0.02)
+    assert simulation.energy().kinetic == pytest.approx(0.5 * 0.1**2 / 2, rel=0.01)
+    start = simulation.energy().kinetic
+    simulation.run(0.4)
+    assert simulation.energy().kinetic == pytest.approx(start * np.exp(-4 * 0.02 * pi**2 * 0.4), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "message"),
+    [
+        ((1.0,), r"velocity is \(1.0,\); it must be 2 finite components"),
+        ((1.0, np.nan), "it must be 2 finite components"),
+        ("fast", "it must be 2 finite components"),
+        (lambda x: x[:, 0], r"velocity=<lambda> gave shape \(\d+,\); it must be velocities of shape"),
+        (lambda x: x / 0.0, r"gave \[.*\] at \[.*\]; it must be finite"),
+        (lambda x: x.nothing, "velocity=<lambda> raised AttributeError"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:divide by zero", "ignore:invalid value")
+def test_bad_velocities_are_named(water, velocity, message):
+    with pytest.raises(ValueError, match=f"fill 'water': .*{message}"):
+        tp.tank((1, 1), 0.25).fill(water, velocity=velocity).sample([water])

@@ -34,7 +34,7 @@ def bubbly(spacing: float, discs):
         tank = tank.fill(AIR, disc=(centre, radius))
     particles = tank.sample([WATER, AIR])
     mesh = triangulate(particles.position, particles.wall, spacing)
-    return particles, with_fluids(mesh, particles, DENSITY)
+    return particles, with_fluids(mesh, particles, DENSITY.argsort().argsort())
 
 
 def grid_of_discs(count: int, radius: float):

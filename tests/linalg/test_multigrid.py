@@ -16,6 +16,8 @@ from tipfem.backend import launch
 from tipfem.backend.arrays import download
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg import fgmres
+from tipfem.linalg.multigrid.grid_hierarchy import DIAGONAL
+from tipfem.linalg.multigrid.mesh_transfer import OMEGA
 from tipfem.mesh.delaunay import triangulate
 from tipfem.step import linear_system
 from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
@@ -332,3 +334,37 @@ def test_a_correction_solves_the_linearised_step(size, most):
     problem.product(problem.buffers.upload("test.dx", download(x, problem.size) - old), out)
     assert np.linalg.norm(download(out, problem.size) + r) <= 1.01e-8 * np.linalg.norm(r)
     assert problem.residual(x) < 1e-3 * before
+
+
+def jittered_lattice():
+    """Positions and cells of a lattice in 3-D whose points are displaced a little: most cells are slivers."""
+    particles = tp.tank((1, 1, 1), 0.2, jitter=0.05, seed=3).fill(WATER).sample([WATER])
+    mesh = triangulate(particles.position, particles.wall, 0.2)
+    return mesh.position, mesh.cells
+
+
+def slivers_in_2d():
+    """Positions and cells of a strip of squares cut into flat triangles."""
+    x = np.linspace(0, 1, 21)
+    position = np.concatenate([np.stack([x, np.full_like(x, y)], axis=1) for y in (0.0, 0.002, 0.004)])
+    position[21:42, 0] += 0.02
+    cells = [
+        cell for row in (0, 21) for i in range(row, row + 20) for cell in ([i, i + 1, i + 22], [i, i + 22, i + 21])
+    ]
+    return position, np.array(cells, dtype=np.int32)
+
+
+@pytest.mark.parametrize(("mesh", "undamped"), [(jittered_lattice, 2.5), (slivers_in_2d, 2.0)])
+def test_the_smoother_converges_on_slivers(mesh, undamped):
+    """No eigenvalue of D^-1 L is above 2, so Jacobi's method with 0.8 cannot diverge; with diag(L) one may be above."""
+    position, cells = mesh()
+    matrix = sparse.csr_matrix(twin.laplacian(position, cells, np.ones(len(cells))))
+    grid = hierarchy(position, matrix, 0.4)
+    inverse = grid.vectors.to_numpy()[DIAGONAL * len(position) : (DIAGONAL + 1) * len(position)] / OMEGA
+    largest, plain = (
+        np.linalg.eigvalsh(np.sqrt(d)[:, None] * matrix.toarray() * np.sqrt(d)).max()
+        for d in (inverse, 1 / matrix.diagonal())
+    )
+    assert largest <= 2 + 1e-9
+    assert plain > undamped
+    assert OMEGA * largest < 2

@@ -8,6 +8,7 @@ from states import first_state, moved_to
 
 import tipfem as tp
 from tipfem.case.case import INTERFACES
+from tipfem.case.fluid import ranks
 from tipfem.case.numerics import RelocationRule
 from tipfem.mesh.delaunay import triangulate, wall_fluid
 from tipfem.mesh.mesh import Mesh
@@ -34,10 +35,11 @@ def test_a_triangle_has_the_lightest_of_its_fluids_and_a_particle_the_heaviest_o
     position = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5]], dtype=float)
     cells = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]], dtype=np.int32)
     particles = tp.Particles(position, [0, 0, 1, 2, 2], np.array([1, 1, 1, 1, 0], dtype=bool), spacing=1.0)
-    density = np.array([f.density for f in (water, air, glycerin)])
-    mesh = fitted.with_fluids(Mesh(position, cells), particles, density)
+    rank = ranks((water, air, glycerin))
+    assert rank.tolist() == [1, 0, 2]
+    mesh = fitted.with_fluids(Mesh(position, cells), particles, rank)
     assert mesh.fluid.tolist() == [0, 1, 1, 0]
-    assert fitted.particle_fluid(mesh, 5, density).tolist() == [0, 0, 1, 0, 0]
+    assert fitted.particle_fluid(mesh, 5, rank).tolist() == [0, 0, 1, 0, 0]
 
 
 def test_the_interpolated_rule_meshes_anew_what_it_relocates(water, air):
@@ -188,3 +190,19 @@ def check_rates(kind: str, simulation: tp.Simulation) -> None:
 
 def test_every_name_of_an_interface_rule_has_a_remesher():
     assert set(REMESHERS) == set(INTERFACES)
+
+
+def test_the_initial_volumes_do_not_depend_on_the_order_of_the_fluids():
+    """Fluids of equal density, listed both ways: the same triangles belong to each, on the lattice and off it."""
+    thin, thick = tp.Fluid("thin", density=1000.0, viscosity=1e-3), tp.Fluid("thick", density=1000.0, viscosity=1.0)
+    twin = tp.Fluid("twin", density=1000.0, viscosity=1e-3)
+    for one, other in ((thin, thick), (thin, twin)):
+        for options in ({"box": ((0, 0), (0.5, 1))}, {"disc": ((0.5, 0.5), 0.31)}):
+            found = []
+            for fluids in ((one, other), (other, one)):
+                tank = tp.tank((1, 1), 0.1, jitter=0.1).fill(one).fill(other, **options)
+                simulation = tp.Simulation(tp.Case(tank, fluids, (0, -9.81)), time_step=1e-3)
+                names = np.array([f.name for f in fluids])
+                found.append((names[simulation.mesh.fluid], names[simulation.particles.fluid]))
+            for first, second in zip(*found, strict=True):
+                np.testing.assert_array_equal(first, second)

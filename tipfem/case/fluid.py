@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from tipfem.arguments import is_number
+from tipfem.typing import Array
 
 
 @dataclass(frozen=True)
@@ -31,3 +35,15 @@ class Fluid:
             raise ValueError(f"Fluid {self.name!r}: density is {self.density!r} kg/m^3; it must be > 0")
         if not (is_number(self.viscosity) and self.viscosity >= 0):
             raise ValueError(f"Fluid {self.name!r}: viscosity is {self.viscosity!r} Pa s; it must be >= 0")
+
+
+def ranks(fluids: Sequence[Fluid]) -> Array:
+    """Rank (F,) of each fluid from the lightest, 0, to the heaviest, whatever the order they are listed in.
+
+    Of two fluids of equal density, the more viscous is the heavier one; of two that are equal in this too, the one
+    whose name comes later.
+    """
+    order = sorted(range(len(fluids)), key=lambda i: (fluids[i].density, fluids[i].viscosity, fluids[i].name))
+    result = np.empty(len(fluids), dtype=np.int32)
+    result[order] = np.arange(len(fluids))
+    return result

@@ -94,7 +94,7 @@ def faces_of_part(
 
 
 def heaviest_beside(
-    position: Array, size: Array, spacing: float, fluid: Callable[[Array], Array], density: Array
+    position: Array, size: Array, spacing: float, fluid: Callable[[Array], Array], rank: Array
 ) -> Array:
     """The heaviest fluid (K,) that touches each of the points (K, 2).
 
@@ -103,14 +103,14 @@ def heaviest_beside(
         size: (2,) of the tank [m].
         spacing: of its particles [m].
         fluid: function of positions (K, 2) [m] to fluids (K,).
-        density: of the fluids [kg/m^3].
+        rank: of the fluids from the lightest to the heaviest.
     """
     best = fluid(position)
     for x in (-1, 1):
         for y in (-1, 1):
             near = np.clip(position + BESIDE * spacing * np.array([x, y]), 0.0, size)
             other = fluid(near)
-            best = np.where(density[other] > density[best], other, best)
+            best = np.where(rank[other] > rank[best], other, best)
     return best
 
 

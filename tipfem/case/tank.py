@@ -10,7 +10,7 @@ import numpy as np
 
 from tipfem.arguments import is_number, numbers
 from tipfem.case import lattice
-from tipfem.case.fluid import Fluid
+from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading, thinned
 from tipfem.case.lattice import faces_of_part, heaviest_beside, snap_to_faces
 from tipfem.case.particles import Particles
@@ -32,6 +32,8 @@ class Region:
         box: (2, d) lower and upper corner of a box [m]; None for other shapes.
         given: the argument of `Tank.fill` for the region, "box", "disc" or "where", with its value; empty
             for the whole tank.
+        velocity: at the start: (d,) [m/s], or function of positions (K, d) [m] to velocities (K, d) [m/s]; None at
+            rest.
     """
 
     fluid: Fluid
@@ -39,6 +41,7 @@ class Region:
     contains: Callable[[Array], Array]
     box: Array | None = None
     given: dict[str, Any] = field(default_factory=dict)
+    velocity: Callable[[Array], Array] | Array | None = None
 
     def mask(self, x: Array) -> Array:
         """Mask (K,) of the points (K, d) [m] in the region.
@@ -58,6 +61,31 @@ class Region:
                 f"{here} gave {inside.dtype} of shape {inside.shape}; it must be a mask, bool of shape {(len(x),)}"
             )
         return inside
+
+    def initial_velocity(self, x: Array) -> Array:
+        """Velocities (K, d) [m/s] at the points (K, d) [m] of the region.
+
+        Raises:
+            ValueError: a user's function raised, or did not return finite velocities.
+        """
+        if self.velocity is None or not len(x):
+            return np.zeros_like(x)
+        if not callable(self.velocity):
+            return np.broadcast_to(self.velocity, x.shape)
+        here = f"fill {self.fluid.name!r}: velocity={_name(self.velocity)}"
+        try:
+            result = np.asarray(self.velocity(x.copy()), dtype=float)
+        except Exception as error:
+            raise ValueError(
+                f"{here} raised {type(error).__name__} for positions of shape {x.shape}: {error}"
+            ) from error
+        if result.shape != x.shape:
+            raise ValueError(f"{here} gave shape {result.shape}; it must be velocities of shape {x.shape}")
+        bad = ~np.isfinite(result).all(axis=1)
+        if bad.any():
+            i = int(np.argmax(bad))
+            raise ValueError(f"{here} gave {result[i].tolist()} at {x[i].tolist()}; it must be finite")
+        return result
 
 
 class Tank:
@@ -123,6 +151,7 @@ class Tank:
         box: Sequence[Sequence[float]] | None = None,
         disc: tuple[Sequence[float], float] | None = None,
         where: Callable[[Array], Array] | None = None,
+        velocity: Callable[[Array], Array] | Sequence[float] | None = None,
     ) -> Tank:
         """Fill the tank, or a part of it, with a fluid; later fills replace earlier ones.
 
@@ -131,6 +160,8 @@ class Tank:
             box: (lower corner, upper corner) [m].
             disc: (centre, radius) [m]; a ball in 3-D.
             where: function from positions (K, d) [m] to a mask (K,).
+            velocity: of the fluid at the start: d components [m/s], or a function from positions (K, d) [m] to
+                velocities (K, d) [m/s]; by default it is at rest. Particles on walls have what their walls allow.
 
         Returns:
             The tank itself, so that calls can be chained.
@@ -144,6 +175,16 @@ class Tank:
             raise ValueError(f"fill: fluid is {fluid!r}; it must be a Fluid")
         if sum(part is not None for part in (box, disc, where)) > 1:
             raise ValueError("fill: give one of box, disc and where, not several")
+        initial: Callable[[Array], Array] | Array | None = None
+        if callable(velocity):
+            initial = velocity
+        elif velocity is not None:
+            initial = numbers(velocity)
+            if initial.shape != self.size.shape or not np.isfinite(initial).all():
+                raise ValueError(
+                    f"fill {fluid.name!r}: velocity is {velocity!r}; it must be {len(self.size)} finite components in "
+                    "m/s, or a function of positions"
+                )
         size = self.size
         if box is not None:
             corners = numbers(box)
@@ -180,6 +221,7 @@ class Tank:
             self._regions.append(Region(fluid, f"where={_name(where)}", where, given={"where": where}))
         else:
             self._regions.append(Region(fluid, "tank", lambda x: np.ones(len(x), dtype=bool)))
+        self._regions[-1].velocity = initial
         return self
 
     def wall(self, side: str, **what: Any) -> Tank:
@@ -296,8 +338,8 @@ class Tank:
         if len(size) == 2 and (fitted or empty):
             part = fluid_at if fitted else is_empty
             position, on_face = snap_to_faces(position, (len(lines[0]), len(lines[1])), size, part)
-            density = np.array([*(f.density for f in fluids), 0.0])
-            fluid[on_face] = heaviest_beside(position[on_face], size, self.spacing, fluid_at, density)
+            rank = np.append(ranks(fluids), -1)
+            fluid[on_face] = heaviest_beside(position[on_face], size, self.spacing, fluid_at, rank)
             free &= ~on_face
         if self.jitter:
             shift = np.random.default_rng(self.seed).uniform(-1, 1, position.shape) * self.jitter * self.spacing
@@ -308,7 +350,28 @@ class Tank:
         kept = wall | (fluid >= 0)
         if grading:
             kept = thinned(grading, position, (len(lines[0]), len(lines[1])), fluid, fluids, self.spacing)
-        return Particles(position[kept], fluid[kept], wall[kept], spacing=self.spacing)
+        velocity = self._initial_velocity(position[kept])
+        velocity[fluid[kept] < 0] = 0.0
+        return Particles(position[kept], fluid[kept], wall[kept], velocity, spacing=self.spacing)
+
+    def _initial_velocity(self, position: Array) -> Array:
+        """Velocities (N, d) [m/s] at the start: of the regions; along walls that slip, 0 at others."""
+        velocity = np.zeros_like(position)
+        if all(region.velocity is None for region in self._regions):
+            return velocity
+        for region in self._regions:
+            inside = region.mask(position)
+            velocity[inside] = region.initial_velocity(position[inside])
+        for name, (axis, upper) in SIDES.items():
+            if axis >= len(self.size):
+                continue
+            here = position[:, axis] == (self.size[axis] if upper else 0.0)
+            options = self._walls.get(name, {})
+            if options.get("slip") or options.get("slip_length") is not None:
+                velocity[here, axis] = 0.0
+            else:
+                velocity[here] = 0.0
+        return velocity
 
     def _numbers(self, fluids: Sequence[Fluid]) -> list[int]:
         """Number of each region's fluid among ``fluids``; see `sample` for errors."""

@@ -167,7 +167,7 @@ class Parts:
         """The tank, filled; see `_fill` for what is refused."""
         tank = self._new_empty_tank()
         for table in self.sections["fill"]:
-            tank.fill(self.fluids[table.fluid], **_shape(table))
+            tank.fill(self.fluids[table.fluid], velocity=table.velocity, **_shape(table))
         for name, table in self.sections["walls"].items():
             if table.between is None and table.particles is None:
                 tank.wall(name, **self._wall_options(name, table))

@@ -190,7 +190,14 @@ class _Writer:
         given = {"size": numbers(tank.size).tolist(), "spacing": float(tank.spacing)}
         self.table(("tank",), {**given, "jitter": float(tank.jitter) or None, "seed": seed or None})
         for k, region in enumerate(tank.regions):
-            self.table(("fill",), {"fluid": region.fluid.name, **self.shape(f"fill[{k}]", region)}, item=True)
+            part = f"fill[{k}]"
+            velocity: Any = region.velocity
+            if callable(velocity):
+                velocity = self.lost(f"{part}.velocity", _named(velocity))
+            elif velocity is not None:
+                velocity = velocity.tolist()
+            content = {"fluid": region.fluid.name, **self.shape(part, region), "velocity": velocity}
+            self.table(("fill",), content, item=True)
         for name, options in tank.wall_options.items():
             self.table(("walls", name), self.wall_options(name, options))
 

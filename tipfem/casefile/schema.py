@@ -66,6 +66,7 @@ class FillTable(Model):
     polygon: list[Point] | None = quantity("corners (x, y) of a closed polyline, in order", "m", None, min_length=3)
     below: Curve | None = Field(None, description="what is below a curve over x: an interface given as a wave, say")
     above: Curve | None = Field(None, description="what is above a curve over x")
+    velocity: Vector | None = quantity("velocity of the fluid at the start; at rest by default", "m/s", None)
 
 
 class WallTable(Model):

@@ -192,7 +192,7 @@ def _taken(t: Triangulation, particles: Particles, new: Mesh, position: Array) -
     return state, mesh.with_(neighbours=t.neighbours, measure=new.measure)
 
 
-def with_fluids(mesh: Mesh, particles: Particles, density: Array) -> Mesh:
+def with_fluids(mesh: Mesh, particles: Particles, rank: Array) -> Mesh:
     """Give each triangle of a first mesh its fluid: the lightest of its particles' fluids.
 
     So interfaces run along edges through the outermost particles of the heavier fluid.
@@ -200,20 +200,17 @@ def with_fluids(mesh: Mesh, particles: Particles, density: Array) -> Mesh:
     Args:
         mesh: Delaunay triangles.
         particles: their particles, walls with a fluid too.
-        density: (F,) of the fluids [kg/m^3].
+        rank: (F,) of the fluids from the lightest, 0, to the heaviest.
     """
-    lightest_first = np.argsort(density, kind="stable")
-    rank = np.empty(len(density), dtype=np.int32)
-    rank[lightest_first] = np.arange(len(density))
-    fluid = lightest_first[rank[particles.fluid[mesh.cells]].min(axis=1)].astype(np.int32)
-    return with_components(Mesh(mesh.position, mesh.cells, fluid), len(density))
+    fluid = np.argsort(rank)[rank[particles.fluid[mesh.cells]].min(axis=1)].astype(np.int32)
+    return with_components(Mesh(mesh.position, mesh.cells, fluid), len(rank))
 
 
-def particle_fluid(mesh: Mesh, count: int, density: Array) -> Array:
+def particle_fluid(mesh: Mesh, count: int, rank: Array) -> Array:
     """(N,) the heaviest fluid at each of ``count`` particles."""
-    fluid, components = np.zeros(count, dtype=np.int32), with_components(mesh, len(density)).components
+    fluid, components = np.zeros(count, dtype=np.int32), with_components(mesh, len(rank)).components
     assert components is not None
-    for f in np.argsort(density, kind="stable"):
+    for f in np.argsort(rank):
         fluid[components.at_particle[f] >= 0] = f
     return fluid
 

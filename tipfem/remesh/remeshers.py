@@ -16,7 +16,7 @@ import numpy as np
 from tipfem.backend.launch import launch
 from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
-from tipfem.case.fluid import Fluid
+from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import FittedRule, RelocationRule
 from tipfem.case.particles import Particles
@@ -52,7 +52,7 @@ class Remesher(ABC):
 
     def __init__(self, fluids: Sequence[Fluid]) -> None:
         self.fluids = list(fluids)
-        self.density = np.array([f.density for f in fluids])
+        self.density, self.rank = np.array([f.density for f in fluids]), ranks(fluids)
 
     @abstractmethod
     def start(self, particles: Particles, boundary: Boundary, reference: int) -> State:
@@ -285,7 +285,7 @@ class FittedRemesher(Remesher):
         mesh = triangulate(particles.position, particles.wall, particles.spacing)
         if not self._walls_have_fluids:
             particles = particles.shallow_copy(fluid=wall_fluid(mesh, particles.fluid, particles.wall))
-        mesh = with_fluids(mesh, particles, self.density)
+        mesh = with_fluids(mesh, particles, self.rank)
         absent = np.setdiff1d(np.arange(len(self.density)), np.asarray(mesh.fluid))
         if len(absent):
             raise TriangulationError(
@@ -295,7 +295,7 @@ class FittedRemesher(Remesher):
         fixed = hull_corners(mesh)
         fixed[reference] = True
         particles = particles.shallow_copy(
-            fluid=particle_fluid(mesh, len(particles), self.density),
+            fluid=particle_fluid(mesh, len(particles), self.rank),
             target=np.full(len(particles), float(particles.spacing)),
         )
         return self._state(
@@ -334,7 +334,7 @@ class FittedRemesher(Remesher):
             reference = int(renumbered[reference])
             fixed = np.zeros(len(particles), dtype=bool)
             fixed[renumbered[before.fixed]] = True
-        particles = particles.shallow_copy(fluid=particle_fluid(mesh, len(particles), self.density))
+        particles = particles.shallow_copy(fluid=particle_fluid(mesh, len(particles), self.rank))
         particles, boundary = solved.walls.reassign(particles)
         return self._state(
             particles,

@@ -240,6 +240,9 @@ class FlowProblem:
         """Solve K dx = -r, linearised at the last `residual`, by preconditioned FGMRES and add dx to ``x``.
 
         Where ``tolerance`` is no tighter than the change of K since the last correction, K is not gathered again.
+
+        Raises:
+            StepRefused: the iterations reached their limit before the tolerance.
         """
         if tolerance < KEEPS_JACOBIAN or not self._linearised:
             self.linearise()
@@ -254,6 +257,11 @@ class FlowProblem:
                 max_iterations=MAX_KRYLOV_ITERATIONS,
                 buffers=self.buffers,
                 iteration=None if self._rows.active else self.system.iteration,
+            )
+        if not result.converged:
+            raise StepRefused(
+                f"the linear system was not solved in {result.iterations} iterations: its residual is "
+                f"{result.relative_residual:.1e} of the first, the tolerance {tolerance:.1e}"
             )
         launch(vector_kernels.add, self._dx, x, -1.0, self.size, work=(self.size, vector_kernels.ENTRY))
         return result
