@@ -10,6 +10,7 @@ import importlib.util
 import os
 import runpy
 import sys
+import warnings
 from pathlib import Path
 from typing import Annotated
 
@@ -104,7 +105,10 @@ def demo(
     before = sys.argv
     sys.argv = [f"tipfem demo {name}", *options]
     try:
-        runpy.run_module(module, run_name="__main__")
+        with warnings.catch_warnings():
+            # A caller may have imported the demo as a module; it is run afresh all the same.
+            warnings.filterwarnings("ignore", message=".*found in sys.modules", category=RuntimeWarning)
+            runpy.run_module(module, run_name="__main__")
     finally:
         sys.argv = before
 

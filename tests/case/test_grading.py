@@ -223,7 +223,7 @@ def test_a_chain_is_its_edge():
     local = np.einsum("eak,ebk->eab", edge, edge) / (4 * mesh.measure[:, None, None])
     rows, columns = np.repeat(mesh.cells, 3, axis=1), np.tile(mesh.cells, (1, 3))
     matrix = sparse.csr_matrix((local.ravel(), (rows.ravel(), columns.ravel())), shape=(len(x), len(x)))
-    grid, _ = hierarchy(x, matrix, 1 / 24)
+    grid = hierarchy(x, matrix, 1 / 24)
     operator = level_matrix(grid, 0)
     shape = tuple(int(n) for n in grid.shapes[0])
     nodes = np.stack(np.unravel_index(np.arange(np.prod(shape)), shape), axis=1) / 24
