@@ -246,8 +246,10 @@ def test_a_case_without_functions_is_found_in_its_folder(tmp_path, water, air):
 
 
 def test_what_does_not_fit_the_run_is_refused_in_one_line(tmp_path, water, air):
-    with pytest.raises(CheckpointError, match="holds no checkpoint"):
+    with pytest.raises(CheckpointError, match="holds no checkpoint that can be read: there is no such folder"):
         tp.Simulation.resume(tmp_path / "nothing")
+    with pytest.raises(CheckpointError, match="is it the results folder of a run"):
+        tp.Simulation.resume(tmp_path)
     push = dam_break(water, air, 0.04, body_force=lambda x, t: 0 * x)
     tp.Simulation(push, tmp_path, time_step=2e-3, columns=FUNCTION).run(0.004, progress=False)
     with pytest.raises(CheckpointError, match="functions of Python's, which no file keeps: body_force"):

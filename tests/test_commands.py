@@ -59,8 +59,16 @@ def test_each_demo_shows_its_options():
 
 
 def test_a_demo_that_is_not_there():
-    with pytest.raises(SystemExit, match="there is no demo 'dam_brake'"):
+    with pytest.raises(SystemExit, match="there is no demo 'dam_brake'; did you mean 'dam_break'"):
         commands.demo("dam_brake")
+    with pytest.raises(SystemExit, match="there is no demo 'volcano'; `tipfem demo` lists all of them"):
+        commands.demo("volcano")
+
+
+@pytest.mark.parametrize("words", [(), ("list",), ("--list",)])
+def test_the_demos_are_listed(words, capsys):
+    commands.demo(*words)
+    assert capsys.readouterr().out.startswith("Demos:\n  dam_break ")
 
 
 def test_the_arguments_of_the_process_are_put_back():

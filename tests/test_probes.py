@@ -228,3 +228,5 @@ def test_what_fits_no_case_is_refused(layers):
         tpp.ProbeRecorder([probe, dataclasses.replace(probe, interval=1.0)], layers.case)
     with pytest.raises(ValueError, match="list of probes"):
         tpp.ProbeRecorder(["pressure"], layers.case)
+    with pytest.raises(ValueError, match="FrontProbe 'front'; it must be a list of probes"):
+        tpp.ProbeRecorder(tpp.FrontProbe(name="front", fluid="water"), layers.case)

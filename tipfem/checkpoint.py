@@ -94,7 +94,15 @@ class CheckpointFolder:
                 return read_file(path, case)
             except CheckpointError as error:
                 warn(f"{error}; the one before is tried")
-        raise CheckpointError(f"{self.path} holds no checkpoint that can be read")
+        raise self._none()
+
+    def _none(self) -> CheckpointError:
+        folder, why = self.path.parent, ""
+        if not folder.is_dir():
+            why = ": there is no such folder"
+        elif not self.files():
+            why = f": {folder} has none; is it the results folder of a run?"
+        return CheckpointError(f"{self.path} holds no checkpoint that can be read{why}")
 
     def newest_record(self) -> dict[str, Any]:
         """The ``case`` entry of the newest checkpoint that can be read, without its state.
@@ -107,7 +115,7 @@ class CheckpointFolder:
                 return dict(read_file(path, None)["case"])
             except CheckpointError:
                 continue
-        raise CheckpointError(f"{self.path} holds no checkpoint that can be read")
+        raise self._none()
 
 
 def file_name(step: int) -> str:

@@ -6,6 +6,7 @@ What a command needs is imported when it runs: its help needs no Taichi.
 from __future__ import annotations
 
 import ast
+import difflib
 import importlib.util
 import os
 import runpy
@@ -94,13 +95,15 @@ def demo(
     if name in ("-h", "--help"):
         app.help_print(["demo"])
         return
-    if not name:
+    if name in ("", "list", "--list"):
         print(list_demos())
         return
     paths = dict(item for scripts in find_demos().values() for item in scripts.items())
     path = paths.get(name.removesuffix(".py"))
     if path is None:
-        raise SystemExit(f"error: there is no demo {name!r}; `tipfem demo` lists all of them")
+        close = difflib.get_close_matches(name, list(paths), 1)
+        hint = f" did you mean {close[0]!r}?" if close else ""
+        raise SystemExit(f"error: there is no demo {name!r};{hint} `tipfem demo` lists all of them")
     module = ".".join(("tipfem.demos", *path.relative_to(demo_folder()).with_suffix("").parts))
     before = sys.argv
     sys.argv = [f"tipfem demo {name}", *options]

@@ -72,7 +72,7 @@ class ResultsFolder:
             if earlier and not overwrite:
                 raise ValueError(
                     f"out is {str(path)!r}, which holds the results of a run; name another folder, resume that run, or "
-                    "say that it is to be overwritten"
+                    "replace it by overwrite=True"
                 )
             (self.path / "fields").mkdir(parents=True, exist_ok=True)
             self._lock.take()

@@ -111,6 +111,12 @@ MISTAKES = {
         "fill[1].disc.radius",
         "missing",
     ),
+    "disc too small, of a fluid that has other fills": (
+        "box = [[0, 0], [0.3, 0.1]]",
+        'box = [[0, 0], [0.3, 0.1]]\n[[fill]]\nfluid = "water"\ndisc = { centre = [0.15, 0.15], radius = 1e-4 }',
+        "fill[2].disc",
+        "no particle off the walls",
+    ),
     "disc too small": (
         "box = [[0, 0], [0.3, 0.1]]",
         "disc = { centre = [0.15, 0.1], radius = 1e-4 }",

@@ -93,7 +93,7 @@ class Parts:
             return (path if found[1] in (self.sections.get("walls") or {}) else ()), SUBJECT.sub("", rest)
         if found := re.match(r"fill '([^']+)': (.*)", message, re.DOTALL):
             fills = [k for k, table in enumerate(self.sections["fill"]) if table.fluid == found[1]]
-            told = [k for k in fills if repr(self.sections["fill"][k].box) in message]
+            told = [k for k in fills if _part(self.sections["fill"][k]) in message]
             one = told or fills
             return self._blamed(("fill", one[-1]), rest) if len(one) == 1 else (("fill",), message)
         for subject, section in {
@@ -450,6 +450,11 @@ class Parts:
 
 def _shapes(table: FillTable) -> list[str]:
     return [key for key in SHAPES if getattr(table, key) is not None]
+
+
+def _part(table: FillTable) -> str:
+    """A box or a disc as error messages of a `Tank` name it; other shapes have no text of their own there."""
+    return next((f"{key} {value}" for key, value in _shape(table).items() if key != "where"), "no text")
 
 
 def _shape(table: FillTable) -> dict[str, Any]:

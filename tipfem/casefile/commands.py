@@ -153,7 +153,8 @@ def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, 
         print(f"{case}: no mistakes found")
         if made.title:
             print(f"title       {made.title}")
-        print(f"fluids      {', '.join(fluid.name for fluid in made.fluids)}")
+        properties = [f"{fluid.name} ({fluid.density:g} kg/m^3, {fluid.viscosity:g} Pa s)" for fluid in made.fluids]
+        print(f"fluids      {', '.join(properties)}")
         extent = made.particles.position.max(axis=0) - made.particles.position.min(axis=0)
         print(f"size        {' x '.join(f'{edge:g}' for edge in extent)} m, spacing {made.particles.spacing:g} m")
         for line in estimate(made, file.end, table.time.largest_step, table.output.interval).lines():

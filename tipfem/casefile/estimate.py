@@ -26,6 +26,7 @@ class Estimate:
         particles: at the start, and how many of them make the walls.
         walls: how many of them make the walls.
         memory: [bytes].
+        states: written to disk, the initial one included.
         steps: fewest, if no particle is fast; and most, if the fastest always falls freely from the highest place.
         seconds: on one core, for the fewest and the most steps [s].
     """
@@ -33,6 +34,7 @@ class Estimate:
     particles: int
     walls: int
     memory: float
+    states: int
     steps: tuple[int, int]
     seconds: tuple[float, float]
 
@@ -43,6 +45,7 @@ class Estimate:
             f"particles   {self.particles}, {self.walls} of them on walls",
             f"memory      about {self.memory / 1e6:.0f} MB",
             f"steps       {few} to {many}" if few < many else f"steps       {few}",
+            f"states      {self.states} written to disk",
             f"time        about {duration(short)}{f' to {duration(long)}' if few < many else ''} on one core",
         ]
 
@@ -70,6 +73,7 @@ def estimate(case: Case, end: float, largest_step: float | None, interval: float
         count,
         int(particles.wall.sum()),
         BYTES + BYTES_A_PARTICLE[d] * count,
+        1 + max(outputs, 1),
         (few, many),
         (START + few * a_step, START + many * a_step),
     )

@@ -35,6 +35,8 @@ class ProbeRecorder:
     """
 
     def __init__(self, probes: Sequence[Probe], case: Case) -> None:
+        if isinstance(probes, Probe):
+            raise ValueError(f"Simulation: probes is {probes}; it must be a list of probes, with one too")
         wrong = [probe for probe in probes if not isinstance(probe, Probe)]
         if wrong:
             raise ValueError(f"Simulation: probes holds {wrong[0]!r}; it must be a list of probes, as tp.PointProbe")
