@@ -175,6 +175,10 @@ class NumericsTable(Model):
     jacobian: Literal["rows", "matrix-free"] = quantity(
         "rows: gather the Jacobian; matrix-free: compute its products from the elements", default="rows"
     )
+    pressure: Literal["continuous", "two-sided"] = quantity(
+        "on interfaces: one for all fluids, or one for each; two-sided with the sharp interface only",
+        default="continuous",
+    )
     largest_move: float = quantity("displacement that a step aims at", "spacings", 0.35, ge=0.01, le=0.8)
     smallest_jacobian: float = quantity("below it a step is refused", default=0.05, ge=0.0, le=0.9)
     triangulation: Literal["repair", "rebuild"] = quantity(

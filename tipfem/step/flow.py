@@ -17,8 +17,10 @@ from tipfem.fem import step_limits
 from tipfem.fem import work as work_kernels
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg import fgmres, vector_kernels
+from tipfem.mesh.cut import cut_along_interfaces
 from tipfem.mesh.mesh import Mesh, parabola
 from tipfem.state import StepWork
+from tipfem.step.interface_ties import InterfaceTies
 from tipfem.step.linear_system import LinearSystem, Workspace, covering_box
 from tipfem.step.matrix_free import MatrixFreeSystem
 from tipfem.timers import timer
@@ -80,6 +82,7 @@ class FlowProblem:
         walls: their constraints in the step; by default all are fixed and no-slip.
         jacobian: "rows" or "matrix-free", see `tipfem.Numerics`.
         box: (2, d) that the multigrid's grids covered in the last step, see `covering_box`.
+        pressure: "continuous" or "two-sided", see `tipfem.Numerics`.
     """
 
     @timer("set-up")
@@ -95,25 +98,31 @@ class FlowProblem:
         walls: Walls | None = None,
         jacobian: str = "rows",
         box: Array | None = None,
+        pressure: str = "continuous",
     ) -> None:
         system = MatrixFreeSystem if jacobian == "matrix-free" else LinearSystem
         self.mesh, self.particles, self.scheme, self.properties = mesh, particles, scheme, properties
         self.walls = walls = walls or FixedWalls(Boundary(particles, (), None), mesh, particles, scheme)
         self.stabilisation = stabilisation
         self.dimension = d = mesh.dimension
-        self.nodes, self.elements = len(mesh.position), len(mesh.cells)
-        self.size = self.nodes * (d + 1)
         self.buffers = buffers = workspace.buffers
         put = buffers.upload
-        self._topology = workspace.topology(mesh)
-        self._target = put("target", particles.target)
+        # Nodes are the particles, and the copies of those on interfaces where each side has its own pressure.
+        cut = cut_along_interfaces(mesh, properties.density) if pressure == "two-sided" else None
+        self._ties = InterfaceTies(cut, walls, buffers) if cut and cut.copies else None
+        self._owner: Array | slice = cut.owner if cut and self._ties else slice(None)
+        of_node, solved = self._owner, cut.mesh if cut and self._ties else mesh
+        self.nodes, self.elements = len(solved.position), len(mesh.cells)
+        self.size = self.nodes * (d + 1)
+        self._topology = workspace.topology(solved)
+        self._target = put("target", particles.target[of_node])
         self._density = put("density", properties.density)
         self._viscosity = put("viscosity", properties.viscosity)
         self._source = put("source", properties.source)
         velocity, acceleration = walls.histories(*scheme.history(particles))
         acceleration -= body_force
-        self._motion = put("motion", np.hstack([mesh.position, velocity, acceleration]))
-        self._wall, self._relative = put("wall", particles.wall), acceleration
+        self._motion = put("motion", np.hstack([mesh.position, velocity, acceleration])[of_node])
+        self._wall, self._relative = put("wall", particles.wall[of_node]), acceleration
         self._local = buffers.get("local", self.elements * (d + 1), d + 1)
         self._record = buffers.get("record", self.elements, assembly.record_width(d))
         self._scale = buffers.get("scale", self.size)
@@ -128,19 +137,22 @@ class FlowProblem:
         with timer("preconditioner"):
             self.system = system(
                 self._topology,
-                mesh,
+                solved,
                 self._motion,
                 (self._density, self._viscosity),
                 extremes,
-                put("held", np.stack([walls.fixed | free.loose, free.pinned], axis=1)),
+                put("held", np.stack([walls.fixed | free.loose, free.pinned], axis=1)[of_node]),
                 self._scale,
                 scheme,
                 workspace.multigrid(self.box, particles.spacing),
-                frame,
+                solved.position if frame is mesh.position else frame[of_node],
                 particles.spacing,
                 buffers,
+                self._ties,
             )
         self._rows = WallRows(walls, d, self._scale, buffers)
+        if self._ties:
+            self._ties.spread(self._scale)  # which friction of walls has changed
 
     def predict(self) -> Any:
         """First iterate: constant acceleration and pressure, or no motion where that would invert an element."""
@@ -151,16 +163,20 @@ class FlowProblem:
 
     def vector(self, displacement: Array, pressure: Array) -> Any:
         """Device vector of unknowns from (N, d) and (N,); wall particles are displaced as their walls prescribe."""
-        x = np.empty((self.nodes, self.dimension + 1))
+        x = np.empty((len(displacement), self.dimension + 1))
         x[:, :-1], x[:, -1] = self.walls.constrain(displacement), pressure
         if self.mesh.surface.exists:
             flight = parabola(self.particles.velocity, self._force, self.scheme.dt)
             x[:, :-1], x[:, -1] = self.mesh.surface.constrain(x[:, :-1], pressure, flight)
-        return self.buffers.upload("unknowns", x.ravel())
+        return self.buffers.upload("unknowns", x[self._owner].ravel())
 
     def split(self, x: Any) -> tuple[Array, Array]:
-        """Displacements (N, d) and pressures (N,) of a device vector of unknowns."""
+        """Displacements (N, d) and pressures (N,) of a device vector of unknowns.
+
+        Where there are several, the pressure is that of the heaviest fluid.
+        """
         values = download(x, self.size).astype(np.float64, copy=False).reshape(self.nodes, self.dimension + 1)
+        values = values[: len(self.mesh.position)]
         return values[:, :-1].copy(), values[:, -1].copy()
 
     @timer("residual")
@@ -191,6 +207,8 @@ class FlowProblem:
             self.nodes,
             self.dimension,
         )
+        if self._ties:
+            self._ties.collect(self._r)
         self._rows.residual(self._motion, x, self._scale, self._r)
         return fgmres.largest(self._r, self.size, self.buffers) / self.particles.spacing
 
@@ -235,6 +253,8 @@ class FlowProblem:
         """z ~ K^-1 r, see `LinearSystem`."""
         self.system.precondition(r, z)
         self._rows.project(z)
+        if self._ties:
+            self._ties.spread(z)
 
     def correct(self, x: Any, tolerance: float) -> fgmres.KrylovResult:
         """Solve K dx = -r, linearised at the last `residual`, by preconditioned FGMRES and add dx to ``x``.

@@ -18,6 +18,7 @@ from tipfem.linalg.multigrid.multigrid import BackgroundMultigrid
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.mesh import Mesh
 from tipfem.step import block_preconditioner, fused_iteration
+from tipfem.step.interface_ties import InterfaceTies
 from tipfem.typing import Array
 
 # Spacing of the finest background grid in particle spacings. Finer grids need as many iterations, and below 1.2 more:
@@ -107,6 +108,7 @@ class LinearSystem:
         frame: (N, d) positions of the particles in the frame of the grid [m].
         spacing: of the particles [m].
         buffers: device arrays by name, reused from step to step.
+        ties: between particles and their copies where the mesh is cut along interfaces; None where it is not.
 
     Attributes:
         stores_rows: whether the Jacobian is kept in rows.
@@ -132,7 +134,9 @@ class LinearSystem:
         frame: Array,
         spacing: float,
         buffers: Buffers,
+        ties: InterfaceTies | None = None,
     ) -> None:
+        self._ties = ties
         self._topology, self._density, self._scale, self._scheme = topology, material[0], scale, scheme
         self._nodes, self._elements, self._dimension = len(mesh.position), len(mesh.cells), mesh.dimension
         self._buffers = buffers
@@ -166,13 +170,17 @@ class LinearSystem:
             d,
             work=(n, schur.LAPLACIAN_ROW),
         )
+        label = None
+        if ties:
+            ties.join_scales(scale)
+            self.pressure_laplacian, label = ties.sprung(self.pressure_laplacian, scale, SCHUR_SCALE)
         self.multigrid = multigrid
         if frame is not mesh.position:
             position = buffers.upload("frame", frame)
         multigrid.build(position, self.pressure_laplacian, n)
         shape = (len(mesh.cells), n, d + 1)
         self.deflation = SubdomainDeflation(
-            topology.cells, material[0], extremes, shape, self.pressure_laplacian, multigrid.vectors, buffers
+            topology.cells, material[0], extremes, shape, self.pressure_laplacian, multigrid.vectors, buffers, label
         )
 
     def gather(self, record: Any) -> None:
@@ -205,6 +213,8 @@ class LinearSystem:
             self._dimension,
             work=(self._nodes, jacobian.ROW),
         )
+        if self._ties:
+            self._ties.collect(out)
 
     def precondition(self, r: Any, z: Any) -> None:
         """z = M r ~ K^-1 r by the block factors of K with diag(A) and one V-cycle for the Schur complement.
@@ -212,19 +222,30 @@ class LinearSystem:
         See `tipfem.step.block_preconditioner`; r and z are (N (d + 1),) on the device.
         """
         n, d, grid = self._nodes, self._dimension, self.multigrid
-        if grid.fused:
+        if self.fused:
             work = (n, fused_iteration.ITERATION)
             launch(fused_iteration.precondition, *self._operators(), r, z, n, d, work=work)
             return
+        if self._ties:
+            self._ties.spread(r)
         launch(block_preconditioner.schur_rhs, *self.rows, self._scale, r, grid.vectors, n, d)
+        if self._ties:
+            self._ties.clear(r)
         grid.cycle()
         self.deflation.correct()
         launch(block_preconditioner.correct, *self.rows, grid.vectors, r, z, n, d)
+        if self._ties:
+            self._ties.collect(z)
+
+    @property
+    def fused(self) -> bool:
+        """Whether an iteration is one launch."""
+        return self.multigrid.fused and not self._ties
 
     @property
     def iteration(self) -> Iteration | None:
         """An iteration of Krylov's method in one launch, where that is possible."""
-        return self._iterate if self.multigrid.fused else None
+        return self._iterate if self.fused else None
 
     def _iterate(self, k: int, krylov: Any, partial: Any, cancelled: float) -> None:
         n = self._nodes

@@ -46,6 +46,8 @@ class MatrixFreeSystem(LinearSystem):
             self._nodes,
             d,
         )
+        if self._ties:
+            self._ties.collect(out)
 
     def precondition(self, r: Any, z: Any) -> None:
         """z ~ K^-1 r, as `LinearSystem.precondition`; r and z are (N (d + 1),) on the device."""
@@ -53,6 +55,8 @@ class MatrixFreeSystem(LinearSystem):
         size = n * (d + 1)
         half, product = (self._buffers.get(f"matrix_free.{name}", size) for name in ("half", "product"))
         launch(matrix_free.copy_displacements, r, half, n, d, work=work)
+        if self._ties:
+            self._ties.spread(half)
         self.product(half, product)
         vectors = self.multigrid.vectors
         launch(matrix_free.schur_rhs, r, product, self._scale, vectors, n, d, work=work)

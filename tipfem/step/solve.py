@@ -85,6 +85,7 @@ class StepSolver:
             walls,
             numerics.jacobian,
             state.grid_box,
+            numerics.pressure,
         )
         tolerance = numerics.tolerance(
             force if varies else force[:1],

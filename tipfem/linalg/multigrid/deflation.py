@@ -132,6 +132,8 @@ class SubdomainDeflation:
         matrix: the pressure Laplacian.
         vectors: those of the cycle on the mesh, see `tipfem.linalg.multigrid.grid_hierarchy`.
         buffers: that hold the arrays between steps.
+        label: (N,) connected component of each particle, -1 for those in none, where all components but the largest
+            are to be bubbles; by default those of the light fluid.
 
     Attributes:
         count: number of bubbles.
@@ -147,19 +149,23 @@ class SubdomainDeflation:
         matrix: Csr,
         vectors: Any,
         buffers: Buffers,
+        label: Array | None = None,
     ) -> None:
         self._matrix, self._vectors, self._nodes = matrix, vectors, shape[1]
         (lowest, highest), (elements, nodes, width) = extremes, shape
         lists = np.ones(1, dtype=np.int32)
-        if highest >= DENSITY_RATIO * lowest:
-            label = buffers.get("deflation.label", nodes, integer=True)
+        labels = buffers.get("deflation.label", nodes, integer=True)
+        if label is not None:
+            labels = buffers.upload("deflation.label", label)
+            lists = _bubble_lists(label)
+        elif highest >= DENSITY_RATIO * lowest:
             limit = float(np.sqrt(lowest * highest))
-            launch(label_light_components, cells, density, label, limit, elements, nodes, width)
-            lists = _bubble_lists(download(label, nodes))
+            launch(label_light_components, cells, density, labels, limit, elements, nodes, width)
+            lists = _bubble_lists(download(labels, nodes))
         self.count = int(lists[0]) - 1
         self.subdomains = buffers.upload("deflation.subdomains", lists)
         if self.count:
-            launch(set_energies, *matrix, label, self.subdomains, vectors, self.count, nodes)
+            launch(set_energies, *matrix, labels, self.subdomains, vectors, self.count, nodes)
 
     def correct(self) -> None:
         """Add a constant to the solution in each bubble, so that the sum of its equations holds."""

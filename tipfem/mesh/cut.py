@@ -1,0 +1,67 @@
+"""CutMesh: a mesh cut open along its interfaces, so that a field can have a value on each side of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tipfem.mesh.components import ON_INTERFACE
+from tipfem.mesh.mesh import Mesh
+from tipfem.typing import Array
+
+
+@dataclass(frozen=True)
+class CutMesh:
+    """The cells of a mesh on P nodes: one for each pair of a particle and a connected component of a fluid there.
+
+    The first N nodes are the N particles themselves, each in the heaviest of its components; the others are copies of
+    particles on interfaces, sorted by particle. Where no interface passes, a particle is one node.
+
+    Attributes:
+        mesh: the same cells, in the same order, on the P nodes.
+        owner: (P,) particle of each node.
+        component: (P,) component of each node; 0 for those in no cell.
+        particles: N.
+    """
+
+    mesh: Mesh
+    owner: Array
+    component: Array
+    particles: int
+
+    @property
+    def copies(self) -> int:
+        """Number of nodes that are not particles, P - N."""
+        return len(self.owner) - self.particles
+
+
+def cut_along_interfaces(mesh: Mesh, density: Array) -> CutMesh:
+    """Cut a mesh along its interfaces.
+
+    Args:
+        mesh: M cells on N particles, with the components of its fluids.
+        density: (M,) of the cells [kg/m^3].
+
+    Raises:
+        ValueError: the components of the mesh are not labelled.
+    """
+    components = mesh.components
+    if components is None:
+        raise ValueError("cut_along_interfaces: the components of this mesh are not labelled")
+    n = len(mesh.position)
+    cell, corner = np.nonzero(((components.mark & ON_INTERFACE) > 0).take(mesh.cells))
+    pair = mesh.cells[cell, corner].astype(np.int64) * len(components) + components.label[cell]
+    pairs, where, number = np.unique(pair, return_index=True, return_inverse=True)
+    particle, label = np.divmod(pairs, max(len(components), 1))
+    order = np.lexsort((label, -density[cell[where]], particle))
+    heaviest = np.zeros(len(pairs), dtype=bool)
+    heaviest[order[np.diff(particle[order], prepend=-1) > 0]] = True
+    node = particle.copy()
+    node[~heaviest] = n + np.arange(np.count_nonzero(~heaviest))
+    cells = mesh.cells.copy()
+    cells[cell, corner] = node[number]
+    owner = np.concatenate([np.arange(n), particle[~heaviest]])
+    component = np.zeros(len(owner), dtype=np.int32)
+    component[cells] = components.label[:, None]
+    return CutMesh(Mesh(mesh.position[owner], cells, mesh.fluid), owner, component, n)
