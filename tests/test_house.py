@@ -39,6 +39,7 @@ TAICHI = (
     "remesh/volume_kernels.py",
     "step/block_preconditioner.py",
     "step/fused_iteration.py",
+    "step/tie_kernels.py",
     "walls/constraint_kernels.py",
 )
 RENDER_TAICHI = ("ggui.py", "rasterizer.py", "runtime.py", "shapes.py")

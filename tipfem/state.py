@@ -116,6 +116,8 @@ class State:
         relocated: (N,) mask of the particles that the last remeshing relocated or inserted.
         relocations: how many particles it relocated because they crowded others, or inserted.
         rebuilt: how many meshes since the start were triangulated anew, because the last mesh could not be repaired.
+        pressure_jump: (F, N) pressure of each fluid at each particle less that of the particle [Pa], 0 where the fluid
+            is not; the next solve starts from it. None before the first step, and where pressure is continuous.
     """
 
     time: float
@@ -133,6 +135,7 @@ class State:
     relocated: Array
     relocations: int = 0
     rebuilt: int = 0
+    pressure_jump: Array | None = None
 
     @property
     def mean_acceleration(self) -> float:
@@ -182,6 +185,7 @@ class Solved:
         work: of the terms of the residual.
         newton_iterations, krylov_iterations: how many the solve took.
         residual: norm of the scaled residual after Newton's method [spacings].
+        pressure_jump: (F, N) as of `State`.
     """
 
     before: State
@@ -198,6 +202,7 @@ class Solved:
     newton_iterations: int
     krylov_iterations: int
     residual: float
+    pressure_jump: Array | None = None
 
     @property
     def dt(self) -> float:

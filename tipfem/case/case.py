@@ -123,6 +123,11 @@ class Case:
             raise ValueError("Case: grading is given and free_surface is True; there is no grading with a free surface")
         if self.grading and self.interface != "sharp":
             raise ValueError(f"Case: with grading, interface must be 'sharp', in 2-D; it is {self.interface!r}")
+        if self.numerics.pressure == "two-sided" and self.interface != "sharp":
+            raise ValueError(
+                f"Case: with Numerics(pressure='two-sided'), interface must be 'sharp', without a free surface; "
+                f"interface is {self.interface!r} and free_surface is {self.free_surface}"
+            )
 
     def _checked_gravity(self, gravity: Sequence[float] | Array) -> Array:
         d, given = self.particles.dimension, numbers(gravity)

@@ -22,18 +22,25 @@ class CutMesh:
         mesh: the same cells, in the same order, on the P nodes.
         owner: (P,) particle of each node.
         component: (P,) component of each node; 0 for those in no cell.
+        fluid: (P,) fluid of each node.
         particles: N.
     """
 
     mesh: Mesh
     owner: Array
     component: Array
+    fluid: Array
     particles: int
 
     @property
     def copies(self) -> int:
         """Number of nodes that are not particles, P - N."""
         return len(self.owner) - self.particles
+
+    @property
+    def copied(self) -> slice:
+        """Numbers of the nodes that are not particles."""
+        return slice(self.particles, len(self.owner))
 
 
 def cut_along_interfaces(mesh: Mesh, density: Array) -> CutMesh:
@@ -64,4 +71,4 @@ def cut_along_interfaces(mesh: Mesh, density: Array) -> CutMesh:
     owner = np.concatenate([np.arange(n), particle[~heaviest]])
     component = np.zeros(len(owner), dtype=np.int32)
     component[cells] = components.label[:, None]
-    return CutMesh(Mesh(mesh.position[owner], cells, mesh.fluid), owner, component, n)
+    return CutMesh(Mesh(mesh.position[owner], cells, mesh.fluid), owner, component, components.fluid[component], n)

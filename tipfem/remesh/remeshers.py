@@ -329,7 +329,9 @@ class FittedRemesher(Remesher):
             total=before.start_volume if self._keep else None,
             graded=self._grading is not None,
         )
-        fixed, reference = before.fixed, before.reference
+        fixed, reference, jump = before.fixed, before.reference, solved.pressure_jump
+        if jump is not None:
+            jump = _renumbered(jump, renumbered, relocated)
         if renumbered is not None:
             reference = int(renumbered[reference])
             fixed = np.zeros(len(particles), dtype=bool)
@@ -349,6 +351,7 @@ class FittedRemesher(Remesher):
             grid_box=solved.grid_box,
             relocated=relocated,
             relocations=int(relocated.sum()),
+            pressure_jump=jump,
         )
 
     def _material(self, mesh: Mesh) -> tuple[SharpMaterial, Array]:
@@ -374,6 +377,18 @@ class FittedRemesher(Remesher):
         lowered = np.zeros(len(target), dtype=np.int32)
         launch(limit_gradation, particles.position, mesh.cells, target, lowered, grading.growth)
         return target
+
+
+def _renumbered(values: Array, renumbered: Array | None, relocated: Array) -> Array:
+    """Values (F, N) of particles as (F, N') of those after a repair, see `Repaired`; 0 for those ``relocated`` (N')."""
+    result = np.zeros((len(values), len(relocated)))
+    if renumbered is None:
+        result[:] = values
+    else:
+        kept = renumbered >= 0
+        result[:, renumbered[kept]] = values[:, kept]
+    result[:, relocated] = 0.0
+    return result
 
 
 REMESHERS: dict[str, type[DelaunayRemesher] | type[FittedRemesher]] = {

@@ -82,7 +82,8 @@ class FlowProblem:
         walls: their constraints in the step; by default all are fixed and no-slip.
         jacobian: "rows" or "matrix-free", see `tipfem.Numerics`.
         box: (2, d) that the multigrid's grids covered in the last step, see `covering_box`.
-        pressure: "continuous" or "two-sided", see `tipfem.Numerics`.
+        pressure_jump: (F, N) first guess of the pressure of each fluid at each particle less that of the particle
+            [Pa]; None for a pressure that is continuous, see `tipfem.Numerics`.
     """
 
     @timer("set-up")
@@ -98,7 +99,7 @@ class FlowProblem:
         walls: Walls | None = None,
         jacobian: str = "rows",
         box: Array | None = None,
-        pressure: str = "continuous",
+        pressure_jump: Array | None = None,
     ) -> None:
         system = MatrixFreeSystem if jacobian == "matrix-free" else LinearSystem
         self.mesh, self.particles, self.scheme, self.properties = mesh, particles, scheme, properties
@@ -108,10 +109,11 @@ class FlowProblem:
         self.buffers = buffers = workspace.buffers
         put = buffers.upload
         # Nodes are the particles, and the copies of those on interfaces where each side has its own pressure.
-        cut = cut_along_interfaces(mesh, properties.density) if pressure == "two-sided" else None
-        self._ties = InterfaceTies(cut, walls, buffers) if cut and cut.copies else None
-        self._owner: Array | slice = cut.owner if cut and self._ties else slice(None)
-        of_node, solved = self._owner, cut.mesh if cut and self._ties else mesh
+        self._cut = None if pressure_jump is None else cut_along_interfaces(mesh, properties.density)
+        self._pressure_jump = pressure_jump
+        self._ties = InterfaceTies(self._cut, walls, buffers) if self._cut and self._cut.copies else None
+        of_node: Array | slice = self._cut.owner if self._cut else slice(None)
+        solved = self._cut.mesh if self._cut else mesh
         self.nodes, self.elements = len(solved.position), len(mesh.cells)
         self.size = self.nodes * (d + 1)
         self._topology = workspace.topology(solved)
@@ -168,7 +170,11 @@ class FlowProblem:
         if self.mesh.surface.exists:
             flight = parabola(self.particles.velocity, self._force, self.scheme.dt)
             x[:, :-1], x[:, -1] = self.mesh.surface.constrain(x[:, :-1], pressure, flight)
-        return self.buffers.upload("unknowns", x[self._owner].ravel())
+        if self._cut:
+            assert self._pressure_jump is not None
+            x = x[self._cut.owner]
+            x[self._cut.copied, -1] += self._pressure_jump[self._cut.fluid, self._cut.owner][self._cut.copied]
+        return self.buffers.upload("unknowns", x.ravel())
 
     def split(self, x: Any) -> tuple[Array, Array]:
         """Displacements (N, d) and pressures (N,) of a device vector of unknowns.
@@ -178,6 +184,20 @@ class FlowProblem:
         values = download(x, self.size).astype(np.float64, copy=False).reshape(self.nodes, self.dimension + 1)
         values = values[: len(self.mesh.position)]
         return values[:, :-1].copy(), values[:, -1].copy()
+
+    def pressure_jump(self, x: Any) -> Array | None:
+        """(F, N) pressure of each fluid less that of the particle in a device vector of unknowns; None if continuous.
+
+        Where a particle is in several components of a fluid, it is that of one of them.
+        """
+        if not self._cut:
+            return None
+        assert self._pressure_jump is not None
+        pressure = download(x, self.size).astype(np.float64, copy=False).reshape(self.nodes, -1)[:, -1]
+        copied, owner = self._cut.copied, self._cut.owner[self._cut.copied]
+        result = np.zeros_like(self._pressure_jump)
+        result[self._cut.fluid[copied], owner] = pressure[copied] - pressure[owner]
+        return result
 
     @timer("residual")
     def residual(self, x: Any) -> float:

@@ -1,119 +1,30 @@
-"""Pressures on both sides of interfaces: the equations of a cut mesh, whose copies move with their particles.
+"""Pressures on both sides of interfaces: the equations on a cut mesh, whose copies move with their particles.
 
 All kernels of the elements run on the P nodes of a `tipfem.mesh.cut.CutMesh`, as on any mesh, with a Jacobian K_cut.
 With T the matrix that gives each copy the displacement of its particle and leaves all pressures alone, the Jacobian of
 the N displacements and P pressures is T^T K_cut T: displacements are spread to the copies before a product, and the
 momentum rows of the copies are added to those of their particle after it. Vectors keep entries for the displacements
-of the copies: in unknowns and corrections those of the particle, in residuals and basis vectors zero.
+of the copies: in unknowns and corrections they are those of the particle, in residuals zero.
 
-The pressures of a particle act on one displacement, which couples them in the Schur complement
-D diag(A)^-1 G: with B_k = d V_k / d x, the derivative of the volume of component k by the particle's position, the entry
-for its components k and l is B_k . diag(A)^-1 B_l. On the cut mesh the Laplacian does not have it. It is added to
-the Laplacian as a spring of stiffness -B_k . diag(A)^-1 B_l between the two pressures; for two components
-B_1 = -B_2 inside the tank.
+The pressures of a particle act on one displacement, which couples them in the Schur complement D diag(A)^-1 G: with
+B_k = d V_k / d x, the derivative of the volume of component k by the particle's position, the entry for two of its
+components is B_k . diag(A)^-1 B_l. The Laplacian of the cut mesh lacks it, so it is added as a spring of the stiffness
+-B_k . diag(A)^-1 B_l between the two pressures. B_1 = -B_2 where two components meet inside the tank.
 """
+
+from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Reals1, Template
 from tipfem.backend.arrays import Buffers, download
-from tipfem.backend.launch import kernel, launch
+from tipfem.backend.launch import launch
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.cut import CutMesh
+from tipfem.step import tie_kernels
 from tipfem.typing import Array
 from tipfem.walls.step import Walls
-
-TIE, ROW = 10.0, 20.0  # nanoseconds of one thread for a tied particle, and for a row of the Laplacian
-
-
-@kernel
-def join_scales(
-    particles: Ints1, copies: Ints1, scale: Reals1, nodes: ti.i32, count: ti.i32, dim: Template, serial: Template
-):
-    """The scale of the momentum rows of ``count`` tied particles and their copies: one over the sum of 1 / scale.
-
-    The copies of particles[t] are the nodes from nodes + copies[t] to before nodes + copies[t + 1]. Rows of particles
-    whose displacement is prescribed have the scale 0, and keep it.
-    """
-    ti.loop_config(serialize=serial)
-    for t in range(count):
-        for k in ti.static(range(dim)):
-            own = particles[t] * (dim + 1) + k
-            if scale[own] > 0.0:
-                diagonal = 1.0 / scale[own]
-                for j in range(nodes + copies[t], nodes + copies[t + 1]):
-                    diagonal += 1.0 / scale[j * (dim + 1) + k]
-                scale[own] = 1.0 / diagonal
-
-
-@kernel
-def spread(particles: Ints1, copies: Ints1, x: Reals1, nodes: ti.i32, count: ti.i32, dim: Template, serial: Template):
-    """Give copies the displacements of their particles: x = T x; arguments as of `join_scales`."""
-    ti.loop_config(serialize=serial)
-    for t in range(count):
-        for j in range(nodes + copies[t], nodes + copies[t + 1]):
-            for k in ti.static(range(dim)):
-                x[j * (dim + 1) + k] = x[particles[t] * (dim + 1) + k]
-
-
-@kernel
-def collect(particles: Ints1, copies: Ints1, x: Reals1, nodes: ti.i32, count: ti.i32, dim: Template, serial: Template):
-    """Add the copies' momentum rows to those of their particles, and make them zero: x = T^T x."""
-    ti.loop_config(serialize=serial)
-    for t in range(count):
-        for k in ti.static(range(dim)):
-            own = particles[t] * (dim + 1) + k
-            total = x[own]
-            for j in range(nodes + copies[t], nodes + copies[t + 1]):
-                total += x[j * (dim + 1) + k]
-                x[j * (dim + 1) + k] = 0.0
-            x[own] = total
-
-
-@kernel
-def clear(copies: Ints1, x: Reals1, nodes: ti.i32, count: ti.i32, dim: Template, serial: Template):
-    """Zero displacements of the copies."""
-    ti.loop_config(serialize=serial)
-    for j in range(nodes, nodes + copies[count]):
-        for k in ti.static(range(dim)):
-            x[j * (dim + 1) + k] = 0.0
-
-
-@kernel
-def add_springs(
-    row_offsets: Ints1,
-    columns: Ints1,
-    values: Reals1,
-    spring_offsets: Ints1,
-    spring_columns: Ints1,
-    stiffness: Reals1,
-    new_offsets: Ints1,
-    new_columns: Ints1,
-    new_values: Reals1,
-    nodes: ti.i32,
-    serial: Template,
-):
-    """A Laplacian in CSR with springs between its nodes; those of row i are from spring_offsets[i] on.
-
-    The first entry of each row is that on the diagonal, and stays so; the springs become the last ones.
-    """
-    ti.loop_config(serialize=serial)
-    for i in range(nodes):
-        if i == 0:
-            new_offsets[0] = 0
-        new_offsets[i + 1] = row_offsets[i + 1] + spring_offsets[i + 1]
-        first = row_offsets[i] + spring_offsets[i]
-        number = row_offsets[i + 1] - row_offsets[i]
-        for s in range(number):
-            new_columns[first + s] = columns[row_offsets[i] + s]
-            new_values[first + s] = values[row_offsets[i] + s]
-        for s in range(spring_offsets[i], spring_offsets[i + 1]):
-            new_columns[first + number + s - spring_offsets[i]] = spring_columns[s]
-            new_values[first + number + s - spring_offsets[i]] = -stiffness[s]
-            new_values[first] = new_values[first] + stiffness[s]
 
 
 class InterfaceTies:
@@ -138,24 +49,24 @@ class InterfaceTies:
 
     def join_scales(self, scale: Any) -> None:
         """Make the scale (P (d + 1),) of a particle's momentum rows that of its copies' rows together."""
-        self._launch(join_scales, scale)
+        self._launch(tie_kernels.join_scales, scale)
         self.spread(scale)
 
     def spread(self, x: Any) -> None:
         """Give the copies the displacements of their particles in a vector (P (d + 1),): x = T x."""
-        self._launch(spread, x)
+        self._launch(tie_kernels.spread, x)
 
     def collect(self, x: Any) -> None:
         """Add the copies' momentum rows in a vector (P (d + 1),) to those of their particles: x = T^T x."""
-        self._launch(collect, x)
+        self._launch(tie_kernels.collect, x)
 
     def clear(self, x: Any) -> None:
         """Set the copies' displacements in a vector (P (d + 1),) to zero."""
-        n, d, work = self._cut.particles, self._dimension, (self._cut.copies, TIE)
-        launch(clear, self._copies, x, n, self.count, d, work=work)
+        n, d, work = self._cut.particles, self._dimension, (self._cut.copies, tie_kernels.TIE)
+        launch(tie_kernels.clear, self._copies, x, n, self.count, d, work=work)
 
     def _launch(self, kernel: Any, x: Any) -> None:
-        n, d, work = self._cut.particles, self._dimension, (self.count, TIE)
+        n, d, work = self._cut.particles, self._dimension, (self.count, tie_kernels.TIE)
         launch(kernel, self._particles, self._copies, x, n, self.count, d, work=work)
 
     def sprung(self, laplacian: Csr, scale: Any, schur: float) -> tuple[Csr, Array]:
@@ -182,14 +93,14 @@ class InterfaceTies:
             get("ties.laplacian", int(count)),
         )
         launch(
-            add_springs,
+            tie_kernels.add_springs,
             *laplacian,
             put("ties.spring_offsets", offsets.astype(np.int32)),
             put("ties.spring_columns", np.concatenate([other, one])[order].astype(np.int32)),
             put("ties.stiffness", np.tile(stiffness, 2)[order]),
             *matrix,
             nodes,
-            work=(nodes, ROW),
+            work=(nodes, tie_kernels.ROW),
         )
         component = self._cut.component
         strength = np.bincount(component[row], np.tile(stiffness, 2), minlength=component.max(initial=0) + 1)

@@ -74,6 +74,9 @@ class StepSolver:
         force = case.acceleration(position, state.time + scheme.cf * dt)
         material = ElementProperties(state.material.density, state.material.viscosity, growth)
         walls = walls_in_step(state.boundary, mesh, before, material.viscosity, scheme, state.time)
+        jump = state.pressure_jump
+        if jump is None and numerics.pressure == "two-sided":
+            jump = np.zeros((len(case.fluids), len(before)))
         problem = FlowProblem(
             mesh,
             before,
@@ -85,7 +88,7 @@ class StepSolver:
             walls,
             numerics.jacobian,
             state.grid_box,
-            numerics.pressure,
+            jump,
         )
         tolerance = numerics.tolerance(
             force if varies else force[:1],
@@ -135,6 +138,7 @@ class StepSolver:
             newton_iterations=result.iterations,
             krylov_iterations=result.krylov_iterations,
             residual=result.norm,
+            pressure_jump=problem.pressure_jump(result.solution),
         )
 
     def consistent(self, state: State, dt: float) -> State:
