@@ -1,0 +1,69 @@
+"""The mesh cut along its interfaces: a node for each particle and connected component."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tipfem as tp
+from tipfem.mesh.cut import cut_along_interfaces
+from tipfem.mesh.delaunay import triangulate
+from tipfem.mesh.mesh import Mesh
+from tipfem.remesh.fitted import with_fluids
+
+FLUIDS = [tp.Fluid(name, density=rho, viscosity=1e-3) for name, rho in (("water", 1000), ("oil", 800), ("air", 1.2))]
+DENSITY = np.array([f.density for f in FLUIDS])
+
+
+def three_fluids():
+    """Water, oil with a drop of water in it, and air beside both."""
+    tank = tp.tank((1.0, 1.0), 0.05, jitter=0.2, seed=4).fill(FLUIDS[0]).fill(FLUIDS[1], box=((0, 0.5), (1, 1)))
+    tank = tank.fill(FLUIDS[2], box=((0.6, 0.2), (1, 0.8))).fill(FLUIDS[0], disc=((0.3, 0.75), 0.12))
+    particles = tank.sample(FLUIDS)
+    return with_fluids(triangulate(particles.position, particles.wall, 0.05), particles, DENSITY)
+
+
+def test_there_is_one_node_for_each_particle_and_component():
+    mesh = three_fluids()
+    cut = cut_along_interfaces(mesh, DENSITY[mesh.fluid])
+    label, n = mesh.components.label, len(mesh.position)
+    assert len(mesh.components) == 4
+    wanted = {(i, k) for cell, k in zip(mesh.cells.tolist(), label.tolist(), strict=True) for i in cell}
+    found = list(zip(cut.owner.tolist(), cut.component.tolist(), strict=True))
+    assert sorted(found) == sorted(wanted)
+    assert cut.copies == len(wanted) - n > 40
+    assert np.bincount(cut.owner).max() == 3  # where three fluids meet
+    np.testing.assert_array_equal(cut.owner[:n], np.arange(n))
+    assert (np.diff(cut.owner[n:]) >= 0).all()
+    np.testing.assert_array_equal(cut.owner[cut.mesh.cells], mesh.cells)
+    np.testing.assert_array_equal(cut.component[cut.mesh.cells], np.repeat(label[:, None], 3, axis=1))
+    np.testing.assert_array_equal(cut.mesh.position, mesh.position[cut.owner])
+    np.testing.assert_array_equal(cut.fluid, mesh.components.fluid[cut.component])
+
+
+def test_particles_keep_their_numbers_in_the_heaviest_fluid():
+    mesh = three_fluids()
+    cut = cut_along_interfaces(mesh, DENSITY[mesh.fluid])
+    heaviest = np.zeros(len(mesh.position))
+    np.maximum.at(heaviest, mesh.cells, DENSITY[mesh.fluid][:, None])
+    np.testing.assert_array_equal(DENSITY[cut.fluid[: cut.particles]], heaviest)
+
+
+def test_one_fluid_is_not_cut():
+    mesh = three_fluids()
+    water = with_fluids(Mesh(mesh.position, mesh.cells), particles_of_one(mesh), DENSITY)
+    cut = cut_along_interfaces(water, DENSITY[water.fluid])
+    assert cut.copies == 0
+    np.testing.assert_array_equal(cut.mesh.cells, mesh.cells)
+
+
+def particles_of_one(mesh):
+    """All particles of a mesh in one fluid."""
+    nothing = np.zeros(len(mesh.position))
+    return tp.Particles(mesh.position, nothing, nothing, spacing=0.05)
+
+
+def test_a_mesh_without_components_is_refused():
+    mesh = three_fluids()
+    with pytest.raises(ValueError, match="components of this mesh are not labelled"):
+        cut_along_interfaces(Mesh(mesh.position, mesh.cells, mesh.fluid), DENSITY[mesh.fluid])
