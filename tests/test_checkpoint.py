@@ -168,6 +168,7 @@ CASES = {
         [water, air],
         GRAVITY,
     ),
+    "two-sided pressure": lambda water, air: dam_break(water, air, numerics=tp.Numerics(pressure="two-sided")),
     "moving": lambda water, air: dam_break(
         water, air, tank_motion=tp.Motion(angle=lambda t: 0.3 * np.sin(8 * t) ** 2, pivot=(0.3, 0.0))
     ),
