@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
+from tipfem.case.fluid import ranks
 from tipfem.mesh.cut import cut_along_interfaces
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
@@ -20,7 +21,7 @@ def three_fluids():
     tank = tp.tank((1.0, 1.0), 0.05, jitter=0.2, seed=4).fill(FLUIDS[0]).fill(FLUIDS[1], box=((0, 0.5), (1, 1)))
     tank = tank.fill(FLUIDS[2], box=((0.6, 0.2), (1, 0.8))).fill(FLUIDS[0], disc=((0.3, 0.75), 0.12))
     particles = tank.sample(FLUIDS)
-    return with_fluids(triangulate(particles.position, particles.wall, 0.05), particles, DENSITY)
+    return with_fluids(triangulate(particles.position, particles.wall, 0.05), particles, ranks(FLUIDS))
 
 
 def test_there_is_one_node_for_each_particle_and_component():
@@ -51,7 +52,7 @@ def test_particles_keep_their_numbers_in_the_heaviest_fluid():
 
 def test_one_fluid_is_not_cut():
     mesh = three_fluids()
-    water = with_fluids(Mesh(mesh.position, mesh.cells), particles_of_one(mesh), DENSITY)
+    water = with_fluids(Mesh(mesh.position, mesh.cells), particles_of_one(mesh), ranks(FLUIDS))
     cut = cut_along_interfaces(water, DENSITY[water.fluid])
     assert cut.copies == 0
     np.testing.assert_array_equal(cut.mesh.cells, mesh.cells)

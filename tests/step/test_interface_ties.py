@@ -9,6 +9,7 @@ from residuals import residual_vector
 
 import tipfem as tp
 from tipfem.backend.arrays import download
+from tipfem.case.fluid import ranks
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.cut import cut_along_interfaces
 from tipfem.mesh.delaunay import triangulate
@@ -35,7 +36,7 @@ def sample():
     moves = ~particles.wall[:, None]
     particles.velocity[:] = rng.uniform(-1, 1, particles.velocity.shape) * moves
     particles.acceleration[:] = rng.uniform(-10, 10, particles.velocity.shape) * moves
-    return particles, with_fluids(triangulate(particles.position, particles.wall, SPACING), particles, DENSITY)
+    return particles, with_fluids(triangulate(particles.position, particles.wall, SPACING), particles, ranks(FLUIDS))
 
 
 class Setting:
@@ -189,7 +190,7 @@ def test_iterations_are_few(disc):
         tank = tank.fill(water if disc == "drops" else air, disc=((0.12 + 0.15 * (k % 6), y), 0.04))
     particles = tank.sample([water, air])
     density, viscosity = np.array([water.density, air.density]), np.array([1e-3, 1.8e-5])
-    mesh = with_fluids(triangulate(particles.position, particles.wall, 1 / 60), particles, density)
+    mesh = with_fluids(triangulate(particles.position, particles.wall, 1 / 60), particles, ranks([water, air]))
     nothing, counts = np.zeros(len(mesh.cells)), []
     for jump in (None, np.zeros((2, len(particles)))):
         problem = FlowProblem(
