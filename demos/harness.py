@@ -13,7 +13,9 @@ draws pictures. `load` gives tests and studies the case of a script without runn
 from __future__ import annotations
 
 import argparse
+import json
 import math
+import signal
 import subprocess
 import sys
 import traceback
@@ -26,6 +28,8 @@ from typing import Any, NoReturn
 
 import tipfem as tp
 from tipfem.case.case import DEFAULT_INTERFACE, INTERFACES
+from tipfem.casefile.running import COMMAND_FILE
+from tipfem.checkpoint import CheckpointFolder
 
 Probe = Callable[[tp.Simulation], float]
 
@@ -129,7 +133,7 @@ def options(
 
     Returns:
         A namespace with spacing, end_time, time_step, arch, out, frames_per_second, frames, the demo's own options, and
-        interface if there is a choice.
+        interface if there is a choice; and resume, whether a run in the folder is to be gone on with.
     """
     parser = argparse.ArgumentParser(
         prog=sys.argv[0] if sys.argv[0].startswith("tipfem ") else None,
@@ -153,6 +157,7 @@ def options(
     )
     parser.set_defaults(frames=True)
     add("--no-frames", dest="frames", action="store_false", default=argparse.SUPPRESS, help="draw no pictures")
+    add("--resume", action="store_true", help="go on with the run in the results folder, if one has begun there")
     for name, option in further.items():
         metavar = None if option.choices else name.rpartition("_")[2].upper()
         words = {"type": option.kind, "default": option.default, "choices": option.choices, "help": option.help}
@@ -196,15 +201,9 @@ def run(
         raise _Stop
     with one_message():
         tp.init(arch=options.arch)
-        simulation = tp.Simulation(
-            case,
-            out=options.out,
-            time_step=options.time_step,
-            output_interval=1.0 / options.frames_per_second,
-            columns={**check.columns(), **(columns or {})},
-        )
-        check.begin(simulation, options)
-    run_to_end(simulation, options.end_time)
+        simulation = _simulation(case, options, check, columns or {})
+    if simulation.time < options.end_time:
+        run_to_end(simulation, options.end_time)
     figures = check.figures(simulation)
     missed = check.missed(figures, options)
     simulation.write_summary({"status": "complete", "validation": figures, "check": missed or "passed"})
@@ -220,6 +219,40 @@ def run(
         print(f"  {name:24s} {value: .4g}")
     conclude(options.out, missed)
     return simulation
+
+
+def _simulation(
+    case: tp.Case, options: argparse.Namespace, check: Check, columns: Mapping[str, Probe]
+) -> tp.Simulation:
+    """The simulation of a demo: at its start, or at the newest checkpoint of a run that is gone on with."""
+    if not (options.resume and CheckpointFolder(options.out).files()):
+        simulation = tp.Simulation(
+            case,
+            out=options.out,
+            time_step=options.time_step,
+            output_interval=1.0 / options.frames_per_second,
+            columns={**check.columns(), **columns},
+        )
+        check.begin(simulation, options)
+        _keep_command(simulation)
+        return simulation
+    # What a check measures at the start it measures before its columns are used.
+    check.begin(tp.Simulation(case, time_step=options.time_step), options)
+    simulation = tp.Simulation.resume(options.out, case, columns={**check.columns(), **columns})
+    for note in simulation.notes:
+        print(f"note: {note}", file=sys.stderr)
+    print(f"going on from step {simulation.step_number}, t = {simulation.time:g} s", file=sys.stderr)
+    return simulation
+
+
+def _keep_command(simulation: tp.Simulation) -> None:
+    """Write the command that goes on with the run into the results folder, from where `tipfem resume` tells it."""
+    program = sys.argv[0].split() if sys.argv[0].startswith("tipfem ") else ["python", sys.argv[0]]
+    words = [*program, *(word for word in sys.argv[1:] if word != "--resume"), "--resume"]
+    results = simulation.results
+    assert results is not None
+    results.list_file(COMMAND_FILE)
+    (results.path / COMMAND_FILE).write_text(json.dumps(words) + "\n", encoding="utf-8")
 
 
 def load(name: str, **settings: Any) -> Loaded:
@@ -262,7 +295,8 @@ def run_to_end(simulation: tp.Simulation, until: float) -> None:
     except tp.SimulationError as error:
         stop(f"{error}\nthe results up to there are in {place}")
     except KeyboardInterrupt:
-        stop(f"interrupted at t = {simulation.time:g} s; the results up to there are in {place}")
+        print(f"interrupted at t = {simulation.time:g} s; the results up to there are in {place}", file=sys.stderr)
+        raise SystemExit(128 + signal.SIGINT) from None
 
 
 def conclude(out: Path, missed: Sequence[str]) -> None:

@@ -104,15 +104,15 @@ class CheckpointFolder:
             why = f": {folder} has none; is it the results folder of a run?"
         return CheckpointError(f"{self.path} holds no checkpoint that can be read{why}")
 
-    def newest_record(self) -> dict[str, Any]:
-        """The ``case`` entry of the newest checkpoint that can be read, without its state.
+    def newest(self) -> dict[str, Any]:
+        """The content of the newest checkpoint that can be read, without its state.
 
         Raises:
             CheckpointError: there is none.
         """
         for path in self.files():
             try:
-                return dict(read_file(path, None)["case"])
+                return read_file(path, None)
             except CheckpointError:
                 continue
         raise self._none()

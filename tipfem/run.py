@@ -111,15 +111,16 @@ def run(simulation: Runnable, until: float, *, progress: bool) -> None:
             if results and not results.has_fields(simulation.step_number):
                 simulation.write_fields()
             simulation.write_checkpoint(until)
+            due = min(until, simulation.next_output())
             while simulation.time < until:
-                due = min(until, simulation.next_output())
-                while simulation.time < due:
-                    simulation.step(due)
-                    bar.update(simulation.time, simulation.history[-1])
-                    if simulation.checkpoint_is_due():
-                        simulation.write_checkpoint(until)
-                    stop.obey()
-                simulation.write_fields()
+                simulation.step(due)
+                bar.update(simulation.time, simulation.history[-1])
+                if simulation.time >= due:  # before the checkpoint, which lists the fields that have been written
+                    simulation.write_fields()
+                    due = min(until, simulation.next_output())
+                if simulation.checkpoint_is_due():
+                    simulation.write_checkpoint(until)
+                stop.obey()
             simulation.write_checkpoint(until)
         status = "complete"
     except KeyboardInterrupt:

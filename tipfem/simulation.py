@@ -24,7 +24,7 @@ from tipfem.mesh.delaunay import TriangulationError
 from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.probes import Energy
 from tipfem.output import ResultsFolder, fill_columns, own_columns
-from tipfem.probes import Probe, ProbeRecorder
+from tipfem.probes import Probe, ProbeRecorder, probe_from, probe_record
 from tipfem.remesh.remeshers import remesher_for
 from tipfem.run import CheckpointSchedule, writing
 from tipfem.run import run as run_to
@@ -332,7 +332,7 @@ class Simulation:
                     "checkpoint_interval": self._schedule.interval,
                     "checkpoint_wall_interval": self._schedule.wall_interval,
                     "columns": list(self.columns),
-                    "probes": list(self.probes.probes),
+                    "probes": {name: probe_record(probe) for name, probe in self.probes.probes.items()},
                 },
                 "state": self.state,
                 "control": vars(self.control),
@@ -365,7 +365,7 @@ class Simulation:
             out: the results folder.
             case: the case of the run; needed if it has functions of Python's, which no file keeps.
             columns: those of the run, functions which no file keeps either.
-            probes: those of the run, if it had any.
+            probes: those of the run; needed if they are not all of tipfem's own kinds, which a checkpoint keeps.
             allow_changes: go on although numbers of the method (`Numerics`) have changed.
 
         Returns:
@@ -379,7 +379,7 @@ class Simulation:
         """
         folder = CheckpointFolder(Path(out))
         notes: list[str] = []
-        case = case_from(folder.newest_record()) if case is None else case
+        case = case_from(folder.newest()["case"]) if case is None else case
         content = folder.read(case, notes.append)
         changed = differences(content["case"], case_record(case))
         if changed and not (allow_changes and all(line.startswith("numerics.") for line in changed)):
@@ -387,15 +387,19 @@ class Simulation:
             raise CheckpointError(f"{out}: the case is not that of the run: {'; '.join(changed)}{remedy}")
         notes += [f"changed: {line}" for line in changed]
         settings = content["settings"]
-        for what, given in (("columns", list(columns or {})), ("probes", [probe.name for probe in probes or ()])):
-            if sorted(given) != sorted(settings[what]):
-                raise CheckpointError(f"{out}: the run had the {what} {settings[what]}, and {given} are given")
+        if sorted(columns or {}) != sorted(settings["columns"]):
+            given = list(columns or {})
+            raise CheckpointError(f"{out}: the run had the columns {settings['columns']}, and {given} are given")
+        if probes is None:
+            probes = [probe_from(record) for record in settings["probes"].values()]
+        elif changed := differences(settings["probes"], {probe.name: probe_record(probe) for probe in probes}):
+            raise CheckpointError(f"{out}: the probes are not those of the run: {'; '.join(changed)}")
         simulation = cls(
             case,
             time_step=settings["time_step"],
             output_interval=settings["output_interval"],
             columns=columns,
-            probes=probes or (),
+            probes=probes,
             checkpoint_interval=settings["checkpoint_interval"],
             checkpoint_wall_interval=settings["checkpoint_wall_interval"],
         )

@@ -79,7 +79,8 @@ def test_signals_end_a_run_with_its_last_state_written(number, code, tmp_path):
     assert "Traceback" not in said
     assert "stopped at t = " in said
     summary = json.loads((out / "summary.json").read_text("utf-8"))
-    assert summary["status"] == "interrupted"
+    assert summary["status"] == {143: "ended by signal 15", 130: "interrupted"}[code]
+    assert "tipfem resume" in said
     with open(out / "history.csv", newline="") as file:
         steps = list(csv.DictReader(file))
     assert len(steps) == summary["steps"]

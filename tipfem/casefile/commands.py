@@ -1,4 +1,4 @@
-"""The commands on case files and results: run, check, info, doctor, render, schema.
+"""The commands on case files and results: run, resume, check, info, doctor, render, schema.
 
 Each returns its exit code; see `EXIT_CODES`. Taichi is imported by those that need it, when they do.
 """
@@ -6,22 +6,15 @@ Each returns its exit code; see `EXIT_CODES`. Taichi is imported by those that n
 from __future__ import annotations
 
 import json
-import signal
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from tipfem.arguments import is_number
-from tipfem.casefile.problems import CaseFileError
+from tipfem.casefile.running import Overrides, bad_input, loaded, resume, run, said
 
 if TYPE_CHECKING:
-    from tipfem.case.case import Case
-    from tipfem.casefile.loading import CaseFile
     from tipfem.simulation import Simulation
 
 EXIT_CODES = {
@@ -29,30 +22,15 @@ EXIT_CODES = {
     1: "the run stopped before its end (its results up to there are kept), or doctor found that something is missing",
     2: "bad input: the command line, the case file, or a folder; nothing was started",
     129: "the terminal was closed (SIGHUP); as for 130",
-    130: "interrupted (Ctrl-C, SIGINT); the last state and the summary are written",
+    130: "interrupted (Ctrl-C, SIGINT): the step was finished; last state, checkpoint and summary are written",
     143: "terminated (SIGTERM); as for 130",
 }
-RESULTS = ("case.json", "history.csv", "summary.json")
-
-Overrides = Annotated[list[str] | None, Parameter(name="--set", negative=())]
-
-
-class Stopped(KeyboardInterrupt):
-    """A signal that ends the run like Ctrl-C does.
-
-    Attributes:
-        number: of the signal.
-    """
-
-    def __init__(self, number: int) -> None:
-        super().__init__(number)
-        self.number = number
 
 
 def register(app: App) -> None:
     """Add the commands to an application."""
     app.help_epilogue = "Exit codes: " + "; ".join(f"{code}: {text}" for code, text in EXIT_CODES.items()) + "."
-    for command in (run, check, info, doctor, schema):
+    for command in (run, resume, check, info, doctor, schema):
         app.command(command)
     app.command(render, help_flags=[], version_flags=[])
 
@@ -66,69 +44,6 @@ def register(app: App) -> None:
             bash, zsh or fish. In bash: eval "$(tipfem completion bash)".
         """
         print(app.generate_completion(shell=shell))
-
-
-def run(
-    case: Path,
-    /,
-    *,
-    out: Path | None = None,
-    set: Overrides = None,
-    until: float | None = None,
-    threads: int | None = None,
-    arch: str = "cpu",
-    overwrite: bool = False,
-    progress: bool = True,
-) -> int:
-    """Run a case file.
-
-    Parameters
-    ----------
-    case
-        The case file, in TOML.
-    out
-        Folder for the results; by default that of the case file, or out/ and its name.
-    set
-        A value in place of that of the file: fluids.water.viscosity=2e-3. Can be given several times.
-    until
-        Simulated time to run to [s], in place of time.end.
-    threads
-        Number of CPU threads; by default as many as there are cores.
-    arch
-        cpu, or cuda, which has not been tried on a GPU.
-    overwrite
-        Replace results that are in the folder.
-    progress
-        Show a progress bar on a terminal.
-    """
-    from tipfem.backend import runtime
-    from tipfem.casefile.describing import write_case
-    from tipfem.errors import SimulationError
-
-    with _bad_input() as failed:
-        file, made = _loaded(case, set, until)
-        folder = out or file.folder
-        found = [name for name in RESULTS if (folder / name).exists()]
-        if found and not overwrite:
-            raise ValueError(f"{folder} holds results ({found[0]}); choose another folder by --out, or say --overwrite")
-        runtime.init(arch, threads=threads)
-        simulation = file.simulation(folder, case=made)
-        table = file.table
-        steps = {"largest_step": table.time.largest_step, "interval": table.output.interval}
-        write_case(folder / "case.toml", made, file.end, folder=str(folder), **steps)
-    if failed:
-        return 2
-    try:
-        with _signals():
-            simulation.run(file.end, progress=progress)
-    except SimulationError as error:
-        return _said(1, f"error: {error}\nthe results up to there are in {folder}")
-    except KeyboardInterrupt as stop:
-        code = 128 + (stop.number if isinstance(stop, Stopped) else signal.SIGINT)
-        return _said(code, f"stopped at t = {simulation.time:g} s; the results up to there are in {folder}")
-    row = simulation.history[-1]
-    print(f"{row['step']} steps to t = {row['time']:g} s in {row['wall_seconds']:.0f} s; results: {folder}")
-    return 0
 
 
 def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, no_picture: bool = False) -> int:
@@ -147,8 +62,8 @@ def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, 
     """
     from tipfem.casefile.estimate import estimate
 
-    with _bad_input() as failed:
-        file, made = _loaded(case, set)
+    with bad_input() as failed:
+        file, made = loaded(case, set)
         table = file.table
         print(f"{case}: no mistakes found")
         if made.title:
@@ -219,7 +134,7 @@ def info(out: Path, /) -> int:
     """
     from tipfem.casefile.inspection import describe_results
 
-    with _bad_input() as failed:
+    with bad_input() as failed:
         print("\n".join(describe_results(out)))
     return 2 if failed else 0
 
@@ -264,57 +179,8 @@ def schema(*, out: Path | None = None) -> int:
     try:
         out.write_text(text, encoding="utf-8")
     except OSError as error:
-        return _said(2, f"error: --out is {str(out)!r}, which cannot be written to ({error.strerror})")
+        return said(2, f"error: --out is {str(out)!r}, which cannot be written to ({error.strerror})")
     return 0
-
-
-def _loaded(path: Path, overrides: Sequence[str] | None, until: float | None = None) -> tuple[CaseFile, Case]:
-    from tipfem.casefile.loading import load_case
-
-    given = list(overrides or ())
-    if until is not None:
-        if not (is_number(until) and until > 0):
-            raise ValueError(f"--until is {until} s; it must be a number > 0 in s")
-        given.append(f"time.end={until!r}")
-    file = load_case(path, given)
-    return file, file.case()
-
-
-@contextmanager
-def _bad_input() -> Iterator[list[str]]:
-    """What is refused in the block is said on the error output, and noted in the list that it gives."""
-    failed: list[str] = []
-    try:
-        yield failed
-    except CaseFileError as error:
-        count = len(error.problems)
-        failed.append(f"{error}\n{count} mistake{'s' if count > 1 else ''}; nothing was started")
-    except (ValueError, RuntimeError, OSError) as error:
-        failed.append(f"error: {error}")
-    if failed:
-        print(failed[0], file=sys.stderr)
-
-
-@contextmanager
-def _signals() -> Iterator[None]:
-    """SIGTERM and SIGHUP end the block like Ctrl-C."""
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        raise Stopped(number)
-
-    before: dict[signal.Signals, Callable[..., Any] | int | None] = {}
-    for number in (signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):
-        before.setdefault(number, signal.signal(number, stop))
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def _said(code: int, message: str) -> int:
-    print(message, file=sys.stderr)
-    return code
 
 
 def main(words: Sequence[str] | None = None) -> int:

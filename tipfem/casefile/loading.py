@@ -111,6 +111,10 @@ class CaseFile:
         """The folder for the results: that of the file, or out/ and the file's name."""
         return FilePath(self.table.output.folder or f"out/{FilePath(self.name).stem}")
 
+    def settings(self) -> dict[str, Any]:
+        """What `tipfem.describe` takes beside the case and its end: steps and output."""
+        return {"largest_step": self.table.time.largest_step, "interval": self.table.output.interval}
+
     def case(self) -> Case:
         """The case, with its particles.
 

@@ -8,9 +8,11 @@ from tipfem.probes.fluids import EnergyProbe, FrontProbe, VolumeProbe, WaveGauge
 from tipfem.probes.points import LineProbe, PointProbe
 from tipfem.probes.probe import Probe
 from tipfem.probes.recorder import ProbeRecorder
+from tipfem.probes.records import KINDS, probe_from, probe_record
 from tipfem.probes.walls import WallForce, WallPressure
 
 __all__ = [
+    "KINDS",
     "EnergyProbe",
     "FrontProbe",
     "LineProbe",
@@ -21,4 +23,6 @@ __all__ = [
     "WallForce",
     "WallPressure",
     "WaveGauge",
+    "probe_from",
+    "probe_record",
 ]

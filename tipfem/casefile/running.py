@@ -1,0 +1,265 @@
+"""The commands that run: run and resume.
+
+Both return an exit code, see `tipfem.casefile.commands.EXIT_CODES`, and end in an orderly way when they are told to
+stop; see `tipfem.run.StopRequest`.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from tipfem.arguments import is_number
+from tipfem.casefile.problems import CaseFileError
+
+if TYPE_CHECKING:
+    from tipfem.case.case import Case
+    from tipfem.casefile.loading import CaseFile
+    from tipfem.simulation import Simulation
+
+RESULTS = ("case.json", "history.csv", "summary.json")
+CASE_FILE = "case.toml"
+# Written by the harness of the demos: the words of the command that goes on with the run.
+COMMAND_FILE = "command.json"
+
+Overrides = Annotated[list[str] | None, Parameter(name="--set", negative=())]
+
+
+def run(
+    case: Path,
+    /,
+    *,
+    out: Path | None = None,
+    set: Overrides = None,
+    until: float | None = None,
+    threads: int | None = None,
+    arch: str = "cpu",
+    overwrite: bool = False,
+    progress: bool = True,
+) -> int:
+    """Run a case file.
+
+    Parameters
+    ----------
+    case
+        The case file, in TOML.
+    out
+        Folder for the results; by default that of the case file, or out/ and its name.
+    set
+        A value in place of that of the file: fluids.water.viscosity=2e-3. Can be given several times.
+    until
+        Simulated time to run to [s], in place of time.end.
+    threads
+        Number of CPU threads; by default as many as there are cores.
+    arch
+        cpu, or cuda, which has not been tried on a GPU.
+    overwrite
+        Replace results that are in the folder.
+    progress
+        Show a progress bar on a terminal.
+    """
+    from tipfem.backend import runtime
+
+    with bad_input() as failed:
+        file, made = loaded(case, set, until)
+        folder = out or file.folder
+        found = [name for name in RESULTS if (folder / name).exists()]
+        if found and not overwrite:
+            raise ValueError(
+                f"{folder} holds results ({found[0]}); choose another folder by --out, say --overwrite, or go on with "
+                f"that run by `tipfem resume {folder}`"
+            )
+        runtime.init(arch, threads=threads)
+        simulation = started(file, made, folder)
+    if failed:
+        return 2
+    return run_to(simulation, file.end, folder, progress=progress)
+
+
+def resume(
+    out: Path,
+    /,
+    *,
+    until: float | None = None,
+    allow_changes: bool = False,
+    threads: int | None = None,
+    arch: str | None = None,
+    progress: bool = True,
+) -> int:
+    """Go on with a run that was stopped or killed, from its newest checkpoint; from its start, if it has none yet.
+
+    Parameters
+    ----------
+    out
+        The results folder.
+    until
+        Simulated time to run to [s]; by default that which the run was to reach.
+    allow_changes
+        Go on although numbers of the method in the folder's case.toml have been changed.
+    threads
+        Number of CPU threads; by default as many as there are cores.
+    arch
+        cpu or cuda; by default what the run had.
+    progress
+        Show a progress bar on a terminal.
+    """
+    with bad_input() as failed:
+        if until is not None and not (is_number(until) and until > 0):
+            raise ValueError(f"--until is {until} s; it must be a number > 0 in s")
+        simulation, end = resumed(out, threads=threads, arch=arch, allow_changes=allow_changes)
+        end = end if until is None else until
+        for note in simulation.notes:
+            print(f"note: {note}", file=sys.stderr)
+        if until is not None and until < simulation.time:
+            raise ValueError(f"--until is {until:g} s; it must be later than the {simulation.time:g} s that are done")
+    if failed:
+        return 2
+    if simulation.time >= end:
+        if not (out / "summary.json").exists():  # the run was killed before its last line
+            simulation.write_summary({"status": "complete"})
+        print(f"t = {simulation.time:g} s has been reached; --until goes on further; results: {out}")
+        return 0
+    begun = f"from step {simulation.step_number}, t = {simulation.time:g} s" if simulation.step_number else "from t = 0"
+    print(f"going on {begun} to t = {end:g} s", file=sys.stderr)
+    return run_to(simulation, end, out, progress=progress)
+
+
+def resumed(
+    out: Path, *, threads: int | None = None, arch: str | None = None, allow_changes: bool = False
+) -> tuple[Simulation, float]:
+    """The simulation that goes on with a run, and the time that the run was to reach [s]; starts Taichi.
+
+    Args:
+        out: the results folder.
+        threads: number of CPU threads, or None for as many as there are cores.
+        arch: "cpu" or "cuda", or None for what the run had.
+        allow_changes: see `Simulation.resume`.
+
+    Raises:
+        ValueError: the folder is none of a run that can go on.
+        CheckpointError: see `Simulation.resume`.
+    """
+    from tipfem.backend import runtime
+    from tipfem.casefile.loading import load_case
+    from tipfem.checkpoint import CheckpointFolder
+
+    if not out.is_dir():
+        raise ValueError(f"{out}: there is no such folder; give the results folder of a run")
+    if words := demo_command(out):
+        raise ValueError(f"{out}: the run is that of a script; go on with it by: {' '.join(words)}")
+    checkpoints = CheckpointFolder(out)
+    file = load_case(out / CASE_FILE) if (out / CASE_FILE).exists() else None
+    if not checkpoints.files():
+        if file is None:
+            raise ValueError(f"{out}: it holds neither checkpoints nor {CASE_FILE}; give the results folder of a run")
+        runtime.init(arch or "cpu", threads=threads)
+        return started(file, file.case(), out), file.end
+    from tipfem.simulation import Simulation
+
+    before = checkpoints.newest()["environment"]
+    runtime.init(arch or before["arch"], before["precision"], threads)
+    case = None if file is None else file.case()
+    simulation = Simulation.resume(out, case, allow_changes=allow_changes)
+    return simulation, simulation.until
+
+
+def started(file: CaseFile, case: Case, folder: Path) -> Simulation:
+    """The simulation of a case file at its start, with the whole case in its results folder.
+
+    Args:
+        file: the case file.
+        case: made of it.
+        folder: for the results; those of an earlier run are removed.
+
+    Raises:
+        ValueError: the case cannot be meshed, or the folder cannot be written to.
+    """
+    from tipfem.casefile.describing import write_case
+
+    simulation = file.simulation(folder, case=case)
+    assert simulation.results is not None
+    write_case(folder / CASE_FILE, case, file.end, folder=str(folder), **file.settings())
+    for name in (CASE_FILE, "case.npz"):
+        if (folder / name).exists():
+            simulation.results.list_file(name)
+    return simulation
+
+
+def run_to(simulation: Simulation, end: float, folder: Path, *, progress: bool) -> int:
+    """Run a simulation to a time [s], say how it went, and return the exit code."""
+    from tipfem.errors import SimulationError
+
+    try:
+        simulation.run(end, progress=progress)
+    except SimulationError as error:
+        return said(1, f"error: {error}\nthe results up to there are in {folder}")
+    except KeyboardInterrupt:
+        return _stopped(128 + signal.SIGINT, simulation, folder)
+    except SystemExit as stop:
+        return _stopped(int(stop.code or 0), simulation, folder)
+    row = simulation.history[-1]
+    print(f"{row['step']} steps to t = {row['time']:g} s in {row['wall_seconds']:.0f} s; results: {folder}")
+    return 0
+
+
+def _stopped(code: int, simulation: Simulation, folder: Path) -> int:
+    return said(code, f"stopped at t = {simulation.time:g} s; `tipfem resume {folder}` goes on from there")
+
+
+def demo_command(out: Path) -> list[str]:
+    """The words of the command that goes on with a demo's run; empty for other runs."""
+    try:
+        words: Any = json.loads((out / COMMAND_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return []
+    return [str(word) for word in words] if isinstance(words, list) else []
+
+
+def loaded(path: Path, overrides: Sequence[str] | None, until: float | None = None) -> tuple[CaseFile, Case]:
+    """A case file with overrides, and its case.
+
+    Args:
+        path: of the file.
+        overrides: see `tipfem.load_case`.
+        until: in place of its end [s].
+
+    Raises:
+        ValueError: the file has mistakes, or ``until`` is no time.
+    """
+    from tipfem.casefile.loading import load_case
+
+    given = list(overrides or ())
+    if until is not None:
+        if not (is_number(until) and until > 0):
+            raise ValueError(f"--until is {until} s; it must be a number > 0 in s")
+        given.append(f"time.end={until!r}")
+    file = load_case(path, given)
+    return file, file.case()
+
+
+@contextmanager
+def bad_input() -> Iterator[list[str]]:
+    """What is refused in the block is said on the error output, and noted in the list that it gives."""
+    failed: list[str] = []
+    try:
+        yield failed
+    except CaseFileError as error:
+        count = len(error.problems)
+        failed.append(f"{error}\n{count} mistake{'s' if count > 1 else ''}; nothing was started")
+    except (ValueError, RuntimeError, OSError) as error:
+        failed.append(f"error: {error}")
+    if failed:
+        print(failed[0], file=sys.stderr)
+
+
+def said(code: int, message: str) -> int:
+    """Say a message on the error output; returns the exit code."""
+    print(message, file=sys.stderr)
+    return code

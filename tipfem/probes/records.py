@@ -1,0 +1,58 @@
+"""Probes as plain values: what checkpoints and case files keep of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+from tipfem.errors import CheckpointError
+from tipfem.probes.fluids import EnergyProbe, FrontProbe, VolumeProbe, WaveGauge
+from tipfem.probes.points import LineProbe, PointProbe
+from tipfem.probes.probe import Probe
+from tipfem.probes.walls import WallForce, WallPressure
+
+# The kinds of probes, by what a case file calls them.
+KINDS: dict[str, type[Probe]] = {
+    "point": PointProbe,
+    "line": LineProbe,
+    "wall pressure": WallPressure,
+    "wall force": WallForce,
+    "wave gauge": WaveGauge,
+    "front": FrontProbe,
+    "volume": VolumeProbe,
+    "energy": EnergyProbe,
+}
+_NAMES = {kind: name for name, kind in KINDS.items()}
+
+
+def probe_record(probe: Probe) -> dict[str, Any]:
+    """What a probe is, as plain values; of one that is not of `KINDS`, its name and class alone."""
+    kind = _NAMES.get(type(probe))
+    if kind is None:
+        return {"class": type(probe).__qualname__, "name": probe.name}
+    values = {field.name: _plain(getattr(probe, field.name)) for field in dataclasses.fields(probe)}
+    return {"type": kind, **values}
+
+
+def probe_from(record: Mapping[str, Any]) -> Probe:
+    """The probe that a record of `probe_record` describes.
+
+    Raises:
+        CheckpointError: it is not of `KINDS`.
+    """
+    values = dict(record)
+    kind = values.pop("type", None)
+    if kind not in KINDS:
+        raise CheckpointError(
+            f"the run had the probe {values['name']!r} of the class {values.get('class', kind)}, which no file keeps; "
+            "give the probes to resume"
+        )
+    return KINDS[kind](**values)
+
+
+def _plain(value: Any) -> Any:
+    """Tuples and arrays as lists, so that records can be compared."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
