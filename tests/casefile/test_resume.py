@@ -1,0 +1,127 @@
+"""tipfem resume, and --resume of demos: runs that were stopped, killed or are complete, and folders that are none."""
+
+from __future__ import annotations
+
+import csv
+import json
+import subprocess
+import sys
+import time
+
+import pytest
+from demo_runs import DEMOS
+
+import tipfem as tp
+from tipfem.casefile.commands import main
+
+CASE = str(DEMOS / "cases" / "dam_break.toml")
+COARSE = ("--set", "tank.spacing=0.04", "--no-progress")
+
+
+def rows(out):
+    """The history as text, without wall-clock times."""
+    with open(out / "history.csv", newline="") as file:
+        return [row[:-1] for row in csv.reader(file)]
+
+
+def test_a_run_goes_on_to_the_bit_and_further(tmp_path, capsys):
+    whole, out = tmp_path / "whole", tmp_path / "out"
+    assert main(["run", CASE, *COARSE, "--until", "0.024", "--out", str(whole)]) == 0
+    assert main(["run", CASE, *COARSE, "--until", "0.012", "--out", str(out)]) == 0
+    assert main(["resume", str(out), "--until", "0.024", "--no-progress"]) == 0
+    assert rows(out) == rows(whole)
+    assert (out / "fields.pvd").read_text() == (whole / "fields.pvd").read_text()
+    assert json.loads((out / "summary.json").read_text())["status"] == "complete"
+    capsys.readouterr()
+    assert main(["resume", str(whole)]) == 0
+    assert "0.024 s has been reached; --until goes on further" in capsys.readouterr().out
+
+
+def test_without_a_checkpoint_it_starts_from_the_beginning(tmp_path, capsys):
+    whole, out = tmp_path / "whole", tmp_path / "out"
+    assert main(["run", CASE, *COARSE, "--until", "0.012", "--out", str(whole)]) == 0
+    out.mkdir()
+    (out / "case.toml").write_text((whole / "case.toml").read_text())
+    assert main(["resume", str(out), "--no-progress"]) == 0
+    assert "from t = 0 to t = 0.012 s" in capsys.readouterr().err
+    assert rows(out) == rows(whole)
+
+
+def test_the_record_of_the_checkpoint_is_enough(tmp_path, water, air):
+    """Of a script's run without functions, with its probes."""
+    tank = tp.tank((0.584, 0.584), 0.04).fill(air).fill(water, box=((0, 0), (0.146, 0.292)))
+    case = tp.Case(tank, [water, air], (0, -9.81))
+    probes = [tp.WaveGauge(name="gauge", x=0.1, fluid="water"), tp.PointProbe(name="point", at=(0.1, 0.1))]
+    simulation = tp.Simulation(case, tmp_path, time_step=2e-3, probes=probes)
+    simulation.run(0.01, progress=False)
+    assert main(["resume", str(tmp_path), "--until", "0.02", "--no-progress"]) == 0
+    with open(tmp_path / "probes" / "gauge.csv", newline="") as file:
+        found = [[float(value) for value in row] for row in list(csv.reader(file))[1:]]
+    simulation.run(0.02, progress=False)
+    assert found == simulation.probes.rows["gauge"]
+
+
+def test_a_changed_case_is_refused_unless_numbers_of_the_method_may_change(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["run", CASE, *COARSE, "--until", "0.004", "--out", str(out)]) == 0
+    text = (out / "case.toml").read_text()
+    (out / "case.toml").write_text(text.replace("largest_move = 0.8", "largest_move = 0.5"))
+    words = ["resume", str(out), "--until", "0.008", "--no-progress"]
+    capsys.readouterr()
+    assert main(words) == 2
+    assert "numerics.largest_move: 0.8, now 0.5" in capsys.readouterr().err
+    assert main([*words, "--allow-changes"]) == 0
+    assert "note: changed: numerics.largest_move: 0.8, now 0.5" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["nowhere"], "nowhere: there is no such folder"),
+        (["empty"], "it holds neither checkpoints nor case.toml"),
+        (["foreign"], "holds no checkpoint that can be read"),
+        (["demo"], "go on with it by: tipfem demo dam_break --spacing 0.01 --resume"),
+        (["broken"], "this is not valid TOML"),
+        (["empty", "--until", "0"], "--until is 0.0 s; it must be a number > 0"),
+        (["empty", "--until", "later"], "later"),
+        ([], "OUT"),
+    ],
+)
+def test_what_cannot_be_resumed_is_said_in_one_message(words, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for name in ("empty", "foreign/checkpoints", "demo", "broken"):
+        (tmp_path / name).mkdir(parents=True)
+    (tmp_path / "foreign" / "checkpoints" / "step_000000001.h5").write_text("nothing")
+    (tmp_path / "demo" / "command.json").write_text('["tipfem", "demo", "dam_break", "--spacing", "0.01", "--resume"]')
+    (tmp_path / "broken" / "case.toml").write_text("end = ")
+    assert main(["resume", *words]) == 2
+    said = capsys.readouterr()
+    text = " ".join((said.out + said.err).replace("│", " ").split())
+    assert message in text
+    assert "Traceback" not in text
+
+
+def test_a_demo_that_is_killed_is_resumed_to_the_bit(tmp_path):
+    options = ["--spacing", "0.03", "--end-time", "0.15", "--no-frames"]
+
+    def demo(out, *words):
+        command = [sys.executable, "-m", "tipfem", "demo", "dam_break", *options, *words, "--out", str(out)]
+        return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    whole, out = tmp_path / "whole", tmp_path / "out"
+    _, said = demo(whole, "--resume").communicate(timeout=300)  # with nothing to go on with
+    assert (whole / "summary.json").exists(), said
+    process = demo(out)
+    while not (out / "history.csv").exists() or len(rows(out)) < 20:
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.kill()
+    process.communicate()
+    done = subprocess.run([sys.executable, "-m", "tipfem", "resume", str(out)], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert f"go on with it by: tipfem demo dam_break {' '.join(options)} --out {out} --resume" in done.stderr
+    _, said = demo(out, "--resume").communicate(timeout=300)
+    assert "going on from step" in said
+    assert rows(out) == rows(whole)
+    summaries = [json.loads((folder / "summary.json").read_text()) for folder in (out, whole)]
+    assert summaries[0]["validation"] == summaries[1]["validation"]
