@@ -44,6 +44,11 @@ class RunProgress:
         if self._progress:
             self._progress.stop()
 
+    def say(self, text: str) -> None:
+        """Print a line where the bar is shown; nothing where it is not."""
+        if self._progress:
+            self._progress.console.print(text, highlight=False, markup=False)
+
     def update(self, time: float, row: Mapping[str, float]) -> None:
         """Show the state after a step: its time [s] and its row of the history."""
         if self._progress:

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 from tipfem.errors import SimulationError
 from tipfem.output import ResultsFolder
 from tipfem.progress import RunProgress
+from tipfem.step.numerical_error import summary_line
 
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
@@ -98,6 +99,9 @@ class Runnable(Protocol):
     def write_checkpoint(self, until: float) -> None:
         """Write a checkpoint of a run to a time."""
 
+    def numerical_error(self) -> dict[str, float]:
+        """What numerics took from the run so far, relative to the flow's own."""
+
     def write_summary(self, content: dict[str, Any]) -> None:
         """Write the summary."""
 
@@ -123,6 +127,7 @@ def run(simulation: Runnable, until: float, *, progress: bool) -> None:
                 stop.obey()
             simulation.write_checkpoint(until)
         status = "complete"
+        bar.say(summary_line(simulation.numerical_error()))
     except KeyboardInterrupt:
         status = "interrupted"
         raise

@@ -30,6 +30,7 @@ from tipfem.run import CheckpointSchedule, writing
 from tipfem.run import run as run_to
 from tipfem.state import Solved, State
 from tipfem.step.budget import Budget
+from tipfem.step.numerical_error import numerical_error
 from tipfem.step.solve import StepSolver
 from tipfem.step.volume_source import VolumeControl
 from tipfem.timers import Timings, timer
@@ -248,6 +249,10 @@ class Simulation:
         totals = self.budget.totals(self.state)
         return Energy(totals.kinetic, totals.potential)
 
+    def numerical_error(self) -> dict[str, float]:
+        """What numerics took from the run so far, relative to the flow's own; see `tipfem.step.numerical_error`."""
+        return numerical_error(self.history, self.case.fluids, self.state.start_volume)
+
     def write_summary(self, content: Mapping[str, Any] | None = None) -> None:
         """Write summary.json with the run's settings and ``content``; without a results folder, do nothing."""
         if not self.results:
@@ -265,6 +270,7 @@ class Simulation:
                 "interface": self.case.interface,
                 "numerics": dataclasses.asdict(self.case.numerics),
                 "fluids": [vars(f) for f in self.case.fluids],
+                "numerical_error": self.numerical_error(),
                 **(content or {}),
             }
         )

@@ -1,0 +1,76 @@
+"""The figures of what numerics took or gave: those of the budget, and the line that a user reads."""
+
+from __future__ import annotations
+
+import io
+import json
+
+import numpy as np
+import pytest
+
+import tipfem as tp
+from tipfem.step.numerical_error import numerical_error, summary_line
+
+WATER, AIR = tp.Fluid("water", density=1000.0, viscosity=1e-3), tp.Fluid("air", density=1.0, viscosity=1e-5)
+
+
+def row(**changes):
+    """A step of a flow that exchanges 4 J of potential and kinetic energy."""
+    usual = {
+        "kinetic_energy": 4.0,
+        "potential_energy": 6.0,
+        "numerical_dissipation": 0.0,
+        "energy_residual": 0.0,
+        "volume_water": 0.5,
+        "volume_air": 0.5,
+    }
+    usual |= {f"{name}_{a}": 0.0 for name in ("momentum", "remeshing_momentum", "momentum_residual") for a in "xy"}
+    return {**usual, **changes}
+
+
+def test_figures_are_relative_to_the_flow_s_own():
+    start = row(kinetic_energy=0.0, potential_energy=10.0)
+    end = row(
+        numerical_dissipation=0.03,
+        energy_residual=-0.01,
+        remeshing_momentum_x=0.3,
+        momentum_residual_y=0.4,
+        volume_water=0.49,
+    )
+    found = numerical_error([start, end], [WATER, AIR], np.array([0.5, 0.5]))
+    momentum = 0.5 / np.sqrt(2 * 500.5 * 4.0)
+    assert found == pytest.approx({"energy": 0.01, "momentum": momentum, "volume_water": 0.02, "volume_air": 0.0})
+
+
+def test_fluids_at_rest_and_runs_without_steps_have_figures_too():
+    rest = row(kinetic_energy=0.0)
+    assert set(numerical_error([rest], [WATER, AIR], np.array([0.5, 0.5])).values()) == {0.0}
+    assert numerical_error([], [WATER, AIR], np.array([0.5, 0.5])) == {}
+
+
+def test_the_line_names_what_is_above_one_per_cent():
+    small = {"energy": 0.004, "momentum": 0.001, "volume_water": -0.002}
+    assert summary_line(small) == (
+        "numerics took 0.004 of the energy, changed 0.001 of the momentum, gave 0.002 of the volume of water"
+    )
+    line = summary_line({**small, "energy": -0.05, "volume_water": 0.02})
+    assert line.startswith("warning: numerics gave 0.05 of the energy")
+    assert line.endswith("above 1 %: energy, volume of water")
+    assert "above 1 %: energy" in summary_line({"energy": float("nan")})
+
+
+def test_a_run_writes_the_figures_and_says_the_line_on_a_terminal(tmp_path, monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    tank = tp.tank((0.4, 0.4), 0.05).fill(AIR).fill(WATER, box=((0, 0), (0.2, 0.2)))
+    for progress in (True, False):
+        stream = Terminal()
+        monkeypatch.setattr("sys.stderr", stream)
+        simulation = tp.Simulation(tp.Case(tank, [WATER, AIR], (0, -9.81)), tmp_path, time_step=2e-3)
+        simulation.run(0.01, progress=progress)
+        found = json.loads((tmp_path / "summary.json").read_text())["numerical_error"]
+        assert found == numerical_error(simulation.history, [WATER, AIR], simulation.state.start_volume)
+        assert set(found) == {"energy", "momentum", "volume_water", "volume_air"}
+        assert ("of the volume of water" in " ".join(stream.getvalue().split())) == progress

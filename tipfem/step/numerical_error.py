@@ -1,0 +1,67 @@
+"""What numerics took from a run, or gave it, relative to the flow's own: figures that a user can read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from tipfem.case.fluid import Fluid
+from tipfem.step.budget import AXES
+from tipfem.typing import Array
+
+LARGE = 0.01  # from here on a figure is a warning
+
+
+def numerical_error(
+    history: Sequence[Mapping[str, float]], fluids: Sequence[Fluid], start_volume: Array
+) -> dict[str, float]:
+    """What numerics took from the flow in all steps of a history, relative to the flow's own; negative where they gave.
+
+    Args:
+        history: rows with the columns of `Budget.account`.
+        fluids: of the case.
+        start_volume: (F,) of the fluids at the start [m^2, or m^3 in 3-D].
+
+    Returns:
+        ``energy``: numerical dissipation less the residual of Newton's method, over the larger of the largest kinetic
+        energy and the range of the potential energy; ``momentum``: what remeshing and the residual took, over
+        sqrt(2 m E) with the mass m of the fluids and the largest kinetic energy E; ``volume_<fluid>``: part of each
+        fluid's volume. Empty without steps; 0 where the flow has nothing of its own.
+    """
+    if not history:
+        return {}
+
+    def column(name: str) -> Array:
+        return np.array([row[name] for row in history])
+
+    def relative(part: float, whole: float) -> float:
+        return part / whole if whole > 0 else 0.0
+
+    kinetic, potential = column("kinetic_energy").max(), column("potential_energy")
+    energy = float((column("numerical_dissipation") - column("energy_residual")).sum())
+    axes = [axis for axis in AXES if f"momentum_{axis}" in history[0]]
+    momentum = math.hypot(
+        *(float((column(f"remeshing_momentum_{a}") + column(f"momentum_residual_{a}")).sum()) for a in axes)
+    )
+    mass = sum(f.density * float(volume) for f, volume in zip(fluids, start_volume, strict=True))
+    result = {
+        "energy": relative(energy, max(float(kinetic), float(np.ptp(potential)))),
+        "momentum": relative(momentum, math.sqrt(2 * mass * float(kinetic))),
+    }
+    for f, volume in zip(fluids, start_volume, strict=True):
+        result[f"volume_{f.name}"] = relative(float(volume) - history[-1][f"volume_{f.name}"], float(volume))
+    return result
+
+
+def summary_line(errors: Mapping[str, float]) -> str:
+    """The figures of `numerical_error` in one line, with a warning that names those above 1 %."""
+    texts = {}
+    for name, value in errors.items():
+        label = name.replace("volume_", "volume of ")
+        verb = "changed" if name == "momentum" else "took" if value >= 0 else "gave"
+        texts[name] = f"{verb} {abs(value):.2g} of the {label}"
+    large = [name.replace("volume_", "volume of ") for name, value in errors.items() if not abs(value) <= LARGE]
+    line = f"numerics {', '.join(texts.values())}"
+    return f"warning: {line}; above 1 %: {', '.join(large)}" if large else line
