@@ -10,5 +10,6 @@ from .renderer import Renderer, render_frame
 from .results import Results, ResultsError
 from .scene import Scene
 from .strips import strip
+from .view import View
 
-__all__ = ["Animation", "Renderer", "Results", "ResultsError", "Scene", "animate", "render_frame", "strip"]
+__all__ = ["Animation", "Renderer", "Results", "ResultsError", "Scene", "View", "animate", "render_frame", "strip"]

@@ -4,6 +4,7 @@ import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import NamedTuple
@@ -14,11 +15,13 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from .arrays import Array, Range
+from .flow import Tracers
 from .movie import MovieWriter, check_movie_name
 from .renderer import Renderer
 from .results import Results
 from .scales import check_range, field_limits
 from .scene import Scene
+from .view import View
 
 _MOST_SAMPLED = 24  # stored times that are read to find the range of a field
 
@@ -52,6 +55,8 @@ def animate(
     particles: bool = False,
     backend: str = "auto",
     fluid_colours: Mapping[str, str] | None = None,
+    view: View | None = None,
+    samples: int = 2,
 ) -> Animation:
     """Draw every stored time of a results folder, one picture each.
 
@@ -71,6 +76,8 @@ def animate(
         particles: draw the particles as dots.
         backend: "ggui", "raster" or "auto", see `Renderer`.
         fluid_colours: colours "#rrggbb" by the names of fluids.
+        view: the part shown, the layers and the colour map; None for all of the scene without layers.
+        samples: of the rasteriser along a side of a pixel, 1 or 2, see `Renderer`.
 
     Raises:
         ValueError: an argument is invalid.
@@ -97,9 +104,10 @@ def animate(
     folder = results.folder / f"frames{tail}"
     written = []
     with ExitStack() as stack:
-        renderer = stack.enter_context(Renderer(size, backend, fluid_colours))
+        renderer = stack.enter_context(Renderer(size, backend, fluid_colours, samples))
         progress = stack.enter_context(_progress())
         writers: list[MovieWriter] = []
+        tracers: Tracers | None = None
         for name in names:
             path = results.folder / f"{Path(name).stem}{tail}{Path(name).suffix}"
             writers.append(MovieWriter(path, renderer.size, playback_rate))
@@ -107,7 +115,11 @@ def animate(
         if frames:
             folder.mkdir(exist_ok=True)
         for i in progress.track(range(len(results)), description="drawing"):
-            image = renderer.frame(results.scene(i), field, field_range, mesh, particles)
+            scene = results.scene(i)
+            if view is not None and view.tracers:
+                tracers = Tracers(scene, view.tracers) if tracers is None else tracers
+                scene = replace(scene, trails=tracers.advance(scene))
+            image = renderer.frame(scene, field, field_range, mesh, particles, view)
             if frames:
                 written.append(_write_png(folder / f"frame_{i:04d}.png", image))
             for writer in writers:

@@ -10,9 +10,9 @@ from PIL import Image, ImageDraw, ImageFont
 
 from . import colours
 from .arrays import Array, Box, Point, Range
+from .layers import WALL_THICKNESS
 from .layout import Layout, LayoutKey
-from .picture import WALL_THICKNESS, is_signed
-from .scales import field_label, round_ticks, tick_labels
+from .scales import colour_map_of, field_label, round_ticks, tick_labels
 from .scene import Scene
 
 SMALL, NORMAL, LARGE = 16, 19, 27  # text heights in design pixels
@@ -50,13 +50,15 @@ class Annotator:
     Args:
         image: (H, W, 3) uint8.
         layout: of the picture.
+        colour_map: of the colour bar; None takes that of the field.
     """
 
-    def __init__(self, image: Array, layout: Layout) -> None:
+    def __init__(self, image: Array, layout: Layout, colour_map: str | None = None) -> None:
         self.image = Image.fromarray(image)
         self.draw = ImageDraw.Draw(self.image)
         self.layout = layout
         self.unit = layout.unit
+        self.colour_map = colour_map
 
     def text(
         self,
@@ -207,7 +209,7 @@ class Annotator:
             field_range: (low, high) of its colours.
         """
         left, top, right, bottom = box
-        table = colours.colour_table(is_signed(field))
+        table = colours.colour_table(self.colour_map or colour_map_of(field))
         rows = max(2, round(bottom - top))
         shades = table[np.rint(np.linspace(255, 0, rows)).astype(int)]
         columns = max(2, round(right - left))
@@ -225,7 +227,7 @@ class Annotator:
     def level_bar(self, box: Box, field: str, field_range: Range) -> None:
         """Draw a horizontal colour bar; see `upright_bar`."""
         left, top, right, bottom = box
-        table = colours.colour_table(is_signed(field))
+        table = colours.colour_table(self.colour_map or colour_map_of(field))
         columns = max(2, round(right - left))
         shades = table[np.rint(np.linspace(0, 255, columns)).astype(int)]
         self._bar(np.repeat(shades[None], max(2, round(bottom - top)), axis=0), box)
@@ -254,6 +256,8 @@ def annotate(
     fills: Array,
     field: str | None = None,
     field_range: Range | None = None,
+    colour_map: str | None = None,
+    notes: Sequence[str] = (),
 ) -> Array:
     """Write all text and scales on a picture, outside of its tank.
 
@@ -266,24 +270,27 @@ def annotate(
         fills: (F, 3) colours of the fluids.
         field: name of the field shown, or None.
         field_range: (low, high) of its colours.
+        colour_map: of the field; None takes the usual one.
+        notes: lines of text on the scales of layers.
 
     Returns:
         The image.
     """
     shades = tuple(tuple(map(float, fill)) for fill in fills)
-    where, colour = _constant_pixels(layout.key, scene.title, scene.fluid_names, shades, field, field_range)
+    where, colour = _constant_pixels(layout.key, scene.title, scene.fluid_names, shades, field, field_range, colour_map)
     image.reshape(-1, 3)[where] = colour
-    clock(image, scene.time, layout)
+    clock(image, scene.time, layout, notes)
     return image
 
 
-def clock(image: Array, time: float, layout: Layout) -> None:
-    """Write the time on a picture.
+def clock(image: Array, time: float, layout: Layout, notes: Sequence[str] = ()) -> None:
+    """Write the time on a picture, and notes below it.
 
     Args:
         image: (H, W, 3) uint8; changed.
         time: [s].
         layout: of the picture.
+        notes: lines of text.
     """
     left, top = layout.panel[:2]
     u, text = layout.unit, f"t = {time:.3f} s"
@@ -292,9 +299,15 @@ def clock(image: Array, time: float, layout: Layout) -> None:
     # Only the part of the picture about the text is copied to Pillow and back.
     column, row = max(0, int(left) - 2), max(0, int(top) - 2)
     height, width = round(1.3 * LARGE * u) + 4, round(text_width(text, LARGE * u)) + 8
+    if notes:
+        row = max(0, row - round(20 * u))
+        height += round(20 * u)
+        width = max(width, round(text_width(", ".join(notes), SMALL * u)) + 8)
     part = image[row : row + height, column : column + width]
     annotator = Annotator(np.ascontiguousarray(part), layout)
     annotator.text((left - column, top - row), text, LARGE)
+    if notes:
+        annotator.text((left - column, 0), ", ".join(notes), SMALL, colours.SUBTLE)
     part[:] = np.asarray(annotator.image)
 
 
@@ -306,12 +319,13 @@ def _constant_pixels(
     shades: tuple[tuple[float, ...], ...],
     field: str | None,
     field_range: Range | None,
+    colour_map: str | None,
 ) -> tuple[Array, Array]:
     """Axes, title, legend and colour bar: the pixels (K,) that they change in a picture, and their colours (K, 3)."""
     layout = Layout.from_key(layout_key)
     width, height = layout.size
     background = np.full((height, width, 3), 255, np.uint8)
-    annotator = Annotator(background, layout)
+    annotator = Annotator(background, layout, colour_map)
     annotator.axes()
     if title:
         annotator.title(title)

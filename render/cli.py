@@ -7,8 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from .animation import animate
+from .colours import COLOUR_MAPS
 from .renderer import BACKENDS
 from .strips import strip
+from .view import View
 
 EPILOG = """\
 examples:
@@ -16,6 +18,8 @@ examples:
   python -m tipfem.render out --field pressure --range 0 3000
   python -m tipfem.render out --mesh --particles --size 1920x1080
   python -m tipfem.render out --movie animation.gif animation.webp --no-frames
+  python -m tipfem.render out --follow front --arrows --mesh
+  python -m tipfem.render out --window 0 0 0.3 0.2 --contours pressure --no-fill
   python -m tipfem.render out --strip 0 0.1 0.2 0.3 --no-frames --movie
 
 It reads what OUT/fields.pvd lists when it starts, so it can also be used while a run is under way.
@@ -52,6 +56,48 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--mesh", action="store_true", help="draw the edges of the cells")
     made.add_argument("--particles", action="store_true", help="draw the particles as dots")
     made.add_argument(
+        "--window",
+        nargs=4,
+        type=float,
+        metavar=("X0", "Y0", "X1", "Y1"),
+        help="part of the domain that is shown [m] (default: all of it)",
+    )
+    made.add_argument(
+        "--follow",
+        metavar="WHAT",
+        help="move the window with the front of the heaviest fluid (front), of another one (front:NAME) or with the "
+        "centre of a fluid (NAME); its size is that of --window, else a third of the domain",
+    )
+    made.add_argument(
+        "--no-fill",
+        action="store_true",
+        help="leave the cells white: the interface alone, or with --particles dots by fluid",
+    )
+    made.add_argument("--arrows", action="store_true", help="draw arrows of the velocity")
+    made.add_argument("--streamlines", action="store_true", help="draw streamlines of the velocity")
+    made.add_argument("--contours", metavar="NAME", help="draw contours of a field, for example pressure")
+    made.add_argument(
+        "--tracers",
+        nargs="?",
+        type=int,
+        default=0,
+        const=200,
+        metavar="COUNT",
+        help="draw points that move with the fluids, with tails (200 without a COUNT)",
+    )
+    made.add_argument(
+        "--colour-map",
+        choices=list(COLOUR_MAPS),
+        help="colours of the field (default: blue-red for components of the velocity, else viridis)",
+    )
+    made.add_argument(
+        "--samples",
+        type=int,
+        choices=(1, 2),
+        default=2,
+        help="samples of the rasteriser along a side of a pixel: 2 for smooth edges (default), 1 to be faster",
+    )
+    made.add_argument(
         "--size",
         type=_size,
         default=(1280, 720),
@@ -64,7 +110,7 @@ def parser() -> argparse.ArgumentParser:
         default="auto",
         help="ggui: Taichi's GGUI, offscreen, needs a Vulkan driver; "
         "raster: Taichi kernels alone; "
-        "auto: ggui where there is a driver, else raster (default)",
+        "auto: ggui where there is a GPU's driver, else raster (default)",
     )
     made.add_argument(
         "--movie",
@@ -123,6 +169,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
             particles=given.particles,
             backend=given.backend,
             fluid_colours=dict(given.colour),
+            view=View(
+                window=given.window,
+                follow=given.follow,
+                fill=not given.no_fill,
+                arrows=given.arrows,
+                streamlines=given.streamlines,
+                contours=given.contours,
+                tracers=given.tracers,
+                colour_map=given.colour_map,
+            ),
+            samples=given.samples,
         )
     except (ValueError, OSError, RuntimeError) as error:
         print(f"error: {error}", file=sys.stderr)

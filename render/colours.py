@@ -14,6 +14,7 @@ SUBTLE = "#69717c"
 WALL = "#3d4653"
 INTERFACE = "#0b2239"
 HALO = "#ffffff"
+TRACER = "#8a1f62"
 
 # Okabe and Ito's palette, told apart with every common colour vision: blue, orange, bluish green,
 # vermillion, reddish purple, yellow.
@@ -38,6 +39,28 @@ BLUE_RED = (
     "#67001f",
 )
 
+# cividis (J. Nunez, C. Anderton and R. Renslow, 2018), which looks alike with and without red-green colour blindness.
+CIVIDIS = (
+    "#00224e",
+    "#002e6a",
+    "#1a386f",
+    "#32436d",
+    "#434e6c",
+    "#535a6d",
+    "#61656f",
+    "#6f7073",
+    "#7d7c78",
+    "#8c8878",
+    "#9b9476",
+    "#aba072",
+    "#bcae6c",
+    "#cdbb63",
+    "#dec958",
+    "#f0d846",
+    "#fee838",
+)
+COLOUR_MAPS = {"viridis": VIRIDIS, "cividis": CIVIDIS, "blue-red": BLUE_RED}
+
 
 def rgb(code: str) -> Array:
     """The colour "#rrggbb" as an array (3,) in [0, 1].
@@ -58,9 +81,9 @@ def mix(colour: ArrayLike, other: ArrayLike, share: float) -> Array:
     return np.asarray((1 - share) * np.asarray(colour) + share * np.asarray(other))
 
 
-def colour_table(signed: bool) -> Array:
-    """256 colours, (256, 3): viridis, or blue-white-red for a quantity with a sign."""
-    points = np.stack([rgb(code) for code in (BLUE_RED if signed else VIRIDIS)])
+def colour_table(name: str) -> Array:
+    """256 colours, (256, 3), of a map of `COLOUR_MAPS`."""
+    points = np.stack([rgb(code) for code in COLOUR_MAPS[name]])
     at, steps = np.linspace(0, 1, 256), np.linspace(0, 1, len(points))
     return np.stack([np.interp(at, steps, channel) for channel in points.T], axis=1)
 

@@ -6,11 +6,13 @@ from . import colours
 from .arrays import Array
 from .drawing import Drawing
 from .interface import edge_means, particle_fluids
+from .layers import WALL_THICKNESS, draw_layers, mask_outside
 from .layout import Layout
+from .scales import colour_map_of
 from .scene import Scene
+from .view import View
 
-WALL_THICKNESS = 7.0  # in design pixels, like the widths below
-INTERFACE_WIDTH = 1.5
+INTERFACE_WIDTH = 1.5  # in design pixels, like the widths below
 HALO_WIDTH = 3.4
 SPRAY_RADIUS = 0.4  # in spacings
 MESH_WIDTH = 0.8
@@ -25,8 +27,9 @@ def draw_scene(
     field_range: tuple[float, float] | None = None,
     mesh: bool = False,
     particles: bool = False,
-) -> Drawing:
-    """Drawing of one scene.
+    view: View | None = None,
+) -> tuple[Drawing, list[str]]:
+    """Drawing of one scene, and lines of text on the scales of its layers.
 
     Args:
         scene: what is drawn.
@@ -36,7 +39,9 @@ def draw_scene(
         field_range: (low, high) of the colours, used with a field.
         mesh: draw the edges of the cells.
         particles: draw the particles as dots.
+        view: the part shown and the layers; None for all of the scene without layers.
     """
+    view = View() if view is None else view
     assert scene.wall is not None, "a Scene fills in what was left out"
     assert scene.spacing is not None, "a Scene fills in what was left out"
     drawing = Drawing()
@@ -50,22 +55,26 @@ def draw_scene(
     thick = WALL_THICKNESS * unit
     drawing.lines(pixels[walls], 2 * thick, colours.rgb(colours.WALL), cap=thick)
     drawing.triangles(pixels[inside], np.array(colours.BACKGROUND))
+    if not view.fill:
+        drawing.triangles(pixels[scene.cells], np.array(colours.BACKGROUND))
 
     # Colours are those of cells, (M, 3), where fields or fluids jump between them, else of particles, (N, 3).
     if field is None:
         shown = colours.mix(fills, 1.0, 0.62) if particles else fills
-        drawing.triangles(layout.pixels(regions.triangles), shown[regions.fluid])
+        if view.fill:
+            drawing.triangles(layout.pixels(regions.triangles), shown[regions.fluid])
         tones = colours.tone(shown)[scene.fluid if scene.cell_fluid is None else scene.cell_fluid]
         by_cell = scene.cell_fluid is not None
         dots = colours.dot_colours(fills)
     else:
         low, high = (0.0, 1.0) if field_range is None else field_range
-        table = colours.colour_table(is_signed(field))
+        table = colours.colour_table(view.colour_map or colour_map_of(field))
         values = scene.field_values(field)
         by_cell = field in scene.cell_fields
         shades = colours.map_values(scene.cell_values(field) if by_cell else values, low, high, table)
         shades = shades.astype(np.float32)
-        drawing.triangles(pixels[scene.cells], shades if by_cell else shades[scene.cells])
+        if view.fill:
+            drawing.triangles(pixels[scene.cells], shades if by_cell else shades[scene.cells])
         tones = 0.6 * shades
         dots = colours.dot_colours_on_field(fills)
 
@@ -90,6 +99,9 @@ def draw_scene(
         beads = pixels[between]
 
     interface = layout.pixels(regions.segments)
+    if not view.fill:  # nothing else shows where the fluids end
+        ends = edges.pairs[edges.shared_by == 1]
+        interface = np.concatenate([interface, pixels[ends[~scene.wall[ends].all(axis=1)]]])
     light, dark = colours.rgb(colours.HALO), colours.rgb(colours.INTERFACE)
     if field is not None:
         # A light line under the dark one, so that it is visible on every colour of the table.
@@ -98,9 +110,7 @@ def draw_scene(
     drawing.lines(interface, INTERFACE_WIDTH * unit, dark, cap=0.3 * unit)
     # Particles on the interface belong to both fluids and have its colour.
     drawing.dots(beads, radius, dark)
-    return drawing
-
-
-def is_signed(field: str) -> bool:
-    """Whether the field has a direction, and zero is the middle of its colours."""
-    return field.startswith("velocity_")
+    notes = draw_layers(drawing, scene, layout, view, field is not None and view.fill)
+    if view.window is not None or view.follow is not None:
+        mask_outside(drawing, scene, layout)
+    return drawing, notes

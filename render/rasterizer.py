@@ -271,6 +271,41 @@ def _paint(
                         image[row, column, k] = ti.cast(ti.math.clamp(level, 0, 255), ti.u8)
 
 
+@ti.kernel
+def _own(
+    corners: ti.types.ndarray(dtype=ti.i32, ndim=2),
+    box: ti.types.ndarray(dtype=ti.i32, ndim=2),
+    owner: ti.types.ndarray(dtype=ti.i32, ndim=2),
+):
+    """Write the last triangle that covers each sample.
+
+    Args:
+        corners: (T, 6) of `_set_up`.
+        box: (T, 4) of `_set_up`.
+        owner: (rows, columns), -1 at first.
+    """
+    ti.loop_config(serialize=True)
+    for t in range(corners.shape[0]):
+        if box[t, 2] <= box[t, 3]:
+            _cover(t, 0, owner.shape[0] - 1, corners, box, owner)
+
+
+def locate(vertices: Array, shape: tuple[int, int]) -> Array:
+    """The triangle (rows, columns) at the centre of each square of a grid, int32; -1 where there is none.
+
+    Args:
+        vertices: (T, 3, 2) in squares of the grid, x to the right, y with the rows.
+        shape: rows and columns of the grid.
+    """
+    ensure_runtime()
+    owner = np.full(shape, -1, np.int32)
+    if len(vertices):  # Taichi does not accept empty arrays
+        corners, box = np.empty((len(vertices), 6), np.int32), np.empty((len(vertices), 4), np.int32)
+        _set_up(np.ascontiguousarray(vertices, np.float32), 1, shape[1], shape[0], corners, box)
+        _own(corners, box, owner)
+    return owner
+
+
 class Rasterizer:
     """Paints drawings of one size.
 

@@ -14,6 +14,8 @@ from .picture import draw_scene
 from .rasterizer import Rasterizer
 from .scales import check_range, field_limits
 from .scene import Scene
+from .view import View
+from .vulkan import software_driver
 
 
 class Canvas(Protocol):
@@ -37,9 +39,10 @@ class Renderer:
 
     Args:
         size: (width, height) [px], even numbers.
-        backend: "ggui" (offscreen, needs a Vulkan driver), "raster" (Taichi kernels only), or "auto": GGUI, and
-            without a driver the rasteriser, with a line on stderr.
+        backend: "ggui" (offscreen, needs a Vulkan driver), "raster" (Taichi kernels only), or "auto": GGUI with
+            the driver of a GPU, else the rasteriser, with a line on stderr.
         fluid_colours: colours "#rrggbb" by the names of fluids, in place of the default colours.
+        samples: of the rasteriser along a side of a pixel: 2 for smooth edges, 1 for pictures in half the time.
 
     Raises:
         ValueError: an argument is invalid.
@@ -51,10 +54,11 @@ class Renderer:
         size: tuple[int, int] = (1280, 720),
         backend: str = "auto",
         fluid_colours: Mapping[str, str] | None = None,
+        samples: int = 2,
     ) -> None:
         self.size = check_size(size)
         self.fluid_colours = dict(fluid_colours or {})
-        self._canvas = _canvas(self.size, backend)
+        self._canvas = _canvas(self.size, backend, samples)
 
     @property
     def backend(self) -> str:
@@ -68,6 +72,7 @@ class Renderer:
         field_range: Range | None = None,
         mesh: bool = False,
         particles: bool = False,
+        view: View | None = None,
     ) -> Array:
         """A picture of a scene, (H, W, 3) uint8.
 
@@ -77,6 +82,7 @@ class Renderer:
             field_range: (low, high) of the colours in the field's SI unit; None takes them from the scene.
             mesh: draw the edges of the cells.
             particles: draw the particles as dots.
+            view: the part shown, the layers and the colour map; None for all of the scene without layers.
 
         Raises:
             ValueError: there is no such field, or the range is invalid.
@@ -85,12 +91,13 @@ class Renderer:
             scene.field_values(field)
             field_range = field_limits([scene], field) if field_range is None else check_range(field_range)
         fills = colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours)
-        assert scene.lower is not None, "a Scene fills in what was left out"
-        assert scene.upper is not None, "a Scene fills in what was left out"
-        layout = make_layout(self.size, scene.lower, scene.upper, bool(scene.title), panel_width(scene, field))
-        drawing = draw_scene(scene, layout, fills, field=field, field_range=field_range, mesh=mesh, particles=particles)
+        view = View() if view is None else view
+        layout = make_layout(self.size, *view.bounds(scene), bool(scene.title), panel_width(scene, field))
+        drawing, notes = draw_scene(
+            scene, layout, fills, field=field, field_range=field_range, mesh=mesh, particles=particles, view=view
+        )
         image = self._canvas.paint(drawing, colours.BACKGROUND)
-        return annotate(image, scene, layout, fills, field, field_range)
+        return annotate(image, scene, layout, fills, field, field_range, view.colour_map, notes)
 
     def tank(self, scene: Scene, layout: Layout) -> Array:
         """A picture of the fluids in their tank without text, (H, W, 3) uint8.
@@ -100,7 +107,7 @@ class Renderer:
             layout: of this renderer's size.
         """
         fills = colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours)
-        return self._canvas.paint(draw_scene(scene, layout, fills), colours.BACKGROUND)
+        return self._canvas.paint(draw_scene(scene, layout, fills)[0], colours.BACKGROUND)
 
     def close(self) -> None:
         """Free the back end's window or buffers; a later frame opens them again."""
@@ -122,6 +129,8 @@ def render_frame(
     particles: bool = False,
     backend: str = "auto",
     fluid_colours: Mapping[str, str] | None = None,
+    view: View | None = None,
+    samples: int = 2,
 ) -> Array:
     """One picture of a scene, (H, W, 3) uint8.
 
@@ -134,21 +143,27 @@ def render_frame(
         particles: draw the particles as dots.
         backend: "ggui", "raster" or "auto", see `Renderer`.
         fluid_colours: colours "#rrggbb" by the names of fluids.
+        view: the part shown, the layers and the colour map; None for all of the scene without layers.
+        samples: along a side of a pixel, see `Renderer`.
 
     Raises:
         ValueError: an argument is invalid.
         RuntimeError: the back end is "ggui" and there is no driver.
     """
-    with Renderer(size, backend, fluid_colours) as renderer:
-        return renderer.frame(scene, field, field_range, mesh, particles)
+    with Renderer(size, backend, fluid_colours, samples) as renderer:
+        return renderer.frame(scene, field, field_range, mesh, particles, view)
 
 
-def _canvas(size: tuple[int, int], backend: str) -> Canvas:
-    global _told
+def _canvas(size: tuple[int, int], backend: str, samples: int) -> Canvas:
     if backend not in BACKENDS:
         raise ValueError(f"backend {backend!r}: expected one of {', '.join(BACKENDS)}")
     if backend == "raster":
-        return Rasterizer(size)
+        return Rasterizer(size, samples)
+    if backend == "auto":
+        driver = software_driver()
+        if driver is not None:
+            _tell(f"the only Vulkan driver is software ({driver}), drawing with the rasteriser")
+            return Rasterizer(size, samples)
     try:
         return GGUICanvas(size)
     except DriverError as error:
@@ -157,7 +172,13 @@ def _canvas(size: tuple[int, int], backend: str) -> Canvas:
                 f"backend 'ggui' needs a Vulkan driver: {error}; install one (on Debian "
                 "libvulkan1 and mesa-vulkan-drivers) or choose backend 'raster'"
             ) from None
+    _tell("no Vulkan driver for GGUI, drawing with the rasteriser")
+    return Rasterizer(size, samples)
+
+
+def _tell(choice: str) -> None:
+    """Say once in a process which back end was chosen and why."""
+    global _told
     if not _told:
         _told = True
-        print("tipfem.render: no Vulkan driver for GGUI, drawing with the rasteriser", file=sys.stderr)
-    return Rasterizer(size)
+        print(f"tipfem.render: {choice}", file=sys.stderr)

@@ -30,6 +30,8 @@ class Results:
 
     Args:
         out: results folder.
+        keep: number of scenes that are kept with their geometry, the latest used. 64 suit a viewer that goes back
+            and forth in time.
 
     Attributes:
         folder: its path.
@@ -46,7 +48,11 @@ class Results:
         ResultsError: the folder cannot be read.
     """
 
-    def __init__(self, out: str | PathLike[str]) -> None:
+    def __init__(self, out: str | PathLike[str], keep: int = 1) -> None:
+        if keep < 1:
+            raise ValueError(f"keep {keep}: expected a number of scenes, 1 or more")
+        self._keep = keep
+        self._kept: dict[tuple[Path, int], Scene] = {}
         self.folder = Path(out)
         if not self.folder.is_dir():
             raise ResultsError(f"results folder {self.folder}: there is no such folder")
@@ -91,6 +97,17 @@ class Results:
         if not -len(self) <= i < len(self):
             raise IndexError(f"stored time {i}: there are {len(self)}, numbered from 0")
         path = self.files[i]
+        # A run that starts again writes the same names anew.
+        key = path, path.stat().st_mtime_ns if path.is_file() else 0
+        scene = self._kept.pop(key, None)
+        if scene is None:
+            scene = self._read(path, self.times[i])
+        self._kept[key] = scene
+        while len(self._kept) > self._keep:
+            self._kept.pop(next(iter(self._kept)))
+        return scene
+
+    def _read(self, path: Path, time: float) -> Scene:
         mesh = _read_vtu(path)
         data = mesh.point_data
         if "fluid" not in data:
@@ -112,7 +129,7 @@ class Results:
                 wall=np.ravel(data["wall"]) if "wall" in data else None,
                 fields=_scalar_fields(data),
                 cell_fields=cell_fields,
-                time=self.times[i],
+                time=time,
                 fluid_names=self.fluid_names,
                 fluid_densities=self.fluid_densities,
                 lower=self.lower,

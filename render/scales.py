@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import Array, Range
-from .picture import is_signed
 from .scene import Scene
 
 LABELS = {
@@ -17,6 +16,16 @@ LABELS = {
     "pressure": ("pressure", "Pa"),
     "density": ("density", "kg/m^3"),
 }
+
+
+def is_signed(field: str) -> bool:
+    """Whether the field has a direction, and zero is the middle of its colours."""
+    return field.startswith("velocity_")
+
+
+def colour_map_of(field: str) -> str:
+    """Name of the colour map of a field, if no other is chosen."""
+    return "blue-red" if is_signed(field) else "viridis"
 
 
 def field_label(field: str) -> str:

@@ -35,6 +35,7 @@ class Scene:
             is cut at the mid-points of its edges.
         spacing: mean particle spacing [m], the scale of the dots; by default from the mean area per particle.
         title: a line above the picture.
+        trails: (P, K, 2) paths of tracers up to this time [m], the oldest point first; None for none.
 
     Raises:
         ValueError: a shape or a value is wrong; the message names the argument.
@@ -54,6 +55,7 @@ class Scene:
     cell_fluid: Array | None = None
     spacing: float | None = None
     title: str = ""
+    trails: Array | None = None
 
     def __post_init__(self) -> None:
         position = np.asarray(self.position, np.float64)
@@ -104,6 +106,10 @@ class Scene:
         if not spacing > 0:
             raise ValueError(f"spacing: {spacing}, expected a length above 0 m")
 
+        trails = None if self.trails is None else np.asarray(self.trails, np.float64)
+        if trails is not None and (trails.ndim != 3 or trails.shape[1:] != (trails.shape[1], 2)):
+            raise ValueError(f"trails: shape {trails.shape}, expected (P, K, 2)")
+
         checked: dict[str, Any] = dict(
             position=position,
             cells=cells,
@@ -117,6 +123,7 @@ class Scene:
             upper=upper,
             cell_fluid=cell_fluid,
             spacing=spacing,
+            trails=trails,
         )
         for name, value in checked.items():
             object.__setattr__(self, name, value)

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from . import colours
 from .annotation import NORMAL, Annotator, text_width
 from .arrays import Array
+from .layers import WALL_THICKNESS
 from .layout import LARGEST, SMALLEST, Layout
-from .picture import WALL_THICKNESS
 from .renderer import Renderer
 from .results import Results
 

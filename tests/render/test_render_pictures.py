@@ -53,7 +53,7 @@ def test_field_has_the_colours_of_its_table():
     scene = made_scene()
     size = (640, 480)
     image = render_frame(scene, size, field="pressure", field_range=(0, 500), backend="raster")
-    expected = map_values([100.0], 0, 500, colour_table(False))[0] * 255
+    expected = map_values([100.0], 0, 500, colour_table("viridis"))[0] * 255
     assert image[pixel_at(scene, size, 0.25, 0.1, "pressure")] == pytest.approx(expected, abs=6)
 
 
@@ -97,7 +97,7 @@ def test_colours_of_fluids():
 
 
 def test_lightness_of_the_field_colours_grows_steadily():
-    steps = np.diff(luminance(colour_table(False)))
+    steps = np.diff(luminance(colour_table("viridis")))
     assert (steps > 0).all()
 
 

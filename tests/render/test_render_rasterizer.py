@@ -139,7 +139,7 @@ def test_scenes_are_those_of_the_plain_rasteriser(field, sharp):
     )
     size = (320, 240)
     layout = make_layout(size, scene.lower, scene.upper, False, 100)
-    drawing = draw_scene(
+    drawing, _ = draw_scene(
         scene, layout, fluid_colours(scene.fluid_names), field=field, field_range=(-0.4, 0.4), mesh=True, particles=True
     )
     found = Rasterizer(size).paint(drawing, BACKGROUND).astype(int)

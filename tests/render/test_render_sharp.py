@@ -86,7 +86,7 @@ def test_density_jumps_at_the_interface():
     scene = made_scene()
     rows, columns, cell = away_from_the_interface(scene, layout_of(scene, "density"), 3)
     image = render_frame(scene, SIZE, "density", (0, 1000), backend="raster")
-    expected = 255 * map_values(scene.cell_fields["density"][cell], 0, 1000, colour_table(False))
+    expected = 255 * map_values(scene.cell_fields["density"][cell], 0, 1000, colour_table("viridis"))
     assert np.abs(image[rows, columns] - expected).max() <= 1
 
 

@@ -1,0 +1,249 @@
+"""Velocities between the particles: arrows, streamlines, contours, and tracers that move from time to time."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .arrays import Array
+from .rasterizer import locate
+from .scene import Scene
+
+_MOST_GRID = 400  # points along a side of the grid that stands for the velocity
+_STEPS = 40  # of a streamline in either direction
+
+
+def grid_values(scene: Scene, values: Array, lower: Array, step: float, shape: tuple[int, int]) -> Array:
+    """Values (rows, columns, K) on a regular grid, linear within the cells; NaN outside of them.
+
+    Args:
+        scene: with the cells.
+        values: (N, K) at the particles.
+        lower: (2,) [m]; the first point is half a step beyond it.
+        step: between points [m].
+        shape: rows and columns of the grid.
+    """
+    found = np.full((*shape, values.shape[1]), np.nan)
+    corners = (scene.position[scene.cells] - lower) / step
+    owner = locate(corners.astype(np.float32), shape)
+    rows, columns = np.nonzero(owner >= 0)
+    cell = owner[rows, columns]
+    a, b, c = np.moveaxis(corners[cell], 1, 0)
+    at = np.stack([columns + 0.5, rows + 0.5], axis=1) - a
+    b, c = b - a, c - a
+    area = b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0]
+    area = np.where(area == 0, 1.0, area)
+    v = np.clip((at[:, 0] * c[:, 1] - at[:, 1] * c[:, 0]) / area, 0, 1)
+    w = np.clip((b[:, 0] * at[:, 1] - b[:, 1] * at[:, 0]) / area, 0, 1 - v)
+    weights = np.stack([1 - v - w, v, w], axis=1)
+    found[rows, columns] = np.einsum("pc,pck->pk", weights, values[scene.cells[cell]])
+    return found
+
+
+def velocity(scene: Scene) -> Array:
+    """Velocity (N, 2) [m/s] at the particles.
+
+    Args:
+        scene: with the fields velocity_x and velocity_y.
+
+    Raises:
+        ValueError: there are no such fields, or they are not finite.
+    """
+    return np.stack([scene.field_values("velocity_x"), scene.field_values("velocity_y")], axis=1)
+
+
+class VelocityGrid:
+    """The velocity of a scene on a regular grid, for values at any points.
+
+    Args:
+        scene: with the fields velocity_x and velocity_y.
+        lower: (2,) lower corner [m].
+        upper: (2,) upper corner [m].
+        step: wanted between points [m]; larger where the grid would have too many of them.
+    """
+
+    def __init__(self, scene: Scene, lower: Array, upper: Array, step: float) -> None:
+        extent = upper - lower
+        self.step = max(step, float(extent.max()) / _MOST_GRID)
+        self.lower = lower
+        columns, rows = (max(2, int(np.ceil(length / self.step))) for length in extent)
+        values = grid_values(scene, velocity(scene), lower, self.step, (rows, columns))
+        self.inside = np.isfinite(values[..., 0])
+        self.values = np.nan_to_num(values)
+
+    def __call__(self, points: Array) -> tuple[Array, Array]:
+        """Velocity (P, 2) [m/s] at points (P, 2) [m], and whether they are in cells, (P,) bool."""
+        rows, columns = self.inside.shape
+        x, y = ((points - self.lower) / self.step - 0.5).T
+        x, y = np.clip(x, 0, columns - 1.001), np.clip(y, 0, rows - 1.001)
+        i, j = x.astype(int), y.astype(int)
+        s, t = (x - i)[:, None], (y - j)[:, None]
+        grid = self.values
+        found = (1 - t) * ((1 - s) * grid[j, i] + s * grid[j, i + 1])
+        found += t * ((1 - s) * grid[j + 1, i] + s * grid[j + 1, i + 1])
+        beyond = (points < self.lower) | (points > self.lower + self.step * np.array([columns, rows]))
+        return found, self.inside[np.rint(y).astype(int), np.rint(x).astype(int)] & ~beyond.any(axis=1)
+
+
+def arrows(scene: Scene, lower: Array, upper: Array, step: float) -> tuple[Array, float]:
+    """Arrows on a regular grid.
+
+    Args:
+        scene: with velocities.
+        lower: (2,) lower corner of the part shown [m].
+        upper: (2,) upper corner of it [m].
+        step: between arrows [m]; the longest one is nine tenths of it.
+
+    Returns:
+        Tails and tips (P, 2, 2) [m], the slowest left out, and the speed of the longest arrow [m/s].
+    """
+    columns, rows = (max(1, int(length / step)) for length in upper - lower)
+    first = lower + (upper - lower - step * np.array([columns, rows])) / 2
+    values = grid_values(scene, velocity(scene), first, step, (rows, columns))
+    j, i = np.nonzero(np.isfinite(values[..., 0]))
+    values, centres = values[j, i], first + step * (np.stack([i, j], axis=1) + 0.5)
+    speed = np.linalg.norm(values, axis=1)
+    fastest = float(speed.max(initial=0.0))
+    if fastest == 0:
+        return np.empty((0, 2, 2)), 0.0
+    moving = speed > 0.04 * fastest
+    half = 0.45 * step * values[moving] / fastest
+    return np.stack([centres[moving] - half, centres[moving] + half], axis=1), fastest
+
+
+def streamlines(scene: Scene, lower: Array, upper: Array, apart: float) -> list[Array]:
+    """Streamlines, each (K, 2) [m] in the direction of the flow, about evenly spaced.
+
+    Lines are integrated with steps of equal length by the midpoint rule from the points of a grid, and end where
+    the fluids end, where the flow rests, or where they come close to an earlier line.
+
+    Args:
+        scene: with velocities.
+        lower: (2,) lower corner of the part shown [m].
+        upper: (2,) upper corner of it [m].
+        apart: distance between lines [m].
+    """
+    assert scene.spacing is not None, "a Scene fills in what was left out"
+    field = VelocityGrid(scene, lower, upper, scene.spacing / 2)
+    slow = 0.01 * float(np.linalg.norm(field.values, axis=2).max(initial=0.0))
+    if slow == 0:
+        return []
+    columns, rows = (max(1, int(length / apart)) for length in upper - lower)
+    i, j = np.meshgrid(np.arange(columns), np.arange(rows))
+    seeds = lower + (np.stack([i.ravel(), j.ravel()], axis=1) + 0.5) * (upper - lower) / [columns, rows]
+    seeds = seeds[np.random.default_rng(0).permutation(len(seeds))]
+    step, square = apart / 3, apart / 2
+    halves = []
+    for sign in (-1.0, 1.0):
+        at, alive, path = seeds, np.ones(len(seeds), bool), [seeds]
+        for _ in range(_STEPS * 3):
+            there, _ = _direction(field, at, slow)
+            onward, going = _direction(field, at + sign * step / 2 * there, slow)
+            at = at + sign * step * onward
+            alive &= going
+            path.append(np.where(alive[:, None], at, np.nan))
+        halves.append(np.stack(path, axis=1))
+    taken: set[tuple[int, int]] = set()
+    lines = []
+    for behind, ahead in zip(*halves, strict=True):
+        own: set[tuple[int, int]] = set()
+        past = list(_until_taken(behind, square, taken, own))
+        line = np.array([*past[:0:-1], *_until_taken(ahead, square, taken, own)])
+        if len(line) > 6:
+            lines.append(line)
+            taken.update((i + k, j + l) for i, j in own for k in (-1, 0, 1) for l in (-1, 0, 1))
+    return lines
+
+
+def _direction(field: VelocityGrid, points: Array, slow: float) -> tuple[Array, Array]:
+    """Unit vectors (P, 2) along the velocity, and whether the points are in a moving fluid, (P,) bool."""
+    values, inside = field(points)
+    speed = np.linalg.norm(values, axis=1)
+    return values / np.maximum(speed, slow)[:, None], inside & (speed > slow)
+
+
+def _until_taken(path: Array, square: float, taken: set[tuple[int, int]], own: set[tuple[int, int]]) -> Iterator[Array]:
+    """Points of a path up to one that is not finite or in a square near another line; the squares are added to own."""
+    path = path[: int(np.argmax(np.isnan(path[:, 0]))) if np.isnan(path[:, 0]).any() else len(path)]
+    for point, (i, j) in zip(path, np.floor(path / square).astype(int).tolist(), strict=True):
+        if (i, j) in taken:
+            return
+        own.add((i, j))
+        yield point
+
+
+def contour_segments(position: Array, cells: Array, values: Array, levels: ArrayLike) -> Array:
+    """Segments (S, 2, 2) [m] along which linear values in the cells equal one of the levels.
+
+    Args:
+        position: (N, 2) [m].
+        cells: (M, 3).
+        values: (N,).
+        levels: (L,).
+    """
+    found = [np.empty((0, 2, 2))]
+    corners, points = values[cells], position[cells]
+    for level in np.asarray(levels, np.float64):
+        above = corners >= level
+        crossed = above.any(axis=1) & ~above.all(axis=1)
+        cell, flags = np.flatnonzero(crossed), above[crossed]
+        # The corner that is alone on its side; the line crosses the two edges that meet there.
+        single = np.where(flags[:, 0] == flags[:, 1], 2, np.where(flags[:, 0] == flags[:, 2], 1, 0))
+        ends = []
+        for other in ((single + 1) % 3, (single + 2) % 3):
+            low, high = corners[cell, single], corners[cell, other]
+            share = ((level - low) / (high - low))[:, None]
+            ends.append((1 - share) * points[cell, single] + share * points[cell, other])
+        found.append(np.stack(ends, axis=1))
+    return np.concatenate(found)
+
+
+class Tracers:
+    """Points that move with the fluids through the stored times, and the paths behind them.
+
+    Between two times a tracer moves by Heun's rule with the velocities of both. A tracer that leaves the cells
+    stays where it left them.
+
+    Args:
+        scene: the first time.
+        count: about the number of tracers, on a regular grid in the cells.
+        kept: times that a tail reaches back.
+    """
+
+    def __init__(self, scene: Scene, count: int, kept: int = 12) -> None:
+        assert scene.lower is not None, "a Scene fills in what was left out"
+        assert scene.upper is not None, "a Scene fills in what was left out"
+        extent = scene.upper - scene.lower
+        step = float(np.sqrt(np.prod(extent) / count))
+        columns, rows = (max(1, round(length / step)) for length in extent)
+        i, j = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
+        points = scene.lower + np.stack([i.ravel(), j.ravel()], axis=1) * extent / [columns, rows]
+        self._field, self._time, self._kept = self._sampled(scene), scene.time, kept
+        _, inside = self._field(points)
+        self._paths = [points[inside]]
+
+    def advance(self, scene: Scene) -> Array:
+        """Move to the time of a scene.
+
+        Args:
+            scene: the next stored time, or the one of the tracers.
+
+        Returns:
+            (P, K, 2) paths [m] up to this time, the oldest point first.
+        """
+        if scene.time != self._time:
+            field, step, at = self._sampled(scene), scene.time - self._time, self._paths[-1]
+            before, inside = self._field(at)
+            after, still = field(at + step * before)
+            moved = at + step / 2 * (before + after)
+            self._paths.append(np.where((inside & still)[:, None], moved, at))
+            self._paths = self._paths[-self._kept :]
+            self._field, self._time = field, scene.time
+        return np.stack(self._paths, axis=1)
+
+    @staticmethod
+    def _sampled(scene: Scene) -> VelocityGrid:
+        assert scene.spacing is not None, "a Scene fills in what was left out"
+        assert scene.lower is not None, "a Scene fills in what was left out"
+        assert scene.upper is not None, "a Scene fills in what was left out"
+        return VelocityGrid(scene, scene.lower, scene.upper, scene.spacing / 2)

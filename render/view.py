@@ -1,0 +1,104 @@
+"""What a picture shows of a scene: the part of the domain, and the layers drawn over the fluids."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .arrays import Array
+from .colours import COLOUR_MAPS
+from .scene import Scene
+
+FOLLOWED_SHARE = 1 / 3  # of the domain: the window that follows a fluid, if none is given
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """What a picture shows.
+
+    Attributes:
+        window: (x0, y0, x1, y1) the part of the domain that is shown [m]; None shows all of it.
+        follow: "front" moves the window with the front of the heaviest fluid, its point of largest x,
+            "front:NAME" with the front of the fluid of that name, and "NAME" with its centre. The window keeps its
+            size, a third of the domain if none is given, and stays inside the domain.
+        fill: colour the cells; without it the interface and the other layers stand alone on white.
+        arrows: draw arrows of the velocity.
+        streamlines: draw streamlines of the velocity at this time.
+        contours: name of a field whose contours are drawn, or None.
+        tracers: number of points that move with the fluids from the first stored time on, with tails behind
+            them; used by `animate`, which knows all times.
+        colour_map: "viridis" or "cividis", of a lightness that grows steadily, or "blue-red", white in the middle;
+            None takes blue-red for components of the velocity and viridis for other fields.
+
+    Raises:
+        ValueError: a value is invalid; the message names it.
+    """
+
+    window: tuple[float, float, float, float] | None = None
+    follow: str | None = None
+    fill: bool = True
+    arrows: bool = False
+    streamlines: bool = False
+    contours: str | None = None
+    tracers: int = 0
+    colour_map: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.window is not None:
+            try:
+                x0, y0, x1, y1 = (float(value) for value in self.window)
+            except (TypeError, ValueError):
+                raise ValueError(f"window {self.window!r}: expected four numbers, x0, y0, x1, y1 [m]") from None
+            if not (np.isfinite([x0, y0, x1, y1]).all() and x0 < x1 and y0 < y1):
+                raise ValueError(f"window {x0:g} {y0:g} {x1:g} {y1:g}: expected x0 below x1 and y0 below y1")
+            object.__setattr__(self, "window", (x0, y0, x1, y1))
+        if not 0 <= self.tracers <= 100_000:
+            raise ValueError(f"tracers {self.tracers}: expected a number from 0 to 100000")
+        if self.colour_map is not None and self.colour_map not in COLOUR_MAPS:
+            raise ValueError(f"colour map {self.colour_map!r}: expected one of {', '.join(COLOUR_MAPS)}")
+
+    def bounds(self, scene: Scene) -> tuple[Array, Array]:
+        """Lower and upper corner (2,) [m] of the part of a scene that is shown.
+
+        Args:
+            scene: what is drawn.
+
+        Raises:
+            ValueError: the fluid that is followed is not in the scene.
+        """
+        assert scene.lower is not None, "a Scene fills in what was left out"
+        assert scene.upper is not None, "a Scene fills in what was left out"
+        lower, upper = scene.lower, scene.upper
+        if self.window is not None:
+            lower, upper = np.array(self.window[:2]), np.array(self.window[2:])
+        if self.follow is None:
+            return lower, upper
+        size = upper - lower if self.window is not None else FOLLOWED_SHARE * (upper - lower)
+        size = np.minimum(size, scene.upper - scene.lower)
+        corner = np.clip(_followed(scene, self.follow) - size / 2, scene.lower, scene.upper - size)
+        return corner, corner + size
+
+
+def _followed(scene: Scene, follow: str) -> Array:
+    """The point (2,) [m] that a window follows."""
+    kind, colon, name = follow.partition(":")
+    if follow == "front":
+        densities = scene.fluid_densities
+        fluid = 0 if densities is None else int(np.argmax(densities))
+    else:
+        name = name if kind == "front" and colon else follow
+        if name not in scene.fluid_names:
+            raise ValueError(
+                f"follow {follow!r}: expected front, front:NAME or NAME; the fluids are: {', '.join(scene.fluid_names)}"
+            )
+        fluid = scene.fluid_names.index(name)
+    # A particle on an interface belongs to both fluids.
+    own = scene.fluid == fluid
+    if scene.cell_fluid is not None:
+        own = np.zeros(len(scene.position), bool)
+        own[scene.cells[scene.cell_fluid == fluid]] = True
+    points = scene.position[own]
+    if len(points) == 0:  # gone at this time, an emptied tank for example
+        points = scene.position
+    if kind == "front":
+        return np.asarray(points[points[:, 0].argmax()])
+    return np.asarray(points.mean(axis=0))

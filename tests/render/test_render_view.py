@@ -1,0 +1,261 @@
+"""Windows, layers and colour maps: where they are, against formulas."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from render_results import SIDE, sharp_tank, write_results
+from tipfem.render import Renderer, Results, Scene, View, animate, flow, render_frame, renderer, vulkan
+from tipfem.render.annotation import panel_width
+from tipfem.render.colours import COLOUR_MAPS, colour_table, luminance, map_values
+from tipfem.render.layout import make_layout
+
+SIZE = (640, 480)
+
+
+def made_scene(velocity=lambda x, y: (y, -x), **changes):
+    points, cells, fluid, cell_fluid, wall = sharp_tank(0.0, 20)
+    x, y = points.T
+    vx, vy = velocity(x, y)
+    given = dict(
+        position=points,
+        cells=cells,
+        fluid=fluid,
+        cell_fluid=cell_fluid,
+        wall=wall,
+        fluid_names=("water", "air"),
+        fluid_densities=(998.2, 1.204),
+        lower=(0, 0),
+        upper=(SIDE, SIDE),
+        spacing=SIDE / 20,
+        fields={"pressure": 1000 * x + 500 * y, "velocity_x": vx + 0 * x, "velocity_y": vy + 0 * x},
+    )
+    return Scene(**(given | changes))
+
+
+def test_a_window_shows_its_part_and_nothing_outside_of_it():
+    scene, view = made_scene(), View(window=(0.1, 0.05, 0.4, 0.3))
+    image = render_frame(scene, SIZE, "pressure", (0, 800), mesh=False, backend="raster", view=view)
+    layout = make_layout(SIZE, (0.1, 0.05), (0.4, 0.3), False, panel_width(scene, "pressure"))
+    left, top, right, bottom = layout.box
+    for x, y in ((0.12, 0.07), (0.38, 0.09), (0.25, 0.08)):
+        column, row = layout.pixels([x, y]).astype(int)
+        expected = 255 * map_values(1000 * x + 500 * y, 0, 800, colour_table("viridis"))
+        assert np.abs(image[row, column] - expected).max() <= 4
+    # A band between the box with its frame and the ticks is white on all four sides.
+    middle, centre = int(left + right) // 2, int(top + bottom) // 2
+    assert (image[centre - 40 : centre + 40, int(left) - 5 : int(left) - 2] == 255).all()
+    assert (image[centre - 40 : centre + 40, int(right) + 3 : int(right) + 6] == 255).all()
+    assert (image[int(top) - 5 : int(top) - 2, middle - 40 : middle + 40] == 255).all()
+    assert (image[int(bottom) + 2 : int(bottom) + 4, middle - 40 : middle + 40] == 255).all()
+
+
+def test_a_window_of_the_whole_domain_keeps_its_walls():
+    scene = made_scene()
+    whole = render_frame(scene, SIZE, backend="raster")
+    same = render_frame(scene, SIZE, backend="raster", view=View(window=(0, 0, SIDE, SIDE)))
+    assert (whole != same).any(axis=2).mean() < 0.001
+
+
+def test_a_window_follows_a_front_and_a_centre():
+    scene = made_scene()
+    lower, upper = View(follow="front").bounds(scene)
+    assert upper - lower == pytest.approx([SIDE / 3, SIDE / 3])
+    water = scene.position[np.unique(scene.cells[scene.cell_fluid == 0])]
+    front = water[water[:, 0].argmax()]
+    assert (lower <= front).all()
+    assert (front <= upper).all()
+    assert upper[0] == pytest.approx(SIDE)  # inside of the domain
+    lower, upper = View(follow="water", window=(0, 0, 0.1, 0.05)).bounds(scene)
+    assert (lower + upper) / 2 == pytest.approx(water.mean(axis=0))
+    assert upper - lower == pytest.approx([0.1, 0.05])
+    with pytest.raises(ValueError, match=r"oil.*water, air"):
+        View(follow="front:oil").bounds(scene)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"window": (0, 0, 0, 1)}, "x0 below x1"),
+        ({"window": (0, 1)}, "four numbers"),
+        ({"window": (0, 0, float("nan"), 1)}, "x0 below x1"),
+        ({"colour_map": "jet"}, "jet.*viridis"),
+        ({"tracers": -1}, "tracers -1"),
+    ],
+)
+def test_bad_views_are_refused(given, message):
+    with pytest.raises(ValueError, match=message):
+        View(**given)
+
+
+def test_values_on_a_grid_are_linear_and_empty_outside():
+    scene = made_scene()
+    values = np.stack([scene.fields["pressure"], scene.position[:, 0]], axis=1)
+    found = flow.grid_values(scene, values, np.array([-0.1, 0.0]), 0.05, (10, 12))
+    x, y = np.meshgrid(-0.1 + 0.05 * (np.arange(12) + 0.5), 0.05 * (np.arange(10) + 0.5))
+    inside = x > 0
+    assert (np.isfinite(found[..., 0]) == inside).all()
+    assert found[inside][:, 0] == pytest.approx((1000 * x + 500 * y)[inside], rel=1e-3)
+    assert found[inside][:, 1] == pytest.approx(x[inside], rel=1e-3)
+
+
+def test_arrows_point_along_the_flow_and_the_longest_has_the_largest_speed():
+    scene = made_scene()
+    shafts, fastest = flow.arrows(scene, scene.lower, scene.upper, 0.05)
+    middle, along = shafts.mean(axis=1), shafts[:, 1] - shafts[:, 0]
+    assert len(shafts) >= 90
+    assert np.abs((along * middle).sum(axis=1)).max() < 1e-5
+    assert (along[:, 0] > 0).all()
+    assert np.linalg.norm(along, axis=1).max() == pytest.approx(0.9 * 0.05)
+    assert fastest == pytest.approx(np.linalg.norm(middle, axis=1).max(), rel=0.01)
+    still = made_scene(lambda x, y: (0 * x, 0 * y))
+    assert flow.arrows(still, still.lower, still.upper, 0.05)[0].shape == (0, 2, 2)
+    assert flow.streamlines(still, still.lower, still.upper, 0.05) == []
+
+
+def test_streamlines_of_a_vortex_are_circles_in_its_sense():
+    middle = SIDE / 2
+    scene = made_scene(lambda x, y: (y - middle, middle - x))
+    lines = flow.streamlines(scene, scene.lower, scene.upper, 0.03)
+    assert len(lines) > 4
+    for line in lines:
+        radius = np.linalg.norm(line - middle, axis=1)
+        assert np.ptp(radius) < 0.01
+        (ax, ay), (bx, by) = line[0] - middle, line[1] - middle
+        assert ax * by - ay * bx < 0  # clockwise
+
+
+def test_contours_are_on_their_level():
+    scene = made_scene()
+    segments = flow.contour_segments(scene.position, scene.cells, scene.fields["pressure"], [100.0, 333.0])
+    values = segments @ [1000, 500]
+    assert np.minimum(np.abs(values - 100), np.abs(values - 333)).max() < 1e-9
+    length = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).sum()
+    # Straight lines across the tank.
+    assert length == pytest.approx(np.hypot(0.1, 0.2) + np.hypot(0.25, 0.5), rel=1e-6)
+
+
+def test_tracers_move_with_a_uniform_flow_and_stop_at_the_end_of_the_cells():
+    tracers = flow.Tracers(made_scene(lambda x, y: (0.3 + 0 * x, 0 * y)), 100)
+    first = tracers.advance(made_scene(lambda x, y: (0.3 + 0 * x, 0 * y), time=0.0))
+    assert first.shape == (100, 1, 2)
+    for k in range(1, 15):
+        paths = tracers.advance(made_scene(lambda x, y: (0.3 + 0 * x, 0 * y), time=0.02 * k))
+    assert paths.shape == (100, 12, 2)
+    free = first[:, 0, 0] + 0.3 * 0.28 < SIDE - 0.03
+    assert paths[free, -1] == pytest.approx(first[free, 0] + [0.3 * 0.28, 0.0], abs=1e-6)
+    assert (paths[..., 0] <= SIDE + 0.01).all()
+
+
+@pytest.mark.parametrize(
+    "view",
+    [
+        View(arrows=True),
+        View(streamlines=True),
+        View(contours="pressure"),
+        View(fill=False),
+        View(fill=False, contours="pressure", window=(0, 0, 0.2, 0.2)),
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("field", [None, "pressure"])
+def test_layers_change_the_tank_only(view, field):
+    scene = made_scene()
+    with Renderer(SIZE, "raster") as drawn:
+        plain = drawn.frame(scene, field, view=View(window=view.window))
+        image = drawn.frame(scene, field, view=view)
+        assert 0.002 < (image != plain).any(axis=2).mean() < 0.7
+        layout = make_layout(SIZE, *view.bounds(scene), False, panel_width(scene, field))
+        left, top, right, bottom = (int(value) for value in layout.box)
+        outside = np.ones(SIZE[::-1], bool)
+        outside[top - 6 : bottom + 8, left - 8 : right + 8] = False
+        notes = outside & (image != plain).any(axis=2)
+        assert notes.mean() < 0.02  # the line on a layer's scale
+
+
+def test_without_fill_the_interface_stands_on_white():
+    scene = made_scene()
+    image = render_frame(scene, SIZE, backend="raster", view=View(fill=False))
+    layout = make_layout(SIZE, scene.lower, scene.upper, False, panel_width(scene, None))
+    column, row = layout.pixels([0.3, 0.04]).astype(int)
+    assert (image[row, column] == 255).all()
+
+
+def test_colour_maps_grow_lighter_steadily_or_have_their_lightest_in_the_middle():
+    for name in COLOUR_MAPS:
+        steps = np.diff(luminance(colour_table(name)))
+        if name == "blue-red":
+            assert (steps[:120] > 0).all()
+            assert (steps[-120:] < 0).all()
+        else:
+            assert (steps > 0).all()
+    scene = made_scene()
+    images = [
+        render_frame(scene, SIZE, "pressure", backend="raster", view=View(colour_map=name)) for name in COLOUR_MAPS
+    ]
+    assert (images[0] != images[1]).any(axis=2).mean() > 0.2
+
+
+def test_tracers_and_windows_in_a_movie(tmp_path):
+    out = write_results(tmp_path / "out", sharp=True)
+    view = View(tracers=50, window=(0, 0, 0.3, 0.3))
+    done = animate(out, movie="paths.gif", size=(480, 320), view=view, backend="raster", samples=1)
+    assert len(done.frames) == 3
+    assert done.movies[0].is_file()
+
+
+def test_command_line_takes_all_layers(tmp_path):
+    out = write_results(tmp_path / "out", times=(0.0, 0.1))
+    words = "--movie --window 0 0 0.3 0.2 --follow front --no-fill --arrows --streamlines --contours pressure"
+    more = "--tracers --colour-map cividis --samples 1 --size 480x320 --backend raster"
+    line = [sys.executable, "-m", "tipfem.render", str(out), *words.split(), *more.split()]
+    done = subprocess.run(line, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    assert len(list((out / "frames").glob("*.png"))) == 2
+    line[line.index("front")] = "oil"
+    done = subprocess.run(line, capture_output=True, text=True, timeout=120, env=os.environ)
+    assert done.returncode == 2
+    assert "follow 'oil'" in done.stderr
+
+
+def test_latest_scenes_are_kept(tmp_path):
+    results = Results(write_results(tmp_path / "out"), keep=2)
+    first = results.scene(0)
+    assert results.scene(0) is first
+    results.scene(1)
+    assert results.scene(0) is first
+    results.scene(2)
+    results.scene(1)
+    assert results.scene(0) is not first
+    path = results.files[0]
+    again = results.scene(0)
+    os.utime(path, (1, 1))  # written anew
+    assert results.scene(0) is not again
+    with pytest.raises(ValueError, match="keep 0"):
+        Results(tmp_path / "out", keep=0)
+
+
+@pytest.mark.parametrize(
+    ("devices", "expected"),
+    [
+        ((), None),
+        ((("llvmpipe", True),), "llvmpipe"),
+        ((("llvmpipe", True), ("GPU", False)), None),
+    ],
+)
+def test_a_software_driver_is_one_without_a_gpu_beside_it(monkeypatch, devices, expected):
+    monkeypatch.setattr(vulkan, "devices", lambda: devices)
+    assert vulkan.software_driver() == expected
+
+
+def test_software_drivers_get_the_rasteriser_and_one_line_says_so(monkeypatch, capsys):
+    monkeypatch.setattr(renderer, "software_driver", lambda: "llvmpipe")
+    monkeypatch.setattr(renderer, "_told", False)
+    for _ in range(2):
+        with Renderer(SIZE, "auto") as drawn:
+            assert drawn.backend == "raster"
+    assert capsys.readouterr().err == (
+        "tipfem.render: the only Vulkan driver is software (llvmpipe), drawing with the rasteriser\n"
+    )
