@@ -48,6 +48,15 @@ largest_step = 1e-3
 
 [output]
 interval = 0.1
+
+[[probes]]
+type = "wave gauge"
+name = "gauge"
+x = 0.15
+fluid = "water"
+
+[checkpoint]
+interval = 0.2
 """
 SURFACE = 'interface = "sharp"', "free_surface = true"
 MOTION = "[tank_motion]\nangle = { form = "
@@ -251,6 +260,38 @@ MISTAKES = {
     "largest step zero": ("largest_step = 1e-3", "largest_step = 0", "time.largest_step", "0 s", "> 0"),
     "outputs closer than steps": ("interval = 0.1", "interval = 1e-6", "output.interval", "1e-06 s", "0.001 s"),
     "folder without a name": ("interval = 0.1", 'folder = ""', "output.folder", "''", "not empty"),
+    "probe of no type": ('type = "wave gauge"', "", "probes[0].type", "missing", "'wave gauge'"),
+    "probe of unknown type": ('"wave gauge"', '"wave gage"', "probes[0].type", "did you mean 'wave gauge'?"),
+    "probe without a name": ('name = "gauge"', "", "probes[0].name", "missing"),
+    "probe whose name is a path": ('"gauge"', '"../gauge"', "probes[0].name", "'../gauge'", "letters, digits"),
+    "probe outside": ("x = 0.15", "x = 3", "probes[0].x", "is 3.0 m", "between 0 and 0.3 m"),
+    "probe without its place": ("x = 0.15", "", "probes[0].x", "missing", "'wave gauge' needs it"),
+    "probe with a foreign key": ("x = 0.15", "x = 0.15\naxis = 0", "probes[0].axis", "is no key of", "x, fluid"),
+    "probe with a misspelt key": ("x = 0.15", "x = 0.15\nintervall = 1", "probes[0].intervall", "'interval'?"),
+    "probe of no fluid": ('x = 0.15\nfluid = "water"', 'x = 0.15\nfluid = "oil"', "probes[0].fluid", "'oil'", "'air'"),
+    "probe interval zero": ("x = 0.15", "x = 0.15\ninterval = 0", "probes[0].interval", "> 0 in s"),
+    "two probes of one name": (
+        "[checkpoint]",
+        '[[probes]]\ntype = "energy"\nname = "gauge"\n[checkpoint]',
+        "probes[1].name",
+        "'gauge', the name of an earlier probe",
+    ),
+    "probe at no wall": (
+        "[checkpoint]",
+        '[[probes]]\ntype = "wall force"\nname = "f"\nwall = "lid"\n[checkpoint]',
+        "probes[1]",
+        "no wall 'lid'",
+    ),
+    "probe of an unknown quantity": (
+        "[checkpoint]",
+        '[[probes]]\ntype = "point"\nname = "p"\nat = [0.1, 0.1]\nquantities = ["speed"]\n[checkpoint]',
+        "probes[1].quantities",
+        "'speed'",
+        "velocity_x",
+    ),
+    "probes as a table": ("[[probes]]", "[probes]", "probes", "a list of tables"),
+    "checkpoint interval zero": ("interval = 0.2", "interval = 0", "checkpoint.interval", "> 0 in s"),
+    "negative wall interval": ("interval = 0.2", "wall_interval = -1", "checkpoint.wall_interval", ">= 0 in s"),
     "no TOML": ("end = 1.0", "end = ", "", "not valid TOML", "Invalid value"),
     "a key twice": ("end = 1.0", "end = 1.0\nend = 2.0", "", "not valid TOML", "Cannot overwrite a value"),
 }

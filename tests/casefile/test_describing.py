@@ -19,6 +19,7 @@ from tipfem.casefile.forms import (
 )
 from tipfem.casefile.loading import load_case, read_case
 from tipfem.casefile.problems import CaseFileError
+from tipfem.probes import probe_record
 
 WATER = tp.Fluid("water", 998.2, 1.002e-3)
 AIR = tp.Fluid("air", 1.204, 1.825e-5)
@@ -168,3 +169,26 @@ def test_particles_changed_after_sampling_are_not_taken_for_those_of_the_tank(tm
 def test_a_constant_function_is_one_of_the_forms():
     case = two_layers(body_force=UniformForce(Constant(form="constant", value=(1.0, 0.0))))
     assert 'body_force = {form = "constant", value = [1.0, 0.0]}' in describe(case, 1.0).text
+
+
+def test_probes_and_checkpoints_are_kept(tmp_path):
+    probes = [
+        tp.PointProbe(name="point", at=(0.05, 0.05), quantities=("pressure", "velocity_x"), interval=0.01),
+        tp.WallForce(name="force", wall="right", fluid="water"),
+        tp.EnergyProbe(name="energy"),
+    ]
+    options = {"checkpoint_interval": 0.5, "checkpoint_wall_interval": None, "probes": probes}
+    assert not tp.write_case(tmp_path / "case.toml", two_layers(), 1.0, **options).missing
+    file = tp.load_case(tmp_path / "case.toml")
+    assert file.settings()["checkpoint_interval"] == 0.5
+    assert file.settings()["checkpoint_wall_interval"] is None
+    assert list(map(probe_record, file.parts.probes)) == list(map(probe_record, probes))
+    assert list(file.simulation().probes.probes) == ["point", "force", "energy"]
+
+    class Own(tp.EnergyProbe):
+        pass
+
+    described = tp.describe(two_layers(), 1.0, probes=[Own(name="mine")])
+    assert "probes.mine: a class of Python's" in described.missing[0]
+    with pytest.raises(tp.CaseFileError, match=r"probes\[0\].type"):
+        read_case(described.text, "case.toml")

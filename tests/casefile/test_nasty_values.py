@@ -7,7 +7,7 @@ import random
 import pytest
 from test_bad_input import GOOD
 
-from tipfem.casefile.describing import _key, _value
+from tipfem.casefile.describing import _key, toml_value
 from tipfem.casefile.loading import read_case
 from tipfem.casefile.problems import CaseFileError
 from tipfem.casefile.source import parse, paths_of
@@ -53,6 +53,6 @@ def test_nasty_values_end_in_a_case_or_one_report(seed):
                 node = node[key]
             new = rng.choice(KEYS) if isinstance(node, dict) and rng.random() < 0.15 else path[-1]
             node[new] = copy.deepcopy(rng.choice(VALUES))
-        text = "\n".join(f"{_key(key)} = {_value(value)}" for key, value in data.items())
+        text = "\n".join(f"{_key(key)} = {toml_value(value)}" for key, value in data.items())
         with contextlib.suppress(CaseFileError):  # any other error fails the test
             read_case(text, "case.toml").case()

@@ -19,6 +19,7 @@ from tipfem.case.particles import Particles
 from tipfem.case.tank import SIDES, Tank
 from tipfem.case.walls import Motion, Wall
 from tipfem.casefile.forms import HalfSpace, Limits, Polygon, Polyline, Ramp, Side, Table, UniformForce
+from tipfem.casefile.probing import KIND_NAMES, read_probes
 from tipfem.casefile.problems import child_at, listed, meant
 from tipfem.casefile.schema import FillTable, MotionTable, NumericsTable, WallTable
 from tipfem.casefile.source import Path
@@ -60,6 +61,7 @@ class Parts:
         self.grading = self._grading()
         self.numerics = self._numerics()
         self.force = self._force()
+        self.probes = read_probes(sections.get("probes") or [], self.fluid_names, report)
         self._check_times()
 
     def case(self) -> Case:
@@ -91,6 +93,9 @@ class Parts:
         if found := re.match(r"(?:Case: )?wall '([^']+)':? (?:.*)", message):
             path: Path = ("walls", found[1])
             return (path if found[1] in (self.sections.get("walls") or {}) else ()), SUBJECT.sub("", rest)
+        if (found := re.match(r"(\w+) '([^']+)': ", message)) and found[1] in KIND_NAMES:
+            names = [table.name for table in self.sections["probes"]]
+            return self._blamed(("probes", names.index(found[2])), rest)
         if found := re.match(r"fill '([^']+)': (.*)", message, re.DOTALL):
             fills = [k for k, table in enumerate(self.sections["fill"]) if table.fluid == found[1]]
             told = [k for k in fills if _part(self.sections["fill"][k]) in message]

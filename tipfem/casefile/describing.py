@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -27,8 +27,9 @@ from tipfem.casefile.forms import (
     Table,
     UniformForce,
 )
-from tipfem.casefile.schema import SCHEMA_ID
+from tipfem.casefile.schema import SCHEMA_ID, CheckpointTable
 from tipfem.casefile.source import BARE
+from tipfem.probes import Probe, probe_record
 
 ARRAYS = ("position", "fluid", "wall", "velocity", "acceleration", "pressure")
 FUNCTIONS = tuple(FORMS.values())
@@ -58,6 +59,9 @@ def describe(
     largest_step: float | None = None,
     interval: float | None = None,
     folder: str | None = None,
+    checkpoint_interval: float | None = None,
+    checkpoint_wall_interval: float | None = 60.0,
+    probes: Sequence[Probe] = (),
     particles_file: str | None = None,
 ) -> Description:
     """A case as a case file.
@@ -68,6 +72,9 @@ def describe(
         largest_step: largest time step [s], or None for the default.
         interval: time between states written to disk [s], or None for the first and the last only.
         folder: for the results, or None for the default.
+        checkpoint_interval: simulated time between checkpoints [s], or None.
+        checkpoint_wall_interval: wall-clock time between them [s], or None.
+        probes: what is measured on the way.
         particles_file: what to call the file of particles that were not sampled from a tank; `write_case` writes it.
             Without it they count as missing.
     """
@@ -90,6 +97,11 @@ def describe(
     writer.rest(case)
     writer.table(("time",), {"end": end, "largest_step": largest_step})
     writer.table(("output",), {"folder": folder, "interval": interval})
+    wall_interval = checkpoint_wall_interval if checkpoint_wall_interval is not None else 0.0
+    given = None if wall_interval == CheckpointTable().wall_interval else wall_interval
+    writer.table(("checkpoint",), {"interval": checkpoint_interval, "wall_interval": given})
+    for probe in probes:
+        writer.probe(probe)
     return Description(writer.text(), tuple(writer.missing))
 
 
@@ -166,7 +178,7 @@ class _Writer:
 
     def pairs(self, content: Mapping[str, Any]) -> None:
         """Keys with their values."""
-        self._lines += [f"{_key(key)} = {_value(value)}" for key, value in content.items() if value is not None]
+        self._lines += [f"{_key(key)} = {toml_value(value)}" for key, value in content.items() if value is not None]
 
     def head(self, case: Case) -> None:
         """What stands before all tables."""
@@ -218,6 +230,21 @@ class _Writer:
         if isinstance(where, Polygon):
             return {"polygon": _plain(where)["points"]}
         return {"where": self.lost(f"{part}.where", _named(where))}
+
+    def probe(self, probe: Probe) -> None:
+        """A probe; keys that have their defaults are left out."""
+        record = probe_record(probe)
+        if "type" not in record:
+            reason = f"a class of Python's, {record['class']}"
+            record = {"type": self.lost(f"probes.{probe.name}", reason), "name": probe.name}
+        else:
+            defaults = {field.name: field.default for field in fields(probe)}
+            record = {
+                key: value
+                for key, value in record.items()
+                if key not in defaults or getattr(probe, key) is not defaults[key]
+            }
+        self.table(("probes",), record, item=True)
 
     def wall(self, wall: Wall, count: int) -> None:
         """A wall that is not one of a tank; ``count`` is the number of all particles."""
@@ -293,12 +320,16 @@ def _key(key: str) -> str:
     return key if BARE.fullmatch(key) else json.dumps(key)
 
 
-def _value(value: Any) -> str:
+def toml_value(value: Any) -> str:
     """A value in TOML; numbers with all their digits."""
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_key(key)} = {_value(item)}" for key, item in value.items() if item is not None) + "}"
+        return (
+            "{"
+            + ", ".join(f"{_key(key)} = {toml_value(item)}" for key, item in value.items() if item is not None)
+            + "}"
+        )
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(_value, value)) + "]"
+        return "[" + ", ".join(map(toml_value, value)) + "]"
     if isinstance(value, (bool, np.bool_)):
         return "true" if value else "false"
     if isinstance(value, (int, np.integer)):

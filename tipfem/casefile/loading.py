@@ -6,6 +6,7 @@ import copy
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
@@ -13,14 +14,19 @@ from pydantic import TypeAdapter, ValidationError
 
 from tipfem.casefile.building import Parts
 from tipfem.casefile.problems import CaseFileError, Problem, Translator, child_at, meant
-from tipfem.casefile.schema import CaseTable, FillTable, FluidTable, WallTable, json_schema
+from tipfem.casefile.schema import CaseTable, FillTable, FluidTable, ProbeTable, WallTable, json_schema
 from tipfem.casefile.source import Key, Path, Source, SyntaxProblem, keys_of, parse, value_of
 
 if TYPE_CHECKING:
     from tipfem.case.case import Case
     from tipfem.simulation import Simulation
 
-ITEMS = {"fluids": FluidTable, "fill": FillTable, "walls": WallTable}  # sections that hold one table an item
+ITEMS = {
+    "fluids": FluidTable,
+    "fill": FillTable,
+    "walls": WallTable,
+    "probes": ProbeTable,
+}  # sections that hold one table an item
 
 
 def load_case(path: str | FilePath, overrides: Sequence[str] = ()) -> CaseFile:
@@ -112,16 +118,25 @@ class CaseFile:
         return FilePath(self.table.output.folder or f"out/{FilePath(self.name).stem}")
 
     def settings(self) -> dict[str, Any]:
-        """What `tipfem.describe` takes beside the case and its end: steps and output."""
-        return {"largest_step": self.table.time.largest_step, "interval": self.table.output.interval}
+        """What `tipfem.describe` takes beside the case and its end: steps, output, checkpoints and probes."""
+        return {
+            "largest_step": self.table.time.largest_step,
+            "interval": self.table.output.interval,
+            "checkpoint_interval": self.table.checkpoint.interval,
+            "checkpoint_wall_interval": self.table.checkpoint.wall_interval or None,
+            "probes": self.parts.probes,
+        }
 
     def case(self) -> Case:
         """The case, with its particles.
 
         Raises:
-            CaseFileError: its parts do not fit together, a layer is thinner than the spacing allows, say.
+            CaseFileError: its parts do not fit together: a layer is thinner than the spacing allows, or a probe is
+                outside of the tank, say.
         """
         made: Case = self._placed(self.parts.case)
+        for probe in self.parts.probes:
+            self._placed(partial(probe.columns, made))
         return made
 
     def simulation(
@@ -150,6 +165,9 @@ class CaseFile:
                 time_step=self.table.time.largest_step,
                 output_interval=self.table.output.interval,
                 columns=columns,
+                probes=self.parts.probes,
+                checkpoint_interval=self.table.checkpoint.interval,
+                checkpoint_wall_interval=self.table.checkpoint.wall_interval or None,
             )
         )
         return simulation

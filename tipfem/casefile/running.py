@@ -166,7 +166,8 @@ def resumed(
     before = checkpoints.newest()["environment"]
     runtime.init(arch or before["arch"], before["precision"], threads)
     case = None if file is None else file.case()
-    simulation = Simulation.resume(out, case, allow_changes=allow_changes)
+    probes = None if file is None else file.parts.probes
+    simulation = Simulation.resume(out, case, probes=probes, allow_changes=allow_changes)
     return simulation, simulation.until
 
 

@@ -22,7 +22,7 @@ from tipfem.casefile.forms import (
     quantity,
 )
 
-SCHEMA_ID = "https://tipfem.readthedocs.io/en/latest/case.schema.json"
+SCHEMA_ID = "case.schema.json"  # beside the case file; `tipfem schema --out case.schema.json` writes it
 
 
 class FluidTable(Model):
@@ -213,6 +213,40 @@ class OutputTable(Model):
     )
 
 
+class ProbeTable(Model):
+    """What is measured on the way; which keys it takes beside type, name and interval depends on its type."""
+
+    type: Literal["point", "line", "wall pressure", "wall force", "wave gauge", "front", "volume", "energy"] = quantity(
+        "the kind of probe"
+    )
+    name: str = quantity("of the probe, and of its file probes/NAME.csv", min_length=1)
+    interval: float | None = quantity("time between samples; by default every step", "s", None, gt=0)
+    at: Vector | None = quantity("place, of a point or a wall pressure", "m", None)
+    start: Vector | None = quantity("one end of a line", "m", None)
+    end: Vector | None = quantity("the other end of a line", "m", None)
+    count: int | None = quantity("number of points on a line, both ends included", default=None, ge=2)
+    quantities: list[str] | None = quantity(
+        "at points and along lines: pressure, velocity_x, velocity_y, velocity_z, density; by default pressure",
+        default=None,
+        min_length=1,
+    )
+    frame: Literal["laboratory", "tank"] | None = quantity(
+        "tank: points and lines move with the tank; by default laboratory", default=None
+    )
+    wall: str | None = quantity("name of a wall: left, right, bottom, top, or one of the table walls", default=None)
+    fluid: str | None = quantity("name of a fluid", default=None)
+    about: Point | None = quantity("point about which a wall force has its moment; by default the origin", "m", None)
+    x: float | None = quantity("place of a wave gauge", "m", None)
+    axis: int | None = quantity("of a front: 0 for x, 1 for y, 2 for z; by default 0", default=None, ge=0, le=2)
+
+
+class CheckpointTable(Model):
+    """How often a checkpoint is written, from which the run can go on."""
+
+    interval: float | None = quantity("simulated time between checkpoints; by default none by it", "s", None, gt=0)
+    wall_interval: float = quantity("wall-clock time between checkpoints; 0: none by the clock", "s", 60.0, ge=0)
+
+
 class CaseTable(Model):
     """A two-phase flow for tipfem. All quantities are in SI units."""
 
@@ -235,6 +269,10 @@ class CaseTable(Model):
     numerics: NumericsTable = Field(default_factory=NumericsTable, description="the numbers of the method")
     time: TimeTable = Field(description="how long, and in which steps")
     output: OutputTable = Field(default_factory=OutputTable, description="what is written, and where")
+    checkpoint: CheckpointTable = Field(
+        default_factory=CheckpointTable, description="how often checkpoints are written"
+    )
+    probes: list[ProbeTable] = Field([], description="what is measured on the way, each in a file of its own")
 
 
 def json_schema() -> dict[str, Any]:
