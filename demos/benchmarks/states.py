@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tipfem.demos.validation.dam_break import case as dam_break
 
 import tipfem as tp
+from tipfem.case.fluid import ranks
 from tipfem.case.numerics import Numerics
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.delaunay import triangulate
@@ -119,7 +120,7 @@ def hard_systems(short: bool) -> dict[str, tuple[int, int]]:
 def _iterations(tank: tp.Tank, fluids: list[tp.Fluid], dt: float, grading: tp.Grading | None = None) -> tuple[int, int]:
     particles = tank.sample(fluids, fitted=True, grading=grading)
     mesh = triangulate(particles.position, particles.wall, particles.spacing)
-    mesh = with_fluids(mesh, particles, np.array([fluid.density for fluid in fluids]))
+    mesh = with_fluids(mesh, particles, ranks(fluids))
     problem, x = first_system(mesh, particles, fluids, dt, Workspace())
     return len(particles), problem.correct(x, 1e-6).iterations
 
