@@ -1,10 +1,10 @@
-"""Read a results folder: case.json, fields.pvd and the VTU files that it lists."""
+"""Read a results folder: case.json, and the VTU files that fields.pvd lists or fields.vtkhdf."""
 
 import contextlib
 import io
 import json
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from .arrays import Array
 from .scene import Scene
 
 FORMAT = 1
+VTKHDF = "fields.vtkhdf"
 
 
 class ResultsError(ValueError):
@@ -25,8 +26,8 @@ class ResultsError(ValueError):
 class Results:
     """The stored times of a results folder, in order of time.
 
-    `len(results)` is the number of stored times, and `results.scene(i)` reads one of them. fields.pvd is read when
-    the object is made; a run that is still under way may add more times.
+    `len(results)` is the number of stored times, and `results.scene(i)` reads one of them. fields.pvd, or without
+    one fields.vtkhdf, is read when the object is made; a run that is still under way may add more times.
 
     Args:
         out: results folder.
@@ -36,7 +37,7 @@ class Results:
     Attributes:
         folder: its path.
         times: stored times [s].
-        files: their VTU files.
+        files: their VTU files; or as often fields.vtkhdf.
         fluid_names: names of the F fluids.
         fluid_densities: (F,) [kg/m^3].
         lower: (2,) lower corner of the domain [m].
@@ -52,7 +53,7 @@ class Results:
         if keep < 1:
             raise ValueError(f"keep {keep}: expected a number of scenes, 1 or more")
         self._keep = keep
-        self._kept: dict[tuple[Path, int], Scene] = {}
+        self._kept: dict[tuple[Path, int, int], Scene] = {}
         self.folder = Path(out)
         if not self.folder.is_dir():
             raise ResultsError(f"results folder {self.folder}: there is no such folder")
@@ -79,7 +80,11 @@ class Results:
                 raise
             raise ResultsError(f"{self.folder / 'case.json'}: {error}") from None
         self.title = str(case.get("title") or "")
-        self.times, self.files = self._read_collection()
+        if (self.folder / VTKHDF).is_file() and not (self.folder / "fields.pvd").is_file():
+            self.times = _times_of(self.folder / VTKHDF)
+            self.files = [self.folder / VTKHDF] * len(self.times)
+        else:
+            self.times, self.files = self._read_collection()
 
     def __len__(self) -> int:
         return len(self.times)
@@ -98,17 +103,17 @@ class Results:
             raise IndexError(f"stored time {i}: there are {len(self)}, numbered from 0")
         path = self.files[i]
         # A run that starts again writes the same names anew.
-        key = path, path.stat().st_mtime_ns if path.is_file() else 0
+        key = path, i % len(self), path.stat().st_mtime_ns if path.is_file() else 0
         scene = self._kept.pop(key, None)
         if scene is None:
-            scene = self._read(path, self.times[i])
+            scene = self._read(path, i % len(self))
         self._kept[key] = scene
         while len(self._kept) > self._keep:
             self._kept.pop(next(iter(self._kept)))
         return scene
 
-    def _read(self, path: Path, time: float) -> Scene:
-        mesh = _read_vtu(path)
+    def _read(self, path: Path, i: int) -> Scene:
+        mesh = _read_vtkhdf(path, i) if path.name == VTKHDF else _read_vtu(path)
         data = mesh.point_data
         if "fluid" not in data:
             raise ResultsError(f"{path}: point data 'fluid' is missing; there are: {', '.join(sorted(data))}")
@@ -129,7 +134,7 @@ class Results:
                 wall=np.ravel(data["wall"]) if "wall" in data else None,
                 fields=_scalar_fields(data),
                 cell_fields=cell_fields,
-                time=time,
+                time=self.times[i],
                 fluid_names=self.fluid_names,
                 fluid_densities=self.fluid_densities,
                 lower=self.lower,
@@ -192,3 +197,41 @@ def _read_vtu(path: Path) -> meshio.Mesh:
     except Exception as error:  # a truncated file fails anywhere between the XML and zlib
         reason = f"{type(error).__name__}: {error}"
     raise ResultsError(f"{path}: not a readable VTU file (truncated?): {reason}")
+
+
+@contextlib.contextmanager
+def _vtkhdf(path: Path) -> Iterator[Any]:
+    import h5py  # here, for most results have no such file
+
+    try:
+        with h5py.File(path, "r") as file:
+            yield file["VTKHDF"]
+    except (OSError, KeyError, RuntimeError, IndexError) as error:
+        raise ResultsError(f"{path}: not a readable VTKHDF file: {error}") from None
+
+
+def _times_of(path: Path) -> list[float]:
+    with _vtkhdf(path) as group:
+        return [float(time) for time in group["Steps/Values"][:]]
+
+
+def _read_vtkhdf(path: Path, number: int) -> meshio.Mesh:
+    """One stored time of a VTKHDF file; its triangles stand before all other cells."""
+    with _vtkhdf(path) as group:
+        steps = group["Steps"]
+
+        def part(dataset: Any, first: Any, count: Any) -> Array:
+            return np.asarray(dataset[int(first) : int(first) + int(count)])
+
+        points = steps["PointOffsets"][number], group["NumberOfPoints"][number]
+        cells = steps["CellOffsets"][number, 0], group["NumberOfCells"][number]
+        corners = steps["ConnectivityIdOffsets"][number, 0], group["NumberOfConnectivityIds"][number]
+        triangles = part(group["Types"], *cells) == 5
+        connectivity = part(group["Connectivity"], *corners)[: 3 * int(triangles.sum())].reshape(-1, 3)
+        owners = {name: [part(data, *cells)[triangles]] for name, data in group["CellData"].items()}
+        return meshio.Mesh(
+            part(group["Points"], *points),
+            [("triangle", connectivity)],
+            point_data={name: part(data, *points) for name, data in group["PointData"].items()},
+            cell_data=owners,
+        )

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from tipfem.casefile.loading import CaseFile, load_case
     from tipfem.casefile.problems import CaseFileError
     from tipfem.errors import CheckpointError, SimulationError
+    from tipfem.fields import FieldOutput, FieldState
     from tipfem.probes import (
         EnergyProbe,
         FrontProbe,
@@ -30,7 +31,9 @@ if TYPE_CHECKING:
         WallPressure,
         WaveGauge,
     )
+    from tipfem.results import RunResults, read_results, to_vtkhdf
     from tipfem.simulation import Simulation
+    from tipfem.tables import Table
 
 __version__ = "0.1.0"
 
@@ -40,6 +43,8 @@ __all__ = [
     "CaseFileError",
     "CheckpointError",
     "EnergyProbe",
+    "FieldOutput",
+    "FieldState",
     "FittedRule",
     "Fluid",
     "FrontProbe",
@@ -50,9 +55,11 @@ __all__ = [
     "Particles",
     "PointProbe",
     "RelocationRule",
+    "RunResults",
     "Simulation",
     "SimulationError",
     "SurfaceRule",
+    "Table",
     "Tank",
     "VolumeProbe",
     "Wall",
@@ -62,7 +69,9 @@ __all__ = [
     "describe",
     "init",
     "load_case",
+    "read_results",
     "tank",
+    "to_vtkhdf",
     "write_case",
 ]
 
@@ -72,6 +81,8 @@ _MODULES = {
     "CaseFileError": "casefile.problems",
     "CheckpointError": "errors",
     "EnergyProbe": "probes",
+    "FieldOutput": "fields",
+    "FieldState": "fields",
     "FittedRule": "case.numerics",
     "Fluid": "case.fluid",
     "FrontProbe": "probes",
@@ -82,9 +93,11 @@ _MODULES = {
     "Particles": "case.particles",
     "PointProbe": "probes",
     "RelocationRule": "case.numerics",
+    "RunResults": "results",
     "Simulation": "simulation",
     "SimulationError": "errors",
     "SurfaceRule": "case.numerics",
+    "Table": "tables",
     "Tank": "case.tank",
     "VolumeProbe": "probes",
     "Wall": "case.walls",
@@ -94,7 +107,9 @@ _MODULES = {
     "describe": "casefile.describing",
     "init": "backend.runtime",
     "load_case": "casefile.loading",
+    "read_results": "results",
     "tank": "case.tank",
+    "to_vtkhdf": "results",
     "write_case": "casefile.describing",
 }
 

@@ -3,6 +3,7 @@
     case.json       what was simulated: fluids, walls' box, spacing
     history.csv     one row a step, SI units
     fields.pvd      the fields over time, for ParaView; fields/step_*.vtu
+    fields.vtkhdf   the same in one file, see `tipfem.fields.FieldOutput`
     summary.json    settings, versions, and figures of the whole run
     probes/*.csv    what probes have measured; checkpoints/*.h5
     .tipfem         names of these files: a later run in the folder removes them, and nothing else
@@ -29,13 +30,15 @@ import numpy as np
 
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
+from tipfem.fields import FieldOutput, FieldState, vtkhdf, vtu
+from tipfem.fields.atomic_file import journal_of
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
 MANIFEST = ".tipfem"
 LOCK = ".lock"
 # What every run writes besides its fields; a file of such a name that is not in the manifest is not tipfem's.
-_NAMES = ("case.json", "history.csv", "summary.json", "fields.pvd")
+_NAMES = ("case.json", "history.csv", "summary.json", "fields.pvd", vtkhdf.NAME)
 
 
 class ResultsFolder:
@@ -44,13 +47,15 @@ class ResultsFolder:
     Args:
         path: the folder; made when it is not there.
         overwrite: whether an earlier run's results are removed; if not, they are an error.
+        fields: how fields are written.
 
     Raises:
         ValueError: the folder cannot be made or written to, a file is in the way that no run of tipfem wrote, another
             run is writing into it, or it holds results that are not to be overwritten.
     """
 
-    def __init__(self, path: str | Path, *, overwrite: bool = True) -> None:
+    def __init__(self, path: str | Path, *, overwrite: bool = True, fields: FieldOutput | None = None) -> None:
+        self.fields = fields or FieldOutput()
         if not str(path):
             raise ValueError("out is '', which would be the present folder; name a folder for the results")
         self.path = Path(path)
@@ -108,6 +113,7 @@ class ResultsFolder:
             folder._lock.take()
             folder._listed = folder._earlier_files()
             folder._times, folder._case = dict(content["times"]), dict(content["case"])
+            folder.fields = FieldOutput(**content.get("fields", {}))
             for name in folder._listed:
                 later = name.startswith("fields/") and name not in folder._times
                 if later or name.endswith(".part"):
@@ -115,8 +121,9 @@ class ResultsFolder:
                 (folder.path / (name + ".part")).unlink(missing_ok=True)
             if folder._case:
                 folder._write_json("case.json", folder._case)
-            if folder._times:
+            if folder._times and folder.fields.vtu:
                 folder._write_times()
+            vtkhdf.truncate(folder.path / vtkhdf.NAME, [_step_of(name) for name in folder._times])
             if history:
                 folder._columns = list(history[0])
                 folder.replace_rows("history.csv", folder._columns, [list(row.values()) for row in history])
@@ -127,8 +134,8 @@ class ResultsFolder:
         return folder
 
     def content(self) -> dict[str, Any]:
-        """What a checkpoint has to keep of the folder: the times of the fields, and case.json."""
-        return {"times": dict(self._times), "case": dict(self._case)}
+        """What a checkpoint has to keep of the folder: the times of the fields, how they are written, and case.json."""
+        return {"times": dict(self._times), "case": dict(self._case), "fields": self.fields.record()}
 
     def _earlier_files(self) -> list[str]:
         """Names of the files that the manifest lists and that are inside the folder."""
@@ -194,7 +201,7 @@ class ResultsFolder:
         self._history.flush()
 
     def write_fields(self, step: int, time: float, mesh: Mesh, particles: Particles, density: Array) -> None:
-        """Write the state as a VTU file and list it in fields.pvd; a step written again replaces the earlier one.
+        """Write the state, see `FieldOutput`; a step written again replaces the earlier one.
 
         Args:
             step: number of the step, for the file's name.
@@ -202,35 +209,37 @@ class ResultsFolder:
             mesh: simplices on the particles' positions.
             particles: the state.
             density: (N,) of each particle's fluid [kg/m^3].
-        """
-        import meshio  # here, because it is slow to import and not every run writes fields
 
+        Raises:
+            OSError: it cannot be written; earlier states are as they were.
+        """
         if self._case:
             self._widen_case(particles.position)
-        name = _field_file(step)
-        points, velocity = _three_dimensional(particles.position), _three_dimensional(particles.velocity)
-        # Where interfaces run along edges, every triangle has its fluid, too.
-        cell_data = {} if mesh.fluid is None else {"fluid": [mesh.fluid.astype(np.int32)]}
-        blocks = [("triangle" if particles.dimension == 2 else "tetra", mesh.cells)]
-        if not len(mesh.cells):  # meshio cannot write an empty block
-            blocks = []
-        if mesh.surface.loose.any():
-            blocks.append(("vertex", np.flatnonzero(mesh.surface.loose)[:, None]))
-        content = meshio.Mesh(
-            points,
-            blocks,
-            point_data={
-                "velocity": velocity,
-                "pressure": particles.pressure,
-                "fluid": particles.fluid.astype(np.int32),
-                "density": density,
-                "wall": particles.wall.astype(np.int32),
-            },
-            cell_data=cell_data,
+        # Where interfaces run along edges, every cell has its fluid, too.
+        state = FieldState(
+            step,
+            time,
+            particles.position,
+            particles.velocity,
+            particles.pressure,
+            particles.fluid,
+            density,
+            particles.wall,
+            mesh.cells,
+            mesh.fluid,
+            np.flatnonzero(mesh.surface.loose),
         )
-        self._replace(name, lambda path: meshio.write(path, content, file_format="vtu"))
+        name = _field_file(step)
+        if self.fields.vtu:
+            self._replace(name, lambda path: vtu.write(path, state, self.fields.real))
+        if self.fields.vtkhdf:
+            path = self.path / vtkhdf.NAME
+            for file in (path, journal_of(path)):
+                self.list_file(file.name)
+            vtkhdf.append(path, state, self.fields)
         self._times[name] = time
-        self._write_times()
+        if self.fields.vtu:
+            self._write_times()
 
     def _write_times(self) -> None:
         """Write fields.pvd."""
@@ -343,6 +352,11 @@ class FolderLock:
             with suppress(OSError):
                 self.path.unlink(missing_ok=True)
 
+    def is_held(self) -> bool:
+        """Whether a run is writing into the folder; of a run on another host, whether it has not said that it ended."""
+        holder = self._holder()
+        return holder is not None and not (holder["host"] == socket.gethostname() and _has_ended(holder["process"]))
+
     def _holder(self) -> dict[str, Any] | None:
         """Who has locked the folder; None for nobody, or a file that says nothing."""
         try:
@@ -426,16 +440,17 @@ def _field_file(step: int) -> str:
     return f"fields/step_{step:06d}.vtu"
 
 
+def _step_of(name: str) -> int:
+    """The inverse of `_field_file`."""
+    return int(Path(name).stem.removeprefix("step_"))
+
+
 def _exact(value: float) -> str:
     return str(int(value)) if isinstance(value, (int, np.integer)) else repr(float(value))
 
 
 def _number(value: float) -> str:
     return str(value) if isinstance(value, (int, np.integer)) else f"{value:.9g}"
-
-
-def _three_dimensional(vectors: Array) -> Array:
-    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
 def _plain(value: Any) -> Any:

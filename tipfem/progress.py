@@ -1,13 +1,18 @@
-"""A progress bar for runs, shown only on a terminal."""
+"""A progress bar for runs, shown on a terminal and in notebooks."""
 
 from __future__ import annotations
 
 import sys
+import time as clock
 from collections.abc import Mapping
 from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from tipfem.notebook import NotebookProgress, in_notebook
+
+_REDRAWN = 0.2  # wall-clock time between pictures of the bar in a notebook [s]
 
 
 class RunProgress:
@@ -16,12 +21,15 @@ class RunProgress:
     Args:
         start: time at which the bar is empty [s].
         end: time at which it is full [s].
-        enabled: show the bar; without effect when the error output is not a terminal.
+        enabled: show the bar; without effect unless the error output is a terminal or the
+            process is the kernel of a notebook.
     """
 
     def __init__(self, start: float, end: float, *, enabled: bool = True) -> None:
         self._progress: Progress | None = None
-        if enabled and _on_terminal():
+        self._notebook = NotebookProgress() if enabled and in_notebook() else None
+        self._start, self._end, self._drawn = start, end, -float("inf")
+        if enabled and not self._notebook and _on_terminal():
             self._progress = Progress(
                 TextColumn("t = {task.fields[time]:.4f} s"),
                 BarColumn(),
@@ -32,7 +40,6 @@ class RunProgress:
                 TextColumn("left"),
                 console=Console(stderr=True),
             )
-            self._start = start
             self._task = self._progress.add_task("run", total=end - start, time=start, dt=0.0, newton=0, krylov=0)
 
     def __enter__(self) -> RunProgress:
@@ -51,6 +58,13 @@ class RunProgress:
 
     def update(self, time: float, row: Mapping[str, float]) -> None:
         """Show the state after a step: its time [s] and its row of the history."""
+        if self._notebook and (time >= self._end or clock.monotonic() - self._drawn >= _REDRAWN):
+            self._drawn = clock.monotonic()
+            self._notebook.show(
+                (time - self._start) / (self._end - self._start),
+                f"t = {time:.4f} of {self._end:g} s, step {row['step']:.0f}, dt {row['time_step']:.1e} s, "
+                f"Newton {row['newton_iterations']:.0f}, Krylov {row['krylov_iterations']:.0f}",
+            )
         if self._progress:
             self._progress.update(
                 self._task,

@@ -20,9 +20,11 @@ from tipfem.case.particles import Particles
 from tipfem.checkpoint import FOLDER, CheckpointFolder, case_from, case_record, differences, environment, file_name
 from tipfem.errors import CheckpointError, SimulationError, StepRefused
 from tipfem.fem.time_integration import StepControl, smallest_jacobian
+from tipfem.fields import FieldOutput
 from tipfem.mesh.delaunay import TriangulationError
 from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.probes import Energy
+from tipfem.notebook import facts
 from tipfem.output import ResultsFolder, fill_columns, own_columns
 from tipfem.probes import Probe, ProbeRecorder, probe_from, probe_record
 from tipfem.remesh.remeshers import remesher_for
@@ -55,6 +57,7 @@ class Simulation:
         checkpoint_wall_interval: wall-clock time between them [s]; None for none by the clock. A run with a results
             folder writes one at its start and at its end, too; see `resume`.
         overwrite: whether the results of an earlier run in ``out`` are removed; if not, they are an error.
+        fields: the format of the fields, "vtu", "vtkhdf" or "both", or a `FieldOutput`.
 
     Attributes:
         state: the present state, frozen; `particles`, `mesh`, `boundary`, `time` and `step_number` are parts of it.
@@ -85,6 +88,7 @@ class Simulation:
         checkpoint_interval: float | None = None,
         checkpoint_wall_interval: float | None = 60.0,
         overwrite: bool = True,
+        fields: str | FieldOutput = "vtu",
     ) -> None:
         for name, value in (
             ("time step", time_step),
@@ -101,6 +105,7 @@ class Simulation:
                 f"Simulation: output_interval is {output_interval:g} s, far below the time step of {time_step:g} s; "
                 "every output shortens steps to end at it"
             )
+        field_output = FieldOutput.of(fields)
         runtime.require_init()
         self.case = case
         self.output_interval = output_interval
@@ -124,7 +129,7 @@ class Simulation:
         self.probes = ProbeRecorder(probes, case)
         self._schedule = CheckpointSchedule(checkpoint_interval, checkpoint_wall_interval)
         # Last, because it removes the results of an earlier run, which a refused simulation must not do.
-        self.results = ResultsFolder(out, overwrite=overwrite) if out is not None else None
+        self.results = ResultsFolder(out, overwrite=overwrite, fields=field_output) if out is not None else None
         if self.results:
             self.probes.write_to(self.results)
             with writing(0.0):
@@ -252,6 +257,20 @@ class Simulation:
     def numerical_error(self) -> dict[str, float]:
         """What numerics took from the run so far, relative to the flow's own; see `tipfem.step.numerical_error`."""
         return numerical_error(self.history, self.case.fluids, self.state.start_volume)
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        return facts(
+            f"Simulation: {self.case.title or 'without a title'}",
+            {
+                "time": f"{self.time:g} s",
+                "steps": self.step_number,
+                "particles": len(self.particles),
+                "cells": len(self.mesh.cells),
+                "volumes": ", ".join(f"{f.name} {self.volume(f.name):.4g}" for f in self.case.fluids),
+                "results": self.results.path if self.results else "none are written",
+            },
+        )
 
     def write_summary(self, content: Mapping[str, Any] | None = None) -> None:
         """Write summary.json with the run's settings and ``content``; without a results folder, do nothing."""

@@ -15,6 +15,7 @@ from tipfem.case.numerics import Numerics
 from tipfem.case.particles import Particles
 from tipfem.case.tank import Tank
 from tipfem.case.walls import Motion, Wall
+from tipfem.notebook import facts
 from tipfem.typing import Array
 
 # The names of the interface rules; `tipfem.mesh.interface` has their classes.
@@ -197,6 +198,20 @@ class Case:
                 f"Case: wall particle {i} at {particles.position[i].tolist()} lies {depth[i]:.2g} spacings inside the "
                 "convex hull of all particles; a closed case has outer walls only, and they are convex"
             )
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        size = self.particles.position.max(axis=0) - self.particles.position.min(axis=0)
+        return facts(
+            f"Case: {self.title or 'without a title'}",
+            {
+                "fluids": ", ".join(f"{f.name} ({f.density:g} kg/m³, {f.viscosity:g} Pa s)" for f in self.fluids),
+                "size": f"{' x '.join(f'{edge:g}' for edge in size)} m",
+                "spacing": f"{self.particles.spacing:g} m",
+                "particles": f"{len(self.particles)}, {int(self.particles.wall.sum())} of them on walls",
+                "interface": f"{self.interface}{', free surface' if self.free_surface else ''}",
+            },
+        )
 
     def fluid_index(self, name: str) -> int:
         """Index of a fluid.

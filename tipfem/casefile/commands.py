@@ -1,4 +1,4 @@
-"""The commands on case files and results: run, resume, check, info, doctor, render, schema.
+"""The commands on case files and results: run, resume, check, info, convert, doctor, render, schema.
 
 Each returns its exit code; see `EXIT_CODES`. Taichi is imported by those that need it, when they do.
 """
@@ -30,7 +30,7 @@ EXIT_CODES = {
 def register(app: App) -> None:
     """Add the commands to an application."""
     app.help_epilogue = "Exit codes: " + "; ".join(f"{code}: {text}" for code, text in EXIT_CODES.items()) + "."
-    for command in (run, resume, check, info, doctor, schema):
+    for command in (run, resume, check, info, convert, doctor, schema):
         app.command(command)
     app.command(render, help_flags=[], version_flags=[])
 
@@ -136,6 +136,26 @@ def info(out: Path, /) -> int:
 
     with bad_input() as failed:
         print("\n".join(describe_results(out)))
+    return 2 if failed else 0
+
+
+def convert(out: Path, /, *, precision: Literal["double", "single"] = "double", compression: int = 4) -> int:
+    """Write the states of a results folder into one VTKHDF file there, fields.vtkhdf, which ParaView opens.
+
+    Parameters
+    ----------
+    out
+        The results folder.
+    precision
+        Of the numbers: double, or single, which takes half the space.
+    compression
+        Level of zlib, from 0 (none) to 9.
+    """
+    from tipfem.results import to_vtkhdf
+
+    with _bad_input() as failed:
+        path = to_vtkhdf(out, precision=precision, compression=compression)
+        print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
     return 2 if failed else 0
 
 

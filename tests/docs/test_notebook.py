@@ -1,0 +1,32 @@
+"""docs/tutorial.ipynb runs from its first cell to its last, and shows what it should."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import nbformat
+from nbclient import NotebookClient
+
+NOTEBOOK = Path(__file__).resolve().parents[2] / "docs" / "tutorial.ipynb"
+
+
+def test_the_notebook_runs_and_shows_its_progress_pictures_and_movie(tmp_path, monkeypatch):
+    monkeypatch.setenv("MPLBACKEND", "module://matplotlib_inline.backend_inline")
+    book = nbformat.read(NOTEBOOK, as_version=4)
+    NotebookClient(book, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    outputs = [output for cell in book.cells if cell.cell_type == "code" for output in cell.outputs]
+    shown = [output.data for output in outputs if "data" in output]
+    html = "".join(data.get("text/html", "") for data in shown)
+    for part in ("<b>Case: Dam break</b>", '<progress value="1.0000"', "<b>Simulation: Dam break</b>", "dataframe"):
+        assert part in html
+    assert '<td style="text-align: left">complete</td>' in html
+    assert "video/mp4;base64," in html
+    assert sum("image/png" in data for data in shown) == 2
+    assert "the water reaches x = 0." in "".join(output.get("text", "") for output in outputs)
+    assert (tmp_path / "out" / "notebook" / "fields.vtkhdf").is_file()
+
+
+def test_the_notebook_is_stored_without_outputs():
+    book = nbformat.read(NOTEBOOK, as_version=4)
+    nbformat.validate(book)
+    assert not any(cell.get("outputs") or cell.get("execution_count") for cell in book.cells)

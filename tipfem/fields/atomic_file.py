@@ -1,0 +1,224 @@
+"""A file that is changed in one piece: after a crash it has all of a change, or nothing of it.
+
+HDF5 changes its bookkeeping in place, so that a process that is killed while it appends leaves a file that no program
+opens. Here all its changes are held in memory while HDF5 works, which survives no error of the disk either. Then what
+it has appended is written behind the old end of the file, where nothing refers to it yet; what it has changed is put in
+a journal beside the file, and last in the file. A file whose journal is complete is put right by `recover`, which makes
+the same changes again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import struct
+from pathlib import Path
+from typing import Any
+
+PAGE = 4096
+_MAGIC = b"tipfem journal 1\n"
+_HEAD = struct.Struct("<QQ")  # size of the file, number of changes
+_ENTRY = struct.Struct("<QQ")  # offset, length
+
+
+def journal_of(path: Path) -> Path:
+    """Where the journal of a file is."""
+    return path.with_name(path.name + ".journal")
+
+
+def recover(path: Path) -> None:
+    """Finish the change of a file that a crash interrupted, if there is one; undo one that had not been completed.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    journal = journal_of(path)
+    journal.with_name(journal.name + ".part").unlink(missing_ok=True)
+    change = _read_journal(journal)
+    if change is not None and path.exists():
+        _apply(path, *change)
+    journal.unlink(missing_ok=True)
+
+
+class AtomicFile(io.RawIOBase):
+    """A file for `h5py.File` whose changes come into force together, when `commit` is called.
+
+    Args:
+        path: the file, which must be there.
+        write: for changing it; otherwise for reading, the change of a complete journal included.
+
+    Raises:
+        OSError: it cannot be opened.
+    """
+
+    def __init__(self, path: Path, *, write: bool = False) -> None:
+        super().__init__()
+        self.path = path
+        if write:
+            recover(path)
+        self._file: Any = open(path, "r+b" if write else "rb", buffering=0)
+        self._write = write
+        self._old = self._size = os.fstat(self._file.fileno()).st_size
+        self._place = 0
+        self._pages: dict[int, bytearray] = {}  # of the old part, by number
+        self._tail = bytearray()  # what is appended
+        change = None if write else _read_journal(journal_of(path))
+        if change is not None:
+            self._size = change[0]
+            for offset, data in change[1]:
+                self._hold(offset, data)
+
+    def readable(self) -> bool:
+        """True."""
+        return True
+
+    def writable(self) -> bool:
+        """Whether it was opened to be changed."""
+        return self._write
+
+    def seekable(self) -> bool:
+        """True."""
+        return True
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
+        """Move to a place, as files do."""
+        self._place = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._place, os.SEEK_END: self._size}[whence]
+        return self._place
+
+    def tell(self) -> int:
+        """The present place."""
+        return self._place
+
+    def readinto(self, buffer: Any, /) -> int:
+        """Fill a buffer from the present place; returns the number of bytes."""
+        view = memoryview(buffer).cast("B")
+        count = max(0, min(len(view), self._size - self._place))
+        data = os.pread(self._file.fileno(), count, self._place).ljust(count, b"\0")
+        view[:count] = data
+        for number in range(self._place // PAGE, -(-(self._place + count) // PAGE)):
+            page = self._pages.get(number)
+            if page is not None:
+                low, high = max(self._place, number * PAGE), min(self._place + count, number * PAGE + len(page))
+                if low < high:
+                    view[low - self._place : high - self._place] = page[low - number * PAGE : high - number * PAGE]
+        low, high = max(self._place, self._old), min(self._place + count, self._old + len(self._tail))
+        if low < high:
+            view[low - self._place : high - self._place] = self._tail[low - self._old : high - self._old]
+        self._place += count
+        return count
+
+    def write(self, buffer: Any, /) -> int:
+        """Write at the present place; returns the number of bytes."""
+        data = bytes(buffer)
+        inside = max(0, min(len(data), self._old - self._place))
+        if inside:
+            self._hold(self._place, data[:inside])
+        if inside < len(data):
+            start = self._place + inside - self._old
+            if len(self._tail) < start:
+                self._tail.extend(bytes(start - len(self._tail)))
+            self._tail[start : start + len(data) - inside] = data[inside:]
+        self._place += len(data)
+        self._size = max(self._size, self._place)
+        return len(data)
+
+    def truncate(self, size: int | None = None, /) -> int:
+        """Set the size."""
+        self._size = self._place if size is None else size
+        del self._tail[max(0, self._size - self._old) :]
+        return self._size
+
+    def commit(self, *, durable: bool = True) -> None:
+        """Let all changes come into force.
+
+        Args:
+            durable: with a journal; without one, a crash leaves a part of the changes.
+
+        Raises:
+            OSError: they cannot be written; the file is as it was, or with a journal from which it is put right.
+        """
+        changes = [(number * PAGE, bytes(page)) for number, page in sorted(self._pages.items())]
+        _write_at(self._file.fileno(), bytes(self._tail), self._old)
+        if durable:
+            os.fsync(self._file.fileno())
+            _write_journal(journal_of(self.path), self._size, changes)
+        self._pages, self._old = {}, self._size  # from here on the change is made, now or by `recover`
+        self._tail = bytearray()
+        _apply(self.path, self._size, changes, durable)
+        journal_of(self.path).unlink(missing_ok=True)
+
+    def close(self) -> None:
+        """Close the file; changes that have not come into force are gone."""
+        if not self.closed:
+            try:
+                if self._write and os.fstat(self._file.fileno()).st_size > self._old:
+                    os.ftruncate(self._file.fileno(), self._old)
+            finally:
+                self._file.close()
+                super().close()
+
+    def _hold(self, place: int, data: bytes) -> None:
+        """Hold changes of the old part in memory."""
+        end = place + len(data)
+        for number in range(place // PAGE, -(-end // PAGE)):
+            start = number * PAGE
+            page = self._pages.get(number)
+            if page is None:
+                length = min(PAGE, self._old - start)
+                page = bytearray(os.pread(self._file.fileno(), length, start).ljust(length, b"\0"))
+                self._pages[number] = page
+            low, high = max(place, start), min(end, start + PAGE)
+            page[low - start : high - start] = data[low - place : high - place]
+
+
+def _write_journal(journal: Path, size: int, changes: list[tuple[int, bytes]]) -> None:
+    content = b"".join(
+        [_MAGIC, _HEAD.pack(size, len(changes)), *(_ENTRY.pack(at, len(data)) + data for at, data in changes)]
+    )
+    temporary = journal.with_name(journal.name + ".part")
+    try:
+        with open(temporary, "wb") as file:
+            file.write(content + hashlib.sha256(content).digest())
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, journal)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def _read_journal(journal: Path) -> tuple[int, list[tuple[int, bytes]]] | None:
+    """Size and changes of a complete journal; None where there is none."""
+    try:
+        content = journal.read_bytes()
+    except FileNotFoundError:
+        return None
+    content, checksum = content[:-32], content[-32:]
+    if not content.startswith(_MAGIC) or hashlib.sha256(content).digest() != checksum:
+        return None
+    place = len(_MAGIC)
+    size, count = _HEAD.unpack_from(content, place)
+    place += _HEAD.size
+    changes = []
+    for _ in range(count):
+        offset, length = _ENTRY.unpack_from(content, place)
+        place += _ENTRY.size
+        changes.append((offset, content[place : place + length]))
+        place += length
+    return size, changes
+
+
+def _apply(path: Path, size: int, changes: list[tuple[int, bytes]], durable: bool = True) -> None:
+    with open(path, "r+b", buffering=0) as file:
+        for offset, data in changes:
+            _write_at(file.fileno(), data, offset)
+        os.ftruncate(file.fileno(), size)
+        if durable:
+            os.fsync(file.fileno())
+
+
+def _write_at(file: int, data: bytes, offset: int) -> None:
+    written = 0
+    while written < len(data):
+        written += os.pwrite(file, data[written:], offset + written)

@@ -1,0 +1,294 @@
+"""States of a whole run in one VTKHDF file, which ParaView and VTK open as a time series.
+
+The format is Kitware's: HDF5 with the group VTKHDF of the type UnstructuredGrid. The arrays of all stored times stand
+one behind the other in each dataset, and the group Steps has the time of each and where its parts begin; particles and
+cells may differ from time to time. The group tipfem, which VTK passes over, has the numbers of the steps. See
+https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/.
+
+A change comes into force in one piece, see `tipfem.fields.atomic_file`: a run that is killed while it appends leaves
+the file with the states before.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tipfem.fields.atomic_file import AtomicFile, recover
+from tipfem.fields.field_output import FieldOutput
+from tipfem.fields.field_state import VTK_CELLS, FieldState, three_components
+from tipfem.typing import Array
+
+NAME = "fields.vtkhdf"
+VERSION = (2, 0)
+_CHUNKS = (512, 16384)  # fewest and most rows of a chunk
+_STEP_CHUNK = 256
+
+
+def append(path: Path, state: FieldState, output: FieldOutput) -> None:
+    """Add a state at the end of a file, which is made when it is not there; later steps and the same one are removed.
+
+    Args:
+        path: the file.
+        state: what is added.
+        output: precision and compression, of a new file.
+
+    Raises:
+        OSError: it cannot be written; the file is as it was.
+        ValueError: the file is none of tipfem.
+    """
+    if not path.exists():
+        write(path, [state], output)
+        return
+    with _changing(path) as file:
+        steps = file["tipfem/step"][:]
+        _truncate(file, int(np.searchsorted(steps, state.step)))
+        _append(file, state)
+
+
+def truncate(path: Path, steps: Iterable[int]) -> None:
+    """Keep the states of some steps, up to the first that is not among them.
+
+    Args:
+        path: the file; nothing is done where there is none.
+        steps: numbers of the steps.
+
+    Raises:
+        OSError: it cannot be written.
+        ValueError: the file is none of tipfem.
+    """
+    recover(path)
+    if not path.exists():
+        return
+    kept = set(steps)
+    stored, _ = times(path)
+    count = next((number for number, step in enumerate(stored) if step not in kept), len(stored))
+    if count == 0:
+        path.unlink()
+    elif count < len(stored):
+        with _changing(path) as file:
+            _truncate(file, count)
+
+
+def write(path: Path, states: Iterable[FieldState], output: FieldOutput) -> None:
+    """Write a file of some states, in order of time, at least one; it takes its name when it is whole.
+
+    Raises:
+        OSError: it cannot be written; a file that was there is as it was.
+        ValueError: there is no state.
+    """
+    import h5py  # here, for it takes a while and not every run writes such a file
+
+    recover(path)
+    temporary = path.with_name(path.name + ".part")
+    try:
+        count = 0
+        for count, state in enumerate(states, start=1):
+            if count == 1:
+                empty = io.BytesIO()
+                with h5py.File(empty, "w") as file:
+                    _lay_out(file, state, output)
+                temporary.write_bytes(empty.getvalue())
+            with _changing(temporary, durable=False) as file:
+                _append(file, state)
+        if not count:
+            raise ValueError(f"{path}: there is no state to be written")
+        with open(temporary, "rb") as written:
+            os.fsync(written.fileno())
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def times(path: Path) -> tuple[list[int], Array]:
+    """Numbers of the steps that a file has, and their times (K,) [s].
+
+    Raises:
+        ValueError: the file cannot be read; the message names it.
+    """
+    with _reading(path) as file:
+        return [int(step) for step in file["tipfem/step"][:]], np.asarray(file["VTKHDF/Steps/Values"][:])
+
+
+def read(path: Path, number: int, dimension: int) -> FieldState:
+    """Read a state.
+
+    Args:
+        path: the file.
+        number: of the state, from 0.
+        dimension: 2 or 3.
+
+    Raises:
+        ValueError: the file cannot be read; the message names it.
+    """
+    with _reading(path) as file:
+        group = file["VTKHDF"]
+        steps = group["Steps"]
+        points = _part(steps["PointOffsets"][number], group["NumberOfPoints"][number])
+        cells = _part(steps["CellOffsets"][number, 0], group["NumberOfCells"][number])
+        corners = _part(steps["ConnectivityIdOffsets"][number, 0], group["NumberOfConnectivityIds"][number])
+        types, connectivity = group["Types"][cells], group["Connectivity"][corners]
+        data, owners = group["PointData"], group["CellData"].get("fluid")
+        real = types != VTK_CELLS[1]
+        count = int(real.sum()) * (dimension + 1)  # vertices stand behind the cells
+        return FieldState(
+            int(file["tipfem/step"][number]),
+            float(steps["Values"][number]),
+            group["Points"][points][:, :dimension],
+            data["velocity"][points][:, :dimension],
+            data["pressure"][points],
+            data["fluid"][points].astype(np.int64),
+            data["density"][points],
+            data["wall"][points].astype(bool),
+            connectivity[:count].reshape(-1, dimension + 1),
+            None if owners is None else owners[cells][real].astype(np.int64),
+            connectivity[count:],
+        )
+
+
+def _part(start: Any, count: Any) -> slice:
+    return slice(int(start), int(start) + int(count))
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[Any]:
+    import h5py
+
+    if not path.is_file():
+        raise ValueError(f"{path}: there is no such file")
+    try:
+        with AtomicFile(path) as raw, h5py.File(raw, "r") as file:
+            if "tipfem" not in file or "VTKHDF" not in file:
+                raise ValueError(f"{path}: no VTKHDF file of tipfem; convert makes one of VTU files")
+            yield file
+    except (OSError, KeyError, RuntimeError, IndexError) as error:
+        raise ValueError(f"{path}: not a VTKHDF file that can be read: {error}") from error
+
+
+@contextmanager
+def _changing(path: Path, *, durable: bool = True) -> Iterator[Any]:
+    """The file for changes, which come into force at the end of the block; not if it fails. See `AtomicFile.commit`."""
+    import h5py
+
+    with AtomicFile(path, write=True) as raw:
+        file = h5py.File(raw, "r+")
+        try:
+            if "tipfem" not in file:
+                raise ValueError(f"{path}: no VTKHDF file of tipfem; remove it, or name another folder")
+            yield file
+        finally:
+            file.close()
+        raw.commit(durable=durable)
+
+
+def _lay_out(file: Any, state: FieldState, output: FieldOutput) -> None:
+    """Make all groups and datasets, empty."""
+    options: dict[str, Any] = {"compression": output.compression, "shuffle": True} if output.compression else {}
+
+    def make(group: Any, name: str, dtype: Any, rows: int, width: int = 0) -> None:
+        chunk = _STEP_CHUNK if rows == 0 else int(np.clip(rows // 8, *_CHUNKS))
+        group.create_dataset(
+            name,
+            dtype=dtype,
+            shape=(0, width) if width else (0,),
+            maxshape=(None, width) if width else (None,),
+            chunks=(chunk, width) if width else (chunk,),
+            **options,
+        )
+
+    group = file.create_group("VTKHDF")
+    group.attrs["Version"] = np.array(VERSION, dtype="i8")
+    group.attrs["Type"] = np.bytes_("UnstructuredGrid")
+    for name in ("NumberOfPoints", "NumberOfCells", "NumberOfConnectivityIds"):
+        make(group, name, "i8", 0)
+    count, cells = len(state.position), len(state.cells)
+    make(group, "Points", output.real, count, 3)
+    make(group, "Connectivity", "i8", cells * (state.dimension + 1))
+    make(group, "Offsets", "i8", cells)
+    make(group, "Types", "u1", cells)
+    steps = group.create_group("Steps")
+    steps.attrs["NSteps"] = np.int64(0)
+    make(steps, "Values", "f8", 0)
+    for name in ("PartOffsets", "NumberOfParts", "PointOffsets"):
+        make(steps, name, "i8", 0)
+    for name in ("CellOffsets", "ConnectivityIdOffsets"):
+        make(steps, name, "i8", 0, 1)  # a column for each kind of topology, and there is one
+    for kind, fields, rows in (
+        ("Point", state.point_data(output.real), count),
+        ("Cell", {} if state.cell_fluid is None else {"fluid": np.zeros(0, dtype=np.int32)}, cells),
+    ):
+        data, offsets = group.create_group(f"{kind}Data"), steps.create_group(f"{kind}DataOffsets")
+        for name, values in fields.items():
+            make(data, name, values.dtype, rows, values.shape[1] if values.ndim == 2 else 0)
+            make(offsets, name, "i8", 0)
+    make(file.create_group("tipfem"), "step", "i8", 0)
+
+
+def _append(file: Any, state: FieldState) -> None:
+    group, steps = file["VTKHDF"], file["VTKHDF/Steps"]
+    number = int(steps.attrs["NSteps"])
+    first_point, first_cell = len(group["Points"]), len(group["Types"])
+    first_corner = len(group["Connectivity"])
+    sizes = np.repeat([state.dimension + 1, 1], [len(state.cells), len(state.loose)])
+    types = np.repeat([VTK_CELLS[state.dimension + 1], VTK_CELLS[1]], [len(state.cells), len(state.loose)])
+    corners = np.concatenate([np.ravel(state.cells), state.loose])
+    _extend(group["Points"], three_components(state.position))
+    _extend(group["Connectivity"], corners)
+    _extend(group["Offsets"], np.concatenate([[0], np.cumsum(sizes)]))
+    _extend(group["Types"], types)
+    for name, values in state.point_data("f8").items():
+        _extend(group["PointData"][name], values)
+        _extend(steps["PointDataOffsets"][name], [first_point])
+    if "fluid" in group["CellData"]:
+        own = np.full(len(state.cells), -1) if state.cell_fluid is None else state.cell_fluid
+        _extend(group["CellData/fluid"], np.concatenate([own, state.fluid[state.loose]]))
+        _extend(steps["CellDataOffsets/fluid"], [first_cell])
+    _extend(group["NumberOfPoints"], [len(state.position)])
+    _extend(group["NumberOfCells"], [len(types)])
+    _extend(group["NumberOfConnectivityIds"], [len(corners)])
+    _extend(steps["Values"], [state.time])
+    _extend(steps["PartOffsets"], [number])
+    _extend(steps["NumberOfParts"], [1])
+    _extend(steps["PointOffsets"], [first_point])
+    _extend(steps["CellOffsets"], [[first_cell]])
+    _extend(steps["ConnectivityIdOffsets"], [[first_corner]])
+    _extend(file["tipfem/step"], [state.step])
+    steps.attrs["NSteps"] = np.int64(number + 1)
+
+
+def _truncate(file: Any, count: int) -> None:
+    """Keep the first states."""
+    group, steps = file["VTKHDF"], file["VTKHDF/Steps"]
+    if count >= int(steps.attrs["NSteps"]):
+        return
+    points, cells = int(steps["PointOffsets"][count]), int(steps["CellOffsets"][count, 0])
+    corners = int(steps["ConnectivityIdOffsets"][count, 0])
+    lengths = {"Points": points, "Types": cells, "Offsets": cells + count, "Connectivity": corners}
+    for name, length in lengths.items():
+        group[name].resize(length, axis=0)
+    for kind, length in (("PointData", points), ("CellData", cells)):
+        for data in group[kind].values():
+            data.resize(length, axis=0)
+        for offsets in steps[f"{kind}Offsets"].values():
+            offsets.resize(count, axis=0)
+    for name in ("NumberOfPoints", "NumberOfCells", "NumberOfConnectivityIds"):
+        group[name].resize(count, axis=0)
+    for name in ("Values", "PartOffsets", "NumberOfParts", "PointOffsets", "CellOffsets", "ConnectivityIdOffsets"):
+        steps[name].resize(count, axis=0)
+    file["tipfem/step"].resize(count, axis=0)
+    steps.attrs["NSteps"] = np.int64(count)
+
+
+def _extend(dataset: Any, values: Any) -> None:
+    values = np.asarray(values)
+    before = len(dataset)
+    dataset.resize(before + len(values), axis=0)
+    if len(values):
+        dataset[before:] = values

@@ -1,0 +1,100 @@
+"""States as VTU files, one a stored time."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tipfem.fields.field_state import FieldState, three_components
+from tipfem.typing import Array
+
+
+def write(path: Path, state: FieldState, real: str = "f8") -> None:
+    """Write a state.
+
+    Args:
+        path: the file.
+        state: what is written.
+        real: NumPy's name of the type of real numbers.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    import meshio  # here, for it takes a while and not every run writes fields
+
+    # meshio cannot write an empty block.
+    blocks = [("triangle" if state.dimension == 2 else "tetra", state.cells)] if len(state.cells) else []
+    owners = [] if state.cell_fluid is None or not blocks else [state.cell_fluid.astype(np.int32)]
+    if len(state.loose):
+        blocks.append(("vertex", state.loose[:, None]))
+        if state.cell_fluid is not None:
+            owners.append(state.fluid[state.loose].astype(np.int32))
+    content = meshio.Mesh(
+        three_components(state.position).astype(real, copy=False),
+        blocks,
+        point_data=state.point_data(real),
+        cell_data={"fluid": owners} if owners else {},
+    )
+    meshio.write(path, content, file_format="vtu")
+
+
+def read(path: Path, step: int, time: float, dimension: int) -> FieldState:
+    """Read a state that `write` has written.
+
+    Args:
+        path: the file.
+        step: number of its step.
+        time: [s].
+        dimension: 2 or 3.
+
+    Raises:
+        ValueError: the file is missing, damaged, or not of tipfem; the message names it.
+    """
+    mesh = _read(path)
+    missing = [name for name in ("velocity", "pressure", "fluid", "density", "wall") if name not in mesh.point_data]
+    if missing:
+        raise ValueError(f"{path}: point data {missing[0]!r} is missing; it must be a file that tipfem has written")
+    data = mesh.point_data
+    kind = "triangle" if dimension == 2 else "tetra"
+    chosen = [number for number, block in enumerate(mesh.cells) if block.type == kind]
+    owners = mesh.cell_data.get("fluid")
+    none = np.zeros((0, dimension + 1), dtype=np.int64)
+    return FieldState(
+        step,
+        time,
+        mesh.points[:, :dimension],
+        data["velocity"][:, :dimension],
+        data["pressure"],
+        data["fluid"].astype(np.int64),
+        data["density"],
+        data["wall"].astype(bool),
+        np.concatenate([none, *(mesh.cells[number].data for number in chosen)]),
+        None if owners is None else _joined([owners[number] for number in chosen]),
+        _joined([np.ravel(block.data) for block in mesh.cells if block.type == "vertex"]),
+    )
+
+
+def _joined(parts: list[Array]) -> Array:
+    """Whole numbers of several blocks, as one array."""
+    return np.concatenate([np.zeros(0, dtype=np.int64), *(part.astype(np.int64) for part in parts)])
+
+
+def _read(path: Path) -> Any:
+    import meshio
+
+    if not path.is_file():
+        raise ValueError(f"{path}: fields.pvd lists it, but there is no such file")
+    said = io.StringIO()
+    try:
+        # meshio prints its complaint and ends the process on a bad file.
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            return meshio.read(path, file_format="vtu")
+    except SystemExit:
+        reason = " ".join(said.getvalue().split())
+    except Exception as error:  # a truncated file fails anywhere between the XML and zlib
+        reason = f"{type(error).__name__}: {error}"
+    raise ValueError(f"{path}: not a VTU file that can be read (truncated?): {reason}")

@@ -1,0 +1,322 @@
+"""Read results: what a run has left in its folder, or has written so far."""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tipfem.fields import FieldOutput, FieldState, vtkhdf, vtu
+from tipfem.fields.field_state import VTK_CELLS, three_components
+from tipfem.notebook import Movie, facts
+from tipfem.output import MANIFEST, FolderLock
+from tipfem.tables import Table, package
+from tipfem.typing import Array
+
+FORMAT = 1
+# Units of the history's columns; in 2-D, budgets are per metre of depth.
+_UNITS = {"time": "s", "time_step": "s", "max_speed": "m/s", "wall_seconds": "s"}
+
+
+def read_results(out: str | Path) -> RunResults:
+    """The results in a folder; of a run that is finished, still going, or was interrupted.
+
+    Args:
+        out: the results folder of a run.
+
+    Raises:
+        ValueError: it is none; the message names the file and says what would be right.
+    """
+    return RunResults(out)
+
+
+class RunResults:
+    """What a run has left in its folder, or has written so far; see `read_results`.
+
+    Nothing but case.json is read before it is asked for. Stored states are numbered: ``len(results)`` is how many
+    there are, ``results[-1]`` the last.
+
+    Args:
+        out: the results folder.
+
+    Attributes:
+        folder: its path.
+        case: content of case.json.
+    """
+
+    def __init__(self, out: str | Path) -> None:
+        self.folder = Path(out)
+        if not self.folder.is_dir():
+            raise ValueError(f"{self.folder}: there is no such folder; give the results folder of a run")
+        case = self._json("case.json")
+        if case is None:
+            raise ValueError(f"{self.folder}: it has no case.json and is no results folder; give that of a run")
+        if case.get("format") != FORMAT or case.get("dimension") not in (2, 3):
+            raise ValueError(
+                f"{self.folder / 'case.json'}: format {case.get('format')!r} in {case.get('dimension')!r} dimensions; "
+                f"it must be format {FORMAT} in 2 or 3"
+            )
+        self.case = case
+        self.dimension = int(case["dimension"])
+
+    def refresh(self) -> RunResults:
+        """Forget what has been read, of a run that has gone on; returns itself."""
+        for name in ("history", "probes", "summary", "_stored"):
+            self.__dict__.pop(name, None)
+        return self
+
+    @cached_property
+    def history(self) -> Table:
+        """One row a step, see the table of columns in the documentation."""
+        table = Table.read(self.folder / "history.csv")
+        return Table(table, {name: unit for name, unit in _UNITS.items() if name in table}, table.name)
+
+    @cached_property
+    def probes(self) -> dict[str, Table]:
+        """What the probes have measured, by their names, with units."""
+        return {path.stem: Table.read(path) for path in sorted((self.folder / "probes").glob("*.csv"))}
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """Content of summary.json: settings, versions, status and figures; empty before the run has ended."""
+        return self._json("summary.json") or {}
+
+    @property
+    def status(self) -> str:
+        """Of the run: "running", "complete", "interrupted" and others from the summary, or "no summary"."""
+        if FolderLock(self.folder).is_held():
+            return "running"
+        return str(self.summary.get("status", "no summary: killed, or not started"))
+
+    @property
+    def times(self) -> Array:
+        """(K,) stored times [s]."""
+        return np.array([time for _, time, _ in self._stored])
+
+    @property
+    def fluids(self) -> list[str]:
+        """Names of the fluids, in the order of their numbers."""
+        return [str(fluid["name"]) for fluid in self.case["fluids"]]
+
+    def __len__(self) -> int:
+        return len(self._stored)
+
+    def __getitem__(self, number: int) -> FieldState:
+        """A stored state, by its number.
+
+        Raises:
+            IndexError: there is none of that number.
+            ValueError: its file cannot be read; the message names it.
+        """
+        if not -len(self) <= number < len(self):
+            raise IndexError(f"stored state {number}: {self.folder} has {len(self)}, numbered from 0")
+        step, time, place = self._stored[number]
+        if isinstance(place, Path):
+            return vtu.read(place, step, time, self.dimension)
+        return vtkhdf.read(self.folder / vtkhdf.NAME, place, self.dimension)
+
+    def __iter__(self) -> Iterator[FieldState]:
+        return (self[number] for number in range(len(self)))
+
+    def at(self, time: float, *, tolerance: float | None = None) -> FieldState:
+        """The stored state nearest to a time.
+
+        Args:
+            time: [s].
+            tolerance: how far from it the state may be [s]; any distance by default, 0 for none but round-off.
+
+        Raises:
+            ValueError: there is none, none so near, or its file cannot be read.
+        """
+        if not len(self):
+            raise ValueError(f"{self.folder}: no fields have been written; `run` writes them, `step` does not")
+        times = self.times
+        number = int(np.argmin(np.abs(times - time)))
+        off = abs(times[number] - time)
+        if tolerance is not None and not off <= tolerance + 1e-8 * abs(time):
+            raise ValueError(
+                f"{self.folder}: no state is stored at t = {time:g} s; the nearest is at {times[number]:g} s, and "
+                f"there are {len(times)} from {times[0]:g} to {times[-1]:g} s"
+            )
+        return self[number]
+
+    def to_pyvista(self, time: float) -> Any:
+        """The stored state nearest to a time, as a `pyvista.UnstructuredGrid`.
+
+        Args:
+            time: [s].
+
+        Raises:
+            ImportError: pyvista is not installed.
+            ValueError: see `at`.
+        """
+        pyvista = package("pyvista", "to_pyvista")
+        state = self.at(time)
+        corners = state.dimension + 1
+        cells = [
+            np.column_stack([np.full(len(part), width), part.reshape(len(part), width)]).ravel()
+            for part, width in ((state.cells, corners), (state.loose, 1))
+        ]
+        types = np.repeat([VTK_CELLS[corners], VTK_CELLS[1]], [len(state.cells), len(state.loose)])
+        grid = pyvista.UnstructuredGrid(np.concatenate(cells), types, three_components(state.position))
+        for name, values in state.point_data("f8").items():
+            grid.point_data[name] = values
+        if state.cell_fluid is not None:
+            grid.cell_data["fluid"] = np.concatenate([state.cell_fluid, state.fluid[state.loose]])
+        grid.field_data["time"] = [state.time]
+        return grid
+
+    def to_xarray(self, time: float | None = None) -> Any:
+        """The stored state nearest to a time, or without one the history, as an `xarray.Dataset`.
+
+        Args:
+            time: [s].
+
+        Raises:
+            ImportError: xarray is not installed.
+            ValueError: see `at`.
+        """
+        if time is None:
+            return self.history.to_xarray()
+        xarray = package("xarray", "to_xarray")
+        state = self.at(time)
+        data = {
+            "position": (("particle", "axis"), state.position, {"units": "m"}),
+            "velocity": (("particle", "axis"), state.velocity, {"units": "m/s"}),
+            "pressure": ("particle", state.pressure, {"units": "Pa"}),
+            "fluid": ("particle", state.fluid),
+            "density": ("particle", state.density, {"units": "kg/m3"}),
+            "wall": ("particle", state.wall),
+            "cells": (("cell", "corner"), state.cells),
+        }
+        if state.cell_fluid is not None:
+            data["cell_fluid"] = ("cell", state.cell_fluid)
+        axes = list("xyz"[: state.dimension])
+        return xarray.Dataset(data, {"axis": axes}, {"time": state.time, "step": state.step})
+
+    def picture(self, time: float, field: str | None = None, **options: Any) -> Any:
+        """The stored state nearest to a time as a picture, a `PIL.Image.Image`; 2-D results only.
+
+        Args:
+            time: [s].
+            field: to colour by: pressure, speed, density ...; the fluids by default.
+            options: see `tipfem.render.render_frame`.
+
+        Raises:
+            ValueError: see `at`; or the state cannot be drawn.
+        """
+        from PIL import Image
+
+        from tipfem.render import Results, render_frame
+
+        drawn = Results(self.folder)
+        number = int(np.argmin(np.abs(np.array(drawn.times) - time)))
+        return Image.fromarray(render_frame(drawn.scene(number), field=field, **options))
+
+    def movie(self, field: str | None = None, name: str = "animation.mp4", **options: Any) -> Movie:
+        """A movie of all stored states, in the results folder; notebooks show it. 2-D results only.
+
+        Args:
+            field: see `picture`.
+            name: of the file: .mp4, .gif or .webp; the field's name is added to it.
+            options: see `tipfem.render.animate`.
+
+        Raises:
+            ValueError: see `tipfem.render.animate`.
+            OSError: it cannot be written.
+        """
+        from tipfem.render import animate
+
+        return Movie(animate(self.folder, field, frames=False, movie=name, **options).movies[0])
+
+    def __repr__(self) -> str:
+        return f"RunResults({str(self.folder)!r}): " + ", ".join(f"{key} {value}" for key, value in self._facts())
+
+    def _repr_html_(self) -> str:
+        return facts(f"Results in {self.folder}", dict(self._facts()))
+
+    def _facts(self) -> list[tuple[str, str]]:
+        times, history = self.times, self.history
+        until = f" to t = {history['time'][-1]:g} s" if history.rows else ""
+        return [
+            ("case", self.case.get("title") or "without a title"),
+            ("status", self.status),
+            ("steps", f"{history.rows}{until}"),
+            ("stored states", f"{len(times)}" + (f" from {times[0]:g} to {times[-1]:g} s" if len(times) else "")),
+            ("fluids", ", ".join(self.fluids)),
+            ("probes", ", ".join(self.probes) or "none"),
+        ]
+
+    @cached_property
+    def _stored(self) -> list[tuple[int, float, Path | int]]:
+        """Step, time [s] and place of each stored state: a VTU file, or its number in the VTKHDF file."""
+        listing = self.folder / "fields.pvd"
+        if listing.is_file():
+            try:
+                sets = [(float(one.attrib["timestep"]), one.attrib["file"]) for one in _data_sets(listing)]
+                found: list[tuple[int, float, Path | int]] = [
+                    (int(Path(name).stem.split("_")[-1]), time, self.folder / name) for time, name in sets
+                ]
+                return sorted(found, key=lambda entry: entry[:2])
+            except (ElementTree.ParseError, KeyError, ValueError) as error:
+                raise ValueError(
+                    f"{listing}: not a collection of ParaView that tipfem has written ({error}); remove it and the "
+                    f"states are read from {vtkhdf.NAME}, if there is one"
+                ) from None
+        if (self.folder / vtkhdf.NAME).is_file():
+            steps, times = vtkhdf.times(self.folder / vtkhdf.NAME)
+            return [(step, float(time), number) for number, (step, time) in enumerate(zip(steps, times, strict=True))]
+        return []
+
+    def _json(self, name: str) -> dict[str, Any] | None:
+        path = self.folder / name
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError) as error:
+            raise ValueError(f"{path}: it cannot be read ({error}); it may be damaged, or of another program") from None
+        if not isinstance(content, dict):
+            raise ValueError(f"{path}: it must hold a JSON object; it may be of another program")
+        return content
+
+
+def _data_sets(path: Path) -> list[ElementTree.Element]:
+    return list(ElementTree.parse(path).iter("DataSet"))
+
+
+def to_vtkhdf(out: str | Path, *, precision: str = "double", compression: int = 4) -> Path:
+    """Write all stored states of a results folder into one VTKHDF file there, fields.vtkhdf.
+
+    Args:
+        out: the results folder.
+        precision: "double" or "single", see `FieldOutput`.
+        compression: 0 to 9, see `FieldOutput`.
+
+    Returns:
+        Path of the file.
+
+    Raises:
+        ValueError: the folder holds no states, a file in it cannot be read, a run is writing into it, or an argument is
+            out of range.
+        OSError: the file cannot be written.
+    """
+    output = FieldOutput(format="both", precision=precision, compression=compression)
+    results = RunResults(out)
+    path = results.folder / vtkhdf.NAME
+    if results.status == "running":
+        raise ValueError(f"{out}: a run is writing into it; convert its results when it has ended")
+    if not len(results):
+        raise ValueError(f"{out}: no fields have been written; `run` writes them, `step` does not")
+    manifest = results.folder / MANIFEST
+    listed = manifest.read_text(encoding="utf-8").splitlines() if manifest.is_file() else []
+    if vtkhdf.NAME not in listed:  # so that a later run in the folder may remove it
+        with open(manifest, "a", encoding="utf-8") as file:
+            file.write(vtkhdf.NAME + "\n")
+    vtkhdf.write(path, results, output)
+    return path

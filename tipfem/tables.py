@@ -1,0 +1,148 @@
+"""Tables of named columns, as runs write them to CSV files."""
+
+from __future__ import annotations
+
+import csv
+import html
+import importlib
+import io
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tipfem.typing import Array
+
+_SHOWN = 5  # rows that a notebook shows
+
+
+class Table(Mapping[str, Array]):
+    """Columns (K,) by name; a mapping, ``table["time"]``.
+
+    Args:
+        columns: NumPy arrays of one length.
+        units: of columns, by their names; those without one are not in it.
+        name: what the table is, for messages.
+    """
+
+    def __init__(self, columns: Mapping[str, Array], units: Mapping[str, str] | None = None, name: str = "") -> None:
+        self._columns = dict(columns)
+        self.units = dict(units or {})
+        self.name = name
+
+    @classmethod
+    def read(cls, path: Path) -> Table:
+        """The table in a CSV file; units stand in brackets behind names: ``force_x [N/m]``.
+
+        A last line that is not whole, of a run that is writing it or was killed, is left out. A file that is not there
+        is a table without columns.
+
+        Raises:
+            ValueError: the file cannot be read; the message names it.
+        """
+        try:
+            text = path.read_bytes().decode("utf-8")
+        except FileNotFoundError:
+            return cls({}, name=path.name)
+        except (OSError, UnicodeDecodeError) as error:
+            raise ValueError(f"{path}: it cannot be read: {error}") from None
+        text = text[: text.rfind("\n") + 1]
+        header, *rows = list(csv.reader(io.StringIO(text, newline=""))) or [[]]
+        names, units = [], {}
+        for title in header:
+            name, bracket, unit = title.partition(" [")
+            names.append(name if bracket and unit.endswith("]") else title)
+            if bracket and unit.endswith("]"):
+                units[name] = unit[:-1]
+        for number, row in enumerate(rows, start=1):
+            if len(row) != len(header):
+                raise ValueError(
+                    f"{path}: row {number} has {len(row)} values; it must have {len(header)}, as the header"
+                )
+        columns = {}
+        for place, name in enumerate(names):
+            values = [row[place] for row in rows]
+            try:
+                columns[name] = np.array([int(value) for value in values], dtype=np.int64)
+            except ValueError:
+                try:
+                    columns[name] = np.array([float(value) for value in values])
+                except ValueError as error:
+                    raise ValueError(f"{path}: column {name!r} has a value that is no number: {error}") from None
+        return cls(columns, units, path.name)
+
+    def __getitem__(self, name: str) -> Array:
+        """A column.
+
+        Raises:
+            KeyError: there is none of that name.
+        """
+        try:
+            return self._columns[name]
+        except KeyError:
+            raise KeyError(f"{self.name} has no column {name!r}; it has {', '.join(self._columns) or 'none'}") from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._columns)
+
+    def __len__(self) -> int:
+        return len(self._columns)
+
+    @property
+    def rows(self) -> int:
+        """How many rows it has."""
+        return len(next(iter(self._columns.values()))) if self._columns else 0
+
+    def to_pandas(self) -> Any:
+        """The table as a `pandas.DataFrame`, with units in its ``attrs``.
+
+        Raises:
+            ImportError: pandas is not installed.
+        """
+        frame = package("pandas", "to_pandas").DataFrame(self._columns)
+        frame.attrs["units"] = self.units
+        return frame
+
+    def to_xarray(self) -> Any:
+        """The table as an `xarray.Dataset` over time, with units in its variables' ``attrs``.
+
+        Raises:
+            ImportError: xarray is not installed.
+        """
+        xarray = package("xarray", "to_xarray")
+        over = "time" if "time" in self._columns else "row"
+        variables = {
+            name: (over, values, {"units": self.units[name]} if name in self.units else {})
+            for name, values in self._columns.items()
+        }
+        return xarray.Dataset(variables)
+
+    def __repr__(self) -> str:
+        return f"Table {self.name}: {self.rows} rows, columns {', '.join(self._columns) or 'none'}"
+
+    def _repr_html_(self) -> str:
+        """The last rows, for notebooks."""
+        titles = [f"{name} [{self.units[name]}]" if name in self.units else name for name in self._columns]
+        head = "".join(f"<th>{html.escape(title)}</th>" for title in titles)
+        body = "".join(
+            f"<tr>{''.join(f'<td>{column[row]:.6g}</td>' for column in self._columns.values())}</tr>"
+            for row in range(max(0, self.rows - _SHOWN), self.rows)
+        )
+        count = f"{self.rows} rows" + (f", the last {_SHOWN}:" if self.rows > _SHOWN else "")
+        return (
+            f"<p>{html.escape(self.name)}: {count}</p>"
+            f'<div style="overflow-x: auto"><table><tr>{head}</tr>{body}</table></div>'
+        )
+
+
+def package(name: str, method: str) -> Any:
+    """A package that a method needs and tipfem does not.
+
+    Raises:
+        ImportError: it is not installed.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise ImportError(f"{method} needs {name}, which is not installed: pip install {name}") from error
