@@ -153,7 +153,7 @@ def convert(out: Path, /, *, precision: Literal["double", "single"] = "double", 
     """
     from tipfem.results import to_vtkhdf
 
-    with _bad_input() as failed:
+    with bad_input() as failed:
         path = to_vtkhdf(out, precision=precision, compression=compression)
         print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
     return 2 if failed else 0
