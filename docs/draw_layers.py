@@ -17,6 +17,7 @@ PICTURE = ROOT / "docs" / "images" / "layers.svg"
 # What each part is for, in a line.
 WHAT = {
     "casefile": "cases in TOML, and the commands for them",
+    "study": "many runs of one case",
     "simulation": "the step and the run",
     "run": "a run to a time: outputs, checkpoints, signals",
     "checkpoint": "files to go on from",

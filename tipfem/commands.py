@@ -19,6 +19,7 @@ from cyclopts import App, Parameter
 
 import tipfem
 from tipfem.casefile.commands import call, register
+from tipfem.study.commands import register as register_study
 
 app = App(
     name="tipfem",
@@ -26,6 +27,7 @@ app = App(
     version=tipfem.__version__,
 )
 register(app)
+register_study(app)
 
 # Patterns of the demos' paths, and the headings they are listed under; a run.py goes by the name of its folder.
 SECTIONS = {"*.py": "Demos", "validation/*/run.py": "Validation", "benchmarks/*.py": "Benchmarks"}

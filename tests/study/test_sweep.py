@@ -1,0 +1,137 @@
+"""A sweep with local workers: one run fails, one is killed on its way; the same command again."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import Future
+from pathlib import Path
+
+import pytest
+
+from tipfem.commands import app
+from tipfem.study.running import LocalWorkers, Outcome, usable_cores
+
+BASE = Path(__file__).with_name("column.toml").read_text("utf-8")
+STUDY = """
+case = "base.toml"
+folder = "out"
+
+[set]
+time.end = 0.06
+time.largest_step = 1e-4
+checkpoint.interval = 0.002
+
+[[runs]]
+name = "killed"
+
+[[runs]]
+name = "fails"
+gravity = [0, -1e14]
+
+[[runs]]
+name = "thick"
+time.end = 0.002
+fluids.water.viscosity = 1e-2
+"""
+
+
+def table(folder: Path) -> list[dict[str, str]]:
+    with open(folder / "study.csv", encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    """The folder, the exit code and what the command printed; the first run's process was killed once."""
+    folder = tmp_path_factory.mktemp("sweep")
+    (folder / "base.toml").write_text(BASE, encoding="utf-8")
+    (folder / "study.toml").write_text(STUDY, encoding="utf-8")
+    words = ["sweep", "study.toml", "--workers", str(min(2, len(usable_cores())))]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tipfem", *words],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        run = folder / "out" / "killed"
+        end = time.monotonic() + 200
+        while len(list((run / "checkpoints").glob("*.h5"))) < 2:  # that of the start, and a later one
+            assert process.poll() is None, process.communicate()[0]
+            assert time.monotonic() < end
+            time.sleep(0.005)
+        os.kill(json.loads((run / ".lock").read_text())["process"], signal.SIGKILL)
+        said = process.communicate(timeout=200)[0]
+    finally:
+        process.kill()
+    return folder, process.returncode, said
+
+
+def test_one_failed_run_is_one_failed_row(swept):
+    folder, code, said = swept
+    rows = {row["run"]: row for row in table(folder / "out")}
+    assert code == 1, said
+    assert list(rows) == ["killed", "fails", "thick"]
+    assert {name: row["status"] == "complete" for name, row in rows.items()} == {
+        "killed": True,
+        "fails": False,
+        "thick": True,
+    }
+    assert "the run stops at t = " in rows["fails"]["status"]
+    assert "error: the run stops at t = " in (folder / "out" / "fails" / "log.txt").read_text()
+    assert float(rows["killed"]["time"]) == 0.06
+    assert float(rows["thick"]["time"]) == 0.002
+    assert rows["thick"]["fluids.water.viscosity"] == "0.01"
+    assert rows["killed"]["fluids.water.viscosity"] == ""
+    assert int(rows["thick"]["last.step"]) == int(rows["thick"]["steps"]) == 20
+    assert "(2 of 3 complete)" in said
+    assert "Traceback" not in said
+
+
+def test_a_killed_run_goes_on_from_its_checkpoint(swept):
+    folder, _, said = swept
+    assert said.count("killed: killed; it goes on from its checkpoint") == 1
+    log = (folder / "out" / "killed" / "log.txt").read_text()
+    assert "going on from t = 0" in log
+    assert "going on from step " in log
+    with open(folder / "out" / "killed" / "history.csv", newline="") as file:
+        steps = [int(row["step"]) for row in csv.DictReader(file)]
+    assert steps == list(range(steps[0], steps[0] + len(steps)))
+    assert len(steps) >= 600
+
+
+def test_the_table_is_a_parquet_file_too(swept):
+    pandas, _ = pytest.importorskip("pandas"), pytest.importorskip("pyarrow")
+    folder = swept[0] / "out"
+    read = pandas.read_parquet(folder / "study.parquet")
+    assert list(read["run"]) == [row["run"] for row in table(folder)]
+    assert read["time"][0] == 0.06
+
+
+def test_the_same_command_again_leaves_out_complete_runs(swept, monkeypatch, capsys):
+    folder = swept[0]
+    monkeypatch.chdir(folder)
+    before = table(folder / "out")
+    started = []
+
+    def submit(self: LocalWorkers, run: Path) -> Future[Outcome]:
+        started.append(run.name)
+        task: Future[Outcome] = Future()
+        task.set_result(Outcome(1, "error: as before"))
+        return task
+
+    monkeypatch.setattr(LocalWorkers, "submit", submit)
+    assert app(["sweep", "study.toml", "--workers", "1"], result_action="return_value") == 1
+    assert started == ["fails"]
+    assert "fails: as before  (2 of 3 complete)" in capsys.readouterr().out
+    after = table(folder / "out")
+    assert [row["status"] for row in after] == ["complete", "as before", "complete"]
+    assert after[0] == before[0]
+    assert after[2] == before[2]

@@ -1,0 +1,101 @@
+"""The command sweep."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from cyclopts import App
+
+from tipfem.casefile.describing import toml_value
+from tipfem.casefile.running import bad_input, said
+from tipfem.study.study import Study, load_study
+
+
+def register(app: App) -> None:
+    """Add the command to an application."""
+    app.command(sweep)
+
+
+def sweep(
+    study: Path,
+    /,
+    *,
+    workers: int | None = None,
+    threads: int = 1,
+    dry_run: bool = False,
+    overwrite: bool = False,
+) -> int:
+    """Run a study: one case with other values, many times; go on with one that was stopped.
+
+    Parameters
+    ----------
+    study
+        The study file, in TOML.
+    workers
+        How many runs go at the same time; by default as many as there are cores for.
+    threads
+        CPU threads of each run.
+    dry_run
+        List the runs, how far they are and what they will take; run nothing.
+    overwrite
+        Replace runs that are in the folder of the study, instead of going on with them.
+    """
+    from tipfem.study.running import LocalWorkers, Sweep, prepare, usable_cores
+
+    with bad_input() as failed:
+        read = load_study(study)
+        for name, count in (("--workers", workers), ("--threads", threads)):
+            if count is not None and count < 1:
+                raise ValueError(f"{name} is {count}; it must be a whole number >= 1")
+        if dry_run:
+            _list(read)
+            return 0
+        crew = LocalWorkers(workers or max(1, len(usable_cores()) // threads), threads)
+        prepare(read, overwrite=overwrite)
+    if failed:
+        return 2
+
+    def ended(failures: dict[str, str]) -> None:
+        _write(read, failures)
+
+    progress = Sweep(read, crew, print, ended)
+    stopped = progress.run()
+    written = _write(read, progress.failures)
+    if stopped:
+        return said(128 + stopped, f"stopped; `tipfem sweep {study}` goes on")
+    print(f"table: {', '.join(map(str, written))}")
+    return 1 if progress.failures else 0
+
+
+def _write(study: Study, failures: dict[str, str]) -> list[Path]:
+    from tipfem.study.running import folder_of
+    from tipfem.study.table import figures_of, status_of, write_table
+
+    rows: list[dict[str, Any]] = []
+    for run in study.runs:
+        folder = folder_of(study, run)
+        status = failures.get(run.name) or status_of(folder, run.file.end)
+        rows.append({"run": run.name, "status": status, **run.values, **figures_of(folder)})
+    return write_table(study.folder, rows)
+
+
+def _list(study: Study) -> None:
+    """Print the runs of a study."""
+    from tipfem.casefile.estimate import duration, estimate
+    from tipfem.study.running import folder_of
+    from tipfem.study.table import status_of
+
+    total = 0.0
+    for run in study.runs:
+        try:
+            case = run.file.case()
+        except ValueError as error:
+            raise ValueError(f"run {run.name!r}: {error}") from None
+        table = run.file.table
+        taken = estimate(case, run.file.end, table.time.largest_step, table.output.interval)
+        status = status_of(folder_of(study, run), run.file.end)
+        total += 0.0 if status == "complete" else sum(taken.seconds) / 2
+        values = ", ".join(f"{key} = {toml_value(value)}" for key, value in run.values.items())
+        print(f"{run.name}: {values}; {taken.particles} particles, about {duration(sum(taken.seconds) / 2)}; {status}")
+    print(f"{len(study.runs)} runs, about {duration(total)} of one core; results: {study.folder}")

@@ -1,0 +1,89 @@
+"""The table of a study: a row a run, with its values and figures."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+TABLE = "study.csv"
+# Of summary.json, beside the figures of validation.
+SUMMARY = ("time", "steps", "wall_seconds", "particles")
+
+
+def status_of(folder: Path, end: float) -> str:
+    """How far a run is: "complete", "not started", "stopped", or what its summary says of its end.
+
+    Args:
+        folder: of the run.
+        end: time that it is to reach [s].
+    """
+    summary = _json(folder / "summary.json")
+    if summary.get("status") == "complete" and float(summary.get("time", 0.0)) >= end:
+        return "complete"
+    if summary.get("status") not in (None, "complete"):
+        return str(summary["status"])
+    return "stopped" if (folder / "history.csv").exists() else "not started"
+
+
+def figures_of(folder: Path) -> dict[str, Any]:
+    """Figures of a run: of its summary, the last row of its history, and the last values of its probes."""
+    summary = _json(folder / "summary.json")
+    figures = {key: summary[key] for key in SUMMARY if key in summary}
+    figures.update({f"figure.{key}": value for key, value in dict(summary.get("validation", {})).items()})
+    last = _last_row(folder / "history.csv")
+    figures.update({f"last.{key}": value for key, value in last.items() if key not in ("time", "wall_seconds")})
+    for path in sorted((folder / "probes").glob("*.csv")):
+        figures.update({f"probe.{path.stem}.{key}": value for key, value in _last_row(path).items()})
+    return figures
+
+
+def write_table(folder: Path, rows: Sequence[Mapping[str, Any]]) -> list[Path]:
+    """Write study.csv, and study.parquet where pandas and pyarrow are installed; returns what was written.
+
+    Args:
+        folder: of the study.
+        rows: one a run; columns that a run does not have stay empty.
+    """
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    path = folder / TABLE
+    temporary = path.with_name(path.name + ".part")
+    with open(temporary, "w", encoding="utf-8", newline="") as file:
+        lines = csv.DictWriter(file, columns, lineterminator="\n")
+        lines.writeheader()
+        lines.writerows(rows)
+    os.replace(temporary, path)
+    if find_spec("pandas") is None or find_spec("pyarrow") is None:
+        return [path]
+    import pandas as pd
+
+    parquet = path.with_suffix(".parquet")
+    temporary = parquet.with_name(parquet.name + ".part")
+    pd.read_csv(path).to_parquet(temporary, engine="pyarrow")
+    os.replace(temporary, parquet)
+    return [path, parquet]
+
+
+def _json(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def _last_row(path: Path) -> dict[str, str]:
+    """The last row of a table that is whole; empty if there is none."""
+    last: dict[str, str] = {}
+    try:
+        with open(path, encoding="utf-8", newline="") as file:
+            for row in csv.DictReader(file):
+                if None not in row.values():
+                    last = row
+    except OSError:
+        pass
+    return last

@@ -1,0 +1,59 @@
+"""The process of one run of a study: goes on with the run in a folder, and stops when its parent has ended.
+
+    python -m tipfem.study.worker FOLDER --threads 1 --cores 0 1
+
+Its standard input is a pipe whose other end the parent holds and never writes to. When it is closed, because the parent
+has been killed or wants to stop, the run finishes its step and writes a checkpoint.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+
+from tipfem.casefile.running import resume
+from tipfem.output import FolderLock
+
+PATIENCE = 60.0  # how long a run that is about to stop may still hold the folder [s]
+
+
+def main() -> int:
+    """Run; returns the exit code of `tipfem resume`."""
+    parser = argparse.ArgumentParser(description="Go on with one run of a study.")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--cores", type=int, nargs="*", default=[])
+    given = parser.parse_args()
+    if given.cores and hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, given.cores)
+    threading.Thread(target=_stop_with_the_parent, daemon=True).start()
+    _lock(given.folder)
+    return resume(given.folder, threads=given.threads, progress=False)
+
+
+def _stop_with_the_parent() -> None:
+    while os.read(0, 1):  # not sys.stdin, whose lock this thread would still hold when the interpreter ends
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+def _lock(folder: Path) -> None:
+    """Lock the folder; a run whose parent has just been killed may hold it until it has stopped."""
+    end = time.monotonic() + PATIENCE
+    while True:
+        try:
+            FolderLock(folder).take()
+            return
+        except ValueError as error:
+            if time.monotonic() > end:
+                raise SystemExit(f"error: {error}") from None
+            time.sleep(0.2)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
