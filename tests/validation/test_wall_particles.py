@@ -126,7 +126,7 @@ def test_any_number_of_fluids(count, interface, water, air, glycerin):
     ("name", "interface", "spacing", "end", "longest", "steps"),
     [
         ("dam_break", "interpolated", 0.02, 0.4, 2.5, 3),
-        ("dam_break", "sharp", 0.02, 0.4, 3.0, 20),
+        ("dam_break", "sharp", 0.02, 0.4, 3.0, 30),
         ("layer_inversion", "interpolated", 0.01, 4.0, 2.5, 3),
         ("layer_inversion", "sharp", 0.01, 4.0, 6.0, 120),
     ],

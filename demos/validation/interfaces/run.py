@@ -188,7 +188,8 @@ def check(figures: Figures, spacing: float, short: bool = False) -> list[str]:
     flow = {name.removeprefix("dam_"): value for name, value in sharp.items() if name.startswith("dam_")}
     # A coarse front is known to its spacing only.
     missed += [] if short else experiment.missed(flow, spacing)
-    for name in ("dam_remeshing_absolute", "dam_remeshing_momentum_absolute"):
+    # At the spacing of the short version the sum of the momentum's changes scatters by a factor of two.
+    for name in ("dam_remeshing_absolute", *(() if short else ("dam_remeshing_momentum_absolute",))):
         if name in sharp and not sharp[name] < other[name]:
             missed.append(f"{name} is {sharp[name]:.3g}, not below the interpolated rule's {other[name]:.3g}")
     return missed
