@@ -35,7 +35,7 @@ test-slow: $(VENV)/.installed-plot,test
 lint: $(VENV)/.installed-lint
 	$(RUN) -m ruff check .
 	$(RUN) -m ruff format --check .
-	$(RUN) -m mypy tipfem render demos
+	$(RUN) -m mypy tipfem render
 	$(VENV)/bin/lint-imports
 
 docs: $(VENV)/.installed-docs
