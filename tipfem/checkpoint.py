@@ -89,6 +89,10 @@ class CheckpointFolder:
         Raises:
             CheckpointError: there is none.
         """
+        return self._newest(case, warn)
+
+    def _newest(self, case: Case | None, warn: Callable[[str], None]) -> dict[str, Any]:
+        """See `read` and `newest`."""
         for path in self.files():
             try:
                 return read_file(path, case)
@@ -110,12 +114,7 @@ class CheckpointFolder:
         Raises:
             CheckpointError: there is none.
         """
-        for path in self.files():
-            try:
-                return read_file(path, None)
-            except CheckpointError:
-                continue
-        raise self._none()
+        return self._newest(None, lambda _: None)
 
 
 def file_name(step: int) -> str:
@@ -197,7 +196,7 @@ def _encoded(value: Any, arrays: list[Array]) -> Any:
                 return {"array": number, "fortran": _is_fortran(value)}
         arrays.append(value)
         return {"array": len(arrays) - 1, "fortran": _is_fortran(value)}
-    if isinstance(value, np.bool_ | bool):
+    if isinstance(value, np.bool_):
         return bool(value)
     if isinstance(value, int | np.integer):
         return int(value)
