@@ -27,7 +27,8 @@ class Results:
     """The stored times of a results folder, in order of time.
 
     `len(results)` is the number of stored times, and `results.scene(i)` reads one of them. fields.pvd, or without
-    one fields.vtkhdf, is read when the object is made; a run that is still under way may add more times.
+    one fields.vtkhdf, is read when the object is made; a run that is still under way may add more times, which
+    `refresh` finds.
 
     Args:
         out: results folder.
@@ -57,6 +58,14 @@ class Results:
         self.folder = Path(out)
         if not self.folder.is_dir():
             raise ResultsError(f"results folder {self.folder}: there is no such folder")
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Read case.json and the list of stored times again; scenes of files that are unchanged are kept.
+
+        Raises:
+            ResultsError: the folder cannot be read.
+        """
         case = self._read_case()
         try:
             if case["format"] != FORMAT:
