@@ -9,7 +9,19 @@ from .animation import Animation, animate
 from .renderer import Renderer, render_frame
 from .results import Results, ResultsError
 from .scene import Scene
+from .stage import Stage
 from .strips import strip
 from .view import View
 
-__all__ = ["Animation", "Renderer", "Results", "ResultsError", "Scene", "View", "animate", "render_frame", "strip"]
+__all__ = [
+    "Animation",
+    "Renderer",
+    "Results",
+    "ResultsError",
+    "Scene",
+    "Stage",
+    "View",
+    "animate",
+    "render_frame",
+    "strip",
+]

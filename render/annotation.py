@@ -324,14 +324,14 @@ def _constant_pixels(
     """Axes, title, legend and colour bar: the pixels (K,) that they change in a picture, and their colours (K, 3)."""
     layout = Layout.from_key(layout_key)
     width, height = layout.size
-    background = np.full((height, width, 3), 255, np.uint8)
-    annotator = Annotator(background, layout, colour_map)
+    annotator = Annotator(np.full((height, width, 3), 255, np.uint8), layout, colour_map)
     annotator.axes()
     if title:
         annotator.title(title)
     annotator.panel(names, np.array(shades), field, field_range)
     pixels = np.asarray(annotator.image).reshape(-1, 3)
-    where = np.flatnonzero((pixels != background.reshape(-1, 3)).any(axis=1))
+    red, green, blue = (pixels != 255).T
+    where = np.flatnonzero(red | green | blue)  # many times faster than a reduction over the channels
     return where, pixels[where]
 
 

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +16,22 @@ WALL = "#3d4653"
 INTERFACE = "#0b2239"
 HALO = "#ffffff"
 TRACER = "#8a1f62"
+
+
+class Scheme(NamedTuple):
+    """Colours around the fluids.
+
+    Attributes:
+        background: (3,) of the picture and of space without a fluid.
+        wall: "#rrggbb".
+    """
+
+    background: tuple[float, float, float]
+    wall: str
+
+
+LIGHT = Scheme(BACKGROUND, WALL)
+DARK = Scheme((0x15 / 255, 0x1A / 255, 0x21 / 255), "#8793a3")
 
 # Okabe and Ito's palette, told apart with every common colour vision: blue, orange, bluish green,
 # vermillion, reddish purple, yellow.

@@ -25,6 +25,31 @@ class Surroundings(NamedTuple):
     dry: Array
 
 
+class Bounds(NamedTuple):
+    """Boxes around triangles or segments, one of each.
+
+    Attributes:
+        lower: (K, 2) lower corners [m].
+        upper: (K, 2) upper corners [m].
+    """
+
+    lower: Array
+    upper: Array
+
+    @classmethod
+    def around(cls, corners: Array) -> "Bounds":
+        """The boxes around polygons with corners (K, C, 2) [m]."""
+        lower, upper = corners[:, 0], corners[:, 0]
+        for k in range(1, corners.shape[1]):  # faster than a reduction over a short axis
+            lower, upper = np.minimum(lower, corners[:, k]), np.maximum(upper, corners[:, k])
+        return cls(lower, upper)
+
+    def touching(self, lower: Array, upper: Array) -> Array:
+        """Numbers (S,) of the boxes that touch the one from lower (2,) to upper (2,) [m]."""
+        x = (self.lower[:, 0] <= upper[0]) & (self.upper[:, 0] >= lower[0])
+        return np.flatnonzero(x & (self.lower[:, 1] <= upper[1]) & (self.upper[:, 1] >= lower[1]))
+
+
 class Geometry:
     """Edges, interface and walls of a scene, in metres or as indices.
 
@@ -59,3 +84,23 @@ class Geometry:
         spray, dry = loose_particles(self._cells, self._wall)
         box, inside = walls_around(self._position, self._wall & dry.any())
         return Surroundings(np.concatenate([hull, box]), inside, spray, dry)
+
+    @cached_property
+    def cell_bounds(self) -> Bounds:
+        """Boxes around the cells."""
+        return Bounds.around(self._position[self._cells])
+
+    @cached_property
+    def edge_bounds(self) -> Bounds:
+        """Boxes around the edges."""
+        return Bounds.around(self._position[self.edges.pairs])
+
+    @cached_property
+    def region_bounds(self) -> Bounds:
+        """Boxes around the triangles of the regions."""
+        return self.cell_bounds if self._cell_fluid is not None else Bounds.around(self.regions.triangles)
+
+    @cached_property
+    def interface_bounds(self) -> Bounds:
+        """Boxes around the segments of the interface."""
+        return Bounds.around(self.regions.segments)

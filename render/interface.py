@@ -112,17 +112,22 @@ def cell_edges(cells: Array) -> Edges:
     return Edges(pairs, first, np.diff(first, append=count), sides)
 
 
-def edge_means(edges: Edges, values: Array) -> Array:
+def edge_means(edges: Edges, values: Array, chosen: Array | slice = slice(None)) -> Array:
     """Mean (E, K) on each edge, over the cells that share it, of values (M, K) of the cells.
 
     Args:
         edges: of the M cells.
         values: (M, K).
+        chosen: numbers of the edges that are wanted; all by default.
     """
-    if len(edges.first) == 0:
+    first, shared_by = edges.first[chosen], edges.shared_by[chosen]
+    if len(first) == 0:
         return np.empty((0, values.shape[1]))
+    if edges.shared_by.max() <= 2:
+        one, other = (values[edges.sides[place] % len(values)] for place in (first, first + shared_by - 1))
+        return np.asarray((one + other) / 2)
     total = np.add.reduceat(values[edges.sides % len(values)], edges.first)
-    return np.asarray(total / edges.shared_by[:, None])
+    return np.asarray((total / edges.shared_by[:, None])[chosen])
 
 
 def particle_fluids(cells: Array, fluid: Array, cell_fluid: Array) -> tuple[Array, Array]:

@@ -18,12 +18,13 @@ MOST_CONTOURS = 14
 TRACER_RADIUS = 2.6
 
 
-def draw_layers(drawing: Drawing, scene: Scene, layout: Layout, view: View, on_field: bool) -> list[str]:
+def draw_layers(drawing: Drawing, scene: Scene, cells: Array, layout: Layout, view: View, on_field: bool) -> list[str]:
     """Add the layers that a view asks for.
 
     Args:
         drawing: to which they are added.
         scene: what is drawn.
+        cells: (C, 3) those of its cells that are seen.
         layout: of the picture.
         view: what is shown.
         on_field: whether the cells have the colours of a field, dark ones and light ones.
@@ -40,7 +41,7 @@ def draw_layers(drawing: Drawing, scene: Scene, layout: Layout, view: View, on_f
         low, high = field_limits([scene], view.contours)
         levels = round_ticks(low, high, MOST_CONTOURS)
         values = scene.field_values(view.contours)
-        segments = flow.contour_segments(scene.position, scene.cells, values, levels)
+        segments = flow.contour_segments(scene.position, cells, values, levels)
         _outlined(drawing, layout.pixels(segments), 1.0 * unit, unit)
         if len(levels) > 1:
             name, measure = LABELS.get(view.contours, (view.contours.replace("_", " "), ""))

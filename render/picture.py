@@ -28,6 +28,8 @@ def draw_scene(
     mesh: bool = False,
     particles: bool = False,
     view: View | None = None,
+    scheme: colours.Scheme = colours.LIGHT,
+    bare: bool = False,
 ) -> tuple[Drawing, list[str]]:
     """Drawing of one scene, and lines of text on the scales of its layers.
 
@@ -40,6 +42,8 @@ def draw_scene(
         mesh: draw the edges of the cells.
         particles: draw the particles as dots.
         view: the part shown and the layers; None for all of the scene without layers.
+        scheme: colours around the fluids.
+        bare: the layout's box is the whole picture, so that a window needs no frame.
     """
     view = View() if view is None else view
     assert scene.wall is not None, "a Scene fills in what was left out"
@@ -50,57 +54,71 @@ def draw_scene(
     geometry = scene.geometry
     regions, edges = geometry.regions, geometry.edges
     walls, inside, spray, dry = geometry.surroundings
+    thick, drop = WALL_THICKNESS * unit, max(SPRAY_RADIUS * scene.spacing * layout.scale, 0.9 * unit)
+    radius = min(max(0.27 * scene.spacing * layout.scale, 0.9 * unit), 6 * unit)
+
+    # Of a window only what touches it is drawn, or touches the walls about it.
+    every: slice | Array = slice(None)
+    seen, parts, sides, borders = every, every, every, every
+    near: Array = np.ones(len(pixels), bool)
+    if view.window is not None or view.follow is not None:
+        margin = (2 * thick + max(drop, radius + HALO_WIDTH * unit)) / layout.scale
+        low, high = layout.lower - margin, layout.upper + margin
+        seen, sides = geometry.cell_bounds.touching(low, high), geometry.edge_bounds.touching(low, high)
+        parts = seen if scene.cell_fluid is not None else geometry.region_bounds.touching(low, high)
+        borders = geometry.interface_bounds.touching(low, high)
+        near = np.all((scene.position >= low) & (scene.position <= high), axis=1)
+    cells = scene.cells[seen]
 
     # Walls are stroked on both sides of the mesh's boundary; the fluids painted next hide the inner half.
-    thick = WALL_THICKNESS * unit
-    drawing.lines(pixels[walls], 2 * thick, colours.rgb(colours.WALL), cap=thick)
-    drawing.triangles(pixels[inside], np.array(colours.BACKGROUND))
+    drawing.lines(pixels[walls], 2 * thick, colours.rgb(scheme.wall), cap=thick)
+    drawing.triangles(pixels[inside], np.array(scheme.background))
     if not view.fill:
-        drawing.triangles(pixels[scene.cells], np.array(colours.BACKGROUND))
+        drawing.triangles(pixels[cells], np.array(colours.BACKGROUND))
 
     # Colours are those of cells, (M, 3), where fields or fluids jump between them, else of particles, (N, 3).
     if field is None:
         shown = colours.mix(fills, 1.0, 0.62) if particles else fills
         if view.fill:
-            drawing.triangles(layout.pixels(regions.triangles), shown[regions.fluid])
+            drawing.triangles(layout.pixels(regions.triangles[parts]), shown[regions.fluid[parts]])
         tones = colours.tone(shown)[scene.fluid if scene.cell_fluid is None else scene.cell_fluid]
         by_cell = scene.cell_fluid is not None
         dots = colours.dot_colours(fills)
     else:
-        low, high = (0.0, 1.0) if field_range is None else field_range
+        lowest, highest = (0.0, 1.0) if field_range is None else field_range
         table = colours.colour_table(view.colour_map or colour_map_of(field))
         values = scene.field_values(field)
         by_cell = field in scene.cell_fields
-        shades = colours.map_values(scene.cell_values(field) if by_cell else values, low, high, table)
+        shades = colours.map_values(scene.cell_values(field) if by_cell else values, lowest, highest, table)
         shades = shades.astype(np.float32)
         if view.fill:
-            drawing.triangles(pixels[scene.cells], shades if by_cell else shades[scene.cells])
+            drawing.triangles(pixels[cells], shades[seen] if by_cell else shades[cells])
         tones = 0.6 * shades
         dots = colours.dot_colours_on_field(fills)
 
     # A particle in no cell is drawn as a drop of about the volume that it carries.
-    drop, tints = SPRAY_RADIUS * scene.spacing * layout.scale, fills[scene.fluid[spray]]
+    drops = np.flatnonzero(spray & near)
+    tints = fills[scene.fluid[drops]]
     if field is not None:
-        tints = colours.map_values(values[spray], low, high, table)
-    drawing.dots(pixels[spray], max(drop, 0.9 * unit), tints)
+        tints = colours.map_values(values[drops], lowest, highest, table)
+    drawing.dots(pixels[drops], drop, tints)
 
     if mesh:
-        ends = pixels[edges.pairs]
-        lines = edge_means(edges, tones) if by_cell else tones[edges.pairs].mean(axis=1)
-        drawing.lines(ends, max(MESH_WIDTH * unit, 0.5), lines)
-    radius = min(max(0.27 * scene.spacing * layout.scale, 0.9 * unit), 6 * unit)
+        pairs = edges.pairs[sides]
+        lines = edge_means(edges, tones, sides) if by_cell else (tones[pairs[:, 0]] + tones[pairs[:, 1]]) / 2
+        drawing.lines(pixels[pairs], max(MESH_WIDTH * unit, 0.5), lines)
     beads = pixels[:0]
     if particles:
         fluid, between = scene.fluid, np.zeros(len(pixels), bool)
         if scene.cell_fluid is not None:
             fluid, between = particle_fluids(scene.cells, fluid, scene.cell_fluid)
-        single = ~between & ~dry
+        single = ~between & ~dry & near
         drawing.dots(pixels[single], radius, dots[fluid[single]])
-        beads = pixels[between]
+        beads = pixels[between & near]
 
-    interface = layout.pixels(regions.segments)
+    interface = layout.pixels(regions.segments[borders])
     if not view.fill:  # nothing else shows where the fluids end
-        ends = edges.pairs[edges.shared_by == 1]
+        ends = edges.pairs[sides][edges.shared_by[sides] == 1]
         interface = np.concatenate([interface, pixels[ends[~scene.wall[ends].all(axis=1)]]])
     light, dark = colours.rgb(colours.HALO), colours.rgb(colours.INTERFACE)
     if field is not None:
@@ -110,7 +128,7 @@ def draw_scene(
     drawing.lines(interface, INTERFACE_WIDTH * unit, dark, cap=0.3 * unit)
     # Particles on the interface belong to both fluids and have its colour.
     drawing.dots(beads, radius, dark)
-    notes = draw_layers(drawing, scene, layout, view, field is not None and view.fill)
-    if view.window is not None or view.follow is not None:
+    notes = draw_layers(drawing, scene, cells, layout, view, field is not None and view.fill)
+    if (view.window is not None or view.follow is not None) and not bare:
         mask_outside(drawing, scene, layout)
     return drawing, notes

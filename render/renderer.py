@@ -58,7 +58,7 @@ class Renderer:
     ) -> None:
         self.size = check_size(size)
         self.fluid_colours = dict(fluid_colours or {})
-        self._canvas = _canvas(self.size, backend, samples)
+        self._canvas = make_canvas(self.size, backend, samples)
 
     @property
     def backend(self) -> str:
@@ -154,7 +154,18 @@ def render_frame(
         return renderer.frame(scene, field, field_range, mesh, particles, view)
 
 
-def _canvas(size: tuple[int, int], backend: str, samples: int) -> Canvas:
+def make_canvas(size: tuple[int, int], backend: str, samples: int) -> Canvas:
+    """The back end of a name, or with "auto" the one that `Renderer` chooses.
+
+    Args:
+        size: (width, height) [px].
+        backend: one of `BACKENDS`.
+        samples: of the rasteriser along a side of a pixel.
+
+    Raises:
+        ValueError: the name is not one of these.
+        RuntimeError: the back end is "ggui" and there is no driver.
+    """
     if backend not in BACKENDS:
         raise ValueError(f"backend {backend!r}: expected one of {', '.join(BACKENDS)}")
     if backend == "raster":

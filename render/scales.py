@@ -72,8 +72,30 @@ def field_limits(scenes: Iterable[Scene], field: str) -> Range:
     """
     low, high = np.inf, -np.inf
     for scene in scenes:
-        ends = np.percentile(scene.field_values(field), [0.5, 99.5])
+        ends = field_ends(scene, field)
         low, high = min(low, ends[0]), max(high, ends[1])
+    return round_limits(field, low, high)
+
+
+def field_ends(scene: Scene, field: str) -> Range:
+    """The values of a field in a scene without the 0.5 % at either end.
+
+    Args:
+        scene: with the field.
+        field: its name.
+    """
+    low, high = np.percentile(scene.field_values(field), [0.5, 99.5])
+    return float(low), float(high)
+
+
+def round_limits(field: str, low: float, high: float) -> Range:
+    """A round range for a field; see `field_limits`.
+
+    Args:
+        field: its name.
+        low: the lowest value of `field_ends`.
+        high: the highest.
+    """
     if is_signed(field):
         high = max(abs(low), abs(high))
         low = -high

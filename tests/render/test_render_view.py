@@ -7,9 +7,11 @@ import sys
 import numpy as np
 import pytest
 from render_results import SIDE, sharp_tank, write_results
-from tipfem.render import Renderer, Results, Scene, View, animate, flow, render_frame, renderer, vulkan
+from tipfem.render import Renderer, Results, Scene, Stage, View, animate, flow, render_frame, renderer, vulkan
 from tipfem.render.annotation import panel_width
 from tipfem.render.colours import COLOUR_MAPS, colour_table, luminance, map_values
+from tipfem.render.drawing import Drawing
+from tipfem.render.geometry import Bounds
 from tipfem.render.layout import make_layout
 
 SIZE = (640, 480)
@@ -259,3 +261,37 @@ def test_software_drivers_get_the_rasteriser_and_one_line_says_so(monkeypatch, c
     assert capsys.readouterr().err == (
         "tipfem.render: the only Vulkan driver is software (llvmpipe), drawing with the rasteriser\n"
     )
+
+
+@pytest.mark.parametrize("sharp", [False, True])
+def test_what_lies_outside_a_window_is_left_out_and_the_picture_is_the_same(sharp, tmp_path, monkeypatch):
+    scene = Results(write_results(tmp_path, times=(0.0,), sharp=sharp)).scene(0)
+    view = View(window=(0.1, 0.15, 0.3, 0.3), contours="pressure")
+    options = dict(size=(640, 360), backend="raster", mesh=True, particles=True, view=view)
+    part = [render_frame(scene, field=field, **options) for field in (None, "pressure")]
+    counts = []
+    triangles = Drawing.triangles
+    monkeypatch.setattr(Drawing, "triangles", lambda *a: (counts.append(len(a[1])), triangles(*a))[1])
+    render_frame(scene, **options)
+    few = sum(counts)
+    monkeypatch.setattr(Bounds, "touching", lambda self, lower, upper: np.arange(len(self.lower)))
+    counts.clear()
+    for field, image in zip((None, "pressure"), part, strict=True):
+        assert np.array_equal(render_frame(scene, field=field, **options), image)
+    assert few < 0.2 * sum(counts)
+
+
+def test_a_stage_shows_its_window_from_edge_to_edge(tmp_path):
+    scene = Results(write_results(tmp_path, times=(0.0,))).scene(0)
+    stage = Stage((200, 100), "raster")
+    image, _ = stage.draw(scene, View(window=(0.1, 0.0, 0.3, 0.02)))  # 0.1 m high from the middle of the window
+    assert image.shape == (100, 200, 3)
+    water, grey = image[0, 0], np.array([0x3D, 0x46, 0x53])
+    assert water[2] > water[0] + 50  # blue
+    assert (image[65, ::20] == grey).all()  # the wall below the fluid, at y = -0.005 m
+    assert (image[75:] == 255).all()
+    dark, _ = stage.draw(scene, View(window=(0.1, 0.0, 0.3, 0.02)), dark=True)
+    assert (dark[75:] == [0x15, 0x1A, 0x21]).all()
+    values, notes = stage.draw(scene, View(window=(0.1, 0.0, 0.3, 0.02), arrows=True), "speed", samples=2)
+    assert notes
+    assert not np.array_equal(values[:50], image[:50])

@@ -1,0 +1,102 @@
+"""Pictures of a part of a scene without text, for viewers that have their own axes and legends."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from . import colours
+from .arrays import Array, Range
+from .layout import Layout
+from .picture import draw_scene
+from .renderer import Canvas, make_canvas
+from .scales import check_range, field_limits
+from .scene import Scene
+from .view import View
+
+
+class Stage:
+    """Draws windows of scenes that fill pictures of one size, edge to edge; it reuses its buffers.
+
+    Args:
+        size: (width, height) [px].
+        backend: see `Renderer`.
+        fluid_colours: colours "#rrggbb" by the names of fluids, in place of the default colours.
+
+    Raises:
+        ValueError: an argument is invalid.
+        RuntimeError: the back end is "ggui" and there is no driver.
+    """
+
+    def __init__(
+        self, size: tuple[int, int], backend: str = "auto", fluid_colours: Mapping[str, str] | None = None
+    ) -> None:
+        self.size = size
+        self.fluid_colours = dict(fluid_colours or {})
+        self._backend = backend
+        self._canvases: dict[int, Canvas] = {}
+
+    def draw(
+        self,
+        scene: Scene,
+        view: View,
+        field: str | None = None,
+        field_range: Range | None = None,
+        mesh: bool = False,
+        particles: bool = False,
+        *,
+        unit: float = 1.0,
+        samples: int = 1,
+        dark: bool = False,
+    ) -> tuple[Array, list[str]]:
+        """A picture of the view's window, and lines of text on the scales of its layers.
+
+        Args:
+            scene: what is drawn.
+            view: what is shown; the picture is as wide as its window, and extends as far up and down from its middle
+                as it is tall.
+            field: name of a field in `scene.fields` to colour by; None shows the fluids.
+            field_range: (low, high) of the colours in the field's SI unit; None takes them from the scene.
+            mesh: draw the edges of the cells.
+            particles: draw the particles as dots.
+            unit: size of a design pixel [px]; lines scale with it.
+            samples: along a side of a pixel, 1 or 2, see `Renderer`.
+            dark: draw on a dark background.
+
+        Returns:
+            (H, W, 3) uint8, and the lines.
+
+        Raises:
+            ValueError: there is no such field, or a value is invalid.
+        """
+        if field is not None:
+            field_range = field_limits([scene], field) if field_range is None else check_range(field_range)
+        if samples not in self._canvases:
+            self._canvases[samples] = make_canvas(self.size, self._backend, samples)
+        width, height = self.size
+        lower, upper = (np.asarray(corner, float) for corner in view.bounds(scene))
+        scale = float(width / (upper[0] - lower[0]))
+        middle, half = (lower[1] + upper[1]) / 2, height / scale / 2
+        lower, upper = np.array([lower[0], middle - half]), np.array([upper[0], middle + half])
+        box = (0.0, 0.0, float(width), float(height))
+        layout = Layout(self.size, unit, lower, upper, scale, box, True, box)
+        scheme = colours.DARK if dark else colours.LIGHT
+        drawing, notes = draw_scene(
+            scene,
+            layout,
+            colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours),
+            field=field,
+            field_range=field_range,
+            mesh=mesh,
+            particles=particles,
+            view=replace(view, window=(*lower, *upper), follow=None),
+            scheme=scheme,
+            bare=True,
+        )
+        return self._canvases[samples].paint(drawing, scheme.background), notes
+
+    def close(self) -> None:
+        """Free the back ends' windows or buffers; a later picture opens them again."""
+        for canvas in self._canvases.values():
+            canvas.close()
+        self._canvases.clear()
