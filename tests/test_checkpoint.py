@@ -164,7 +164,8 @@ CASES = {
         .fill(water, box=COLUMN)
         .wall("left", slip=True)
         .wall("bottom", slip_length=1e-3)
-        .wall("top", velocity=(0.3, 0.0)),
+        .wall("top", velocity=(0.3, 0.0))
+        .wall("right", law="layer"),
         [water, air],
         GRAVITY,
     ),

@@ -18,6 +18,7 @@ from tipfem.fem import work
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
+from tipfem.walls.layers import Layers
 from tipfem.walls.step import Walls
 
 
@@ -118,6 +119,7 @@ class State:
         rebuilt: how many meshes since the start were triangulated anew, because the last mesh could not be repaired.
         pressure_jump: (F, N) pressure of each fluid at each particle less that of the particle [Pa], 0 where the fluid
             is not; the next solve starts from it. None before the first step, and where pressure is continuous.
+        layers: the boundary layers on walls with that law; None before the first step, and without such walls.
     """
 
     time: float
@@ -136,6 +138,7 @@ class State:
     relocations: int = 0
     rebuilt: int = 0
     pressure_jump: Array | None = None
+    layers: Layers | None = None
 
     @property
     def mean_acceleration(self) -> float:
@@ -155,6 +158,7 @@ class StepWork:
         stabilisation: loss by the stabilisation of pressure.
         source: work of pressure on the prescribed growth.
         walls: work of the walls' forces on the fluids.
+        friction: dissipation by friction along walls that slip.
         wall_force: (d,) resultant of the walls' forces on the fluids [N].
     """
 
@@ -164,6 +168,7 @@ class StepWork:
     stabilisation: float
     source: float
     walls: float
+    friction: float
     wall_force: Array
 
 

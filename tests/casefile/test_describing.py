@@ -56,6 +56,7 @@ def with_walls():
 def with_grading():
     tank = tp.tank((0.3, 0.2), 0.01).fill(AIR).fill(WATER, box=((0, 0), (0.1, 0.1)))
     limits = Limits(limits=[Limit(box=[[0, 0], [0.3, 0.02]], largest=0.01)])
+    tank.wall("bottom", law="layer")
     return tp.Case(tank, [WATER, AIR], (0, -9.81), grading=tp.Grading({"air": 0.04}, 0.3, limits))
 
 
@@ -98,7 +99,7 @@ def test_a_case_read_back_is_the_same(make, tmp_path):
     assert again.numerics == case.numerics
     assert [wall.name for wall in again.walls] == [wall.name for wall in case.walls]
     for one, other in zip(again.walls, case.walls, strict=True):
-        assert (one.slip, one.slip_length) == (other.slip, other.slip_length)
+        assert (one.slip, one.slip_length, one.law) == (other.slip, other.slip_length, other.law)
         for time in (0.0, 0.3, 0.9):
             d = case.particles.dimension
             assert np.array_equal(one.sliding(time, d), other.sliding(time, d))

@@ -229,7 +229,7 @@ class Tank:
 
         Args:
             side: left, right, bottom or top; back or front (low and high z) too in 3-D.
-            what: slip, slip_length, velocity or motion, see `Wall`.
+            what: law, slip, slip_length, velocity or motion, see `Wall`.
 
         Returns:
             The tank itself, so that calls can be chained.
@@ -244,7 +244,7 @@ class Tank:
             raise ValueError(f"wall: {side!r} is no wall of this tank; it has {', '.join(sides)}")
         if side in self._walls:
             raise ValueError(f"wall {side!r} is described twice; give all of its properties in one call")
-        options = {"slip", "slip_length", "velocity", "motion"}
+        options = {"law", "slip", "slip_length", "velocity", "motion"}
         if not what or set(what) - options:
             raise ValueError(f"wall {side!r}: {sorted(what)} given; it takes one or more of {sorted(options)}")
         Wall(side, particles=[], **what)  # refuses bad values here
@@ -367,7 +367,7 @@ class Tank:
                 continue
             here = position[:, axis] == (self.size[axis] if upper else 0.0)
             options = self._walls.get(name, {})
-            if options.get("slip") or options.get("slip_length") is not None:
+            if options.get("slip") or options.get("slip_length") is not None or options.get("law") == "layer":
                 velocity[here, axis] = 0.0
             else:
                 velocity[here] = 0.0

@@ -13,6 +13,8 @@ from tipfem.typing import Array
 
 Function = Callable[[float], Any]
 
+LAWS = ("no-slip", "layer")  # of a `Wall`
+
 # Weights of finite differences of fourth order for f' (divided by the step) and f'' (divided by its square): central,
 # and one-sided for the start of a run, before which functions need not be defined.
 _AROUND = (np.array([1, -8, 0, 8, -1]) / 12, np.array([-1, 16, -30, 16, -1]) / 12)
@@ -33,6 +35,9 @@ class Wall:
         particles: indices (K,) or mask (N,) of its particles, instead of ``between``.
         slip: whether the fluid slides along it without friction.
         slip_length: l [m] of Navier's condition, traction = viscosity / l (v - v_wall) along the wall; > 0.
+        law: "no-slip": the fluid moves with the wall. "layer": it slips with the friction of the boundary layer where
+            this is thinner than the particles' spacing, and moves with the wall elsewhere; see `tipfem.walls.layers`.
+            None: by ``slip`` and ``slip_length``, and no-slip without these.
         velocity: of a wall that slides along itself, relative to the tank: (d,) [m/s], or a function of time
             [s] that returns it. The wall's particles do not move along with it.
         motion: function of time [s] to the displacement [m] of the wall along its normal since t = 0, relative
@@ -50,6 +55,7 @@ class Wall:
     slip_length: float | None = None
     velocity: Sequence[float] | Function | None = None
     motion: Function | None = None
+    law: str | None = None
 
     def __post_init__(self) -> None:
         here = f"wall {self.name!r}"
@@ -64,6 +70,12 @@ class Wall:
                 raise ValueError(f"{here}: slip_length is {self.slip_length!r} m; it must be > 0, or left out")
             if self.slip:
                 raise ValueError(f"{here}: slip=True is free slip and has no slip_length; give one of the two")
+        if self.law is not None:
+            if self.law not in LAWS:
+                raise ValueError(f"{here}: law is {self.law!r}; it must be one of {', '.join(map(repr, LAWS))}")
+            if self.slip or self.slip_length is not None:
+                given = "slip" if self.slip else "slip_length"
+                raise ValueError(f"{here}: law is {self.law!r} and {given} is given; give one of the two")
         if self.slip and self.velocity is not None:
             raise ValueError(f"{here}: velocity has no effect on a fluid that slips freely; leave out one of the two")
         if self.motion is not None and not callable(self.motion):
@@ -76,7 +88,7 @@ class Wall:
     @property
     def slips(self) -> bool:
         """Whether fluid slides along the wall, with friction or without."""
-        return self.slip or self.slip_length is not None
+        return self.slip or self.slip_length is not None or self.law == "layer"
 
     def displacement(self, time: float) -> Array:
         """Displacement along the inward normal.

@@ -249,7 +249,7 @@ class Parts:
                 continue
             options = self._wall_options(name, table)
             if not options:
-                keys = "slip, slip_length, velocity and motion"
+                keys = "law, slip, slip_length, velocity and motion"
                 self.report(path, f"has nothing to say; give one or more of {keys}, or leave the table out")
                 continue
             place = {key: value for key in ("between", "particles") if (value := getattr(table, key)) is not None}
@@ -277,7 +277,7 @@ class Parts:
         options: dict[str, Any] = {"slip": True} if table.slip else {}
         if "slip" in table.model_fields_set:
             options["slip"] = table.slip
-        for key in ("slip_length", "velocity", "motion"):
+        for key in ("law", "slip_length", "velocity", "motion"):
             value = getattr(table, key)
             if value is not None:
                 options[key] = self._loaded(value)

@@ -254,7 +254,7 @@ class _Writer:
         else:
             particles = np.asarray(wall.particles)
             place["particles"] = (np.flatnonzero(particles) if particles.dtype == bool else particles).tolist()
-        options = {key: getattr(wall, key) for key in ("slip", "slip_length", "velocity", "motion")}
+        options = {key: getattr(wall, key) for key in ("law", "slip", "slip_length", "velocity", "motion")}
         options = {key: value for key, value in options.items() if value is not None and value is not False}
         self.table(("walls", wall.name), {**place, **(self.wall_options(wall.name, options) or {"slip": False})})
 

@@ -82,6 +82,9 @@ class WallTable(Model):
     particles: list[int] | None = quantity("indices of its particles, in place of between", default=None, min_length=1)
     slip: bool = quantity("whether the fluid slides along it without friction", default=False)
     slip_length: float | None = quantity("length of Navier's slip condition", "m", None, gt=0)
+    law: Literal["no-slip", "layer"] | None = quantity(
+        "no-slip, or layer: slip with the friction of a boundary layer that is thinner than the spacing", default=None
+    )
     velocity: VectorOrFunction | None = quantity("velocity of a wall that slides along itself", "m/s", None)
     motion: TimeFunction | None = quantity(
         "displacement along the wall's normal into the fluid, a smooth function of time that is zero at t = 0",

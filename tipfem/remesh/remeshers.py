@@ -222,6 +222,7 @@ class DelaunayRemesher(Remesher):
             relocated=relocated,
             relocations=len(moves) + of_walls,
             rebuilt=before.rebuilt + rebuilt,
+            layers=walls.layers,
         )
 
     def _labelled(self, particles: Particles, mesh: Mesh) -> Particles:
@@ -352,6 +353,7 @@ class FittedRemesher(Remesher):
             relocated=relocated,
             relocations=int(relocated.sum()),
             pressure_jump=jump,
+            layers=solved.walls.layers,
         )
 
     def _material(self, mesh: Mesh) -> tuple[SharpMaterial, Array]:

@@ -3,7 +3,7 @@
 The momentum equation of the step, tested with its displacements u, and the continuity equation, tested with its
 pressures, give the energy balance (derived in docs/theory/energy.md):
 
-    dKE + dPE + viscous + (time + geometry + stabilisation + source + remeshing) - external = residual
+    dKE + dPE + viscous + friction + (time + geometry + stabilisation + source + remeshing) - external = residual
 
 Every term is computed from its own definition; the residual is the error that Newton's method left.
 """
@@ -78,6 +78,7 @@ class SolveBalance:
     Attributes:
         after: totals at the end of the step, with the masses it was solved with.
         viscous: viscous dissipation, dt int 2 mu d : d.
+        friction: dissipation by friction along walls that slip.
         time: of the time integration: work of inertia less the change of kinetic energy, and work against the
             viscous stress with u less that with dt v_alpha.
         geometry: work of pressure on volume that changes between the intermediate and the last positions.
@@ -92,6 +93,7 @@ class SolveBalance:
 
     after: Totals
     viscous: float
+    friction: float
     time: float
     geometry: float
     stabilisation: float
@@ -117,7 +119,7 @@ class Budget:
         self._gravity = np.asarray(case.gravity)
         zeros, none = np.zeros(len(self._gravity)), np.zeros(len(self._names))
         nothing = Totals(0.0, 0.0, zeros, none)
-        balance = SolveBalance(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, none)
+        balance = SolveBalance(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, none)
         self.columns = tuple(self._row(nothing, balance, nothing))
         self._last: tuple[State, Totals] | None = None
 
@@ -176,11 +178,12 @@ class Budget:
         return SolveBalance(
             after=after,
             viscous=work.viscous_dissipation,
+            friction=work.friction,
             time=inertia - (after.kinetic - before.kinetic) + work.viscous - work.viscous_dissipation,
             geometry=-work.geometry,
             stabilisation=work.stabilisation,
             source=-work.source,
-            external=external + work.walls,
+            external=external + work.walls + work.friction,
             wall_force=work.wall_force,
             momentum_residual=change - scheme.dt * (weight + work.wall_force),
             source_volume=start.material.volumes(growth * start.mesh.measure) if growth.any() else np.zeros(count),
@@ -194,6 +197,7 @@ class Budget:
             "kinetic_energy": now.kinetic,
             "potential_energy": now.potential,
             "viscous_dissipation": step.viscous,
+            "friction_dissipation": step.friction,
             "numerical_dissipation": numerical,
             "time_dissipation": step.time,
             "geometry_dissipation": step.geometry,
@@ -202,7 +206,7 @@ class Budget:
             "remeshing_dissipation": remeshing,
             "remeshing_potential_energy": now.potential - step.after.potential,
             "external_work": step.external,
-            "energy_residual": now.energy - before.energy + step.viscous + numerical - step.external,
+            "energy_residual": (now.energy - before.energy + step.viscous + step.friction + numerical - step.external),
         }
         for name, vector in (
             ("momentum", now.momentum),

@@ -262,7 +262,8 @@ class FlowProblem:
             self.dimension,
         )
         viscous_dissipation, viscous, geometry, stabilisation, source, walls, *force = result.tolist()
-        return StepWork(viscous_dissipation, viscous, geometry, stabilisation, source, walls, np.array(force))
+        friction, terms = self._rows.dissipation(), (viscous, geometry, stabilisation, source, walls)
+        return StepWork(viscous_dissipation, *terms, friction, np.array(force))
 
     def product(self, v: Any, out: Any) -> None:
         """out = K v, the derivative of the scaled residual at the last `linearise` along ``v``."""

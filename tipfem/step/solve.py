@@ -73,7 +73,9 @@ class StepSolver:
         position = before.position + scheme.cf * scheme.predict(before) if varies else before.position
         force = case.acceleration(position, state.time + scheme.cf * dt)
         material = ElementProperties(state.material.density, state.material.viscosity, growth)
-        walls = walls_in_step(state.boundary, mesh, before, material.viscosity, scheme, state.time)
+        walls = walls_in_step(
+            state.boundary, mesh, before, material.viscosity, scheme, state.time, material.density, state.layers
+        )
         jump = state.pressure_jump
         if jump is None and numerics.pressure == "two-sided":
             jump = np.zeros((len(case.fluids), len(before)))

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from tipfem.backend.arrays import Buffers
+import numpy as np
+
+from tipfem.backend.arrays import Buffers, download
 from tipfem.backend.launch import launch
 from tipfem.walls import constraint_kernels
 from tipfem.walls.step import Walls
@@ -38,6 +40,8 @@ class WallRows:
             self._count,
             dimension,
         )
+        self._normals, self._coefficients = faces.normal, faces.coefficient
+        self._free = ~walls.fixed[faces.nodes]  # friction does not act on particles in corners
         if self._faces:
             self._nodes, self._coefficient = put("walls.nodes", faces.nodes), put("walls.mu", faces.coefficient)
             self._normal, self._velocity = put("walls.normal", faces.normal), put("walls.v", faces.wall_velocity)
@@ -89,6 +93,16 @@ class WallRows:
             )
         if self._count:
             launch(constraint_kernels.project, self._index, self._rows, out, self._count, self._dimension)
+
+    def dissipation(self) -> float:
+        """Work of friction on the slip at the last `residual` [J, per metre of depth in 2-D]."""
+        if not self._faces:
+            return 0.0
+        d, record = self._dimension, download(self._record, self._faces).astype(float)
+        slip = record[:, 1 : 1 + d * d].reshape(-1, d, d)
+        across = np.einsum("fak,fk->fa", slip, self._normals)
+        square = (self._free * ((slip**2).sum(axis=2) - across**2)).sum(axis=1)
+        return float(self._scheme.dt / d * (record[:, 0] * self._coefficients * square).sum())
 
     def project(self, z: Any) -> None:
         """Project the displacements of a correction."""

@@ -15,6 +15,7 @@ from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.mesh import Mesh, Surface
 from tipfem.typing import Array
+from tipfem.walls.layers import LAYER, LayerFaces, Layers, advance
 from tipfem.walls.motion import WallMotion
 from tipfem.walls.spacing import space_back, space_sliding
 
@@ -58,6 +59,7 @@ class Walls(ABC):
         tank_moves: whether the whole tank moves.
         rows, columns: (K, d * d) projectors of the sliding particles, for momentum and for displacements.
         faces: those with friction.
+        layers: the boundary layers at the end of the step on walls with that law; None without such walls.
     """
 
     boundary: Boundary
@@ -69,6 +71,7 @@ class Walls(ABC):
     rows: Array
     columns: Array
     faces: Faces
+    layers: Layers | None = None
 
     @abstractmethod
     def constrain(self, u: Array) -> Array:
@@ -188,6 +191,8 @@ class WallStep(Walls):
         viscosity: (M,) of the elements [Pa s].
         scheme: generalized-alpha with the step's length.
         time: t_n [s].
+        density: (M,) of the elements [kg/m^3]; walls with a layer need it.
+        layers: at t_n; None before the first step.
 
     Attributes:
         displacement: (N, d) w [m].
@@ -205,6 +210,8 @@ class WallStep(Walls):
         viscosity: Array,
         scheme: GeneralizedAlpha,
         time: float,
+        density: Array | None = None,
+        layers: Layers | None = None,
     ) -> None:
         self.boundary, self.scheme, self._time = boundary, scheme, time
         boundary.require_volume(time + scheme.dt)
@@ -234,14 +241,44 @@ class WallStep(Walls):
         self._rotation = u @ vt
         self.rows = (self._rotation @ boundary.free[slides] @ self._rotation.T).reshape(len(slides), x.shape[1] ** 2)
         self.columns = self._after.free[slides].reshape(len(slides), x.shape[1] ** 2)
-        self.faces = self._find_faces(mesh, viscosity)
+        self.layers = layers or Layers.on(boundary, self.frame[index])
+        self.faces = self._find_faces(mesh, viscosity, particles, density)
 
-    def _find_faces(self, mesh: Mesh, viscosity: Array) -> Faces:
+    def _slip_lengths(
+        self, number: int, mesh: Mesh, cell: Array, face: Array, particles: Particles, viscosity: Array
+    ) -> Array:
+        """Advance the layers of wall ``number`` by the step; the slip length (F,) at each of its faces [m].
+
+        Args:
+            number: of the wall.
+            mesh: of the step.
+            cell: (F,) the faces' cells.
+            face: (F, d) their particles.
+            particles: the state at t_n.
+            viscosity: (F,) kinematic viscosity [m^2/s].
+        """
+        corners = mesh.cells[cell]
+        apex = corners.sum(axis=1) - face.sum(axis=1)
+        x = particles.position[apex]
+        v = particles.velocity[apex] + 0.5 * self.scheme.dt * particles.acceleration[apex]
+        along = 0.5 * (self._before.along(number, x) + self._after.along(number, x))
+        pose, n = self._before.pose, self.boundary.side_normal[self.boundary.members[number][0]]
+        slip = (v - along) @ pose.rotation
+        slip -= (slip @ n)[:, None] * n
+        fluid = particles.fluid[face[:, 0]] if mesh.fluid is None else mesh.fluid[cell]
+        middle, spacing = self.frame[face].mean(axis=1), particles.target[face].mean(axis=1)
+        assert self.layers is not None
+        self.layers, length = advance(
+            self.layers, LayerFaces(number, middle, slip, viscosity, fluid, spacing), self.scheme.dt
+        )
+        return length
+
+    def _find_faces(self, mesh: Mesh, viscosity: Array, particles: Particles, density: Array | None) -> Faces:
         """The faces of walls that slip with friction."""
         b, d = self.boundary, mesh.dimension
         nodes, coefficient, normal, wall_velocity = [], [], [], []
         for number, (wall, (side, members)) in enumerate(zip(b.walls, b.members, strict=True)):
-            if wall.slip_length is None:
+            if wall.slip_length is None and wall.law != LAYER:
                 continue
             mask = np.zeros(len(mesh.position), dtype=bool)
             mask[b.index[members]] = True
@@ -255,8 +292,12 @@ class WallStep(Walls):
             face[measure < 0, :2] = face[measure < 0, 1::-1]
             now = self._before.along(number, mesh.position[face].reshape(-1, d))
             then = self._after.along(number, self._predicted[face].reshape(-1, d))
+            length: float | Array = wall.slip_length or 0.0
+            if wall.law == LAYER:
+                assert density is not None
+                length = self._slip_lengths(number, mesh, cell, face, particles, viscosity[cell] / density[cell])
             nodes.append(face)
-            coefficient.append(viscosity[cell] / wall.slip_length)
+            coefficient.append(viscosity[cell] / length)
             normal.append(np.tile(n, (len(face), 1)))
             wall_velocity.append((self.scheme.alpha_f * now + self.scheme.cf * then).reshape(-1, d * d))
         if not nodes:
@@ -341,9 +382,16 @@ class WallStep(Walls):
 
 
 def walls_in_step(
-    boundary: Boundary, mesh: Mesh, particles: Particles, viscosity: Array, scheme: GeneralizedAlpha, time: float
+    boundary: Boundary,
+    mesh: Mesh,
+    particles: Particles,
+    viscosity: Array,
+    scheme: GeneralizedAlpha,
+    time: float,
+    density: Array | None = None,
+    layers: Layers | None = None,
 ) -> Walls:
     """The walls of a step; see `WallStep` for arguments and errors."""
     if not boundary.active:
         return FixedWalls(boundary, mesh, particles, scheme)
-    return WallStep(boundary, mesh, particles, viscosity, scheme, time)
+    return WallStep(boundary, mesh, particles, viscosity, scheme, time, density, layers)

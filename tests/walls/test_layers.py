@@ -1,0 +1,183 @@
+"""Walls with unresolved boundary layers: the law against closed forms, and what it does in a flow."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import tipfem as tp
+from tipfem.case.boundary import Boundary
+from tipfem.walls.layers import DRY, RESOLVED, LayerFaces, Layers, advance
+
+NU, H = 1e-6, 0.005
+
+
+def plate(count=4):
+    """A wall of ``count`` points, dry before."""
+    place = np.stack([H * np.arange(count), np.zeros(count)], axis=1)
+    return Layers(place, np.zeros(count, dtype=int), np.full(count, DRY), np.zeros((count, 2)))
+
+
+def faces_of(layers, speed, fluid=0, viscosity=NU):
+    """Faces between the points of the plate, under a fluid with a speed."""
+    middle = 0.5 * (layers.place[1:] + layers.place[:-1])
+    count = len(middle)
+    velocity = np.tile([float(speed), 0.0], (count, 1))
+    return LayerFaces(
+        0, middle, velocity, np.full(count, viscosity), np.broadcast_to(fluid, (count,)), np.full(count, H)
+    )
+
+
+def friction(layers, speed_at, end, steps):
+    """Traction over density after a time [s], with ``speed_at`` a function of time; and the layers there."""
+    dt, length = end / steps, np.zeros(0)
+    for n in range(steps):
+        speed = speed_at((n + 0.5) * dt)
+        layers, length = advance(layers, faces_of(layers, speed), dt)
+    # The row of particles at the wall slips by less than the flow outside: U (1 - 2 delta / h).
+    thickness = np.linalg.norm(layers.history, axis=1) ** 0.5 / abs(speed)
+    slip = speed * (1 - 2 * thickness[:-1] / H)
+    return NU * slip / length, layers
+
+
+def test_a_wall_set_off_at_once_has_the_friction_of_stokes_first_problem():
+    traction, _ = friction(plate(), lambda t: 1.5, 0.2, 400)
+    np.testing.assert_allclose(traction, NU * 1.5 / np.sqrt(np.pi * NU * 0.2), rtol=3e-3)
+
+
+def test_a_constant_acceleration_has_087_of_the_exact_friction():
+    traction, _ = friction(plate(), lambda t: 4.0 * t, 0.2, 400)
+    exact = 2 * NU * 4.0 * np.sqrt(0.2 / (np.pi * NU))
+    np.testing.assert_allclose(traction / exact, np.sqrt(3) / 2, rtol=5e-3)
+
+
+def test_the_oscillating_layer_does_not_grow():
+    """Stokes' second problem: after ten periods, the largest Q is that of the first."""
+    layers, largest = plate(), []
+    for period in range(10):
+        for n in range(100):
+            layers, _ = advance(layers, faces_of(layers, np.sin(2 * np.pi * (n + 0.5) / 100)), 0.01)
+            largest.append(np.abs(layers.history).max())
+        assert max(largest[-100:]) == pytest.approx(max(largest[:100]), rel=1e-2), period
+
+
+def test_another_fluid_begins_a_layer_and_a_dry_wall_has_none():
+    _, layers = friction(plate(), lambda t: 1.0, 0.1, 10)
+    assert (layers.history[:, 0] > 0).all()
+    assert (layers.fluid == 0).all()
+    after, _ = advance(layers, faces_of(layers, 1.0, fluid=[0, 0, 1]), 0.01)
+    assert list(after.fluid) == [0, 0, 0, 1]  # the third point is as far from either face: it takes the first
+    assert after.history[3, 0] == pytest.approx(4 * NU / np.pi * 0.01)
+    assert after.history[0, 0] > layers.history[0, 0]
+    none = faces_of(layers, 1.0)
+    far = LayerFaces(
+        0, none.middle + [0.0, 1.0], *(vars(none)[k] for k in ("velocity", "viscosity", "fluid", "spacing"))
+    )
+    dry, _ = advance(layers, far, 0.01)
+    assert (dry.fluid == DRY).all()
+    assert not dry.history.any()
+
+
+def test_a_resolved_layer_is_a_no_slip_wall():
+    """From delta = h / 2 on; and at rest."""
+    steady = plate()
+    for _ in range(200):
+        steady, length = advance(steady, faces_of(steady, 1.0, viscosity=1e-3), 0.01)
+    np.testing.assert_allclose(length, RESOLVED * H)
+    assert np.linalg.norm(steady.history, axis=1).max() <= H**2 * (1 + 1e-12)
+    _, length = advance(plate(), faces_of(plate(), 0.0), 0.01)
+    np.testing.assert_allclose(length, RESOLVED * H)
+
+
+def test_bad_laws_are_refused():
+    tank = tp.tank((1, 0.6), 0.1)
+    with pytest.raises(ValueError, match=re.escape("wall 'top': law is 'log'; it must be one of 'no-slip', 'layer'")):
+        tank.wall("top", law="log")
+    with pytest.raises(ValueError, match="law is 'layer' and slip_length is given; give one of the two"):
+        tank.wall("top", law="layer", slip_length=1e-3)
+
+
+def test_the_points_of_a_wall_are_its_first_particles(water):
+    tank = tp.tank((1, 0.6), 0.1).fill(water).wall("bottom", law="layer").wall("left", slip=True)
+    particles = tank.sample([water])
+    boundary = Boundary(particles, tank.walls(particles), None)
+    layers = Layers.on(boundary, particles.position[boundary.index])
+    assert layers is not None
+    assert len(layers.place) == 11
+    assert not layers.place[:, 1].any()
+    assert (layers.fluid == DRY).all()
+    bare = tp.tank((1, 0.6), 0.1).fill(water).wall("left", slip=True)
+    assert Layers.on(Boundary(particles, bare.walls(particles), None), particles.position[boundary.index]) is None
+
+
+def work_of_lid(law, steps, cells=8, aspect=4.0):
+    """Work of a lid that sets off at once over that of Stokes' first problem, after some steps; and the history."""
+    spacing, nu, speed = 1 / cells, 1e-3, 1e-3
+    fluid = tp.Fluid("fluid", 1.0, nu)
+    tank = tp.tank((aspect, 1), spacing, jitter=0.1).fill(fluid).wall("top", velocity=(speed, 0.0), law=law)
+    for side in ("left", "right", "bottom"):
+        tank.wall(side, slip=True)
+    simulation = tp.Simulation(tp.Case(tank, [fluid], (0, 0)), time_step=0.02 * spacing**2 / nu)
+    start = simulation.energy().kinetic
+    work, exact = [], []
+    for _ in range(steps):
+        simulation.step()
+        work.append(simulation.history[-1]["external_work"])
+        exact.append(2 * nu * speed**2 * aspect * np.sqrt(simulation.time / np.pi / nu))
+    return (start + np.cumsum(work)) / exact, simulation
+
+
+def test_a_layer_from_unresolved_to_resolved_takes_the_work_of_stokes_first_problem():
+    """Until the layer's displacement thickness is a spacing; a no-slip wall takes twice as much at first."""
+    ratio, simulation = work_of_lid("layer", 25)
+    assert (ratio > 0.7).all()
+    assert (ratio < 1.25).all()
+    history = simulation.history
+    assert sum(row["friction_dissipation"] for row in history) > 0
+    residual = sum(abs(row["energy_residual"]) for row in history)
+    assert residual < 5e-3 * sum(row["external_work"] for row in history)
+    held, _ = work_of_lid("no-slip", 1)
+    assert held[0] > 1.8
+
+
+@pytest.mark.parametrize("free_surface", [False, True])
+def test_walls_with_layers_take_less_from_a_dam_break(water, air, free_surface):
+    """Than no-slip walls at 20 mm, by remeshing: less than a third of the energy; the free surface takes more."""
+    losses = []
+    for law in ("no-slip", "layer"):
+        tank = tp.tank((0.584, 0.584), 0.02)
+        if not free_surface:
+            tank.fill(air)
+        tank.fill(water, box=((0, 0), (0.146, 0.292)))
+        for side in ("left", "right", "bottom", "top"):
+            tank.wall(side, law=law)
+        fluids = [water] if free_surface else [water, air]
+        simulation = tp.Simulation(tp.Case(tank, fluids, (0, -9.81), free_surface=free_surface), time_step=2e-3)
+        while simulation.time < 0.15:
+            simulation.step(0.15)
+        losses.append(sum(row["remeshing_dissipation"] for row in simulation.history))
+    assert losses[0] > 0
+    assert abs(losses[1]) < losses[0] / (1.8 if free_surface else 3)
+
+
+def test_layers_in_3d():
+    """The floor of a tank in 3-D takes momentum, and less than half a spacing of the fluid has."""
+    fluid = tp.Fluid("fluid", 1000.0, 1e-3)
+    tank = tp.tank((1, 1, 0.75), 0.25, jitter=0.1).fill(fluid).wall("bottom", law="layer")
+    case = tp.Case(
+        tank,
+        [fluid],
+        (0, 0, 0),
+        interface="interpolated",
+        body_force=lambda x, t: np.stack([x[:, 1], -x[:, 0], 0 * x[:, 0]], axis=1),
+    )
+    simulation = tp.Simulation(case, time_step=0.02)
+    for _ in range(3):
+        simulation.step()
+    layers = simulation.state.layers
+    assert layers is not None
+    assert (layers.fluid == 0).all()
+    assert np.linalg.norm(layers.history, axis=1).max() > 0
+    assert simulation.history[-1]["friction_dissipation"] > 0

@@ -1,0 +1,141 @@
+"""Layers: the boundary layers on walls whose law is "layer", by the walls' own history.
+
+A boundary layer thinner than the particles' spacing cannot be resolved. Held at the wall's velocity, the row of
+particles at the wall would take the momentum of half a spacing of fluid instead, and every flip, split or collapse
+there would take more. Under this law the row slips, with the friction of the layer that the mesh does not have.
+
+Along the wall, let U be the velocity of the fluid outside the layer relative to the wall, and delta the displacement
+thickness of the layer. The wall has then taken the momentum rho U delta per area, so with the traction tau
+
+    d(U delta) / dt = tau / rho,    tau = mu U / l,    l = pi / 2 delta,
+
+where the last relation is that of the layer on a wall set off at once (Stokes' first problem, Schlichting & Gersten,
+Boundary-Layer Theory, section 5.3: tau = mu U / sqrt(pi nu t), delta = 2 sqrt(nu t / pi)). For Q = |U delta| U delta
+this is the linear equation
+
+    dQ / dt = 4 nu / pi |U| U,
+
+which is solved at fixed points of the wall; Q begins with zero where another fluid arrives. For U = a t its traction is
+mu U sqrt(3 / (pi nu t)), where the exact one is mu U sqrt(4 / (pi nu t)).
+
+The row of particles at the wall stands for half a spacing h of fluid, and has lost the layer's momentum: its slip
+velocity is U (1 - 2 delta / h). So the slip length for that velocity is l (1 - 2 delta / h), and once the layer is as
+thick as half a spacing, the mesh resolves it: the wall is a no-slip wall.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tipfem.case.boundary import Boundary
+from tipfem.typing import Array
+
+LAYER = "layer"  # the law's name
+# Slip length where the layer is resolved, in target spacings: the friction keeps the slip below a thousandth of the
+# velocity in the next row.
+RESOLVED = 1e-3
+REACH = 1.5  # distance within which a face acts on a point of the wall, in target spacings
+DRY = -1  # the fluid at a point of the wall that none wets
+
+
+@dataclass(frozen=True)
+class Layers:
+    """The boundary layers at P points of the walls with the law; d dimensions.
+
+    Attributes:
+        place: (P, d) points of these walls in the tank's frame at t = 0 [m].
+        wall: (P,) number of the wall of each point.
+        fluid: (P,) the fluid at each point, `DRY` for none.
+        history: (P, d) Q = |U delta| U delta at each point, in the tank's frame [m^4/s^2].
+    """
+
+    place: Array
+    wall: Array
+    fluid: Array
+    history: Array
+
+    @staticmethod
+    def on(boundary: Boundary, place: Array) -> Layers | None:
+        """No layers yet, at the particles of the walls with the law; None without such walls.
+
+        Args:
+            boundary: of the case at its start.
+            place: (W, d) positions of its wall particles in the tank's frame [m].
+        """
+        numbers = [k for k, wall in enumerate(boundary.walls) if wall.law == LAYER]
+        if not numbers:
+            return None
+        members = [boundary.members[k][1] for k in numbers]
+        wall = np.repeat(numbers, [len(found) for found in members])
+        points = np.ascontiguousarray(place[np.concatenate(members)])
+        return Layers(points, wall, np.full(len(points), DRY), np.zeros_like(points))
+
+
+@dataclass(frozen=True)
+class LayerFaces:
+    """The F faces of one wall with the law in a step.
+
+    Attributes:
+        number: of the wall.
+        middle: (F, d) in the tank's frame [m].
+        velocity: (F, d) of the fluid in the next row relative to the wall, along it, in the tank's frame, in the middle
+            of the step [m/s].
+        viscosity: (F,) kinematic [m^2/s].
+        fluid: (F,) of the faces' cells.
+        spacing: (F,) target spacing of the particles [m].
+    """
+
+    number: int
+    middle: Array
+    velocity: Array
+    viscosity: Array
+    fluid: Array
+    spacing: Array
+
+
+def advance(layers: Layers, faces: LayerFaces, dt: float) -> tuple[Layers, Array]:
+    """Advance the layers of a wall by a step.
+
+    Args:
+        layers: at its start.
+        faces: of the wall.
+        dt: length of the step [s].
+
+    Returns:
+        The layers at its end, those of other walls as they are; and the mean slip length in the step at each face (F,)
+        [m].
+    """
+    mine = np.flatnonzero(layers.wall == faces.number)
+    fluid, history = layers.fluid.copy(), layers.history.copy()
+    if not len(faces.middle):
+        fluid[mine], history[mine] = DRY, 0.0
+        return replace(layers, fluid=fluid, history=history), np.zeros(0)
+    distance, face = cKDTree(faces.middle).query(layers.place[mine])
+    here = np.where(distance < REACH * faces.spacing[face], faces.fluid[face], DRY)
+    old = np.where((here == layers.fluid[mine])[:, None], layers.history[mine], 0.0)
+    u = faces.velocity[face]
+    speed = np.linalg.norm(u, axis=1)
+    new = old + (4 / np.pi * dt * faces.viscosity[face] * speed)[:, None] * u
+    # A layer that the mesh resolves needs no more of a history than that: after a reversal it must be thin again.
+    size, most = np.linalg.norm(new, axis=1), (faces.spacing[face] * speed) ** 2
+    most = np.maximum(most, np.linalg.norm(old, axis=1))
+    new = np.where(
+        (size > most)[:, None], new * np.divide(most, size, out=np.ones_like(size), where=size > 0)[:, None], new
+    )
+    wet = here != DRY
+    fluid[mine], history[mine] = here, np.where(wet[:, None], new, 0.0)
+    flux = 0.5 * (np.linalg.norm(old, axis=1) ** 0.5 + np.linalg.norm(new, axis=1) ** 0.5)  # mean of |U delta|
+    # Where several fluids meet, a face takes the nearest point of its own.
+    _, point = cKDTree(layers.place[mine]).query(faces.middle)
+    mean = np.where(here[point] == faces.fluid, flux[point], 0.0)
+    return replace(layers, fluid=fluid, history=history), slip_length(mean, faces)
+
+
+def slip_length(flux: Array, faces: LayerFaces) -> Array:
+    """Slip lengths (F,) [m] of layers with |U delta| = ``flux`` (F,) [m^2/s]; see the module's text."""
+    speed, h = np.linalg.norm(faces.velocity, axis=1), faces.spacing
+    thickness = np.divide(flux, speed, out=0.5 * h, where=flux < 0.5 * h * speed)
+    return np.maximum(0.5 * np.pi * thickness * (1 - 2 * thickness / h), RESOLVED * h)
