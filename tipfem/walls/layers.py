@@ -138,4 +138,4 @@ def slip_length(flux: Array, faces: LayerFaces) -> Array:
     """Slip lengths (F,) [m] of layers with |U delta| = ``flux`` (F,) [m^2/s]; see the module's text."""
     speed, h = np.linalg.norm(faces.velocity, axis=1), faces.spacing
     thickness = np.divide(flux, speed, out=0.5 * h, where=flux < 0.5 * h * speed)
-    return np.maximum(0.5 * np.pi * thickness * (1 - 2 * thickness / h), RESOLVED * h)
+    return np.asarray(np.maximum(0.5 * np.pi * thickness * (1 - 2 * thickness / h), RESOLVED * h))
