@@ -3,6 +3,7 @@
 import contextlib
 import os
 import tempfile
+from pathlib import Path
 from typing import Any
 
 # Both are read when Taichi is imported: no banner, and a writable place for its cache, without which
@@ -24,6 +25,18 @@ def ensure_runtime() -> Any:
         The running program. A restart of Taichi makes another one and frees all device memory.
     """
     if ti.lang.impl.get_runtime().prog is None:
+        _provide_cache()
         with contextlib.redirect_stdout(None):  # "Starting on arch" is a bare print
             ti.init(arch=ti.cpu, log_level=ti.ERROR)
     return ti.lang.impl.get_runtime().prog
+
+
+def _provide_cache() -> None:
+    """Let Taichi keep compiled kernels in a temporary folder if it cannot in its own, or it ends the process."""
+    folder = Path(os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or ti.lang.impl.default_cfg().offline_cache_file_path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError:
+        os.environ["TI_OFFLINE_CACHE_FILE_PATH"] = tempfile.mkdtemp(prefix="tipfem-cache-")

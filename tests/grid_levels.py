@@ -22,10 +22,10 @@ def upload_csr(buffers, matrix):
     )
 
 
-def hierarchy(position, matrix, grid_spacing):
+def hierarchy(position, matrix, grid_spacing, particles=None):
     """The multigrid of a SciPy matrix in CSR on its nodes."""
     buffers = Buffers()
-    grid = BackgroundMultigrid(position.min(axis=0), position.max(axis=0), grid_spacing, buffers)
+    grid = BackgroundMultigrid(position.min(axis=0), position.max(axis=0), grid_spacing, buffers, particles)
     grid.build(buffers.upload("position", position), upload_csr(buffers, matrix), len(position))
     return grid
 

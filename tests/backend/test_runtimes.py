@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 
@@ -71,3 +72,110 @@ def test_a_missing_gpu_is_an_error_and_not_a_run_on_the_cpu():
     if done.returncode == 0:
         pytest.skip("there is a CUDA device")
     assert "RuntimeError: init: Taichi cannot start on 'cuda'" in done.stderr
+
+
+def script(text, tmp_path, **environment):
+    """A script run in a process of its own, from a file, for kernels are read from their source."""
+    path = tmp_path / "script.py"
+    path.write_text(text)
+    return subprocess.run(
+        [sys.executable, str(path)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        env={**os.environ, **environment},
+    )
+
+
+CASE = """
+import multiprocessing
+import numpy as np
+import taichi as ti
+import tipfem as tp
+from tipfem.backend.arrays import Buffers, download
+from tipfem.backend.launch import kernel, launch
+from tipfem.backend.array_types import Reals1
+
+@kernel
+def add(x: Reals1, n: ti.i32):
+    for i in range(n):
+        x[i] = x[i] + 1.0
+
+water, air = tp.Fluid("water", 998.2, 1e-3), tp.Fluid("air", 1.2, 1.8e-5)
+tank = tp.tank((0.5, 0.5), 0.05).fill(air).fill(water, box=((0, 0), (0.2, 0.2)))
+case, buffers = tp.Case(tank, [water, air], (0, -9.81)), Buffers()
+
+def answer(act):
+    try:
+        return ACTS[act]()
+    except RuntimeError as error:
+        return str(error)
+
+ACTS = {
+    "start": tp.init,
+    "simulate": lambda: tp.Simulation(case),
+    "array": lambda: buffers.upload("x", np.zeros(9)),
+    "launch": lambda: launch(add, array, 9),  # it has been launched before
+    "read": lambda: download(array, 9),
+}
+"""
+
+FORKED = (
+    CASE
+    + """
+tp.init(threads=1)
+array = buffers.upload("y", np.zeros(9))
+launch(add, array, 9)
+with multiprocessing.get_context("fork").Pool(1) as pool:
+    for act in ACTS:
+        print(pool.apply_async(answer, [act]).get(timeout=60))
+launch(add, array, 9)
+print("the parent goes on:", download(array, 9)[0])
+"""
+)
+
+
+@pytest.mark.skipif(not hasattr(os, "register_at_fork"), reason="there is no fork")
+def test_a_forked_child_is_told_at_once_to_be_spawned(tmp_path):
+    done = script(FORKED, tmp_path)
+    assert done.returncode == 0, done.stderr
+    *children, parent = done.stdout.splitlines()
+    assert len(children) == 5
+    assert all('multiprocessing.get_context("spawn")' in line for line in children)
+    assert parent == "the parent goes on: 2.0"
+
+
+RESTARTED = (
+    CASE
+    + """
+ti.init(arch=ti.cpu, log_level=ti.ERROR)  # before the first start it does no harm
+tp.init(threads=1)
+array = buffers.upload("y", np.zeros(9))
+launch(add, array, 9)
+ti.init(arch=ti.cpu, log_level=ti.ERROR)
+for act in ACTS:
+    print("refused:", answer(act))
+"""
+)
+
+
+@pytest.mark.parametrize("patches", ["0", "1"])
+def test_a_second_start_of_taichi_is_an_error_and_not_a_run_in_single_precision(patches, tmp_path):
+    done = script(RESTARTED, tmp_path, TIPFEM_TAICHI_PATCHES=patches)
+    assert done.returncode == 0, done.stderr
+    lines = [line for line in done.stdout.splitlines() if line.startswith("refused")]
+    assert len(lines) == 5
+    assert all("has been started again or reset since tipfem.init" in line for line in lines)
+
+
+def test_a_cache_that_cannot_be_written_is_said_in_a_warning(tmp_path):
+    (tmp_path / "file").write_text("")
+    (tmp_path / "other").mkdir()
+    text = "import tipfem as tp; from tipfem.backend.arrays import Buffers; tp.init(threads=1)\n"
+    text += "import numpy; b = Buffers(); b.upload('x', numpy.zeros(3)); b.grow('x', 99)"
+    done = script(text, tmp_path, TI_OFFLINE_CACHE_FILE_PATH=str(tmp_path / "file"), TMPDIR=str(tmp_path / "other"))
+    assert done.returncode == 0, done.stderr  # it was a segmentation fault
+    assert f"compiled kernels cannot be kept in '{tmp_path / 'file'}'" in done.stderr
+    kept = [path for path in (tmp_path / "other").rglob("*") if path.is_file()]
+    assert kept, "kernels are kept nowhere"

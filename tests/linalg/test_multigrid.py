@@ -16,6 +16,7 @@ from tipfem.backend import launch
 from tipfem.backend.arrays import download
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg import fgmres
+from tipfem.linalg.multigrid import multigrid
 from tipfem.linalg.multigrid.grid_hierarchy import DIAGONAL
 from tipfem.linalg.multigrid.mesh_transfer import OMEGA
 from tipfem.mesh.delaunay import triangulate
@@ -93,6 +94,38 @@ def test_coarse_operators_are_galerkin_products(size, spacing, grid_spacing):
     assert grid.shapes[-1].max() <= 5
     if max(size) / grid_spacing > 5:
         assert len(grid.shapes) > 1
+
+
+def test_cells_have_sides_of_their_own_where_there_are_few_particles(monkeypatch):
+    """The Galerkin product on a grid that is coarser along its longest axis."""
+    monkeypatch.setattr(multigrid, "FEW_NODES", 150)
+    monkeypatch.setattr(multigrid, "NODES_PER_PARTICLE", 0)
+    particles, mesh, density = two_fluids((2.0, 0.3), 0.05)
+    matrix = twin.laplacian(mesh.position, mesh.cells, 1 / density)
+    grid = hierarchy(particles.position, matrix, 0.1, particles=len(particles.position))
+    assert grid.spacing.tolist() == [0.2, 0.1]
+    points = (particles.position - particles.position.min(axis=0)) / grid.spacing
+    p = sparse.csr_matrix(twin.hats(points, tuple(int(n) for n in grid.shapes[0])))
+    expected = p.T @ sparse.csr_matrix(matrix) @ p
+    assert abs(level_matrix(grid, 0) - expected).max() < 1e-12 * abs(expected).max()
+
+
+@pytest.mark.parametrize(
+    ("size", "particles", "sides"),
+    [
+        ((1.0, 1.0), 40_000, (0.01, 0.01)),
+        ((100.0, 0.01), 60_000, (0.01, 0.01)),  # a thin tank that is full of particles
+        ((14.0, 14.0), 441, (0.16, 0.08)),  # a thin one across the box: 2 million nodes of 0.01
+        ((1000.0, 0.01), 441, (0.32, 0.01)),
+        ((14.0, 14.0, 14.0), 441, (0.64, 0.64, 0.64)),
+    ],
+)
+def test_few_particles_do_not_take_a_large_grid(size, particles, sides):
+    found, cells = multigrid.grid_cells(np.array(size), 0.01, particles)
+    np.testing.assert_allclose(found, sides)
+    assert np.prod(cells + 5.0) <= max(16 * particles, 20_000)
+    assert (cells * found >= np.array(size) - 1e-9).all()
+    assert multigrid.grid_cells(np.array(size), 0.01, None)[0].tolist() == [0.01] * len(size)
 
 
 def test_edges_beyond_the_stencil_keep_rows_at_zero_and_symmetry():

@@ -12,7 +12,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Array1, Array2
 from tipfem.backend.launch import kernel, launch, parts
-from tipfem.backend.runtime import real, taichi_real
+from tipfem.backend.runtime import real, require_own_runtime, taichi_real
 from tipfem.backend.taichi_patches import host_view, on_host
 
 
@@ -30,7 +30,11 @@ class Buffers:
             rows: how many rows will be used.
             columns: width of a two-dimensional array; 0 for a one-dimensional one.
             integer: int32 instead of real.
+
+        Raises:
+            RuntimeError: see `tipfem.backend.runtime.require_own_runtime`.
         """
+        require_own_runtime()
         array = self._arrays.get(name)
         if array is None or array.shape[0] < rows or (columns and array.shape[1] != columns):
             capacity = max(rows + rows // 8, 16)
@@ -79,6 +83,7 @@ def partials(columns: int) -> np.ndarray:
 
 def download(array: Any, rows: int) -> np.ndarray:
     """The first ``rows`` rows of a device array, as a NumPy array."""
+    require_own_runtime()
     if on_host():
         return np.asarray(host_view(array)[:rows].copy())
     width = array.shape[1:]

@@ -25,6 +25,7 @@ An example, started by ``launch(add, x, y, n, work=(n, 2.0))``:
 
 import functools
 import inspect
+import os
 import weakref
 from collections.abc import Callable
 from typing import Any
@@ -51,6 +52,7 @@ SCHEDULING: dict[str, Any] = {
     "barrier": ti.types.ndarray,
 }
 
+_kernels: "weakref.WeakSet[Kernel]" = weakref.WeakSet()
 # Launches prepared for each device array; they are dropped with the array.
 _users: dict[int, tuple[Any, set[tuple["Kernel", Any]]]] = {}
 
@@ -88,6 +90,7 @@ class Kernel:
         self.waits = "threads" in self.scheduling
         self._prepared: dict[Any, PreparedLaunch] = {}
         self._schedules: dict[Any, tuple[Any, ...]] = {}
+        _kernels.add(self)
 
     def __repr__(self) -> str:
         return f"<kernel {self.__name__}({', '.join(self.parameters)})>"
@@ -116,6 +119,7 @@ class Kernel:
     def start(self, arguments: tuple[Any, ...]) -> Any:
         """Start the kernel with all of its arguments; what it returns."""
         if not ENABLED:
+            runtime.require_own_runtime()
             self._check(arguments)
             return self.taichi(*arguments)
         key = (
@@ -134,6 +138,7 @@ class Kernel:
             raise type(error)(f"{self.__name__}: {error}") from error
 
     def _prepare(self, key: Any, arguments: tuple[Any, ...]) -> PreparedLaunch:
+        runtime.require_own_runtime()
         self._check(arguments)
         prepared = self._prepared[key] = PreparedLaunch(self.taichi, arguments)
         for i in self._arrays:
@@ -161,6 +166,16 @@ def _forget(number: int, _: Any) -> None:
     _, users = _users.pop(number)
     for user, key in users:
         user._prepared.pop(key, None)
+
+
+def _forget_all() -> None:
+    """In a child process: prepare all launches anew, which is refused there; see `runtime.require_own_runtime`."""
+    for each in list(_kernels):
+        each._prepared.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget_all)
 
 
 def kernel(function: Callable[..., Any]) -> Kernel:

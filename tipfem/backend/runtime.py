@@ -3,6 +3,8 @@
 import contextlib
 import os
 import tempfile
+import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +22,8 @@ import taichi as ti  # noqa: E402 # isort: skip
 _ARCHES = {"cpu": ti.cpu, "cuda": ti.cuda}
 _PRECISIONS = {"f64": ti.f64, "f32": ti.f32}
 _running: dict[str, Any] = {}
+_program: list[Any] = [None]  # the runtime that `init` has started
+_forked = [False]
 _threads = [1]
 BIND_SWITCH = "TIPFEM_BIND_THREADS"
 
@@ -28,7 +32,9 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
     """Start Taichi; once a process.
 
     On the CPU, if Taichi is to use all cores available to the process, each of its threads is bound to a core, unless
-    the environment variable ``TIPFEM_BIND_THREADS`` is 0.
+    the environment variable ``TIPFEM_BIND_THREADS`` is 0. A runtime that another package has started is replaced, and
+    its fields are lost, as by every ``taichi.init``. If the folder in which Taichi keeps compiled kernels cannot be
+    written to, a warning says where they go instead.
 
     Args:
         arch: "cpu", or "cuda", which has not been tried on a GPU.
@@ -37,7 +43,7 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
 
     Raises:
         ValueError: an argument is not one of those.
-        RuntimeError: the device is not there, or Taichi already runs with other settings.
+        RuntimeError: the device is not there, Taichi already runs with other settings, or see `require_own_runtime`.
     """
     if arch not in _ARCHES:
         raise ValueError(f"init: arch is {arch!r}; it must be one of {sorted(_ARCHES)}")
@@ -52,11 +58,13 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
         )
     wanted = {"arch": arch, "precision": precision, "threads": threads}
     if _running:
+        require_own_runtime()
         if _running != wanted:
             raise RuntimeError(f"init: Taichi already runs with {_running}; one process has one runtime, not {wanted}")
         return
     options: dict[str, Any] = {"default_fp": _PRECISIONS[precision], "log_level": ti.ERROR}
     options["cpu_max_num_threads"] = threads or cores
+    _provide_cache()
     # "Starting on arch" is a bare print of Taichi's, and a missing GPU must be an error, not a CPU run.
     before = _own_threads()
     try:
@@ -65,6 +73,7 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
     except Exception as error:
         raise RuntimeError(f"init: Taichi cannot start on {arch!r}: {error}") from error
     _running.update(wanted)
+    _program[0] = taichi_patches.program()
     _threads[0] = taichi_patches.running_threads()
     if arch == "cpu" and os.environ.get(BIND_SWITCH, "1") != "0":
         _bind_to_cores([thread for thread in _own_threads() if thread not in before], _threads[0])
@@ -90,10 +99,78 @@ def _bind_to_cores(started: list[int], threads: int) -> None:
             os.sched_setaffinity(thread, {core})
 
 
+def _provide_cache() -> None:
+    """Let Taichi keep compiled kernels in a temporary folder if it cannot in its own.
+
+    It would end the process with a segmentation fault at its exit, even with its cache switched off.
+    """
+    folder = taichi_patches.cache_folder()
+    reason = _unwritable(folder)
+    if not reason:
+        return
+    user = os.getuid() if hasattr(os, "getuid") else "user"
+    instead = Path(tempfile.gettempdir()) / f"tipfem-cache-{user}"
+    with contextlib.suppress(OSError):
+        instead.mkdir(mode=0o700, exist_ok=True)
+    # What is in it will be executed, so nobody else may have made it.
+    if _unwritable(instead) or (user != "user" and instead.stat().st_uid != user):
+        instead = Path(tempfile.mkdtemp(prefix="tipfem-cache-"))
+    os.environ["TI_OFFLINE_CACHE_FILE_PATH"] = str(instead)
+    warnings.warn(
+        f"compiled kernels cannot be kept in {str(folder)!r} ({reason}), so they go to {str(instead)!r}; let "
+        "XDG_CACHE_HOME or TI_OFFLINE_CACHE_FILE_PATH name a folder that can be written to",
+        stacklevel=3,
+    )
+
+
+def _unwritable(folder: Path) -> str:
+    """Why files cannot be made in a folder, which is made if it is not there; empty if they can."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return ""
+    except OSError as error:
+        return error.strerror or type(error).__name__
+
+
 def require_init() -> None:
-    """Start Taichi on the CPU in f64 if it does not run yet."""
-    if not _running:
+    """Start Taichi on the CPU in f64 if it does not run yet.
+
+    Raises:
+        RuntimeError: see `require_own_runtime`.
+    """
+    if _running:
+        require_own_runtime()
+    else:
         init()
+
+
+def require_own_runtime() -> None:
+    """Check that Taichi still runs as `init` has started it.
+
+    Raises:
+        RuntimeError: this process has been forked from the one in which it was started; or it has been started again,
+            or been reset, by other calls than `init`.
+    """
+    if _forked[0]:
+        raise RuntimeError(
+            "this process was forked from one in which Taichi runs, whose threads it does not have; start it by "
+            'multiprocessing.get_context("spawn"), or call tipfem.init only in the processes that simulate'
+        )
+    if taichi_patches.program() is not _program[0]:
+        raise RuntimeError(
+            "Taichi has been started again or reset since tipfem.init, by taichi.init or taichi.reset; the data of "
+            "all simulations on it are lost. Call tipfem.init alone: other kernels can share its runtime"
+        )
+
+
+def _mark_as_forked() -> None:
+    """In a child process: its copy of the runtime has no threads, and whatever waits for them would wait for ever."""
+    _forked[0] = bool(_running)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_mark_as_forked)
 
 
 def settings() -> dict[str, Any]:

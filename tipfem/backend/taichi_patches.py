@@ -146,6 +146,11 @@ def program() -> Any:
     return impl.get_runtime().prog
 
 
+def cache_folder() -> Path:
+    """Where Taichi keeps compiled kernels, which the environment may change."""
+    return Path(os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or impl.default_cfg().offline_cache_file_path)
+
+
 def on_host() -> bool:
     """Whether device arrays are in host memory, where `host_view` can read and write them."""
     return ENABLED and bool(impl.current_cfg().arch == ti.cpu)

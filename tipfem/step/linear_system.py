@@ -62,12 +62,17 @@ def covering_box(position: Array, spacing: float, last: Array | None = None) -> 
 class Workspace:
     """Device arrays and grids that time steps share. Results do not depend on those of earlier steps.
 
+    Args:
+        particles: about how many there are, see `BackgroundMultigrid`. It must be the same through a run, or the
+            run would not go on from a checkpoint to the bit.
+
     Attributes:
         buffers: the device arrays by name.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, particles: int | None = None) -> None:
         self.buffers = Buffers()
+        self._particles = particles
         self._multigrid: BackgroundMultigrid | None = None
         self._box: Array = np.zeros((2, 0))
 
@@ -78,7 +83,7 @@ class Workspace:
         """
         if self._multigrid is None or not np.array_equal(self._box, box):
             lower, upper = box
-            self._multigrid = BackgroundMultigrid(lower, upper, GRID_SPACING * spacing, self.buffers)
+            self._multigrid = BackgroundMultigrid(lower, upper, GRID_SPACING * spacing, self.buffers, self._particles)
             self._box = box
         return self._multigrid
 

@@ -50,7 +50,7 @@ class StepSolver:
     """
 
     def __init__(self, case: Case, reach: float) -> None:
-        self.case, self.reach, self.workspace = case, reach, Workspace()
+        self.case, self.reach, self.workspace = case, reach, Workspace(len(case.particles))
 
     @timer("solve")
     def solve(self, state: State, dt: float, growth: Array, end: float = math.nan) -> Solved:

@@ -75,7 +75,7 @@ def locate_nodes(
     grid: Ints2,
     coordinates: Reals2,
     cell_lists: Ints1,
-    spacing: float,
+    spacing: Reals1,
     nodes: ti.i32,
     cells: ti.i32,
     dim: Template,
@@ -83,8 +83,8 @@ def locate_nodes(
 ):
     """Coordinates (N, d) of the mesh nodes relative to the grid; cell_lists[c + 1]: number of nodes in grid cell c.
 
-    ``position`` (N, d) and the corner ``lower`` (d,) [m]; ``spacing`` is the side of a grid cell [m], and there are
-    ``cells`` of them.
+    ``position`` (N, d) and the corner ``lower`` (d,) [m]; ``spacing`` (d,) are the sides of a grid cell [m], and there
+    are ``cells`` of them.
     """
     ti.loop_config(serialize=serial)
     for c in range(cells + 1):
@@ -92,7 +92,7 @@ def locate_nodes(
     ti.loop_config(serialize=serial)
     for i in range(nodes):
         for k in ti.static(range(dim)):
-            coordinates[i, k] = (position[i, k] - lower[k]) / spacing
+            coordinates[i, k] = (position[i, k] - lower[k]) / spacing[k]
         post_increment(cell_lists, cell_number(coordinates, grid, i, dim) + 1, serial)
 
 

@@ -45,6 +45,10 @@ from tipfem.linalg.multigrid.v_cycle import ascend, ascend_to_mesh, descend, des
 from tipfem.linalg.sparsity import Csr, running_sums
 from tipfem.typing import Array
 
+# The finest grid has no more nodes than so many a particle, or than the second number: where particles are far from
+# each other along an axis in terms of their spacing, a finer grid would have no use, and could take any memory.
+NODES_PER_PARTICLE, FEW_NODES = 16, 20_000
+
 
 class BackgroundMultigrid:
     """Hierarchy of uniform grids over a box, for Laplacians on clouds of particles inside it.
@@ -53,9 +57,12 @@ class BackgroundMultigrid:
         lower, upper: (d,) corners of the box [m].
         spacing: of the finest grid [m]; about twice that of the particles.
         buffers: that hold the arrays between steps.
+        particles: about how many there are; with few, the grid is coarser along the longest axes. By default as many
+            as the grid may have.
 
     Attributes:
-        dimension, spacing, lower: as given.
+        dimension, lower: as given.
+        spacing: (d,) of the finest grid along the axes [m].
         shapes: (L, d) numbers of grid nodes of the levels along the axes.
         layout: (G, 14) memory layout of the grids, see `grid_hierarchy`.
         fused: whether a cycle is one launch; it is on CPUs.
@@ -63,12 +70,13 @@ class BackgroundMultigrid:
         vectors, coordinates, cell_lists: device arrays of the mesh nodes, see `mesh_transfer`; set by `build`.
     """
 
-    def __init__(self, lower: Array, upper: Array, spacing: float, buffers: Buffers) -> None:
+    def __init__(
+        self, lower: Array, upper: Array, spacing: float, buffers: Buffers, particles: int | None = None
+    ) -> None:
         self.dimension = len(lower)
         self.lower = np.asarray(lower, dtype=float)
-        self.spacing = float(spacing)
         self.buffers = buffers
-        cells = np.maximum(np.ceil((np.asarray(upper) - self.lower) / spacing - 1e-9).astype(int), 1)
+        self.spacing, cells = grid_cells(np.asarray(upper) - self.lower, float(spacing), particles)
         shapes = [cells + 1]
         while shapes[-1].max() > 5:
             shapes.append((shapes[-1] - 1 + 1) // 2 + 1)
@@ -79,6 +87,7 @@ class BackgroundMultigrid:
         # Rims stay zero: no kernel writes there.
         self.levels = buffers.upload("multigrid.levels", np.zeros(entries))
         self._lower = buffers.upload("multigrid.lower", self.lower)
+        self._spacing = buffers.upload("multigrid.spacing", self.spacing)
         self._nodes, self.fused = 0, available()
         self.vectors: Any = None
         self.coordinates: Any = None
@@ -153,7 +162,7 @@ class BackgroundMultigrid:
             self.grid,
             self.coordinates,
             self.cell_lists,
-            self.spacing,
+            self._spacing,
             nodes,
             self._cells,
             dim,
@@ -176,6 +185,23 @@ class BackgroundMultigrid:
         for level in range(len(self.shapes) - 2, -1, -1):
             launch(ascend, levels, grid, level, dim)
         launch(ascend_to_mesh, *on_mesh, levels, grid, nodes, dim)
+
+
+def grid_cells(size: Array, spacing: float, particles: int | None) -> tuple[Array, Array]:
+    """Sides (d,) of the cells of the finest grid [m], and how many there are along each axis (d,).
+
+    Args:
+        size: (d,) of the box [m].
+        spacing: side of the cells [m], if there are enough particles.
+        particles: how many there are, or None for enough.
+    """
+    sides = np.full(len(size), spacing)
+    most = np.inf if particles is None else max(NODES_PER_PARTICLE * particles, FEW_NODES)
+    while True:
+        cells = np.maximum(np.ceil(size / sides - 1e-9), 1.0)
+        if np.prod(cells + 1 + 2 * REACH) <= most or cells.max() == 1:
+            return sides, cells.astype(int)
+        sides[np.argmax(cells)] *= 2
 
 
 def _layout(shapes: Array) -> tuple[Array, list[tuple[int, int]], int]:
