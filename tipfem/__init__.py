@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tipfem.backend.runtime import init
+    from tipfem.case import shapes
     from tipfem.case.case import Case
     from tipfem.case.fluid import Fluid
     from tipfem.case.grading import Grading
     from tipfem.case.numerics import FittedRule, Numerics, RelocationRule, SurfaceRule
     from tipfem.case.particles import Particles
-    from tipfem.case.tank import Tank, tank
+    from tipfem.case.shaped_tank import tank
+    from tipfem.case.tank import Tank
     from tipfem.case.walls import Motion, Wall
     from tipfem.casefile.describing import describe, write_case
     from tipfem.casefile.loading import CaseFile, load_case
@@ -70,6 +72,7 @@ __all__ = [
     "init",
     "load_case",
     "read_results",
+    "shapes",
     "tank",
     "to_vtkhdf",
     "write_case",
@@ -108,7 +111,8 @@ _MODULES = {
     "init": "backend.runtime",
     "load_case": "casefile.loading",
     "read_results": "results",
-    "tank": "case.tank",
+    "shapes": "case.shapes",
+    "tank": "case.shaped_tank",
     "to_vtkhdf": "results",
     "write_case": "casefile.describing",
 }
@@ -118,7 +122,8 @@ def __getattr__(name: str) -> Any:
     """A public name, imported now and kept."""
     if name not in _MODULES:
         raise AttributeError(f"module 'tipfem' has no attribute {name!r}")
-    value = globals()[name] = getattr(import_module(f"tipfem.{_MODULES[name]}"), name)
+    module = import_module(f"tipfem.{_MODULES[name]}")
+    value = globals()[name] = module if name == "shapes" else getattr(module, name)
     return value
 
 

@@ -13,3 +13,7 @@ class StepRefused(Exception):
 
 class CheckpointError(RuntimeError):
     """A checkpoint cannot be read, or is not one of this run."""
+
+
+class TriangulationError(RuntimeError):
+    """The particles could not be triangulated."""

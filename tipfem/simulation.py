@@ -18,10 +18,9 @@ from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.checkpoint import FOLDER, CheckpointFolder, case_from, case_record, differences, environment, file_name
-from tipfem.errors import CheckpointError, SimulationError, StepRefused
+from tipfem.errors import CheckpointError, SimulationError, StepRefused, TriangulationError
 from tipfem.fem.time_integration import StepControl, smallest_jacobian
 from tipfem.fields import FieldOutput
-from tipfem.mesh.delaunay import TriangulationError
 from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.probes import Energy
 from tipfem.notebook import facts

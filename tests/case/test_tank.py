@@ -297,7 +297,7 @@ def test_only_a_fluid_can_be_filled_in():
 
 
 def test_several_parts_at_once_are_refused(water):
-    with pytest.raises(ValueError, match="one of box, disc and where"):
+    with pytest.raises(ValueError, match="one of box, disc, where and shape"):
         tp.tank((1, 1), 0.1).fill(water, box=((0, 0), (1, 1)), disc=((0.5, 0.5), 0.2))
 
 

@@ -10,8 +10,9 @@ from mesh_twins import adjacency
 from scipy.spatial import ConvexHull
 
 import tipfem as tp
+from tipfem.errors import TriangulationError
 from tipfem.mesh import delaunay as triangulation
-from tipfem.mesh.delaunay import TriangulationError, delaunay, triangulate, wall_fluid
+from tipfem.mesh.delaunay import delaunay, triangulate, wall_fluid
 from tipfem.mesh.mesh import Mesh, simplex_measure
 
 

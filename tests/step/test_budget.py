@@ -10,7 +10,7 @@ from manufactured import PI, Vortex
 from mesh_twins import nodal_mass
 
 import tipfem as tp
-from tipfem.mesh.delaunay import TriangulationError
+from tipfem.errors import TriangulationError
 
 TIGHT = {"newton_tolerance": 1e-13, "acceleration_tolerance": 1e-12, "newton_iterations": 12}
 

@@ -9,6 +9,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from tipfem.arguments import numbers
 from tipfem.case.boundary import Boundary
+from tipfem.case.domain import Domain
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import Numerics
@@ -54,6 +55,7 @@ class Case:
         interface: name of the interface rule.
         walls: list of the walls that slip, slide or move.
         boundary: the walls on the particles.
+        domain: the polygon that bounds the fluids, of a tank with a shape; None for the convex hull of the particles.
         tank: the tank that the particles were sampled from; None for particles given as arrays.
         walls_have_fluids: whether the wall particles' fluids are known (from a tank) and need not be taken from
             their neighbours.
@@ -93,11 +95,13 @@ class Case:
         self.walls_have_fluids = False
         self.filled: Callable[[Array], Array] | None = None
         self.tank: Tank | None = None
+        self.domain: Domain | None = None
         if isinstance(particles, Tank):
             self.tank = tank = particles
             particles = tank.sample(
                 self.fluids, fitted=self.interface == "sharp", empty=self.free_surface, grading=self.grading
             )
+            self.domain = tank.domain
         if not isinstance(particles, Particles):
             raise ValueError(f"Case: particles is a {type(particles).__name__}; it must be a Particles or a tank")
         self.particles = particles
@@ -171,6 +175,11 @@ class Case:
         self._check_walls_surround(particles)
 
     def _check_walls_surround(self, particles: Particles) -> None:
+        if self.domain is not None:
+            self.domain.require_surrounds(particles)
+            if self.walls or self.tank_motion or self.interface != "sharp":
+                raise ValueError("Case: a tank with a shape has fixed walls without slip, and a sharp interface")
+            return
         centred = (particles.position - particles.position.mean(axis=0)) / particles.spacing
         try:
             facets = ConvexHull(centred).equations

@@ -10,10 +10,12 @@ import numpy as np
 
 from tipfem.arguments import is_number, numbers
 from tipfem.case import lattice
+from tipfem.case.domain import Domain
 from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading, thinned
 from tipfem.case.lattice import faces_of_part, heaviest_beside, snap_to_faces
 from tipfem.case.particles import Particles
+from tipfem.case.shapes import Shape
 from tipfem.case.walls import Wall
 from tipfem.typing import Array
 
@@ -30,7 +32,7 @@ class Region:
         part: its description in messages.
         contains: function of positions (K, d) [m] to a mask (K,) of those in the region.
         box: (2, d) lower and upper corner of a box [m]; None for other shapes.
-        given: the argument of `Tank.fill` for the region, "box", "disc" or "where", with its value; empty
+        given: the argument of `Tank.fill` for the region, "box", "disc", "where" or "shape", with its value; empty
             for the whole tank.
         velocity: at the start: (d,) [m/s], or function of positions (K, d) [m] to velocities (K, d) [m/s]; None at
             rest.
@@ -89,7 +91,7 @@ class Region:
 
 
 class Tank:
-    """A closed box with one row of wall particles, to be filled with fluids; `tank` makes one.
+    """A closed box with one row of wall particles, to be filled with fluids; `tipfem.tank` makes one.
 
     Particles are placed on a rectilinear lattice. Every face of a filled box inside the tank
     runs midway between two lattice lines: the interface of two fluids is there, and so the
@@ -107,6 +109,9 @@ class Tank:
 
     Attributes:
         size: (d,) array [m].
+        lower, upper: (d,) corners of its bounding box [m].
+        sides: names of its walls.
+        domain: the polygon that bounds it; None for a box.
 
     The other arguments are attributes too.
 
@@ -115,12 +120,17 @@ class Tank:
             the jitter is out of range.
     """
 
+    SLACK = 1e-9  # of boxes, in sizes of the tank
+
     def __init__(self, size: Sequence[float], spacing: float, jitter: float = 0.0, seed: int = 0) -> None:
         self.size = numbers(size)
+        self.lower, self.upper = np.zeros_like(self.size), self.size
+        self.sides: tuple[str, ...] = tuple(name for name, (axis, _) in SIDES.items() if axis < self.size.size)
         self.spacing, self.jitter, self.seed = spacing, jitter, seed
         self._regions: list[Region] = []
         self._walls: dict[str, dict[str, Any]] = {}
         self._sealed = False
+        self.domain: Domain | None = None
         if self.size.ndim != 1 or len(self.size) not in (2, 3) or not ((self.size > 0) & (self.size < np.inf)).all():
             raise ValueError(f"tank: size is {size!r}; it must be 2 or 3 lengths > 0 in metres")
         if not (is_number(spacing) and spacing > 0):
@@ -151,6 +161,7 @@ class Tank:
         box: Sequence[Sequence[float]] | None = None,
         disc: tuple[Sequence[float], float] | None = None,
         where: Callable[[Array], Array] | None = None,
+        shape: Any = None,
         velocity: Callable[[Array], Array] | Sequence[float] | None = None,
     ) -> Tank:
         """Fill the tank, or a part of it, with a fluid; later fills replace earlier ones.
@@ -160,6 +171,7 @@ class Tank:
             box: (lower corner, upper corner) [m].
             disc: (centre, radius) [m]; a ball in 3-D.
             where: function from positions (K, d) [m] to a mask (K,).
+            shape: a shape of `tipfem.shapes`, a list of corners [m], or a polygon of shapely; in 2-D only.
             velocity: of the fluid at the start: d components [m/s], or a function from positions (K, d) [m] to
                 velocities (K, d) [m/s]; by default it is at rest. Particles on walls have what their walls allow.
 
@@ -173,8 +185,8 @@ class Tank:
         self._require_open("fill")
         if not isinstance(fluid, Fluid):
             raise ValueError(f"fill: fluid is {fluid!r}; it must be a Fluid")
-        if sum(part is not None for part in (box, disc, where)) > 1:
-            raise ValueError("fill: give one of box, disc and where, not several")
+        if sum(part is not None for part in (box, disc, where, shape)) > 1:
+            raise ValueError("fill: give one of box, disc, where and shape, not several")
         initial: Callable[[Array], Array] | Array | None = None
         if callable(velocity):
             initial = velocity
@@ -193,11 +205,12 @@ class Tank:
                     f"fill {fluid.name!r}: box is {box!r}; it must be (lower, upper), two corners of "
                     f"{len(size)} coordinates with lower < upper"
                 )
-            if (corners[1] <= 0).any() or (corners[0] >= size).any():
+            if (corners[1] <= self.lower).any() or (corners[0] >= self.upper).any():
                 raise ValueError(f"fill {fluid.name!r}: box {box!r} lies outside the tank of {size.tolist()} m")
-            corners = np.clip(corners, 0.0, size)
+            corners = np.clip(corners, self.lower, self.upper)
+            slack = self.SLACK * size
             self._regions.append(
-                Region(fluid, f"box {box!r}", lambda x: _in_box(x, corners, size), corners, {"box": box})
+                Region(fluid, f"box {box!r}", lambda x: _in_box(x, corners, slack), corners, {"box": box})
             )
         elif disc is not None:
             given, radius = disc if isinstance(disc, Sequence) and len(disc) == 2 else (None, None)
@@ -219,16 +232,36 @@ class Tank:
             if not callable(where):
                 raise ValueError(f"fill {fluid.name!r}: where is {where!r}; it must be a function of positions")
             self._regions.append(Region(fluid, f"where={_name(where)}", where, given={"where": where}))
+        elif shape is not None:
+            self._regions.append(self._shaped(fluid, shape))
         else:
             self._regions.append(Region(fluid, "tank", lambda x: np.ones(len(x), dtype=bool)))
         self._regions[-1].velocity = initial
         return self
 
+    def _shaped(self, fluid: Fluid, given: Any) -> Region:
+        """The region of a shape; see `fill` for errors."""
+        here = f"fill {fluid.name!r}"
+        if len(self.size) != 2:
+            raise ValueError(f"{here}: shape is given in 3-D; shapes are for 2-D only")
+        try:
+            shape = Shape.of(given)
+        except ValueError as error:
+            raise ValueError(f"{here}: {error}") from error
+        lower, upper = shape.box
+        if (upper <= self.lower).any() or (lower >= self.upper).any():
+            raise ValueError(
+                f"{here}: shape, from {lower.tolist()} to {upper.tolist()} m, lies outside the tank, which extends "
+                f"from {self.lower.tolist()} to {self.upper.tolist()} m"
+            )
+        return Region(fluid, "shape", shape.contains, given={"shape": shape})
+
     def wall(self, side: str, **what: Any) -> Tank:
         """Let a wall slip, slide or move: ``wall("top", velocity=(1, 0))``, ``wall("left", slip=True)``.
 
         Args:
-            side: left, right, bottom or top; back or front (low and high z) too in 3-D.
+            side: left, right, bottom or top; back or front (low and high z) too in 3-D. The name of a side, where the
+                tank has another shape.
             what: law, slip, slip_length, velocity or motion, see `Wall`.
 
         Returns:
@@ -239,9 +272,8 @@ class Tank:
                 already, or see `Wall`.
         """
         self._require_open(f"wall {side!r}")
-        sides = [name for name, (axis, _) in SIDES.items() if axis < len(self.size)]
-        if side not in sides:
-            raise ValueError(f"wall: {side!r} is no wall of this tank; it has {', '.join(sides)}")
+        if side not in self.sides:
+            raise ValueError(f"wall: {side!r} is no wall of this tank; it has {', '.join(self.sides)}")
         if side in self._walls:
             raise ValueError(f"wall {side!r} is described twice; give all of its properties in one call")
         options = {"law", "slip", "slip_length", "velocity", "motion"}
@@ -326,14 +358,7 @@ class Tank:
         fluid = np.full(len(position), -1, dtype=np.int32)
         for region, number in zip(self._regions, numbers_of, strict=True):
             fluid[self._mask(region, position, wall)] = number
-        if (fluid < 0).any() and not empty:
-            i = int(np.argmax(fluid < 0))
-            raise ValueError(
-                f"tank: no fluid at {position[i].tolist()}; fill the whole tank first, then parts of it, or give the "
-                "case a free surface"
-            )
-        if (fluid < 0).all():
-            raise ValueError("tank: it is empty; fill at least one part of it with a fluid")
+        self._require_filled(position, fluid, empty=empty)
         free = ~wall
         if len(size) == 2 and (fitted or empty):
             part = fluid_at if fitted else is_empty
@@ -353,6 +378,17 @@ class Tank:
         velocity = self._initial_velocity(position[kept])
         velocity[fluid[kept] < 0] = 0.0
         return Particles(position[kept], fluid[kept], wall[kept], velocity, spacing=self.spacing)
+
+    def _require_filled(self, position: Array, fluid: Array, *, empty: bool) -> None:
+        """Raise ValueError if the tank is empty; or a part of it, unless parts may be ``empty``."""
+        if (fluid < 0).any() and not empty:
+            i = int(np.argmax(fluid < 0))
+            raise ValueError(
+                f"tank: no fluid at {position[i].tolist()}; fill the whole tank first, then parts of it, or give the "
+                "case a free surface"
+            )
+        if (fluid < 0).all():
+            raise ValueError("tank: it is empty; fill at least one part of it with a fluid")
 
     def _initial_velocity(self, position: Array) -> Array:
         """Velocities (N, d) [m/s] at the start: of the regions; along walls that slip, 0 at others."""
@@ -408,26 +444,10 @@ class Tank:
         return {float(x) for box in boxes for x in box[:, axis]}
 
 
-def tank(size: Sequence[float], spacing: float, *, jitter: float = 0.0, seed: int = 0) -> Tank:
-    """A closed tank to be filled: ``tank((1, 1), 0.05).fill(air).fill(water, box=((0, 0), (1, 0.5)))``.
-
-    Args:
-        size: (d,) edge lengths [m].
-        spacing: target distance between particles [m].
-        jitter: random displacement of the particles off the walls [spacings]; needed in 3-D.
-        seed: of the random displacement.
-
-    Raises:
-        ValueError: an argument is out of range, see `Tank`.
-    """
-    return Tank(size, spacing, jitter, seed)
-
-
 def _name(function: Callable[[Array], Array]) -> str:
     return str(getattr(function, "__name__", type(function).__name__))
 
 
-def _in_box(x: Array, corners: Array, size: Array) -> Array:
-    """Mask (K,) of the points in a box; faces on the tank's walls belong to it."""
-    slack = 1e-9 * size
+def _in_box(x: Array, corners: Array, slack: Array) -> Array:
+    """Mask (K,) of the points in a box, up to ``slack`` (d,) outside; faces on the tank's walls belong to it."""
     return np.asarray(((x > corners[0] - slack) & (x < corners[1] + slack)).all(axis=1))

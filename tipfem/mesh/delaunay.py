@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
+from tipfem.errors import TriangulationError
+from tipfem.mesh.constrained import cells_inside
 from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.typing import Array
 
@@ -15,10 +17,6 @@ SLIVER = 1e-6
 QUICK = "Qbb Qc Qz Q12 Q0"
 # Closer than this to a circle through three others, relative to the circle's size, a particle is on it.
 TIE = 1e-9
-
-
-class TriangulationError(RuntimeError):
-    """The particles could not be triangulated."""
 
 
 def delaunay(position: Array, spacing: float, wall: Array | None = None) -> tuple[Array, Array, Array]:
@@ -86,13 +84,15 @@ def _is_unique(position: Array, cells: Array, measure: Array, neighbours: Array,
     return not fluid.any() and bool((inside[close] < TIE * square[:, close].max(axis=0) ** 2).all())
 
 
-def triangulate(position: Array, wall: Array, spacing: float) -> Mesh:
+def triangulate(position: Array, wall: Array, spacing: float, boundary: Array | None = None) -> Mesh:
     """Delaunay mesh of all particles.
 
     Args:
         position: (N, d) [m].
         wall: (N,) mask of the wall particles.
         spacing: target distance h between particles [m], the scale of what counts as flat.
+        boundary: (E, 2) the edges that bound the fluids, with the fluids on their left, in 2-D; by default they fill
+            the convex hull. The mesh has these edges, and is Delaunay otherwise.
 
     Returns:
         The mesh without slivers along straight walls; cells are positively oriented and sorted by their lowest
@@ -101,8 +101,12 @@ def triangulate(position: Array, wall: Array, spacing: float) -> Mesh:
     Raises:
         TriangulationError: Qhull failed or left out a particle, or a flat simplex has a particle off the walls.
     """
-    cells, measure, _ = delaunay(position, spacing)
+    cells, measure, neighbours = delaunay(position, spacing)
     flat = (measure < SLIVER) & wall[cells].all(axis=1)
+    if boundary is not None:
+        kept = cells_inside(position, cells, neighbours, boundary, flat)
+        cells, measure = cells[kept], np.abs(simplex_measure(position, cells[kept])) / spacing**2
+        flat = measure < 0
     cells = cells[~flat]
     if (measure[~flat] <= 1e-14).any():
         i = int(cells[np.argmin(measure[~flat])].max())

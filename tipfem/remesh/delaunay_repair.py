@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tipfem.backend.launch import launch
-from tipfem.mesh.delaunay import TriangulationError
+from tipfem.errors import TriangulationError
 from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.remesh.edges.edge_operations import COLUMNS
 from tipfem.remesh.insertion_kernels import SCRATCH, relocate_particles

@@ -13,7 +13,7 @@ import numpy as np
 
 from tipfem.case.numerics import FittedRule
 from tipfem.case.particles import Particles
-from tipfem.mesh.delaunay import TriangulationError
+from tipfem.errors import TriangulationError
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh.triangulation import Crowding, Triangulation
 from tipfem.remesh.volumes import restore_volumes, with_components

@@ -16,12 +16,14 @@ import numpy as np
 from tipfem.backend.launch import launch
 from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
+from tipfem.case.domain import Domain
 from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import FittedRule, RelocationRule
 from tipfem.case.particles import Particles
+from tipfem.errors import TriangulationError
 from tipfem.mesh.components import ON_INTERFACE
-from tipfem.mesh.delaunay import TriangulationError, triangulate, wall_fluid
+from tipfem.mesh.delaunay import triangulate, wall_fluid
 from tipfem.mesh.free_surface import SurfaceMesher, loose_volumes
 from tipfem.mesh.interface import InterfaceRule, InterpolatedInterface, SharpInterface
 from tipfem.mesh.mesh import Mesh
@@ -251,6 +253,7 @@ class FittedRemesher(Remesher):
         keep: whether every remeshing restores the volumes that the fluids started with, or only those before that
             remeshing.
         grading: of the target spacings; None for the same spacing everywhere and a constant number of particles.
+        domain: that bounds the fluids; None for the convex hull.
     """
 
     interface = SharpInterface()
@@ -264,9 +267,10 @@ class FittedRemesher(Remesher):
         walls_have_fluids: bool,
         keep: bool,
         grading: Grading | None = None,
+        domain: Domain | None = None,
     ) -> None:
         super().__init__(fluids)
-        self.rule = rule
+        self.rule, self.domain = rule, domain
         self._names = [f.name for f in fluids]
         self._keep, self._walls_have_fluids, self._grading = keep, walls_have_fluids, grading
 
@@ -279,11 +283,13 @@ class FittedRemesher(Remesher):
             walls_have_fluids=case.walls_have_fluids,
             keep=case.numerics.volume_correction > 0,
             grading=case.grading,
+            domain=case.domain,
         )
 
     def start(self, particles: Particles, boundary: Boundary, reference: int) -> State:
         """See `Remesher.start`; a triangle belongs to the lightest fluid among its particles'."""
-        mesh = triangulate(particles.position, particles.wall, particles.spacing)
+        edges = None if self.domain is None else self.domain.edges_of(particles)
+        mesh = triangulate(particles.position, particles.wall, particles.spacing, edges)
         if not self._walls_have_fluids:
             particles = particles.shallow_copy(fluid=wall_fluid(mesh, particles.fluid, particles.wall))
         mesh = with_fluids(mesh, particles, self.rank)

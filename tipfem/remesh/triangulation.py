@@ -9,7 +9,7 @@ import numpy as np
 
 from tipfem.backend.launch import launch
 from tipfem.case.particles import Particles
-from tipfem.mesh.delaunay import TriangulationError
+from tipfem.errors import TriangulationError
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh.edges import coarsen_refine, films_contacts, flips
 from tipfem.remesh.edges import long_edges as edge_kernels
