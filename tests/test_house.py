@@ -38,6 +38,7 @@ TAICHI = (
     "remesh/sizing.py",
     "remesh/volume_kernels.py",
     "step/block_preconditioner.py",
+    "step/body_kernels.py",
     "step/fused_iteration.py",
     "step/tie_kernels.py",
     "walls/constraint_kernels.py",

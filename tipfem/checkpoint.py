@@ -33,6 +33,7 @@ from tipfem.mesh.components import Components
 from tipfem.mesh.mesh import Mesh, Surface
 from tipfem.state import InterpolatedMaterial, SharpMaterial, State
 from tipfem.typing import Array
+from tipfem.walls.bodies import BodyStates
 from tipfem.walls.layers import Layers
 
 FORMAT = 1
@@ -41,7 +42,8 @@ KEPT = 2  # newest checkpoints that stay; the one of the start stays too
 
 # Frozen dataclasses that a state consists of; all others are refused.
 _CLASSES: dict[str, type] = {
-    cls.__name__: cls for cls in (State, SharpMaterial, InterpolatedMaterial, Mesh, Surface, Components, Layers)
+    cls.__name__: cls
+    for cls in (State, SharpMaterial, InterpolatedMaterial, Mesh, Surface, Components, Layers, BodyStates)
 }
 # What a mesh keeps once it is computed. Computed anew it could differ by round-off, or be in another order.
 _COMPUTED = ("measure", "neighbours", "edges")

@@ -35,6 +35,7 @@ from tipfem.step.numerical_error import numerical_error
 from tipfem.step.solve import StepSolver
 from tipfem.step.volume_source import VolumeControl
 from tipfem.timers import Timings, timer
+from tipfem.walls.bodies import BodyStates, body_columns
 from tipfem.walls.motion import set_off
 
 Column = Callable[["Simulation"], float]
@@ -115,12 +116,17 @@ class Simulation:
         self.control = StepControl(largest, target=case.numerics.largest_move)
         self.solver = StepSolver(case, self.control.reach)
         self.remesher, self.budget = remesher_for(case), Budget(case)
-        self.columns = own_columns(columns or {}, self.budget.columns)
+        self.columns = own_columns(columns or {}, (*self.budget.columns, *body_columns(case.bodies, None)))
         self.until, self.notes = math.nan, list[str]()
         self._started = clock.perf_counter()
         try:
             initial = set_off(case.boundary, case.particles.copy(), 0.25 * self.control.largest)
+            bodies = None
+            if case.bodies:
+                bodies = BodyStates.start(case.bodies, initial, case.body_label, 0.25 * self.control.largest)
+                initial = bodies.imposed(initial)
             self.state = self.remesher.start(initial, case.boundary, case.pressure_reference())
+            self.state = dataclasses.replace(self.state, bodies=bodies)
         except TriangulationError as error:
             raise ValueError(f"Simulation: the initial particles cannot be meshed: {error}") from error
         rate = 0.0 if self.remesher.keeps_volumes else case.numerics.volume_correction * frequency
@@ -318,6 +324,7 @@ class Simulation:
             "rebuilt": self.state.rebuilt,
             "max_speed": self.particles.max_speed,
             **balance,
+            **body_columns(self.case.bodies, self.state.bodies),
         }
         row.update(dict.fromkeys(self.columns, math.nan), wall_seconds=clock.perf_counter() - self._started)
         try:

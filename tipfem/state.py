@@ -18,6 +18,7 @@ from tipfem.fem import work
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
+from tipfem.walls.bodies import BodyStates
 from tipfem.walls.layers import Layers
 from tipfem.walls.step import Walls
 
@@ -120,6 +121,7 @@ class State:
         pressure_jump: (F, N) pressure of each fluid at each particle less that of the particle [Pa], 0 where the fluid
             is not; the next solve starts from it. None before the first step, and where pressure is continuous.
         layers: the boundary layers on walls with that law; None before the first step, and without such walls.
+        bodies: the bodies in the fluids; None without any.
     """
 
     time: float
@@ -139,6 +141,7 @@ class State:
     rebuilt: int = 0
     pressure_jump: Array | None = None
     layers: Layers | None = None
+    bodies: BodyStates | None = None
 
     @property
     def mean_acceleration(self) -> float:
@@ -191,6 +194,7 @@ class Solved:
         newton_iterations, krylov_iterations: how many the solve took.
         residual: norm of the scaled residual after Newton's method [spacings].
         pressure_jump: (F, N) as of `State`.
+        bodies: those at the end of the step, on the particles of ``before``; None without any.
     """
 
     before: State
@@ -208,6 +212,7 @@ class Solved:
     krylov_iterations: int
     residual: float
     pressure_jump: Array | None = None
+    bodies: BodyStates | None = None
 
     @property
     def dt(self) -> float:
@@ -218,6 +223,14 @@ class Solved:
     def acceleration(self) -> Array:
         """(N, d) a_alpha [m/s^2], the acceleration at the intermediate time."""
         return self.inertia + self.force
+
+    @property
+    def body_acceleration(self) -> Array:
+        """(B, 3) a_alpha of the bodies [m/s^2, m/s^2, rad/s^2]."""
+        assert self.bodies is not None
+        assert self.before.bodies is not None
+        share = self.scheme.alpha_m
+        return np.asarray(share * self.before.bodies.acceleration + (1 - share) * self.bodies.acceleration)
 
     @property
     def mesh(self) -> Mesh:

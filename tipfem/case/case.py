@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from tipfem.arguments import numbers
+from tipfem.case.body import Body
 from tipfem.case.boundary import Boundary
 from tipfem.case.domain import Domain
 from tipfem.case.fluid import Fluid
@@ -25,6 +26,8 @@ DEFAULT_INTERFACE = "sharp"
 SURFACE_INTERFACE = "interpolated"  # the default with a free surface
 # A wall particle of a closed case farther than this inside the convex hull is an inner wall [spacings].
 INNER_WALL = 0.1
+# A wall particle closer than this to the outline of a body is on the body [spacings].
+ON_BODY = 1e-3
 
 
 class Case:
@@ -47,6 +50,8 @@ class Case:
         tank_motion: rigid motion of all walls together, or None.
         grading: target distances that grow from the spacing at interfaces to larger values away from them; None for
             the same distance everywhere. With the sharp interface only.
+        bodies: rigid bodies in the fluids, for particles given as arrays, which have wall particles on the bodies'
+            outlines; a tank has its own, see `Tank.add`.
 
     Attributes:
         particles: the initial state, sampled from the tank if one was given.
@@ -56,6 +61,8 @@ class Case:
         walls: list of the walls that slip, slide or move.
         boundary: the walls on the particles.
         domain: the polygon that bounds the fluids, of a tank with a shape; None for the convex hull of the particles.
+        bodies: list of the bodies.
+        body_label: (N,) number of the body that each particle is on, -1 for none.
         tank: the tank that the particles were sampled from; None for particles given as arrays.
         walls_have_fluids: whether the wall particles' fluids are known (from a tank) and need not be taken from
             their neighbours.
@@ -79,6 +86,7 @@ class Case:
         walls: Sequence[Wall] = (),
         tank_motion: Motion | None = None,
         grading: Grading | None = None,
+        bodies: Sequence[Body] = (),
     ) -> None:
         self.fluids = _checked_fluids(fluids)
         self.free_surface = free_surface
@@ -109,6 +117,8 @@ class Case:
             self.walls_have_fluids, self.filled = True, self.tank.holds
             self.walls = [*self.tank.walls(particles), *self.walls]
         self.gravity = self._checked_gravity(gravity)
+        self.bodies = _checked_bodies(bodies if self.tank is None else self.tank.bodies)
+        self.body_label = self._labelled(particles)
         self._check_particles(particles)
         self.boundary = Boundary(particles, self.walls, self.tank_motion, closed=self.closed)
         if self.tank is not None:
@@ -139,6 +149,19 @@ class Case:
         if given.shape != (d,) or not np.isfinite(given).all():
             raise ValueError(f"Case: gravity is {gravity!r}; it must be {d} finite accelerations in m/s^2")
         return given
+
+    def _labelled(self, particles: Particles) -> Array:
+        """(N,) number of the body that each particle is on, -1 for none."""
+        label = np.full(len(particles), -1, dtype=np.int32)
+        wall = np.flatnonzero(particles.wall)
+        for number, body in enumerate(self.bodies):
+            on = wall[body.distance(particles.position[wall]) < ON_BODY * particles.spacing]
+            if len(on) < 3:
+                raise ValueError(
+                    f"Case: only {len(on)} wall particles are on the outline of body {body.name!r}; it takes 3 or more"
+                )
+            label[on] = number
+        return label
 
     def _check_particles(self, particles: Particles) -> None:
         if self.grading:
@@ -200,7 +223,7 @@ class Case:
                 f"Case: particle {i} at {particles.position[i].tolist()} lies outside the walls (or on them); "
                 "wall particles must surround all others"
             )
-        inner = particles.wall & (depth > INNER_WALL)
+        inner = particles.wall & (depth > INNER_WALL) & (self.body_label < 0)
         if self.closed and inner.any():
             i = int(np.argmax(inner))
             raise ValueError(
@@ -293,6 +316,16 @@ def _checked_fluids(fluids: Sequence[Fluid]) -> list[Fluid]:
     if len(set(names)) < len(names):
         raise ValueError(f"Case: fluids are named {names}; every fluid needs a name of its own")
     return found
+
+
+def _checked_bodies(bodies: Sequence[Body]) -> list[Body]:
+    """The bodies as a list; see `Case` for errors."""
+    if not (isinstance(bodies, Sequence) and all(isinstance(body, Body) for body in bodies)):
+        raise ValueError(f"Case: bodies is {bodies!r}; it must be a list of Body")
+    names = [body.name for body in bodies]
+    if len(set(names)) < len(names):
+        raise ValueError(f"Case: bodies are named {names}; every body needs a name of its own")
+    return list(bodies)
 
 
 def _checked_interface(interface: str | None, free_surface: bool) -> str:

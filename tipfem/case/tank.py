@@ -10,6 +10,7 @@ import numpy as np
 
 from tipfem.arguments import is_number, numbers
 from tipfem.case import lattice
+from tipfem.case.body import Body
 from tipfem.case.domain import Domain
 from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading, thinned
@@ -128,6 +129,7 @@ class Tank:
         self.sides: tuple[str, ...] = tuple(name for name, (axis, _) in SIDES.items() if axis < self.size.size)
         self.spacing, self.jitter, self.seed = spacing, jitter, seed
         self._regions: list[Region] = []
+        self.bodies: list[Body] = []
         self._walls: dict[str, dict[str, Any]] = {}
         self._sealed = False
         self.domain: Domain | None = None

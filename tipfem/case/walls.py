@@ -199,6 +199,10 @@ class Motion:
         rotation = np.eye(dimension) + np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew  # Rodrigues
         return Pose(pivot, pivot + shift, rotation, rate * skew, rate_change * skew, velocity, acceleration)
 
+    def freedoms(self, time: float) -> Array:
+        """Translation x, y [m] and angle [rad] at a time [s] (3,), in two dimensions."""
+        return np.append(self._shift(time, 2), self._angle(time))
+
     def _shift(self, time: float, dimension: int) -> Array:
         given = np.zeros(dimension) if self.translation is None else self.translation(time)
         value = numbers(given)

@@ -225,6 +225,7 @@ class DelaunayRemesher(Remesher):
             relocations=len(moves) + of_walls,
             rebuilt=before.rebuilt + rebuilt,
             layers=walls.layers,
+            bodies=solved.bodies,
         )
 
     def _labelled(self, particles: Particles, mesh: Mesh) -> Particles:
@@ -324,6 +325,8 @@ class FittedRemesher(Remesher):
         particles = self._graded(solved.walls.set_back(solved.particles), before.mesh)
         boundary, fixed = before.boundary, before.fixed.copy()
         fixed[boundary.index[boundary.pinned]] = True
+        if before.bodies is not None:
+            fixed[before.bodies.label >= 0] = True
         slippery = np.zeros(len(fixed), dtype=np.int32)
         slippery[boundary.index[boundary.slides]] = 1
         particles, mesh, relocated, renumbered = repair(
@@ -345,6 +348,10 @@ class FittedRemesher(Remesher):
             fixed[renumbered[before.fixed]] = True
         particles = particles.shallow_copy(fluid=particle_fluid(mesh, len(particles), self.rank))
         particles, boundary = solved.walls.reassign(particles)
+        bodies = solved.bodies
+        if bodies is not None:
+            bodies = bodies.renumbered(renumbered, len(particles))
+            particles = bodies.imposed(particles)
         return self._state(
             particles,
             mesh,
@@ -360,6 +367,7 @@ class FittedRemesher(Remesher):
             relocations=int(relocated.sum()),
             pressure_jump=jump,
             layers=solved.walls.layers,
+            bodies=bodies,
         )
 
     def _material(self, mesh: Mesh) -> tuple[SharpMaterial, Array]:

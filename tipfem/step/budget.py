@@ -5,12 +5,14 @@ pressures, give the energy balance (derived in docs/theory/energy.md):
 
     dKE + dPE + viscous + friction + (time + geometry + stabilisation + source + remeshing) - external = residual
 
+With bodies that float, their kinetic and potential energy is included on the left, and what their dampers take.
+
 Every term is computed from its own definition; the residual is the error that Newton's method left.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from tipfem.case.case import Case
 from tipfem.fem import work as work_kernels
 from tipfem.mesh.free_surface import loose_volumes
 from tipfem.state import Solved, State
+from tipfem.step.body_budget import BodyBalance, body_balance
 from tipfem.timers import timer
 from tipfem.typing import Array
 
@@ -89,6 +92,7 @@ class SolveBalance:
         momentum_residual: (d,) change of sum m (v + (1/2 - alpha_f) dt a) less the impulse of all forces [N s]; wall
             particles, whose state is prescribed, contribute dt a_alpha.
         source_volume: (F,) volume that the volume source added [m^3].
+        bodies: balance of the bodies that float.
     """
 
     after: Totals
@@ -102,6 +106,7 @@ class SolveBalance:
     wall_force: Array
     momentum_residual: Array
     source_volume: Array
+    bodies: BodyBalance = field(default_factory=BodyBalance)
 
 
 class Budget:
@@ -117,6 +122,8 @@ class Budget:
     def __init__(self, case: Case) -> None:
         self._names = [f.name for f in case.fluids]
         self._gravity = np.asarray(case.gravity)
+        self._bodies = case.bodies
+        self._floats = any(body.floats for body in case.bodies)
         zeros, none = np.zeros(len(self._gravity)), np.zeros(len(self._names))
         nothing = Totals(0.0, 0.0, zeros, none)
         balance = SolveBalance(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, none)
@@ -187,27 +194,36 @@ class Budget:
             wall_force=work.wall_force,
             momentum_residual=change - scheme.dt * (weight + work.wall_force),
             source_volume=start.material.volumes(growth * start.mesh.measure) if growth.any() else np.zeros(count),
+            bodies=body_balance(self._bodies, self._gravity, solved) if self._floats else BodyBalance(),
         )
 
     def _row(self, before: Totals, step: SolveBalance, now: Totals) -> dict[str, float]:
         """Columns of the history, from the totals before the step, of its solve, and of the next state."""
         remeshing = step.after.energy - now.energy
-        numerical = step.time + step.geometry + step.stabilisation + step.source + remeshing
+        bodies = step.bodies
+        time = step.time + bodies.numerical
+        numerical = time + step.geometry + step.stabilisation + step.source + remeshing
+        # What the fluids do to bodies that float stays within the system.
+        external = step.external + bodies.work + bodies.external
+        change = now.energy - before.energy + bodies.change
         row = {
             "kinetic_energy": now.kinetic,
             "potential_energy": now.potential,
             "viscous_dissipation": step.viscous,
             "friction_dissipation": step.friction,
             "numerical_dissipation": numerical,
-            "time_dissipation": step.time,
+            "time_dissipation": time,
             "geometry_dissipation": step.geometry,
             "stabilisation_dissipation": step.stabilisation,
             "source_dissipation": step.source,
             "remeshing_dissipation": remeshing,
             "remeshing_potential_energy": now.potential - step.after.potential,
-            "external_work": step.external,
-            "energy_residual": (now.energy - before.energy + step.viscous + step.friction + numerical - step.external),
+            "external_work": external,
+            "energy_residual": change + step.viscous + step.friction + bodies.dampers + numerical - external,
         }
+        if self._floats:
+            row["body_kinetic_energy"], row["body_potential_energy"] = bodies.kinetic, bodies.potential
+            row["damper_dissipation"] = bodies.dampers
         for name, vector in (
             ("momentum", now.momentum),
             ("wall_force", step.wall_force),

@@ -20,11 +20,13 @@ from tipfem.linalg import fgmres, vector_kernels
 from tipfem.mesh.cut import cut_along_interfaces
 from tipfem.mesh.mesh import Mesh, parabola
 from tipfem.state import StepWork
+from tipfem.step.body_rows import BodyRows, measure_forces
 from tipfem.step.interface_ties import InterfaceTies
 from tipfem.step.linear_system import LinearSystem, Workspace, covering_box
 from tipfem.step.matrix_free import MatrixFreeSystem
 from tipfem.timers import timer
 from tipfem.typing import Array
+from tipfem.walls.bodies import BodyWalls
 from tipfem.walls.constraints import WallRows
 from tipfem.walls.step import FixedWalls, Walls
 
@@ -115,7 +117,8 @@ class FlowProblem:
         of_node: Array | slice = self._cut.owner if self._cut else slice(None)
         solved = self._cut.mesh if self._cut else mesh
         self.nodes, self.elements = len(solved.position), len(mesh.cells)
-        self.size = self.nodes * (d + 1)
+        floating = int(walls.floating.sum()) if isinstance(walls, BodyWalls) else 0
+        self.size = self.nodes * (d + 1) + 3 * floating
         self._topology = workspace.topology(solved)
         self._target = put("target", particles.target[of_node])
         self._density = put("density", properties.density)
@@ -124,6 +127,7 @@ class FlowProblem:
         velocity, acceleration = walls.histories(*scheme.history(particles))
         acceleration -= body_force
         self._motion = put("motion", np.hstack([mesh.position, velocity, acceleration])[of_node])
+        self._owner = self._cut.owner if self._cut else None
         self._wall, self._relative = put("wall", particles.wall[of_node]), acceleration
         self._local = buffers.get("local", self.elements * (d + 1), d + 1)
         self._record = buffers.get("record", self.elements, assembly.record_width(d))
@@ -155,16 +159,31 @@ class FlowProblem:
         self._rows = WallRows(walls, d, self._scale, buffers)
         if self._ties:
             self._ties.spread(self._scale)  # which friction of walls has changed
+        self._bodies: BodyRows | None = None
+        if floating:
+            assert isinstance(walls, BodyWalls)
+            with timer("bodies"):
+                material = properties.density, properties.viscosity
+                pinned, owner = free.pinned[of_node], self._owner
+                self._bodies = BodyRows(
+                    walls, solved, owner, material, body_force, pinned, self.system, self._scale, buffers
+                )
+            self.system.bodies = self._bodies
 
     def predict(self) -> Any:
         """First iterate: constant acceleration and pressure, or no motion where that would invert an element."""
         x = self.vector(self.scheme.predict(self.particles), self.particles.pressure)
         if self.limits(x).smallest_jacobian < 0.3:
+            if isinstance(self.walls, BodyWalls):
+                self.walls.solved(np.zeros_like(self.walls.increment))
             x = self.vector(np.zeros_like(self.mesh.position), self.particles.pressure)
         return x
 
     def vector(self, displacement: Array, pressure: Array) -> Any:
-        """Device vector of unknowns from (N, d) and (N,); wall particles are displaced as their walls prescribe."""
+        """Device vector of unknowns from (N, d) and (N,); wall particles are displaced as their walls prescribe.
+
+        Bodies that float have their present increments in ``walls``.
+        """
         x = np.empty((len(displacement), self.dimension + 1))
         x[:, :-1], x[:, -1] = self.walls.constrain(displacement), pressure
         if self.mesh.surface.exists:
@@ -174,6 +193,9 @@ class FlowProblem:
             assert self._pressure_jump is not None
             x = x[self._cut.owner]
             x[self._cut.copied, -1] += self._pressure_jump[self._cut.fluid, self._cut.owner][self._cut.copied]
+        if self._bodies:
+            assert isinstance(self.walls, BodyWalls)
+            return self.buffers.upload("unknowns", np.append(x.ravel(), self._bodies.vector(self.walls.increment)))
         return self.buffers.upload("unknowns", x.ravel())
 
     def split(self, x: Any) -> tuple[Array, Array]:
@@ -181,7 +203,8 @@ class FlowProblem:
 
         Where there are several, the pressure is that of the heaviest fluid.
         """
-        values = download(x, self.size).astype(np.float64, copy=False).reshape(self.nodes, self.dimension + 1)
+        width = self.dimension + 1
+        values = download(x, self.nodes * width).astype(np.float64, copy=False).reshape(self.nodes, width)
         values = values[: len(self.mesh.position)]
         return values[:, :-1].copy(), values[:, -1].copy()
 
@@ -193,7 +216,8 @@ class FlowProblem:
         if not self._cut:
             return None
         assert self._pressure_jump is not None
-        pressure = download(x, self.size).astype(np.float64, copy=False).reshape(self.nodes, -1)[:, -1]
+        values = download(x, self.nodes * (self.dimension + 1)).astype(np.float64, copy=False)
+        pressure = values.reshape(self.nodes, -1)[:, -1]
         copied, owner = self._cut.copied, self._cut.owner[self._cut.copied]
         result = np.zeros_like(self._pressure_jump)
         result[self._cut.fluid[copied], owner] = pressure[copied] - pressure[owner]
@@ -206,6 +230,8 @@ class FlowProblem:
         Every row is scaled to a length [m], the displacement that would remove its residual.
         """
         s = self.scheme
+        if self._bodies:
+            self._bodies.place(x, self._motion)
         launch(
             assembly.residual,
             *self._topology,
@@ -230,17 +256,36 @@ class FlowProblem:
         if self._ties:
             self._ties.collect(self._r)
         self._rows.residual(self._motion, x, self._scale, self._r)
+        if self._bodies:
+            self._bodies.residual(x, self._r)
         return fgmres.largest(self._r, self.size, self.buffers) / self.particles.spacing
 
     @timer("jacobian")
     def linearise(self) -> None:
         """Gather the Jacobian at the last `residual`."""
         self.system.gather(self._record)
+        if self._bodies:
+            self._bodies.linearise(self._density, self._record)
         self._linearised = True
 
     def acceleration(self, displacement: Array) -> Array:
         """a_alpha - b (N, d) [m/s^2] at displacements (N, d), with gravity and body force b."""
         return self.scheme.cm * displacement + self._relative
+
+    def settle_bodies(self, x: Any) -> None:
+        """Tell the walls where the solution ``x`` puts the bodies, and what forces the fluids exert on them.
+
+        To be called where the last `residual` was.
+        """
+        walls = self.walls
+        if not isinstance(walls, BodyWalls):
+            return
+        if self._bodies:
+            walls.solved(self._bodies.increments(x))
+            index, (_, acceleration) = walls.index, walls.rates()
+            u = walls.displacements(walls.increment)
+            self._relative[index] = acceleration - self._force[index] - self.scheme.cm * u
+        measure_forces(walls, self._topology, self._owner, self._local, self.buffers)
 
     def work(self, x: Any) -> StepWork:
         """Work of each term at ``x``, where the last `residual` was; no `product` may come between."""
@@ -269,6 +314,8 @@ class FlowProblem:
         """out = K v, the derivative of the scaled residual at the last `linearise` along ``v``."""
         self.system.product(v, out)
         self._rows.product(v, self._scale, out)
+        if self._bodies:
+            self._bodies.product(v, out)
 
     def precondition(self, r: Any, z: Any) -> None:
         """z ~ K^-1 r, see `LinearSystem`."""

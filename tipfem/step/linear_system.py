@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from scipy import sparse
@@ -14,6 +14,7 @@ from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg import sparsity
 from tipfem.linalg.fgmres import Iteration
 from tipfem.linalg.multigrid.deflation import SubdomainDeflation
+from tipfem.linalg.multigrid.grid_hierarchy import SOLUTION
 from tipfem.linalg.multigrid.multigrid import BackgroundMultigrid
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.mesh import Mesh
@@ -27,6 +28,22 @@ GRID_SPACING = 2.0
 # The Schur complement is 0.54 to 0.99 of the Laplacian with the time integration's cm (stabilisation 0.25). A factor
 # near the middle of that range saves a twentieth of the Krylov iterations.
 SCHUR_SCALE = 1.3
+
+
+class BodyCoupling(Protocol):
+    """The interface of the preconditioner to bodies that float; see `tipfem.step.body_rows.BodyRows`."""
+
+    def begin(self, r: Any) -> None:
+        """Give the bodies' particles in a residual the increments that the bodies' own matrices give."""
+
+    def clear(self, r: Any) -> None:
+        """Undo `begin`."""
+
+    def correct_pressure(self, vectors: Any) -> None:
+        """Correct the multigrid's solution for the mobility of the bodies."""
+
+    def end(self, z: Any) -> None:
+        """Set the bodies' increments in a correction, and displace their particles by them."""
 
 
 class Topology(NamedTuple):
@@ -118,12 +135,14 @@ class LinearSystem:
     Attributes:
         stores_rows: whether the Jacobian is kept in rows.
         multigrid: as given, with the pressure's operators of this step.
+        bodies: bodies that float, None without any; to be set when the system has been made.
         deflation: the piecewise-constant coarse space.
         rows: the Jacobian K on the device, blocks as in `tipfem.fem.jacobian`; set by `gather`.
         pressure_laplacian: the approximate Schur complement on the device.
     """
 
     stores_rows = True
+    bodies: BodyCoupling | None
 
     def __init__(
         self,
@@ -141,7 +160,7 @@ class LinearSystem:
         buffers: Buffers,
         ties: InterfaceTies | None = None,
     ) -> None:
-        self._ties = ties
+        self._ties, self.bodies = ties, None
         self._topology, self._density, self._scale, self._scheme = topology, material[0], scale, scheme
         self._nodes, self._elements, self._dimension = len(mesh.position), len(mesh.cells), mesh.dimension
         self._buffers = buffers
@@ -231,21 +250,41 @@ class LinearSystem:
             work = (n, fused_iteration.ITERATION)
             launch(fused_iteration.precondition, *self._operators(), r, z, n, d, work=work)
             return
+        if self.bodies:
+            self.bodies.begin(r)
         if self._ties:
             self._ties.spread(r)
         launch(block_preconditioner.schur_rhs, *self.rows, self._scale, r, grid.vectors, n, d)
         if self._ties:
             self._ties.clear(r)
-        grid.cycle()
-        self.deflation.correct()
+        if self.bodies:
+            self.bodies.clear(r)
+        self._solve_pressure()
         launch(block_preconditioner.correct, *self.rows, grid.vectors, r, z, n, d)
         if self._ties:
             self._ties.collect(z)
+        if self.bodies:
+            self.bodies.end(z)
+
+    def _solve_pressure(self) -> None:
+        """One cycle for the Schur complement, from the right-hand side to the solution in the grid's vectors."""
+        self.multigrid.cycle()
+        self.deflation.correct()
+        if self.bodies:
+            self.bodies.correct_pressure(self.multigrid.vectors)
+
+    def pressure_of(self, rhs: Array) -> Array:
+        """The preconditioner's solution (P,) of the pressure Laplacian for a right-hand side (P,), without bodies."""
+        vectors, n = self.multigrid.vectors, self._nodes
+        launch(block_preconditioner.set_rhs, self._buffers.upload("rhs", rhs), vectors, n)
+        self.multigrid.cycle()
+        self.deflation.correct()
+        return np.asarray(download(vectors, (SOLUTION + 1) * n)[SOLUTION * n :], dtype=np.float64)
 
     @property
     def fused(self) -> bool:
         """Whether an iteration is one launch."""
-        return self.multigrid.fused and not self._ties
+        return self.multigrid.fused and not self._ties and not self.bodies
 
     @property
     def iteration(self) -> Iteration | None:

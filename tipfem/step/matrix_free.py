@@ -54,17 +54,22 @@ class MatrixFreeSystem(LinearSystem):
         n, d, work = self._nodes, self._dimension, (self._nodes, matrix_free.PARTICLE)
         size = n * (d + 1)
         half, product = (self._buffers.get(f"matrix_free.{name}", size) for name in ("half", "product"))
+        if self.bodies:
+            self.bodies.begin(r)
         launch(matrix_free.copy_displacements, r, half, n, d, work=work)
         if self._ties:
             self._ties.spread(half)
         self.product(half, product)
         vectors = self.multigrid.vectors
         launch(matrix_free.schur_rhs, r, product, self._scale, vectors, n, d, work=work)
-        self.multigrid.cycle()
-        self.deflation.correct()
+        if self.bodies:
+            self.bodies.clear(r)
+        self._solve_pressure()
         launch(matrix_free.copy_pressures, vectors, half, n, d, work=work)
         self.product(half, product)
         launch(matrix_free.block_correction, r, product, vectors, z, n, d, work=work)
+        if self.bodies:
+            self.bodies.end(z)
 
     @property
     def iteration(self) -> Iteration | None:

@@ -18,6 +18,7 @@ from tipfem.step.flow import ElementProperties, FlowProblem
 from tipfem.step.linear_system import Workspace
 from tipfem.timers import timer
 from tipfem.typing import Array
+from tipfem.walls.bodies import BodyWalls
 from tipfem.walls.motion import set_off
 from tipfem.walls.step import walls_in_step
 
@@ -76,6 +77,8 @@ class StepSolver:
         walls = walls_in_step(
             state.boundary, mesh, before, material.viscosity, scheme, state.time, material.density, state.layers
         )
+        if state.bodies is not None:
+            walls = BodyWalls(walls, case.bodies, state.bodies, before, state.time)
         jump = state.pressure_jump
         if jump is None and numerics.pressure == "two-sided":
             jump = np.zeros((len(case.fluids), len(before)))
@@ -110,6 +113,7 @@ class StepSolver:
         )
         limits = problem.limits(result.solution)
         displacement, pressure = problem.split(result.solution)
+        problem.settle_bodies(result.solution)
         if not (limits.finite and math.isfinite(result.norm)):
             fields = {name: getattr(before, name) for name in ("position", "velocity", "acceleration", "pressure")}
             solution = {"displacement": displacement, "pressure": pressure}
@@ -141,6 +145,7 @@ class StepSolver:
             krylov_iterations=result.krylov_iterations,
             residual=result.norm,
             pressure_jump=problem.pressure_jump(result.solution),
+            bodies=walls.after if isinstance(walls, BodyWalls) else None,
         )
 
     def consistent(self, state: State, dt: float) -> State:
@@ -176,4 +181,10 @@ class StepSolver:
             if not state.boundary.active:
                 acceleration[particles.wall] = 0.0
             particles = set_off(state.boundary, particles.shallow_copy(acceleration=acceleration), 0.25 * dt)
-        return dataclasses.replace(state, particles=particles)
+        bodies = state.bodies
+        if bodies is not None:
+            floats = np.array([body.floats for body in self.case.bodies])[:, None]
+            acceleration = 2 * whole.body_acceleration - half.body_acceleration
+            bodies = dataclasses.replace(bodies, acceleration=np.where(floats, acceleration, bodies.acceleration))
+            particles = bodies.imposed(particles)
+        return dataclasses.replace(state, particles=particles, bodies=bodies)

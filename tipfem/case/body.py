@@ -1,0 +1,237 @@
+"""Body: a rigid body in the fluids that is fixed, moves as prescribed, or floats; in two dimensions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from tipfem.arguments import is_number, numbers
+from tipfem.case.walls import Motion, rates
+from tipfem.typing import Array
+
+FREEDOMS = ("x", "y", "angle")
+CONTACTS = ("stop", "hold")
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body in the fluids, per metre of depth. Its surface does not slip.
+
+    With ``motion`` the body moves as prescribed, with ``density`` (or ``mass``) it floats: its three degrees of freedom
+    are solved together with the fluids. With neither it is a fixed obstacle.
+
+    The equations of a body that floats are those of its centre of mass c and of its angle,
+
+        M c'' = M g + F - damping c' - stiffness (c - c_0),  I angle'' = T - damping angle' - stiffness angle,
+
+    with the force F and the moment T of the fluids on it. A body with a hinge turns about the hinge, and only turns.
+
+    Attributes:
+        shape: its outline at t = 0: corners (K, 2) [m] in order, at least three, or a polygon of shapely without holes.
+        name: for columns of the history and messages; unique within a case.
+        motion: prescribed rigid motion; its pivot is the centre of the body unless it is given.
+        density: of a body that floats [kg/m^3]; its mass is that times its area.
+        mass: of a body that floats [kg/m], instead of ``density``.
+        centre: (2,) centre of mass at t = 0 [m]; by default that of the area.
+        inertia: moment of inertia about the centre of mass [kg m^2/m]; by default that of the area with the mass
+            spread evenly over it, about ``centre``.
+        hinge: (2,) fixed point about which a body that floats turns [m]; None for none.
+        free: in which of "x", "y" and "angle" a body that floats moves; with a hinge only in "angle".
+        velocity: (2,) initial velocity of the centre of mass of a body that floats [m/s].
+        angular_velocity: the initial one of a body that floats, anticlockwise [rad/s].
+        stiffness: (3,) of springs to ground: in x and y [N/m per metre of depth], and against turning [N m/rad per
+            metre of depth]. They are without force where the body is at t = 0.
+        damping: (3,) of dampers to ground, for the same velocities [N s/m, N m s per metre of depth].
+        contact: what happens when the gap to a wall or to another body becomes less than about half a spacing: "stop"
+            ends the run with an error, "hold" fixes the body where it is from then on.
+
+    Raises:
+        ValueError: a value has the wrong shape or sign, or two of them contradict each other.
+    """
+
+    shape: Any
+    name: str = "body"
+    motion: Motion | None = None
+    density: float | None = None
+    mass: float | None = None
+    centre: Sequence[float] | None = None
+    inertia: float | None = None
+    hinge: Sequence[float] | None = None
+    free: Sequence[str] | None = None
+    velocity: Sequence[float] = (0.0, 0.0)
+    angular_velocity: float = 0.0
+    stiffness: Sequence[float] = (0.0, 0.0, 0.0)
+    damping: Sequence[float] = (0.0, 0.0, 0.0)
+    contact: str = "stop"
+    corners: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise ValueError(f"Body: name is {self.name!r}; it must be a non-empty string")
+        object.__setattr__(self, "corners", _outline(self.shape, self._here))
+        for name in ("density", "mass", "inertia"):
+            value = getattr(self, name)
+            if value is not None and not (is_number(value) and value > 0):
+                raise ValueError(f"{self._here}: {name} is {value!r}; it must be > 0, or left out")
+        if self.density is not None and self.mass is not None:
+            raise ValueError(f"{self._here}: density and mass are both given; give one of the two")
+        if self.motion is not None and not isinstance(self.motion, Motion):
+            raise ValueError(f"{self._here}: motion is {self.motion!r}; it must be a Motion")
+        if self.motion is not None and self.floats:
+            raise ValueError(
+                f"{self._here}: motion prescribes where the body is, and density or mass let it float; give one of them"
+            )
+        if self.contact not in CONTACTS:
+            raise ValueError(f"{self._here}: contact is {self.contact!r}; it must be one of {list(CONTACTS)}")
+        self._check_freedoms()
+        if self.motion is not None:
+            self.motion.check(2)
+
+    def _check_freedoms(self) -> None:
+        """Check what belongs to bodies that float only."""
+        here = self._here
+        for name, size in (("centre", 2), ("hinge", 2), ("velocity", 2), ("stiffness", 3), ("damping", 3)):
+            given = getattr(self, name)
+            if given is None:
+                continue
+            value = numbers(given)
+            if value.shape != (size,) or not np.isfinite(value).all():
+                raise ValueError(f"{here}: {name} is {given!r}; it must be {size} finite numbers")
+            if size == 3 and (value < 0).any():
+                raise ValueError(f"{here}: {name} is {given!r}; it must not be negative")
+        if not is_number(self.angular_velocity):
+            raise ValueError(f"{here}: angular_velocity is {self.angular_velocity!r}; it must be a number in rad/s")
+        if self.free is not None:
+            known = isinstance(self.free, Sequence) and all(f in FREEDOMS for f in self.free)
+            if isinstance(self.free, str) or not known or len(set(self.free)) < len(self.free) or not self.free:
+                raise ValueError(f"{here}: free is {self.free!r}; it must be some of {list(FREEDOMS)}")
+            if self.hinge is not None and list(self.free) != ["angle"]:
+                raise ValueError(f"{here}: free is {self.free!r}; a body with a hinge is free in angle only")
+        if self.floats:
+            moving = {"x": self.velocity[0], "y": self.velocity[1], "angle": self.angular_velocity}
+            stuck = [name for name, value in moving.items() if value != 0 and name not in self.freedoms]
+            if stuck:
+                raise ValueError(f"{here}: it has a velocity in {stuck}, in which it is not free")
+            return
+        defaults = {f.name: f.default for f in self.__dataclass_fields__.values()}
+        for name in ("centre", "inertia", "hinge", "free", "velocity", "angular_velocity", "stiffness", "damping"):
+            if getattr(self, name) != defaults[name]:
+                raise ValueError(
+                    f"{here}: {name} is {getattr(self, name)!r}, but only a body that floats, with a density or a "
+                    "mass, has it"
+                )
+
+    @property
+    def _here(self) -> str:
+        return f"body {self.name!r}"
+
+    @property
+    def floats(self) -> bool:
+        """Whether the fluids move the body."""
+        return self.density is not None or self.mass is not None
+
+    @property
+    def freedoms(self) -> tuple[str, ...]:
+        """In which of "x", "y" and "angle" the fluids move it."""
+        if not self.floats:
+            return ()
+        return ("angle",) if self.hinge is not None else tuple(self.free or FREEDOMS)
+
+    @property
+    def area(self) -> float:
+        """Of its shape [m^2]."""
+        return polygon_moments(self.corners)[0]
+
+    @property
+    def centre_of_mass(self) -> Array:
+        """(2,) at t = 0 [m]."""
+        return polygon_moments(self.corners)[1] if self.centre is None else numbers(self.centre)
+
+    @property
+    def total_mass(self) -> float:
+        """Of a body that floats [kg/m]."""
+        if self.mass is not None:
+            return float(self.mass)
+        return math.nan if self.density is None else float(self.density) * self.area
+
+    @property
+    def reference(self) -> Array:
+        """(2,) the point at t = 0 whose position is that of the body in results: hinge, pivot or centre of mass [m]."""
+        if self.hinge is not None:
+            return numbers(self.hinge)
+        if self.motion is not None and self.motion.pivot is not None:
+            return numbers(self.motion.pivot)
+        return self.centre_of_mass
+
+    @property
+    def inertia_about_reference(self) -> float:
+        """Moment of inertia of a body that floats, about `reference` [kg m^2/m]."""
+        area, middle, second = polygon_moments(self.corners)
+        centre = self.centre_of_mass
+        own = self.inertia
+        if own is None:
+            own = self.total_mass * (second / area + float(((middle - centre) ** 2).sum()))
+        return float(own) + self.total_mass * float(((centre - self.reference) ** 2).sum())
+
+    def distance(self, x: Array) -> Array:
+        """(K,) of points (K, 2) to the outline at t = 0 [m]."""
+        result = np.full(len(x), np.inf)
+        for a, b in zip(self.corners, np.roll(self.corners, -1, axis=0), strict=True):
+            along = np.clip(((x - a) @ (b - a)) / ((b - a) @ (b - a)), 0.0, 1.0)
+            result = np.minimum(result, np.linalg.norm(x - a - along[:, None] * (b - a), axis=1))
+        return result
+
+    def prescribed(self, time: float, step: float) -> tuple[Array, Array, Array]:
+        """Position x, y and angle of the reference point, their velocities and accelerations (3,) by ``motion``.
+
+        Args:
+            time: [s].
+            step: of the finite differences [s].
+
+        Raises:
+            ValueError: a function of time returned an invalid value.
+        """
+        start = np.append(self.reference, 0.0)
+        motion = self.motion
+        if motion is None:
+            return start, np.zeros(3), np.zeros(3)
+        values = rates(lambda t: start + motion.freedoms(t), time, step)
+        return values[0], values[1], values[2]
+
+
+def polygon_moments(corners: Array) -> tuple[float, Array, float]:
+    """Area [m^2], centre (2,) [m] and polar second moment about it [m^4] of a polygon (K, 2), anticlockwise."""
+    origin = corners.mean(axis=0)
+    a = corners - origin
+    b = np.roll(a, -1, axis=0)
+    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    area = 0.5 * float(cross.sum())
+    middle = ((a + b) * cross[:, None]).sum(axis=0) / (6 * area)
+    second = float((cross * (a * a + a * b + b * b).sum(axis=1)).sum()) / 12 - area * float(middle @ middle)
+    return area, origin + middle, second
+
+
+def _outline(shape: Any, here: str) -> Array:
+    """Corners (K, 2) of a shape, anticlockwise; see `Body` for errors."""
+    if hasattr(shape, "exterior"):  # a polygon of shapely
+        if len(shape.interiors):
+            raise ValueError(f"{here}: shape has {len(shape.interiors)} holes; fluids inside a body are not supported")
+        shape = list(shape.exterior.coords)
+    corners = numbers(shape)
+    if corners.ndim == 2 and len(corners) > 1 and (corners[0] == corners[-1]).all():
+        corners = corners[:-1]
+    if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3 or not np.isfinite(corners).all():
+        raise ValueError(f"{here}: shape is {shape!r}; it must be a polygon: three or more corners (x, y) in m")
+    area = polygon_moments(corners)[0] if _signed_area(corners) else 0.0
+    if not area:
+        raise ValueError(f"{here}: shape has no area")
+    return corners if area > 0 else np.ascontiguousarray(corners[::-1])
+
+
+def _signed_area(corners: Array) -> float:
+    x, y = (corners - corners[0]).T
+    return 0.5 * float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())

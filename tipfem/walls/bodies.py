@@ -1,0 +1,261 @@
+"""Rigid bodies between two steps and in a step: their motion, and that of the particles on them; in two dimensions.
+
+A body has a reference point c and an angle; a particle on it is at c + r, and turns with it. Three numbers a body, in
+x, y and the angle, are its position, velocity and acceleration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tipfem.case.body import FREEDOMS, Body
+from tipfem.case.boundary import Boundary
+from tipfem.case.particles import Particles
+from tipfem.mesh.mesh import Surface
+from tipfem.typing import Array
+from tipfem.walls.step import Walls
+
+# Columns of the history for a body, after its name.
+COLUMNS = (
+    *("x", "y", "angle"),
+    *("velocity_x", "velocity_y", "angular_velocity"),
+    *("force_x", "force_y", "moment"),
+)
+
+
+def turned(r: Array) -> Array:
+    """Vectors (K, 2) turned by a right angle, anticlockwise."""
+    return np.stack([-r[:, 1], r[:, 0]], axis=1)
+
+
+@dataclass(frozen=True)
+class BodyStates:
+    """The bodies of a simulation between two steps.
+
+    Attributes:
+        label: (N,) number of the body that each particle is on, -1 for none, int32.
+        position: (B, 3) of the bodies [m, m, rad].
+        velocity: (B, 3) [m/s, m/s, rad/s].
+        acceleration: (B, 3) [m/s^2, m/s^2, rad/s^2].
+        held: (B,) mask of the bodies that a contact has fixed.
+        force: (B, 3) force [N/m] and moment about the reference point [N] of the fluids, at the intermediate time of
+            the last step.
+        work: (B,) of the fluids on the bodies in the last step [J, per metre of depth].
+    """
+
+    label: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+    held: Array
+    force: Array
+    work: Array
+
+    @classmethod
+    def start(cls, bodies: Sequence[Body], particles: Particles, label: Array, step: float) -> BodyStates:
+        """The bodies at t = 0.
+
+        Args:
+            bodies: of the case.
+            particles: the initial ones.
+            label: (N,) number of the body that each particle is on, -1 for none.
+            step: of finite differences of prescribed motions [s].
+        """
+        rows = np.zeros((3, len(bodies), 3))
+        for b, body in enumerate(bodies):
+            rows[:, b] = body.prescribed(0.0, step)
+            if body.floats:
+                rows[1, b] = *body.velocity, body.angular_velocity
+        position, velocity, acceleration = rows
+        return cls(
+            label.astype(np.int32),
+            position,
+            velocity,
+            acceleration,
+            held=np.zeros(len(bodies), dtype=bool),
+            force=np.zeros((len(bodies), 3)),
+            work=np.zeros(len(bodies)),
+        )
+
+    def arms(self, x: Array) -> tuple[Array, Array, Array]:
+        """Particles (K,) on bodies, the bodies' numbers (K,), and r (K, 2) of the positions x (N, 2) [m]."""
+        index = np.flatnonzero(self.label >= 0)
+        of = self.label[index]
+        return index, of, x[index] - self.position[of, :2]
+
+    def imposed(self, particles: Particles) -> Particles:
+        """The particles, those on bodies with the velocities and accelerations of the bodies."""
+        index, of, r = self.arms(particles.position)
+        velocity, acceleration = particles.velocity.copy(), particles.acceleration.copy()
+        velocity[index], acceleration[index] = rigid_rates(r, self.velocity[of], self.acceleration[of])
+        return particles.shallow_copy(velocity=velocity, acceleration=acceleration)
+
+    def renumbered(self, numbers: Array | None, count: int) -> BodyStates:
+        """The same bodies on ``count`` renumbered particles; no particle of a body is removed.
+
+        Args:
+            numbers: (N,) new number of each particle; None if no number changes.
+            count: of the particles now.
+        """
+        if numbers is None:
+            return self
+        label = np.full(count, -1, dtype=np.int32)
+        index = np.flatnonzero(self.label >= 0)
+        label[numbers[index]] = self.label[index]
+        return replace(self, label=label)
+
+
+def body_columns(bodies: Sequence[Body], states: BodyStates | None) -> dict[str, float]:
+    """Columns of the history: position and velocity of each body's reference point, force and moment of the fluids.
+
+    Args:
+        bodies: of the case.
+        states: of the bodies; None for zeros, where only the names are wanted.
+    """
+    row: dict[str, float] = {}
+    for b, body in enumerate(bodies):
+        values = [np.zeros(3)] * 3 if states is None else [states.position[b], states.velocity[b], states.force[b]]
+        row.update(zip((f"{body.name}_{name}" for name in COLUMNS), np.concatenate(values).tolist(), strict=True))
+    return row
+
+
+def rigid_rates(r: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+    """Velocities and accelerations (K, 2) at r (K, 2), of bodies with these rates (K, 3)."""
+    w, side = velocity[:, 2:], turned(r)
+    return velocity[:, :2] + w * side, acceleration[:, :2] + acceleration[:, 2:] * side - w * w * r
+
+
+def rotated(r: Array, angle: Array) -> Array:
+    """The change (K, 2) of r (K, 2) by rotations of ``angle`` (K,) [rad]; without loss of digits at small angles."""
+    return np.asarray(-2 * np.sin(0.5 * angle)[:, None] ** 2 * r + np.sin(angle)[:, None] * turned(r))
+
+
+class BodyWalls(Walls):
+    """The walls of a step, with bodies: their particles are placed by the bodies' motions.
+
+    Args:
+        walls: of the step, without regard to bodies.
+        bodies: of the case.
+        states: of the bodies at the start of the step.
+        particles: at the start of the step.
+        time: at the start of the step [s].
+
+    Attributes:
+        bodies, states: as given.
+        floating: (B,) mask of the bodies that the fluids move.
+        free: (B, 3) mask of the unknowns among their increments.
+        increment: (B, 3) motion of the bodies in the step: prescribed, and for bodies that float that at constant
+            acceleration.
+        after: the bodies at the end of the step; of those that float, see `solved`.
+
+    Raises:
+        ValueError: a function of time returns an invalid value.
+    """
+
+    def __init__(
+        self, walls: Walls, bodies: Sequence[Body], states: BodyStates, particles: Particles, time: float
+    ) -> None:
+        self._walls, self.bodies, self.states = walls, bodies, states
+        self.boundary, self.scheme, self.fixed = walls.boundary, walls.scheme, walls.fixed
+        self.sliding, self.frame, self.tank_moves = walls.sliding, walls.frame, walls.tank_moves
+        self.rows, self.columns, self.faces, self.layers = walls.rows, walls.columns, walls.faces, walls.layers
+        dt = walls.scheme.dt
+        self.index, self.of, self.arm = states.arms(particles.position)
+        self.floating = np.array([body.floats for body in bodies]) & ~states.held
+        self.free = np.array([[f in body.freedoms for f in FREEDOMS] for body in bodies]) & self.floating[:, None]
+        predicted = dt * states.velocity + 0.5 * dt**2 * states.acceleration
+        self.increment = np.where(self.free, predicted, 0.0)
+        velocity, acceleration = np.zeros_like(predicted), np.zeros_like(predicted)
+        for b, body in enumerate(bodies):
+            if not body.floats and not states.held[b]:
+                place, velocity[b], acceleration[b] = body.prescribed(time + dt, 0.25 * dt)
+                self.increment[b] = place - states.position[b]
+        place = states.position + self.increment
+        self.after = replace(states, position=place, velocity=velocity, acceleration=acceleration)
+
+    def displacements(self, increment: Array) -> Array:
+        """(K, 2) of the particles on bodies, at increments (B, 3)."""
+        q = increment[self.of]
+        return q[:, :2] + rotated(self.arm, q[:, 2])
+
+    def solved(self, increment: Array) -> None:
+        """Set the end of the step by the solution's increments (B, 3) of the bodies that float."""
+        s, states, free = self.scheme, self.states, self.free
+        self.increment = np.where(free, increment, self.increment)
+        v, a = states.velocity, states.acceleration
+        a_next = increment / (s.beta * s.dt**2) - v / (s.beta * s.dt) - a * (0.5 / s.beta - 1)
+        v_next = v + s.dt * ((1 - s.gamma) * a + s.gamma * a_next)
+        self.after = replace(
+            self.after,
+            position=states.position + self.increment,
+            velocity=np.where(free, v_next, self.after.velocity),
+            acceleration=np.where(free, a_next, self.after.acceleration),
+        )
+
+    def measured(self, index: Array, force: Array) -> None:
+        """Set what the fluids did to the bodies in the step.
+
+        Args:
+            index: (K,) particles on bodies; they may repeat.
+            force: (K, 2) of the fluids on them at the intermediate time [N, per metre of depth].
+        """
+        arm, u = np.zeros((2, len(self.states.label), 2))
+        arm[self.index] = self.arm + self.scheme.cf * rotated(self.arm, self.increment[self.of, 2])
+        u[self.index] = self.displacements(self.increment)
+        r, of, count = arm[index], self.states.label[index], len(self.bodies)
+        moment, work = r[:, 0] * force[:, 1] - r[:, 1] * force[:, 0], (force * u[index]).sum(axis=1)
+        sums = [np.bincount(of, values, minlength=count) for values in (*force.T, moment, work)]
+        self.after = replace(self.after, force=np.stack(sums[:3], axis=1), work=sums[3])
+
+    def rates(self) -> tuple[Array, Array]:
+        """v_alpha and a_alpha (K, 2) of the particles on bodies, with the present end of the step."""
+        s, states, after = self.scheme, self.states, self.after
+        v, a = rigid_rates(self.arm, states.velocity[self.of], states.acceleration[self.of])
+        arm = self.arm + rotated(self.arm, self.increment[self.of, 2])
+        v_next, a_next = rigid_rates(arm, after.velocity[self.of], after.acceleration[self.of])
+        return s.alpha_f * v + (1 - s.alpha_f) * v_next, s.alpha_m * a + (1 - s.alpha_m) * a_next
+
+    def constrain(self, u: Array) -> Array:
+        """See `Walls.constrain`."""
+        result = self._walls.constrain(u)
+        result[self.index] = self.displacements(self.increment)
+        return result
+
+    def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+        """See `Walls.histories`; of particles on bodies that float at ``increment``, in place of u = 0."""
+        v, a = self._walls.histories(velocity, acceleration)
+        u = self.displacements(self.increment)
+        v_alpha, a_alpha = self.rates()
+        v[self.index], a[self.index] = v_alpha - self.scheme.cv * u, a_alpha - self.scheme.cm * u
+        return v, a
+
+    def relative(self, u: Array) -> Array:
+        """See `Walls.relative`."""
+        return self._walls.relative(u)
+
+    def finish(self, before: Particles, u: Array, moved: Particles) -> Particles:
+        """See `Walls.finish`."""
+        done = self._walls.finish(before, u, moved).copy()
+        centre = self.after.position[self.of, :2]
+        done.position[self.index] = centre + self.arm + rotated(self.arm, self.increment[self.of, 2])
+        return self.after.imposed(done)
+
+    def space(self, particles: Particles, surface: Surface) -> tuple[Particles, int]:
+        """See `Walls.space`."""
+        spaced, count = self._walls.space(particles, surface)
+        return self.after.imposed(spaced), count
+
+    def set_back(self, particles: Particles) -> Particles:
+        """See `Walls.set_back`."""
+        return self._walls.set_back(particles)
+
+    def reassign(self, particles: Particles) -> tuple[Particles, Boundary]:
+        """See `Walls.reassign`; the rates of particles on bodies are still to be imposed."""
+        return self._walls.reassign(particles)
+
+    def imposed(self, particles: Particles) -> Particles:
+        """See `Walls.imposed`; the particles are numbered as at the start of the step."""
+        return self.after.imposed(self._walls.imposed(particles))
