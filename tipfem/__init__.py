@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     )
     from tipfem.results import RunResults, read_results, to_vtkhdf
     from tipfem.simulation import Simulation
+    from tipfem.steering import Drop, Gravity, Poke, Release
     from tipfem.tables import Table
 
 __version__ = "0.1.0"
@@ -44,6 +45,7 @@ __all__ = [
     "CaseFile",
     "CaseFileError",
     "CheckpointError",
+    "Drop",
     "EnergyProbe",
     "FieldOutput",
     "FieldState",
@@ -51,11 +53,14 @@ __all__ = [
     "Fluid",
     "FrontProbe",
     "Grading",
+    "Gravity",
     "LineProbe",
     "Motion",
     "Numerics",
     "Particles",
     "PointProbe",
+    "Poke",
+    "Release",
     "RelocationRule",
     "RunResults",
     "Simulation",
@@ -83,6 +88,7 @@ _MODULES = {
     "CaseFile": "casefile.loading",
     "CaseFileError": "casefile.problems",
     "CheckpointError": "errors",
+    "Drop": "steering",
     "EnergyProbe": "probes",
     "FieldOutput": "fields",
     "FieldState": "fields",
@@ -90,11 +96,14 @@ _MODULES = {
     "Fluid": "case.fluid",
     "FrontProbe": "probes",
     "Grading": "case.grading",
+    "Gravity": "steering",
     "LineProbe": "probes",
     "Motion": "case.walls",
     "Numerics": "case.numerics",
     "Particles": "case.particles",
     "PointProbe": "probes",
+    "Poke": "steering",
+    "Release": "steering",
     "RelocationRule": "case.numerics",
     "RunResults": "results",
     "Simulation": "simulation",

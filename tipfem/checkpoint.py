@@ -14,7 +14,7 @@ import json
 import math
 import os
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -372,6 +372,63 @@ def _flat(tree: Any, name: str = "") -> list[tuple[str, Any]]:
     else:
         return [(name, tree)]
     return [leaf for key, item in items for leaf in _flat(item, f"{name}.{key}" if name else str(key))]
+
+
+def table_of(history: list[dict[str, float]]) -> dict[str, Any]:
+    """Rows of a history as one array (K, C), with the names of the columns and which of them are whole numbers."""
+    names = list(history[0]) if history else []
+    return {
+        "columns": names,
+        "whole": [name for name in names if isinstance(history[0][name], (int, np.integer))],
+        "rows": np.array([[row[name] for name in names] for row in history], dtype=float).reshape(
+            len(history), len(names)
+        ),
+    }
+
+
+def rows_of(table: Mapping[str, Any]) -> list[dict[str, float]]:
+    """The inverse of `table_of`."""
+    whole = set(table["whole"])
+    return [
+        {name: int(value) if name in whole else float(value) for name, value in zip(table["columns"], row, strict=True)}
+        for row in table["rows"]
+    ]
+
+
+def what_changed(
+    content: Mapping[str, Any],
+    case: Case,
+    columns: Sequence[str],
+    present: Mapping[str, Any],
+    out: str | Path,
+    *,
+    allow_changes: bool,
+) -> list[str]:
+    """Lines on what has changed since a checkpoint that may change the results.
+
+    Args:
+        content: of the checkpoint.
+        case: with which the run is to go on.
+        columns: names of those with which it is to go on.
+        present: the environment and the settings of the runtime.
+        out: the results folder.
+        allow_changes: whether numbers of the method may have changed.
+
+    Raises:
+        CheckpointError: the case or the columns are not those of the run.
+    """
+    changed = differences(content["case"], case_record(case))
+    if changed and not (allow_changes and all(line.startswith("numerics.") for line in changed)):
+        remedy = "" if allow_changes else "; numbers of the method may change with allow_changes"
+        raise CheckpointError(f"{out}: the case is not that of the run: {'; '.join(changed)}{remedy}")
+    before = content["settings"]["columns"]
+    if sorted(columns) != sorted(before):
+        raise CheckpointError(f"{out}: the run had the columns {before}, and {list(columns)} are given")
+    return [f"changed: {line}" for line in changed] + [
+        f"{key}: {value}, now {present.get(key)}; the results may differ by round-off from those of one run"
+        for key, value in content["environment"].items()
+        if key != "threads" and present.get(key) != value
+    ]
 
 
 def environment() -> dict[str, str]:

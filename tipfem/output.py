@@ -6,6 +6,7 @@
     fields.vtkhdf   the same in one file, see `tipfem.fields.FieldOutput`
     summary.json    settings, versions, and figures of the whole run
     probes/*.csv    what probes have measured; checkpoints/*.h5
+    steering.jsonl  commands given to the run, see `tipfem.steering`
     .tipfem         names of these files: a later run in the folder removes them, and nothing else
 
 Every file but the history, which grows row by row, is written under another name and then renamed:
@@ -38,7 +39,7 @@ from tipfem.typing import Array
 MANIFEST = ".tipfem"
 LOCK = ".lock"
 # What every run writes besides its fields; a file of such a name that is not in the manifest is not tipfem's.
-_NAMES = ("case.json", "history.csv", "summary.json", "fields.pvd", vtkhdf.NAME)
+_NAMES = ("case.json", "history.csv", "summary.json", "fields.pvd", vtkhdf.NAME, "steering.jsonl")
 
 
 class ResultsFolder:
@@ -286,6 +287,17 @@ class ResultsFolder:
 
         (self.path / name).parent.mkdir(exist_ok=True)
         self._replace(name, write)
+
+    def append_line(self, name: str, line: str) -> None:
+        """Add a line to a text file and flush it, so that a run that is killed after it has it."""
+        self.list_file(name)
+        with open(self.path / name, "a", encoding="utf-8") as file:
+            file.write(line + "\n")
+
+    def replace_lines(self, name: str, lines: Sequence[str]) -> None:
+        """Write a text file anew."""
+        text = "".join(line + "\n" for line in lines)
+        self._replace(name, lambda path: path.write_text(text, encoding="utf-8"))
 
     def close(self) -> None:
         """Close the history, and let other runs write into the folder."""

@@ -15,9 +15,13 @@ from typing import Any, Protocol
 from tipfem.errors import SimulationError
 from tipfem.output import ResultsFolder
 from tipfem.progress import RunProgress
+from tipfem.steering import Command, RunControl
 from tipfem.step.numerical_error import summary_line
 
 SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+COMPLETE, STOPPED = "complete", "stopped by a command"  # status in the summary
 
 
 class StopRequest:
@@ -56,6 +60,10 @@ class StopRequest:
             self._restore()
             os.kill(os.getpid(), number)
 
+    def came(self) -> bool:
+        """Whether a signal has come."""
+        return self.signal is not None
+
     def obey(self) -> None:
         """End the run if a signal has come.
 
@@ -87,6 +95,9 @@ class Runnable(Protocol):
     def step(self, until: float) -> None:
         """Advance by one time step."""
 
+    def steer(self, command: Command) -> None:
+        """Give a command that changes the physics."""
+
     def next_output(self) -> float:
         """The next time at which fields are to be written [s]."""
 
@@ -106,7 +117,7 @@ class Runnable(Protocol):
         """Write the summary."""
 
 
-def run(simulation: Runnable, until: float, *, progress: bool) -> None:
+def run(simulation: Runnable, until: float, *, progress: bool, control: RunControl | None = None) -> None:
     """See `Simulation.run`."""
     results, bar = simulation.results, RunProgress(simulation.time, until, enabled=progress)
     status = "stopped"
@@ -117,6 +128,8 @@ def run(simulation: Runnable, until: float, *, progress: bool) -> None:
             simulation.write_checkpoint(until)
             due = min(until, simulation.next_output())
             while simulation.time < until:
+                if control and not control.before_step(simulation, stop.came):
+                    break
                 simulation.step(due)
                 bar.update(simulation.time, simulation.history[-1])
                 if simulation.time >= due:  # before the checkpoint, which lists the fields that have been written
@@ -125,8 +138,11 @@ def run(simulation: Runnable, until: float, *, progress: bool) -> None:
                 if simulation.checkpoint_is_due():
                     simulation.write_checkpoint(until)
                 stop.obey()
+            stop.obey()
+            if simulation.time < until:
+                simulation.write_fields()
             simulation.write_checkpoint(until)
-        status = "complete"
+        status = COMPLETE if simulation.time >= until else STOPPED
         bar.say(summary_line(simulation.numerical_error()))
     except KeyboardInterrupt:
         status = "interrupted"
@@ -141,9 +157,11 @@ def run(simulation: Runnable, until: float, *, progress: bool) -> None:
         status = f"the results cannot be written: {error}"
         raise SimulationError(f"the results cannot be written at t = {simulation.time:.6g} s: {error}") from error
     finally:
+        if control:
+            control.finished(simulation, status)
         # On a disk that is full none can be written; what stopped the run is the better message.
-        with writing(simulation.time) if status == "complete" else suppress(OSError):
-            if status != "complete":
+        with writing(simulation.time) if status in (COMPLETE, STOPPED) else suppress(OSError):
+            if status not in (COMPLETE, STOPPED):
                 simulation.write_fields()
                 simulation.write_checkpoint(until)
             simulation.write_summary({"status": status})

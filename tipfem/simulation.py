@@ -16,8 +16,20 @@ from tipfem.arguments import is_number
 from tipfem.backend import runtime
 from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
+from tipfem.case.forces import Forces
 from tipfem.case.particles import Particles
-from tipfem.checkpoint import FOLDER, CheckpointFolder, case_from, case_record, differences, environment, file_name
+from tipfem.checkpoint import (
+    FOLDER,
+    CheckpointFolder,
+    case_from,
+    case_record,
+    differences,
+    environment,
+    file_name,
+    rows_of,
+    table_of,
+    what_changed,
+)
 from tipfem.errors import CheckpointError, SimulationError, StepRefused, TriangulationError
 from tipfem.fem.time_integration import StepControl, smallest_jacobian
 from tipfem.fields import FieldOutput
@@ -30,6 +42,7 @@ from tipfem.remesh.remeshers import remesher_for
 from tipfem.run import CheckpointSchedule, writing
 from tipfem.run import run as run_to
 from tipfem.state import Solved, State
+from tipfem.steering import Command, Record, RunControl, Steering
 from tipfem.step.budget import Budget
 from tipfem.step.numerical_error import numerical_error
 from tipfem.step.solve import StepSolver
@@ -58,6 +71,7 @@ class Simulation:
             folder writes one at its start and at its end, too; see `resume`.
         overwrite: whether the results of an earlier run in ``out`` are removed; if not, they are an error.
         fields: the format of the fields, "vtu", "vtkhdf" or "both", or a `FieldOutput`.
+        steering: a steering.jsonl of an earlier run, whose commands are repeated at their steps; see `steer`.
 
     Attributes:
         state: the present state, frozen; `particles`, `mesh`, `boundary`, `time` and `step_number` are parts of it.
@@ -65,6 +79,7 @@ class Simulation:
         volume_control: the source term that restores the volumes of the fluids.
         history: one dict a step, as in history.csv.
         probes: what the probes have measured, by their names.
+        steering: the commands given so far, and those still to be repeated.
         timings: wall-clock seconds by part of a step; see `tipfem.timers`.
 
     The attributes named in `CHANGES` are all that a step changes and a later step depends on: a simulation of the
@@ -74,7 +89,7 @@ class Simulation:
         ValueError: an argument is out of range, or ``out`` cannot be written to.
     """
 
-    CHANGES = ("state", "control", "volume_control", "history")
+    CHANGES = ("state", "control", "volume_control", "history", "forces")
 
     def __init__(
         self,
@@ -89,6 +104,7 @@ class Simulation:
         checkpoint_wall_interval: float | None = 60.0,
         overwrite: bool = True,
         fields: str | FieldOutput = "vtu",
+        steering: str | Path | Sequence[Record] | None = None,
     ) -> None:
         for name, value in (
             ("time step", time_step),
@@ -105,7 +121,7 @@ class Simulation:
                 f"Simulation: output_interval is {output_interval:g} s, far below the time step of {time_step:g} s; "
                 "every output shortens steps to end at it"
             )
-        field_output = FieldOutput.of(fields)
+        field_output, self.steering = FieldOutput.of(fields), Steering(steering)
         runtime.require_init()
         self.case = case
         self.output_interval = output_interval
@@ -165,6 +181,28 @@ class Simulation:
         """Which of the present particles lie on which walls."""
         return self.state.boundary
 
+    @property
+    def forces(self) -> Forces:
+        """What accelerates the fluids: by default the case's gravity and body force."""
+        return self.solver.forces
+
+    @forces.setter
+    def forces(self, forces: Forces) -> None:
+        self.solver.forces = forces
+
+    def steer(self, command: Command) -> None:
+        """Give a command that changes the physics from the next step on; see `tipfem.steering` for them.
+
+        It is written to steering.jsonl in the results folder, with the number of steps taken.
+
+        Args:
+            command: such as ``tp.Gravity((1.0, -9.7))``.
+
+        Raises:
+            ValueError: the command is refused, because a value is not possible; nothing has changed.
+        """
+        self.steering.give(self, command)
+
     def step(self, until: float = math.inf) -> None:
         """Advance by one accepted time step: solve, remesh, account, record.
 
@@ -177,6 +215,7 @@ class Simulation:
                 function in ``columns`` failed, and its value in the history is NaN.
         """
         self._require_later("step", until)
+        self.steering.repeat(self)
         with self.timings.active(), timer("step"):
             refused = 0
             while True:
@@ -236,19 +275,20 @@ class Simulation:
                 f"halving the time step down to {dt:.3g} s did not help"
             ) from reason
 
-    def run(self, until: float, *, progress: bool = True) -> None:
+    def run(self, until: float, *, progress: bool = True, control: RunControl | None = None) -> None:
         """Step until a time, writing the history and fields; the present fields first, unless they are written already.
 
         Args:
             until: [s].
             progress: show a progress bar when the error output is a terminal.
+            control: lets the run pause, and end before its time; see `tipfem.steering`.
 
         Raises:
             ValueError: ``until`` is no number, or the time has passed already.
             SimulationError: the run cannot continue, or its results cannot be written; all earlier results are on disk.
         """
         self._require_later("run", until)
-        run_to(self, until, progress=progress)
+        run_to(self, until, progress=progress, control=control)
 
     def volume(self, name: str) -> float:
         """Volume of a fluid [m^2 in 2-D, m^3 in 3-D], spray included; see `Case.fluid_index` for errors."""
@@ -368,7 +408,8 @@ class Simulation:
                 "state": self.state,
                 "control": vars(self.control),
                 "missing": self.volume_control.missing,
-                "history": _table(self.history),
+                "steering": self.steering.content(self),
+                "history": table_of(self.history),
                 "probes": self.probes.content(),
                 "results": self.results.content(),
                 "wall_seconds": clock.perf_counter() - self._started,
@@ -412,15 +453,9 @@ class Simulation:
         notes: list[str] = []
         case = case_from(folder.newest()["case"]) if case is None else case
         content = folder.read(case, notes.append)
-        changed = differences(content["case"], case_record(case))
-        if changed and not (allow_changes and all(line.startswith("numerics.") for line in changed)):
-            remedy = "" if allow_changes else "; numbers of the method may change with allow_changes"
-            raise CheckpointError(f"{out}: the case is not that of the run: {'; '.join(changed)}{remedy}")
-        notes += [f"changed: {line}" for line in changed]
+        present = {**environment(), **runtime.settings()}
+        notes += what_changed(content, case, list(columns or {}), present, out, allow_changes=allow_changes)
         settings = content["settings"]
-        if sorted(columns or {}) != sorted(settings["columns"]):
-            given = list(columns or {})
-            raise CheckpointError(f"{out}: the run had the columns {settings['columns']}, and {given} are given")
         if probes is None:
             probes = [probe_from(record) for record in settings["probes"].values()]
         elif changed := differences(settings["probes"], {probe.name: probe_record(probe) for probe in probes}):
@@ -434,16 +469,11 @@ class Simulation:
             checkpoint_interval=settings["checkpoint_interval"],
             checkpoint_wall_interval=settings["checkpoint_wall_interval"],
         )
-        present = {**environment(), **runtime.settings()}
-        notes += [
-            f"{key}: {value}, now {present.get(key)}; the results may differ by round-off from those of one run"
-            for key, value in content["environment"].items()
-            if key != "threads" and present.get(key) != value
-        ]
         simulation.state = content["state"]
         vars(simulation.control).update(content["control"])
         simulation.volume_control.missing = content["missing"]
-        simulation.history = _rows(content["history"])
+        simulation.steering.go_on(simulation, content.get("steering"), Path(out))
+        simulation.history = rows_of(content["history"])
         simulation.until, simulation.notes = content["until"], notes
         simulation._started = clock.perf_counter() - content["wall_seconds"]
         simulation.results = ResultsFolder.continued(
@@ -459,34 +489,17 @@ class Simulation:
         interval = self.output_interval
         return math.inf if interval is None else (math.floor(self.time / interval + 1e-9) + 1) * interval
 
+    def make_consistent(self) -> None:
+        """Let the state at the start have its accelerations and pressures, see `StepSolver.consistent`."""
+        if self.step_number == 0:
+            with suppress(StepRefused, FloatingPointError, SimulationError):  # the first step will report it
+                self.state = self.solver.consistent(self.state, self._step_length(math.inf))
+
     def write_fields(self) -> None:
         """Write the present fields to disk."""
         if not self.results:
             return
         with self.timings.active(), timer("output"):
-            if self.step_number == 0:
-                with suppress(StepRefused, FloatingPointError, SimulationError):  # the first step will report it
-                    self.state = self.solver.consistent(self.state, self._step_length(math.inf))
+            self.make_consistent()
             density = np.array([f.density for f in self.case.fluids])[self.particles.fluid]
             self.results.write_fields(self.step_number, self.time, self.mesh, self.particles, density)
-
-
-def _table(history: list[dict[str, float]]) -> dict[str, Any]:
-    """Rows of a history as one array (K, C), with the names of the columns and which of them are whole numbers."""
-    names = list(history[0]) if history else []
-    return {
-        "columns": names,
-        "whole": [name for name in names if isinstance(history[0][name], (int, np.integer))],
-        "rows": np.array([[row[name] for name in names] for row in history], dtype=float).reshape(
-            len(history), len(names)
-        ),
-    }
-
-
-def _rows(table: Mapping[str, Any]) -> list[dict[str, float]]:
-    """The inverse of `_table`."""
-    whole = set(table["whole"])
-    return [
-        {name: int(value) if name in whole else float(value) for name, value in zip(table["columns"], row, strict=True)}
-        for row in table["rows"]
-    ]

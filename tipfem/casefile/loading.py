@@ -144,6 +144,7 @@ class CaseFile:
         out: str | FilePath | None = None,
         columns: Mapping[str, Callable[[Simulation], float]] | None = None,
         case: Case | None = None,
+        steering: str | FilePath | None = None,
     ) -> Simulation:
         """The simulation, at its start; `CaseFile.end` is where it is to run to.
 
@@ -151,12 +152,16 @@ class CaseFile:
             out: folder for the results, or None to write none; `CaseFile.folder` is that of the file.
             columns: further columns of the history, see `Simulation`.
             case: from `case`, if it has been made already.
+            steering: a file of commands to repeat, see `Simulation`.
 
         Raises:
+            ValueError: ``steering`` cannot be read, or has a mistake.
             CaseFileError: see `case`; or the particles cannot be meshed, or ``out`` cannot be written to.
         """
         from tipfem.simulation import Simulation  # here, for it starts Taichi
+        from tipfem.steering import read_records
 
+        commands = None if steering is None else read_records(steering)  # its mistakes are none of the case file
         made = case or self.case()
         simulation: Simulation = self._placed(
             lambda: Simulation(
@@ -165,6 +170,7 @@ class CaseFile:
                 time_step=self.table.time.largest_step,
                 output_interval=self.table.output.interval,
                 columns=columns,
+                steering=commands,
                 probes=self.parts.probes,
                 checkpoint_interval=self.table.checkpoint.interval,
                 checkpoint_wall_interval=self.table.checkpoint.wall_interval or None,

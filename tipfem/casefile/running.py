@@ -43,6 +43,7 @@ def run(
     arch: str = "cpu",
     overwrite: bool = False,
     progress: bool = True,
+    steering: Path | None = None,
 ) -> int:
     """Run a case file.
 
@@ -64,6 +65,8 @@ def run(
         Replace results that are in the folder.
     progress
         Show a progress bar on a terminal.
+    steering
+        The steering.jsonl of a run: its commands are repeated at the same steps.
     """
     from tipfem.backend import runtime
 
@@ -77,7 +80,7 @@ def run(
                 f"that run by `tipfem resume {folder}`"
             )
         runtime.init(arch, threads=threads)
-        simulation = started(file, made, folder)
+        simulation = started(file, made, folder, steering)
     if failed:
         return 2
     return run_to(simulation, file.end, folder, progress=progress)
@@ -171,20 +174,21 @@ def resumed(
     return simulation, simulation.until
 
 
-def started(file: CaseFile, case: Case, folder: Path) -> Simulation:
+def started(file: CaseFile, case: Case, folder: Path, steering: Path | None = None) -> Simulation:
     """The simulation of a case file at its start, with the whole case in its results folder.
 
     Args:
         file: the case file.
         case: made of it.
         folder: for the results; those of an earlier run are removed.
+        steering: a file of commands to repeat, or None.
 
     Raises:
-        ValueError: the case cannot be meshed, or the folder cannot be written to.
+        ValueError: the steering file has a mistake, the case cannot be meshed, or the folder cannot be written to.
     """
     from tipfem.casefile.describing import write_case
 
-    simulation = file.simulation(folder, case=case)
+    simulation = file.simulation(folder, case=case, steering=steering)
     assert simulation.results is not None
     write_case(folder / CASE_FILE, case, file.end, folder=str(folder), **file.settings())
     for name in (CASE_FILE, "case.npz"):
@@ -205,6 +209,12 @@ def run_to(simulation: Simulation, end: float, folder: Path, *, progress: bool) 
         return _stopped(128 + signal.SIGINT, simulation, folder)
     except SystemExit as stop:
         return _stopped(int(stop.code or 0), simulation, folder)
+    if simulation.time < end:
+        print(f"stopped by a command at t = {simulation.time:g} s; `tipfem resume {folder}` goes on from there")
+        return 0
+    if simulation.steering.pending:
+        record = simulation.steering.pending[0]
+        print(f"note: the run ended before step {record.step}, at which the next command was to be repeated")
     row = simulation.history[-1]
     print(f"{row['step']} steps to t = {row['time']:g} s in {row['wall_seconds']:.0f} s; results: {folder}")
     return 0

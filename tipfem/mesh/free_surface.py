@@ -167,7 +167,9 @@ class SurfaceMesher:
         backed = wall[corners].all(axis=1) & ((other < 0) | solid[other])
         front = np.zeros(len(position), dtype=bool)
         front[corners[~backed]] = True
-        pinned = front & (~wall | self.slippery)
+        slippery = np.zeros(len(wall), dtype=bool)  # particles that a drop added are behind the others
+        slippery[: len(self.slippery)] = self.slippery
+        pinned = front & (~wall | slippery)
         # Where all particles of a simplex at a wall were pinned, nothing would hold it off the wall.
         held = cells[keep & pinned[cells].all(axis=1) & wall[cells].any(axis=1)]
         pinned[held[wall[held]]] = False

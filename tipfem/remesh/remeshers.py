@@ -7,6 +7,7 @@ the rule.
 
 from __future__ import annotations
 
+import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, Protocol
@@ -27,6 +28,7 @@ from tipfem.mesh.delaunay import triangulate, wall_fluid
 from tipfem.mesh.free_surface import SurfaceMesher, loose_volumes
 from tipfem.mesh.interface import InterfaceRule, InterpolatedInterface, SharpInterface
 from tipfem.mesh.mesh import Mesh
+from tipfem.remesh import drops
 from tipfem.remesh.delaunay_repair import repaired
 from tipfem.remesh.fitted import hull_corners, particle_fluid, repair, with_fluids
 from tipfem.remesh.momentum_transfer import nodal_density, transfer_momentum
@@ -76,6 +78,29 @@ class Remesher(ABC):
         Raises:
             TriangulationError: the particles cannot be meshed.
         """
+
+    @abstractmethod
+    def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
+        """A state with a drop of a fluid added, see `tipfem.steering.Drop`; the volumes of the start change with it.
+
+        Args:
+            state: between two steps.
+            at: (d,) centre of the drop [m].
+            radius: of the drop [m].
+            fluid: index of the fluid.
+            acceleration: (d,) with which a drop in empty space begins to fall [m/s^2].
+
+        Raises:
+            ValueError: there is no room for it.
+        """
+
+    def _changed(self, state: State, particles: Particles, mesh: Mesh, *of_cells: Any, **others: Any) -> State:
+        """A state of the same time with other particles, cells and their properties (material and masses)."""
+        kept = {field.name: getattr(state, field.name) for field in dataclasses.fields(state)}
+        for name in ("particles", "mesh", "material", "mass", "volume"):
+            del kept[name]
+        new = self._state(particles, mesh, *of_cells, **{**kept, **others})
+        return dataclasses.replace(new, start_volume=state.start_volume + new.volume - state.volume)
 
     def _state(self, particles: Particles, mesh: Mesh, material: Material, mass: Array, **others: Any) -> State:
         """A state from the lumped ``mass`` (N,) of its elements; ``others`` are further attributes."""
@@ -228,6 +253,29 @@ class DelaunayRemesher(Remesher):
             bodies=solved.bodies,
         )
 
+    def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
+        """See `Remesher.with_drop`: particles change their fluid, or in empty space are added."""
+        particles, mesh, names = state.particles, state.mesh, [f.name for f in self.fluids]
+        if drops.is_inside(mesh, at):
+            near = drops.within(particles, at, radius)
+            if mesh.surface.front[near].any():
+                raise ValueError(f"drop: at {at.tolist()} m, of radius {radius:g} m it would reach the free surface")
+            drops.require_room(particles, near, particles.fluid[near], at, radius, fluid, names)
+            in_drop = np.linalg.norm(particles.position - at, axis=1) < radius
+            particles = particles.shallow_copy(fluid=np.where(in_drop, fluid, particles.fluid).astype(np.int32))
+            return self._changed(state, particles, mesh, *self._material(particles, mesh))
+        drops.require_empty(particles, mesh.surface, at, radius)
+        particles, mesh = drops.with_disc(particles, mesh, at, radius, fluid, acceleration)
+        return self._changed(
+            state,
+            particles,
+            mesh,
+            *self._material(particles, mesh),
+            boundary=drops.boundary_of_more(state.boundary, len(particles)),
+            fixed=drops.longer(state.fixed, len(particles)),
+            relocated=drops.longer(state.relocated, len(particles)),
+        )
+
     def _labelled(self, particles: Particles, mesh: Mesh) -> Particles:
         """The particles, with fluids for wall particles, and zero pressure at a free surface."""
         particles = particles.shallow_copy(fluid=wall_fluid(mesh, particles.fluid, particles.wall))
@@ -369,6 +417,24 @@ class FittedRemesher(Remesher):
             layers=solved.walls.layers,
             bodies=bodies,
         )
+
+    def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
+        """See `Remesher.with_drop`: cells change their fluid, and the drop's outline is moved onto its circle."""
+        particles, mesh = state.particles, state.mesh
+        if not drops.is_inside(mesh, at):
+            raise ValueError(f"drop: at is {at.tolist()} m, outside the tank")
+        near = drops.within(particles, at, radius)
+        among = np.zeros(len(particles), dtype=bool)
+        among[near] = True
+        of_cells = np.asarray(mesh.fluid)
+        there = of_cells[among[mesh.cells].any(axis=1)]
+        drops.require_room(particles, near, there, at, radius, fluid, self._names)
+        inside = drops.cells_in_circle(mesh, at, radius)
+        particles = drops.rounded(particles, mesh, inside, at, radius)
+        changed = Mesh(particles.position, mesh.cells, np.where(inside, fluid, of_cells).astype(of_cells.dtype))
+        mesh = with_components(changed.with_(neighbours=mesh.neighbours), len(self.density))
+        particles = particles.shallow_copy(fluid=particle_fluid(mesh, len(particles), self.rank))
+        return self._changed(state, particles, mesh, *self._material(mesh))
 
     def _material(self, mesh: Mesh) -> tuple[SharpMaterial, Array]:
         """What the elements are made of, and the lumped masses (N,) [kg]."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from tipfem.backend import runtime
 from tipfem.case.case import Case
+from tipfem.case.forces import Forces
 from tipfem.errors import StepRefused
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg.newton import newton
@@ -48,10 +49,12 @@ class StepSolver:
 
     Attributes:
         workspace: device arrays and the multigrid's hierarchy, which steps share.
+        forces: what accelerates the fluids, by default the case's gravity and body force.
     """
 
     def __init__(self, case: Case, reach: float) -> None:
         self.case, self.reach, self.workspace = case, reach, Workspace(len(case.particles))
+        self.forces = Forces()
 
     @timer("solve")
     def solve(self, state: State, dt: float, growth: Array, end: float = math.nan) -> Solved:
@@ -70,9 +73,9 @@ class StepSolver:
         """
         case, numerics, before, mesh = self.case, self.case.numerics, state.particles, state.mesh
         scheme = GeneralizedAlpha(numerics.rho_inf, dt)
-        varies = case.body_force is not None
+        varies = self.forces.vary(case, state.time)
         position = before.position + scheme.cf * scheme.predict(before) if varies else before.position
-        force = case.acceleration(position, state.time + scheme.cf * dt)
+        force = self.forces.acceleration(case, position, state.time + scheme.cf * dt, state.time)
         material = ElementProperties(state.material.density, state.material.viscosity, growth)
         walls = walls_in_step(
             state.boundary, mesh, before, material.viscosity, scheme, state.time, material.density, state.layers

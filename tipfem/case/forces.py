@@ -1,0 +1,80 @@
+"""Forces: what accelerates the fluids in a step, where a run is steered: another gravity, and a poke."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tipfem.case.case import Case
+from tipfem.typing import Array
+
+
+@dataclass(frozen=True)
+class PokeForce:
+    """An acceleration in a radius around a point, until a time.
+
+    b(x) = a (1 - |x - c|^2 / r^2)^2 within the radius r around the point c, and zero outside; it and its gradient are
+    continuous.
+
+    Attributes:
+        at: (d,) the point c [m].
+        acceleration: (d,) a, that at the point [m/s^2].
+        radius: r [m].
+        end: time from which on there is no force [s]; a step that begins before it has the force to its end.
+    """
+
+    at: tuple[float, ...]
+    acceleration: tuple[float, ...]
+    radius: float
+    end: float
+
+    def field(self, position: Array) -> Array:
+        """Acceleration (N, d) [m/s^2] at positions (N, d) [m]."""
+        square = ((position - np.array(self.at)) ** 2).sum(axis=1) / self.radius**2
+        weight = np.maximum(1.0 - square, 0.0) ** 2
+        return np.asarray(weight[:, None] * np.array(self.acceleration))
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Gravity and further forces in place of those of a case; by default the case's own.
+
+    Attributes:
+        gravity: (d,) in place of the case's [m/s^2]; None for the case's.
+        poke: a force in addition; None for none.
+    """
+
+    gravity: tuple[float, ...] | None = None
+    poke: PokeForce | None = None
+
+    def pokes(self, time: float) -> bool:
+        """Whether the poke acts in a step that begins at a time [s]."""
+        return self.poke is not None and time < (1 - 1e-9) * self.poke.end
+
+    def vary(self, case: Case, start: float) -> bool:
+        """Whether the acceleration varies in space or time in a step that begins at ``start`` [s]."""
+        return case.body_force is not None or self.pokes(start)
+
+    def acceleration(self, case: Case, position: Array, time: float, start: float) -> Array:
+        """Acceleration by gravity, the case's body force and the poke.
+
+        Args:
+            case: whose gravity and body force they are.
+            position: (N, d) [m].
+            time: [s].
+            start: at which the step begins [s]; the poke acts in whole steps.
+
+        Returns:
+            (N, d) [m/s^2].
+
+        Raises:
+            ValueError: see `Case.acceleration`.
+        """
+        force = case.acceleration(position, time)
+        if self.gravity is not None:
+            force += np.array(self.gravity) - case.gravity
+        if self.pokes(start):
+            assert self.poke is not None
+            force += self.poke.field(position)
+        return force

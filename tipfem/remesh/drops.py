@@ -1,0 +1,236 @@
+"""Drops added to a state: where there is room for one, and the particles and cells it consists of."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from tipfem.case.boundary import Boundary
+from tipfem.case.particles import Particles
+from tipfem.mesh.delaunay import delaunay
+from tipfem.mesh.mesh import Mesh, Surface
+from tipfem.typing import Array
+
+# Least distance between a drop and all that is not the fluid around it, in spacings: walls, interfaces, surfaces.
+MARGIN = 1.5
+# A particle is moved onto the circle only as far as each of its cells keeps this part of its area.
+KEPT_AREA = 0.3
+HALVINGS = 20  # of the moves of particles that go too far; then none is moved
+ROUNDS = 4  # in which cells that stick out of a drop, or into it, change sides
+
+
+def is_inside(mesh: Mesh, at: Array) -> bool:
+    """Whether a point (d,) [m] is in a cell of a mesh."""
+    return bool((barycentric(mesh, np.arange(len(mesh.cells)), at[None])[0] > -1e-9).all(axis=1).any())
+
+
+def barycentric(mesh: Mesh, cells: Array, points: Array) -> Array:
+    """Barycentric coordinates (P, K, d + 1) of ``points`` (P, d) in ``cells`` (K,) of a mesh."""
+    corner = mesh.position[mesh.cells[cells]]
+    sides = (corner[:, 1:] - corner[:, :1]).transpose(0, 2, 1)
+    inverse = np.linalg.inv(sides)
+    inner = np.einsum("kij,pkj->pki", inverse, points[:, None] - corner[:, 0])
+    return np.concatenate([1.0 - inner.sum(axis=2, keepdims=True), inner], axis=2)
+
+
+def require_room(
+    particles: Particles, near: Array, near_fluids: Array, at: Array, radius: float, fluid: int, names: Sequence[str]
+) -> None:
+    """Check that a drop is inside one other fluid, with a margin to walls.
+
+    Args:
+        particles: the state.
+        near: (K,) particles within the radius and its margin.
+        near_fluids: fluids there.
+        at: (d,) centre of the drop [m].
+        radius: of the drop [m].
+        fluid: of the drop.
+        names: of the fluids.
+
+    Raises:
+        ValueError: it is not.
+    """
+    here = f"drop: at {at.tolist()} m, of radius {radius:g} m"
+    there = f"walls, interfaces and surfaces must be {MARGIN:g} spacings from it or more"
+    if particles.wall[near].any():
+        distance = np.linalg.norm(particles.position[near][particles.wall[near]] - at, axis=1).min()
+        raise ValueError(f"{here} it would be too close to a wall, {distance:.3g} m from its centre; {there}")
+    found = np.unique(near_fluids)
+    if (found == fluid).any():
+        alone = "it would be inside the same fluid" if len(found) == 1 else f"there is {names[fluid]} nearby already"
+        raise ValueError(f"{here} {alone}; a drop must lie in another fluid; {there}")
+    if len(found) > 1:
+        listed = " and ".join(names[int(f)] for f in found)
+        raise ValueError(f"{here} it would lie in {listed}; it must lie in one fluid; {there}")
+
+
+def within(particles: Particles, at: Array, radius: float) -> Array:
+    """(K,) particles within a radius [m] and the margin around a point (d,) [m]."""
+    distance = np.linalg.norm(particles.position - at, axis=1)
+    return np.flatnonzero(distance < radius + MARGIN * particles.target)
+
+
+def cells_in_circle(mesh: Mesh, at: Array, radius: float) -> Array:
+    """(M,) mask of the triangles whose centroid is in a circle, without those that stick out, and with gaps filled.
+
+    A triangle with two sides on the outline would have almost no area once its corners are moved onto the circle.
+    """
+    middle = mesh.position[mesh.cells].mean(axis=1)
+    inside = ((middle - at) ** 2).sum(axis=1) < radius**2
+    for fills in (True, False) * ROUNDS:
+        beside = (inside[mesh.neighbours] & (mesh.neighbours >= 0)).sum(axis=1)
+        inside = inside | (beside >= 2) if fills else inside & (beside >= 2)
+    return np.asarray(inside)
+
+
+def rounded(particles: Particles, mesh: Mesh, inside: Array, at: Array, radius: float) -> Particles:
+    """The particles, those on the outline of a drop moved onto its circle, or as far as their cells allow.
+
+    Args:
+        particles: the state on N particles.
+        mesh: their M cells, in 2-D.
+        inside: (M,) mask of the cells of the drop.
+        at: (2,) centre of the circle [m].
+        radius: [m].
+
+    Returns:
+        The state; velocities, accelerations and pressures of moved particles are interpolated where they were moved to.
+    """
+    of_drop, of_others = np.zeros((2, len(particles)), dtype=bool)
+    of_drop[mesh.cells[inside]] = True
+    of_others[mesh.cells[~inside]] = True
+    outline = np.flatnonzero(of_drop & of_others)
+    radial = particles.position[outline] - at
+    wanted = at + radius * radial / np.linalg.norm(radial, axis=1, keepdims=True)
+    part = np.ones(len(outline))
+    position = particles.position
+    for _ in range(HALVINGS):
+        position = particles.position.copy()
+        position[outline] += part[:, None] * (wanted - position[outline])
+        bad = mesh.moved(position).measure < KEPT_AREA * mesh.measure
+        if not bad.any():
+            break
+        touched = np.zeros(len(particles), dtype=bool)
+        touched[mesh.cells[bad]] = True
+        part[touched[outline]] *= 0.5
+    else:
+        return particles
+    # Each moved particle is in one of the cells around it, or of those around these.
+    near = np.zeros(len(particles), dtype=bool)
+    for _ in range(2):
+        near[mesh.cells[near[mesh.cells].any(axis=1)] if near.any() else outline] = True
+    cells = np.flatnonzero(near[mesh.cells].any(axis=1))
+    weights = barycentric(mesh, cells, position[outline])
+    best = np.argmax(weights.min(axis=2), axis=1)
+    weight = weights[np.arange(len(outline)), best]
+    corner = mesh.cells[cells[best]]
+    fields = {}
+    for name in ("velocity", "acceleration", "pressure"):
+        values = getattr(particles, name).copy()
+        values[outline] = np.einsum("pk,pk...->p...", weight, values[corner])
+        fields[name] = values
+    return particles.shallow_copy(position=position, **fields)
+
+
+def disc(at: Array, radius: float, spacing: float) -> tuple[Array, Array]:
+    """Particles and cells of a disc in 2-D.
+
+    Args:
+        at: (2,) centre [m].
+        radius: [m].
+        spacing: of the particles [m].
+
+    Returns:
+        (K, 2) positions on rings around the centre, the outermost ring last, and (L, 3) cells.
+    """
+    rings = max(round(radius / spacing), 2)
+    points = [np.zeros((1, 2))]
+    for ring in range(1, rings + 1):
+        count = 6 * ring
+        angle = 2 * np.pi * (np.arange(count) + 0.5 * (ring % 2)) / count
+        points.append(ring / rings * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    position = at + radius * np.concatenate(points)
+    cells, measure, _ = delaunay(position, spacing)
+    return position, cells[measure > 1e-6]
+
+
+def require_empty(particles: Particles, surface: Surface, at: Array, radius: float) -> None:
+    """Check that a drop in 2-D fits into the empty space between walls.
+
+    Args:
+        particles: the state.
+        surface: the free surface.
+        at: (2,) centre of the drop [m].
+        radius: of the drop [m].
+
+    Raises:
+        ValueError: it does not.
+    """
+    here = f"drop: at {at.tolist()} m, of radius {radius:g} m"
+    if particles.dimension != 2:
+        raise ValueError(f"{here} it would be in empty space; in 3-D a drop can be added inside a fluid only")
+    if not surface.exists:
+        raise ValueError(f"{here} its centre is outside the fluids")
+    hull = ConvexHull(particles.position[particles.wall]).equations
+    if (hull[:, :-1] @ at + hull[:, -1] > 0).any():
+        raise ValueError(f"{here} its centre is outside the walls")
+    near = within(particles, at, radius)
+    if len(near):
+        what = "a wall" if particles.wall[near].all() else "the fluids"
+        distance = np.linalg.norm(particles.position[near] - at, axis=1).min()
+        raise ValueError(
+            f"{here} it would be too close to {what}, {distance:.3g} m from its centre; they must be {MARGIN:g} "
+            "spacings from it or more"
+        )
+
+
+def with_disc(
+    particles: Particles, mesh: Mesh, at: Array, radius: float, fluid: int, acceleration: Array
+) -> tuple[Particles, Mesh]:
+    """The particles and cells below a free surface, and those of a drop at rest beside them.
+
+    Args:
+        particles: the state on N particles.
+        mesh: their cells.
+        at: (2,) centre of the drop [m].
+        radius: [m].
+        fluid: of the drop.
+        acceleration: (2,) with which it begins to fall [m/s^2].
+    """
+    position, cells = disc(at, radius, particles.spacing)
+    count, before = len(position), len(particles)
+    nothing = np.zeros(count)
+    grown = particles.shallow_copy(
+        position=np.concatenate([particles.position, position]),
+        velocity=np.concatenate([particles.velocity, np.zeros((count, 2))]),
+        acceleration=np.concatenate([particles.acceleration, np.tile(acceleration, (count, 1))]),
+        pressure=np.concatenate([particles.pressure, nothing]),
+        fluid=np.concatenate([particles.fluid, np.full(count, fluid, dtype=particles.fluid.dtype)]),
+        wall=np.concatenate([particles.wall, nothing.astype(bool)]),
+        target=np.concatenate([particles.target, np.full(count, particles.spacing)]),
+    )
+    outer = np.linalg.norm(position - at, axis=1) > radius * (1 - 1e-9)
+    old = mesh.surface
+    surface = Surface(
+        np.concatenate([old.front, outer]),
+        np.concatenate([old.pinned, outer]),
+        np.concatenate([old.loose, nothing.astype(bool)]),
+        np.concatenate([old.volume, nothing]),
+    )
+    joined = np.concatenate([mesh.cells, (cells + before).astype(mesh.cells.dtype)])
+    return grown, Mesh(grown.position, joined, surface=surface)
+
+
+def longer(mask: Array, count: int) -> Array:
+    """A mask of particles with False for those added since, ``count`` in all."""
+    return np.concatenate([mask, np.zeros(count - len(mask), dtype=bool)])
+
+
+def boundary_of_more(boundary: Boundary, count: int) -> Boundary:
+    """The same walls where particles off the walls were added behind the others, ``count`` in all."""
+    new = copy.copy(boundary)
+    new.still, new.stays = longer(boundary.still, count), longer(boundary.stays, count)
+    return new

@@ -1,0 +1,299 @@
+"""The commands, with values in SI units that are checked when a command is made and again for the case."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from tipfem.arguments import is_number
+from tipfem.case.case import Case
+
+# Largest magnitude of a gravity or of a poke [m/s^2]: ten times that of the earth. More would shorten the steps, and
+# throw the particles about, without showing more.
+LARGEST_ACCELERATION = 98.0665
+LEAST_DROP = 2.0  # radius, in spacings: a smaller drop has too few cells to keep its shape
+
+
+def _vector(what: str, value: Any) -> tuple[float, ...]:
+    given = tuple(value) if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str) else ()
+    if len(given) not in (2, 3) or not all(is_number(each) for each in given):
+        raise ValueError(f"{what} is {value!r}; it must be 2 or 3 finite numbers")
+    return tuple(float(each) for each in given)
+
+
+def _acceleration(what: str, value: Any) -> tuple[float, ...]:
+    given = _vector(what, value)
+    if math.hypot(*given) > LARGEST_ACCELERATION * (1 + 1e-9):
+        raise ValueError(
+            f"{what} is {list(given)} m/s^2, of magnitude {math.hypot(*given):.4g}; it must be at most "
+            f"{LARGEST_ACCELERATION:g} m/s^2"
+        )
+    return given
+
+
+def _positive(what: str, value: Any, unit: str) -> float:
+    if not (is_number(value) and value > 0):
+        raise ValueError(f"{what} is {value!r} {unit}; it must be a number > 0")
+    return float(value)
+
+
+class Command(ABC):
+    """A command to a run.
+
+    Attributes:
+        name: of the command in files and messages.
+        physical: whether it changes what the steps compute.
+    """
+
+    name: ClassVar[str]
+    physical: ClassVar[bool] = True
+
+    def values(self) -> dict[str, Any]:
+        """Its values for JSON, by name, from which `command_from` makes it again."""
+        return {key: list(value) if isinstance(value, tuple) else value for key, value in vars(self).items()}
+
+    @abstractmethod
+    def require(self, case: Case) -> None:
+        """Check it against a case.
+
+        Raises:
+            ValueError: it does not fit the case.
+        """
+
+
+@dataclass(frozen=True)
+class Gravity(Command):
+    """Another gravity from now on, such as that in the frame of a tank that is tilted.
+
+    The potential energy in the history remains that of the case's gravity; the work of the difference is a part of the
+    external work. The largest time step remains that of the case.
+
+    Args:
+        value: (d,) acceleration [m/s^2].
+
+    Raises:
+        ValueError: it is not finite, or larger than `LARGEST_ACCELERATION`.
+    """
+
+    value: tuple[float, ...]
+    name = "gravity"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "value", _acceleration("gravity", self.value))
+
+    def require(self, case: Case) -> None:
+        """See `Command.require`."""
+        _require_dimension("gravity", self.value, case)
+
+
+@dataclass(frozen=True)
+class Poke(Command):
+    """An acceleration in a radius around a point; it takes the place of a poke that still acts.
+
+    See `tipfem.case.forces.PokeForce` for its distribution. Its work is a part of the external work in the history.
+
+    Args:
+        at: (d,) point [m].
+        acceleration: (d,) at the point [m/s^2].
+        radius: beyond which there is none [m].
+        duration: simulated time for which it acts [s], in whole steps; None until it is released.
+
+    Raises:
+        ValueError: a value is not finite, not positive, or larger than `LARGEST_ACCELERATION`.
+    """
+
+    at: tuple[float, ...]
+    acceleration: tuple[float, ...]
+    radius: float
+    duration: float | None = None
+    name = "poke"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "at", _vector("poke: at", self.at))
+        object.__setattr__(self, "acceleration", _acceleration("poke: acceleration", self.acceleration))
+        object.__setattr__(self, "radius", _positive("poke: radius", self.radius, "m"))
+        if self.duration is not None:
+            object.__setattr__(self, "duration", _positive("poke: duration", self.duration, "s"))
+
+    def require(self, case: Case) -> None:
+        """See `Command.require`."""
+        _require_dimension("poke: at", self.at, case)
+        _require_dimension("poke: acceleration", self.acceleration, case)
+        _require_in_box("poke: at", self.at, case)
+        h = case.particles.spacing
+        if self.radius < h:
+            raise ValueError(f"poke: radius is {self.radius:g} m; it must be at least the spacing, {h:g} m")
+
+
+@dataclass(frozen=True)
+class Release(Command):
+    """Ends the poke; in files and messages a poke whose ``at`` is null."""
+
+    name = "poke"
+
+    def values(self) -> dict[str, Any]:
+        """See `Command.values`."""
+        return {"at": None}
+
+    def require(self, case: Case) -> None:
+        """It fits every case."""
+
+
+@dataclass(frozen=True)
+class Drop(Command):
+    """A drop of a fluid, inside another fluid or in the empty space of a case with a free surface.
+
+    Inside a fluid, cells (or particles, where interfaces are interpolated) change their fluid: the volume of the drop
+    is taken from the other fluid, and particles keep their velocities. In empty space, in 2-D, particles at rest are
+    added. From then on the fluids have their new volumes: what restores volumes restores these.
+
+    Args:
+        at: (d,) centre [m].
+        radius: [m]; at least two spacings.
+        fluid: name of the fluid.
+
+    Raises:
+        ValueError: a value is not finite or not positive, or the fluid is not named.
+    """
+
+    at: tuple[float, ...]
+    radius: float
+    fluid: str
+    name = "drop"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "at", _vector("drop: at", self.at))
+        object.__setattr__(self, "radius", _positive("drop: radius", self.radius, "m"))
+        if not isinstance(self.fluid, str):
+            raise ValueError(f"drop: fluid is {self.fluid!r}; it must be the name of a fluid")
+
+    def require(self, case: Case) -> None:
+        """See `Command.require`; where there is room is found when the drop is added."""
+        _require_dimension("drop: at", self.at, case)
+        _require_in_box("drop: at", self.at, case)
+        names = [fluid.name for fluid in case.fluids]
+        if self.fluid not in names:
+            raise ValueError(f"drop: fluid is {self.fluid!r}; it must be one of {names}")
+        h = case.particles.spacing
+        if self.radius < LEAST_DROP * h:
+            raise ValueError(
+                f"drop: radius is {self.radius:g} m; it must be at least {LEAST_DROP:g} spacings, {LEAST_DROP * h:g} m"
+            )
+
+
+class _Timing(Command):
+    """A command that changes when steps are taken only."""
+
+    physical = False
+
+    def require(self, case: Case) -> None:
+        """It fits every case."""
+
+
+@dataclass(frozen=True)
+class Pause(_Timing):
+    """No further step until told."""
+
+    name = "pause"
+
+
+@dataclass(frozen=True)
+class Go(_Timing):
+    """Steps one after another."""
+
+    name = "go"
+
+
+@dataclass(frozen=True)
+class Advance(_Timing):
+    """Some steps, and a pause.
+
+    Args:
+        count: of steps.
+
+    Raises:
+        ValueError: it is no whole number > 0.
+    """
+
+    count: int = 1
+    name = "step"
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.count, int) or isinstance(self.count, bool) or self.count < 1:
+            raise ValueError(f"step: count is {self.count!r}; it must be a whole number > 0")
+
+
+@dataclass(frozen=True)
+class Stop(_Timing):
+    """End the run in an orderly way: fields, a checkpoint and the summary are written."""
+
+    name = "stop"
+
+
+_KINDS: dict[str, type[Command]] = {kind.name: kind for kind in (Gravity, Poke, Drop, Pause, Go, Advance, Stop)}
+NAMES = tuple(_KINDS)
+
+
+def command_from(name: str, values: Mapping[str, Any]) -> Command:
+    """The command of a name with values, as of `Command.values`.
+
+    Args:
+        name: of the command.
+        values: in SI units.
+
+    Raises:
+        ValueError: there is no such command, or a value is missing, unknown or not possible.
+    """
+    if name not in _KINDS:
+        raise ValueError(f"command is {name!r}; it must be one of {', '.join(_KINDS)}")
+    if name == "poke" and values.get("at", 0) is None:
+        return Release()
+    kind = _KINDS[name]
+    known = list(getattr(kind, "__dataclass_fields__", {}))
+    unknown = [key for key in values if key not in known]
+    if unknown:
+        raise ValueError(f"{name}: there is no {unknown[0]!r}; it takes {', '.join(known) or 'no values'}")
+    try:
+        return kind(**values)
+    except TypeError:
+        missing = [key for key in known if key not in values and not hasattr(kind, key)]
+        raise ValueError(f"{name}: {', '.join(missing)} is missing") from None
+
+
+def limits(case: Case) -> dict[str, float]:
+    """The largest values that commands to a case should have, for the controls of a viewer.
+
+    Args:
+        case: the case.
+
+    Returns:
+        ``gravity`` and ``poke_acceleration`` [m/s^2], ``poke_radius`` and ``drop_radius`` [m]; the radii are a half and
+        a quarter of the shortest side of the walls' box.
+    """
+    position = case.particles.position[case.particles.wall]
+    side = float((position.max(axis=0) - position.min(axis=0)).min())
+    return {
+        "gravity": LARGEST_ACCELERATION,
+        "poke_acceleration": LARGEST_ACCELERATION,
+        "poke_radius": 0.5 * side,
+        "drop_radius": 0.25 * side,
+    }
+
+
+def _require_dimension(what: str, value: Sequence[float], case: Case) -> None:
+    if len(value) != case.particles.dimension:
+        raise ValueError(f"{what} is {list(value)}; in this case it must be {case.particles.dimension} numbers")
+
+
+def _require_in_box(what: str, at: Sequence[float], case: Case) -> None:
+    position = case.particles.position
+    lower, upper = position.min(axis=0), position.max(axis=0)
+    if case.boundary.active:  # walls that move may leave the box
+        return
+    if (np.array(at) < lower).any() or (np.array(at) > upper).any():
+        raise ValueError(f"{what} is {list(at)} m; it must lie between {lower.tolist()} and {upper.tolist()} m")

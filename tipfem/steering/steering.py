@@ -1,0 +1,211 @@
+"""Steering: carries out commands that change the physics, keeps a record of them, and repeats those of a file."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from tipfem.case.case import Case
+from tipfem.case.forces import Forces, PokeForce
+from tipfem.errors import SimulationError
+from tipfem.output import ResultsFolder
+from tipfem.remesh.remeshers import Remesher
+from tipfem.state import State
+from tipfem.steering.commands import Command, Drop, Gravity, Poke, Release
+from tipfem.steering.record import FILE, Record, read_records
+from tipfem.step.budget import AXES, Budget
+from tipfem.step.volume_source import VolumeControl
+
+
+class Steerable(Protocol):
+    """What commands change of a simulation; see `tipfem.Simulation`."""
+
+    case: Case
+    state: State
+    forces: Forces
+    remesher: Remesher
+    budget: Budget
+    volume_control: VolumeControl
+    results: ResultsFolder | None
+
+    @property
+    def time(self) -> float:
+        """Of the present state [s]."""
+
+    @property
+    def step_number(self) -> int:
+        """How many steps have been taken."""
+
+    def make_consistent(self) -> None:
+        """Let the state at the start have its accelerations and pressures."""
+
+
+class Steering:
+    """The commands of a run that change its physics.
+
+    Args:
+        source: a steering file to repeat, or its records; None for none.
+
+    Attributes:
+        applied: the commands so far, at their steps.
+        pending: those that are still to be repeated.
+
+    Raises:
+        ValueError: the file cannot be read, or has a mistake.
+    """
+
+    def __init__(self, source: str | Path | Sequence[Record] | None = None) -> None:
+        if source is None:
+            source = []
+        self.pending = read_records(source) if isinstance(source, str | Path) else list(source)
+        self.applied: list[Record] = []
+        self._written: list[Record] = []  # those of pending that the results folder's file has already
+
+    def repeat(self, simulation: Steerable) -> None:
+        """Carry out the commands of the file that are due before the next step.
+
+        Raises:
+            SimulationError: one is refused.
+        """
+        while self.pending and self.pending[0].step <= simulation.step_number:
+            record = self.pending.pop(0)
+            try:
+                self._carry_out(simulation, record.command)
+            except ValueError as error:
+                raise SimulationError(
+                    f"t = {simulation.time:.6g} s, step {simulation.step_number}: the command that is repeated from "
+                    f"step {record.step} is refused: {error}"
+                ) from error
+
+    def give(self, simulation: Steerable, command: Command) -> Record:
+        """Carry out a command before the next step.
+
+        Returns:
+            What is recorded of it.
+
+        Raises:
+            ValueError: the command is refused; nothing has changed.
+        """
+        if not command.physical:
+            raise ValueError(f"{command.name} is no command to the physics; give it to the run's control")
+        return self._carry_out(simulation, command)
+
+    def _carry_out(self, simulation: Steerable, command: Command) -> Record:
+        command.require(simulation.case)
+        simulation.make_consistent()  # with the forces so far, as a run that writes fields has done
+        effect = _apply(simulation, command)
+        record = Record(simulation.step_number, command, simulation.time, effect)
+        self.applied.append(record)
+        if self._written and self._written[0] == record:
+            self._written.pop(0)
+        elif simulation.results:
+            if self._written:
+                lines = [each.line() for each in sorted([*self.applied, *self._written], key=lambda r: r.step)]
+                simulation.results.replace_lines(FILE, lines)
+            else:
+                simulation.results.append_line(FILE, record.line())
+        return record
+
+    def content(self, simulation: Steerable) -> dict[str, Any]:
+        """All of it and the present forces, for a checkpoint."""
+        return {
+            **_forces_record(simulation.forces),
+            "applied": [record.line() for record in self.applied],
+            "pending": [record.line() for record in self.pending],
+        }
+
+    def go_on(self, simulation: Steerable, content: Mapping[str, Any] | None, results: Path) -> None:
+        """Take over the commands and forces of a checkpoint, and repeat the commands that a run gave after it.
+
+        Args:
+            simulation: at the checkpoint.
+            content: of the checkpoint, see `content`; None for a run that could not be steered.
+            results: the results folder, whose file has the commands of the run.
+
+        Raises:
+            ValueError: the file has a mistake.
+        """
+        if content is None:
+            return
+        simulation.forces = _forces_from(content)
+        simulation.volume_control.wanted = simulation.state.start_volume
+        self.applied = [Record.parse(line) for line in content["applied"]]
+        pending = [Record.parse(line) for line in content["pending"]]
+        path = results / FILE
+        later = read_records(path)[len(self.applied) :] if path.exists() else []
+        self._written = list(later)
+        for record in later:
+            if record in pending:
+                pending.remove(record)
+        self.pending = sorted([*later, *pending], key=lambda record: record.step)
+
+
+def _forces_record(forces: Forces) -> dict[str, Any]:
+    """Forces as plain values, for a checkpoint."""
+    poke = None if forces.poke is None else {key: _plain(value) for key, value in vars(forces.poke).items()}
+    return {"gravity": None if forces.gravity is None else list(forces.gravity), "poke": poke}
+
+
+def _forces_from(record: Mapping[str, Any]) -> Forces:
+    """The inverse of `_forces_record`."""
+    gravity, poke = record["gravity"], record["poke"]
+    if poke is not None:
+        poke = PokeForce(tuple(poke["at"]), tuple(poke["acceleration"]), poke["radius"], poke["end"])
+    return Forces(None if gravity is None else tuple(gravity), poke)
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _gravity(simulation: Steerable, command: Gravity) -> None:
+    simulation.forces = dataclasses.replace(simulation.forces, gravity=command.value)
+
+
+def _poke(simulation: Steerable, command: Poke) -> None:
+    end = math.inf if command.duration is None else simulation.time + command.duration
+    force = PokeForce(command.at, command.acceleration, command.radius, end)
+    simulation.forces = dataclasses.replace(simulation.forces, poke=force)
+
+
+def _release(simulation: Steerable, command: Release) -> None:
+    simulation.forces = dataclasses.replace(simulation.forces, poke=None)
+
+
+def _drop(simulation: Steerable, command: Drop) -> dict[str, Any]:
+    """Add a drop; returns what it changed of the totals."""
+    case, before = simulation.case, simulation.state
+    at = np.array(command.at)
+    force = simulation.forces.acceleration(case, at[None], before.time, before.time)[0]
+    state = simulation.remesher.with_drop(before, at, command.radius, case.fluid_index(command.fluid), force)
+    old, new = simulation.budget.totals(before), simulation.budget.totals(state)
+    simulation.state = state
+    simulation.volume_control.wanted = state.start_volume
+    momentum = (new.momentum - old.momentum).tolist()
+    return {
+        **{
+            f"volume_{fluid.name}": float(change)
+            for fluid, change in zip(case.fluids, state.volume - before.volume, strict=True)
+        },
+        "kinetic_energy": new.kinetic - old.kinetic,
+        "potential_energy": new.potential - old.potential,
+        **{f"momentum_{axis}": value for axis, value in zip(AXES, momentum, strict=False)},
+    }
+
+
+_APPLIED: dict[type[Command], Callable[[Steerable, Any], dict[str, Any] | None]] = {
+    Gravity: _gravity,
+    Poke: _poke,
+    Release: _release,
+    Drop: _drop,
+}
+
+
+def _apply(simulation: Steerable, command: Command) -> dict[str, Any] | None:
+    """Carry out a command; returns what it changed at once, None for nothing."""
+    return _APPLIED[type(command)](simulation, command)
