@@ -12,6 +12,7 @@ from contextlib import closing, contextmanager, nullcontext, suppress
 from types import FrameType
 from typing import Any, Protocol
 
+from tipfem.arguments import is_number
 from tipfem.errors import SimulationError
 from tipfem.output import ResultsFolder
 from tipfem.progress import RunProgress
@@ -165,6 +166,32 @@ def run(simulation: Runnable, until: float, *, progress: bool, control: RunContr
                 simulation.write_fields()
                 simulation.write_checkpoint(until)
             simulation.write_summary({"status": status})
+
+
+def require_intervals(
+    time_step: float | None,
+    output_interval: float | None,
+    checkpoint_interval: float | None,
+    checkpoint_wall_interval: float | None,
+) -> None:
+    """Check lengths of time of `Simulation`: numbers > 0 [s], or None.
+
+    Raises:
+        ValueError: one is not, or the output interval is too short.
+    """
+    for name, value in (
+        ("time step", time_step),
+        ("output_interval", output_interval),
+        ("checkpoint_interval", checkpoint_interval),
+        ("checkpoint_wall_interval", checkpoint_wall_interval),
+    ):
+        if value is not None and not (is_number(value) and value > 0):
+            raise ValueError(f"Simulation: {name} is {value!r} s; it must be > 0")
+    if output_interval is not None and time_step is not None and output_interval < 0.1 * time_step:
+        raise ValueError(
+            f"Simulation: output_interval is {output_interval:g} s, far below the time step of {time_step:g} s; "
+            "every output shortens steps to end at it"
+        )
 
 
 class CheckpointSchedule:

@@ -39,7 +39,7 @@ from tipfem.notebook import facts
 from tipfem.output import ResultsFolder, fill_columns, own_columns
 from tipfem.probes import Probe, ProbeRecorder, probe_from, probe_record
 from tipfem.remesh.remeshers import remesher_for
-from tipfem.run import CheckpointSchedule, writing
+from tipfem.run import CheckpointSchedule, require_intervals, writing
 from tipfem.run import run as run_to
 from tipfem.state import Solved, State
 from tipfem.steering import Command, Record, RunControl, Steering
@@ -106,21 +106,9 @@ class Simulation:
         fields: str | FieldOutput = "vtu",
         steering: str | Path | Sequence[Record] | None = None,
     ) -> None:
-        for name, value in (
-            ("time step", time_step),
-            ("output_interval", output_interval),
-            ("checkpoint_interval", checkpoint_interval),
-            ("checkpoint_wall_interval", checkpoint_wall_interval),
-        ):
-            if value is not None and not (is_number(value) and value > 0):
-                raise ValueError(f"Simulation: {name} is {value!r} s; it must be > 0")
+        require_intervals(time_step, output_interval, checkpoint_interval, checkpoint_wall_interval)
         if not isinstance(case, Case):
             raise ValueError(f"Simulation: case is a {type(case).__name__}; it must be a Case")
-        if output_interval is not None and time_step is not None and output_interval < 0.1 * time_step:
-            raise ValueError(
-                f"Simulation: output_interval is {output_interval:g} s, far below the time step of {time_step:g} s; "
-                "every output shortens steps to end at it"
-            )
         field_output, self.steering = FieldOutput.of(fields), Steering(steering)
         runtime.require_init()
         self.case = case

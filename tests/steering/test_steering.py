@@ -330,3 +330,20 @@ def test_a_refused_command_is_reported_and_the_run_goes_on():
     assert simulation.step_number == 2
     assert len(said) == 1
     assert "too close to a wall" in said[0]
+
+
+def test_space_that_a_wall_divides_from_the_fluids_takes_no_drop():
+    """A chamber of wall particles in the empty part of a tank."""
+    case = layers("free surface")
+    angle = np.arange(0, 2 * math.pi, 0.045 / 0.25)
+    ring = np.array([0.5, 0.65]) + 0.25 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    before = case.particles
+    particles = tp.Particles(
+        np.concatenate([before.position, ring]),
+        np.concatenate([before.fluid, np.full(len(ring), -1)]),
+        np.concatenate([before.wall, np.ones(len(ring), dtype=bool)]),
+        spacing=before.spacing,
+    )
+    simulation = tp.Simulation(tp.Case(particles, case.fluids, GRAVITY, free_surface=True))
+    with pytest.raises(ValueError, match="outside the walls"):
+        simulation.steer(tp.Drop((0.5, 0.65), 0.1, "water"))

@@ -6,7 +6,8 @@ import copy
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial import ConvexHull
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
@@ -19,6 +20,7 @@ MARGIN = 1.5
 # A particle is moved onto the circle only as far as each of its cells keeps this part of its area.
 KEPT_AREA = 0.3
 HALVINGS = 20  # of the moves of particles that go too far; then none is moved
+WALL_FACE = 1.5  # longest distance of two wall particles between which there is wall, in spacings
 ROUNDS = 4  # in which cells that stick out of a drop, or into it, change sides
 
 
@@ -174,8 +176,7 @@ def require_empty(particles: Particles, surface: Surface, at: Array, radius: flo
         raise ValueError(f"{here} it would be in empty space; in 3-D a drop can be added inside a fluid only")
     if not surface.exists:
         raise ValueError(f"{here} its centre is outside the fluids")
-    hull = ConvexHull(particles.position[particles.wall]).equations
-    if (hull[:, :-1] @ at + hull[:, -1] > 0).any():
+    if not _is_reached(particles, at):
         raise ValueError(f"{here} its centre is outside the walls")
     near = within(particles, at, radius)
     if len(near):
@@ -185,6 +186,27 @@ def require_empty(particles: Particles, surface: Surface, at: Array, radius: flo
             f"{here} it would be too close to {what}, {distance:.3g} m from its centre; they must be {MARGIN:g} "
             "spacings from it or more"
         )
+
+
+def _is_reached(particles: Particles, at: Array) -> bool:
+    """Whether a point (2,) [m] off the fluids is connected with them by space that no wall divides."""
+    x, wall, h = particles.position, particles.wall, particles.spacing
+    cells, measure, neighbours = delaunay(x, h)
+    solid = np.flatnonzero(measure > 1e-9)
+    inside = (barycentric(Mesh(x, cells), solid, at[None])[0] > -1e-9).all(axis=1)
+    if not inside.any():
+        return False
+    joined = []
+    for i in range(3):
+        one, other = cells[:, (i + 1) % 3], cells[:, (i + 2) % 3]
+        face = wall[one] & wall[other] & (np.linalg.norm(x[one] - x[other], axis=1) < WALL_FACE * h)
+        cell = np.flatnonzero(~face & (neighbours[:, i] >= 0))
+        joined.append(np.stack([cell, neighbours[cell, i]]))
+    start, end = np.concatenate(joined, axis=1)
+    graph = sparse.coo_matrix((np.ones(len(start), dtype=np.int8), (start, end)), shape=(len(cells), len(cells)))
+    label = connected_components(graph, directed=False)[1]
+    wet = label[~wall[cells].all(axis=1)]
+    return bool(np.isin(label[solid[inside]], wet).all())
 
 
 def with_disc(

@@ -265,7 +265,10 @@ class DelaunayRemesher(Remesher):
             particles = particles.shallow_copy(fluid=np.where(in_drop, fluid, particles.fluid).astype(np.int32))
             return self._changed(state, particles, mesh, *self._material(particles, mesh))
         drops.require_empty(particles, mesh.surface, at, radius)
+        before, bodies = len(particles), state.bodies
         particles, mesh = drops.with_disc(particles, mesh, at, radius, fluid, acceleration)
+        if bodies is not None:
+            bodies = bodies.renumbered(np.arange(before), len(particles))
         return self._changed(
             state,
             particles,
@@ -274,6 +277,7 @@ class DelaunayRemesher(Remesher):
             boundary=drops.boundary_of_more(state.boundary, len(particles)),
             fixed=drops.longer(state.fixed, len(particles)),
             relocated=drops.longer(state.relocated, len(particles)),
+            bodies=bodies,
         )
 
     def _labelled(self, particles: Particles, mesh: Mesh) -> Particles:
