@@ -36,6 +36,22 @@ class Stage:
         self._backend = backend
         self._canvases: dict[int, Canvas] = {}
 
+    def window(self, scene: Scene, view: View) -> tuple[float, float, float, float]:
+        """The part of a scene that fills a picture, (x0, y0, x1, y1) [m].
+
+        Args:
+            scene: what is drawn.
+            view: what is shown; the part is as wide as its window, and extends as far up and down from its middle as
+                the picture is tall.
+
+        Raises:
+            ValueError: the fluid that the view follows is not in the scene.
+        """
+        lower, upper = view.bounds(scene)
+        half = float(upper[0] - lower[0]) / self.size[0] * self.size[1] / 2
+        middle = float(lower[1] + upper[1]) / 2
+        return float(lower[0]), middle - half, float(upper[0]), middle + half
+
     def draw(
         self,
         scene: Scene,
@@ -53,8 +69,7 @@ class Stage:
 
         Args:
             scene: what is drawn.
-            view: what is shown; the picture is as wide as its window, and extends as far up and down from its middle
-                as it is tall.
+            view: what is shown, see `window`.
             field: name of a field in `scene.fields` to colour by; None shows the fluids.
             field_range: (low, high) of the colours in the field's SI unit; None takes them from the scene.
             mesh: draw the edges of the cells.
@@ -73,13 +88,10 @@ class Stage:
             field_range = field_limits([scene], field) if field_range is None else check_range(field_range)
         if samples not in self._canvases:
             self._canvases[samples] = make_canvas(self.size, self._backend, samples)
-        width, height = self.size
-        lower, upper = (np.asarray(corner, float) for corner in view.bounds(scene))
-        scale = float(width / (upper[0] - lower[0]))
-        middle, half = (lower[1] + upper[1]) / 2, height / scale / 2
-        lower, upper = np.array([lower[0], middle - half]), np.array([upper[0], middle + half])
-        box = (0.0, 0.0, float(width), float(height))
-        layout = Layout(self.size, unit, lower, upper, scale, box, True, box)
+        x0, y0, x1, y1 = window = self.window(scene, view)
+        width, height = map(float, self.size)
+        lower, upper, box = np.array([x0, y0]), np.array([x1, y1]), (0.0, 0.0, width, height)
+        layout = Layout(self.size, unit, lower, upper, width / (x1 - x0), box, True, box)
         scheme = colours.DARK if dark else colours.LIGHT
         drawing, notes = draw_scene(
             scene,
@@ -89,7 +101,7 @@ class Stage:
             field_range=field_range,
             mesh=mesh,
             particles=particles,
-            view=replace(view, window=(*lower, *upper), follow=None),
+            view=replace(view, window=window, follow=None),
             scheme=scheme,
             bare=True,
         )

@@ -41,7 +41,8 @@ def test_the_data_of_the_packages_are_in_the_wheel():
     """Every file of demos/ and tipfem/ but Python's own and pictures, which READMEs show on the web."""
     wanted, listed = set(), set()
     for folder in ("tipfem", *BESIDE):
-        wanted |= {p for p in (ROOT / folder).rglob("*.*") if p.suffix in (".csv", ".toml", ".md", ".json", ".typed")}
+        suffixes = (".csv", ".toml", ".md", ".json", ".typed", ".html", ".css", ".js", ".svg")
+        wanted |= {p for p in (ROOT / folder).rglob("*.*") if p.suffix in suffixes}
     for package, patterns in SETUPTOOLS["package-data"].items():
         base = next((b for b, name in BESIDE.items() if package.split(".")[:2] == name.split(".")), "tipfem")
         below = package.split(".")[2 if base in BESIDE else 1 :]

@@ -1,4 +1,4 @@
-"""The commands on case files and results: run, resume, check, info, convert, doctor, render, schema.
+"""The commands on case files and results: run, resume, check, info, convert, doctor, render, view, schema.
 
 Each returns its exit code; see `EXIT_CODES`. Taichi is imported by those that need it, when they do.
 """
@@ -30,7 +30,7 @@ EXIT_CODES = {
 def register(app: App) -> None:
     """Add the commands to an application."""
     app.help_epilogue = "Exit codes: " + "; ".join(f"{code}: {text}" for code, text in EXIT_CODES.items()) + "."
-    for command in (run, resume, check, info, convert, doctor, schema):
+    for command in (run, resume, check, info, convert, doctor, view, schema):
         app.command(command)
     app.command(render, help_flags=[], version_flags=[])
 
@@ -180,6 +180,30 @@ def render(*arguments: Annotated[str, Parameter(allow_leading_hyphen=True)]) -> 
     from tipfem.render import cli
 
     return int(cli.main(list(arguments)))
+
+
+def view(out: Path, compared: Path | None = None, /, *, port: int | None = None, no_browser: bool = False) -> int:
+    """Look at a results folder in a browser, also while its run is going on; or compare two at equal times.
+
+    Parameters
+    ----------
+    out
+        The results folder.
+    compared
+        Another one, shown beside it.
+    port
+        Of 127.0.0.1, where the page is served; by default 8800, or one of the next. 0 takes any.
+    no_browser
+        Open no browser; the address is printed in either case.
+    """
+    from tipfem.viewer import ResultsSource, serve
+
+    with bad_input() as failed:
+        if port is not None and not 0 <= port <= 65535:
+            raise ValueError(f"--port is {port}; it must be from 0 to 65535")
+        sources = [ResultsSource(folder) for folder in (out, compared) if folder is not None]
+        serve(sources, port, not no_browser, lambda line: print(line, flush=True))
+    return 2 if failed else 0
 
 
 def schema(*, out: Path | None = None) -> int:

@@ -4,6 +4,7 @@ The viewer draws with `tipfem.render`, serves a page to this machine alone, and 
 is a `Source`, such as the stored times of a results folder.
 """
 
+from .server import serve
 from .source import ResultsSource, Source
 
-__all__ = ["ResultsSource", "Source"]
+__all__ = ["ResultsSource", "Source", "serve"]

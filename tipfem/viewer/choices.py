@@ -1,0 +1,156 @@
+"""What the pages of a viewer have chosen to see; the same for all of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+from tipfem.render import View
+
+Window = tuple[float, float, float, float]
+_MARGIN = 0.035  # of the domain, kept free around it when all of it is shown
+_SMALLEST_WINDOW = 1e-6  # of the domain's width
+_LARGEST_WINDOW = 50.0
+
+
+@dataclasses.dataclass
+class Choices:
+    """What is seen, and how large.
+
+    Attributes:
+        lower: (x, y) lower corner of the domains [m].
+        upper: (x, y) upper corner of the domains [m].
+        field: name of the field that colours, or None for the fluids.
+        range_mode: of its colours: "fixed", "frame" or "given".
+        given: (low, high) for "given".
+        colour_map: name, or None for the usual one of the field.
+        layers: what is drawn besides, by the names of `protocol.LAYERS`.
+        window: the part shown [m], or None for all of it.
+        follow: what the window follows, as in `View.follow`, or None.
+        width: of a picture [CSS px].
+        height: of it [CSS px].
+        ratio: pixels per CSS pixel.
+        dark: whether to draw on a dark background.
+    """
+
+    lower: tuple[float, float]
+    upper: tuple[float, float]
+    field: str | None = None
+    range_mode: str = "fixed"
+    given: tuple[float, float] = (0.0, 1.0)
+    colour_map: str | None = None
+    layers: dict[str, Any] = dataclasses.field(
+        default_factory=lambda: {
+            "mesh": False,
+            "particles": False,
+            "fill": True,
+            "arrows": False,
+            "streamlines": False,
+            "contours": None,
+            "tracers": 0,
+        }
+    )
+    window: Window | None = None
+    follow: str | None = None
+    width: int = 960
+    height: int = 600
+    ratio: float = 1.0
+    dark: bool = False
+
+    @property
+    def shown(self) -> Window:
+        """The part shown [m], of the shape of the picture."""
+        if self.window is not None:
+            x0, y0, x1, y1 = self.window
+        else:
+            (x0, y0), (x1, y1) = self.lower, self.upper
+            margin = _MARGIN * max(x1 - x0, y1 - y0)
+            x0, y0, x1, y1 = x0 - margin, y0 - margin, x1 + margin, y1 + margin
+        scale = min(self.width / (x1 - x0), self.height / (y1 - y0))
+        x, y, half_width, half_height = (x0 + x1) / 2, (y0 + y1) / 2, self.width / scale / 2, self.height / scale / 2
+        return x - half_width, y - half_height, x + half_width, y + half_height
+
+    def show(self, window: Window | None) -> None:
+        """Show a part of the domain, or all of it; windows beyond all measure are refused.
+
+        Args:
+            window: [m].
+
+        Raises:
+            ValueError: it is too small or too large.
+        """
+        if window is not None:
+            share = (window[2] - window[0]) / (self.upper[0] - self.lower[0])
+            if not _SMALLEST_WINDOW <= share <= _LARGEST_WINDOW:
+                raise ValueError(
+                    f"window: {share:.3g} times as wide as the domain, expected {_SMALLEST_WINDOW:g} to "
+                    f"{_LARGEST_WINDOW:g} times"
+                )
+        self.window = window
+
+    def pixels(self, ratio: float, most: float) -> tuple[int, int]:
+        """Size of a picture [px].
+
+        Args:
+            ratio: pixels per CSS pixel that are wanted.
+            most: number of pixels that it must not exceed.
+        """
+        ratio = min(ratio, (most / (self.width * self.height)) ** 0.5)
+        return max(1, round(self.width * ratio)), max(1, round(self.height * ratio))
+
+    def view(self, framed: bool = False) -> View:
+        """What `tipfem.render` is to draw.
+
+        Args:
+            framed: for a picture with axes, in which all of the domain needs no window.
+        """
+        layers = self.layers
+        return View(
+            window=self.window if framed else self.shown,
+            follow=self.follow,
+            fill=layers["fill"],
+            arrows=layers["arrows"],
+            streamlines=layers["streamlines"],
+            contours=layers["contours"],
+            tracers=layers["tracers"],
+            colour_map=self.colour_map,
+        )
+
+    def command(self, out: str) -> str:
+        """The command that draws a results folder in this manner.
+
+        Args:
+            out: the folder.
+        """
+        words = ["tipfem render", out]
+        if self.field is not None:
+            words += ["--field", self.field]
+            if self.range_mode == "given":
+                words += ["--range", *(f"{value:g}" for value in self.given)]
+            if self.colour_map is not None:
+                words += ["--colour-map", self.colour_map]
+        words += [f"--{name}" for name in ("mesh", "particles", "arrows", "streamlines") if self.layers[name]]
+        if not self.layers["fill"]:
+            words.append("--no-fill")
+        if self.layers["contours"]:
+            words += ["--contours", self.layers["contours"]]
+        if self.layers["tracers"]:
+            words += ["--tracers", str(self.layers["tracers"])]
+        if self.window is not None:
+            words += ["--window", *(f"{value:.4g}" for value in self.window)]
+        if self.follow is not None:
+            words += ["--follow", self.follow]
+        return " ".join(words)
+
+    def report(self) -> Mapping[str, Any]:
+        """What pages are told."""
+        return {
+            "field": self.field,
+            "range": {"mode": self.range_mode, "low": self.given[0], "high": self.given[1]},
+            "map": self.colour_map,
+            "layers": dict(self.layers),
+            "window": self.window,
+            "follow": self.follow,
+            "size": [self.width, self.height],
+        }

@@ -1,0 +1,167 @@
+// Numbers, ticks, axes, colour bars and the plot of a history: what is drawn around the pictures.
+
+export function number(value, digits = 4) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  if (value === 0) return "0";
+  const size = Math.abs(value);
+  if (size >= 1e6 || size < 1e-4) {
+    const [mantissa, power] = value.toExponential(digits - 1).split("e");
+    const raised = [...String(Number(power))].map((c) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)]).join("");
+    return `${mantissa.replace("-", "−")}·10${raised}`;
+  }
+  return String(Number(value.toPrecision(digits))).replace("-", "−");
+}
+
+export function unitText(unit) {
+  return unit.replace("^2", "²").replace("^3", "³");
+}
+
+export function ticks(low, high, most) {
+  const rough = (high - low) / Math.max(most - 1, 1);
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((n) => n * power).find((n) => n >= rough * (1 - 1e-9));
+  const decimals = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
+  const values = [];
+  for (let n = Math.ceil(low / step - 1e-6); n * step <= high + 1e-6 * step; n++) values.push(n * step);
+  const large = Math.max(...values.map(Math.abs), 0);
+  const write = (v) => (large >= 1e6 || (large > 0 && large < 1e-3) ? number(Math.abs(v) < 1e-9 * large ? 0 : v, 3)
+    : (Math.abs(v) < step / 2 ? 0 : v).toFixed(decimals).replace("-", "−"));
+  return values.map((value) => ({ value, label: write(value) }));
+}
+
+// A canvas whose units are CSS pixels, cleared.
+export function context(canvas) {
+  const ratio = window.devicePixelRatio || 1;
+  const width = canvas.clientWidth, height = canvas.clientHeight;
+  if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+    canvas.width = Math.round(width * ratio);
+    canvas.height = Math.round(height * ratio);
+  }
+  const draw = canvas.getContext("2d");
+  draw.setTransform(ratio, 0, 0, ratio, 0, 0);
+  draw.clearRect(0, 0, width, height);
+  draw.textBaseline = "middle";
+  return { draw, width, height };
+}
+
+export function colours(root) {
+  const style = getComputedStyle(root);
+  const named = (name) => style.getPropertyValue(`--${name}`).trim();
+  return { text: named("text"), subtle: named("subtle"), line: named("line"), accent: named("accent"), mark: named("mark"),
+    stage: named("stage"), font: style.fontFamily };
+}
+
+// Ticks and labels left of a box and below it; map takes metres to CSS pixels.
+export function axes(draw, box, shown, map, paint, notes) {
+  draw.strokeStyle = paint.line;
+  draw.lineWidth = 1;
+  draw.strokeRect(box.left + 0.5, box.top + 0.5, box.width - 1, box.height - 1);
+  draw.fillStyle = draw.strokeStyle = paint.subtle;
+  draw.font = `12px ${paint.font}`;
+  const bottom = box.top + box.height;
+  draw.textAlign = "center";
+  for (const { value, label } of ticks(shown[0], shown[2], box.width / 80 + 1)) {
+    const x = Math.round(map([value, 0])[0]) + 0.5;
+    line(draw, x, bottom + 1, x, bottom + 6);
+    draw.fillText(label, x, bottom + 15);
+  }
+  const room = box.width / 2 - draw.measureText(notes).width - 30;
+  draw.fillText("x [m]", room > 0 ? box.left + box.width / 2 : box.left + 16, bottom + 32);
+  draw.textAlign = "right";
+  for (const { value, label } of ticks(shown[1], shown[3], box.height / 56 + 1)) {
+    const y = Math.round(map([0, value])[1]) + 0.5;
+    line(draw, box.left - 6, y, box.left - 1, y);
+    draw.fillText(label, box.left - 10, y);
+  }
+  draw.fillText(notes, box.left + box.width, bottom + 32);
+  draw.save();
+  draw.translate(12, box.top + box.height / 2);
+  draw.rotate(-Math.PI / 2);
+  draw.textAlign = "center";
+  draw.fillText("y [m]", 0, 0);
+  draw.restore();
+}
+
+function line(draw, x0, y0, x1, y1) {
+  draw.beginPath();
+  draw.moveTo(x0, y0);
+  draw.lineTo(x1, y1);
+  draw.stroke();
+}
+
+// A level colour bar with its ticks; stops are colours at equal steps.
+export function colourBar(canvas, stops, low, high, paint) {
+  const { draw, width } = context(canvas);
+  const left = 14, right = width - 26, tip = 7, thick = 13;
+  const gradient = draw.createLinearGradient(left, 0, right, 0);
+  stops.forEach((stop, k) => gradient.addColorStop(k / (stops.length - 1), stop));
+  draw.fillStyle = gradient;
+  draw.beginPath();
+  draw.moveTo(left - tip, 2 + thick / 2);
+  for (const [x, y] of [[left, 2], [right, 2], [right + tip, 2 + thick / 2], [right, 2 + thick], [left, 2 + thick]]) draw.lineTo(x, y);
+  draw.fill();
+  draw.font = `12px ${paint.font}`;
+  draw.textAlign = "center";
+  draw.fillStyle = paint.text;
+  draw.strokeStyle = paint.subtle;
+  for (const { value, label } of ticks(low, high, width / 70)) {
+    const x = Math.round(left + ((value - low) / (high - low)) * (right - left)) + 0.5;
+    line(draw, x, 2 + thick, x, 7 + thick);
+    draw.fillText(label, x, 15 + thick);
+  }
+}
+
+// Values over time, of one or more series, with a mark at the present time; returns the time at a CSS pixel.
+export function historyPlot(canvas, series, now, label, paint) {
+  const { draw, width, height } = context(canvas);
+  const finite = series.flatMap((one) => one.values.filter((v) => v !== null));
+  const box = { left: 48, top: 20, width: width - 62, height: height - 50 };
+  const times = series.flatMap((one) => one.times);
+  const first = Math.min(...times), last = Math.max(...times, first + 1e-12);
+  const at = (x) => first + ((x - box.left) / box.width) * (last - first);
+  draw.font = `11px ${paint.font}`;
+  draw.fillStyle = paint.subtle;
+  draw.textAlign = "left";
+  draw.fillText(label, 2, 8);
+  if (!finite.length || times.length < 2) {
+    draw.fillText(times.length < 2 ? "…" : "no fluid is at this point", box.left, box.top + box.height / 2);
+    return at;
+  }
+  let low = Math.min(...finite), high = Math.max(...finite);
+  const room = 0.06 * (high - low) || Math.abs(high) * 0.05 || 1;
+  low -= room;
+  high += room;
+  const x = (t) => box.left + ((t - first) / (last - first)) * box.width;
+  const y = (v) => box.top + box.height - ((v - low) / (high - low)) * box.height;
+  draw.lineWidth = 1;
+  draw.textAlign = "right";
+  for (const { value, label: text } of ticks(low, high, 4)) {
+    draw.strokeStyle = paint.line;
+    line(draw, box.left, Math.round(y(value)) + 0.5, box.left + box.width, Math.round(y(value)) + 0.5);
+    draw.fillText(text, box.left - 5, y(value));
+  }
+  draw.textAlign = "center";
+  for (const { value, label: text } of ticks(first, last, box.width / 55)) draw.fillText(text, x(value), box.top + box.height + 10);
+  draw.textAlign = "right";
+  draw.fillText("t [s]", box.left + box.width, box.top + box.height + 22);
+  series.forEach((one, k) => {
+    draw.strokeStyle = k ? paint.mark : paint.accent;
+    draw.lineWidth = 1.6;
+    draw.beginPath();
+    let drawing = false;
+    one.values.forEach((value, n) => {
+      if (value === null) drawing = false;
+      else if (drawing) draw.lineTo(x(one.times[n]), y(value));
+      else {
+        draw.moveTo(x(one.times[n]), y(value));
+        drawing = true;
+      }
+    });
+    draw.stroke();
+  });
+  draw.strokeStyle = paint.mark;
+  draw.lineWidth = 1;
+  const slack = 1e-6 * (last - first);
+  if (now >= first - slack && now <= last + slack) line(draw, x(now), box.top - 4, x(now), box.top + box.height);
+  return at;
+}

@@ -1,0 +1,196 @@
+// One picture with its axes: it shows the last frame where it belongs while a new one is on its way, and turns what the
+// pointer does into places in metres.
+
+import { axes, colours, context } from "./plots.js";
+
+const GUTTER = { left: 66, right: 16, top: 8, bottom: 46 };
+
+// The part that a picture of a shape shows when a window is asked for.
+export function fit(window, width, height) {
+  const [x0, y0, x1, y1] = window;
+  const scale = Math.min(width / (x1 - x0), height / (y1 - y0));
+  const x = (x0 + x1) / 2, y = (y0 + y1) / 2, w = width / scale / 2, h = height / scale / 2;
+  return [x - w, y - h, x + w, y + h];
+}
+
+export class Stage {
+  // The label stands above pictures that are compared; "" for a single one.
+  constructor(root, number, label, events) {
+    this.label = label;
+    this.root = root;
+    this.number = number;
+    this.events = events;
+    this.bitmap = null;
+    this.frame = null; // what the bitmap shows
+    this.window = null; // what is to be seen [m]; null for what the frame shows
+    this.marks = { point: null, cross: false, push: null };
+    this.element = document.createElement("figure");
+    this.element.className = "pane";
+    this.canvas = document.createElement("canvas");
+    this.canvas.tabIndex = 0;
+    this.canvas.setAttribute("role", "img");
+    this.element.append(this.canvas);
+    this.pointers = new Map();
+    this.listen();
+  }
+
+  get box() {
+    const { left, right, bottom } = GUTTER, top = this.label ? 26 : GUTTER.top;
+    return { left, top, width: Math.max(this.canvas.clientWidth - left - right, 64), height: Math.max(this.canvas.clientHeight - top - bottom, 64) };
+  }
+
+  get shown() {
+    const { width, height } = this.box;
+    const wanted = this.window || (this.frame && this.frame.window);
+    return wanted ? fit(wanted, width, height) : [0, 0, 1, 1];
+  }
+
+  toPixels([x, y]) {
+    const box = this.box, [x0, y0, x1, y1] = this.shown;
+    return [box.left + ((x - x0) / (x1 - x0)) * box.width, box.top + ((y1 - y) / (y1 - y0)) * box.height];
+  }
+
+  toMetres(px, py) {
+    const box = this.box, [x0, y0, x1, y1] = this.shown;
+    return [x0 + ((px - box.left) / box.width) * (x1 - x0), y1 - ((py - box.top) / box.height) * (y1 - y0)];
+  }
+
+  inside(px, py) {
+    const box = this.box;
+    return px >= box.left && px <= box.left + box.width && py >= box.top && py <= box.top + box.height;
+  }
+
+  show(bitmap, frame) {
+    if (this.bitmap) this.bitmap.close();
+    this.bitmap = bitmap;
+    this.frame = frame;
+    this.paint();
+  }
+
+  paint() {
+    const { draw } = context(this.canvas);
+    const paint = colours(this.root), box = this.box, shown = this.shown;
+    if (!this.bitmap) return;
+    draw.save();
+    draw.beginPath();
+    draw.rect(box.left, box.top, box.width, box.height);
+    draw.clip();
+    const [x0, y0, x1, y1] = this.frame.window;
+    const [left, top] = this.toPixels([x0, y1]), [right, bottom] = this.toPixels([x1, y0]);
+    draw.imageSmoothingEnabled = Math.abs((right - left) * (window.devicePixelRatio || 1) - this.frame.width) > 1;
+    draw.drawImage(this.bitmap, left, top, right - left, bottom - top);
+    this.paintMarks(draw, paint, box);
+    draw.restore();
+    axes(draw, box, shown, (at) => this.toPixels(at), paint, this.frame.notes.join(", "));
+    if (this.label) {
+      draw.font = `600 13px ${paint.font}`;
+      draw.textAlign = "left";
+      draw.fillStyle = paint.text;
+      draw.fillText(this.label, box.left, box.top - 11);
+    }
+  }
+
+  paintMarks(draw, paint, box) {
+    const ring = ([x, y], radius) => {
+      for (const [colour, width] of [["#ffffff", 4], [paint.mark === "#ef8fc4" ? "#8a1f62" : paint.mark, 2]]) {
+        draw.strokeStyle = colour;
+        draw.lineWidth = width;
+        draw.beginPath();
+        draw.arc(x, y, radius, 0, 2 * Math.PI);
+        draw.moveTo(x - radius - 5, y);
+        draw.lineTo(x - radius + 2, y);
+        draw.moveTo(x + radius - 2, y);
+        draw.lineTo(x + radius + 5, y);
+        draw.stroke();
+      }
+    };
+    if (this.marks.point) ring(this.toPixels(this.marks.point), 6);
+    const push = this.marks.push;
+    if (push) {
+      const at = this.toPixels(push.at), to = this.toPixels(push.to);
+      draw.setLineDash([5, 4]);
+      draw.strokeStyle = "#8a1f62";
+      draw.lineWidth = 1.6;
+      draw.beginPath();
+      draw.arc(at[0], at[1], Math.abs(this.toPixels([push.at[0] + push.radius, 0])[0] - at[0]), 0, 2 * Math.PI);
+      draw.stroke();
+      draw.setLineDash([]);
+      draw.lineWidth = 3;
+      draw.beginPath();
+      draw.moveTo(...at);
+      draw.lineTo(...to);
+      draw.stroke();
+    }
+  }
+
+  // Zoom about a point in CSS pixels; factors below 1 show less.
+  zoom(factor, px, py) {
+    const [x, y] = this.toMetres(px, py), [x0, y0, x1, y1] = this.shown;
+    this.move([x + (x0 - x) * factor, y + (y0 - y) * factor, x + (x1 - x) * factor, y + (y1 - y) * factor]);
+  }
+
+  // Zoom and pan about the middle of the picture; dx and dy are shares of it.
+  shift(dx, dy) {
+    const [x0, y0, x1, y1] = this.shown, w = (x1 - x0) * dx, h = (y1 - y0) * dy;
+    this.move([x0 + w, y0 + h, x1 + w, y1 + h]);
+  }
+
+  move(window) {
+    this.events.window(window, this.number);
+  }
+
+  listen() {
+    const canvas = this.canvas;
+    const place = (event) => {
+      const area = canvas.getBoundingClientRect();
+      return [event.clientX - area.left, event.clientY - area.top];
+    };
+    canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      const lines = event.deltaMode === 1 ? 30 : event.deltaMode === 2 ? 300 : 1;
+      this.zoom(Math.exp(Math.max(-1, Math.min(1, event.deltaY * lines * 0.0016))), ...place(event));
+    }, { passive: false });
+    canvas.addEventListener("pointerdown", (event) => {
+      if (event.button !== 0) return;
+      canvas.setPointerCapture(event.pointerId);
+      const at = place(event);
+      this.pointers.set(event.pointerId, at);
+      this.began = { at, window: this.shown, moved: false, tool: this.pointers.size === 1 && this.inside(...at) ? this.events.tool() : "look" };
+      if (this.began.tool === "poke") this.events.push(this.toMetres(...at), this.toMetres(...at), this);
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      const at = place(event), held = this.pointers.get(event.pointerId);
+      if (!held) {
+        if (this.inside(...at)) this.events.hover(this.toMetres(...at), this.number);
+        return;
+      }
+      if (this.pointers.size === 2) { // two fingers: zoom about their middle
+        const [other] = [...this.pointers].filter(([id]) => id !== event.pointerId).map(([, p]) => p);
+        const before = Math.hypot(held[0] - other[0], held[1] - other[1]), now = Math.hypot(at[0] - other[0], at[1] - other[1]);
+        if (now > 10 && before > 10) this.zoom(before / now, (at[0] + other[0]) / 2, (at[1] + other[1]) / 2);
+      } else if (this.began.tool === "poke") {
+        this.events.push(this.toMetres(...this.began.at), this.toMetres(...at), this);
+      } else if (Math.hypot(at[0] - this.began.at[0], at[1] - this.began.at[1]) > 3 || this.began.moved) {
+        this.began.moved = true;
+        if (this.began.tool === "look") {
+          const [x0, y0, x1, y1] = this.began.window, box = this.box;
+          const dx = ((this.began.at[0] - at[0]) / box.width) * (x1 - x0), dy = ((at[1] - this.began.at[1]) / box.height) * (y1 - y0);
+          this.move([x0 + dx, y0 + dy, x1 + dx, y1 + dy]);
+        }
+      }
+      this.pointers.set(event.pointerId, at);
+    });
+    const end = (event) => {
+      if (!this.pointers.delete(event.pointerId)) return;
+      if (this.began.tool === "poke") this.events.release(this);
+      else if (event.type === "pointerup" && !this.began.moved && this.pointers.size === 0 && this.inside(...this.began.at)) {
+        this.events[this.began.tool === "drop" ? "drop" : "pick"](this.toMetres(...this.began.at), this.number);
+      }
+      this.began = { ...this.began, moved: true };
+    };
+    canvas.addEventListener("pointerup", end);
+    canvas.addEventListener("pointercancel", end);
+    canvas.addEventListener("pointerleave", () => this.events.hover(null, this.number));
+    canvas.addEventListener("dblclick", () => this.events.reset());
+  }
+}

@@ -1,0 +1,154 @@
+// The controls of a simulation that is going on; shown as far as it takes commands.
+
+import { number } from "./plots.js";
+
+const TILT = 5; // degrees a key
+
+export class Steering {
+  constructor(viewer) {
+    this.viewer = viewer;
+    this.gravity = [0, -9.81];
+    this.full = 9.81; // length of gravity [m/s^2] that the pendulum's bob is drawn for
+    this.sent = 0;
+    this.commands = new Set();
+    const part = viewer.part;
+    viewer.on("go", () => this.toggle());
+    viewer.on("single", () => this.command("step", { count: 1 }));
+    viewer.on("stop", () => this.command("stop"));
+    viewer.on("upright", () => this.tiltTo(-90));
+    for (const radio of viewer.root.querySelectorAll('[name="tool"]')) {
+      radio.name = `tool-${viewer.id}`;
+      radio.addEventListener("change", () => (viewer.root.dataset.tool = radio.value));
+    }
+    for (const name of ["strength", "radius", "drop"]) part(name).addEventListener("input", () => this.say());
+    const bob = part("pendulum");
+    const follow = (event) => {
+      const area = bob.getBoundingClientRect();
+      const x = event.clientX - area.left - area.width / 2, y = event.clientY - area.top - area.height / 2;
+      if (Math.hypot(x, y) > 4) this.tiltTo((Math.atan2(-y, x) * 180) / Math.PI);
+    };
+    bob.addEventListener("pointerdown", (event) => {
+      bob.setPointerCapture(event.pointerId);
+      follow(event);
+    });
+    bob.addEventListener("pointermove", (event) => bob.hasPointerCapture(event.pointerId) && follow(event));
+    bob.addEventListener("keydown", (event) => {
+      const turn = { ArrowLeft: -1, ArrowUp: 1, ArrowRight: 1, ArrowDown: -1 }[event.key];
+      if (turn) {
+        event.preventDefault();
+        event.stopPropagation();
+        this.tilt(turn);
+      }
+    });
+  }
+
+  get running() {
+    return this.state === "running";
+  }
+
+  meet(hello) {
+    const { viewer } = this, part = viewer.part;
+    this.commands = new Set(hello.commands);
+    this.limits = hello.limits;
+    this.spacing = hello.panes[0].spacing;
+    part("steering").hidden = !hello.commands.length;
+    for (const element of viewer.root.querySelectorAll("[data-needs]")) element.hidden = !this.commands.has(element.dataset.needs);
+    part("tools").hidden = !(this.commands.has("poke") || this.commands.has("drop"));
+    for (const [action, name] of [["go", "pause"], ["single", "step"], ["stop", "stop"]]) viewer.button(action).hidden = !this.commands.has(name);
+    part("drop-fluid").replaceChildren(...hello.panes[0].fluids.map(({ name }) => new Option(name, name)));
+    this.say();
+  }
+
+  update(run) {
+    this.state = run.state;
+    if (!this.commands.size) return;
+    const button = this.viewer.button("go");
+    button.querySelector("use").setAttribute("href", this.running ? "#tv-pause" : "#tv-play");
+    button.querySelector("span").textContent = this.running ? "Pause" : "Go on";
+    const facts = [];
+    if (run.step !== undefined) facts.push(`step ${run.step}`);
+    if (run.steps_per_second) facts.push(`${number(run.steps_per_second, 3)} steps/s`);
+    if (run.message) facts.push(run.message);
+    this.viewer.part("progress").textContent = facts.join(" · ");
+    if (run.gravity && performance.now() - this.sent > 800) this.drawGravity(run.gravity);
+  }
+
+  command(name, values = {}) {
+    if (this.commands.has(name)) this.viewer.send({ type: "command", name, ...values });
+  }
+
+  toggle() {
+    this.command(this.running ? "pause" : "go");
+  }
+
+  value(name) {
+    const share = Number(this.viewer.part(name).value);
+    const most = { strength: this.limits.poke_acceleration ?? 98.1, radius: this.limits.poke_radius ?? 20 * this.spacing, drop: this.limits.drop_radius ?? 10 * this.spacing }[name];
+    return share * most;
+  }
+
+  say() {
+    const part = this.viewer.part;
+    part("strength-is").textContent = `${number(this.value("strength"), 3)} m/s²`;
+    part("radius-is").textContent = `${number(this.value("radius"), 3)} m`;
+    part("drop-is").textContent = `${number(this.value("drop"), 3)} m`;
+  }
+
+  // Push from a place to another; the farther, the harder, up to what is set.
+  push(from, to, stage) {
+    const [x0, , x1] = stage.shown, reach = 0.15 * (x1 - x0);
+    const dx = to[0] - from[0], dy = to[1] - from[1], length = Math.hypot(dx, dy);
+    const hard = this.value("strength") * Math.min(1, length / reach);
+    const along = length > 0 ? [dx / length, dy / length] : [0, 0];
+    this.command("poke", { at: from, acceleration: along.map((part) => part * hard), radius: this.value("radius") });
+    stage.marks.push = { at: from, to, radius: this.value("radius") };
+    stage.paint();
+  }
+
+  release(stage) {
+    this.command("poke", { at: null });
+    stage.marks.push = null;
+    stage.paint();
+  }
+
+  // A short push from a place by keys.
+  nudge(at, along, stage) {
+    if (!this.commands.has("poke")) return;
+    const [x0, , x1] = stage.shown, reach = 0.15 * (x1 - x0);
+    this.push(at, [at[0] + along[0] * reach, at[1] + along[1] * reach], stage);
+    clearTimeout(this.nudged);
+    this.nudged = setTimeout(() => this.release(stage), 400);
+  }
+
+  drop(at) {
+    this.command("drop", { at, radius: this.value("drop"), fluid: this.viewer.part("drop-fluid").value });
+  }
+
+  tilt(steps) {
+    const [x, y] = this.gravity;
+    this.tiltTo((Math.atan2(y, x) * 180) / Math.PI + steps * TILT);
+  }
+
+  tiltTo(degrees) {
+    const angle = (degrees * Math.PI) / 180, length = Math.hypot(...this.gravity) || this.full;
+    const round = (value) => Math.round(value * 1e4) / 1e4;
+    this.sent = performance.now();
+    this.drawGravity([round(length * Math.cos(angle)), round(length * Math.sin(angle))]);
+    this.command("gravity", { value: this.gravity });
+  }
+
+  drawGravity(value) {
+    this.gravity = value;
+    const part = this.viewer.part, bob = part("pendulum"), length = Math.hypot(...value);
+    this.full = Math.max(this.full, length);
+    const x = (30 * value[0]) / this.full, y = (-30 * value[1]) / this.full;
+    bob.querySelector(".rod").setAttribute("x2", x);
+    bob.querySelector(".rod").setAttribute("y2", y);
+    bob.querySelector(".bob").setAttribute("cx", x);
+    bob.querySelector(".bob").setAttribute("cy", y);
+    const angle = Math.round((Math.atan2(value[0], -value[1]) * 180) / Math.PI);
+    bob.setAttribute("aria-valuenow", angle);
+    bob.setAttribute("aria-valuetext", `${number(length, 3)} metres per second squared, ${angle} degrees from straight down`);
+    part("gravity-is").textContent = `${number(length, 3)} m/s², ${angle}°`.replace("-", "−");
+  }
+}

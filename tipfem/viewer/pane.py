@@ -1,0 +1,292 @@
+"""One source in a viewer: its pictures, the ranges of its fields, tracers, and histories at points."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from PIL import Image
+
+from tipfem.render import Renderer, Scene, Stage
+from tipfem.render.colours import colour_table, fluid_colours
+from tipfem.render.flow import Tracers
+from tipfem.render.scales import colour_map_of, field_ends, round_limits
+from tipfem.typing import Array
+from tipfem.viewer.choices import Choices, Window
+from tipfem.viewer.probe import values_at
+from tipfem.viewer.source import Source
+
+MOST_PIXELS = 2.6e6  # of a picture that is shown
+MOST_PIXELS_MOVING = 1.0e6  # while something moves
+_SAMPLED = 24  # stored times that a fixed range is taken from
+_PICTURE = (1280, 720)  # a picture or a movie to keep [px]
+_HISTORY_POINTS = 200
+
+Range = tuple[float, float]
+
+
+class Picture(NamedTuple):
+    """A source drawn at one time.
+
+    Attributes:
+        image: encoded.
+        time: [s].
+        number: of the stored time.
+        window: the part shown [m].
+        size: (width, height) [px].
+        notes: lines of text on the scales of layers.
+    """
+
+    image: bytes
+    time: float
+    number: int
+    window: Window
+    size: tuple[int, int]
+    notes: list[str]
+
+
+class Pane:
+    """One source in a viewer.
+
+    Args:
+        source: what is shown.
+        backend: of the pictures, see `tipfem.render.Renderer`.
+    """
+
+    def __init__(self, source: Source, backend: str) -> None:
+        self.source = source
+        self._backend = backend
+        self._stages: dict[tuple[int, int], Stage] = {}
+        self._renderer: Renderer | None = None
+        self._ends: dict[str, Range] = {}
+        self._sampled: set[int] = set()
+        self._tracers: Tracers | None = None
+        self._tracer_count = 0
+        self._trails: list[Array] = []
+
+    def index_at(self, time: float) -> int:
+        """The number of the stored time nearest to a time [s]."""
+        times = self.source.times
+        after = int(np.searchsorted(times, time))
+        if after == 0:
+            return 0
+        if after == len(times):
+            return after - 1
+        return after if times[after] - time < time - times[after - 1] else after - 1
+
+    def scene(self, index: int, choices: Choices) -> Scene:
+        """The state at a stored time, with tracers if they are wanted and known."""
+        scene = self.source.scene(index)
+        if choices.layers["tracers"]:
+            scene = self._with_trails(scene, index, choices.layers["tracers"])
+        if choices.field is not None:
+            self._widen(choices.field, scene)
+        return scene
+
+    def draw(self, index: int, choices: Choices, moving: bool) -> Picture:
+        """The picture of a stored time for a page.
+
+        Args:
+            index: number of the stored time.
+            choices: what is seen.
+            moving: whether something moves, and the picture is to be quick rather than smooth.
+
+        Raises:
+            ValueError: it cannot be drawn.
+        """
+        scene = self.scene(index, choices)
+        ratio = min(choices.ratio, 1.0) if moving else choices.ratio
+        size = choices.pixels(ratio, MOST_PIXELS_MOVING if moving else MOST_PIXELS)
+        stage = self._stage(size)
+        view = choices.view()
+        if choices.follow is not None and choices.window is None:
+            view = replace(view, window=None)
+        image, notes = stage.draw(
+            scene,
+            view,
+            choices.field,
+            self.field_range(scene, choices),
+            choices.layers["mesh"],
+            choices.layers["particles"],
+            unit=0.9 * size[0] / choices.width,
+            samples=1 if moving else 2,
+            dark=choices.dark,
+        )
+        if choices.layers["tracers"] and scene.trails is None:
+            notes = [*notes, "tracers: following them from the first time"]
+        return Picture(encode(image, moving), scene.time, index, stage.window(scene, view), size, notes)
+
+    def framed(self, index: int, choices: Choices) -> Array:
+        """The picture of a stored time with axes and legend, to keep; (H, W, 3) uint8."""
+        scene = self.scene(index, choices)
+        if self._renderer is None:
+            self._renderer = Renderer(_PICTURE, self._backend)
+        return np.asarray(
+            self._renderer.frame(
+                scene,
+                choices.field,
+                self.field_range(scene, choices),
+                choices.layers["mesh"],
+                choices.layers["particles"],
+                choices.view(framed=True),
+            )
+        )
+
+    def field_range(self, scene: Scene, choices: Choices) -> Range | None:
+        """The range of the colours, or None without a field."""
+        field = choices.field
+        if field is None:
+            return None
+        if choices.range_mode == "given":
+            return choices.given
+        ends = field_ends(scene, field) if choices.range_mode == "frame" else self.ends(field)
+        low, high = round_limits(field, *(ends or field_ends(scene, field)))
+        return float(low), float(high)
+
+    def ends(self, field: str) -> Range | None:
+        """The ends of a field's values in the times that have been looked at, or None."""
+        return self._ends.get(field)
+
+    def widen(self, field: str, ends: Range | None) -> None:
+        """Let a fixed range hold that of another pane, so that both have the same colours."""
+        if ends is not None:
+            low, high = self._ends.get(field, ends)
+            self._ends[field] = min(low, ends[0]), max(high, ends[1])
+
+    def fields(self) -> list[str]:
+        """Names of the fields, the usual ones first."""
+        usual = ["pressure", "speed", "velocity_x", "velocity_y", "density"]
+        there = self.source.scene(-1).fields
+        return [name for name in usual if name in there] + sorted(set(there) - set(usual))
+
+    def sampling(self) -> Iterator[bool]:
+        """Look at stored times for the ranges of all fields, one at each step; says whether a range has grown."""
+        count = len(self.source.times)
+        for index in sorted({int(i) for i in np.linspace(0, count - 1, min(count, _SAMPLED)).round()}):
+            if index not in self._sampled and not self.source.live:
+                self._sampled.add(index)
+                before = dict(self._ends)
+                scene = self.source.scene(index)
+                for field in scene.fields:
+                    self._widen(field, scene)
+                yield before != self._ends
+
+    def history(self, at: tuple[float, float]) -> Iterator[tuple[list[float], dict[str, list[float | None]], float]]:
+        """Values at a point at the stored times, or some of them; grows with each step.
+
+        Args:
+            at: [m].
+
+        Yields:
+            Times [s], lists of values by field, and the share that is done.
+        """
+        count = len(self.source.times)
+        times: list[float] = []
+        values: dict[str, list[float | None]] = {}
+        chosen = sorted({int(i) for i in np.linspace(0, count - 1, min(count, _HISTORY_POINTS)).round()})
+        for number, index in enumerate(chosen):
+            scene = self.source.scene(index)
+            found, _ = values_at(scene, at)
+            for name in scene.fields:
+                value = found.get(name)
+                column = values.setdefault(name, [None] * len(times))
+                column.append(value if value is not None and np.isfinite(value) else None)
+            times.append(scene.time)
+            yield times, values, (number + 1) / len(chosen)
+
+    def tracing(self, index: int, choices: Choices) -> bool | None:
+        """Move the tracers one stored time on, unless they have been followed to an index.
+
+        Returns:
+            Whether they have come to it; None if they had before, or are not wanted.
+        """
+        count = choices.layers["tracers"]
+        if not count:
+            return None
+        if count != self._tracer_count or self._tracers is None:
+            self._tracers, self._tracer_count, self._trails = None, count, []
+        if len(self._trails) > index:
+            return None
+        self._advance_tracers(self.source.scene(len(self._trails)))
+        return len(self._trails) > index
+
+    def legend(self) -> list[dict[str, str]]:
+        """Names and colours of the fluids."""
+        source = self.source
+        shades = fluid_colours(source.fluid_names, source.fluid_densities)
+        return [{"name": name, "colour": _hex(shade)} for name, shade in zip(source.fluid_names, shades, strict=True)]
+
+    def close(self) -> None:
+        """Free the buffers and the source."""
+        for stage in self._stages.values():
+            stage.close()
+        if self._renderer is not None:
+            self._renderer.close()
+        self.source.close()
+
+    def _stage(self, size: tuple[int, int]) -> Stage:
+        stage = self._stages.pop(size, None) or Stage(size, self._backend)
+        self._stages[size] = stage
+        while len(self._stages) > 2:  # moving and still
+            self._stages.pop(next(iter(self._stages))).close()
+        return stage
+
+    def _widen(self, field: str, scene: Scene) -> None:
+        if field in scene.fields:
+            self.widen(field, field_ends(scene, field))
+
+    def _with_trails(self, scene: Scene, index: int, count: int) -> Scene:
+        if self.source.live:
+            if self._tracers is None or self._tracer_count != count:
+                self._tracers, self._tracer_count = Tracers(scene, count), count
+            return replace(scene, trails=self._tracers.advance(scene))
+        known = count == self._tracer_count and index < len(self._trails)
+        return replace(scene, trails=self._trails[index]) if known else scene
+
+    def _advance_tracers(self, scene: Scene) -> None:
+        if self._tracers is None:
+            self._tracers = Tracers(scene, self._tracer_count)
+        self._trails.append(self._tracers.advance(scene))
+
+
+def encode(image: Array, moving: bool) -> bytes:
+    """A picture as JPEG: small and quick while something moves, else without visible loss.
+
+    Args:
+        image: (H, W, 3) uint8.
+        moving: see above.
+    """
+    buffer = io.BytesIO()
+    quality: dict[str, Any] = {"quality": 80} if moving else {"quality": 93, "subsampling": 0}
+    Image.fromarray(image).save(buffer, "jpeg", **quality)
+    return buffer.getvalue()
+
+
+def png(image: Array) -> bytes:
+    """A picture as PNG; image is (H, W, 3) uint8."""
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, "png", compress_level=4)
+    return buffer.getvalue()
+
+
+def map_colours(name: str, steps: int = 17) -> list[str]:
+    """Colours "#rrggbb" of a map at equal steps.
+
+    Args:
+        name: of the map.
+        steps: their number.
+    """
+    table = colour_table(name)
+    return [_hex(table[round(k * (len(table) - 1) / (steps - 1))]) for k in range(steps)]
+
+
+def usual_map(field: str) -> str:
+    """The colour map of a field if no other is chosen."""
+    return str(colour_map_of(field))
+
+
+def _hex(colour: Array) -> str:
+    return "#" + "".join(f"{round(255 * float(channel)):02x}" for channel in colour)
