@@ -14,10 +14,10 @@ from pathlib import Path
 import imageio_ffmpeg
 import numpy as np
 import pytest
-from conftest import TIMES, Page, start
 from PIL import Image
 from render_results import SIDE, write_results
 from tipfem.render import Results, View, render_frame
+from view_client import TIMES, Page, start
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from tipfem.viewer import protocol

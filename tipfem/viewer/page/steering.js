@@ -51,7 +51,7 @@ export class Steering {
     this.commands = new Set(hello.commands);
     this.limits = hello.limits;
     this.spacing = hello.panes[0].spacing;
-    part("steering").hidden = !hello.commands.length;
+    part("steering").hidden = !["gravity", "poke", "drop"].some((name) => this.commands.has(name));
     for (const element of viewer.root.querySelectorAll("[data-needs]")) element.hidden = !this.commands.has(element.dataset.needs);
     part("tools").hidden = !(this.commands.has("poke") || this.commands.has("drop"));
     for (const [action, name] of [["go", "pause"], ["single", "step"], ["stop", "stop"]]) viewer.button(action).hidden = !this.commands.has(name);
@@ -61,7 +61,6 @@ export class Steering {
 
   update(run) {
     this.state = run.state;
-    if (!this.commands.size) return;
     const button = this.viewer.button("go");
     button.querySelector("use").setAttribute("href", this.running ? "#tv-pause" : "#tv-play");
     button.querySelector("span").textContent = this.running ? "Pause" : "Go on";

@@ -118,7 +118,7 @@ export class Viewer {
     const names = hello.panes[0].fluids.map(({ name }) => name);
     this.part("follow").replaceChildren(new Option("nothing", ""), new Option("the front", "front"),
       ...names.map((name) => new Option(`front of ${name}`, `front:${name}`)), ...names.map((name) => new Option(`centre of ${name}`, name)));
-    this.part("transport").hidden = hello.live;
+    for (const element of this.root.querySelectorAll("[data-when]")) element.hidden = (element.dataset.when === "live") !== hello.live;
     this.steering.meet(hello);
     this.setRole(hello.steers);
     this.showValues();

@@ -1,0 +1,202 @@
+"""A session with a simulation behind it, without sockets: commands, states as they come, and the end."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+
+import numpy as np
+import pytest
+from render_results import sharp_tank
+from tipfem.render import Scene
+
+from tipfem.viewer import protocol
+from tipfem.viewer.outbox import MOST_MESSAGES, Outbox
+from tipfem.viewer.session import Session
+
+
+class Flow:
+    """A source whose state changes at every look, and which keeps the commands that it is given."""
+
+    name, title, live = "tank", "A tank", True
+    fluid_names, fluid_densities, spacing = ("water", "air"), (998.2, 1.204), 0.025
+    commands = frozenset({"pause", "go", "poke", "gravity"})
+    limits = {"poke_acceleration": 98.1}  # noqa: RUF012
+    interval, ended = 0.05, False
+
+    def __init__(self):
+        self.time, self.given, self.closed, self.drawn = 0.0, [], False, 0
+
+    @property
+    def times(self):
+        return [self.time]
+
+    def refresh(self):
+        self.time += 0.01
+        return True
+
+    def scene(self, index):
+        self.drawn += 1
+        points, cells, fluid, cell_fluid, wall = sharp_tank(self.time, 20)
+        return Scene(
+            position=points,
+            cells=cells,
+            fluid=fluid,
+            cell_fluid=cell_fluid,
+            wall=wall,
+            fields={"pressure": np.arange(len(points)) * 1.0, "velocity_x": points[:, 1], "velocity_y": -points[:, 0]},
+            time=self.time,
+            fluid_names=self.fluid_names,
+            fluid_densities=self.fluid_densities,
+        )
+
+    def status(self):
+        return {"state": "running", "step": round(self.time / 0.01)}
+
+    def command(self, name, values):
+        if name == "gravity" and abs(values["value"][1]) > 20:
+            raise ValueError("gravity: at most 20 m/s^2")
+        self.given.append((name, values))
+
+    def close(self):
+        self.closed = True
+
+
+class Screen:
+    """A page without a browser: it keeps what it is sent, and may acknowledge frames."""
+
+    def __init__(self, session, acks=True):
+        self.session, self.acks, self.taken = session, acks, []
+        self.page = session.attach(self.take)
+
+    def take(self, data):
+        message = json.loads(data) if isinstance(data, str) else protocol.unpack(data)[0]
+        self.taken.append(message)
+        if message["type"] == "frame" and self.acks:
+            self.say("ack", frame=message["frame"])
+
+    def say(self, kind, **content):
+        self.session.receive(self.page, json.dumps({"type": kind, **content}))
+
+    def of(self, kind):
+        return [message for message in self.taken if message["type"] == kind]
+
+
+def played(script, seconds=30):
+    """Run a session of one flow while a script, a coroutine function of both, goes on; it ends the session."""
+    flow = Flow()
+
+    async def run():
+        session = Session([flow])
+        running = asyncio.ensure_future(session.run())
+        try:
+            await asyncio.wait_for(script(session, flow), seconds)
+        finally:
+            session.close("that was it")
+            await running
+
+    asyncio.run(run())
+    return flow
+
+
+async def until(condition):
+    while not condition():
+        await asyncio.sleep(0.01)
+
+
+def test_states_are_shown_as_they_come_and_the_latest_only():
+    async def script(session, flow):
+        quick, slow = Screen(session), Screen(session, acks=False)
+        await until(lambda: len(quick.of("frame")) >= 6)
+        assert len(slow.of("frame")) == protocol.AHEAD
+        times = [frame["panes"][0]["time"] for frame in quick.of("frame")]
+        assert times == sorted(times)
+        assert times[-1] > times[0]
+        assert all(frame["moving"] for frame in quick.of("frame"))
+        slow.say("ack", frame=slow.of("frame")[-1]["frame"])
+        await until(lambda: len(slow.of("frame")) > protocol.AHEAD)
+        assert slow.of("frame")[protocol.AHEAD]["frame"] > slow.of("frame")[protocol.AHEAD - 1]["frame"] + 1
+
+    assert played(script).closed
+
+
+def test_nothing_is_drawn_for_pages_that_are_hidden():
+    async def script(session, flow):
+        screen = Screen(session)
+        await until(lambda: screen.of("frame"))
+        screen.say("visible", on=False)
+        await asyncio.sleep(0.2)
+        drawn, time = flow.drawn, flow.time
+        await asyncio.sleep(0.3)
+        assert flow.drawn == drawn
+        assert flow.time > time
+        screen.say("visible", on=True)
+        await until(lambda: flow.drawn > drawn)
+
+    played(script)
+
+
+def test_commands_go_to_the_simulation_and_only_from_the_page_that_steers():
+    async def script(session, flow):
+        first, second = Screen(session), Screen(session)
+        assert first.of("hello")[0]["commands"] == sorted(flow.commands)
+        poke = {"at": [0.1, 0.2], "acceleration": [5.0, 0.0], "radius": 0.05}
+        first.say("command", name="poke", **poke)
+        second.say("command", name="pause")
+        first.say("command", name="stop")  # the flow does not take it
+        first.say("command", name="gravity", value=[0, -30])
+        first.say("command", name="poke", at=[0.1, 0.2], acceleration=[float("1e300"), 0], radius=0.05)
+        texts = [message["text"] for message in first.of("error")]
+        assert len(texts) == 3
+        assert "stop" in texts[0]
+        assert texts[1] == "gravity: at most 20 m/s^2"
+        assert "acceleration" in texts[2]
+        assert flow.given == [("poke", {"at": (0.1, 0.2), "acceleration": (5.0, 0.0), "radius": 0.05})]
+        # The page that pokes goes away: the poke ends, and the other page steers.
+        session.detach(first.page)
+        assert flow.given[1:] == [("poke", {"at": None})]
+        assert second.of("role") == [{"type": "role", "steers": True}]
+        second.say("command", name="pause")
+        assert flow.given[-1] == ("pause", {})
+
+    played(script)
+
+
+def test_a_run_that_ends_says_goodbye():
+    async def script(session, flow):
+        screen = Screen(session)
+        await until(lambda: screen.of("frame"))
+        flow.ended = True
+        await until(lambda: screen.of("bye"))
+        assert screen.of("bye")[0]["text"] == "the run has ended"
+
+    played(script)
+
+
+def test_a_page_that_reads_nothing_is_given_up():
+    async def script():
+        given_up = []
+        outbox = Outbox(lambda: given_up.append(True))
+        for _ in range(MOST_MESSAGES):
+            outbox.put("status")
+        assert not given_up
+        outbox.put("status")
+        outbox.put("status")
+        assert given_up == [True]
+        sent = []
+
+        async def send(message):
+            sent.append(message)
+
+        passing = asyncio.ensure_future(outbox.pass_on(send))
+        await asyncio.sleep(0.01)
+        passing.cancel()
+        assert sent == []
+
+    asyncio.run(script())
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_one_source_or_two(count):
+    with pytest.raises(ValueError, match="expected one, or two"):
+        Session([Flow()] * count)
