@@ -21,6 +21,7 @@ WHAT = {
     "simulation": "the step and the run",
     "run": "a run to a time: outputs, checkpoints, signals",
     "checkpoint": "files to go on from",
+    "liveview": "running simulations in the viewer",
     "steering": "commands between steps",
     "viewer": "results and runs in a browser",
     "results": "results read back",

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from tipfem.casefile.problems import CaseFileError
     from tipfem.errors import CheckpointError, SimulationError
     from tipfem.fields import FieldOutput, FieldState
+    from tipfem.liveview.running import live
     from tipfem.probes import (
         EnergyProbe,
         FrontProbe,
@@ -75,6 +76,7 @@ __all__ = [
     "WaveGauge",
     "describe",
     "init",
+    "live",
     "load_case",
     "read_results",
     "shapes",
@@ -118,6 +120,7 @@ _MODULES = {
     "WaveGauge": "probes",
     "describe": "casefile.describing",
     "init": "backend.runtime",
+    "live": "liveview.running",
     "load_case": "casefile.loading",
     "read_results": "results",
     "shapes": "case.shapes",

@@ -133,6 +133,8 @@ def run(simulation: Runnable, until: float, *, progress: bool, control: RunContr
                     break
                 simulation.step(due)
                 bar.update(simulation.time, simulation.history[-1])
+                if control:
+                    control.after_step(simulation)
                 if simulation.time >= due:  # before the checkpoint, which lists the fields that have been written
                     simulation.write_fields()
                     due = min(until, simulation.next_output())

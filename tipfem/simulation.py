@@ -33,6 +33,7 @@ from tipfem.checkpoint import (
 from tipfem.errors import CheckpointError, SimulationError, StepRefused, TriangulationError
 from tipfem.fem.time_integration import StepControl, smallest_jacobian
 from tipfem.fields import FieldOutput
+from tipfem.liveview.control import LiveControl
 from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.probes import Energy
 from tipfem.notebook import facts
@@ -71,7 +72,8 @@ class Simulation:
             folder writes one at its start and at its end, too; see `resume`.
         overwrite: whether the results of an earlier run in ``out`` are removed; if not, they are an error.
         fields: the format of the fields, "vtu", "vtkhdf" or "both", or a `FieldOutput`.
-        steering: a steering.jsonl of an earlier run, whose commands are repeated at their steps; see `steer`.
+        steering: a steering.jsonl of an earlier run, whose commands are repeated at their steps; see `steer`. Run to
+            the same time, with the same settings on the same machine, the results are the same to the bit.
 
     Attributes:
         state: the present state, frozen; `particles`, `mesh`, `boundary`, `time` and `step_number` are parts of it.
@@ -263,20 +265,23 @@ class Simulation:
                 f"halving the time step down to {dt:.3g} s did not help"
             ) from reason
 
-    def run(self, until: float, *, progress: bool = True, control: RunControl | None = None) -> None:
+    def run(
+        self, until: float, *, progress: bool = True, control: RunControl | None = None, view: bool = False
+    ) -> None:
         """Step until a time, writing the history and fields; the present fields first, unless they are written already.
 
         Args:
             until: [s].
             progress: show a progress bar when the error output is a terminal.
             control: lets the run pause, and end before its time; see `tipfem.steering`.
+            view: show the run in a browser while it goes on, see `tipfem.live`, which has more options.
 
         Raises:
             ValueError: ``until`` is no number, or the time has passed already.
             SimulationError: the run cannot continue, or its results cannot be written; all earlier results are on disk.
         """
         self._require_later("run", until)
-        run_to(self, until, progress=progress, control=control)
+        run_to(self, until, progress=progress, control=LiveControl(self) if view else control)
 
     def volume(self, name: str) -> float:
         """Volume of a fluid [m^2 in 2-D, m^3 in 3-D], spray included; see `Case.fluid_index` for errors."""

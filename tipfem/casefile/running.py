@@ -22,7 +22,9 @@ from tipfem.casefile.problems import CaseFileError
 if TYPE_CHECKING:
     from tipfem.case.case import Case
     from tipfem.casefile.loading import CaseFile
+    from tipfem.liveview.control import LiveControl
     from tipfem.simulation import Simulation
+    from tipfem.steering import RunControl
 
 RESULTS = ("case.json", "history.csv", "summary.json")
 CASE_FILE = "case.toml"
@@ -44,6 +46,9 @@ def run(
     overwrite: bool = False,
     progress: bool = True,
     steering: Path | None = None,
+    view: bool = False,
+    port: int | None = None,
+    browser: bool = True,
 ) -> int:
     """Run a case file.
 
@@ -67,6 +72,12 @@ def run(
         Show a progress bar on a terminal.
     steering
         The steering.jsonl of a run: its commands are repeated at the same steps.
+    view
+        Show the run in a browser while it goes on, and let it be steered from there.
+    port
+        Of 127.0.0.1, where the page of --view is served; by default 8800, or one of the next. 0 takes any.
+    browser
+        Open a browser for --view where there is a display; the address is printed in either case.
     """
     from tipfem.backend import runtime
 
@@ -81,9 +92,10 @@ def run(
             )
         runtime.init(arch, threads=threads)
         simulation = started(file, made, folder, steering)
+        control = shown(simulation, port, browser=browser) if view else None
     if failed:
         return 2
-    return run_to(simulation, file.end, folder, progress=progress)
+    return run_to(simulation, file.end, folder, progress=progress, control=control)
 
 
 def resume(
@@ -95,6 +107,9 @@ def resume(
     threads: int | None = None,
     arch: str | None = None,
     progress: bool = True,
+    view: bool = False,
+    port: int | None = None,
+    browser: bool = True,
 ) -> int:
     """Go on with a run that was stopped or killed, from its newest checkpoint; from its start, if it has none yet.
 
@@ -112,6 +127,12 @@ def resume(
         cpu or cuda; by default what the run had.
     progress
         Show a progress bar on a terminal.
+    view
+        Show the run in a browser while it goes on, and let it be steered from there.
+    port
+        Of 127.0.0.1, where the page of --view is served; by default 8800, or one of the next. 0 takes any.
+    browser
+        Open a browser for --view where there is a display; the address is printed in either case.
     """
     with bad_input() as failed:
         if until is not None and not (is_number(until) and until > 0):
@@ -129,9 +150,13 @@ def resume(
             simulation.write_summary({"status": "complete"})
         print(f"t = {simulation.time:g} s has been reached; --until goes on further; results: {out}")
         return 0
+    with bad_input() as failed:
+        control = shown(simulation, port, browser=browser) if view else None
+    if failed:
+        return 2
     begun = f"from step {simulation.step_number}, t = {simulation.time:g} s" if simulation.step_number else "from t = 0"
     print(f"going on {begun} to t = {end:g} s", file=sys.stderr)
-    return run_to(simulation, end, out, progress=progress)
+    return run_to(simulation, end, out, progress=progress, control=control)
 
 
 def resumed(
@@ -197,12 +222,21 @@ def started(file: CaseFile, case: Case, folder: Path, steering: Path | None = No
     return simulation
 
 
-def run_to(simulation: Simulation, end: float, folder: Path, *, progress: bool) -> int:
+def shown(simulation: Simulation, port: int | None, *, browser: bool) -> LiveControl:
+    """What shows a run in a browser; see `tipfem.live` for arguments and errors."""
+    from tipfem.liveview.control import LiveControl
+
+    return LiveControl(simulation, port=port, browser=browser, say=lambda line: print(line, flush=True))
+
+
+def run_to(
+    simulation: Simulation, end: float, folder: Path, *, progress: bool, control: RunControl | None = None
+) -> int:
     """Run a simulation to a time [s], say how it went, and return the exit code."""
     from tipfem.errors import SimulationError
 
     try:
-        simulation.run(end, progress=progress)
+        simulation.run(end, progress=progress, control=control)
     except SimulationError as error:
         return said(1, f"error: {error}\nthe results up to there are in {folder}")
     except KeyboardInterrupt:

@@ -38,8 +38,13 @@ class RunControl:
         report: Callable[[str], None] = lambda _: None,
     ) -> None:
         self._receive, self._report = receive, report
-        self._steps = 0  # single steps still to be taken while paused
+        self._steps_left = 0  # single steps still to be taken while paused
         self.paused, self.stopped = paused, False
+
+    @property
+    def waits(self) -> bool:
+        """Whether no step is to be taken now."""
+        return self.paused and not self._steps_left
 
     def before_step(self, simulation: Steered, interrupted: Callable[[], bool]) -> bool:
         """Carry out the commands that have come, and wait while the run is paused.
@@ -52,12 +57,12 @@ class RunControl:
             Whether the next step is to be taken; if not, the run ends.
         """
         self._take(simulation, 0.0)
-        while self.paused and not self._steps and not self.stopped and not interrupted():
+        while self.waits and not self.stopped and not interrupted():
             self.idle(simulation)
             self._take(simulation, WAIT)
         if self.stopped or interrupted():
             return False
-        self._steps = max(self._steps - 1, 0)
+        self._steps_left = max(self._steps_left - 1, 0)
         return True
 
     def after_step(self, simulation: Steered) -> None:
@@ -73,11 +78,11 @@ class RunControl:
         for command in self._receive(wait):
             try:
                 if isinstance(command, Pause):
-                    self.paused, self._steps = True, 0
+                    self.paused, self._steps_left = True, 0
                 elif isinstance(command, Go):
                     self.paused = False
                 elif isinstance(command, Advance):
-                    self.paused, self._steps = True, self._steps + command.count
+                    self.paused, self._steps_left = True, self._steps_left + command.count
                 elif isinstance(command, Stop):
                     self.stopped = True
                 else:

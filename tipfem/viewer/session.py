@@ -193,6 +193,7 @@ class Session:
         now = time.monotonic()
         for number, pane in enumerate(self.showing.panes):
             source = pane.source
+            source.watched = self._watched
             if source.ended:
                 self._closing = self._closing or "the run has ended"
             if source.interval is None or now - self._looked[number] < source.interval:

@@ -34,6 +34,7 @@ class Source(Protocol):
         limits: the largest values that `command` takes, by name, for the page's controls: "gravity" [m/s^2],
             "poke_acceleration" [m/s^2], "poke_radius" [m], "drop_radius" [m].
         interval: seconds after which `refresh` is to be called again; None when nothing will change.
+        watched: whether a page looks; the viewer sets it before it asks for anything.
         ended: whether the viewer is to say goodbye to its clients and end, with the run that it shows.
     """
 
@@ -45,6 +46,7 @@ class Source(Protocol):
     live: bool
     commands: frozenset[str]
     limits: Mapping[str, float]
+    watched: bool
 
     @property
     def times(self) -> Sequence[float]:
@@ -105,6 +107,7 @@ class ResultsSource:
     """
 
     live = False
+    watched = False
     commands: frozenset[str] = frozenset()
     limits: Mapping[str, float] = {}
     ended = False

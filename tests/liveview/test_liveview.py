@@ -1,0 +1,281 @@
+"""tipfem/liveview: the state in shared memory, and a run that a page watches and steers."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from websockets.sync.client import connect
+
+import tipfem as tp
+from tipfem.liveview.control import LiveControl
+from tipfem.liveview.memory import Snapshot, StateMemory, slot_size
+from tipfem.steering import FILE
+from tipfem.viewer import protocol
+
+
+def snapshot(count, value, owned=True):
+    """A state whose numbers all say ``value``."""
+    return Snapshot(
+        step=value,
+        time=float(value),
+        gravity=(0.0, -float(value)),
+        speed=1.0,
+        poked=False,
+        position=np.full((count, 2), float(value)),
+        velocity=np.full((count, 2), float(value)),
+        pressure=np.full(count, float(value)),
+        fluid=np.full(count, value, dtype=np.int32),
+        wall=np.zeros(count, dtype=bool),
+        cells=np.full((2 * count, 3), value, dtype=np.int32),
+        cell_fluid=np.full(2 * count, value, dtype=np.int32) if owned else None,
+    )
+
+
+@pytest.mark.parametrize("owned", [True, False])
+def test_the_latest_state_is_read_as_it_was_written(owned):
+    memory = StateMemory(room=slot_size(10, 20))
+    assert memory.latest() is None
+    other = StateMemory(os.dup(memory.descriptor))
+    for value in (1, 2, 3):
+        memory.publish(snapshot(10, value, owned))
+    found = other.latest()
+    assert (found.step, found.time, found.gravity, found.poked) == (3, 3.0, (0.0, -3.0), False)
+    for name in ("position", "velocity", "pressure", "fluid", "cells"):
+        assert (getattr(found, name) == 3).all()
+    assert (found.cell_fluid is None) is not owned
+    memory.publish(snapshot(1000, 4, owned))  # more than there was room for
+    assert len(other.latest().position) == 1000
+    assert other.published == 4
+    other.wanted = True
+    assert memory.wanted
+
+
+def test_no_state_is_read_while_it_is_written():
+    """Another process reads as fast as it can; all numbers of a state are the same in every copy."""
+    memory = StateMemory(room=slot_size(3000, 6000))
+    memory.publish(snapshot(3000, 1))
+    code = (
+        "import sys\nfrom tipfem.liveview.memory import StateMemory\n"
+        "memory, seen = StateMemory(int(sys.argv[1])), set()\n"
+        "memory.wanted = True\n"
+        "while not memory.ended:\n"
+        "    s = memory.latest()\n"
+        "    if s is None: continue\n"
+        "    seen.add(s.step)\n"
+        "    for a in (s.position, s.velocity, s.pressure, s.fluid, s.cells, s.cell_fluid):\n"
+        "        assert (a == s.step).all() and s.time == s.step\n"
+        "print(len(seen))\n"
+    )
+    reader = subprocess.Popen(
+        [sys.executable, "-c", code, str(memory.descriptor)], pass_fds=[memory.descriptor], stdout=subprocess.PIPE
+    )
+    while not memory.wanted:
+        time.sleep(0.01)
+    end, value = time.monotonic() + 2.0, 1
+    while time.monotonic() < end:
+        value += 1
+        memory.publish(snapshot(3000, value))
+    memory.ended = True
+    assert int(reader.communicate(timeout=30)[0]) > 10
+    assert reader.returncode == 0
+    assert value > 50
+
+
+def layers(spacing=0.05):
+    """Oil on water in a unit tank."""
+    water = tp.Fluid("water", density=1000.0, viscosity=1.0)
+    oil = tp.Fluid("oil", density=800.0, viscosity=2.0)
+    tank = tp.tank((1.0, 1.0), spacing).fill(oil).fill(water, box=((0, 0), (1.0, 0.3)))
+    return tp.Case(tank, [water, oil], (0.0, -9.81))
+
+
+class Client(threading.Thread):
+    """A page in a thread: it runs a script of messages beside the simulation, which is in the main thread."""
+
+    def __init__(self, address, script):
+        super().__init__(daemon=True)
+        self.host, self.port, self.token = re.fullmatch(r"http://([\d.]+):(\d+)/#(.*)", address).groups()
+        self.script, self.error = script, None
+        self.frames, self.status, self.hello, self.errors, self.bye = 0, {}, {}, [], None
+
+    def run(self):
+        """Talk to the viewer until the script ends."""
+        try:
+            with connect(
+                f"ws://{self.host}:{self.port}/socket?token={self.token}",
+                origin=f"http://{self.host}:{self.port}",
+                max_size=None,
+                compression=None,
+            ) as self.socket:
+                self.script(self)
+        except BaseException as error:
+            self.error = error
+
+    def command(self, name, **values):
+        """Send a command."""
+        self.socket.send(json.dumps({"type": "command", "name": name, **values}))
+
+    def until(self, condition, seconds=60):
+        """Take messages until a condition holds."""
+        end = time.monotonic() + seconds
+        while not condition():
+            message = self.socket.recv(timeout=max(end - time.monotonic(), 0.01))
+            if isinstance(message, bytes):
+                head, _ = protocol.unpack(message)
+                if head["type"] == "frame":
+                    self.frames += 1
+                    self.head = head
+                    self.socket.send(json.dumps({"type": "ack", "frame": head["frame"]}))
+                continue
+            found = json.loads(message)
+            if found["type"] == "status":
+                self.status = found["runs"][0]
+            elif found["type"] == "hello":
+                self.hello = found
+            elif found["type"] == "error":
+                self.errors.append(found["text"])
+            elif found["type"] == "bye":
+                self.bye = found["text"]
+
+
+def shown(simulation, script=None, **options):
+    """The control of a run with a viewer at any port, and a page that runs a script."""
+    said = []
+    control = LiveControl(simulation, port=0, browser=False, say=said.append, **options)
+    assert said[0] == f"Open {control.address}"
+    client = Client(control.address, script) if script else None
+    if client:
+        client.start()
+    return control, client
+
+
+def test_a_page_watches_and_steers_a_run_that_is_repeated_to_the_bit(tmp_path):
+    def script(page):
+        page.until(lambda: page.frames >= 2)
+        assert page.hello["live"]
+        assert {"pause", "go", "step", "stop", "gravity", "poke", "drop"} <= set(page.hello["commands"])
+        page.command("pause")
+        page.until(lambda: page.status.get("state") == "paused")
+        step = page.status["step"]
+        page.command("step", count=2)
+        page.until(lambda: page.status["step"] == step + 2)
+        page.command("gravity", value=[2.0, -9.6])
+        page.until(lambda: page.status["gravity"] == [2.0, -9.6])
+        page.command("drop", at=[0.5, 0.95], radius=0.12, fluid="water")
+        page.until(lambda: "too close to a wall" in page.status.get("message", ""))
+        page.command("drop", at=[0.5, 0.65], radius=0.12, fluid="water")
+        page.until(lambda: "message" not in page.status)
+        page.command("gravity", value=[0.0, -500.0])
+        page.until(lambda: any("at most 98" in text for text in page.errors))
+        page.command("poke", at=[0.3, 0.15], acceleration=[30.0, 0.0], radius=0.2)
+        page.command("go")
+        frames = page.frames
+        page.until(lambda: page.frames >= frames + 5)
+        page.command("poke", at=None)
+        page.until(lambda: page.status["step"] > step + 40)
+        page.command("stop")
+        page.until(lambda: page.bye)
+
+    simulation = tp.Simulation(layers(), tmp_path / "live", time_step=0.01)
+    control, page = shown(simulation, script, rate=20)
+    simulation.run(1000.0, progress=False, control=control)
+    page.join(30)
+    assert page.error is None or page.bye, page.error
+    assert page.bye == "the run has ended"
+    assert json.loads((tmp_path / "live" / "summary.json").read_text())["status"] == "stopped by a command"
+    lines = [json.loads(line) for line in (tmp_path / "live" / FILE).read_text().splitlines()]
+    assert [line["command"] for line in lines] == ["gravity", "drop", "poke", "poke"]
+    again = tp.Simulation(layers(), time_step=0.01, steering=tmp_path / "live" / FILE)
+    while again.step_number < simulation.step_number:
+        again.step(1000.0)  # the length of steps depends on the time they are to end at
+    assert again.particles.position.tobytes() == simulation.particles.position.tobytes()
+    plain = [{**row, "wall_seconds": 0} for row in simulation.history]
+    assert plain == [{**row, "wall_seconds": 0} for row in again.history]
+
+
+def test_while_nobody_looks_nothing_is_copied():
+    simulation = tp.Simulation(layers(), time_step=0.01)
+    control, _ = shown(simulation)
+    memory = control._memory
+    before = memory.published
+    simulation.run(0.3, progress=False, control=control)
+    assert before == 1
+    assert simulation.step_number >= 30
+    assert control._process is None  # it ended with the run
+
+
+@pytest.mark.parametrize("paused", [False, True])
+def test_a_viewer_that_is_killed_does_not_hurt_the_run(paused):
+    """The run goes on, and a poke that nobody is left to release ends."""
+
+    def script(page):
+        page.until(lambda: page.frames >= 1)
+        page.command("poke", at=[0.3, 0.15], acceleration=[30.0, 0.0], radius=0.2)
+        start = page.status["step"]
+        page.until(lambda: page.status["step"] > start + 2)
+        if paused:
+            page.command("pause")
+            page.until(lambda: page.status["state"] == "paused")
+        os.kill(control._process.pid, signal.SIGKILL)
+        killed = simulation.step_number
+        while simulation.step_number < killed + 10:
+            time.sleep(0.01)
+        control.stopped = True
+
+    simulation = tp.Simulation(layers(), time_step=0.01)
+    control, page = shown(simulation, script, rate=20)
+    simulation.run(1000.0, progress=False, control=control)
+    page.join(30)
+    assert page.error is None, page.error
+    assert simulation.forces.poke is None
+    assert [record.command.values()["at"] for record in simulation.steering.applied] == [[0.3, 0.15], None]
+
+
+def test_what_cannot_be_shown_is_refused_before_any_time_is_spent():
+    simulation = tp.Simulation(layers())
+    for options, message in (
+        ({"rate": 0}, "rate is 0"),
+        ({"port": 70000}, "port is 70000"),
+        ({"rate": "5"}, "rate is '5'"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            LiveControl(simulation, **options)
+    water = tp.Fluid("water", density=1000.0, viscosity=1.0)
+    cube = tp.Case(tp.tank((1, 1, 1), 0.25, jitter=0.1).fill(water), [water], (0, 0, -9.81), interface="interpolated")
+    with pytest.raises(ValueError, match="2-D only"):
+        LiveControl(tp.Simulation(cube))
+
+
+def test_a_port_that_is_taken_is_named(tmp_path):
+    simulation = tp.Simulation(layers())
+    control, _ = shown(simulation)
+    port = int(re.search(r":(\d+)/", control.address)[1])
+    with pytest.raises(ValueError, match=f"port {port}"):
+        LiveControl(simulation, port=port, browser=False)
+    control.close()
+
+
+def test_the_command_shows_a_run_and_ends_with_it(tmp_path):
+    case = tmp_path / "case.toml"
+    case.write_text(
+        "gravity = [0, -9.81]\n[fluids.water]\ndensity = 1000.0\nviscosity = 1.0\n[tank]\nsize = [1.0, 1.0]\n"
+        'spacing = 0.1\n[[fill]]\nfluid = "water"\n[time]\nend = 0.2\n'
+    )
+    words = [sys.executable, "-m", "tipfem", "run", str(case), "--view", "--no-browser", "--port", "0", "--out"]
+    done = subprocess.run([*words, str(tmp_path / "out")], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"^Open http://127\.0\.0\.1:\d+/#\S+$", done.stdout, re.MULTILINE)
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "complete"
+    port = re.search(r":(\d+)/#", done.stdout)[1]
+    listening = [line.split()[1] for line in Path("/proc/net/tcp").read_text().splitlines() if line.split()[3] == "0A"]
+    assert f"0100007F:{int(port):04X}" not in listening

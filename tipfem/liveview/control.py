@@ -1,0 +1,316 @@
+"""LiveControl: publishes a running simulation to the process that draws it, and takes the commands from there."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import json
+import math
+import os
+import select
+import subprocess
+import sys
+import time as clock
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from tipfem.arguments import is_number
+from tipfem.case.case import Case
+from tipfem.case.forces import Forces
+from tipfem.liveview.memory import Snapshot, StateMemory, slot_size
+from tipfem.output import ResultsFolder
+from tipfem.state import State
+from tipfem.steering import Command, Release, RunControl, command_from, limits
+
+RATE = 5.0  # pictures per second, by default
+STARTS = 60.0  # longest wait for the process that draws [s]; with a cold cache Taichi compiles for a while
+_MOST = 256  # commands that are taken between two steps; the rest wait
+_LONGEST = 4096  # bytes of a line from the process that draws
+_MEAN = 1.0  # seconds over which steps per second are taken
+
+
+class Shown(Protocol):
+    """What is shown of a simulation; see `tipfem.Simulation`."""
+
+    case: Case
+    state: State
+    forces: Forces
+    results: ResultsFolder | None
+
+    def make_consistent(self) -> None:
+        """Let the state at the start have its accelerations and pressures."""
+
+    def steer(self, command: Command) -> None:
+        """Give a command."""
+
+
+class LiveControl(RunControl):
+    """Shows a run while it goes on, and lets it be steered; give it to `Simulation.run` as ``control``.
+
+    Args:
+        simulation: in 2-D.
+        port: of 127.0.0.1, where the page is served; 0 for any, None for 8800 or one of the next.
+        rate: most pictures per second.
+        browser: open a browser where there is a display.
+        paused: whether the run begins with a pause.
+        backend: of the pictures, see `tipfem.render.Renderer`.
+        say: takes lines of text: the address, and what becomes of the process.
+
+    Attributes:
+        address: of the page, with its token; "" while there is none.
+
+    Raises:
+        ValueError: an argument is not possible, the case is not in 2-D, or the process cannot serve a page.
+    """
+
+    def __init__(
+        self,
+        simulation: Shown,
+        *,
+        port: int | None = None,
+        rate: float = RATE,
+        browser: bool = True,
+        paused: bool = False,
+        backend: str = "raster",
+        say: Callable[[str], None] = print,
+    ) -> None:
+        super().__init__(self._receive_commands, paused=paused, report=self._tell)
+        if simulation.case.particles.dimension != 2:
+            raise ValueError("the viewer shows cases in 2-D only; this one is in 3-D")
+        if not (is_number(rate) and 0 < rate <= 60):
+            raise ValueError(f"rate is {rate!r}; it must be a number of pictures per second, at most 60")
+        if port is not None and not (isinstance(port, int) and 0 <= port <= 65535):
+            raise ValueError(f"port is {port!r}; it must be a whole number from 0 to 65535")
+        if importlib.util.find_spec("websockets") is None:
+            raise ValueError("the viewer needs websockets, which is not installed: pip install 'tipfem[view]'")
+        self.address = ""
+        self._say, self._rate = say, float(rate)
+        self._rest, self._failed = b"", ""
+        self._published: tuple[State, Forces] | None = None
+        self._when, self._prompt = -math.inf, False
+        self._steps: list[tuple[float, int]] = []
+        simulation.make_consistent()
+        state = simulation.state
+        # Room for twice the particles, so that drops do not move the memory.
+        self._memory = StateMemory(room=slot_size(2 * len(state.particles), 2 * len(state.mesh.cells)))
+        self._memory.paused = paused
+        self._publish(simulation)
+        self._process = self._start(
+            {"facts": describe(simulation), "port": port, "browser": browser, "backend": backend}
+        )
+        self._wait_for_address()
+
+    # What a run calls
+
+    def before_step(self, simulation: Any, interrupted: Callable[[], bool]) -> bool:
+        """See `RunControl.before_step`."""
+        goes_on = super().before_step(simulation, interrupted)
+        self._memory.paused = self.waits
+        if self._process is None:
+            self._end_poke(simulation)
+        return goes_on
+
+    def after_step(self, simulation: Any) -> None:
+        """Publish the state if somebody looks and it is time."""
+        now, step = clock.monotonic(), simulation.state.step
+        self._steps.append((now, step))
+        while now - self._steps[0][0] > _MEAN and len(self._steps) > 2:
+            self._steps.pop(0)
+        self._publish_if_due(simulation, now)
+
+    def idle(self, simulation: Any) -> None:
+        """Publish what a command has changed during a pause."""
+        self._memory.paused = True
+        self._steps.clear()
+        if self._process is None:  # nobody is left to let it go on
+            self.paused = False
+        self._publish_if_due(simulation, clock.monotonic())
+
+    def finished(self, simulation: Any, status: str) -> None:
+        """Publish the last state, and end the process."""
+        if self._process is not None and self._memory.wanted:
+            self._publish(simulation)
+        self.close()
+
+    def close(self) -> None:
+        """End the process that draws."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        self._memory.ended = True
+        assert process.stdin is not None
+        with contextlib.suppress(OSError):
+            process.stdin.close()
+        try:
+            process.wait(5)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        os.close(self._pipe)
+        self._memory.close()
+
+    # The states
+
+    def _publish_if_due(self, simulation: Shown, now: float) -> None:
+        if self._process is None or not self._memory.wanted:
+            return
+        changed = self._published is None or self._published != (simulation.state, simulation.forces)
+        if changed and (self._prompt or now - self._when >= 1 / self._rate):
+            self._publish(simulation)
+
+    def _publish(self, simulation: Shown) -> None:
+        state, forces = simulation.state, simulation.forces
+        particles, mesh = state.particles, state.mesh
+        gravity = simulation.case.gravity if forces.gravity is None else forces.gravity
+        self._memory.publish(
+            Snapshot(
+                step=state.step,
+                time=state.time,
+                gravity=(float(gravity[0]), float(gravity[1])),
+                speed=self._speed(),
+                poked=forces.pokes(state.time),
+                position=particles.position,
+                velocity=particles.velocity,
+                pressure=particles.pressure,
+                fluid=particles.fluid,
+                wall=particles.wall,
+                cells=mesh.cells,
+                cell_fluid=mesh.fluid,
+            )
+        )
+        self._published, self._when, self._prompt = (state, forces), clock.monotonic(), False
+
+    def _speed(self) -> float:
+        """Steps per second of late; NaN before there are two."""
+        if len(self._steps) < 2:
+            return math.nan
+        (start, first), (end, last) = self._steps[0], self._steps[-1]
+        return (last - first) / max(end - start, 1e-9)
+
+    # The process
+
+    def _start(self, settings: dict[str, Any]) -> subprocess.Popen[bytes] | None:
+        self._pipe, theirs = os.pipe()
+        os.set_blocking(self._pipe, False)
+        try:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "tipfem.liveview.process"],
+                stdin=subprocess.PIPE,
+                pass_fds=(theirs, self._memory.descriptor),
+                start_new_session=True,  # Ctrl-C is for the run, which ends the process in good order
+            )
+        finally:
+            os.close(theirs)
+        assert process.stdin is not None
+        line = json.dumps({**settings, "pipe": theirs, "memory": self._memory.descriptor})
+        process.stdin.write(line.encode() + b"\n")
+        process.stdin.flush()
+        os.set_blocking(process.stdin.fileno(), False)
+        return process
+
+    def _wait_for_address(self) -> None:
+        """Wait until the page is served.
+
+        Raises:
+            ValueError: the process has ended, or takes too long.
+        """
+        end = clock.monotonic() + STARTS
+        while not self.address and self._process is not None and clock.monotonic() < end:
+            self._read(0.1)
+        if self.address:
+            return
+        why = self._failed or f"the process that draws did not begin within {STARTS:g} s"
+        self.close()
+        raise ValueError(f"the run cannot be shown: {why}")
+
+    def _receive_commands(self, wait: float) -> Sequence[Command]:
+        found = []
+        for line in self._read(wait):
+            try:
+                found.append(command_from(str(line["name"]), dict(line["values"])))
+            except (KeyError, TypeError, ValueError) as error:
+                self._tell(str(error))
+        if found:
+            self._prompt = True
+            self._tell("")
+        return found
+
+    def _read(self, wait: float) -> list[dict[str, Any]]:
+        """The lines with commands that have come; those for the terminal are said."""
+        if self._process is None:
+            if wait:
+                clock.sleep(wait)
+            return []
+        if not select.select([self._pipe], [], [], wait)[0]:
+            return []
+        try:
+            read = os.read(self._pipe, _MOST * 256)
+        except BlockingIOError:
+            return []
+        if not read:
+            self._lost()
+            return []
+        *lines, self._rest = (self._rest + read).split(b"\n")
+        self._rest = self._rest[:_LONGEST]
+        found = []
+        for text in lines[:_MOST]:
+            try:
+                line = json.loads(text)
+            except ValueError:
+                continue
+            if not isinstance(line, dict):
+                continue
+            if "say" in line:
+                self._hear(str(line["say"]))
+            elif "failed" in line:
+                self._failed = str(line["failed"])
+            else:
+                found.append(line)
+        return found
+
+    def _hear(self, line: str) -> None:
+        if line.startswith("Open "):
+            self.address = line.removeprefix("Open ")
+        self._say(line)
+
+    def _lost(self) -> None:
+        """The process has ended before the run, which goes on."""
+        process, self._process = self._process, None
+        assert process is not None
+        process.wait()
+        os.close(self._pipe)
+        self._memory.close()
+        self.paused = False
+        if self.address:
+            self._say(f"the viewer has ended{f': {self._failed}' if self._failed else ''}; the run goes on")
+
+    def _end_poke(self, simulation: Shown) -> None:
+        """Release a poke that nobody is left to release."""
+        poke = simulation.forces.poke
+        if poke is not None and math.isinf(poke.end):
+            simulation.steer(Release())
+
+    def _tell(self, message: str) -> None:
+        """Let the page show a line about a command; left out if the process does not take it."""
+        if self._process is not None and self._process.stdin is not None:
+            with contextlib.suppress(OSError):
+                os.write(self._process.stdin.fileno(), json.dumps({"message": message}).encode() + b"\n")
+
+
+def describe(simulation: Shown) -> dict[str, Any]:
+    """What a `LiveSource` needs to know of a case, as JSON."""
+    case = simulation.case
+    walls = case.particles.position[case.particles.wall]
+    results = simulation.results
+    return {
+        "name": results.path.resolve().name if results else "run",
+        "title": case.title,
+        "fluid_names": [fluid.name for fluid in case.fluids],
+        "fluid_densities": [float(fluid.density) for fluid in case.fluids],
+        "spacing": float(case.particles.spacing),
+        "lower": np.asarray(walls.min(axis=0)).tolist(),
+        "upper": np.asarray(walls.max(axis=0)).tolist(),
+        "limits": limits(case),
+    }

@@ -1,0 +1,222 @@
+"""The latest state of a run, in memory that two processes share: two slots, one of which is whole at any time.
+
+A file without a name, whose descriptor the second process inherits, is mapped into both. It begins with a header of
+64-bit numbers; the slots follow. The writer marks a slot as being written, fills it, and counts it as published; the
+reader copies the slot published last, and takes the copy if the marks say that it was not written meanwhile.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import tempfile
+from dataclasses import dataclass
+
+import numpy as np
+
+from tipfem.typing import Array
+
+_MAGIC = 0x7469_7066_656D_0001  # "tipfem", and the version of the layout
+_HEADER = 4096  # bytes
+# Numbers of the header.
+_VERSION, _PUBLISHED, _WANTED, _ENDED, _PAUSED, _SIZE = range(6)
+_SLOT = 256  # bytes before the arrays of a slot: whole numbers, and reals from the 16th number on
+_TRIES = 10  # to copy a slot that is written meanwhile
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A state of a run in 2-D, as it is drawn.
+
+    Attributes:
+        step: number of steps taken.
+        time: [s].
+        gravity: (2,) [m/s^2].
+        speed: steps per second by the clock.
+        poked: whether a poke acts.
+        position: (N, 2) of the particles [m], float64.
+        velocity: (N, 2) [m/s], float32.
+        pressure: (N,) [Pa], float32.
+        fluid: (N,) int32.
+        wall: (N,) int8.
+        cells: (M, 3) int32.
+        cell_fluid: (M,) int32; None where interfaces run through cells.
+    """
+
+    step: int
+    time: float
+    gravity: tuple[float, float]
+    speed: float
+    poked: bool
+    position: Array
+    velocity: Array
+    pressure: Array
+    fluid: Array
+    wall: Array
+    cells: Array
+    cell_fluid: Array | None
+
+    @staticmethod
+    def layout(particles: int, cells: int, owned: bool) -> list[tuple[str, str, tuple[int, ...]]]:
+        """Names, types and shapes of the arrays of a slot.
+
+        Args:
+            particles: N.
+            cells: M.
+            owned: whether cells have fluids.
+        """
+        arrays: list[tuple[str, str, tuple[int, ...]]] = [
+            ("position", "f8", (particles, 2)),
+            ("velocity", "f4", (particles, 2)),
+            ("pressure", "f4", (particles,)),
+            ("fluid", "i4", (particles,)),
+        ]
+        arrays.append(("cells", "i4", (cells, 3)))
+        if owned:
+            arrays.append(("cell_fluid", "i4", (cells,)))
+        arrays.append(("wall", "i1", (particles,)))  # last, for it may end at any byte
+        return arrays
+
+
+def slot_size(particles: int, cells: int) -> int:
+    """Bytes that a slot for a number of particles and cells takes, in whole pages."""
+    arrays = Snapshot.layout(particles, cells, owned=True)
+    size = _SLOT + sum(int(np.prod(shape)) * np.dtype(kind).itemsize for _, kind, shape in arrays)
+    return -(-size // mmap.PAGESIZE) * mmap.PAGESIZE
+
+
+class StateMemory:
+    """The memory, in the process that runs or in the one that draws.
+
+    Args:
+        descriptor: of the file; None for a new one.
+        room: bytes of a slot of a new file.
+
+    Attributes:
+        descriptor: of the file, for the second process.
+    """
+
+    def __init__(self, descriptor: int | None = None, room: int = 0) -> None:
+        self.descriptor = _anonymous_file() if descriptor is None else descriptor
+        if descriptor is None:
+            os.ftruncate(self.descriptor, _HEADER + 2 * room)
+        self._count = 0
+        self._map()
+        if descriptor is None:
+            self._header[_SIZE], self._header[_VERSION] = room, _MAGIC
+        elif self._header[_VERSION] != _MAGIC:
+            raise ValueError("the descriptor is none of a run's state")
+
+    def _map(self) -> None:
+        self._memory = mmap.mmap(self.descriptor, 0)
+        self._header = np.frombuffer(self._memory, dtype=np.int64, count=_HEADER // 8)
+
+    # What both sides say
+
+    @property
+    def published(self) -> int:
+        """How many states have been published."""
+        return int(self._header[_PUBLISHED])
+
+    @property
+    def wanted(self) -> bool:
+        """Whether somebody looks; said by the process that draws."""
+        return bool(self._header[_WANTED])
+
+    @wanted.setter
+    def wanted(self, wanted: bool) -> None:
+        self._header[_WANTED] = int(wanted)
+
+    @property
+    def ended(self) -> bool:
+        """Whether the run has ended."""
+        return bool(self._header[_ENDED])
+
+    @ended.setter
+    def ended(self, ended: bool) -> None:
+        self._header[_ENDED] = int(ended)
+
+    @property
+    def paused(self) -> bool:
+        """Whether the run waits."""
+        return bool(self._header[_PAUSED])
+
+    @paused.setter
+    def paused(self, paused: bool) -> None:
+        self._header[_PAUSED] = int(paused)
+
+    # The states
+
+    def publish(self, state: Snapshot) -> None:
+        """Write a state; the file grows where it has no room for it."""
+        particles, cells = len(state.position), len(state.cells)
+        needed = slot_size(particles, cells)
+        if needed > self._header[_SIZE]:
+            self._grow(needed + needed // 2)
+        self._count += 1
+        number = self._count
+        whole, real, start = self._slot(number % 2)
+        whole[0] = 2 * number + 1  # odd: being written
+        whole[1:5] = particles, cells, state.step, state.cell_fluid is not None
+        whole[5] = state.poked
+        real[0:4] = state.time, *state.gravity, state.speed
+        for name, array in self._arrays(particles, cells, state.cell_fluid is not None, start).items():
+            array[...] = getattr(state, name)
+        whole[0] = 2 * number
+        self._header[_PUBLISHED] = number
+
+    def latest(self) -> Snapshot | None:
+        """A copy of the state published last; None while there is none."""
+        for _ in range(_TRIES):
+            number = self.published
+            if not number:
+                return None
+            if _HEADER + 2 * int(self._header[_SIZE]) > len(self._memory):
+                self._map()
+            whole, real, start = self._slot(number % 2)
+            before = 2 * number
+            if int(whole[0]) != before:
+                continue
+            particles, cells, step, owned, poked = (int(value) for value in whole[1:6])
+            if slot_size(particles, cells) > self._header[_SIZE]:
+                continue
+            time, gx, gy, speed = (float(value) for value in real[:4])
+            arrays = {n: a.copy() for n, a in self._arrays(particles, cells, bool(owned), start).items()}
+            if int(whole[0]) == before:
+                return Snapshot(
+                    step, time, (gx, gy), speed, bool(poked), cell_fluid=arrays.pop("cell_fluid", None), **arrays
+                )
+        return None
+
+    def close(self) -> None:
+        """Close the descriptor; the memory goes with the last process that has it."""
+        os.close(self.descriptor)
+
+    def _grow(self, room: int) -> None:
+        """Make room; slots move, so nothing counts as published until the next state."""
+        self._header[_PUBLISHED] = 0
+        os.ftruncate(self.descriptor, _HEADER + 2 * room)
+        self._header[_SIZE] = room
+        self._map()
+
+    def _slot(self, number: int) -> tuple[Array, Array, int]:
+        start = _HEADER + number * int(self._header[_SIZE])
+        whole = np.frombuffer(self._memory, dtype=np.int64, count=16, offset=start)
+        return whole, np.frombuffer(self._memory, dtype=np.float64, count=16, offset=start + 128), start + _SLOT
+
+    def _arrays(self, particles: int, cells: int, owned: bool, start: int) -> dict[str, Array]:
+        found = {}
+        for name, kind, shape in Snapshot.layout(particles, cells, owned):
+            count = int(np.prod(shape))
+            found[name] = np.frombuffer(self._memory, dtype=kind, count=count, offset=start).reshape(shape)
+            start += count * np.dtype(kind).itemsize
+        return found
+
+
+def _anonymous_file() -> int:
+    """A descriptor of a file without a name, in memory where the system has such."""
+    if hasattr(os, "memfd_create"):
+        return os.memfd_create("tipfem-state")
+    descriptor, path = tempfile.mkstemp(prefix="tipfem-state-")
+    os.unlink(path)
+    return descriptor

@@ -1,0 +1,51 @@
+"""live: run a simulation and show it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Protocol
+
+from tipfem.liveview.control import RATE, LiveControl, Shown
+from tipfem.steering import RunControl
+
+
+class Run(Shown, Protocol):
+    """A simulation that can be shown and run; see `tipfem.Simulation`."""
+
+    def run(self, until: float, *, progress: bool = True, control: RunControl | None = None) -> None:
+        """Step until a time [s]."""
+
+
+def live(
+    simulation: Run,
+    until: float = math.inf,
+    *,
+    port: int | None = None,
+    rate: float = RATE,
+    browser: bool = True,
+    paused: bool = False,
+    say: Callable[[str], None] = print,
+) -> None:
+    """Run a simulation, and show and steer it in a browser meanwhile.
+
+    A second process draws the latest state and serves the page; while nobody looks, the run is as fast as any.
+
+    Args:
+        simulation: a `Simulation`, in 2-D.
+        until: time to run to [s]; by default until it is told to stop.
+        port: of 127.0.0.1, where the page is served; 0 for any, None for 8800 or one of the next.
+        rate: most pictures per second.
+        browser: open a browser where there is a display; the address is said in either case.
+        paused: begin with a pause.
+        say: takes lines of text: the address, and what becomes of the viewer.
+
+    Raises:
+        ValueError: an argument is not possible, the case is not in 2-D, or the page cannot be served.
+        SimulationError: see `Simulation.run`.
+    """
+    control = LiveControl(simulation, port=port, rate=rate, browser=browser, paused=paused, say=say)
+    try:
+        simulation.run(until, progress=math.isfinite(until), control=control)
+    finally:
+        control.close()

@@ -1,0 +1,175 @@
+"""LiveSource: a running simulation as a source of the viewer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from tipfem.liveview.memory import Snapshot
+from tipfem.render import Scene
+
+LOOKED_EVERY = 0.02  # seconds between looks at a run that somebody watches
+IDLE = 1.0  # seconds between looks at one that nobody watches
+COMMANDS = frozenset({"pause", "go", "step", "stop", "gravity", "poke", "drop"})
+
+
+class Feed(Protocol):
+    """Where the states of a run come from; see `tipfem.liveview.memory.StateMemory`.
+
+    Attributes:
+        published: number of states so far.
+        wanted: whether somebody looks.
+        ended: whether the run has ended.
+        paused: whether the run waits.
+    """
+
+    wanted: bool
+
+    @property
+    def published(self) -> int:
+        """See the attributes."""
+
+    @property
+    def ended(self) -> bool:
+        """See the attributes."""
+
+    @property
+    def paused(self) -> bool:
+        """See the attributes."""
+
+    def latest(self) -> Snapshot | None:
+        """The latest state."""
+
+
+class LiveSource:
+    """A running simulation; see `tipfem.viewer.Source`.
+
+    Args:
+        facts: what `describe` says of the case.
+        feed: of its states; there must be one.
+        send: takes a command's name and values.
+        messages: gives the latest line about a command that was refused, "" for none.
+    """
+
+    live = True
+    commands = COMMANDS
+
+    def __init__(
+        self,
+        facts: Mapping[str, Any],
+        feed: Feed,
+        send: Callable[[str, Mapping[str, Any]], None],
+        messages: Callable[[], str] = lambda: "",
+    ) -> None:
+        self.name, self.title = str(facts["name"]), str(facts["title"])
+        self.fluid_names = tuple(str(name) for name in facts["fluid_names"])
+        self.fluid_densities = tuple(float(value) for value in facts["fluid_densities"])
+        self.spacing = float(facts["spacing"])
+        self.limits: Mapping[str, float] = dict(facts["limits"])
+        self._lower, self._upper = np.array(facts["lower"]), np.array(facts["upper"])
+        self._feed, self._send, self._messages = feed, send, messages
+        self._seen: tuple[Any, ...] = ()
+        self._shown: tuple[Snapshot, Scene] | None = None
+        first = feed.latest()
+        if first is None:
+            raise ValueError("the run has no state to show yet")
+        self._latest = first
+
+    @property
+    def watched(self) -> bool:
+        """Whether a page looks; said by the viewer."""
+        return self._feed.wanted
+
+    @watched.setter
+    def watched(self, watched: bool) -> None:
+        self._feed.wanted = watched
+
+    @property
+    def times(self) -> Sequence[float]:
+        """The present time [s]."""
+        return [self._latest.time]
+
+    @property
+    def interval(self) -> float | None:
+        """Seconds after which `refresh` is to be called again."""
+        return LOOKED_EVERY if self.watched else IDLE
+
+    @property
+    def ended(self) -> bool:
+        """Whether the run has ended."""
+        return self._feed.ended
+
+    def refresh(self) -> bool:
+        """Take the latest state; see `Source.refresh`."""
+        seen = self._feed.published, self._feed.paused, self._messages()
+        if seen == self._seen:
+            return False
+        self._seen = seen
+        self._latest = self._feed.latest() or self._latest
+        return True
+
+    def scene(self, index: int) -> Scene:
+        """The latest state; see `Source.scene`."""
+        latest = self._latest
+        if self._shown is None or self._shown[0] is not latest:
+            velocity = latest.velocity.astype(np.float64)
+            fields = {
+                "pressure": latest.pressure.astype(np.float64),
+                "speed": np.linalg.norm(velocity, axis=1),
+                "velocity_x": velocity[:, 0],
+                "velocity_y": velocity[:, 1],
+                "density": np.take(self.fluid_densities, latest.fluid),
+            }
+            owner, cell_fields = latest.cell_fluid, {}
+            if owner is not None:
+                cell_fields = {"density": np.take(self.fluid_densities, owner)}
+            lower, upper = self._box(latest)
+            scene = Scene(
+                position=latest.position,
+                cells=latest.cells,
+                fluid=latest.fluid,
+                wall=latest.wall,
+                fields=fields,
+                cell_fields=cell_fields,
+                time=latest.time,
+                fluid_names=self.fluid_names,
+                fluid_densities=self.fluid_densities,
+                lower=lower,
+                upper=upper,
+                cell_fluid=owner,
+                spacing=self.spacing,
+                title=self.title,
+            )
+            self._shown = latest, scene
+        return self._shown[1]
+
+    def status(self) -> Mapping[str, Any]:
+        """See `Source.status`."""
+        latest = self._latest
+        state = "complete" if self._feed.ended else "paused" if self._feed.paused else "running"
+        found: dict[str, Any] = {"state": state, "step": latest.step, "gravity": list(latest.gravity)}
+        if state == "running" and math.isfinite(latest.speed):
+            found["steps_per_second"] = latest.speed
+        if message := self._messages():
+            found["message"] = message
+        return found
+
+    def command(self, name: str, values: Mapping[str, Any]) -> None:
+        """Pass a command on; see `Source.command`."""
+        if name not in COMMANDS:
+            raise ValueError(f"command {name!r}: it must be one of {', '.join(sorted(COMMANDS))}")
+        for key, most in (("acceleration", "poke_acceleration"), ("value", "gravity")):
+            if key in values and math.hypot(*values[key]) > self.limits[most] * (1 + 1e-6):
+                raise ValueError(f"{name}: {key} must be at most {self.limits[most]:g} m/s^2")
+        self._send(name, values)
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def _box(self, state: Snapshot) -> tuple[Any, Any]:
+        """The box of the walls, which may have moved."""
+        walls = state.position[state.wall > 0]
+        return np.minimum(self._lower, walls.min(axis=0)), np.maximum(self._upper, walls.max(axis=0))
