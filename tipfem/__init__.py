@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from tipfem.backend.runtime import init
     from tipfem.case import shapes
+    from tipfem.case.body import Body
     from tipfem.case.case import Case
     from tipfem.case.fluid import Fluid
     from tipfem.case.grading import Grading
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "Body",
     "Case",
     "CaseFile",
     "CaseFileError",
@@ -86,6 +88,7 @@ __all__ = [
 ]
 
 _MODULES = {
+    "Body": "case.body",
     "Case": "case.case",
     "CaseFile": "casefile.loading",
     "CaseFileError": "casefile.problems",

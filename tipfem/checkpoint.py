@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from tipfem.case.body import Body
 from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.fluid import Fluid
@@ -291,6 +292,8 @@ def case_record(case: Case) -> dict[str, Any]:
         "walls": [_plain(wall) for wall in case.walls],
         "tank_motion": _plain(case.tank_motion),
         "grading": _plain(case.grading),
+        # As polygons, which a body in a tank has.
+        "bodies": [{**_plain(body), "shape": body.corners} for body in case.bodies],
         "walls_have_fluids": case.walls_have_fluids,
         "particles": dict(vars(case.particles)),
     }
@@ -325,6 +328,7 @@ def case_from(record: Mapping[str, Any]) -> Case:
         title=record["title"],
         walls=[Wall(**wall) for wall in record["walls"]],
         grading=None if grading is None else Grading(**grading),
+        bodies=[Body(**body) for body in record.get("bodies", [])],
     )
     case.walls_have_fluids = record["walls_have_fluids"]
     return case

@@ -42,7 +42,7 @@ from tipfem.probes import Probe, ProbeRecorder, probe_from, probe_record
 from tipfem.remesh.remeshers import remesher_for
 from tipfem.run import CheckpointSchedule, require_intervals, writing
 from tipfem.run import run as run_to
-from tipfem.state import Solved, State
+from tipfem.state import Solved, State, state_with_held_bodies
 from tipfem.steering import Command, Record, RunControl, Steering
 from tipfem.step.budget import Budget
 from tipfem.step.numerical_error import numerical_error
@@ -225,6 +225,7 @@ class Simulation:
             self.volume_control.observe(state.volume, dt)
             self.state = state
             self.record(solved, balance, refused)
+            self.state = state_with_held_bodies(self.case.bodies, state)
 
     def solve(self, state: State, dt: float, until: float = math.inf) -> Solved:
         """Solve a step of length ``dt`` [s] from a state, without taking it.

@@ -7,11 +7,13 @@ changed in place, so a step that is refused leaves the simulation unchanged.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tipfem.backend.launch import launch
+from tipfem.case.body import Body
 from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem import work
@@ -19,6 +21,7 @@ from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 from tipfem.walls.bodies import BodyStates
+from tipfem.walls.contacts import hold_contacts
 from tipfem.walls.layers import Layers
 from tipfem.walls.step import Walls
 
@@ -236,3 +239,18 @@ class Solved:
     def mesh(self) -> Mesh:
         """The mesh of ``before``, moved with the particles."""
         return self.before.mesh.moved(self.particles.position)
+
+
+def state_with_held_bodies(bodies: Sequence[Body], state: State) -> State:
+    """A state, with bodies that are in contact held; see `tipfem.walls.contacts.hold_contacts` for errors.
+
+    Args:
+        bodies: of the case.
+        state: after a step.
+    """
+    if state.bodies is None:
+        return state
+    states = hold_contacts(bodies, state.bodies, state.particles, state.mesh, state.time)
+    if states is state.bodies:
+        return state
+    return replace(state, bodies=states, particles=states.imposed(state.particles))

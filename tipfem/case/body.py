@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -10,11 +11,13 @@ from typing import Any
 import numpy as np
 
 from tipfem.arguments import is_number, numbers
+from tipfem.case.shapes import Shape
 from tipfem.case.walls import Motion, rates
 from tipfem.typing import Array
 
 FREEDOMS = ("x", "y", "angle")
 CONTACTS = ("stop", "hold")
+ARC = 32  # edges in place of an arc of a right angle, before the body is meshed
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,8 @@ class Body:
     with the force F and the moment T of the fluids on it. A body with a hinge turns about the hinge, and only turns.
 
     Attributes:
-        shape: its outline at t = 0: corners (K, 2) [m] in order, at least three, or a polygon of shapely without holes.
+        shape: its outline at t = 0, without holes: a shape of `tipfem.shapes`, a list of corners [m], or a polygon of
+            shapely. In a tank, arcs become edges of about a spacing; mass and inertia are those of that polygon.
         name: for columns of the history and messages; unique within a case.
         motion: prescribed rigid motion; its pivot is the centre of the body unless it is given.
         density: of a body that floats [kg/m^3]; its mass is that times its area.
@@ -48,6 +52,8 @@ class Body:
         damping: (3,) of dampers to ground, for the same velocities [N s/m, N m s per metre of depth].
         contact: what happens when the gap to a wall or to another body becomes less than about half a spacing: "stop"
             ends the run with an error, "hold" fixes the body where it is from then on.
+        outline: the shape.
+        corners: (K, 2) of the outline as a polygon, anticlockwise [m].
 
     Raises:
         ValueError: a value has the wrong shape or sign, or two of them contradict each other.
@@ -67,12 +73,16 @@ class Body:
     stiffness: Sequence[float] = (0.0, 0.0, 0.0)
     damping: Sequence[float] = (0.0, 0.0, 0.0)
     contact: str = "stop"
+    outline: Shape = field(init=False, repr=False, compare=False)
     corners: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise ValueError(f"Body: name is {self.name!r}; it must be a non-empty string")
-        object.__setattr__(self, "corners", _outline(self.shape, self._here))
+        outline = _outline(self.shape, self._here).named(self.name)
+        object.__setattr__(self, "outline", outline)
+        corners = [p.at(np.arange(ARC) / ARC if p.centre is not None else np.zeros(1)) for p in outline.pieces]
+        object.__setattr__(self, "corners", np.concatenate(corners))
         for name in ("density", "mass", "inertia"):
             value = getattr(self, name)
             if value is not None and not (is_number(value) and value > 0):
@@ -140,6 +150,12 @@ class Body:
         if not self.floats:
             return ()
         return ("angle",) if self.hinge is not None else tuple(self.free or FREEDOMS)
+
+    def meshed(self, corners: Array) -> Body:
+        """The body with its outline as a polygon (K, 2) [m], anticlockwise."""
+        new = copy.copy(self)
+        object.__setattr__(new, "corners", corners)
+        return new
 
     @property
     def area(self) -> float:
@@ -215,23 +231,14 @@ def polygon_moments(corners: Array) -> tuple[float, Array, float]:
     return area, origin + middle, second
 
 
-def _outline(shape: Any, here: str) -> Array:
-    """Corners (K, 2) of a shape, anticlockwise; see `Body` for errors."""
-    if hasattr(shape, "exterior"):  # a polygon of shapely
-        if len(shape.interiors):
-            raise ValueError(f"{here}: shape has {len(shape.interiors)} holes; fluids inside a body are not supported")
-        shape = list(shape.exterior.coords)
-    corners = numbers(shape)
-    if corners.ndim == 2 and len(corners) > 1 and (corners[0] == corners[-1]).all():
-        corners = corners[:-1]
-    if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3 or not np.isfinite(corners).all():
-        raise ValueError(f"{here}: shape is {shape!r}; it must be a polygon: three or more corners (x, y) in m")
-    area = polygon_moments(corners)[0] if _signed_area(corners) else 0.0
-    if not area:
+def _outline(given: Any, here: str) -> Shape:
+    """The outline of a body; see `Body` for errors."""
+    try:
+        shape = Shape.of(given)
+    except ValueError as error:
+        raise ValueError(f"{here}: {error}") from error
+    if len(shape.loops) > 1:
+        raise ValueError(f"{here}: shape has {len(shape.loops) - 1} holes; fluids inside a body are not supported")
+    if not shape.area > 0:
         raise ValueError(f"{here}: shape has no area")
-    return corners if area > 0 else np.ascontiguousarray(corners[::-1])
-
-
-def _signed_area(corners: Array) -> float:
-    x, y = (corners - corners[0]).T
-    return 0.5 * float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
+    return shape

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull, QhullError
 from tipfem.arguments import numbers
 from tipfem.case.body import Body
 from tipfem.case.boundary import Boundary
-from tipfem.case.domain import Domain
+from tipfem.case.domain import Domain, around_bodies
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import Numerics
@@ -117,8 +117,10 @@ class Case:
             self.walls_have_fluids, self.filled = True, self.tank.holds
             self.walls = [*self.tank.walls(particles), *self.walls]
         self.gravity = self._checked_gravity(gravity)
-        self.bodies = _checked_bodies(bodies if self.tank is None else self.tank.bodies)
+        self.bodies = self._checked_bodies(bodies)
         self.body_label = self._labelled(particles)
+        if self.bodies and self.domain is None:
+            self.domain = around_bodies(particles.position, [body.corners for body in self.bodies])
         self._check_particles(particles)
         self.boundary = Boundary(particles, self.walls, self.tank_motion, closed=self.closed)
         if self.tank is not None:
@@ -149,6 +151,23 @@ class Case:
         if given.shape != (d,) or not np.isfinite(given).all():
             raise ValueError(f"Case: gravity is {gravity!r}; it must be {d} finite accelerations in m/s^2")
         return given
+
+    def _checked_bodies(self, bodies: Sequence[Body]) -> list[Body]:
+        """The bodies as a list, those of the tank if there is one; see the class for errors."""
+        if not (isinstance(bodies, Sequence) and all(isinstance(body, Body) for body in bodies)):
+            raise ValueError(f"Case: bodies is {bodies!r}; it must be a list of Body")
+        if bodies and self.tank is not None:
+            raise ValueError("Case: bodies are given beside a tank; put them into the tank by tank.add(body)")
+        result = list(bodies if self.tank is None else self.tank.bodies)
+        names = [body.name for body in result]
+        if len(set(names)) < len(names):
+            raise ValueError(f"Case: bodies are named {names}; every body needs a name of its own")
+        if result and (self.interface != "sharp" or self.particles.dimension != 2):
+            raise ValueError(
+                f"Case: there are bodies ({', '.join(names)}), which need the sharp interface, in 2-D and without a "
+                f"free surface; interface is {self.interface!r} and free_surface is {self.free_surface}"
+            )
+        return result
 
     def _labelled(self, particles: Particles) -> Array:
         """(N,) number of the body that each particle is on, -1 for none."""
@@ -316,16 +335,6 @@ def _checked_fluids(fluids: Sequence[Fluid]) -> list[Fluid]:
     if len(set(names)) < len(names):
         raise ValueError(f"Case: fluids are named {names}; every fluid needs a name of its own")
     return found
-
-
-def _checked_bodies(bodies: Sequence[Body]) -> list[Body]:
-    """The bodies as a list; see `Case` for errors."""
-    if not (isinstance(bodies, Sequence) and all(isinstance(body, Body) for body in bodies)):
-        raise ValueError(f"Case: bodies is {bodies!r}; it must be a list of Body")
-    names = [body.name for body in bodies]
-    if len(set(names)) < len(names):
-        raise ValueError(f"Case: bodies are named {names}; every body needs a name of its own")
-    return list(bodies)
 
 
 def _checked_interface(interface: str | None, free_surface: bool) -> str:

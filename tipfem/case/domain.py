@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from tipfem.case.particles import Particles
 from tipfem.case.shapes import Piece, Shape
@@ -264,6 +264,15 @@ def domain_of(shape: Shape, spacing: float, part: Callable[[Array], Array] | Non
         names.append(own)
         curves.append(numbers)
     return Domain(loops, names, curves)
+
+
+def around_bodies(position: Array, bodies: Sequence[Array]) -> Domain:
+    """The convex hull of particles (N, 2), less bodies with the corners (K, 2), anticlockwise."""
+    hull = ConvexHull(position - position.mean(axis=0))
+    outline = position[hull.vertices]
+    loops = [outline, *(corners[::-1] for corners in bodies)]
+    names = [[f"side{k}" for k in range(len(outline))], *([f"body{b}"] * len(c) for b, c in enumerate(bodies))]
+    return Domain(loops, names, [[-1] * len(loop) for loop in loops])
 
 
 def _runs(loop: Sequence[Piece]) -> list[list[Piece]]:

@@ -15,7 +15,7 @@ from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading
 from tipfem.case.lattice import BISECTIONS, heaviest_beside
 from tipfem.case.particles import Particles
-from tipfem.case.shapes import Shape
+from tipfem.case.shapes import Shape, cut_out
 from tipfem.case.tank import Tank
 from tipfem.typing import Array
 
@@ -75,7 +75,7 @@ class ShapedTank(Tank):
             return np.asarray(fluid_at(x) == nothing)
 
         part = fluid_at if fitted else is_empty if empty else None
-        self.domain = domain = domain_of(self.shape, self.spacing, part)
+        self.domain = domain = self._domain(part)
         lines = self._lines(domain, is_empty if empty else None, fitted=fitted)
         edge = _along_walls(domain, self.spacing, lines, part)
         position, wall = self._lattice(domain, lines, edge)
@@ -95,6 +95,24 @@ class ShapedTank(Tank):
         velocity = self._initial_velocity(position[kept])
         velocity[(fluid[kept] < 0) | wall[kept]] = 0.0
         return Particles(position[kept], fluid[kept], wall[kept], velocity, spacing=self.spacing)
+
+    def _domain(self, part: Callable[[Array], Array] | None) -> Domain:
+        """The polygon of the tank around its bodies, whose outlines become those of the polygon; see `sample`."""
+        shape = self.shape
+        for body in self.bodies:
+            try:
+                shape = cut_out(shape, [body.outline])
+            except ValueError as error:
+                raise ValueError(
+                    f"tank: body {body.name!r} must be inside the tank and off all walls and other bodies: {error}"
+                ) from error
+        domain = domain_of(shape, self.spacing, part)
+        if self.bodies:
+            domain.require_resolved(self.spacing)
+        first = len(self.shape.loops)
+        loops = [domain.start[domain.loop == first + k][::-1] for k in range(len(self.bodies))]
+        self.bodies = [body.meshed(loop) for body, loop in zip(self.bodies, loops, strict=True)]
+        return domain
 
     def _lines(self, domain: Domain, is_empty: Callable[[Array], Array] | None, *, fitted: bool) -> list[Array]:
         """Coordinates of the lattice's lines along each axis [m]."""

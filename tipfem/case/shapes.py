@@ -269,6 +269,24 @@ def circle(centre: Sequence[float], radius: float, *, name: str = "side0", holes
     return _with_holes(polygon(corners, names=[name] * 4), 1, holes)
 
 
+def cut_out(shape: Shape, holes: Sequence[Shape]) -> Shape:
+    """A shape less others that are inside it, whose sides keep their names.
+
+    Args:
+        shape: what is cut.
+        holes: shapes without holes.
+
+    Raises:
+        ValueError: one crosses or touches an edge, is outside, or has the name of another side.
+    """
+    known = set(shape.sides)
+    for hole in holes:
+        if known & set(hole.sides):
+            raise ValueError(f"shape: {sorted(known & set(hole.sides))} are names of two sides; choose others")
+        known |= set(hole.sides)
+    return _with_holes(shape, len(shape.sides), holes)
+
+
 def _with_holes(shape: Shape, count: int, holes: Sequence[Any]) -> Shape:
     """A shape less holes, whose sides are numbered from ``count`` on if they have no names; see `polygon`."""
     loops, names = list(shape.loops), set(shape.sides)

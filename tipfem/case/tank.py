@@ -16,7 +16,7 @@ from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading, thinned
 from tipfem.case.lattice import faces_of_part, heaviest_beside, snap_to_faces
 from tipfem.case.particles import Particles
-from tipfem.case.shapes import Shape
+from tipfem.case.shapes import Shape, rectangle
 from tipfem.case.walls import Wall
 from tipfem.typing import Array
 
@@ -258,6 +258,29 @@ class Tank:
             )
         return Region(fluid, "shape", shape.contains, given={"shape": shape})
 
+    def add(self, body: Body) -> Tank:
+        """Put a rigid body into the tank; in 2-D only. What fills the tank surrounds it.
+
+        Args:
+            body: inside the tank, three spacings or more off its walls and off other bodies.
+
+        Returns:
+            The tank itself.
+
+        Raises:
+            ValueError: it is no `Body`, another one has its name, it is not inside the tank, or a `Case` has been made
+                of the tank already.
+        """
+        self._require_open("add")
+        if not isinstance(body, Body):
+            raise ValueError(f"add: {body!r} is not a Body")
+        if len(self.size) != 2:
+            raise ValueError(f"add: body {body.name!r}: bodies are for 2-D only")
+        if body.name in [other.name for other in self.bodies]:
+            raise ValueError(f"add: there is a body {body.name!r} already; every body needs a name of its own")
+        self.bodies.append(body)
+        return self
+
     def wall(self, side: str, **what: Any) -> Tank:
         """Let a wall slip, slide or move: ``wall("top", velocity=(1, 0))``, ``wall("left", slip=True)``.
 
@@ -336,6 +359,8 @@ class Tank:
                 "tank: jitter is 0; a regular lattice in 3-D cannot be meshed, its cubes are cut into simplices "
                 "without volume; set jitter, to 0.1 for instance"
             )
+        if self.bodies:
+            return self._sample_around_bodies(fluids, fitted=fitted, empty=empty, grading=grading)
         size, numbers_of, nothing = self.size, self._numbers(fluids), len(fluids)
 
         def fluid_at(x: Array) -> Array:
@@ -391,6 +416,18 @@ class Tank:
             )
         if (fluid < 0).all():
             raise ValueError("tank: it is empty; fill at least one part of it with a fluid")
+
+    def _sample_around_bodies(
+        self, fluids: Sequence[Fluid], *, fitted: bool, empty: bool, grading: Grading | None
+    ) -> Particles:
+        """See `sample`: the tank is then one of any shape, of which it is a special case."""
+        from tipfem.case.shaped_tank import ShapedTank  # here, because it is derived from this class
+
+        shaped = ShapedTank(rectangle((0.0, 0.0), self.size), self.spacing, self.jitter, self.seed)
+        shaped._regions, shaped._walls, shaped.bodies = self._regions, self._walls, self.bodies
+        particles = shaped.sample(fluids, fitted=fitted, empty=empty, grading=grading)
+        self.domain, self.bodies = shaped.domain, shaped.bodies
+        return particles
 
     def _initial_velocity(self, position: Array) -> Array:
         """Velocities (N, d) [m/s] at the start: of the regions; along walls that slip, 0 at others."""

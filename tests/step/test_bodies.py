@@ -1,0 +1,213 @@
+"""Bodies that float: the exact Jacobian of their equations, energy, light bodies, checkpoints; bodies that are moved."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import tipfem as tp
+from tipfem.backend.arrays import download
+from tipfem.step import solve
+from tipfem.walls.contacts import find_contacts
+
+AIR, WATER = tp.Fluid("air", 1.2, 1.8e-5), tp.Fluid("water", 1000.0, 1e-3)
+SYRUP = tp.Fluid("syrup", 1000.0, 5.0)
+GRAVITY = (0.0, -9.81)
+
+
+def box(centre=(0.5, 0.5), turn=0.3, size=(0.3, 0.2)):
+    rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    corners = 0.5 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * size
+    return corners @ rotation.T + centre
+
+
+def half_full(*bodies, fluids=(AIR, WATER), spacing=0.1, **options):
+    tank = tp.tank((1.0, 1.0), spacing).fill(fluids[0]).fill(fluids[1], box=((0, 0), (1, 0.5)))
+    for body in bodies:
+        tank.add(body)
+    return tp.Case(tank, list(fluids), GRAVITY, **options)
+
+
+class _Stop(Exception):
+    """Ends a step where its problem has been examined."""
+
+
+@pytest.mark.parametrize("jacobian", ["rows", "matrix-free"])
+@pytest.mark.parametrize("pressure", ["continuous", "two-sided"])
+@pytest.mark.parametrize("hinge", [None, (0.45, 0.6)])
+def test_the_jacobian_is_exact(monkeypatch, jacobian, pressure, hinge):
+    """The body turns by 0.04 rad in the step; its springs, dampers and weight have their parts in the derivative."""
+    moving = {"hinge": hinge} if hinge else {"velocity": (1.0, -0.5)}
+    more = {"angular_velocity": 8.0, "stiffness": (1e3, 2e3, 50.0), "damping": (30.0, 40.0, 5.0)}
+    body = tp.Body(box(), density=500.0, **moving, **more)
+    numerics = tp.Numerics(rho_inf=0.5, jacobian=jacobian, pressure=pressure)
+    simulation = tp.Simulation(half_full(body, fluids=(AIR, SYRUP), numerics=numerics), time_step=5e-3)
+    simulation.step()
+    checked = []
+
+    def examine(problem, x, **_options):
+        size, width = problem.size, 3
+        problem.residual(x)
+        problem.correct(x, 1e-3)
+        problem.residual(x)
+        problem.linearise()
+        base = download(x, size).copy()
+        rng = np.random.default_rng(0)
+        v = rng.standard_normal(size)
+        v[2 : width * problem.nodes : 3] *= 1e4
+        held = np.flatnonzero(problem.walls.fixed)
+        owner = np.arange(len(problem.particles)) if problem._cut is None else problem._cut.owner
+        nodes = np.flatnonzero(np.isin(owner, held))
+        v[3 * nodes] = v[3 * nodes + 1] = 0.0
+        if problem._ties:  # copies move with their particles
+            v[0 : width * problem.nodes : 3] = v[3 * owner]
+            v[1 : width * problem.nodes : 3] = v[3 * owner + 1]
+        if hinge:
+            v[-3:-1] = 0.0
+        along = v.copy()
+        arm = download(problem._bodies._arm, len(problem._bodies._index))
+        index, turn = problem._bodies._index, v[-1] / problem._bodies.lengths[0]
+        along[3 * index], along[3 * index + 1] = v[-3] - turn * arm[:, 3], v[-2] + turn * arm[:, 2]
+        out = problem.buffers.get("test.out", size)
+        problem.product(problem.buffers.upload("test.v", along), out)
+        product, sides = download(out, size).copy(), []
+        for sign in (1.0, -1.0):
+            problem.residual(problem.buffers.upload("test.x", base + sign * 1e-6 * v))
+            sides.append(download(problem._r, size).copy())
+        difference = (sides[0] - sides[1]) / 2e-6
+        assert np.abs(product[-1]) > 0.1
+        np.testing.assert_allclose(product, difference, atol=2e-8 * np.abs(product).max())
+        checked.append(True)
+        raise _Stop
+
+    monkeypatch.setattr(solve, "newton", examine)
+    with pytest.raises(_Stop):
+        simulation.step()
+    assert checked
+
+
+def energies(row):
+    return sum(row[f"{name}_energy"] for name in ("kinetic", "potential", "body_kinetic", "body_potential"))
+
+
+def test_energy_and_volumes_are_accounted_for():
+    springs = {"stiffness": (100.0, 200.0, 5.0), "damping": (3.0, 4.0, 0.5)}
+    bodies = [
+        tp.Body(box((0.3, 0.55), size=(0.2, 0.15)), density=500.0, name="box", **springs),
+        tp.Body(tp.shapes.circle((0.72, 0.35), 0.1), density=700.0, name="log", angular_velocity=3.0),
+    ]
+    numerics = tp.Numerics(newton_tolerance=1e-10)
+    simulation = tp.Simulation(half_full(*bodies, spacing=0.05, numerics=numerics))
+    simulation.step()
+    start = energies(simulation.history[0])
+    for _ in range(30):
+        simulation.step()
+    rows = simulation.history[1:]
+    moved = max(row["body_kinetic_energy"] for row in rows)
+    assert moved > 0.01
+    assert max(abs(row["energy_residual"]) for row in rows) < 1e-3 * moved
+    assert sum(row["damper_dissipation"] for row in rows) > 0
+    balance = energies(rows[-1]) - start
+    for name, sign in (("viscous_dissipation", 1), ("numerical_dissipation", 1), ("damper_dissipation", 1)):
+        balance += sign * sum(row[name] for row in rows)
+    assert abs(balance) < 3e-3 * moved
+    for volume, first in zip(simulation.state.volume, simulation.state.start_volume, strict=True):
+        assert volume == pytest.approx(first, rel=1e-12)
+    states, x = simulation.state.bodies, simulation.particles.position
+    for b, body in enumerate(simulation.case.bodies):  # particles stay where they are on their bodies
+        mine = states.label == b
+        c, s = np.cos(states.position[b, 2]), np.sin(states.position[b, 2])
+        back = (x[mine] - states.position[b, :2]) @ np.array([[c, -s], [s, c]]) + body.reference
+        assert body.distance(back).max() < 1e-12
+
+
+@pytest.mark.parametrize("density", [10.0, 1000.0])
+def test_iterations_do_not_grow_with_a_body(density):
+    """The added mass is a hundred times the mass of the lighter body."""
+    simulation = tp.Simulation(half_full(tp.Body(box(turn=0.0), density=density), spacing=0.05))
+    fixed = tp.Simulation(half_full(tp.Body(box(turn=0.0)), spacing=0.05))
+    for run in (simulation, fixed):
+        for _ in range(10):
+            run.step()
+    per_solve = [
+        sum(row["krylov_iterations"] for row in run.history) / sum(row["newton_iterations"] for row in run.history)
+        for run in (simulation, fixed)
+    ]
+    assert per_solve[0] <= 1.3 * per_solve[1] + 0.5
+    assert sum(row["refused_steps"] for row in simulation.history) == 0
+
+
+def test_a_body_of_the_fluid_s_density_hangs_in_it():
+    body = tp.Body(tp.shapes.circle((0.5, 0.5), 0.17), density=WATER.density)
+    case = tp.Case(tp.tank((1.0, 1.0), 0.05).fill(WATER).add(body), [WATER], GRAVITY)
+    simulation = tp.Simulation(case)
+    for _ in range(5):
+        simulation.step()
+    row = simulation.history[-1]
+    weight = case.bodies[0].total_mass * 9.81
+    assert row["body_force_y"] == pytest.approx(weight, rel=1e-9)
+    assert abs(row["body_velocity_y"]) < 1e-10
+
+
+def test_a_run_with_a_body_goes_on_to_the_bit(tmp_path):
+    case = half_full(tp.Body(box(), density=500.0), spacing=0.05)
+    whole = tp.Simulation(case, time_step=4e-3)
+    whole.run(0.08, progress=False)
+    part = tp.Simulation(case, tmp_path / "run", time_step=4e-3)
+    part.run(0.04, progress=False)
+    resumed = tp.Simulation.resume(tmp_path / "run")
+    resumed.run(0.08, progress=False)
+    np.testing.assert_array_equal(resumed.particles.position, whole.particles.position)
+    np.testing.assert_array_equal(resumed.state.bodies.position, whole.state.bodies.position)
+    assert {"body_x", "body_angle", "body_force_y", "body_moment"} <= set(resumed.history[-1])
+
+
+def test_a_paddle_turns_and_takes_the_fluids_along():
+    motion = tp.Motion(angle=lambda t: 20 * t**2)
+    case = half_full(tp.Body(box(turn=0.0, size=(0.5, 0.1)), motion=motion), fluids=(SYRUP, WATER), spacing=0.05)
+    simulation = tp.Simulation(case)
+    while simulation.time < 0.2:
+        simulation.step()
+    row = simulation.history[-1]
+    assert row["body_angle"] == pytest.approx(20 * row["time"] ** 2, rel=1e-12)
+    assert row["body_angular_velocity"] == pytest.approx(40 * row["time"], rel=1e-9)
+    assert row["body_moment"] < 0
+    assert row["external_work"] > 0
+    assert simulation.state.volume == pytest.approx(simulation.state.start_volume, rel=1e-12)
+
+
+def pushed(contact):
+    motion = tp.Motion(translation=lambda t: (t**2, 0.0))
+    body = tp.Body(box((0.65, 0.5), turn=0.0, size=(0.2, 0.2)), motion=motion, contact=contact, name="piston")
+    case = tp.Case(tp.tank((1.0, 1.0), 0.05).fill(SYRUP).add(body), [SYRUP], GRAVITY)
+    return tp.Simulation(case, time_step=0.02)
+
+
+def test_a_contact_stops_the_run_or_holds_the_body():
+    simulation = pushed("stop")
+    with pytest.raises(tp.SimulationError, match=r"body 'piston' is in contact with a wall at \[0\.9.*contact='hold'"):
+        simulation.run(0.6, progress=False)
+    assert 0.75 + simulation.time**2 == pytest.approx(0.98, abs=0.01)
+    simulation = pushed("hold")
+    simulation.run(0.6, progress=False)
+    states = simulation.state.bodies
+    assert states.held.all()
+    assert 0.2 < states.position[0, 0] - 0.65 < 0.25
+    assert not find_contacts(simulation.particles, simulation.mesh, np.full(len(simulation.particles), -1))
+
+
+@pytest.mark.parametrize(
+    ("made", "message"),
+    [
+        (lambda: half_full(tp.Body(box((0.1, 0.5)), density=1.0)), "body 'body' must be inside the tank"),
+        (lambda: half_full(tp.Body(box((0.25, 0.5), turn=0), density=1.0), spacing=0.05), "gap between two walls"),
+        (lambda: half_full(tp.Body(box()), tp.Body(box((0.7, 0.2)))), "there is a body 'body' already"),
+        (lambda: half_full(tp.Body(box()), free_surface=True), "need the sharp interface"),
+        (lambda: half_full(tp.Body(box()), interface="interpolated"), "need the sharp interface"),
+    ],
+)
+def test_errors_before_the_run(made, message):
+    with pytest.raises(ValueError, match=message):
+        made()
