@@ -52,7 +52,7 @@ def test_a_prescribed_motion_has_its_derivatives() -> None:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"shape": ((0, 0), (1, 0))}, "three or more corners"),
+        ({"shape": ((0, 0), (1, 0))}, "it needs 3 or more"),
         ({"shape": ((0, 0), (1, 0), (2, 0))}, "has no area"),
         ({"density": -1.0}, "density is -1.0; it must be > 0"),
         ({"density": 1.0, "mass": 1.0}, "give one of the two"),

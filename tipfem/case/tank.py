@@ -423,7 +423,7 @@ class Tank:
         """See `sample`: the tank is then one of any shape, of which it is a special case."""
         from tipfem.case.shaped_tank import ShapedTank  # here, because it is derived from this class
 
-        shaped = ShapedTank(rectangle((0.0, 0.0), self.size), self.spacing, self.jitter, self.seed)
+        shaped = ShapedTank(rectangle((0.0, 0.0), self.size.tolist()), self.spacing, self.jitter, self.seed)
         shaped._regions, shaped._walls, shaped.bodies = self._regions, self._walls, self.bodies
         particles = shaped.sample(fluids, fitted=fitted, empty=empty, grading=grading)
         self.domain, self.bodies = shaped.domain, shaped.bodies
