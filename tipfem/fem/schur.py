@@ -95,3 +95,28 @@ def scale_and_laplacian(
         scale[i * (dim + 1) + dim] = 0.0
         if not is_pinned and volume > 0.0:
             scale[i * (dim + 1) + dim] = spacing / volume
+
+
+@kernel
+def add_grounds(
+    particles: Ints1,
+    gradient: Reals2,
+    scale: Reals1,
+    row_offsets: Ints1,
+    values: Reals1,
+    schur: float,
+    count: ti.i32,
+    dim: Template,
+):
+    """Add to the diagonal of the Laplacian what the free surface does to the pressure of its particles.
+
+    There the particles' displacements change the volume of the fluid, by V' = ``gradient`` (K, d) of the particles
+    (K,), and pressure one displacement: V' diag(A)^-1 V' / s, a spring between the pressure and that outside.
+    """
+    for n in range(count):
+        i = particles[n]
+        stiffness = 0.0
+        for k in ti.static(range(dim)):
+            stiffness += gradient[n, k] ** 2 * scale[i * (dim + 1) + k]
+        if scale[i * (dim + 1) + dim] > 0.0:
+            values[row_offsets[i]] = values[row_offsets[i]] + stiffness / schur

@@ -29,12 +29,11 @@ class SurfaceMesher:
 
     Args:
         rule: which simplices are fluid.
-        slippery: (N,) mask of the wall particles that slide with the fluid.
         filled: function of positions (K, d) [m] to a mask (K,) of those in the fluids at the start; None if unknown.
     """
 
-    def __init__(self, rule: SurfaceRule, slippery: Array, filled: Callable[[Array], Array] | None = None) -> None:
-        self.rule, self.slippery, self.filled = rule, slippery, filled
+    def __init__(self, rule: SurfaceRule, filled: Callable[[Array], Array] | None = None) -> None:
+        self.rule, self.filled = rule, filled
 
     def start(self, particles: Particles) -> Mesh:
         """The first mesh; replaces the fluid -1 of dry wall particles in place.
@@ -85,8 +84,7 @@ class SurfaceMesher:
         deep = below & ~wall
         released = hanging(before, particles.pressure, deep) & ~relocated
         keep &= ~released[cells].any(axis=1) | deep[cells].any(axis=1)
-        mesh = self._finish(x, wall, cells, measure, neighbours, keep, h, measure > FLAT)
-        return _with_volume(mesh, _lost_volume(before, mesh, old, wall, h))
+        return self._finish(x, wall, cells, measure, neighbours, keep, h, measure > FLAT)
 
     def _fluid(
         self, particles: Particles, cells: Array, before: Mesh, below: Array, old: Surface, used: Array
@@ -167,20 +165,12 @@ class SurfaceMesher:
         backed = wall[corners].all(axis=1) & ((other < 0) | solid[other])
         front = np.zeros(len(position), dtype=bool)
         front[corners[~backed]] = True
-        slippery = np.zeros(len(wall), dtype=bool)  # particles that a drop added are behind the others
-        slippery[: len(self.slippery)] = self.slippery
-        pinned = front & (~wall | slippery)
-        # Where all particles of a simplex at a wall were pinned, nothing would hold it off the wall.
-        held = cells[keep & pinned[cells].all(axis=1) & wall[cells].any(axis=1)]
-        pinned[held[wall[held]]] = False
         if not start:
-            # Simplices whose pressure is zero everywhere have no effect: their particles move in free flight.
-            # (The first mesh keeps them in corners.)
-            keep &= ~pinned[cells].all(axis=1)
             keep &= ~solid | _beside(keep & ~solid, neighbours)
         mesh = Mesh(position, np.ascontiguousarray(cells[keep]))
         used = mesh.used
-        surface = Surface(front & used, pinned | ~used, ~used & ~wall, np.zeros(len(position)))
+        zero = np.zeros(len(position))
+        surface = Surface(front & used, ~used, ~used & ~wall, zero, zero)
         return Mesh(position, mesh.cells, surface=surface)
 
 
@@ -198,20 +188,8 @@ def _towards(ends: Array, others: Array, foot: Array) -> tuple[Array, Array]:
 def _with_volume(mesh: Mesh, own: Array) -> Mesh:
     """The mesh with volumes ``own`` (N,) for its loose particles."""
     s = mesh.surface
-    return Mesh(mesh.position, mesh.cells, surface=Surface(s.front, s.pinned, s.loose, np.where(s.loose, own, 0.0)))
-
-
-def _lost_volume(before: Mesh, mesh: Mesh, old: Surface, wall: Array, h: float) -> Array:
-    """(N,) volumes of loose particles.
-
-    Those that were loose before keep theirs. The volume of a simplex that others leave is divided evenly among all
-    particles that leave it; each gets at most 2 h^d.
-    """
-    leaving = mesh.surface.loose & ~old.loose
-    flags = leaving[before.cells]
-    share = np.maximum(before.measure, 0.0) / np.maximum(flags.sum(axis=1), 1)
-    got = np.bincount(before.cells[flags], np.repeat(share, flags.sum(axis=1)), len(wall))
-    return np.where(old.loose, old.volume, np.minimum(got, 2 * h**mesh.dimension))
+    own = np.where(s.loose, own, 0.0)
+    return Mesh(mesh.position, mesh.cells, surface=Surface(s.front, s.pinned, s.loose, own, s.deficit))
 
 
 def loose_volumes(mesh: Mesh, fluid: Array, count: int) -> Array:

@@ -21,15 +21,19 @@ class Surface:
 
     Attributes:
         front: (N,) mask of the particles on the surface, including wall particles at its contacts.
-        pinned: (N,) mask of the particles whose pressure is zero: those on the surface and those in no simplex.
+        pinned: (N,) mask of the particles in no simplex; their pressure is zero. On the surface pressure is an unknown,
+            and no traction the natural condition of the momentum equation, so that continuity holds there too.
         loose: (N,) mask of the particles off the walls that are in no simplex; they move in free flight.
         volume: (N,) volume of fluid that each loose particle carries, zero for all others [m^2, or m^3 in 3-D].
+        deficit: (N,) volume by which the cells are smaller than the fluid in them, in equal parts on the particles of
+            each connected component; restored as soon as that is possible [m^2, or m^3 in 3-D].
     """
 
     front: Array
     pinned: Array
     loose: Array
     volume: Array
+    deficit: Array
 
     @property
     def exists(self) -> bool:
@@ -80,7 +84,8 @@ class Surface:
 def no_surface(count: int) -> Surface:
     """The surface of a mesh of ``count`` particles inside walls: no particle is on it."""
     none = np.zeros(count, dtype=bool)
-    return Surface(none, none, none, np.zeros(count))
+    zero = np.zeros(count)
+    return Surface(none, none, none, zero, zero)
 
 
 def parabola(velocity: Array, force: Array, dt: float) -> Array:
@@ -220,3 +225,26 @@ def simplex_measure(position: Array, cells: Array) -> Array:
     sides = [[axis[corner] - axis[cells[:, 0]] for axis in coordinates] for corner in cells.T[1:]]
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = sides
     return np.asarray((ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)) / 6.0)
+
+
+def volume_gradient(mesh: Mesh, near: Array) -> Array:
+    """Derivatives (N, d) of the volume of a mesh by the positions of the particles ``near`` (N,); 0 for all others.
+
+    They are zero inside the mesh, too.
+    """
+    d = mesh.dimension
+    cells = mesh.cells[near[mesh.cells].any(axis=1)]
+    corner = mesh.position[cells]
+    result = np.zeros_like(mesh.position)
+    for k in range(d + 1):
+        one = corner[:, (k + 1) % (d + 1)]
+        side = [corner[:, (k + 1 + j) % (d + 1)] - one for j in range(1, d)]
+        if d == 2:  # half the opposite edge, turned by a right angle
+            part = 0.5 * np.stack([-side[0][:, 1], side[0][:, 0]], axis=1)
+        else:
+            # A third of the opposite face; an even permutation of the corners has k first where k is even.
+            part = np.cross(side[0], side[1]) / (-6.0 if k % 2 == 0 else 6.0)
+        for axis in range(d):
+            result[:, axis] += np.bincount(cells[:, k], part[:, axis], minlength=len(result))
+    result[~near] = 0.0
+    return np.asarray(result)

@@ -238,9 +238,10 @@ def with_disc(
     old = mesh.surface
     surface = Surface(
         np.concatenate([old.front, outer]),
-        np.concatenate([old.pinned, outer]),
+        np.concatenate([old.pinned, nothing.astype(bool)]),
         np.concatenate([old.loose, nothing.astype(bool)]),
         np.concatenate([old.volume, nothing]),
+        np.concatenate([old.deficit, nothing]),
     )
     joined = np.concatenate([mesh.cells, (cells + before).astype(mesh.cells.dtype)])
     return grown, Mesh(grown.position, joined, surface=surface)

@@ -34,6 +34,7 @@ from tipfem.remesh.fitted import hull_corners, particle_fluid, repair, with_flui
 from tipfem.remesh.momentum_transfer import nodal_density, transfer_momentum
 from tipfem.remesh.relocation import relocate
 from tipfem.remesh.sizing import limit_gradation
+from tipfem.remesh.surface_volumes import carried, kept_inside, restore_momenta, restore_volumes, return_momenta
 from tipfem.remesh.volumes import with_components
 from tipfem.state import InterpolatedMaterial, Material, SharpMaterial, Solved, State, lumped
 from tipfem.timers import timer
@@ -186,6 +187,8 @@ class DelaunayRemesher(Remesher):
         self, fluids: Sequence[Fluid], rule: RelocationRule, mesher: Mesher, *, momentum_transfer: bool = True
     ) -> None:
         super().__init__(fluids)
+        # Of one fluid with a free surface; what two of them exchange is left to the source.
+        self.keeps_volumes = isinstance(mesher, FreeSurfaceMesher) and len(fluids) == 1
         self.rule, self.mesher, self.momentum_transfer = rule, mesher, momentum_transfer
 
     @staticmethod
@@ -196,9 +199,7 @@ class DelaunayRemesher(Remesher):
             repairs = numerics.triangulation == "repair" and case.particles.dimension == 2
             mesher: Mesher = TankMesher(repairs=repairs)
         else:
-            slippery = np.zeros(len(case.particles), dtype=bool)
-            slippery[case.boundary.index[case.boundary.slides]] = True
-            mesher = FreeSurfaceMesher(SurfaceMesher(numerics.surface, slippery, case.filled))
+            mesher = FreeSurfaceMesher(SurfaceMesher(numerics.surface, case.filled))
         return DelaunayRemesher(case.fluids, numerics.relocation, mesher, momentum_transfer=numerics.momentum_transfer)
 
     def start(self, particles: Particles, boundary: Boundary, reference: int) -> State:
@@ -222,14 +223,33 @@ class DelaunayRemesher(Remesher):
     def remesh(self, solved: Solved) -> State:
         """See `Remesher.remesh`."""
         before, walls = solved.before, solved.walls
+        start = kept_inside(solved.particles) if before.mesh.surface.exists else solved.particles
         with timer("relocation"):
-            particles, moves = relocate(solved.particles, before.mesh, self.rule)
+            particles, moves = relocate(start, before.mesh, self.rule)
             particles, of_walls = walls.space(particles, before.mesh.surface)
         with timer("triangulation"):
             mesh, rebuilt = self.mesher.remesh(solved, particles, moves)
-        relocated = (particles.position != solved.particles.position).any(axis=1)
+        relocated = (particles.position != start.position).any(axis=1)
+        kept = None
+        if before.mesh.surface.exists or mesh.surface.exists:
+            with timer("volumes"):
+                leaves = relocated | mesh.surface.dry(particles.wall)
+                cell_mass = before.material.density * before.mesh.measure
+                kept = carried(solved.mesh, cell_mass, before.mass, start, leaves)
+                mesh = restore_volumes(mesh, particles.wall, kept.volume, particles.spacing)
+                particles = particles.shallow_copy(position=mesh.position)
         particles = self._labelled(particles, mesh)
         material, mass = self._material(particles, mesh)
+        if kept is not None:
+            new_mass = material.density * mesh.measure
+            particles = return_momenta(
+                particles,
+                solved.particles.velocity,
+                (before.mesh.cells, before.material.density * before.mesh.measure),
+                (mesh.cells, new_mass),
+                before.boundary.still,
+            )
+            particles = restore_momenta(particles, mesh, mass, kept)
         if self.momentum_transfer:
             assert isinstance(before.material, InterpolatedMaterial)
             around = np.where(relocated, np.nan, before.material.nodal_density)

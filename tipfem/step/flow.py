@@ -18,7 +18,7 @@ from tipfem.fem import work as work_kernels
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg import fgmres, vector_kernels
 from tipfem.mesh.cut import cut_along_interfaces
-from tipfem.mesh.mesh import Mesh, parabola
+from tipfem.mesh.mesh import Mesh, parabola, volume_gradient
 from tipfem.state import StepWork
 from tipfem.step.body_rows import BodyRows, measure_forces
 from tipfem.step.interface_ties import InterfaceTies
@@ -155,6 +155,7 @@ class FlowProblem:
                 particles.spacing,
                 buffers,
                 self._ties,
+                self._surface_volume() if free.exists else None,
             )
         self._rows = WallRows(walls, d, self._scale, buffers)
         if self._ties:
@@ -169,6 +170,18 @@ class FlowProblem:
                     walls, solved, owner, material, body_force, pinned, self.system, self._scale, buffers
                 )
             self.system.bodies = self._bodies
+
+    def _surface_volume(self) -> tuple[Array, Array]:
+        """The free particles (K,) on the surface, and the derivatives (K, d) of the volume by their displacements."""
+        mesh, walls, d = self.mesh, self.walls, self.dimension
+        index = np.flatnonzero(mesh.surface.front & ~walls.fixed)
+        near = np.zeros(len(mesh.position), dtype=bool)
+        near[index] = True
+        gradient = volume_gradient(mesh, near)
+        if len(walls.sliding):
+            projected = np.einsum("kij,kj->ki", walls.columns.reshape(-1, d, d), gradient[walls.sliding])
+            gradient[walls.sliding] = projected
+        return index, gradient[index]
 
     def predict(self) -> Any:
         """First iterate: constant acceleration and pressure, or no motion where that would invert an element."""

@@ -131,6 +131,8 @@ class LinearSystem:
         spacing: of the particles [m].
         buffers: device arrays by name, reused from step to step.
         ties: between particles and their copies where the mesh is cut along interfaces; None where it is not.
+        surface: the particles (K,) on the free surface, and how their displacements change the volume (K, d); None
+            without.
 
     Attributes:
         stores_rows: whether the Jacobian is kept in rows.
@@ -159,6 +161,7 @@ class LinearSystem:
         spacing: float,
         buffers: Buffers,
         ties: InterfaceTies | None = None,
+        surface: tuple[Array, Array] | None = None,
     ) -> None:
         self._ties, self.bodies = ties, None
         self._topology, self._density, self._scale, self._scheme = topology, material[0], scale, scheme
@@ -195,6 +198,18 @@ class LinearSystem:
             work=(n, schur.LAPLACIAN_ROW),
         )
         label = None
+        if surface is not None and len(surface[0]):
+            launch(
+                schur.add_grounds,
+                buffers.upload("surface", surface[0].astype(np.int32)),
+                buffers.upload("surface.gradient", surface[1]),
+                scale,
+                row_offsets,
+                self.pressure_laplacian.values,
+                SCHUR_SCALE,
+                len(surface[0]),
+                d,
+            )
         if ties:
             ties.join_scales(scale)
             self.pressure_laplacian, label = ties.sprung(self.pressure_laplacian, scale, SCHUR_SCALE)

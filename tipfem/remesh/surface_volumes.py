@@ -1,0 +1,315 @@
+"""Volumes and momenta where fluids end at a free surface: each connected component keeps its own.
+
+A new mesh has other cells at the surface: an alpha-shape adds some where the surface folds or meets a wall, and leaves
+some out where it is torn. What the cells of a step hold goes to their particles, in equal parts, and with them to the
+components of the new mesh or into free flight. Each component is then given the volume of its particles, by moving its
+surface; and one that touches no wall their momentum and angular momentum, by a rigid motion.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull, cKDTree
+
+from tipfem.case.particles import Particles
+from tipfem.mesh.mesh import Mesh, Surface, volume_gradient
+from tipfem.typing import Array
+
+ROUNDS = 4  # of Newton's method in `restore_volumes`
+LARGEST_SHIFT = 0.05  # of a particle in a round [spacings]
+IN_FRONT = 0.05  # distance from a wall of a particle that has passed through it [spacings]
+ON_PLANE = 1e-3  # distance of wall particles from the plane of their wall [spacings]
+LEAST = 0.5  # part of its volume that a cell keeps in a round
+
+
+def kept_inside(particles: Particles) -> Particles:
+    """The particles, with those that have passed through a wall in a step in front of it, at rest against it.
+
+    Spray in free flight has no cell that would hold it off a wall.
+
+    Args:
+        particles: at the end of a step; their wall particles surround a convex tank.
+    """
+    x, h = particles.position, particles.spacing
+    free = np.flatnonzero(~particles.wall)
+    walls = x[particles.wall]
+    if len(walls) <= particles.dimension or not len(free):
+        return particles
+    centre = walls.mean(axis=0)
+    facets = ConvexHull((walls - centre) / h).equations
+    facets = facets[np.unique(facets.round(9), axis=0, return_index=True)[1]]
+    height = -((x[free] - centre) / h @ facets[:, :-1].T + facets[:, -1])
+    flying = (height < 0).any(axis=1)
+    if not flying.any():
+        return particles
+    index, height = free[flying], height[flying]
+    kept = particles.copy()
+    for facet, above in zip(facets, height.T, strict=True):
+        n = -facet[:-1]
+        gone = index[above < 0]
+        kept.position[gone] += ((IN_FRONT - above[above < 0]) * h)[:, None] * n
+        wall_velocity = _mean_velocity(particles, n, centre + facet[-1] * h * n)
+        for values, rest in ((kept.velocity, wall_velocity), (kept.acceleration, 0.0 * wall_velocity)):
+            across = (values[gone] - rest) @ n
+            values[gone] -= np.minimum(across, 0.0)[:, None] * n
+    return kept
+
+
+def _mean_velocity(particles: Particles, normal: Array, point: Array) -> Array:
+    """Mean velocity (d,) of the wall particles on the plane through a point [m/s]."""
+    height = (particles.position - point) @ normal
+    on = particles.wall & (np.abs(height) < ON_PLANE * particles.spacing)
+    return np.asarray(particles.velocity[on].mean(axis=0)) if on.any() else np.zeros(len(normal))
+
+
+class Carried(NamedTuple):
+    """What N particles carry from one mesh to the next.
+
+    Attributes:
+        volume: (N,) [m^2, or m^3 in 3-D].
+        mass: (N,) [kg].
+        momentum: (N, d) [N s].
+        moment: (N, k) angular momentum about the origin, k = 1 in 2-D and 3 in 3-D [N m s].
+        force: (N, d) mass times acceleration [N].
+    """
+
+    volume: Array
+    mass: Array
+    momentum: Array
+    moment: Array
+    force: Array
+
+
+def carried(before: Mesh, mass: Array, own_mass: Array, particles: Particles, leaves: Array) -> Carried:
+    """What the particles take along from the cells of a step.
+
+    Args:
+        before: the mesh of the step, moved to its end.
+        mass: (M,) of its cells [kg].
+        own_mass: (N,) of the particles [kg], used of those in no cell.
+        particles: at the end of the step, before any was relocated.
+        leaves: (N,) mask of those that take nothing: relocated ones, and wall particles that are dry afterwards.
+    """
+    cells, surface, n, width = before.cells, before.surface, len(leaves), before.cells.shape[1]
+    v, a, x = particles.velocity, particles.acceleration, particles.position
+    per_mass = np.column_stack([np.ones(n), v, _cross(x, v), a])
+    stay = ~leaves[cells]
+    count = stay.sum(axis=1)
+    some = count > 0
+    # What the corners that leave would have had goes to the others.
+    by_corner = [np.column_stack([before.measure, mass[:, None] * per_mass[cells[:, k]]]) / width for k in range(width)]
+    left = sum(np.where(stay[:, k, None], 0.0, by_corner[k]) for k in range(width)) / np.maximum(count, 1)[:, None]
+    total = np.zeros((n, left.shape[1]))
+    for k in range(width):
+        here = stay[:, k]
+        values = by_corner[k][here] + left[here]
+        for column in range(values.shape[1]):
+            total[:, column] += np.bincount(cells[here, k], values[:, column], n)
+    flying = surface.loose
+    total[flying, 1:] += own_mass[flying, None] * per_mass[flying]
+    remain = np.flatnonzero(~leaves & (before.used | surface.loose))
+    own = surface.volume + surface.deficit
+    if len(remain):
+        # What no particle of a cell takes along goes to the nearest particle that takes something.
+        tree = cKDTree(x[remain])
+        lost = np.flatnonzero(~some)
+        if len(lost):
+            nearest = remain[tree.query(x[cells[lost]].mean(axis=1))[1]]
+            np.add.at(total, nearest, sum(by_corner)[lost])
+        gone = np.flatnonzero(leaves & (own != 0))
+        if len(gone):
+            nearest = remain[tree.query(x[gone])[1]]
+            np.add.at(own, nearest, own[gone])
+            np.add.at(total, nearest, total[gone])
+            own[gone], total[gone] = 0.0, 0.0
+    total[:, 0] += own
+    d = particles.dimension
+    return Carried(total[:, 0], total[:, 1], total[:, 2 : 2 + d], total[:, 2 + d : -d], total[:, -d:])
+
+
+def _cross(x: Array, v: Array) -> Array:
+    """x times v, (K, 1) in 2-D and (K, 3) in 3-D."""
+    if x.shape[1] == 2:
+        return np.asarray((x[:, 0] * v[:, 1] - x[:, 1] * v[:, 0])[:, None])
+    return np.asarray(np.cross(x, v))
+
+
+def components_of(mesh: Mesh) -> tuple[int, Array]:
+    """Number of connected components of a mesh, and that of each particle (N,); -1 for those in no cell."""
+    n = len(mesh.position)
+    i, j = mesh.edges.T
+    graph = sparse.csr_matrix((np.ones(len(i), dtype=np.int8), (i, j)), shape=(n, n))
+    label = connected_components(graph, directed=False)[1]
+    used = mesh.used
+    numbers, label[used] = np.unique(label[used], return_inverse=True)
+    label[~used] = -1
+    return len(numbers), label
+
+
+def restore_volumes(mesh: Mesh, wall: Array, volume: Array, spacing: float) -> Mesh:
+    """The mesh with its surface moved so that its components have the volumes of their particles.
+
+    Particles on the surface and off the walls are displaced along the gradient of the component's volume, in a few
+    rounds. What cannot be restored so is the mesh's `Surface.deficit`.
+
+    Args:
+        mesh: after a step.
+        wall: (N,) mask of the wall particles.
+        volume: (N,) that the particles carry [m^2, or m^3 in 3-D].
+        spacing: of the particles [m].
+    """
+    s = mesh.surface
+    count, label = components_of(mesh)
+    used = label >= 0
+    wanted = np.bincount(label[used], volume[used], count)
+    of_cell = label[mesh.cells[:, 0]]
+    movable, limit = s.front & ~wall & used, LARGEST_SHIFT * spacing
+    x, measure = mesh.position, mesh.measure
+    for _ in range(ROUNDS):
+        missing = wanted - np.bincount(of_cell, measure, count)
+        if np.abs(missing).max(initial=0.0) <= 1e-14 * wanted.sum():
+            break
+        gradient = volume_gradient(mesh.moved(x), movable)
+        square = (gradient**2).sum(axis=1)
+        gram = np.bincount(label[movable], square[movable], count)
+        factor = np.divide(missing, gram, out=np.zeros(count), where=gram > 0)
+        shift = gradient * 0.0
+        shift[movable] = factor[label[movable], None] * gradient[movable]
+        length = np.linalg.norm(shift, axis=1)
+        shift *= np.minimum(1.0, np.divide(limit, length, out=np.ones_like(length), where=length > 0))[:, None]
+        for _ in range(ROUNDS):
+            trial = Mesh(x + shift, mesh.cells).measure
+            halved = trial < LEAST * measure
+            if not halved.any():
+                break
+            shift[mesh.cells[halved]] = 0.0
+        else:
+            break
+        x, measure = x + shift, trial
+    missing = wanted - np.bincount(of_cell, measure, count)
+    inner = used & ~wall
+    inside = np.bincount(label[inner], minlength=count)
+    share = np.divide(missing, inside, out=np.zeros(count), where=inside > 0)
+    deficit = np.zeros(len(x))
+    deficit[inner] = share[label[inner]]
+    own = np.where(s.loose, volume, 0.0)
+    return Mesh(x, mesh.cells, surface=Surface(s.front, s.pinned, s.loose, own, deficit))
+
+
+def return_momenta(
+    particles: Particles, velocity: Array, old: tuple[Array, Array], new: tuple[Array, Array], held: Array
+) -> Particles:
+    """The particles, with the momentum that remeshing took from them in patches of cells that have changed.
+
+    A flip of an edge gives mass to two particles and takes it from two others, which have other velocities. Connected
+    cells that have changed are a patch; what its momentum has lost goes to its particles, by one velocity for all.
+    A patch with a particle that is held keeps its velocities: the wall takes up the momentum. And no patch gets more
+    energy than it has lost.
+
+    Args:
+        particles: after a step, on the new mesh.
+        velocity: (N, d) before remeshing [m/s].
+        old: cells (M, d + 1) of the step, and their masses (M,) [kg].
+        new: the same of the new mesh.
+        held: (N,) mask of the wall particles.
+    """
+    n, split, d = len(held), len(old[0]), particles.dimension
+    both = np.sort(np.concatenate([old[0], new[0]]).astype(np.int64), axis=1)
+    _, number, count = np.unique(both, axis=0, return_inverse=True, return_counts=True)
+    changed = count[number.ravel()] == 1
+    cells, mass = np.concatenate([old[0], new[0]])[changed], np.concatenate([old[1], new[1]])[changed]
+    if not len(cells):
+        return particles
+    is_new = np.flatnonzero(changed) >= split
+    one = np.repeat(cells[:, 0], d)
+    graph = sparse.csr_matrix((np.ones(len(one), dtype=np.int8), (one, cells[:, 1:].ravel())), shape=(n, n))
+    patch = connected_components(graph, directed=False)[1]
+    of, patches, among = patch[cells[:, 0]], patch.max() + 1, np.unique(cells)
+    v = np.where(is_new[:, None, None], particles.velocity[cells], velocity[cells])
+    # Mass, momentum and twice the kinetic energy of the patches, before and after.
+    sums = np.column_stack([mass, mass[:, None] * v.mean(axis=1), mass * (v**2).sum(axis=2).mean(axis=1)])
+    before, after = (
+        np.stack([np.bincount(of[part], column[part], patches) for column in sums.T], axis=1)
+        for part in (~is_new, is_new)
+    )
+    ratio = np.divide(after[:, 0], before[:, 0], out=np.zeros(patches), where=before[:, 0] > 0)
+    free = ratio > 0
+    free[patch[among[held[among]]]] = False
+    # All particles of a patch move, with masses that they have of other cells, too.
+    own = particles_mass(new, n)
+    total, momentum = (
+        np.stack([np.bincount(patch[among], column[among], patches) for column in values.T], axis=1)
+        for values in (own[:, None], own[:, None] * particles.velocity)
+    )
+    change = np.where(free[:, None], ratio[:, None] * before[:, 1:-1] - after[:, 1:-1], 0.0)
+    change /= np.maximum(total, 1e-300)
+    # s of it: 2 s P . change + s^2 M |change|^2 is at most the energy lost.
+    lost = np.maximum(ratio * before[:, -1] - after[:, -1], 0.0)
+    linear, square = (momentum * change).sum(axis=1), total[:, 0] * (change**2).sum(axis=1)
+    root = np.sqrt(linear**2 + square * lost)
+    part = np.divide(root - linear, square, out=np.ones(patches), where=square > 0)
+    moved = particles.velocity.copy()
+    some = among[own[among] > 0]
+    moved[some] += (np.clip(part, 0.0, 1.0)[:, None] * change)[patch[some]]
+    return particles.shallow_copy(velocity=moved)
+
+
+def particles_mass(mesh: tuple[Array, Array], n: int) -> Array:
+    """(N,) lumped mass of n particles from cells (M, d + 1) and their masses (M,) [kg]."""
+    cells, mass = mesh
+    width = cells.shape[1]
+    return np.asarray(np.bincount(cells.ravel(), np.repeat(mass / width, width), n))
+
+
+def restore_momenta(particles: Particles, mesh: Mesh, mass: Array, given: Carried) -> Particles:
+    """The particles, with the momenta of those components that touch no wall as ``given``.
+
+    Args:
+        particles: after a step, on the new mesh.
+        mesh: the new mesh.
+        mass: (N,) lumped on it [kg].
+        given: what the particles carry.
+    """
+    count, label = components_of(mesh)
+    used = label >= 0
+    held = np.zeros(max(count, 1), dtype=bool)
+    held[label[used & particles.wall]] = True
+    some = used.copy()
+    some[used] = ~held[label[used]]
+    velocity, acceleration = particles.velocity.copy(), particles.acceleration.copy()
+    alone = mesh.surface.loose & (given.mass > 0)
+    velocity[alone] = given.momentum[alone] / given.mass[alone, None]
+    if not some.any():
+        return particles.shallow_copy(velocity=velocity)
+    of, d = label[some], particles.dimension
+
+    def total(values: Array) -> Array:
+        return np.stack([np.bincount(of, column, count) for column in values.T], axis=1)
+
+    m, x, v = mass[some, None], particles.position[some], particles.velocity[some]
+    weight = np.bincount(of, mass[some], count)
+    whole = np.maximum(weight, 1e-300)[:, None]
+    # The masses have changed a little too, by what is yet to be restored of the volume: velocities are kept.
+    ratio = weight / np.maximum(np.bincount(of, given.mass[some], count), 1e-300)
+    centre = total(m * x) / whole
+    change = (ratio[:, None] * total(given.momentum[some]) - total(m * v)) / whole
+    arm = x - centre[of]
+    moved = v + change[of]
+    lost = ratio[:, None] * total(given.moment[some]) - total(m * _cross(x, moved))
+    if d == 2:
+        inertia = np.bincount(of, mass[some] * (arm**2).sum(axis=1), count)
+        spin = np.divide(lost[:, 0], inertia, out=np.zeros(count), where=inertia > 0)[of]
+        moved = moved + spin[:, None] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
+    else:
+        outer = np.einsum("ki,kj->kij", arm, arm)
+        tensor = m[:, :, None] * ((arm**2).sum(axis=1)[:, None, None] * np.eye(3) - outer)
+        inertia = total(tensor.reshape(-1, 9)).reshape(-1, 3, 3)
+        moved = moved + np.cross(np.einsum("kij,kj->ki", np.linalg.pinv(inertia, rcond=1e-9), lost)[of], arm)
+    a = particles.acceleration[some]
+    force = (ratio[:, None] * total(given.force[some]) - total(m * a)) / whole
+    velocity[some], acceleration[some] = moved, a + force[of]
+    return particles.shallow_copy(velocity=velocity, acceleration=acceleration)
