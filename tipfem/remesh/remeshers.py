@@ -233,7 +233,7 @@ class DelaunayRemesher(Remesher):
         kept = None
         if before.mesh.surface.exists or mesh.surface.exists:
             with timer("volumes"):
-                leaves = relocated | mesh.surface.dry(particles.wall)
+                leaves = (relocated & ~mesh.surface.loose) | mesh.surface.dry(particles.wall)
                 cell_mass = before.material.density * before.mesh.measure
                 kept = carried(solved.mesh, cell_mass, before.mass, start, leaves)
                 mesh = restore_volumes(mesh, particles.wall, kept.volume, particles.spacing)
