@@ -34,7 +34,7 @@ from tipfem.remesh.fitted import hull_corners, particle_fluid, repair, with_flui
 from tipfem.remesh.momentum_transfer import nodal_density, transfer_momentum
 from tipfem.remesh.relocation import relocate
 from tipfem.remesh.sizing import limit_gradation
-from tipfem.remesh.surface_volumes import carried, kept_inside, restore_momenta, restore_volumes, return_momenta
+from tipfem.remesh.surface_volumes import carried_through, kept_inside, restore_volumes, with_momenta
 from tipfem.remesh.volumes import with_components
 from tipfem.state import InterpolatedMaterial, Material, SharpMaterial, Solved, State, lumped
 from tipfem.timers import timer
@@ -233,23 +233,13 @@ class DelaunayRemesher(Remesher):
         kept = None
         if before.mesh.surface.exists or mesh.surface.exists:
             with timer("volumes"):
-                leaves = (relocated & ~mesh.surface.loose) | mesh.surface.dry(particles.wall)
-                cell_mass = before.material.density * before.mesh.measure
-                kept = carried(solved.mesh, cell_mass, before.mass, start, leaves)
+                kept = carried_through(solved, start, mesh, relocated)
                 mesh = restore_volumes(mesh, particles.wall, kept.volume, particles.spacing)
                 particles = particles.shallow_copy(position=mesh.position)
         particles = self._labelled(particles, mesh)
         material, mass = self._material(particles, mesh)
         if kept is not None:
-            new_mass = material.density * mesh.measure
-            particles = return_momenta(
-                particles,
-                solved.particles.velocity,
-                (before.mesh.cells, before.material.density * before.mesh.measure),
-                (mesh.cells, new_mass),
-                before.boundary.still,
-            )
-            particles = restore_momenta(particles, mesh, mass, kept)
+            particles = with_momenta(solved, kept, particles, mesh, material.density, mass)
         if self.momentum_transfer:
             assert isinstance(before.material, InterpolatedMaterial)
             around = np.where(relocated, np.nan, before.material.nodal_density)

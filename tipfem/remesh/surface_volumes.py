@@ -17,6 +17,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Mesh, Surface, volume_gradient
+from tipfem.state import Solved
 from tipfem.typing import Array
 
 ROUNDS = 4  # of Newton's method in `restore_volumes`
@@ -129,6 +130,40 @@ def carried(before: Mesh, mass: Array, own_mass: Array, particles: Particles, le
     total[:, 0] += own
     d = particles.dimension
     return Carried(total[:, 0], total[:, 1], total[:, 2 : 2 + d], total[:, 2 + d : -d], total[:, -d:])
+
+
+def carried_through(solved: Solved, start: Particles, mesh: Mesh, relocated: Array) -> Carried:
+    """What the particles take along from the cells of a step to a new mesh.
+
+    Args:
+        solved: the step.
+        start: its particles, inside the tank.
+        mesh: the new mesh.
+        relocated: (N,) mask of the particles that were relocated in between.
+    """
+    before = solved.before
+    leaves = (relocated & ~mesh.surface.loose) | mesh.surface.dry(start.wall)
+    return carried(solved.mesh, before.material.density * before.mesh.measure, before.mass, start, leaves)
+
+
+def with_momenta(
+    solved: Solved, given: Carried, particles: Particles, mesh: Mesh, density: Array, mass: Array
+) -> Particles:
+    """The particles on a new mesh with the momenta of before: see `return_momenta` and `restore_momenta`.
+
+    Args:
+        solved: the step before.
+        given: what the particles carry.
+        particles: on the new mesh.
+        mesh: the new mesh.
+        density: (M,) of its cells [kg/m^3].
+        mass: (N,) lumped on it [kg].
+    """
+    before = solved.before
+    old = before.mesh.cells, before.material.density * before.mesh.measure
+    velocity = solved.particles.velocity
+    particles = return_momenta(particles, velocity, old, (mesh.cells, density * mesh.measure), before.boundary.still)
+    return restore_momenta(particles, mesh, mass, given)
 
 
 def _cross(x: Array, v: Array) -> Array:
