@@ -8,6 +8,7 @@ import pytest
 from residuals import residual_vector
 
 import tipfem as tp
+from tipfem.backend import launch as launching
 from tipfem.backend.arrays import download
 from tipfem.case.fluid import ranks
 from tipfem.fem.time_integration import GeneralizedAlpha
@@ -149,40 +150,51 @@ def test_both_jacobians_have_the_same_preconditioner():
     assert (abs(found[1] - found[0]) <= 1e-9 * abs(found[0]).max(axis=0)).all()
 
 
-def test_the_laplacian_has_the_springs_of_the_displacements(setting):
-    """Off the walls and with two components, -B_1 . B_2 / diag(A), B by differences of the volumes."""
-    cut, n = setting.cut, setting.cut.particles
-    found = setting.problem.system.laplacian()
+def test_the_laplacian_has_the_schur_complement_of_tied_particles(setting):
+    """B_k . B_l / diag(A) summed over the particles on interfaces, B by differences of the nodes' volumes."""
+    cut, found = setting.cut, setting.problem.system.laplacian()
     assert abs(found - found.T).max() < 1e-12 * abs(found).max()
     assert abs(found.sum(axis=1)).max() < 1e-12 * abs(found).max()
-    position, cells = cut.mesh.position, cut.mesh.cells
+    position, cells, nodes = cut.mesh.position, cut.mesh.cells, len(cut.owner)
     alone = twin.laplacian(position, cells, 1 / (SCHUR_SCALE * GeneralizedAlpha(RHO_INF, DT).cm * setting.step.density))
-    springs = (found - alone).toarray()
-    tied = np.flatnonzero(np.bincount(cut.owner) == 2)
-    copy = n + np.searchsorted(cut.owner[n:], tied)
-    checked = 0
-    for i, j in zip(tied, copy, strict=True):
-        if setting.particles.wall[i]:
-            assert abs(springs[i, j]) < 1e-12 * abs(found).max()
-            continue
-        slopes = []
+    wanted = np.zeros((nodes, nodes))
+    tied = np.flatnonzero(np.bincount(cut.owner) > 1)
+    for i in tied[~setting.particles.wall[tied]]:
+        around, size = np.isin(cells, np.flatnonzero(cut.owner == i)).any(axis=1), 1e-4 * SPACING
         for k in (0, 1):
-            around, size = (cut.mesh.cells == i).any(axis=1), 1e-4 * SPACING
             volumes = []
             for sign in (1, -1):
                 moved = position.copy()
-                moved[i, k] += sign * size
-                volumes.append(simplex_measure(moved, cells[around]).sum())
-            slopes.append((volumes[0] - volumes[1]) / (2 * size))
-        wanted = -(np.square(slopes) * setting.scale[i, :2]).sum() / SCHUR_SCALE
-        assert springs[i, j] == pytest.approx(wanted, rel=1e-6)
-        checked += 1
-    assert checked > 20
+                moved[cut.owner == i, k] += sign * size
+                share = np.repeat(simplex_measure(moved, cells[around]) / 3, 3)
+                volumes.append(np.bincount(cells[around].ravel(), share, minlength=nodes))
+            slope = (volumes[0] - volumes[1]) / (2 * size)
+            wanted += setting.scale[i, k] * np.outer(slope, slope)
+    assert len(tied) > 40
+    np.testing.assert_allclose((found - alone).toarray(), wanted, atol=1e-6 * abs(wanted).max())
+
+
+def test_all_threads_one_thread_and_staged_kernels_solve_alike(monkeypatch):
+    """Bits do not depend on the number of threads; staged kernels may round sums otherwise."""
+    found = []
+    for single, fused in ((False, True), (True, True), (False, False)):
+        monkeypatch.setattr(launching, "is_serial", lambda count, cost, single=single: single)
+        problem = Setting().problem
+        problem.system.multigrid.fused = fused
+        assert (problem.system.iteration is not None) is fused
+        x = problem.predict()
+        problem.residual(x)
+        result = problem.correct(x, 1e-10)
+        assert result.iterations > 10
+        found.append([download(x, problem.size), np.array([result.iterations])])
+    for all_threads, one, staged in zip(*found, strict=True):
+        np.testing.assert_array_equal(all_threads, one)
+        np.testing.assert_allclose(all_threads, staged, atol=1e-9 * abs(staged).max())
 
 
 @pytest.mark.parametrize("disc", [None, "drops", "bubbles"])
 def test_iterations_are_few(disc):
-    """Of the first system to 1e-6, at most 1.6 times as many as with a continuous pressure."""
+    """Of the first system to 1e-6, at most 1.25 times as many as with a continuous pressure."""
     water, air = FLUIDS[0], FLUIDS[2]
     tank = tp.tank((1.0, 1.0), 1 / 60, jitter=0.1, seed=2).fill(water).fill(air, box=((0, 0.6), (1, 1)))
     for k in range(12 if disc else 0):
@@ -208,7 +220,7 @@ def test_iterations_are_few(disc):
         result = problem.correct(x, 1e-6)
         assert result.converged
         counts.append(result.iterations)
-    assert counts[1] <= 1.6 * counts[0]
+    assert counts[1] <= 1.25 * counts[0]
 
 
 def simulation_of(tank, fluids, numerics=None, time_step=None, **options):

@@ -17,6 +17,7 @@ from tipfem.linalg.multigrid.grid_hierarchy import RHS
 from tipfem.linalg.multigrid.mesh_transfer import pre_smooth_node
 from tipfem.linalg.vector_kernels import partial_dots, subtract_projections, sum_dots
 from tipfem.step.block_preconditioner import correct_row, schur_rhs_row
+from tipfem.step.tie_kernels import clear_tie, collect_tie, spread_tie
 
 ITERATION = 400.0  # nanoseconds of one thread for a particle in `precondition` and `iterate`
 
@@ -27,6 +28,8 @@ def _precondition(
     columns: Template,
     blocks: Template,
     scale: Template,
+    near_offsets: Template,
+    near: Template,
     laplacian: Template,
     vectors: Template,
     coordinates: Template,
@@ -34,6 +37,7 @@ def _precondition(
     levels: Template,
     grid: Template,
     subdomains: Template,
+    ties: Template,
     r: Template,
     r_start,
     z: Template,
@@ -45,20 +49,28 @@ def _precondition(
     dim: Template,
 ):
     """z = M r, see `LinearSystem.precondition`; r and z begin at ``r_start`` and ``z_start`` in their arrays."""
+    tied_from, tied_to = share(thread, threads, ties[0])
+    if ties[0] > 0:
+        for t in range(tied_from, tied_to):
+            spread_tie(ties, t, r, r_start, dim)
+        synchronise(barrier, threads)
     first, last = share(thread, threads, nodes)
     for i in range(first, last):
         vectors[RHS * nodes + i] = schur_rhs_row(row_offsets, columns, blocks, scale, r, r_start, i, dim)
         pre_smooth_node(vectors, i, nodes)
     synchronise(barrier, threads)
+    for t in range(tied_from, tied_to):
+        clear_tie(ties, t, r, r_start, dim)
     cycle(
-        row_offsets,
-        columns,
+        near_offsets,
+        near,
         laplacian,
         vectors,
         coordinates,
         cell_lists,
         levels,
         grid,
+        ties,
         barrier,
         nodes,
         thread,
@@ -67,10 +79,15 @@ def _precondition(
     )
     if subdomains[0] > 1:
         if thread == 0:
-            deflate(row_offsets, columns, laplacian, vectors, subdomains, nodes)
+            deflate(near_offsets, near, laplacian, vectors, subdomains, nodes)
         synchronise(barrier, threads)
     for i in range(first, last):
         correct_row(row_offsets, columns, blocks, vectors, r, r_start, z, z_start, i, nodes, dim)
+    if ties[0] > 0:
+        synchronise(barrier, threads)
+        for t in range(tied_from, tied_to):
+            collect_tie(ties, t, z, z_start, dim)
+            spread_tie(ties, t, z, z_start, dim)
 
 
 @kernel
@@ -79,6 +96,8 @@ def precondition(
     columns: Ints1,
     blocks: Reals1,
     scale: Reals1,
+    near_offsets: Ints1,
+    near: Ints1,
     laplacian: Reals1,
     vectors: Reals1,
     coordinates: Reals2,
@@ -86,6 +105,7 @@ def precondition(
     levels: Reals1,
     grid: Ints2,
     subdomains: Ints1,
+    ties: Ints1,
     r: Reals1,
     z: Reals1,
     nodes: ti.i32,
@@ -104,6 +124,8 @@ def precondition(
                 columns,
                 blocks,
                 scale,
+                near_offsets,
+                near,
                 laplacian,
                 vectors,
                 coordinates,
@@ -111,6 +133,7 @@ def precondition(
                 levels,
                 grid,
                 subdomains,
+                ties,
                 r,
                 0,
                 z,
@@ -129,6 +152,8 @@ def iterate(
     columns: Ints1,
     blocks: Reals1,
     scale: Reals1,
+    near_offsets: Ints1,
+    near: Ints1,
     laplacian: Reals1,
     vectors: Reals1,
     coordinates: Reals2,
@@ -136,6 +161,7 @@ def iterate(
     levels: Reals1,
     grid: Ints2,
     subdomains: Ints1,
+    ties: Ints1,
     krylov: Reals1,
     partial: Reals1,
     k: ti.i32,
@@ -151,7 +177,8 @@ def iterate(
     """z_k = M v_k; w = K z_k; one pass of Gram-Schmidt as by `vector_kernels.orthogonalise`.
 
     The matrix K is given by ``row_offsets``, ``columns`` and ``blocks``, the preconditioner M by these, ``scale`` and
-    all from ``laplacian`` to ``subdomains``. The Krylov vectors are laid out as in `tipfem.linalg.vector_kernels`.
+    all from ``near_offsets`` to ``ties``. The pressure Laplacian is given by ``near_offsets``, ``near``, its columns,
+    and ``laplacian``, its values. The Krylov vectors are laid out as in `tipfem.linalg.vector_kernels`.
     """
     ti.loop_config(serialize=serial)
     for t in range(threads * stride):
@@ -165,6 +192,8 @@ def iterate(
                 columns,
                 blocks,
                 scale,
+                near_offsets,
+                near,
                 laplacian,
                 vectors,
                 coordinates,
@@ -172,6 +201,7 @@ def iterate(
                 levels,
                 grid,
                 subdomains,
+                ties,
                 krylov,
                 v,
                 krylov,
@@ -187,6 +217,11 @@ def iterate(
             for i in range(begin, end):
                 row_product(row_offsets, columns, blocks, krylov, z, krylov, w, i, dim)
             synchronise(barrier, threads)
+            if ties[0] > 0:
+                tied_from, tied_to = share(thread, threads, ties[0])
+                for tie in range(tied_from, tied_to):
+                    collect_tie(ties, tie, krylov, w, dim)
+                synchronise(barrier, threads)
             first, last = share(thread, threads, parts)
             for part in range(first, last):
                 low, high = share(part, parts, size)

@@ -6,10 +6,13 @@ the N displacements and P pressures is T^T K_cut T: displacements are spread to 
 momentum rows of the copies are added to those of their particle after it. Vectors keep entries for the displacements
 of the copies: in unknowns and corrections they are those of the particle, in residuals zero.
 
-The pressures of a particle act on one displacement, which couples them in the Schur complement D diag(A)^-1 G: with
-B_k = d V_k / d x, the derivative of the volume of component k by the particle's position, the entry for two of its
-components is B_k . diag(A)^-1 B_l. The Laplacian of the cut mesh lacks it, so it is added as a spring of the stiffness
--B_k . diag(A)^-1 B_l between the two pressures. B_1 = -B_2 where two components meet inside the tank.
+In the Schur complement D diag(A)^-1 G of the block preconditioner each particle couples the pressures of all nodes
+around it: with B_k = d V_k / d x, the derivative of the volume of node k (a third of its cells') by the particle's
+position, the entry for nodes k and l is B_k . diag(A)^-1 B_l. Inside a fluid the Laplacian of the mesh stands for the
+sum of these. On an interface it cannot: the pressures on both sides act on one displacement, and the Laplacian of the
+cut mesh does not join them. So there the entries themselves are added to the Laplacian, for all tied particles. That
+gives the number of Krylov iterations of a continuous pressure; springs between the pressures of a particle alone take
+half as many again.
 """
 
 from __future__ import annotations
@@ -17,10 +20,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 
 from tipfem.backend.arrays import Buffers, download
 from tipfem.backend.launch import launch
-from tipfem.linalg.sparsity import Csr
+from tipfem.linalg.sparsity import Csr, running_sums
 from tipfem.mesh.cut import CutMesh
 from tipfem.step import tie_kernels
 from tipfem.typing import Array
@@ -37,6 +41,7 @@ class InterfaceTies:
 
     Attributes:
         count: number of particles with copies.
+        groups: device array of these and their copies, see `tipfem.linalg.multigrid.mesh_transfer`.
     """
 
     def __init__(self, cut: CutMesh, walls: Walls, buffers: Buffers) -> None:
@@ -44,13 +49,12 @@ class InterfaceTies:
         self._dimension = cut.mesh.dimension
         tied, first = np.unique(cut.owner[cut.particles :], return_index=True)
         self._tied, self.count = tied, len(tied)
-        self._particles = buffers.upload("ties.particles", tied.astype(np.int32))
-        self._copies = buffers.upload("ties.copies", np.append(first, cut.copies).astype(np.int32))
+        copies = cut.particles + np.append(first, cut.copies)
+        self.groups = buffers.upload("ties.groups", np.concatenate([[len(tied)], tied, copies]).astype(np.int32))
 
     def join_scales(self, scale: Any) -> None:
         """Make the scale (P (d + 1),) of a particle's momentum rows that of its copies' rows together."""
         self._launch(tie_kernels.join_scales, scale)
-        self.spread(scale)
 
     def spread(self, x: Any) -> None:
         """Give the copies the displacements of their particles in a vector (P (d + 1),): x = T x."""
@@ -62,79 +66,53 @@ class InterfaceTies:
 
     def clear(self, x: Any) -> None:
         """Set the copies' displacements in a vector (P (d + 1),) to zero."""
-        n, d, work = self._cut.particles, self._dimension, (self._cut.copies, tie_kernels.TIE)
-        launch(tie_kernels.clear, self._copies, x, n, self.count, d, work=work)
+        self._launch(tie_kernels.clear, x)
 
     def _launch(self, kernel: Any, x: Any) -> None:
-        n, d, work = self._cut.particles, self._dimension, (self.count, tie_kernels.TIE)
-        launch(kernel, self._particles, self._copies, x, n, self.count, d, work=work)
+        launch(kernel, self.groups, x, self.count, self._dimension, work=(self.count, tie_kernels.TIE))
 
-    def sprung(self, laplacian: Csr, scale: Any, schur: float) -> tuple[Csr, Array]:
-        """The Laplacian of a cut mesh with springs between the pressures of each particle.
+    def joined(self, laplacian: Csr, scale: Any) -> tuple[Csr, Array]:
+        """The Laplacian of a cut mesh with what tied particles add to the Schur complement.
 
         Args:
             laplacian: of P nodes, on the device.
             scale: (P (d + 1),) of the rows, on the device, joined.
-            schur: by which the stiffness is divided, as the Laplacian is.
 
         Returns:
-            The matrix, on the device; (P,) the component of each node, -1 in components without a spring.
+            The matrix, on the device; (P,) the component of each node, -1 in components that are not joined to others.
         """
-        one, other, stiffness = self._springs(download(scale, self._cut.particles * (self._dimension + 1)), schur)
-        nodes, put = len(self._cut.owner), self._buffers.upload
-        row = np.concatenate([one, other])
-        order = np.argsort(row, kind="stable")
-        offsets = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=nodes))])
-        count = download(laplacian.row_offsets, nodes + 1)[-1] + len(row)
-        get = self._buffers.get
-        matrix = Csr(
-            get("ties.row_offsets", nodes + 1, integer=True),
-            get("ties.columns", int(count), integer=True),
-            get("ties.laplacian", int(count)),
-        )
-        launch(
-            tie_kernels.add_springs,
-            *laplacian,
-            put("ties.spring_offsets", offsets.astype(np.int32)),
-            put("ties.spring_columns", np.concatenate([other, one])[order].astype(np.int32)),
-            put("ties.stiffness", np.tile(stiffness, 2)[order]),
-            *matrix,
-            nodes,
-            work=(nodes, tie_kernels.ROW),
-        )
+        added = self._schur_complement(download(scale, self._cut.particles * (self._dimension + 1)))
+        nodes, put, get = len(self._cut.owner), self._buffers.upload, self._buffers.get
+        extra = put("ties.added_offsets", added.indptr), put("ties.added_columns", added.indices)
+        row_offsets, work = get("ties.row_offsets", nodes + 1, integer=True), (nodes, tie_kernels.ROW)
+        old = laplacian.row_offsets, laplacian.columns
+        launch(tie_kernels.count_merged, *old, *extra, row_offsets, nodes, work=work)
+        count = launch(running_sums, row_offsets, nodes)
+        matrix = Csr(row_offsets, get("ties.columns", count, integer=True), get("ties.laplacian", count))
+        launch(tie_kernels.merge_rows, *laplacian, *extra, put("ties.added", added.data), *matrix, nodes, work=work)
         component = self._cut.component
-        strength = np.bincount(component[row], np.tile(stiffness, 2), minlength=component.max(initial=0) + 1)
+        strength = np.bincount(component, added.diagonal(), minlength=component.max(initial=0) + 1)
         return matrix, np.where(strength[component] > 0, component, -1).astype(np.int32)
 
-    def _springs(self, scale: Array, schur: float) -> tuple[Array, Array, Array]:
-        """Nodes (S,) and (S,) at the ends of the springs, and their stiffness (S,)."""
-        cut, d, walls = self._cut, self._dimension, self._walls
-        nodes = len(cut.owner)
+    def _schur_complement(self, scale: Array) -> sparse.csr_matrix:
+        """(P, P) sum over the tied particles of B_k . diag(A)^-1 B_l, from the scale (N (d + 1),) of the rows."""
+        cut, d, walls, mesh = self._cut, self._dimension, self._walls, self._cut.mesh
         group = np.full(cut.particles, -1)
         group[self._tied] = np.arange(self.count)
-        mesh = cut.mesh
-        near = (group >= 0)[cut.owner].take(mesh.cells)
-        cell, corner = np.nonzero(near)
+        cell, corner = np.nonzero((group[cut.owner] >= 0).take(mesh.cells))
+        particle = cut.owner[mesh.cells[cell, corner]]
         after, last = (mesh.position[mesh.cells[cell, (corner + k) % 3]] for k in (1, 2))
-        side = 0.5 * (last - after)
-        node = mesh.cells[cell, corner]
-        # d V / d x of a triangle by a corner: half the opposite side, turned by a right angle.
-        gradient = np.stack([np.bincount(node, w, minlength=nodes) for w in (-side[:, 1], side[:, 0])], axis=1)
+        side = last - after
+        # d V / d x of a triangle by a corner is half the opposite side, turned by a right angle; a third for each node.
+        slope = np.stack([-side[:, 1], side[:, 0]], axis=1) / 6
         if len(walls.sliding):
             projector = np.tile(np.eye(d), (cut.particles, 1, 1))
             projector[walls.sliding] = walls.columns.reshape(-1, d, d)
-            gradient = np.einsum("ijk,ik->ij", projector[cut.owner], gradient)
-        flexibility = scale.reshape(-1, d + 1)[:, :d]  # diag(A)^-1, 0 where displacements are prescribed
-        ends = np.concatenate([self._tied, np.arange(cut.particles, nodes)])
-        ends = ends[np.argsort(cut.owner[ends], kind="stable")]
-        one, other = [ends[:0]], [ends[:0]]
-        for distance in range(1, len(ends)):
-            same = cut.owner[ends[distance:]] == cut.owner[ends[:-distance]]
-            if not same.any():
-                break
-            one.append(ends[:-distance][same])
-            other.append(ends[distance:][same])
-        i, j = np.concatenate(one), np.concatenate(other)
-        stiffness = -(gradient[i] * gradient[j] * flexibility[cut.owner[i]]).sum(axis=1) / schur
-        joined = stiffness > 0
-        return i[joined], j[joined], stiffness[joined]
+            slope = np.einsum("ijk,ik->ij", projector[particle], slope)
+        # diag(A)^-1, 0 where displacements are prescribed
+        slope *= np.sqrt(scale.reshape(-1, d + 1)[particle, :d])
+        row = np.repeat((d * group[particle])[:, None] + np.arange(d), 3)
+        column = np.repeat(mesh.cells[cell], d, axis=0).ravel()
+        entries = np.repeat(slope.ravel(), 3), (row, column)
+        slopes = sparse.csr_matrix(entries, shape=(d * self.count, len(cut.owner)))
+        return (slopes.T @ slopes).tocsr()

@@ -212,11 +212,11 @@ class LinearSystem:
             )
         if ties:
             ties.join_scales(scale)
-            self.pressure_laplacian, label = ties.sprung(self.pressure_laplacian, scale, SCHUR_SCALE)
+            self.pressure_laplacian, label = ties.joined(self.pressure_laplacian, scale)
         self.multigrid = multigrid
         if frame is not mesh.position:
             position = buffers.upload("frame", frame)
-        multigrid.build(position, self.pressure_laplacian, n)
+        multigrid.build(position, self.pressure_laplacian, n, ties.groups if ties else None)
         shape = (len(mesh.cells), n, d + 1)
         self.deflation = SubdomainDeflation(
             topology.cells, material[0], extremes, shape, self.pressure_laplacian, multigrid.vectors, buffers, label
@@ -299,7 +299,7 @@ class LinearSystem:
     @property
     def fused(self) -> bool:
         """Whether an iteration is one launch."""
-        return self.multigrid.fused and not self._ties and not self.bodies
+        return self.multigrid.fused and not self.bodies
 
     @property
     def iteration(self) -> Iteration | None:
@@ -326,13 +326,14 @@ class LinearSystem:
         return (
             *self.rows,
             self._scale,
-            self.pressure_laplacian.values,
+            *self.pressure_laplacian,
             grid.vectors,
             grid.coordinates,
             grid.cell_lists,
             grid.levels,
             grid.grid,
             self.deflation.subdomains,
+            grid.ties,
         )
 
     def matrix(self) -> sparse.csr_matrix:

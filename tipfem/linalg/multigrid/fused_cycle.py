@@ -20,6 +20,7 @@ from tipfem.linalg.multigrid.mesh_transfer import (
     pre_smooth_node,
     residual_row,
     restrict_to_line,
+    smooth_ties,
 )
 
 CYCLE = 300.0  # nanoseconds of one thread for a mesh node in `cycle_from_zero`
@@ -64,14 +65,19 @@ def cycle(
     cell_lists: Template,
     levels: Template,
     grid: Template,
+    ties: Template,
     barrier: Template,
     nodes,
     thread,
     threads,
     dim: Template,
 ):
-    """One V(1,1)-cycle; pre-smoothing on the mesh has been done at all nodes."""
+    """One V(1,1)-cycle; Jacobi's method has been applied on the mesh at all nodes."""
     mine, end = share(thread, threads, nodes)
+    if ties[0] > 0:
+        if thread == 0:
+            smooth_ties(row_offsets, columns, values, vectors, ties, nodes)
+        synchronise(barrier, threads)
     for i in range(mine, end):
         vectors[RESIDUAL * nodes + i] = residual_row(row_offsets, columns, values, vectors, SOLUTION, i, nodes)
     synchronise(barrier, threads)
@@ -95,6 +101,10 @@ def cycle(
     for i in range(mine, end):
         post_smooth_node(row_offsets, columns, values, vectors, i, nodes)
     synchronise(barrier, threads)
+    if ties[0] > 0:
+        if thread == 0:
+            smooth_ties(row_offsets, columns, values, vectors, ties, nodes)
+        synchronise(barrier, threads)
 
 
 @kernel
@@ -107,6 +117,7 @@ def cycle_from_zero(
     cell_lists: Ints1,
     levels: Reals1,
     grid: Ints2,
+    ties: Ints1,
     nodes: ti.i32,
     dim: Template,
     stride: Template,
@@ -132,6 +143,7 @@ def cycle_from_zero(
                 cell_lists,
                 levels,
                 grid,
+                ties,
                 barrier,
                 nodes,
                 thread,

@@ -3,6 +3,10 @@
 ``vectors`` holds the cycle's vectors on the mesh, ``levels`` those on the grids, see `grid_hierarchy`; the matrix
 on the mesh is in CSR. ``cell_lists`` holds the mesh nodes in each grid cell, cell by cell: those of grid cell c are
 ``cell_lists[cell_lists[c]:cell_lists[c + 1]]``.
+
+``ties`` holds groups of mesh nodes at one place, where the mesh is cut: T = ties[0] groups, the first node of group t
+in ties[1 + t], the others from ties[1 + T + t] on, before ties[2 + T + t]. Jacobi's method takes long to bring the
+values on both sides of a cut together, which no grid does. So Gauss-Seidel's method follows it there, on one thread.
 """
 
 import taichi as ti
@@ -104,6 +108,31 @@ def interpolated(coordinates: Template, levels: Template, grid: Template, i, dim
         near = grid[0, SOLUTION] + entry(grid, 0, cell + ti.Vector(corner), dim)
         total += weight(coordinates, cell, i, corner, dim) * levels[near]
     return total
+
+
+@ti.func
+def tied_node(ties: Template, t):
+    """The first node of group ``t``."""
+    return ties[1 + t]
+
+
+@ti.func
+def copies_of(ties: Template, t):
+    """The range of the other nodes of group ``t``: first, and last + 1."""
+    return ties[1 + ties[0] + t], ties[2 + ties[0] + t]
+
+
+@ti.func
+def smooth_ties(row_offsets: Template, columns: Template, values: Template, vectors: Template, ties: Template, nodes):
+    """Gauss-Seidel's method for the solution at the nodes of all groups, one after the other."""
+    for t in range(ties[0]):
+        first, last = copies_of(ties, t)
+        for j in range(first - 1, last):
+            i = tied_node(ties, t) if j < first else j
+            diagonal = values[row_offsets[i]]
+            if diagonal > 0.0:
+                residual = residual_row(row_offsets, columns, values, vectors, SOLUTION, i, nodes)
+                vectors[SOLUTION * nodes + i] = vectors[SOLUTION * nodes + i] + residual / diagonal
 
 
 @kernel

@@ -67,7 +67,7 @@ class BackgroundMultigrid:
         layout: (G, 14) memory layout of the grids, see `grid_hierarchy`.
         fused: whether a cycle is one launch; it is on CPUs.
         grid, levels: device arrays of the grids, see `grid_hierarchy`.
-        vectors, coordinates, cell_lists: device arrays of the mesh nodes, see `mesh_transfer`; set by `build`.
+        vectors, coordinates, cell_lists, ties: device arrays of the mesh nodes, see `mesh_transfer`; set by `build`.
     """
 
     def __init__(
@@ -86,6 +86,7 @@ class BackgroundMultigrid:
         self.grid = buffers.upload("multigrid.grid", self.layout)
         # Rims stay zero: no kernel writes there.
         self.levels = buffers.upload("multigrid.levels", np.zeros(entries))
+        self._untied = self.ties = buffers.upload("multigrid.untied", np.zeros(1, dtype=np.int32))
         self._lower = buffers.upload("multigrid.lower", self.lower)
         self._spacing = buffers.upload("multigrid.spacing", self.spacing)
         self._nodes, self.fused = 0, available()
@@ -93,14 +94,16 @@ class BackgroundMultigrid:
         self.coordinates: Any = None
         self.cell_lists: Any = None
 
-    def build(self, position: Any, matrix: Csr, nodes: int) -> None:
+    def build(self, position: Any, matrix: Csr, nodes: int, ties: Any = None) -> None:
         """Set the Laplacian on the mesh, and form the coarse operators.
 
         Args:
             position: (N, d) device array of the particles [m].
             matrix: on the device; rows sum to zero, except for Dirichlet conditions.
             nodes: N.
+            ties: device array of the groups of nodes that are at one place, see `mesh_transfer`; None without any.
         """
+        self.ties = self._untied if ties is None else ties
         self._nodes, self._matrix = nodes, matrix
         get, dim, cells = self.buffers.get, self.dimension, self._cells
         cursor = get("multigrid.cursor", cells, integer=True)
@@ -176,15 +179,15 @@ class BackgroundMultigrid:
         nodes, dim, lists = self._nodes, self.dimension, self.cell_lists
         on_mesh = (*self._matrix, vectors, self.coordinates)
         if self.fused:
-            launch(cycle_from_zero, *on_mesh, lists, levels, grid, nodes, dim, work=(nodes, CYCLE))
+            launch(cycle_from_zero, *on_mesh, lists, levels, grid, self.ties, nodes, dim, work=(nodes, CYCLE))
             return
-        launch(descend_from_mesh, *on_mesh, lists, levels, grid, nodes, dim)
+        launch(descend_from_mesh, *on_mesh, lists, levels, grid, self.ties, nodes, dim)
         for level in range(len(self.shapes) - 1):
             launch(descend, levels, grid, level, dim)
         launch(solve_coarsest_level, levels, grid, dim)
         for level in range(len(self.shapes) - 2, -1, -1):
             launch(ascend, levels, grid, level, dim)
-        launch(ascend_to_mesh, *on_mesh, levels, grid, nodes, dim)
+        launch(ascend_to_mesh, *on_mesh, levels, grid, self.ties, nodes, dim)
 
 
 def grid_cells(size: Array, spacing: float, particles: int | None) -> tuple[Array, Array]:

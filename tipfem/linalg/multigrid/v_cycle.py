@@ -2,14 +2,14 @@
 
 With D the damped inverse diagonal of an operator A, b the right-hand side and r the residual, the cycle is
 
-1. on the mesh: pre-smooth from a zero guess, x = D b; r = b - A x; restrict r to the finest level, b = P^T r;
-   pre-smooth there;
+1. on the mesh: pre-smooth from a zero guess, x = D b, and at tied nodes by Gauss-Seidel; r = b - A x; restrict r to
+   the finest level, b = P^T r; pre-smooth there;
 2. on each level from the finest to the last but one: r = b - A x; restrict r axis by axis to the next level;
    pre-smooth there;
 3. on the coarsest level: solve by Gauss-Seidel sweeps;
 4. on each level back to the finest: prolong the correction axis by axis and add it, x = x + P e; r = b - A x;
    post-smooth, x = x + D r;
-5. on the mesh: x = x + P e; post-smooth.
+5. on the mesh: x = x + P e; post-smooth, at tied nodes by Gauss-Seidel after that.
 
 See W. L. Briggs, V. E. Henson, S. F. McCormick, A Multigrid Tutorial (2000), chapter 3.
 
@@ -38,6 +38,7 @@ from tipfem.linalg.multigrid.mesh_transfer import (
     pre_smooth_node,
     residual_row,
     restrict_to_line,
+    smooth_ties,
 )
 
 
@@ -51,6 +52,7 @@ def descend_from_mesh(
     cell_lists: Ints1,
     levels: Reals1,
     grid: Ints2,
+    ties: Ints1,
     nodes: ti.i32,
     dim: Template,
     parts: ti.i32,
@@ -59,6 +61,9 @@ def descend_from_mesh(
     """Item 1 of the cycle: pre-smooth on the mesh, restrict the residual to the finest level, pre-smooth there."""
     for i in range(nodes):
         pre_smooth_node(vectors, i, nodes)
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        smooth_ties(row_offsets, columns, values, vectors, ties, nodes)
     for i in range(nodes):
         vectors[RESIDUAL * nodes + i] = residual_row(row_offsets, columns, values, vectors, SOLUTION, i, nodes)
     for t in range(parts * stride):
@@ -116,6 +121,7 @@ def ascend_to_mesh(
     coordinates: Reals2,
     levels: Reals1,
     grid: Ints2,
+    ties: Ints1,
     nodes: ti.i32,
     dim: Template,
 ):
@@ -124,3 +130,6 @@ def ascend_to_mesh(
         correct_node(vectors, coordinates, levels, grid, i, nodes, dim)
     for i in range(nodes):
         post_smooth_node(row_offsets, columns, values, vectors, i, nodes)
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        smooth_ties(row_offsets, columns, values, vectors, ties, nodes)
