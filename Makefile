@@ -1,4 +1,5 @@
 # make demo            the dam break, from nothing to a picture; make demo ARGS="--spacing 0.01" passes options on
+# make play            a tank of water and oil to play with in a browser
 # make help            the other targets
 #
 # All runs in .venv, which is made with $(PYTHON) when it is missing: make demo PYTHON=python3.12
@@ -12,10 +13,11 @@ RUN := $(VENV)/bin/python
 .DELETE_ON_ERROR:
 # One environment serves all targets, and two pips must not write to it at once.
 .NOTPARALLEL:
-.PHONY: help demo test test-slow lint docs wheel clean
+.PHONY: help demo play test test-slow lint docs wheel clean
 
 help:
 	@echo "make demo       run demos/dam_break.py; options go in ARGS=\"...\""
+	@echo "make play       a tank of water and oil to play with in a browser: prints the address"
 	@echo "make test       run the tests, without the slow ones; pytest's options go in ARGS"
 	@echo "make test-slow  run the slow tests"
 	@echo "make lint       ruff, mypy, and the layers of import-linter"
@@ -25,6 +27,9 @@ help:
 
 demo: $(VENV)/.installed-plot
 	$(RUN) demos/dam_break.py $(ARGS)
+
+play: $(VENV)/.installed-view
+	$(RUN) demos/play.py $(ARGS)
 
 test: $(VENV)/.installed-plot,test
 	$(RUN) -m pytest $(ARGS)

@@ -22,7 +22,7 @@ from tipfem.case.forces import Forces
 from tipfem.liveview.memory import Snapshot, StateMemory, slot_size
 from tipfem.output import ResultsFolder
 from tipfem.state import State
-from tipfem.steering import Command, Release, RunControl, command_from, limits
+from tipfem.steering import Command, Gravity, Poke, Release, RunControl, command_from, limits
 
 RATE = 5.0  # pictures per second, by default
 STARTS = 60.0  # longest wait for the process that draws [s]; with a cold cache Taichi compiles for a while
@@ -226,10 +226,13 @@ class LiveControl(RunControl):
         raise ValueError(f"the run cannot be shown: {why}")
 
     def _receive_commands(self, wait: float) -> Sequence[Command]:
-        found = []
+        found: list[Command] = []
         for line in self._read(wait):
             try:
-                found.append(command_from(str(line["name"]), dict(line["values"])))
+                command = command_from(str(line["name"]), dict(line["values"]))
+                if found and type(command) is type(found[-1]) and isinstance(command, Gravity | Poke):
+                    found.pop()  # of a pointer that was moved in one step, the last place counts
+                found.append(command)
             except (KeyError, TypeError, ValueError) as error:
                 self._tell(str(error))
         if found:
