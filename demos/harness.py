@@ -20,7 +20,7 @@ import subprocess
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -28,7 +28,7 @@ from typing import Any, NoReturn
 
 import tipfem as tp
 from tipfem.case.case import DEFAULT_INTERFACE, INTERFACES
-from tipfem.casefile.running import COMMAND_FILE
+from tipfem.casefile.running import COMMAND_FILE, open_log
 from tipfem.checkpoint import CheckpointFolder
 
 Probe = Callable[[tp.Simulation], float]
@@ -157,6 +157,7 @@ def options(
     )
     parser.set_defaults(frames=True)
     add("--no-frames", dest="frames", action="store_false", default=argparse.SUPPRESS, help="draw no pictures")
+    add("--log-json", type=Path, metavar="FILE", help="file for the log, a JSON object a line, every step among them")
     add("--resume", action="store_true", help="go on with the run in the results folder, if one has begun there")
     for name, option in further.items():
         metavar = None if option.choices else name.rpartition("_")[2].upper()
@@ -199,11 +200,13 @@ def run(
     if _loading is not None:
         _loading.found = Loaded(case, options, check, shown)
         raise _Stop
-    with one_message():
-        tp.init(arch=options.arch)
-        simulation = _simulation(case, options, check, columns or {})
-    if simulation.time < options.end_time:
-        run_to_end(simulation, options.end_time)
+    with ExitStack() as log:
+        with one_message():
+            open_log(log, options.log_json, "info", progress=True)
+            tp.init(arch=options.arch)
+            simulation = _simulation(case, options, check, columns or {})
+        if simulation.time < options.end_time:
+            run_to_end(simulation, options.end_time)
     figures = check.figures(simulation)
     missed = check.missed(figures, options)
     simulation.write_summary({"status": "complete", "validation": figures, "check": missed or "passed"})

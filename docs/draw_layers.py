@@ -31,7 +31,7 @@ WHAT = {
     "state": "particles, mesh and material at one time",
     "output": "results folder",
     "probes": "measured on the way",
-    "progress": "progress bar",
+    "progress": "bar and lines",
     "step": "one step: equations, solution, budget",
     "remesh": "the mesh of the next step",
     "walls": "slipping, sliding, moving walls in a step",
@@ -42,6 +42,8 @@ WHAT = {
     "backend": "Taichi: start-up, launching kernels, arrays, threads",
     "arguments": "checks",
     "errors": "errors",
+    "folder_lock": "one run a folder",
+    "logs": "the log",
     "timers": "timers",
     "typing": "types",
 }

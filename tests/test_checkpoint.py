@@ -205,14 +205,14 @@ def test_a_resumed_run_is_the_uninterrupted_one_to_the_bit(tmp_path, water, air,
     # The run is killed: nothing that is done on the way out may be of importance.
     stopped.columns = {"column": stop}
     copied = tmp_path / "killed"
-    real = tp.Simulation.write_fields
+    real = tp.Simulation.write_checkpoint
 
-    def copy_first(self):
+    def copy_first(self, until):
         if self.time > 0.033 and not copied.exists():
             shutil.copytree(self.results.path, copied)
-        real(self)
+        real(self, until)
 
-    stopped.write_fields = copy_first.__get__(stopped)
+    stopped.write_checkpoint = copy_first.__get__(stopped)
     with pytest.raises(KeyboardInterrupt):
         stopped.run(0.06, progress=False)
     stopped.results.close()

@@ -12,9 +12,10 @@ import pytest
 
 import tipfem as tp
 from tipfem.checkpoint import file_name
+from tipfem.folder_lock import LOCK
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
-from tipfem.output import LOCK, MANIFEST, STEP_COLUMNS, ResultsFolder, own_columns
+from tipfem.output import MANIFEST, STEP_COLUMNS, ResultsFolder, own_columns
 
 
 def state(water: tp.Fluid, air: tp.Fluid, dimension: int = 2, seed: int = 0) -> tuple[tp.Particles, Mesh]:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from tipfem.errors import CheckpointError, SimulationError
     from tipfem.fields import FieldOutput, FieldState
     from tipfem.liveview.running import live
+    from tipfem.logs import log_json
     from tipfem.probes import (
         EnergyProbe,
         FrontProbe,
@@ -80,6 +81,7 @@ __all__ = [
     "init",
     "live",
     "load_case",
+    "log_json",
     "read_results",
     "shapes",
     "tank",
@@ -125,6 +127,7 @@ _MODULES = {
     "init": "backend.runtime",
     "live": "liveview.running",
     "load_case": "casefile.loading",
+    "log_json": "logs",
     "read_results": "results",
     "shapes": "case.shapes",
     "tank": "case.shaped_tank",

@@ -15,14 +15,11 @@ so no reader sees a partial file, even when the disk is full.
 
 from __future__ import annotations
 
-import atexit
 import csv
 import json
 import os
 import platform
-import socket
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TextIO
@@ -33,11 +30,11 @@ from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.fields import FieldOutput, FieldState, vtkhdf, vtu
 from tipfem.fields.atomic_file import journal_of
+from tipfem.folder_lock import FolderLock
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
 MANIFEST = ".tipfem"
-LOCK = ".lock"
 # What every run writes besides its fields; a file of such a name that is not in the manifest is not tipfem's.
 _NAMES = ("case.json", "history.csv", "summary.json", "fields.pvd", vtkhdf.NAME, "steering.jsonl")
 
@@ -319,74 +316,6 @@ class ResultsFolder:
         except BaseException:
             temporary.unlink(missing_ok=True)
             raise
-
-
-class FolderLock:
-    """Keeps two runs out of one folder: a file with the host and the process that writes there.
-
-    A lock whose process has ended is taken over; so is one of this process.
-
-    Args:
-        folder: the results folder.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self.path = folder / LOCK
-
-    def take(self) -> None:
-        """Lock the folder.
-
-        Raises:
-            ValueError: another process that is running has locked it.
-            OSError: the file cannot be written.
-        """
-        own = {"host": socket.gethostname(), "process": os.getpid()}
-        try:
-            with open(self.path, "x", encoding="utf-8") as file:
-                json.dump(own, file)
-        except FileExistsError:
-            holder = self._holder()
-            if holder and not (holder["host"] == own["host"] and _has_ended(holder["process"])):
-                if holder != own:
-                    raise ValueError(
-                        f"{str(self.path.parent)!r} is in use by process {holder['process']} on {holder['host']}; name "
-                        f"another folder, or remove {LOCK} there if that run has ended"
-                    ) from None
-            temporary = self.path.with_name(f"{LOCK}.{os.getpid()}")
-            temporary.write_text(json.dumps(own), encoding="utf-8")
-            os.replace(temporary, self.path)
-        atexit.register(self.release)
-
-    def release(self) -> None:
-        """Unlock the folder, if this process has locked it."""
-        holder = self._holder()
-        if holder and holder["process"] == os.getpid() and holder["host"] == socket.gethostname():
-            with suppress(OSError):
-                self.path.unlink(missing_ok=True)
-
-    def is_held(self) -> bool:
-        """Whether a run is writing into the folder; of a run on another host, whether it has not said that it ended."""
-        holder = self._holder()
-        return holder is not None and not (holder["host"] == socket.gethostname() and _has_ended(holder["process"]))
-
-    def _holder(self) -> dict[str, Any] | None:
-        """Who has locked the folder; None for nobody, or a file that says nothing."""
-        try:
-            holder = json.loads(self.path.read_text(encoding="utf-8"))
-            return {"host": str(holder["host"]), "process": int(holder["process"])}
-        except (OSError, ValueError, KeyError, TypeError):
-            return None
-
-
-def _has_ended(process: int) -> bool:
-    """Whether no process of this host has that number."""
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return True
-    except OSError:
-        return False
-    return False
 
 
 # Columns of the history besides those of the budgets, which come before the wall-clock time.

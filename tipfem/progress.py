@@ -1,22 +1,81 @@
-"""A progress bar for runs, shown on a terminal and in notebooks."""
+"""The progress of a run: a bar on a terminal and in notebooks, and lines in the log everywhere."""
 
 from __future__ import annotations
 
+import logging
+import math
 import sys
 import time as clock
+from collections import deque
 from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from datetime import timedelta
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn
 
+from tipfem.logs import log, logs
 from tipfem.notebook import NotebookProgress, in_notebook
 
 _REDRAWN = 0.2  # wall-clock time between pictures of the bar in a notebook [s]
+_LINES = 10.0  # wall-clock time between lines in the log [s]
+_WINDOW, _SAMPLES = 60.0, 0.5  # wall-clock time that the time left is estimated from, and between its samples [s]
+
+
+@dataclass(frozen=True)
+class StepReport:
+    """Where a run is after a step.
+
+    Attributes:
+        step: number of the step.
+        t: its time [s].
+        until: end of the run [s].
+        dt: length of the step [s].
+        dt_limit: what limited it, see `tipfem.fem.time_integration.StepControl`.
+        refused: how many longer steps were refused before.
+        volume_error: largest change of a fluid's volume since the start, relative.
+        newton: iterations.
+        krylov: iterations, of all of Newton's.
+        particles: how many there are.
+        wall_seconds: wall-clock time of the whole run so far [s].
+        seconds_left: estimate of the wall-clock time to the end [s]; NaN before there is one.
+    """
+
+    step: int
+    t: float
+    until: float
+    dt: float
+    dt_limit: str
+    refused: int
+    volume_error: float
+    newton: int
+    krylov: int
+    particles: int
+    wall_seconds: float
+    seconds_left: float
+
+    def parts(self) -> list[str]:
+        """What a line says, part by part."""
+        refused = f", {self.refused} refused" if self.refused else ""
+        return [
+            f"t = {self.t:.6g} of {self.until:g} s",
+            f"step {self.step}",
+            f"dt {self.dt:.1e} s ({self.dt_limit}{refused})",
+            f"volume error {self.volume_error:.0e}",
+            f"Newton {self.newton}",
+            f"Krylov {self.krylov}",
+            f"{duration(self.seconds_left)} left",
+        ]
+
+    def __str__(self) -> str:
+        return ", ".join(self.parts())
 
 
 class RunProgress:
-    """Shows time, step length, Newton and Krylov iterations and the time left.
+    """Shows how far a run is: time, step length and what limits it, volume error, iterations and the time left.
+
+    All of it goes to the log, see `tipfem.logs`: every step at the level DEBUG, a line every 10 s at the level INFO.
 
     Args:
         start: time at which the bar is empty [s].
@@ -26,57 +85,90 @@ class RunProgress:
     """
 
     def __init__(self, start: float, end: float, *, enabled: bool = True) -> None:
-        self._progress: Progress | None = None
+        self._bar: Progress | None = None
         self._notebook = NotebookProgress() if enabled and in_notebook() else None
-        self._start, self._end, self._drawn = start, end, -float("inf")
-        if enabled and not self._notebook and _on_terminal():
-            self._progress = Progress(
-                TextColumn("t = {task.fields[time]:.4f} s"),
-                BarColumn(),
-                TextColumn("{task.percentage:3.0f} %"),
-                TextColumn("dt {task.fields[dt]:.1e} s"),
-                TextColumn("Newton {task.fields[newton]}  Krylov {task.fields[krylov]}"),
-                TimeRemainingColumn(),
-                TextColumn("left"),
-                console=Console(stderr=True),
+        self._start, self._end = start, end
+        self._drawn, self._logged = -math.inf, clock.monotonic()
+        self._samples: deque[tuple[float, float]] = deque([(clock.monotonic(), start)])
+        if enabled and not self._notebook and on_terminal():
+            self._bar = Progress(
+                BarColumn(), TextColumn("{task.percentage:3.0f} %  {task.fields[text]}"), console=Console(stderr=True)
             )
-            self._task = self._progress.add_task("run", total=end - start, time=start, dt=0.0, newton=0, krylov=0)
+            self._task = self._bar.add_task("run", total=end - start, text="")
 
     def __enter__(self) -> RunProgress:
-        if self._progress:
-            self._progress.start()
+        if self._bar:
+            self._bar.start()
         return self
 
     def __exit__(self, *_: Any) -> None:
-        if self._progress:
-            self._progress.stop()
+        if self._bar:
+            self._bar.stop()
 
     def say(self, text: str) -> None:
         """Print a line where the bar is shown; nothing where it is not."""
-        if self._progress:
-            self._progress.console.print(text, highlight=False, markup=False)
+        if self._bar:
+            self._bar.console.print(text, highlight=False, markup=False)
 
-    def update(self, time: float, row: Mapping[str, float]) -> None:
-        """Show the state after a step: its time [s] and its row of the history."""
-        if self._notebook and (time >= self._end or clock.monotonic() - self._drawn >= _REDRAWN):
-            self._drawn = clock.monotonic()
-            self._notebook.show(
-                (time - self._start) / (self._end - self._start),
-                f"t = {time:.4f} of {self._end:g} s, step {row['step']:.0f}, dt {row['time_step']:.1e} s, "
-                f"Newton {row['newton_iterations']:.0f}, Krylov {row['krylov_iterations']:.0f}",
-            )
-        if self._progress:
-            self._progress.update(
-                self._task,
-                completed=time - self._start,
-                time=time,
-                dt=row["time_step"],
-                newton=row["newton_iterations"],
-                krylov=row["krylov_iterations"],
-            )
+    def update(self, row: Mapping[str, float], until: float, dt_limit: str, volume_error: float) -> None:
+        """Show the state after a step, and log it.
+
+        Args:
+            row: the step's row of the history.
+            until: end of the run [s].
+            dt_limit: what limited the length of the step.
+            volume_error: largest change of a fluid's volume since the start, relative.
+        """
+        now, time = clock.monotonic(), float(row["time"])
+        if until != self._end:  # it may change on the way
+            self._end = until
+            if self._bar:
+                self._bar.update(self._task, total=until - self._start)
+        if now - self._samples[-1][0] >= _SAMPLES:
+            self._samples.append((now, time))
+            while now - self._samples[1][0] > _WINDOW:
+                self._samples.popleft()
+        line_due = now - self._logged >= _LINES and logs(logging.INFO)
+        picture_due = self._notebook is not None and (time >= until or now - self._drawn >= _REDRAWN)
+        if not (line_due or picture_due or self._bar or logs(logging.DEBUG)):
+            return
+        report = StepReport(
+            step=int(row["step"]),
+            t=time,
+            until=until,
+            dt=float(row["time_step"]),
+            dt_limit=dt_limit,
+            refused=int(row["refused_steps"]),
+            volume_error=volume_error,
+            newton=int(row["newton_iterations"]),
+            krylov=int(row["krylov_iterations"]),
+            particles=int(row["particles"]),
+            wall_seconds=float(row["wall_seconds"]),
+            seconds_left=self._left(now, time, until),
+        )
+        if line_due:
+            self._logged = now
+            log(logging.INFO, "progress", str(report), asdict(report))
+        if logs(logging.DEBUG):
+            log(logging.DEBUG, "step", str(report), asdict(report))
+        if picture_due and self._notebook:
+            self._drawn = now
+            self._notebook.show((time - self._start) / (until - self._start), str(report))
+        if self._bar:
+            self._bar.update(self._task, completed=time - self._start, text="  ".join(report.parts()))
+
+    def _left(self, now: float, time: float, until: float) -> float:
+        """Estimate of the wall-clock time to the end [s], from the pace of the last minute; NaN without one."""
+        begun, start = self._samples[0]
+        return (until - time) * (now - begun) / (time - start) if time > start else math.nan
 
 
-def _on_terminal() -> bool:
+def duration(seconds: float) -> str:
+    """Wall-clock time for people: 0:01:20; a question mark for NaN."""
+    return str(timedelta(seconds=round(seconds))) if math.isfinite(seconds) else "?"
+
+
+def on_terminal() -> bool:
     """Whether the error output is a terminal; it may also be closed, or missing."""
     try:
         return sys.stderr.isatty()

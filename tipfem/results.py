@@ -13,8 +13,9 @@ import numpy as np
 
 from tipfem.fields import FieldOutput, FieldState, vtkhdf, vtu
 from tipfem.fields.field_state import VTK_CELLS, three_components
+from tipfem.folder_lock import FolderLock
 from tipfem.notebook import Movie, facts
-from tipfem.output import MANIFEST, FolderLock
+from tipfem.output import MANIFEST
 from tipfem.tables import Table, package
 from tipfem.typing import Array
 

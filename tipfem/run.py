@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import os
 import signal
@@ -14,8 +15,11 @@ from typing import Any, Protocol
 
 from tipfem.arguments import is_number
 from tipfem.errors import SimulationError
+from tipfem.fem.time_integration import StepControl
+from tipfem.logs import log
 from tipfem.output import ResultsFolder
 from tipfem.progress import RunProgress
+from tipfem.state import State
 from tipfem.steering import Command, RunControl
 from tipfem.step.numerical_error import summary_line
 
@@ -84,6 +88,8 @@ class Runnable(Protocol):
 
     results: ResultsFolder | None
     history: list[dict[str, float]]
+    control: StepControl
+    state: State
 
     @property
     def time(self) -> float:
@@ -121,7 +127,10 @@ class Runnable(Protocol):
 def run(simulation: Runnable, until: float, *, progress: bool, control: RunControl | None = None) -> None:
     """See `Simulation.run`."""
     results, bar = simulation.results, RunProgress(simulation.time, until, enabled=progress)
-    status = "stopped"
+    status, level = "stopped", logging.ERROR
+    where = {"out": str(results.path) if results else None, "until": until}
+    begun = f"run from t = {simulation.time:g} s, step {simulation.step_number}, to t = {until:g} s"
+    log(logging.INFO, "begin", begun, {"t": simulation.time, "step": simulation.step_number, **where})
     try:
         with StopRequest() as stop, bar, closing(results) if results else nullcontext():
             if results and not results.has_fields(simulation.step_number):
@@ -132,7 +141,7 @@ def run(simulation: Runnable, until: float, *, progress: bool, control: RunContr
                 if control and not control.before_step(simulation, stop.came):
                     break
                 simulation.step(due)
-                bar.update(simulation.time, simulation.history[-1])
+                bar.update(simulation.history[-1], until, simulation.control.limit, simulation.state.volume_error)
                 if control:
                     control.after_step(simulation)
                 if simulation.time >= due:  # before the checkpoint, which lists the fields that have been written
@@ -145,13 +154,17 @@ def run(simulation: Runnable, until: float, *, progress: bool, control: RunContr
             if simulation.time < until:
                 simulation.write_fields()
             simulation.write_checkpoint(until)
-        status = COMPLETE if simulation.time >= until else STOPPED
-        bar.say(summary_line(simulation.numerical_error()))
+        status, level = COMPLETE if simulation.time >= until else STOPPED, logging.INFO
+        errors = simulation.numerical_error()
+        line = summary_line(errors)
+        bar.say(line)
+        log(logging.WARNING if line.startswith("warning") else logging.INFO, "numerical_error", line, errors)
     except KeyboardInterrupt:
-        status = "interrupted"
+        status, level = "interrupted", logging.WARNING
         raise
     except SystemExit as error:
         status = f"ended by signal {error.code - 128}" if isinstance(error.code, int) else "ended"
+        level = logging.WARNING
         raise
     except SimulationError as error:
         status = str(error)
@@ -162,12 +175,38 @@ def run(simulation: Runnable, until: float, *, progress: bool, control: RunContr
     finally:
         if control:
             control.finished(simulation, status)
+        log(
+            level,
+            "end",
+            f"t = {simulation.time:.6g} s, step {simulation.step_number}: {status}",
+            {"status": status, "t": simulation.time, "step": simulation.step_number, **where},
+        )
         # On a disk that is full none can be written; what stopped the run is the better message.
-        with writing(simulation.time) if status in (COMPLETE, STOPPED) else suppress(OSError):
+        with writing(simulation.time) if status in (COMPLETE, STOPPED) else suppress(OSError, SimulationError):
             if status not in (COMPLETE, STOPPED):
+                # The state at which it stopped comes after the checkpoint, which does not list it: a run that goes on
+                # removes it, unless it was due.
+                with suppress(OSError, SimulationError):
+                    simulation.write_checkpoint(until)
                 simulation.write_fields()
-                simulation.write_checkpoint(until)
             simulation.write_summary({"status": status})
+
+
+def require_later(method: str, until: object, time: float) -> None:
+    """Check the time that a method is to reach.
+
+    Args:
+        method: its name, for messages.
+        until: what was given.
+        time: the present time [s].
+
+    Raises:
+        ValueError: ``until`` is no number, or not a time after the present one.
+    """
+    if until != math.inf and not is_number(until):
+        raise ValueError(f"{method}: until is {until!r}; it must be a number, the time in s")
+    if not until > time:  # type: ignore[operator]
+        raise ValueError(f"{method}: until is {until!r} s; it must be later than the present {time:g} s")
 
 
 def require_intervals(

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 import math
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tipfem.arguments import is_number
 from tipfem.backend import runtime
 from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
@@ -34,19 +35,20 @@ from tipfem.errors import CheckpointError, SimulationError, StepRefused, Triangu
 from tipfem.fem.time_integration import StepControl, smallest_jacobian
 from tipfem.fields import FieldOutput
 from tipfem.liveview.control import LiveControl
+from tipfem.logs import log
 from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.probes import Energy
 from tipfem.notebook import facts
 from tipfem.output import ResultsFolder, fill_columns, own_columns
 from tipfem.probes import Probe, ProbeRecorder, probe_from, probe_record
 from tipfem.remesh.remeshers import remesher_for
-from tipfem.run import CheckpointSchedule, require_intervals, writing
+from tipfem.run import CheckpointSchedule, require_intervals, require_later, writing
 from tipfem.run import run as run_to
 from tipfem.state import Solved, State, state_with_held_bodies
 from tipfem.steering import Command, Record, RunControl, Steering
 from tipfem.step.budget import Budget
 from tipfem.step.numerical_error import numerical_error
-from tipfem.step.solve import StepSolver
+from tipfem.step.solve import StepSolver, first_not_finite
 from tipfem.step.volume_source import VolumeControl
 from tipfem.timers import Timings, timer
 from tipfem.walls.bodies import BodyStates, body_columns
@@ -138,6 +140,7 @@ class Simulation:
         rate = 0.0 if self.remesher.keeps_volumes else case.numerics.volume_correction * frequency
         self.volume_control = VolumeControl(self.state.volume, rate, balanced=case.closed)
         self.probes = ProbeRecorder(probes, case)
+        self._checkpointed: tuple[State | None, float] = (None, math.nan)
         self._schedule = CheckpointSchedule(checkpoint_interval, checkpoint_wall_interval)
         # Last, because it removes the results of an earlier run, which a refused simulation must not do.
         self.results = ResultsFolder(out, overwrite=overwrite, fields=field_output) if out is not None else None
@@ -191,6 +194,7 @@ class Simulation:
         Raises:
             ValueError: the command is refused, because a value is not possible; nothing has changed.
         """
+        self._checkpointed = (None, math.nan)
         self.steering.give(self, command)
 
     def step(self, until: float = math.inf) -> None:
@@ -204,7 +208,7 @@ class Simulation:
             SimulationError: even the smallest time step was refused; or the step was accepted, but a
                 function in ``columns`` failed, and its value in the history is NaN.
         """
-        self._require_later("step", until)
+        require_later("step", until, self.time)
         self.steering.repeat(self)
         with self.timings.active(), timer("step"):
             refused = 0
@@ -247,19 +251,14 @@ class Simulation:
         speed = state.boundary.speed_over_spacing(state.particles, state.time, control.current)
         return control.length(speed, until - state.time, lambda dt: smallest_jacobian(state.mesh, state.particles, dt))
 
-    def _require_later(self, method: str, until: object) -> None:
-        """Raises ValueError unless ``until`` is a time after the present one."""
-        if until != math.inf and not is_number(until):
-            raise ValueError(f"{method}: until is {until!r}; it must be a number, the time in s")
-        if not until > self.time:  # type: ignore[operator]
-            raise ValueError(f"{method}: until is {until!r} s; it must be later than the present {self.time:g} s")
-
     def _refuse(self, dt: float, reason: Exception) -> None:
         """Halve the time step that was refused.
 
         Raises:
             SimulationError: it would fall below the smallest one allowed.
         """
+        text = f"t = {self.time:.6g} s: a step of {dt:.3g} s is refused: {reason}"
+        log(logging.DEBUG, "refused", text, {"t": self.time, "step": self.step_number, "dt": dt})
         if not self.control.refuse(dt):
             raise SimulationError(
                 f"the run stops at t = {self.time:.6g} s, step {self.step_number}: {reason}; "
@@ -281,7 +280,7 @@ class Simulation:
             ValueError: ``until`` is no number, or the time has passed already.
             SimulationError: the run cannot continue, or its results cannot be written; all earlier results are on disk.
         """
-        self._require_later("run", until)
+        require_later("run", until, self.time)
         run_to(self, until, progress=progress, control=LiveControl(self) if view else control)
 
     def volume(self, name: str) -> float:
@@ -383,22 +382,19 @@ class Simulation:
 
         Raises:
             OSError: it cannot be written.
+            SimulationError: the state has values that are not finite; the checkpoints that were there are left.
         """
         if not self.results:
             return
+        last_state, last_until = self._checkpointed
+        if last_state is self.state and last_until == until:
+            return
+        if wrong := first_not_finite(self.particles, "in the present state"):
+            raise SimulationError(f"t = {self.time:.6g} s: no checkpoint is written, for {wrong}")
         with self.timings.active(), timer("checkpoint"):
             content = {
-                "case": case_record(self.case),
+                **self._record,
                 "until": until,
-                "environment": {**environment(), **runtime.settings()},
-                "settings": {
-                    "time_step": self.control.largest,
-                    "output_interval": self.output_interval,
-                    "checkpoint_interval": self._schedule.interval,
-                    "checkpoint_wall_interval": self._schedule.wall_interval,
-                    "columns": list(self.columns),
-                    "probes": {name: probe_record(probe) for name, probe in self.probes.probes.items()},
-                },
                 "state": self.state,
                 "control": vars(self.control),
                 "missing": self.volume_control.missing,
@@ -411,6 +407,22 @@ class Simulation:
             self.results.list_file(f"{FOLDER}/{file_name(self.step_number)}")
             CheckpointFolder(self.results.path).write(self.step_number, content)
             self._schedule.written(self.time)
+            self._checkpointed = (self.state, until)
+        log(logging.DEBUG, "checkpoint", f"checkpoint at t = {self.time:.6g} s", {"t": self.time})
+
+    @cached_property
+    def _record(self) -> dict[str, Any]:
+        """What all checkpoints of a run have in common."""
+        settings = {
+            "time_step": self.control.largest,
+            "output_interval": self.output_interval,
+            "checkpoint_interval": self._schedule.interval,
+            "checkpoint_wall_interval": self._schedule.wall_interval,
+            "columns": list(self.columns),
+            "probes": {name: probe_record(probe) for name, probe in self.probes.probes.items()},
+        }
+        present = {**environment(), **runtime.settings()}
+        return {"case": case_record(self.case), "environment": present, "settings": settings}
 
     @classmethod
     def resume(
@@ -454,15 +466,8 @@ class Simulation:
             probes = [probe_from(record) for record in settings["probes"].values()]
         elif changed := differences(settings["probes"], {probe.name: probe_record(probe) for probe in probes}):
             raise CheckpointError(f"{out}: the probes are not those of the run: {'; '.join(changed)}")
-        simulation = cls(
-            case,
-            time_step=settings["time_step"],
-            output_interval=settings["output_interval"],
-            columns=columns,
-            probes=probes,
-            checkpoint_interval=settings["checkpoint_interval"],
-            checkpoint_wall_interval=settings["checkpoint_wall_interval"],
-        )
+        times = ("time_step", "output_interval", "checkpoint_interval", "checkpoint_wall_interval")
+        simulation = cls(case, columns=columns, probes=probes, **{name: settings[name] for name in times})
         simulation.state = content["state"]
         vars(simulation.control).update(content["control"])
         simulation.volume_control.missing = content["missing"]
@@ -497,3 +502,4 @@ class Simulation:
             self.make_consistent()
             density = np.array([f.density for f in self.case.fluids])[self.particles.fluid]
             self.results.write_fields(self.step_number, self.time, self.mesh, self.particles, density)
+        log(logging.DEBUG, "fields", f"fields at t = {self.time:.6g} s", {"t": self.time})

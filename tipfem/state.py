@@ -152,6 +152,12 @@ class State:
         a = self.particles.acceleration
         return float(np.sqrt(np.einsum("i,ik,ik", self.mass, a, a) / self.mass.sum()))
 
+    @property
+    def volume_error(self) -> float:
+        """Largest change of a fluid's volume since the start, relative to its volume then."""
+        there = self.start_volume > 0
+        return float(np.abs(self.volume[there] / self.start_volume[there] - 1).max(initial=0.0))
+
 
 @dataclass(frozen=True)
 class StepWork:

@@ -212,3 +212,23 @@ def test_step_control_gives_up(remaining, speed):
 def test_step_control_rejects_a_senseless_length(largest_step):
     with pytest.raises(ValueError, match="time step"):
         StepControl(largest_step)
+
+
+def test_the_control_says_what_limits_the_step():
+    control = StepControl(0.1, target=0.8)
+
+    def limit(speed=0.0, remaining=math.inf, jacobian=lambda _dt: 1.0):
+        control.length(speed, remaining, jacobian)
+        return control.limit
+
+    assert limit() == "maximum"
+    assert limit(remaining=0.2) == "maximum"  # it divides the time that remains
+    assert limit(remaining=0.03) == "output"
+    assert limit(speed=10.0) == "motion"
+    assert limit(speed=10.0, jacobian=lambda dt: 1 - (12 * dt) ** 2) == "smallest J"
+    assert limit(speed=1e9) == "minimum"
+    control.refuse(0.1)
+    assert limit() == "refusals"
+    while control.current < 0.1:
+        control.accept(control.current)
+    assert limit() == "maximum"

@@ -10,7 +10,7 @@ import json
 import signal
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,6 +18,8 @@ from cyclopts import Parameter
 
 from tipfem.arguments import is_number
 from tipfem.casefile.problems import CaseFileError
+from tipfem.logs import LogLevel, log_json, log_lines
+from tipfem.progress import on_terminal
 
 if TYPE_CHECKING:
     from tipfem.case.case import Case
@@ -49,6 +51,8 @@ def run(
     view: bool = False,
     port: int | None = None,
     browser: bool = True,
+    log_json: Path | None = None,
+    log_level: LogLevel = "info",
 ) -> int:
     """Run a case file.
 
@@ -69,7 +73,11 @@ def run(
     overwrite
         Replace results that are in the folder.
     progress
-        Show a progress bar on a terminal.
+        Show a progress bar on a terminal; elsewhere print a line every 10 s.
+    log_json
+        A file for the log, one JSON object a line, every step among them; it is continued if it is there.
+    log_level
+        What is printed where there is no progress bar: debug, info, warning or error.
     steering
         The steering.jsonl of a run: its commands are repeated at the same steps.
     view
@@ -81,6 +89,7 @@ def run(
     """
     from tipfem.backend import runtime
 
+    log = ExitStack()
     with bad_input() as failed:
         file, made = loaded(case, set, until)
         folder = out or file.folder
@@ -90,12 +99,12 @@ def run(
                 f"{folder} holds results ({found[0]}); choose another folder by --out, say --overwrite, or go on with "
                 f"that run by `tipfem resume {folder}`"
             )
+        open_log(log, log_json, log_level, progress=progress)
         runtime.init(arch, threads=threads)
         simulation = started(file, made, folder, steering)
         control = shown(simulation, port, browser=browser) if view else None
-    if failed:
-        return 2
-    return run_to(simulation, file.end, folder, progress=progress, control=control)
+    with log:
+        return 2 if failed else run_to(simulation, file.end, folder, progress=progress, control=control)
 
 
 def resume(
@@ -110,6 +119,8 @@ def resume(
     view: bool = False,
     port: int | None = None,
     browser: bool = True,
+    log_json: Path | None = None,
+    log_level: LogLevel = "info",
 ) -> int:
     """Go on with a run that was stopped or killed, from its newest checkpoint; from its start, if it has none yet.
 
@@ -126,7 +137,11 @@ def resume(
     arch
         cpu or cuda; by default what the run had.
     progress
-        Show a progress bar on a terminal.
+        Show a progress bar on a terminal; elsewhere print a line every 10 s.
+    log_json
+        A file for the log, one JSON object a line, every step among them; it is continued if it is there.
+    log_level
+        What is printed where there is no progress bar: debug, info, warning or error.
     view
         Show the run in a browser while it goes on, and let it be steered from there.
     port
@@ -134,7 +149,9 @@ def resume(
     browser
         Open a browser for --view where there is a display; the address is printed in either case.
     """
+    log = ExitStack()
     with bad_input() as failed:
+        open_log(log, log_json, log_level, progress=progress)
         if until is not None and not (is_number(until) and until > 0):
             raise ValueError(f"--until is {until} s; it must be a number > 0 in s")
         simulation, end = resumed(out, threads=threads, arch=arch, allow_changes=allow_changes)
@@ -143,20 +160,40 @@ def resume(
             print(f"note: {note}", file=sys.stderr)
         if until is not None and until < simulation.time:
             raise ValueError(f"--until is {until:g} s; it must be later than the {simulation.time:g} s that are done")
-    if failed:
-        return 2
-    if simulation.time >= end:
-        if not (out / "summary.json").exists():  # the run was killed before its last line
-            simulation.write_summary({"status": "complete"})
-        print(f"t = {simulation.time:g} s has been reached; --until goes on further; results: {out}")
-        return 0
-    with bad_input() as failed:
-        control = shown(simulation, port, browser=browser) if view else None
-    if failed:
-        return 2
-    begun = f"from step {simulation.step_number}, t = {simulation.time:g} s" if simulation.step_number else "from t = 0"
-    print(f"going on {begun} to t = {end:g} s", file=sys.stderr)
-    return run_to(simulation, end, out, progress=progress, control=control)
+    with log:
+        if failed:
+            return 2
+        if simulation.time >= end:
+            if not (out / "summary.json").exists():  # the run was killed before its last line
+                simulation.write_summary({"status": "complete"})
+            print(f"t = {simulation.time:g} s has been reached; --until goes on further; results: {out}")
+            return 0
+        with bad_input() as failed:
+            control = shown(simulation, port, browser=browser) if view else None
+        if failed:
+            return 2
+        at = simulation.step_number
+        begun = f"from step {at}, t = {simulation.time:g} s" if at else "from t = 0"
+        print(f"going on {begun} to t = {end:g} s", file=sys.stderr)
+        return run_to(simulation, end, out, progress=progress, control=control)
+
+
+def open_log(stack: ExitStack, path: Path | None, level: LogLevel, *, progress: bool) -> None:
+    """Let a command's log go to a file of JSON, and to the error output where there is no progress bar.
+
+    Args:
+        stack: closes both.
+        path: of the file, or None for none.
+        level: lowest level that is printed.
+        progress: whether progress is shown; without it, only warnings and errors are printed.
+
+    Raises:
+        ValueError: the file cannot be written.
+    """
+    if path is not None:
+        stack.enter_context(log_json(path))
+    if not on_terminal():
+        stack.enter_context(log_lines(level if progress or level != "info" else "warning"))
 
 
 def resumed(

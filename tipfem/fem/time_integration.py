@@ -129,6 +129,9 @@ class StepControl:
             are refused. By default 0.15 more than ``target``.
         target: displacement of the fastest particle that the next step aims at, in spacings; more than half a
             spacing only if J of no element falls below a limit.
+        limit: what limited the last `length`: "maximum" (`largest`), "motion" (`target`), "smallest J", "output" (the
+            next output or the end of the run), "refusals" (growing back after a step that was refused) or "minimum"
+            (`smallest`).
     """
 
     largest: float
@@ -137,6 +140,7 @@ class StepControl:
     reach: float = 0.0
     target: float = 0.35
     current: float = field(default=0.0)
+    limit: str = "maximum"
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.largest) and self.largest > 0):
@@ -154,19 +158,26 @@ class StepControl:
             jacobian: smallest J of an element at the present velocities, as a function of the step's length.
         """
         dt = self.current
+        self.limit = "maximum" if dt >= self.largest else "refusals"
         if speed > 0:
-            dt = min(dt, self.target / speed)
+            if self.target / speed < dt:
+                dt, self.limit = self.target / speed, "motion"
             least = min(dt, LONG_MOVE / speed)
             for _ in range(3):
                 if dt <= least or (smallest := jacobian(dt)) >= GENTLE:
                     break
                 # In a divergence-free flow, 1 - J grows as dt^2.
                 dt = max(least, 0.99 * dt * math.sqrt((1 - GENTLE) / (1 - smallest)))
+                self.limit = "smallest J"
             else:
                 dt = least
-        dt = max(dt, self.smallest)
+        if dt < self.smallest:
+            dt, self.limit = self.smallest, "minimum"
         if math.isfinite(remaining):
-            dt = remaining / max(1, math.ceil(remaining / dt - 1e-9))
+            divided = remaining / max(1, math.ceil(remaining / dt - 1e-9))
+            if divided < (1 - 1e-6) * dt:
+                self.limit = "output"
+            dt = divided
         return dt
 
     def accept(self, dt: float) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from tipfem.backend import runtime
 from tipfem.case.case import Case
 from tipfem.case.forces import Forces
+from tipfem.case.particles import Particles
 from tipfem.errors import StepRefused
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg.newton import newton
@@ -24,14 +25,17 @@ from tipfem.walls.motion import set_off
 from tipfem.walls.step import walls_in_step
 
 
-def first_not_finite(fields: Mapping[str, Array], position: Array, when: str) -> str:
+def first_not_finite(particles: Particles, when: str, fields: Mapping[str, Array] | None = None) -> str:
     """A text that names the first field and particle whose value is not finite; empty if all are.
 
     Args:
-        fields: (N,) or (N, d) values by name.
-        position: (N, d) of the particles [m].
+        particles: N of them.
         when: the end of the text.
+        fields: (N,) or (N, d) values by name; by default those of the particles.
     """
+    position = particles.position
+    if fields is None:
+        fields = {name: getattr(particles, name) for name in ("position", "velocity", "acceleration", "pressure")}
     for name, values in fields.items():
         bad = ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
         if bad.any():
@@ -118,12 +122,11 @@ class StepSolver:
         displacement, pressure = problem.split(result.solution)
         problem.settle_bodies(result.solution)
         if not (limits.finite and math.isfinite(result.norm)):
-            fields = {name: getattr(before, name) for name in ("position", "velocity", "acceleration", "pressure")}
             solution = {"displacement": displacement, "pressure": pressure}
             raise StepRefused(
-                first_not_finite(fields, before.position, "at the start of the step")
-                or first_not_finite({"acceleration by gravity and body force": force}, before.position, "in the step")
-                or first_not_finite(solution, before.position, "in the solution")
+                first_not_finite(before, "at the start of the step")
+                or first_not_finite(before, "in the step", {"acceleration by gravity and body force": force})
+                or first_not_finite(before, "in the solution", solution)
                 or "the residual of the step is not finite"
             )
         result.require()

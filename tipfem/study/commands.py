@@ -23,6 +23,7 @@ def sweep(
     *,
     workers: int | None = None,
     threads: int = 1,
+    scheduler: str | None = None,
     dry_run: bool = False,
     overwrite: bool = False,
 ) -> int:
@@ -36,12 +37,16 @@ def sweep(
         How many runs go at the same time; by default as many as there are cores for.
     threads
         CPU threads of each run.
+    scheduler
+        Address of the scheduler of a Dask cluster, such as tcp://10.0.0.1:8786, whose workers take the runs in place of
+        processes on this machine.
     dry_run
         List the runs, how far they are and what they will take; run nothing.
     overwrite
         Replace runs that are in the folder of the study, instead of going on with them.
     """
-    from tipfem.study.running import LocalWorkers, Sweep, prepare, usable_cores
+    from tipfem.study.cluster import DaskWorkers
+    from tipfem.study.running import LocalWorkers, Sweep, Workers, prepare, usable_cores
 
     with bad_input() as failed:
         read = load_study(study)
@@ -51,7 +56,13 @@ def sweep(
         if dry_run:
             _list(read)
             return 0
-        crew = LocalWorkers(workers or max(1, len(usable_cores()) // threads), threads)
+        crew: Workers
+        if scheduler is None:
+            crew = LocalWorkers(workers or max(1, len(usable_cores()) // threads), threads)
+        elif workers is not None:
+            raise ValueError(f"--workers is {workers}, but --scheduler has workers of its own; give one of the two")
+        else:
+            crew = DaskWorkers(scheduler, threads, read.folder)
         prepare(read, overwrite=overwrite)
     if failed:
         return 2

@@ -1,4 +1,4 @@
-"""Runs of a study in processes on this machine."""
+"""Runs of a study in processes on this machine; `tipfem.study.cluster` has those on others."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol
 
 from tipfem.casefile.describing import write_case
 from tipfem.casefile.running import CASE_FILE
@@ -73,6 +74,16 @@ def outcome_of(process: subprocess.Popen[bytes], log: Path, begin: int) -> Outco
     lines = log.read_bytes()[begin:].decode("utf-8", "replace").splitlines()
     errors = [line for line in lines if line.startswith("error: ")]
     return Outcome(code, (errors or lines or [f"ended with exit code {code}"])[-1])
+
+
+class Workers(Protocol):
+    """What runs are given to."""
+
+    def submit(self, folder: Path) -> Future[Outcome]:
+        """Begin the run in a folder, or go on with it, when a worker is free."""
+
+    def stop(self) -> None:
+        """Let all runs finish their step and write a checkpoint, and begin none."""
 
 
 class LocalWorkers:
@@ -199,7 +210,7 @@ class Sweep:
     """
 
     study: Study
-    workers: LocalWorkers
+    workers: Workers
     said: Callable[[str], None]
     ended: Callable[[dict[str, str]], None]
     failures: dict[str, str] = field(default_factory=dict)

@@ -17,9 +17,10 @@ import time
 from pathlib import Path
 
 from tipfem.casefile.running import resume
-from tipfem.output import FolderLock
+from tipfem.folder_lock import FolderLock
 
 PATIENCE = 60.0  # how long a run that is about to stop may still hold the folder [s]
+BEAT = 5.0  # time between renewals of the lock [s]
 
 
 def main() -> int:
@@ -32,7 +33,8 @@ def main() -> int:
     if given.cores and hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, given.cores)
     threading.Thread(target=_stop_with_the_parent, daemon=True).start()
-    _lock(given.folder)
+    lock(given.folder)
+    threading.Thread(target=_beat, args=(given.folder,), daemon=True).start()
     return resume(given.folder, threads=given.threads, progress=False)
 
 
@@ -42,16 +44,32 @@ def _stop_with_the_parent() -> None:
     os.kill(os.getpid(), signal.SIGTERM)
 
 
-def _lock(folder: Path) -> None:
-    """Lock the folder; a run whose parent has just been killed may hold it until it has stopped."""
-    end = time.monotonic() + PATIENCE
+def _beat(folder: Path) -> None:
+    while True:
+        time.sleep(BEAT)
+        FolderLock(folder).beat()
+
+
+def lock(folder: Path) -> None:
+    """Lock the folder; a run whose parent has just been killed may hold it until it has stopped.
+
+    A lock of a worker on another host that has not renewed it in the meantime is taken over: that host is lost.
+
+    Raises:
+        SystemExit: the folder is in use.
+    """
+    FolderLock.beating = True
+    held, end = FolderLock(folder), time.monotonic() + PATIENCE
+    beat = held.last_beat()
     while True:
         try:
-            FolderLock(folder).take()
+            held.take()
             return
         except ValueError as error:
             if time.monotonic() > end:
-                raise SystemExit(f"error: {error}") from None
+                if beat is None or held.last_beat() != beat:
+                    raise SystemExit(f"error: {error}") from None
+                held.path.unlink(missing_ok=True)
             time.sleep(0.2)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
-from tipfem.output import LOCK
+from tipfem.folder_lock import LOCK
 from tipfem.render import Results, ResultsError, Scene
 from tipfem.results import RunResults
 

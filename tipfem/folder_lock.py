@@ -1,0 +1,108 @@
+"""The lock of a results folder: one run writes there at a time."""
+
+from __future__ import annotations
+
+import atexit
+import json
+import os
+import socket
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+LOCK = ".lock"
+
+
+class FolderLock:
+    """Keeps two runs out of one folder: a file with the host and the process that writes there.
+
+    A lock whose process has ended is taken over; so is one of this process.
+
+    Args:
+        folder: the results folder.
+
+    Attributes:
+        beating: whether this process renews its locks by `beat`, so that other hosts see when it has ended.
+    """
+
+    beating = False
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / LOCK
+
+    def beat(self) -> None:
+        """Renew the time of the file, if it is there."""
+        with suppress(OSError):
+            os.utime(self.path)
+
+    def last_beat(self) -> float | None:
+        """When a process on another host has last renewed its lock, by the clock of the file system [s].
+
+        None for no lock, one of this host, or one of a process that does not renew it.
+        """
+        holder = self._holder()
+        if holder is None or holder["host"] == socket.gethostname() or not holder["beats"]:
+            return None
+        try:
+            return self.path.stat().st_mtime
+        except OSError:
+            return None
+
+    def take(self) -> None:
+        """Lock the folder.
+
+        Raises:
+            ValueError: another process that is running has locked it.
+            OSError: the file cannot be written.
+        """
+        own = {"host": socket.gethostname(), "process": os.getpid(), "beats": self.beating}
+        try:
+            with open(self.path, "x", encoding="utf-8") as file:
+                json.dump(own, file)
+        except FileExistsError:
+            holder = self._holder()
+            if holder and not (holder["host"] == own["host"] and _has_ended(holder["process"])):
+                if (holder["host"], holder["process"]) != (own["host"], own["process"]):
+                    raise ValueError(
+                        f"{str(self.path.parent)!r} is in use by process {holder['process']} on {holder['host']}; name "
+                        f"another folder, or remove {LOCK} there if that run has ended"
+                    ) from None
+            temporary = self.path.with_name(f"{LOCK}.{os.getpid()}")
+            temporary.write_text(json.dumps(own), encoding="utf-8")
+            os.replace(temporary, self.path)
+        atexit.register(self.release)
+
+    def release(self) -> None:
+        """Unlock the folder, if this process has locked it."""
+        holder = self._holder()
+        if holder and holder["process"] == os.getpid() and holder["host"] == socket.gethostname():
+            with suppress(OSError):
+                self.path.unlink(missing_ok=True)
+
+    def is_held(self) -> bool:
+        """Whether a run is writing into the folder; of a run on another host, whether it has not said that it ended."""
+        holder = self._holder()
+        return holder is not None and not (holder["host"] == socket.gethostname() and _has_ended(holder["process"]))
+
+    def _holder(self) -> dict[str, Any] | None:
+        """Who has locked the folder; None for nobody, or a file that says nothing."""
+        try:
+            holder = json.loads(self.path.read_text(encoding="utf-8"))
+            return {
+                "host": str(holder["host"]),
+                "process": int(holder["process"]),
+                "beats": bool(holder.get("beats")),
+            }
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+
+
+def _has_ended(process: int) -> bool:
+    """Whether no process of this host has that number."""
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return True
+    except OSError:
+        return False
+    return False
