@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import csv
 import json
+import logging
 import os
 import platform
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -31,6 +32,7 @@ from tipfem.case.particles import Particles
 from tipfem.fields import FieldOutput, FieldState, vtkhdf, vtu
 from tipfem.fields.atomic_file import journal_of
 from tipfem.folder_lock import FolderLock
+from tipfem.logs import log
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
@@ -238,6 +240,7 @@ class ResultsFolder:
         self._times[name] = time
         if self.fields.vtu:
             self._write_times()
+        log(logging.DEBUG, "fields", f"fields at t = {time:.6g} s", {"t": time})
 
     def _write_times(self) -> None:
         """Write fields.pvd."""

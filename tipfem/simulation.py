@@ -140,7 +140,6 @@ class Simulation:
         rate = 0.0 if self.remesher.keeps_volumes else case.numerics.volume_correction * frequency
         self.volume_control = VolumeControl(self.state.volume, rate, balanced=case.closed)
         self.probes = ProbeRecorder(probes, case)
-        self._checkpointed: tuple[State | None, float] = (None, math.nan)
         self._schedule = CheckpointSchedule(checkpoint_interval, checkpoint_wall_interval)
         # Last, because it removes the results of an earlier run, which a refused simulation must not do.
         self.results = ResultsFolder(out, overwrite=overwrite, fields=field_output) if out is not None else None
@@ -194,7 +193,7 @@ class Simulation:
         Raises:
             ValueError: the command is refused, because a value is not possible; nothing has changed.
         """
-        self._checkpointed = (None, math.nan)
+        self._schedule.forget()
         self.steering.give(self, command)
 
     def step(self, until: float = math.inf) -> None:
@@ -384,10 +383,7 @@ class Simulation:
             OSError: it cannot be written.
             SimulationError: the state has values that are not finite; the checkpoints that were there are left.
         """
-        if not self.results:
-            return
-        last_state, last_until = self._checkpointed
-        if last_state is self.state and last_until == until:
+        if not self.results or self._schedule.has(self.state, until):
             return
         if wrong := first_not_finite(self.particles, "in the present state"):
             raise SimulationError(f"t = {self.time:.6g} s: no checkpoint is written, for {wrong}")
@@ -406,9 +402,7 @@ class Simulation:
             }
             self.results.list_file(f"{FOLDER}/{file_name(self.step_number)}")
             CheckpointFolder(self.results.path).write(self.step_number, content)
-            self._schedule.written(self.time)
-            self._checkpointed = (self.state, until)
-        log(logging.DEBUG, "checkpoint", f"checkpoint at t = {self.time:.6g} s", {"t": self.time})
+            self._schedule.written(self.time, self.state, until)
 
     @cached_property
     def _record(self) -> dict[str, Any]:
@@ -502,4 +496,3 @@ class Simulation:
             self.make_consistent()
             density = np.array([f.density for f in self.case.fluids])[self.particles.fluid]
             self.results.write_fields(self.step_number, self.time, self.mesh, self.particles, density)
-        log(logging.DEBUG, "fields", f"fields at t = {self.time:.6g} s", {"t": self.time})
