@@ -146,7 +146,7 @@ def options(
     add("--time-step", type=positive, default=time_step, metavar="DT", help="largest time step [s]; it adapts below")
     if interface is not None:
         add("--interface", choices=sorted(INTERFACES), default=interface, help="rule for the interface of two fluids")
-    add("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run; cuda is untried")
+    add("--arch", choices=["cpu", "cuda", "vulkan"], default="cpu", help="where the kernels run; GPUs are untried")
     add("--out", type=Path, default=Path(out), metavar="FOLDER", help="folder for the results")
     add(
         "--frames-per-second",

@@ -1,6 +1,8 @@
-"""What all tests share: one Taichi runtime, on the CPU, in f64."""
+"""What all tests share: one Taichi runtime, in f64, on the CPU or where TIPFEM_TEST_ARCH says."""
 
 from __future__ import annotations
+
+import os
 
 import pytest
 
@@ -10,7 +12,7 @@ import tipfem as tp
 @pytest.fixture(scope="session", autouse=True)
 def taichi_runtime():
     """Start Taichi once; a second start would break what the first one compiled."""
-    tp.init(arch="cpu")
+    tp.init(arch=os.environ.get("TIPFEM_TEST_ARCH", "cpu"))
 
 
 @pytest.fixture

@@ -245,7 +245,7 @@ def test_the_pressure_is_zero_at_the_highest_wall_particle(case, particles, grav
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"arch": "tpu"}, ["arch is 'tpu'", "['cpu', 'cuda']"]),
+        ({"arch": "tpu"}, ["arch is 'tpu'", "['cpu', 'cuda', 'vulkan']"]),
         ({"arch": ""}, ["arch is ''"]),
         ({"precision": "f16"}, ["precision is 'f16'", "['f32', 'f64']"]),
         ({"precision": 64}, ["precision is 64"]),

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from tipfem.backend.array_types import Array1, Array2
-from tipfem.backend.launch import kernel, launch, parts
+from tipfem.backend.launch import copy, copy_rows, launch, parts
 from tipfem.backend.runtime import real, require_own_runtime, taichi_real
 from tipfem.backend.taichi_patches import host_view, on_host
 
@@ -60,7 +59,7 @@ class Buffers:
         old = self._arrays.get(name)
         array = self.get(name, rows)
         if old is not None and array is not old:
-            launch(_copy, old, array, old.shape[0])
+            launch(copy, old, array, old.shape[0])
         return array
 
     def upload(self, name: str, values: np.ndarray) -> Any:
@@ -72,7 +71,7 @@ class Buffers:
             host_view(array)[: len(values)] = values
         elif len(values):
             values = np.ascontiguousarray(values, dtype=np.int32 if integer else real())
-            launch(_copy_rows if values.ndim == 2 else _copy, values, array, len(values))
+            launch(copy_rows if values.ndim == 2 else copy, values, array, len(values))
         return array
 
 
@@ -89,20 +88,5 @@ def download(array: Any, rows: int) -> np.ndarray:
     width = array.shape[1:]
     values = np.empty((rows, *width), dtype=np.int32 if array.dtype == ti.i32 else real())
     if rows:
-        launch(_copy_rows if width else _copy, array, values, rows)
+        launch(copy_rows if width else copy, array, values, rows)
     return values
-
-
-@kernel
-def _copy(source: Array1, target: Array1, n: ti.i32):  # type: ignore[no-untyped-def]
-    """Copy the first ``n`` entries."""
-    for i in range(n):
-        target[i] = source[i]
-
-
-@kernel
-def _copy_rows(source: Array2, target: Array2, n: ti.i32):  # type: ignore[no-untyped-def]
-    """Copy the first ``n`` rows."""
-    for i in range(n):
-        for k in range(source.shape[1]):
-            target[i, k] = source[i, k]

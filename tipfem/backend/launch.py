@@ -35,7 +35,7 @@ import taichi as ti
 
 from tipfem.backend import barrier as barriers
 from tipfem.backend import runtime
-from tipfem.backend.array_types import mismatch
+from tipfem.backend.array_types import Array1, Array2, mismatch
 from tipfem.backend.taichi_patches import ENABLED, PreparedLaunch, program
 
 PARTS, PARTS_OF_GPU = 16, 4096
@@ -118,6 +118,33 @@ class Kernel:
 
     def start(self, arguments: tuple[Any, ...]) -> Any:
         """Start the kernel with all of its arguments; what it returns."""
+        if runtime.on_vulkan() and self not in (copy, copy_rows):
+            return self._start_on_copies(arguments)
+        return self._start(arguments)
+
+    def _start_on_copies(self, arguments: tuple[Any, ...]) -> Any:
+        """Start the kernel with device arrays in place of the arrays of NumPy, which are read back afterwards.
+
+        On Vulkan, Taichi does not copy an array of NumPy to the device if the kernel only writes it, but reads all of
+        it back: entries that the kernel leaves alone would be lost.
+        """
+        self._check(arguments)
+        given, staged = list(arguments), []
+        for i in self._arrays:
+            host = arguments[i]
+            if isinstance(host, np.ndarray) and host.size:
+                if not host.flags.c_contiguous:
+                    raise ValueError(f"{self.__name__}: an array of shape {host.shape} is not C-contiguous")
+                given[i] = device = ti.ndarray(_TYPES[host.dtype.type], host.shape)
+                copying = copy if host.ndim == 1 else copy_rows
+                copying._start((host, device, len(host)))
+                staged.append((copying, device, host))
+        result = self._start(tuple(given))
+        for copying, device, host in staged:
+            copying._start((device, host, len(host)))
+        return result
+
+    def _start(self, arguments: tuple[Any, ...]) -> Any:
         if not ENABLED:
             runtime.require_own_runtime()
             self._check(arguments)
@@ -226,7 +253,7 @@ def launch(kernel: Kernel, *arguments: Any, work: tuple[float, float] | None = N
 
 def parts() -> int:
     """Into how many parts long loops and their sums are split; a constant, so that sums are repeatable."""
-    return PARTS_OF_GPU if runtime.on_gpu() else PARTS
+    return PARTS_OF_GPU if runtime.on_gpu() and runtime.longest_loop() is None else PARTS
 
 
 def is_serial(count: float, cost: float) -> bool:
@@ -235,8 +262,26 @@ def is_serial(count: float, cost: float) -> bool:
 
 
 def few_threads() -> bool:
-    """Whether one thread is to count and list, because atomic operations cost more than sharing saves."""
-    return runtime.on_cpu() and runtime.threads() <= FEW_THREADS
+    """Whether one thread is to count and list: atomic operations cost more than sharing saves, or are not reliable."""
+    return (runtime.on_cpu() and runtime.threads() <= FEW_THREADS) or not runtime.counts_by_atomics()
+
+
+@kernel
+def copy(source: Array1, target: Array1, n: ti.i32):  # type: ignore[no-untyped-def]
+    """Copy the first ``n`` entries."""
+    for i in range(n):
+        target[i] = source[i]
+
+
+@kernel
+def copy_rows(source: Array2, target: Array2, n: ti.i32):  # type: ignore[no-untyped-def]
+    """Copy the first ``n`` rows."""
+    for i in range(n):
+        for k in range(source.shape[1]):
+            target[i, k] = source[i, k]
+
+
+_TYPES = {np.int8: ti.i8, np.int32: ti.i32, np.int64: ti.i64, np.float32: ti.f32, np.float64: ti.f64}
 
 
 @ti.func

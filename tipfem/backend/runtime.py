@@ -16,15 +16,17 @@ if "XDG_CACHE_HOME" not in os.environ and not (_home and os.access(_home, os.W_O
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 
 from tipfem.backend import taichi_patches  # noqa: E402 - before anything else imports Taichi
+from tipfem.backend import vulkan  # noqa: E402
 
 import taichi as ti  # noqa: E402 # isort: skip
 
-_ARCHES = {"cpu": ti.cpu, "cuda": ti.cuda}
+_ARCHES = {"cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan}
 _PRECISIONS = {"f64": ti.f64, "f32": ti.f32}
 _running: dict[str, Any] = {}
 _program: list[Any] = [None]  # the runtime that `init` has started
 _forked = [False]
 _threads = [1]
+_driver: list[vulkan.Driver] = []
 BIND_SWITCH = "TIPFEM_BIND_THREADS"
 
 
@@ -37,13 +39,15 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
     written to, a warning says where they go instead.
 
     Args:
-        arch: "cpu", or "cuda", which has not been tried on a GPU.
+        arch: "cpu"; "cuda" or "vulkan", neither of which has been tried on a GPU. Vulkan needs a driver with 64-bit
+            floats; with Mesa's software driver, runs are limited to small meshes, see `require_short_loops`.
         precision: "f64" (the default) or "f32", of all reals in the kernels.
         threads: number of CPU threads; by default, and at most, as many as there are cores that the process may use.
 
     Raises:
         ValueError: an argument is not one of those.
-        RuntimeError: the device is not there, Taichi already runs with other settings, or see `require_own_runtime`.
+        RuntimeError: the device is not there or has no 64-bit floats, Taichi already runs with other settings, or see
+            `require_own_runtime`.
     """
     if arch not in _ARCHES:
         raise ValueError(f"init: arch is {arch!r}; it must be one of {sorted(_ARCHES)}")
@@ -72,6 +76,8 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
             ti.init(arch=_ARCHES[arch], enable_fallback=False, **options)
     except Exception as error:
         raise RuntimeError(f"init: Taichi cannot start on {arch!r}: {error}") from error
+    if arch == "vulkan":
+        _driver.append(vulkan.examine())
     _running.update(wanted)
     _program[0] = taichi_patches.program()
     _threads[0] = taichi_patches.running_threads()
@@ -185,7 +191,39 @@ def on_cpu() -> bool:
 
 def on_gpu() -> bool:
     """Whether Taichi was started on a GPU."""
-    return _running.get("arch") == "cuda"
+    return _running.get("arch") in ("cuda", "vulkan")
+
+
+def on_vulkan() -> bool:
+    """Whether Taichi was started on Vulkan."""
+    return _running.get("arch") == "vulkan"
+
+
+def counts_by_atomics() -> bool:
+    """Whether atomic operations in loops can be relied on."""
+    return not _driver or _driver[0].counts_in_loops
+
+
+def longest_loop() -> int | None:
+    """How many iterations one thread can make; None for any number."""
+    return _driver[0].longest_loop if _driver else None
+
+
+def require_short_loops(cells: int) -> None:
+    """Raise unless one thread can loop over that many cells, see `tipfem.backend.vulkan.Driver`.
+
+    Args:
+        cells: of the mesh.
+
+    Raises:
+        RuntimeError: the driver would end loops early.
+    """
+    most = _driver[0].most_cells if _driver else None
+    if most is not None and cells > most:
+        raise RuntimeError(
+            f"the mesh has {cells} cells; with this Vulkan driver, which ends every loop after "
+            f"{_driver[0].longest_loop} iterations, it may have {most} at most. Choose arch 'cpu', or a GPU"
+        )
 
 
 def real() -> type[np.floating[Any]]:

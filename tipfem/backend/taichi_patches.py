@@ -10,6 +10,7 @@ What is changed, and why:
   which takes a third of the import.
 - How Taichi looks up the source of a kernel, records the position of every expression for messages, and tests whether
   a kernel is defined in a class: half of the time that parsing kernels takes at the start of a program.
+- Loops on one thread, only where `tipfem.backend.vulkan` found a driver that does not end them: `group_serial_loops`.
 - Launches: Taichi examines every argument of every call, which takes longer than many kernels. `PreparedLaunch` does
   so once for a kernel and its arrays.
 """
@@ -94,6 +95,30 @@ def _source(function: Any) -> tuple[str, list[str], int, str]:
     return kernel_impl.getsourcefile(function), lines, first, textwrap.dedent("\n".join(lines))
 
 
+# Whether a kernel's loops on one thread are given a group of two threads, of which the second is idle. Set before
+# kernels are compiled.
+group_serial_loops = [False]
+
+
+def _group_serial_loops(function: Any, known: dict[str, Any]) -> None:
+    """Change the loops of a kernel after ``ti.loop_config(serialize=True)``, see `group_serial_loops`.
+
+    Args:
+        function: the kernel's tree.
+        known: the values of names in it.
+    """
+    body = function.body
+    for k in range(len(body) - 1):
+        call = body[k].value if isinstance(body[k], ast.Expr) else None
+        if isinstance(call, ast.Call) and isinstance(body[k + 1], ast.For):
+            option = {word.arg: word.value for word in call.keywords}.get("serialize")
+            if option is not None and eval(ast.unparse(option), {}, known):
+                grouped = ast.parse("ti.loop_config(block_dim=2)\nfor _lane in range(1): pass").body
+                grouped[1].body = [body[k + 1]]  # type: ignore[attr-defined]
+                body[k : k + 2] = grouped
+    ast.fix_missing_locations(function)
+
+
 def _tree_and_context(
     self: Any,
     excluded_parameters: Any = (),
@@ -110,6 +135,8 @@ def _tree_and_context(
     known = kernel_impl._get_global_vars(self.func)
     if is_kernel or is_real_function:
         known.update({self.arguments[i].name: args[i] for i in self.template_slot_locations})
+    if is_kernel and group_serial_loops[0]:
+        _group_serial_loops(tree.body[0], known)
     return tree, ASTTransformerContext(
         excluded_parameters=excluded_parameters,
         is_kernel=is_kernel,

@@ -69,7 +69,7 @@ def run(
     threads
         Number of CPU threads; by default as many as there are cores.
     arch
-        cpu, or cuda, which has not been tried on a GPU.
+        cpu; cuda or vulkan, which have not been tried on a GPU.
     overwrite
         Replace results that are in the folder.
     progress
@@ -135,7 +135,7 @@ def resume(
     threads
         Number of CPU threads; by default as many as there are cores.
     arch
-        cpu or cuda; by default what the run had.
+        cpu, cuda or vulkan; by default what the run had.
     progress
         Show a progress bar on a terminal; elsewhere print a line every 10 s.
     log_json
@@ -204,7 +204,7 @@ def resumed(
     Args:
         out: the results folder.
         threads: number of CPU threads, or None for as many as there are cores.
-        arch: "cpu" or "cuda", or None for what the run had.
+        arch: "cpu", "cuda" or "vulkan", or None for what the run had.
         allow_changes: see `Simulation.resume`.
 
     Raises:

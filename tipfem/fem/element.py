@@ -6,6 +6,8 @@ positions to the intermediate ones, g_a = F^-T G_a, J = det F, H = sum_a u_a (x)
 
 import taichi as ti
 
+from tipfem.backend.real_functions import cube_root
+
 
 @ti.func
 def area_of(x: ti.template(), cells: ti.template(), t):
@@ -106,7 +108,7 @@ def stabilisation_time(measure, density, viscosity, dt, factor, dim: ti.template
     """
     length2 = 4.0 / ti.math.pi * measure
     if ti.static(dim == 3):
-        length2 = (6.0 / ti.math.pi * measure) ** (2.0 / 3.0)
+        length2 = cube_root(6.0 / ti.math.pi * measure) ** 2
     inertial = 1.0 / (factor * dt)
     viscous = 12.0 * viscosity / (density * length2)
     return dt / ti.sqrt(inertial * inertial + viscous * viscous)

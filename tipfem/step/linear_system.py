@@ -9,6 +9,7 @@ from scipy import sparse
 
 from tipfem.backend.arrays import Buffers, download
 from tipfem.backend.launch import launch
+from tipfem.backend.runtime import require_short_loops
 from tipfem.fem import jacobian, schur
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg import sparsity
@@ -107,6 +108,7 @@ class Workspace:
     def topology(self, mesh: Mesh) -> Topology:
         """The mesh's cells, and the cells of each particle."""
         nodes, (elements, width) = len(mesh.position), mesh.cells.shape
+        require_short_loops(elements)
         cells = self.buffers.upload("cells", mesh.cells)
         offsets, cursor = (self.buffers.get(name, nodes + 1, integer=True) for name in ("offsets", "cursor"))
         corners = self.buffers.get("corners", elements * width, integer=True)

@@ -159,8 +159,10 @@ def place_links(
                     add_hat(rows, link, 2 * stiffness, here, coordinates, grid, dim)
                     add_hat(rows, link, -stiffness, here - piece, coordinates, grid, dim)
                     add_hat(rows, link, -stiffness, here + piece, coordinates, grid, dim)
-                    post_increment(cell_lists, cell_number(coordinates, grid, link, dim) + 1, serial)
                     link += 1
+    ti.loop_config(serialize=serial)
+    for link in range(nodes, nodes + links[nodes]):
+        post_increment(cell_lists, cell_number(coordinates, grid, link, dim) + 1, serial)
 
 
 @kernel

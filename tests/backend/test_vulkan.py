@@ -1,0 +1,211 @@
+"""Vulkan, on any driver with 64-bit floats: the kernels against their twins, and steps against those of the CPU.
+
+Each run has a process of its own, for a process has one runtime.
+"""
+
+import functools
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import taichi as ti
+
+from tipfem.backend import launch as launches
+from tipfem.backend import runtime, taichi_patches, vulkan
+from tipfem.backend.array_types import Ints1
+from tipfem.backend.launch import kernel, launch
+
+ROOT = Path(__file__).resolve().parents[2]
+
+STEPS = """
+import sys
+import numpy as np
+import tipfem as tp
+arch, kind, steps, out = sys.argv[1:]
+tp.init(arch=arch)
+water = tp.Fluid("water", density=998.2, viscosity=1.002e-3)
+air = tp.Fluid("air", density=1.204, viscosity=1.825e-5)
+tank = tp.tank((0.584, 0.584), 0.04)
+if kind != "free surface":
+    tank.fill(air)
+tank.fill(water, box=((0, 0), (0.146, 0.292)))
+options = {
+    "interpolated": {"interface": "interpolated"},
+    "free surface": {"free_surface": True},
+    "graded": {"grading": tp.Grading({"air": 0.16})},
+    "two-sided": {"numerics": tp.Numerics(pressure="two-sided")},
+}.get(kind, {})
+fluids = [water] if kind == "free surface" else [water, air]
+simulation = tp.Simulation(tp.Case(tank, fluids, (0, -9.81), **options), time_step=1.2e-3)
+for _ in range(int(steps)):
+    simulation.step()
+state = simulation.particles
+np.savez(out, x=state.position, v=state.velocity, p=state.pressure, cells=simulation.mesh.cells)
+"""
+
+
+def run(*command, **environment):
+    """A Python command, in the repository's root."""
+    return subprocess.run(
+        [sys.executable, *command],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=ROOT,
+        env={**os.environ, **environment},
+    )
+
+
+@functools.cache
+def why_not():
+    """Why Taichi does not start on Vulkan here; an empty string if it does."""
+    done = run("-c", "import tipfem as tp; tp.init(arch='vulkan')")
+    return done.stderr.strip().splitlines()[-1] if done.returncode else ""
+
+
+@pytest.fixture
+def driver():
+    """Skip without a Vulkan driver, unless one is demanded: then the test fails."""
+    if why_not():
+        assert os.environ.get("TIPFEM_REQUIRE_VULKAN") != "1", why_not()
+        pytest.skip(why_not())
+
+
+@pytest.mark.vulkan
+@pytest.mark.usefixtures("driver")
+def test_kernels_equal_their_twins():
+    """Residuals and Jacobians in 2-D and 3-D, Krylov bases: the tests of the CPU, with the same tolerances."""
+    files = ["tests/fem/test_element_residual.py", "tests/linalg/test_fgmres.py"]
+    wanted = "twin and True-0.5 or derivative and 0.5 and air or limits_and or basis_stays or flexible"
+    done = run("-m", "pytest", "-q", *files, "-k", wanted, TIPFEM_TEST_ARCH="vulkan")
+    assert done.returncode == 0, done.stdout
+    assert "8 passed" in done.stdout
+
+
+@pytest.mark.vulkan
+@pytest.mark.slow
+@pytest.mark.usefixtures("driver")
+@pytest.mark.parametrize("kind", ["sharp", "interpolated", "free surface", "graded", "two-sided"])
+def test_steps_equal_those_of_the_cpu(tmp_path, kind):
+    """20 steps of a dam break, relative to the largest value; kernels take a minute to compile."""
+    found = []
+    for arch in ("cpu", "vulkan"):
+        done = run("-c", STEPS, arch, kind, "20", str(tmp_path / f"{arch}.npz"))
+        assert done.returncode == 0, done.stderr
+        found.append(np.load(tmp_path / f"{arch}.npz"))
+    cpu, device = found
+    np.testing.assert_array_equal(device["cells"], cpu["cells"])
+    assert abs(cpu["v"]).max() > 0.1
+    for name in ("x", "v", "p"):
+        np.testing.assert_allclose(device[name], cpu[name], rtol=0, atol=1e-9 * abs(cpu[name]).max())
+
+
+@pytest.mark.vulkan
+@pytest.mark.usefixtures("driver")
+def test_a_mesh_too_large_for_the_driver_is_refused():
+    """Where loops are cut short; other drivers have no limit."""
+    code = (
+        "import tipfem as tp\n"
+        "from tipfem.backend import runtime\n"
+        "tp.init(arch='vulkan')\n"
+        "print(runtime._driver[0].most_cells)\n"
+        "water = tp.Fluid('water', density=998.2, viscosity=1.002e-3)\n"
+        "case = tp.Case(tp.tank((1.0, 1.0), 0.025).fill(water), [water], (0, -9.81))\n"
+        "tp.Simulation(case, time_step=1e-3).step()\n"
+    )
+    done = run("-c", code)
+    most = done.stdout.split()[-1]
+    if most == "None":
+        pytest.skip("this driver has no limit")
+    assert done.returncode != 0
+    assert f"it may have {most} at most" in done.stderr
+
+
+@kernel
+def fill_some(values: Ints1, first: ti.i32):
+    """values[first:] = 7; the others are not touched."""
+    for i in range(first, values.shape[0]):
+        values[i] = 7
+
+
+def test_entries_that_a_kernel_leaves_alone_are_kept_on_copies(monkeypatch):
+    """What is done on Vulkan with arrays of NumPy, done here on the CPU."""
+    runtime.require_init()
+    monkeypatch.setattr(runtime, "on_vulkan", lambda: True)
+    values = np.arange(6, dtype=np.int32)
+    launch(fill_some, values, 4)
+    assert values.tolist() == [0, 1, 2, 3, 7, 7]
+    empty = np.zeros(0, dtype=np.int32)
+    launch(fill_some, empty, 0)
+    with pytest.raises(ValueError, match="is not C-contiguous"):
+        launch(fill_some, np.zeros((4, 2), dtype=np.int32)[:, 0], 1)
+    with pytest.raises(TypeError, match="fill_some: values is 3; it must be an array"):
+        launch(fill_some, 3, 1)
+
+
+def test_a_driver_that_loses_counts_counts_on_one_thread(monkeypatch):
+    monkeypatch.setattr(launches, "FEW_THREADS", 0)
+    assert not launches.few_threads()
+    monkeypatch.setattr(runtime, "_driver", [vulkan.Driver(False, True, None)])
+    assert launches.few_threads()
+
+
+def test_the_largest_mesh_follows_from_the_longest_loop(monkeypatch):
+    runtime.require_short_loops(10**9)
+    monkeypatch.setattr(runtime, "on_gpu", lambda: True)
+    assert launches.parts() == launches.PARTS_OF_GPU
+    monkeypatch.setattr(runtime, "_driver", [vulkan.Driver(True, True, 65535)])
+    runtime.require_short_loops(2047)
+    assert launches.parts() == launches.PARTS
+    with pytest.raises(RuntimeError, match=r"the mesh has 2048 cells; .* after 65535 iterations, it may have 2047 at"):
+        runtime.require_short_loops(2048)
+    monkeypatch.setattr(runtime, "_driver", [vulkan.Driver(True, True, None)])
+    runtime.require_short_loops(10**9)
+
+
+def test_a_driver_without_doubles_is_one_clear_error(monkeypatch):
+    """Taichi's own message, which its code generator raises for a type that the device lacks, is the cause."""
+
+    def refuse(_values):
+        raise RuntimeError("[spirv_ir_builder.cpp:get_primitive_type@394] Type f64 not supported.")
+
+    runtime.require_init()
+    monkeypatch.setattr(vulkan, "_thirds", refuse)
+    with pytest.raises(RuntimeError, match="^init: the Vulkan driver has no 64-bit floats, which the kernels need$"):
+        vulkan.examine()
+    monkeypatch.setattr(vulkan, "_thirds", lambda values: values.from_numpy(np.float64(np.float32([1 / 3, 2 / 3]))))
+    with pytest.raises(RuntimeError, match="does not compute in 64-bit floats"):
+        vulkan.examine()
+
+
+def test_the_processor_has_none_of_the_defects(monkeypatch):
+    """The same small kernels on the CPU: they tell a device without defects from others."""
+    runtime.require_init()
+    monkeypatch.setattr(taichi_patches, "group_serial_loops", [True])
+    assert vulkan.examine() == vulkan.Driver(True, True, None)
+    assert taichi_patches.group_serial_loops == [False]
+
+
+@ti.kernel
+def walk(following: Ints1, visits: Ints1) -> ti.i32:
+    """Follow paths from each entry; how many steps there were."""
+    steps = 0
+    ti.loop_config(serialize=True)
+    for k in range(following.shape[0]):
+        i = k
+        while i >= 0:
+            visits[i] = visits[i] + 1
+            steps += 1
+            i = following[i]
+    return steps
+
+
+def test_serial_loops_in_groups_give_the_same(monkeypatch):
+    runtime.require_init()
+    monkeypatch.setattr(taichi_patches, "group_serial_loops", [True])
+    following, visits = np.array([1, 2, -1, 0], dtype=np.int32), np.zeros(4, dtype=np.int32)
+    assert walk(following, visits) == 3 + 2 + 1 + 4
+    assert visits.tolist() == [2, 3, 4, 1]
