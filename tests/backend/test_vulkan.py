@@ -174,7 +174,7 @@ def test_a_driver_without_doubles_is_one_clear_error(monkeypatch):
 
     runtime.require_init()
     monkeypatch.setattr(vulkan, "_thirds", refuse)
-    with pytest.raises(RuntimeError, match="^init: the Vulkan driver has no 64-bit floats, which the kernels need$"):
+    with pytest.raises(RuntimeError, match=r"^init: the Vulkan driver has no 64-bit floats, which the kernels need$"):
         vulkan.examine()
     monkeypatch.setattr(vulkan, "_thirds", lambda values: values.from_numpy(np.float64(np.float32([1 / 3, 2 / 3]))))
     with pytest.raises(RuntimeError, match="does not compute in 64-bit floats"):

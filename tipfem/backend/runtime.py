@@ -15,8 +15,7 @@ if "XDG_CACHE_HOME" not in os.environ and not (_home and os.access(_home, os.W_O
     os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="tipfem-cache-")
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 
-from tipfem.backend import taichi_patches  # noqa: E402 - before anything else imports Taichi
-from tipfem.backend import vulkan  # noqa: E402
+from tipfem.backend import taichi_patches, vulkan  # noqa: E402 - before anything else imports Taichi
 
 import taichi as ti  # noqa: E402 # isort: skip
 

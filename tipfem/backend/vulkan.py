@@ -6,8 +6,8 @@ version 22.3.6) that a GPU's driver is not expected to have:
 - It takes the memory barrier that Taichi puts before every atomic operation for one that threads wait at. Where
   threads of a group go through a loop a different number of times, operations of the last rounds are lost. So one
   thread counts and lists (``one_counts`` of `tipfem.backend.launch`).
-- Where a group has a single thread, as for Taichi's serial loops, the idle lanes of the processor's vectors take part in
-  ``while`` loops, and may never leave them. So serial loops are given groups of two threads, see
+- Where a group has a single thread, as for Taichi's serial loops, the idle lanes of the processor's vectors take part
+  in ``while`` loops, and may never leave them. So serial loops are given groups of two threads, see
   `tipfem.backend.taichi_patches`.
 - It ends all loops of a thread after 65535 iterations in sum, in silence. So sums are split into as few parts as on the
   processor, and large meshes are refused.
