@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from tipfem.simulation import Simulation
     from tipfem.steering import Drop, Gravity, Poke, Release
     from tipfem.tables import Table
+    from tipfem.viewer.widget import View
 
 __version__ = "0.1.0"
 
@@ -72,6 +73,7 @@ __all__ = [
     "SurfaceRule",
     "Table",
     "Tank",
+    "View",
     "VolumeProbe",
     "Wall",
     "WallForce",
@@ -118,6 +120,7 @@ _MODULES = {
     "SurfaceRule": "case.numerics",
     "Table": "tables",
     "Tank": "case.tank",
+    "View": "viewer.widget",
     "VolumeProbe": "probes",
     "Wall": "case.walls",
     "WallForce": "probes",

@@ -21,7 +21,8 @@ def test_the_notebook_runs_and_shows_its_progress_pictures_and_movie(tmp_path, m
         assert part in html
     assert '<td style="text-align: left">complete</td>' in html
     assert "video/mp4;base64," in html
-    assert sum("image/png" in data for data in shown) == 2
+    assert sum("image/png" in data for data in shown) == 3
+    assert sum("application/vnd.jupyter.widget-view+json" in data for data in shown) == 1
     assert "the water reaches x = 0." in "".join(output.get("text", "") for output in outputs)
     assert (tmp_path / "out" / "notebook" / "fields.vtkhdf").is_file()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from PIL import Image
@@ -33,6 +33,7 @@ class Picture(NamedTuple):
 
     Attributes:
         image: encoded.
+        kind: its type, such as "image/jpeg".
         time: [s].
         number: of the stored time.
         window: the part shown [m].
@@ -41,6 +42,7 @@ class Picture(NamedTuple):
     """
 
     image: bytes
+    kind: str
     time: float
     number: int
     window: Window
@@ -117,7 +119,7 @@ class Pane:
         )
         if choices.layers["tracers"] and scene.trails is None:
             notes = [*notes, "tracers: following them from the first time"]
-        return Picture(encode(image, moving), scene.time, index, stage.window(scene, view), size, notes)
+        return Picture(*encode(image, moving), scene.time, index, stage.window(scene, view), size, notes)
 
     def framed(self, index: int, choices: Choices) -> Array:
         """The picture of a stored time with axes and legend, to keep; (H, W, 3) uint8."""
@@ -252,17 +254,22 @@ class Pane:
         self._trails.append(self._tracers.advance(scene))
 
 
-def encode(image: Array, moving: bool) -> bytes:
-    """A picture as JPEG: small and quick while something moves, else without visible loss.
+def encode(image: Array, moving: bool) -> tuple[bytes, str]:
+    """A picture and its type: JPEG, which takes the least time, while something moves; else WebP without loss.
+
+    At 1184x660 with field and mesh JPEG takes 2 ms and 80 to 110 kB; lossless WebP takes 20 ms and 90 to 160 kB, less
+    than a JPEG without visible loss.
 
     Args:
         image: (H, W, 3) uint8.
         moving: see above.
     """
     buffer = io.BytesIO()
-    quality: dict[str, Any] = {"quality": 80} if moving else {"quality": 93, "subsampling": 0}
-    Image.fromarray(image).save(buffer, "jpeg", **quality)
-    return buffer.getvalue()
+    if moving:
+        Image.fromarray(image).save(buffer, "jpeg", quality=80)
+        return buffer.getvalue(), "image/jpeg"
+    Image.fromarray(image).save(buffer, "webp", lossless=True, quality=0, method=0)
+    return buffer.getvalue(), "image/webp"
 
 
 def png(image: Array) -> bytes:

@@ -139,7 +139,7 @@ class Showing:
                     "window": picture.window,
                     "width": picture.size[0],
                     "height": picture.size[1],
-                    "format": "image/jpeg",
+                    "format": picture.kind,
                     "bytes": len(picture.image),
                     "notes": picture.notes,
                 }

@@ -5,7 +5,7 @@ import { colourBar, colours, context, historyPlot, number, unitText } from "./pl
 import { Stage } from "./stage.js";
 import { Steering } from "./steering.js";
 
-const ZOOM = 1.3, SHIFT = 0.12;
+const ZOOM = 1.3, SHIFT = 0.12, NARROW = 1000;
 let viewers = 0;
 
 export class Viewer {
@@ -33,8 +33,12 @@ export class Viewer {
     this.setTheme();
     keysOf.addEventListener("keydown", (event) => this.key(event));
     document.addEventListener("visibilitychange", () => this.send({ type: "visible", on: !document.hidden }));
-    this.watching = new ResizeObserver(() => this.resize());
+    this.watching = new ResizeObserver(() => {
+      root.toggleAttribute("data-narrow", root.clientWidth < NARROW);
+      this.resize();
+    });
     this.watching.observe(this.part("panes"));
+    this.watching.observe(root);
   }
 
   send(message) {
@@ -561,6 +565,7 @@ export class Viewer {
     const found = this.keys().find(([key]) => key === event.key || (key === "+" && event.key === "="));
     if (!found) return;
     event.preventDefault();
+    event.stopPropagation();
     found[2]();
   }
 
