@@ -10,7 +10,9 @@ from functools import partial
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from tipfem.arguments import numbers
+from tipfem.arguments import is_number, numbers
+from tipfem.case.curves import Curve, curve_of, runs_of
+from tipfem.case.domain import Domain
 from tipfem.case.particles import Particles
 from tipfem.case.walls import Motion, Pose, Wall, rates
 from tipfem.errors import SimulationError
@@ -34,6 +36,7 @@ class Boundary:
         walls: all walls that slip, slide or move.
         motion: rigid motion of the whole tank, or None.
         closed: whether the fluids fill the tank, so that moving walls must keep its volume.
+        domain: that bounds the fluids, in 2-D; None for the convex hull of the particles.
 
     Attributes:
         active: whether any wall slips, slides or moves.
@@ -49,6 +52,10 @@ class Boundary:
         still: (N,) mask of the wall particles that do not slide.
         stays: (N,) mask of the wall particles that neither slide nor are relocated along the wall.
         pinned: (W,) mask of the wall particles at corners and at the ends of walls.
+        members: the straight parts of the walls: number of the wall, number of the side, and its particles as positions
+            in `index`, in order along the wall in 2-D.
+        curves: the smooth parts of the walls that slip, of several edges.
+        on_curve: (W,) number of the curve that each particle slides on, -1 for none.
 
     Raises:
         ValueError: a wall has no particles, is not straight, or overlaps another; the tank would change
@@ -56,8 +63,16 @@ class Boundary:
     """
 
     def __init__(
-        self, particles: Particles, walls: Sequence[Wall], motion: Motion | None, *, closed: bool = True
+        self,
+        particles: Particles,
+        walls: Sequence[Wall],
+        motion: Motion | None,
+        *,
+        closed: bool = True,
+        domain: Domain | None = None,
     ) -> None:
+        self.domain = domain
+        self.curves: list[Curve] = []
         self.walls, self.motion, self.dimension, self.closed = tuple(walls), motion, particles.dimension, closed
         self.active = bool(self.walls) or motion is not None
         self.pieces: list[tuple[Array, Array | None]] = []
@@ -75,8 +90,13 @@ class Boundary:
             raise ValueError(f"Case: walls are named {names}; every wall needs a name of its own")
         self._y = particles.position[self.index]
         self._h = particles.spacing
-        self._find_sides(particles)
-        self.members = [self._members(wall, particles) for wall in self.walls]
+        if domain is None:
+            self._find_sides(particles)
+        else:
+            self._find_sides_of(domain)
+        self.members = [
+            (number, *part) for number, wall in enumerate(self.walls) for part in self._parts(number, wall, particles)
+        ]
         self._assign()
         self._check_start(particles)
         self._volume = self._volume_at(0.0)
@@ -117,6 +137,57 @@ class Boundary:
                     break
         self.inverse = np.linalg.pinv(self.normal, rcond=1e-9)
 
+    def _find_sides_of(self, domain: Domain) -> None:
+        """The edges of a domain as sides, and the wall particles on each of them."""
+        self.side_normal, self.offset = domain.normal, (domain.normal * domain.start).sum(axis=1)
+        self.on_side = domain.on_edges(self._y, ON_LINE * self._h)
+        self.normal, self.side = _frames(self.side_normal, self.on_side)
+        self.inverse = np.linalg.pinv(self.normal, rcond=1e-9)
+        self.on_curve = np.full(len(self.index), -1)
+        self.smooth = _smooth_joints(domain, self.on_side)
+
+    def _parts(self, number: int, wall: Wall, particles: Particles) -> list[tuple[int, Array]]:
+        """The straight parts of a wall, see `members`; its curves are added to `curves`."""
+        here = f"Case: wall {wall.name!r}"
+        if self.domain is not None and wall.motion is not None:
+            raise ValueError(f"{here}: motion is given; a wall of a tank with a shape cannot move along its normal")
+        if wall.side is None:
+            return [self._members(wall, particles)]
+        if self.domain is None or wall.side not in self.domain.sides:
+            known = [] if self.domain is None else self.domain.sides
+            raise ValueError(f"{here}: side is {wall.side!r}; it must be one of the sides of the shape, {known}")
+        parts: list[Array] = []
+        before = len(self.curves)
+        for run in runs_of(self.domain, self.domain.sides.index(wall.side)):
+            if wall.slips and len(run) > 1:
+                self.curves.append(curve_of(self.domain, number, run))
+                self._put_on_curve(len(self.curves) - 1)
+            else:
+                parts += [run[k : k + 1] for k in range(len(run))]
+        if wall.law == "layer" and (len(parts) > 1 or len(self.curves) > before):
+            raise ValueError(
+                f"{here}: law is {wall.law!r}; a wall with a law is one straight side: name each side of the shape"
+            )
+        result = []
+        for (side,) in parts:
+            found = np.flatnonzero(self.on_side[:, side])
+            result.append((int(side), found[np.argsort(self._y[found] @ self._tangent(side))]))
+        return result
+
+    def _put_on_curve(self, number: int) -> None:
+        """Let the particles on a curve, except at its ends, slide along it."""
+        curve = self.curves[number]
+        on = self.on_side[:, curve.edges].any(axis=1)
+        if not curve.closed:
+            ends = np.stack([curve.start[0], curve.end[-1]])
+            on &= (np.linalg.norm(self._y[:, None] - ends, axis=2) > ON_SIDE * self._h).all(axis=1)
+        rows = np.flatnonzero(on)
+        tangent = curve.tangent(self._y[rows])
+        self.on_curve[rows] = number
+        self.normal[rows] = 0.0
+        self.normal[rows, 0] = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+        self.inverse[rows] = np.linalg.pinv(self.normal[rows], rcond=1e-9)
+
     def _members(self, wall: Wall, particles: Particles) -> tuple[int, Array]:
         """The side of a wall, and its particles as positions in `index`, in order along the wall in 2-D."""
         here, d = f"Case: wall {wall.name!r}", self.dimension
@@ -145,7 +216,7 @@ class Boundary:
             stray = self.index[found[np.argmin(self.on_side[found, k])]]
             raise ValueError(
                 f"{here}: particle {stray} at {particles.position[stray].tolist()} is not on one straight side of the "
-                "tank with the others; slip, velocity and motion are for straight outer walls"
+                "tank with the others; slip, velocity and motion are for straight walls, and for the sides of shapes"
             )
         side = int(np.argmax(common))
         if d == 2:
@@ -167,7 +238,7 @@ class Boundary:
         owner = np.full((count, len(self.offset)), -1)
         self.pinned = pinned = np.asarray(self.normal[:, 1].any(axis=1))
         self.mover = np.full(len(self.offset), -1)
-        for number, (side, found) in enumerate(self.members):
+        for number, side, found in self.members:
             inner = found[1:-1] if d == 2 else found
             if (owner[inner, side] >= 0).any() or (self.walls[number].motion is not None and self.mover[side] >= 0):
                 other = max(int(owner[inner, side].max()), int(self.mover[side]))
@@ -179,6 +250,12 @@ class Boundary:
             if self.walls[number].motion is not None:
                 self.mover[side] = number
         slips = np.array([wall.slips for wall in self.walls] + [False])  # the last one is for no wall, -1
+        for k, curve in enumerate(self.curves):
+            rows = np.flatnonzero(self.on_curve == k)
+            owner[rows[:, None], curve.edges] = curve.wall
+            if not curve.closed:
+                ends = self.on_side[:, curve.edges[[0, -1]]].any(axis=1) & (self.on_curve != k)
+                pinned[ends] = True
         # On an edge in 3-D, all of the sides must slip for the particle to slide along it.
         free: Array = (slips[owner] | ~self.on_side).all(axis=1) & self.on_side.any(axis=1)
         if d == 2:
@@ -187,14 +264,40 @@ class Boundary:
         self.free = np.where(free[:, None, None], unit - self.inverse @ self.normal, 0.0)
         self.slides = np.flatnonzero(np.abs(self.free).max(axis=(1, 2)) > 1e-9)
         self.sliding = np.where(self.normal[:, 1].any(axis=1), -1, owner.max(axis=1))
+        if self.domain is not None:
+            self._turn()
         self.still[self.index[self.slides]] = self.stays[self.index[self.slides]] = False
         if d == 2:
             self._find_pieces(pinned, slips, owner)
 
+    def _turn(self) -> None:
+        """Let the corners of arcs turn with their walls, and find the direction in which each particle's wall slides.
+
+        Sets `tangent` (W, 2), anticlockwise about what the outline encloses, and `curvature` (W, 2), the vector to the
+        centre of its arc over the square of the radius [1/m].
+        """
+        assert self.domain is not None
+        edge = np.argmax(self.on_side, axis=1)
+        wall = np.full(len(self.domain), -1)
+        for number, side, _ in self.members:
+            if is_number(self.walls[number].velocity) or callable(self.walls[number].velocity):
+                wall[side] = number
+        turns = self.smooth & (self.on_curve < 0) & (wall[edge] >= 0)
+        self.sliding = np.where(turns, wall[edge], self.sliding)
+        off = np.nan_to_num(self._y - self.domain.centre[edge])
+        square = np.where(off.any(axis=1), (off**2).sum(axis=1), 1.0)
+        sign = np.where(self.domain.loop[edge] == 0, 1.0, -1.0)[:, None]
+        self.tangent = sign * self.domain.tangents(self._y, edge)
+        self.curvature = -off / square[:, None]
+
     def _find_pieces(self, pinned: Array, slips: Array, owner: Array) -> None:
         """Find the rows between pinned particles that slip or slide, or whose length a moving wall changes."""
         slide = np.array([wall.velocity is not None for wall in self.walls] + [False])
-        for side in range(len(self.offset)):
+        sides = range(len(self.offset))
+        if self.domain is not None:  # of its many edges, those of walls that slip or slide, and long ones, have rows
+            on_curves = [edge for curve in self.curves for edge in curve.edges]
+            sides = np.setdiff1d([side for _, side, _ in self.members], on_curves).tolist()
+        for side in sides:
             row = np.flatnonzero(self.on_side[:, side])
             row = row[np.argsort(self._y[row] @ self._tangent(side))]
             stops = np.flatnonzero(pinned[row])
@@ -210,7 +313,8 @@ class Boundary:
                     self.stays[self.index[piece[1:-1]]] = False
 
     def _check_start(self, particles: Particles) -> None:
-        for wall, (side, _) in zip(self.walls, self.members, strict=True):
+        for number, side, _ in self.members:
+            wall = self.walls[number]
             if wall.displacement(0.0) != 0:
                 raise ValueError(
                     f"Case: wall {wall.name!r}: motion at t = 0 is {wall.displacement(0.0):g} m; it must be zero, "
@@ -256,6 +360,16 @@ class Boundary:
         still = np.zeros(d)
         return np.array([*(p[0] for p in parts), still]), np.array([*(p[1] for p in parts), still])
 
+    def speeds(self, time: float, step: float) -> tuple[Array, Array]:
+        """Speed (K + 1,) [m/s] along themselves of the walls whose velocity is a number, and its derivative.
+
+        Args:
+            time: [s].
+            step: of the finite differences [s].
+        """
+        parts = [rates(wall.speed, time, step)[:2] for wall in self.walls]
+        return np.array([*(p[0] for p in parts), 0.0]), np.array([*(p[1] for p in parts), 0.0])
+
     def pose(self, time: float, step: float) -> Pose:
         """Position and motion of the tank.
 
@@ -291,23 +405,61 @@ class Boundary:
         new = copy.copy(self)
         new.index = np.flatnonzero(particles.wall)
         new._y = pose.origin(particles.position[new.index])
+        if self.domain is not None:
+            return new._reassigned_on(self.domain, particles)
         heights = new._y @ self.side_normal.T - (self.offset + displacement)
         new.on_side = np.abs(heights) < ON_SIDE * particles.spacing
         new.normal, new.side = _frames(self.side_normal, new.on_side)
         new.inverse = np.linalg.pinv(new.normal, rcond=1e-9)
         new.members = []
-        for side, old in self.members:
+        for number, side, old in self.members:
             along = new._y @ self._tangent(side)
             found = np.flatnonzero(new.on_side[:, side])
             if len(old) < self.on_side[:, side].sum():  # a part of its side
                 ends = self._y[old[[0, -1]]] @ self._tangent(side)
                 slack = ON_SIDE * particles.spacing
                 found = found[(along[found] > ends[0] - slack) & (along[found] < ends[1] + slack)]
-            new.members.append((side, found[np.argsort(along[found])]))
+            new.members.append((number, side, found[np.argsort(along[found])]))
         new.pieces = []
         new.still, new.stays = particles.wall.copy(), particles.wall.copy()
         new._assign()
         return new
+
+    def _reassigned_on(self, domain: Domain, particles: Particles) -> Boundary:
+        """This boundary with its particles on the edges of a domain; see `reassigned`."""
+        slack, old = ON_SIDE * particles.spacing, self.members
+        distance = domain.distances(self._y)[0]
+        self.on_side = distance < slack
+        on_curves = np.array([edge for curve in self.curves for edge in curve.edges], dtype=np.int64)
+        curved = np.zeros(len(domain), dtype=bool)
+        curved[on_curves] = True
+        # Particles on a curve are near its edges, not on them; those at its ends are in a corner.
+        straight = self.on_side[:, ~curved].any(axis=1)
+        if len(on_curves):
+            nearest = on_curves[np.argmin(distance[:, on_curves], axis=1)]
+            at_end = np.zeros(len(self._y), dtype=bool)
+            for curve in self.curves:
+                if not curve.closed:
+                    ends = np.stack([curve.start[0], curve.end[-1]])
+                    at_end |= (np.linalg.norm(self._y[:, None] - ends, axis=2) < slack).any(axis=1)
+            rows = np.flatnonzero(~straight & ~at_end)
+            self.on_side[rows] = False
+            self.on_side[rows, nearest[rows]] = True
+        self.normal, self.side = _frames(self.side_normal, self.on_side)
+        self.inverse = np.linalg.pinv(self.normal, rcond=1e-9)
+        self.on_curve = np.full(len(self.index), -1)
+        self.smooth = _smooth_joints(domain, self.on_side)
+        for k in range(len(self.curves)):
+            self._put_on_curve(k)
+        self.members = []
+        for number, side, _ in old:
+            found = np.flatnonzero(self.on_side[:, side])
+            along = self._y[found] @ self._tangent(side)
+            self.members.append((number, side, found[np.argsort(along)]))
+        self.pieces = []
+        self.still, self.stays = particles.wall.copy(), particles.wall.copy()
+        self._assign()
+        return self
 
     def held(self, y: Array, displacement: Array) -> Array:
         """Project the wall particles onto their sides.
@@ -321,6 +473,8 @@ class Boundary:
         """
         missing = (self.offset + displacement)[self.side] - np.einsum("wki,wi->wk", self.normal, y)
         missing[~self.normal.any(axis=2)] = 0.0
+        if self.curves:
+            missing[self.on_curve >= 0] = 0.0
         return np.asarray(y + np.einsum("wik,wk->wi", self.inverse, missing))
 
     def require_volume(self, time: float) -> None:
@@ -337,6 +491,8 @@ class Boundary:
 
     def _volume_at(self, time: float) -> float:
         displacement = np.array([0.0 if m < 0 else float(self.walls[m].displacement(time)) for m in self.mover])
+        if self.domain is not None:
+            return self.domain.area
         corner = self.normal[:, -1].any(axis=1)
         return float(ConvexHull(self.held(self._y, displacement)[corner]).volume)
 
@@ -350,6 +506,13 @@ class Boundary:
             f"at t = {time:g} s the walls' motions change the volume of the closed tank by {100 * change:.2g} %, and "
             "fluids are incompressible; another wall must move outwards, the opposite one by motion=lambda t: -s(t)"
         )
+
+
+def _smooth_joints(domain: Domain, on_side: Array) -> Array:
+    """Mask (W,) of the particles at corners between two edges of one arc, from those on each side (W, S)."""
+    before = np.argsort(domain.following)  # the edge that ends where each begins
+    joint = on_side & on_side[:, before] & ((domain.curve >= 0) & (domain.curve == domain.curve[before]))
+    return np.asarray(joint.any(axis=1))
 
 
 # After remeshing, a wall particle is on a side if it is closer to its line than this [spacings]: new positions on the

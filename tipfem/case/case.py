@@ -122,7 +122,7 @@ class Case:
         if self.bodies and self.domain is None:
             self.domain = around_bodies(particles.position, [body.corners for body in self.bodies])
         self._check_particles(particles)
-        self.boundary = Boundary(particles, self.walls, self.tank_motion, closed=self.closed)
+        self.boundary = Boundary(particles, self.walls, self.tank_motion, closed=self.closed, domain=self.domain)
         if self.tank is not None:
             self.tank.seal()
 
@@ -219,8 +219,6 @@ class Case:
     def _check_walls_surround(self, particles: Particles) -> None:
         if self.domain is not None:
             self.domain.require_surrounds(particles)
-            if self.walls or self.tank_motion or self.interface != "sharp":
-                raise ValueError("Case: a tank with a shape has fixed walls without slip, and a sharp interface")
             return
         centred = (particles.position - particles.position.mean(axis=0)) / particles.spacing
         try:
@@ -320,8 +318,9 @@ class Case:
 
     def pressure_reference(self) -> int:
         """The wall particle at which a closed tank's pressure is zero: the highest, against gravity and body force."""
-        # Corners neither slide nor are relocated, so there is always one.
-        wall = np.flatnonzero(self.boundary.stays)
+        # Corners neither slide nor are relocated; a curve all around has none, and remeshing keeps the particle there.
+        stays = self.boundary.stays
+        wall = np.flatnonzero(stays if stays.any() else self.particles.wall)
         height = -self.particles.position[wall] @ self.acceleration(self.particles.position, 0.0).mean(axis=0)
         return int(wall[np.argmax(height)])
 

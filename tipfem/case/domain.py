@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -35,6 +36,7 @@ class Domain:
         loops: corners (K, 2) of the outline, anticlockwise, and of each hole, clockwise [m].
         names: of the side that the edge from each corner to the next belongs to, K for each loop.
         curves: number of the arc that each edge is a part of, K for each loop; -1 for straight sides.
+        centres: (2,) of the arcs, by their numbers [m].
 
     Attributes:
         start, end: (S, 2) of the edges [m], loop by loop.
@@ -42,10 +44,17 @@ class Domain:
         sides: names of the sides.
         side: (S,) number of the side of each edge.
         curve: (S,) number of the arc of each edge, -1 for none.
+        centre: (S, 2) of the arc of each edge, NaN for none [m].
         following: (S,) number of the edge that begins where this one ends.
     """
 
-    def __init__(self, loops: Sequence[Array], names: Sequence[Sequence[str]], curves: Sequence[Sequence[int]]) -> None:
+    def __init__(
+        self,
+        loops: Sequence[Array],
+        names: Sequence[Sequence[str]],
+        curves: Sequence[Sequence[int]],
+        centres: Mapping[int, Array] | None = None,
+    ) -> None:
         self.start = np.concatenate(loops)
         self.end = np.concatenate([np.roll(corners, -1, axis=0) for corners in loops])
         count = [len(corners) for corners in loops]
@@ -54,6 +63,9 @@ class Domain:
         self.sides = list(dict.fromkeys(flat))
         self.side = np.array([self.sides.index(name) for name in flat])
         self.curve = np.array([number for own in curves for number in own])
+        self.centre = np.full((len(self.start), 2), math.nan)
+        for number, centre in (centres or {}).items():
+            self.centre[self.curve == number] = centre
         first = np.cumsum([0, *count])
         self.following = np.concatenate([f + np.roll(np.arange(n), -1) for f, n in zip(first[:-1], count, strict=True)])
 
@@ -80,6 +92,18 @@ class Domain:
         """(S,) angle by which the boundary turns at each edge's end [rad]: > 0 at convex corners."""
         a, b = self.direction, self.direction[self.following]
         return np.asarray(np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1)))
+
+    def tangents(self, x: Array, edge: Array) -> Array:
+        """Unit vectors (K, 2) along the edges ``edge`` (K,) at points (K, 2) on them; along the arc where there is one.
+
+        In the direction of the edges, with the fluid on the left.
+        """
+        direction = self.direction[edge]
+        off = x - self.centre[edge]
+        around = np.stack([-off[:, 1], off[:, 0]], axis=1)
+        around *= np.where((around * direction).sum(axis=1) < 0, -1.0, 1.0)[:, None]
+        around /= np.linalg.norm(around, axis=1)[:, None]
+        return np.where(np.isfinite(around), around, direction)
 
     @property
     def area(self) -> float:
@@ -246,7 +270,7 @@ def domain_of(shape: Shape, spacing: float, part: Callable[[Array], Array] | Non
             passes from one into another, a corner is put there.
     """
     loops, names, curves = [], [], []
-    arcs = 0
+    centres: dict[int, Array] = {}
     for loop in shape.loops:
         corners: list[Array] = []
         own: list[str] = []
@@ -255,15 +279,15 @@ def domain_of(shape: Shape, spacing: float, part: Callable[[Array], Array] | Non
             if run[0].centre is None:
                 points, number = run[0].start[None], -1
             else:
-                points, number = _arc_points(run, spacing, part, whole=len(run) == len(loop)), arcs
-                arcs += 1
+                points, number = _arc_points(run, spacing, part, whole=len(run) == len(loop)), len(centres)
+                centres[number] = run[0].centre
             corners.append(points)
             own += [run[0].name] * len(points)
             numbers += [number] * len(points)
         loops.append(np.concatenate(corners))
         names.append(own)
         curves.append(numbers)
-    return Domain(loops, names, curves)
+    return Domain(loops, names, curves, centres)
 
 
 def around_bodies(position: Array, bodies: Sequence[Array]) -> Domain:
@@ -276,16 +300,24 @@ def around_bodies(position: Array, bodies: Sequence[Array]) -> Domain:
 
 
 def _runs(loop: Sequence[Piece]) -> list[list[Piece]]:
-    """The pieces of a loop, those of one arc together."""
+    """The pieces of a loop, those of one arc together; a straight side in several pieces is one."""
     runs: list[list[Piece]] = []
     for piece in loop:
-        if runs and piece.centre is not None and runs[-1][0].centre is not None:
-            before = runs[-1][0]
-            if np.array_equal(runs[-1][0].centre, piece.centre) and before.name == piece.name:
+        before = runs[-1][-1] if runs else None
+        if before is not None and before.name == piece.name:
+            if piece.centre is not None and before.centre is not None and np.array_equal(before.centre, piece.centre):
                 runs[-1].append(piece)
+                continue
+            if piece.centre is None and before.centre is None and _collinear(before, piece):
+                runs[-1] = [replace(before, end=piece.end)]
                 continue
         runs.append([piece])
     return runs
+
+
+def _collinear(one: Piece, other: Piece) -> bool:
+    a, b = one.end - one.start, other.end - other.start
+    return bool(abs(a[0] * b[1] - a[1] * b[0]) < 1e-9 * np.linalg.norm(a) * np.linalg.norm(b) and a @ b > 0)
 
 
 def _arc_points(run: Sequence[Piece], spacing: float, part: Callable[[Array], Array] | None, *, whole: bool) -> Array:

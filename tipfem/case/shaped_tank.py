@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -10,13 +11,15 @@ from scipy.spatial import Delaunay
 
 from tipfem.arguments import is_number
 from tipfem.case import lattice
-from tipfem.case.domain import Domain, domain_of
+from tipfem.case.curves import SMOOTH
+from tipfem.case.domain import ON_BOUNDARY, Domain, domain_of
 from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading
 from tipfem.case.lattice import BISECTIONS, heaviest_beside
 from tipfem.case.particles import Particles
 from tipfem.case.shapes import Shape, cut_out
 from tipfem.case.tank import Tank
+from tipfem.case.walls import Wall
 from tipfem.typing import Array
 
 # The least distance of the particles inside to a wall at the start, and of two particles on a wall [spacings].
@@ -59,6 +62,10 @@ class ShapedTank(Tank):
         self.domain = domain_of(shape, spacing)
         self.domain.require_resolved(spacing)
 
+    def walls(self, particles: Particles) -> list[Wall]:
+        """The walls described by `wall`, by their sides."""
+        return [Wall(name, side=name, **what) for name, what in self.wall_options.items()]
+
     def sample(
         self, fluids: Sequence[Fluid], *, fitted: bool = False, empty: bool = False, grading: Grading | None = None
     ) -> Particles:
@@ -92,8 +99,13 @@ class ShapedTank(Tank):
         if self.jitter:
             position = self._jittered(position, ~wall & ~on_face, domain)
         kept = wall | (fluid >= 0)
-        velocity = self._initial_velocity(position[kept])
-        velocity[(fluid[kept] < 0) | wall[kept]] = 0.0
+        velocity = np.zeros_like(position)
+        for region in self.regions:
+            inside = region.mask(position)
+            velocity[inside] = region.initial_velocity(position[inside])
+        velocity[fluid < 0] = 0.0
+        velocity[wall] = self._along_walls(position[wall], velocity[wall])
+        velocity = velocity[kept]
         return Particles(position[kept], fluid[kept], wall[kept], velocity, spacing=self.spacing)
 
     def _domain(self, part: Callable[[Array], Array] | None) -> Domain:
@@ -113,6 +125,21 @@ class ShapedTank(Tank):
         loops = [domain.start[domain.loop == first + k][::-1] for k in range(len(self.bodies))]
         self.bodies = [body.meshed(loop) for body, loop in zip(self.bodies, loops, strict=True)]
         return domain
+
+    def _along_walls(self, x: Array, velocity: Array) -> Array:
+        """The part of velocities (K, 2) at points x (K, 2) on the walls that is along those that slip."""
+        domain = self.domain
+        assert domain is not None
+        if not velocity.any():
+            return velocity
+        slips = np.array([Wall(name, particles=[], **self.wall_options.get(name, {})).slips for name in domain.sides])
+        on = domain.on_edges(x, ON_BOUNDARY * self.spacing)
+        slides = (slips[domain.side] | ~on).all(axis=1)
+        before = np.argsort(domain.following)
+        sharp = np.abs(domain.turn[before]) > math.radians(SMOOTH)
+        slides &= ~(on & on[:, before] & sharp).any(axis=1)
+        tangent = domain.tangents(x, np.argmax(on, axis=1))
+        return np.where(slides[:, None], (velocity * tangent).sum(axis=1)[:, None] * tangent, 0.0)
 
     def _lines(self, domain: Domain, is_empty: Callable[[Array], Array] | None, *, fitted: bool) -> list[Array]:
         """Coordinates of the lattice's lines along each axis [m]."""

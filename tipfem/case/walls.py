@@ -38,8 +38,10 @@ class Wall:
         law: "no-slip": the fluid moves with the wall. "layer": it slips with the friction of the boundary layer where
             this is thinner than the particles' spacing, and moves with the wall elsewhere; see `tipfem.walls.layers`.
             None: by ``slip`` and ``slip_length``, and no-slip without these.
+        side: name of a side of the tank's shape, instead of ``between`` and ``particles``.
         velocity: of a wall that slides along itself, relative to the tank: (d,) [m/s], or a function of time
-            [s] that returns it. The wall's particles do not move along with it.
+            [s] that returns it. The wall's particles do not move along with it. In 2-D it may be a number, the speed,
+            positive anticlockwise about what the wall's outline encloses; a curved wall needs that.
         motion: function of time [s] to the displacement [m] of the wall along its normal since t = 0, relative
             to the tank; positive into the fluid. It must be smooth, because velocity and acceleration are its
             derivatives.
@@ -53,16 +55,17 @@ class Wall:
     particles: Any = None
     slip: bool = False
     slip_length: float | None = None
-    velocity: Sequence[float] | Function | None = None
+    velocity: Sequence[float] | float | Function | None = None
     motion: Function | None = None
     law: str | None = None
+    side: str | None = None
 
     def __post_init__(self) -> None:
         here = f"wall {self.name!r}"
         if not isinstance(self.name, str) or not self.name:
             raise ValueError(f"wall: name is {self.name!r}; it must be a non-empty string")
-        if (self.between is None) == (self.particles is None):
-            raise ValueError(f"{here}: give either its ends, between, or its particles")
+        if sum(place is not None for place in (self.between, self.particles, self.side)) != 1:
+            raise ValueError(f"{here}: give either its ends, between, or its particles, or the side of a shape")
         if not isinstance(self.slip, bool):
             raise ValueError(f"{here}: slip is {self.slip!r}; it must be True or False (a length is slip_length)")
         if self.slip_length is not None:
@@ -121,11 +124,25 @@ class Wall:
             ValueError: the velocity given is not finite, or has another shape.
         """
         given = self.velocity(time) if callable(self.velocity) else self.velocity
+        if is_number(given) and dimension == 2:
+            return np.zeros(dimension)  # see `speed`
         value = np.zeros(dimension) if given is None else numbers(given)
         if value.shape != (dimension,) or not np.isfinite(value).all():
             here = f"wall {self.name!r}: velocity at t = {time:g} s"
             raise ValueError(f"{here} is {given!r}; it must be {dimension} finite speeds in m/s")
         return value
+
+    def speed(self, time: float) -> Array:
+        """Speed of the wall along itself where its velocity is a number, zero otherwise.
+
+        Args:
+            time: [s].
+
+        Returns:
+            () [m/s], positive anticlockwise about what the wall's outline encloses.
+        """
+        given: Any = self.velocity(time) if callable(self.velocity) else self.velocity
+        return np.array(float(given) if is_number(given) else 0.0)
 
 
 @dataclass(frozen=True)

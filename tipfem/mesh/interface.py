@@ -38,8 +38,8 @@ class InterpolatedInterface:
 
     def element_properties(self, mesh: Mesh, fluid: Array, fluids: Sequence[Fluid]) -> tuple[Array, Array]:
         """Density (M,) [kg/m^3] and viscosity (M,) [Pa s] of a mesh's elements, from the particles' ``fluid`` (N,)."""
-        density = np.array([f.density for f in fluids])
-        viscosity = np.array([f.viscosity for f in fluids])
+        density = np.array([f.density for f in fluids], dtype=float)
+        viscosity = np.array([f.viscosity for f in fluids], dtype=float)
         at_corner = fluid[mesh.cells]
         return density[at_corner].mean(axis=1), viscosity[at_corner].mean(axis=1)
 
@@ -70,8 +70,8 @@ class SharpInterface:
 
     def element_properties(self, mesh: Mesh, fluid: Array, fluids: Sequence[Fluid]) -> tuple[Array, Array]:
         """Density (M,) [kg/m^3] and viscosity (M,) [Pa s] of a mesh's elements; ``fluid`` is not used."""
-        density = np.array([f.density for f in fluids])
-        viscosity = np.array([f.viscosity for f in fluids])
+        density = np.array([f.density for f in fluids], dtype=float)
+        viscosity = np.array([f.viscosity for f in fluids], dtype=float)
         of = np.asarray(mesh.fluid)
         return density.take(of), viscosity.take(of)
 

@@ -57,7 +57,7 @@ class Remesher(ABC):
 
     def __init__(self, fluids: Sequence[Fluid]) -> None:
         self.fluids = list(fluids)
-        self.density, self.rank = np.array([f.density for f in fluids]), ranks(fluids)
+        self.density, self.rank = np.array([f.density for f in fluids], dtype=float), ranks(fluids)
 
     @abstractmethod
     def start(self, particles: Particles, boundary: Boundary, reference: int) -> State:
@@ -363,6 +363,7 @@ class FittedRemesher(Remesher):
                 f"for a spacing of {particles.spacing:g} m"
             )
         fixed = hull_corners(mesh)
+        fixed[boundary.index[boundary.slides]] = False  # which slide on curves
         fixed[reference] = True
         particles = particles.shallow_copy(
             fluid=particle_fluid(mesh, len(particles), self.rank),

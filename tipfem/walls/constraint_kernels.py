@@ -88,6 +88,60 @@ def slip_scale(
 
 
 @kernel
+def pressure_residual(
+    faces: Ints2,
+    motion: Reals2,
+    x: Reals1,
+    scale: Reals1,
+    record: Reals2,
+    out: Reals1,
+    cf: float,
+    count: ti.i32,
+):
+    """Add the pressure of curved walls, int p n phi_a over their faces, to the scaled momentum rows (2-D).
+
+    A particle that slides on a curve moves at right angles to the mean of the normals of its two faces, not to each of
+    them, so that a pressure that varies along the wall has a part along it: with this term what is left of the
+    momentum row of a fluid at rest is int phi_a (grad p - rho b), which vanishes. faces (F, 2), with the fluid on the
+    left. record (F, 4): pressures for the two particles, and the normal times the length at the intermediate
+    positions.
+    """
+    ti.loop_config(serialize=True)
+    for f in range(count):
+        a, b = faces[f, 0], faces[f, 1]
+        e = row(motion, b, 2) + cf * displacement_of(x, b, 2) - row(motion, a, 2) - cf * displacement_of(x, a, 2)
+        one, other = x[a * 3 + 2], x[b * 3 + 2]
+        record[f, 0], record[f, 1] = one / 3.0 + other / 6.0, one / 6.0 + other / 3.0
+        record[f, 2], record[f, 3] = e[1], -e[0]
+        for k in ti.static(range(2)):
+            out[a * 3 + k] += scale[a * 3 + k] * record[f, 0] * record[f, 2 + k]
+            out[b * 3 + k] += scale[b * 3 + k] * record[f, 1] * record[f, 2 + k]
+
+
+@kernel
+def pressure_product(
+    faces: Ints2,
+    record: Reals2,
+    scale: Reals1,
+    x: Reals1,
+    out: Reals1,
+    cf: float,
+    count: ti.i32,
+):
+    """Add the derivative of `pressure_residual` along ``x``, from its ``record``."""
+    ti.loop_config(serialize=True)
+    for f in range(count):
+        a, b = faces[f, 0], faces[f, 1]
+        e = cf * (displacement_of(x, b, 2) - displacement_of(x, a, 2))
+        turned = ti.Vector([e[1], -e[0]])
+        one, other = x[a * 3 + 2], x[b * 3 + 2]
+        for k in ti.static(range(2)):
+            n = record[f, 2 + k]
+            out[a * 3 + k] += scale[a * 3 + k] * ((one / 3.0 + other / 6.0) * n + record[f, 0] * turned[k])
+            out[b * 3 + k] += scale[b * 3 + k] * ((one / 6.0 + other / 3.0) * n + record[f, 1] * turned[k])
+
+
+@kernel
 def slip_residual(
     faces: Ints2,
     coefficient: Reals1,

@@ -27,6 +27,7 @@ class WallRows:
         self._dimension, self._scheme = dimension, walls.scheme
         self._count, self._active = len(walls.sliding), walls.boundary.active
         self._faces = len(faces.nodes) if self._count else 0
+        self._pressed = len(walls.pressed) if self._count else 0
         if not self._count:
             return
         put = buffers.upload
@@ -46,6 +47,10 @@ class WallRows:
             self._nodes, self._coefficient = put("walls.nodes", faces.nodes), put("walls.mu", faces.coefficient)
             self._normal, self._velocity = put("walls.normal", faces.normal), put("walls.v", faces.wall_velocity)
             self._record = buffers.get("walls.record", self._faces, constraint_kernels.face_record_width(dimension))
+
+        if self._pressed:
+            self._curved = put("walls.curved", walls.pressed)
+            self._pressures = buffers.get("walls.pressures", self._pressed, 4)
 
     @property
     def active(self) -> bool:
@@ -71,6 +76,18 @@ class WallRows:
                 self._faces,
                 self._dimension,
             )
+        if self._pressed:
+            launch(
+                constraint_kernels.pressure_residual,
+                self._curved,
+                motion,
+                x,
+                scale,
+                self._pressures,
+                out,
+                self._scheme.cf,
+                self._pressed,
+            )
         if self._count:
             launch(constraint_kernels.project, self._index, self._rows, out, self._count, self._dimension)
 
@@ -90,6 +107,17 @@ class WallRows:
                 self._scheme.cf,
                 self._faces,
                 self._dimension,
+            )
+        if self._pressed:
+            launch(
+                constraint_kernels.pressure_product,
+                self._curved,
+                self._pressures,
+                scale,
+                v,
+                out,
+                self._scheme.cf,
+                self._pressed,
             )
         if self._count:
             launch(constraint_kernels.project, self._index, self._rows, out, self._count, self._dimension)

@@ -65,12 +65,11 @@ class Layers:
             boundary: of the case at its start.
             place: (W, d) positions of its wall particles in the tank's frame [m].
         """
-        numbers = [k for k, wall in enumerate(boundary.walls) if wall.law == LAYER]
-        if not numbers:
+        parts = [(k, found) for k, _, found in boundary.members if boundary.walls[k].law == LAYER]
+        if not parts:
             return None
-        members = [boundary.members[k][1] for k in numbers]
-        wall = np.repeat(numbers, [len(found) for found in members])
-        points = np.ascontiguousarray(place[np.concatenate(members)])
+        wall = np.repeat([k for k, _ in parts], [len(found) for _, found in parts])
+        points = np.ascontiguousarray(place[np.concatenate([found for _, found in parts])])
         return Layers(points, wall, np.full(len(points), DRY), np.zeros_like(points))
 
 

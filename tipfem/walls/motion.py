@@ -35,12 +35,18 @@ class WallMotion:
         self.pose = b.pose(time, step)
         self.displacement, *speeds = b.displacements(time, step)
         self._own, own_rate = b.sliding_velocities(time, step)
-        self.sliding = self._own[b.sliding]
+        self.sliding, sliding_rate = self._own[b.sliding], own_rate[b.sliding]
+        self._speed = np.zeros(len(b.walls) + 1)
+        if b.domain is not None:
+            self._speed, change = b.speeds(time, step)
+            speed = self._speed[b.sliding][:, None]
+            self.sliding = self.sliding + speed * b.tangent
+            sliding_rate = sliding_rate + change[b.sliding][:, None] * b.tangent + speed**2 * b.curvature
         rotation = self.pose.rotation
         self.free = rotation @ b.free @ rotation.T
         across, across_rate = (np.einsum("wik,wk->wi", b.inverse, speed[b.side]) for speed in speeds)
         self._relative = (across + self.sliding) @ rotation.T
-        self._relative_rate = (across_rate + own_rate[b.sliding]) @ rotation.T
+        self._relative_rate = (across_rate + sliding_rate) @ rotation.T
 
     def place(self, y: Array) -> Array:
         """Positions (W, d) [m] of the wall particles whose positions in the tank at t = 0 are y (W, d) [m]."""
@@ -65,9 +71,17 @@ class WallMotion:
         coriolis = 2 * relative @ self.pose.angular_velocity.T
         return v, self.pose.rigid_acceleration(x) + self._relative_rate + coriolis
 
-    def along(self, wall: int, x: Array) -> Array:
-        """Velocity (K, d) at x (K, d) of a wall along itself, by its number."""
-        return np.asarray(self.pose.rigid_velocity(x) + self.pose.rotation @ self._own[wall])
+    def speed(self, wall: int) -> float:
+        """Speed of a wall along itself, by its number, where its velocity is a number; 0 elsewhere [m/s]."""
+        return float(self._speed[wall])
+
+    def along(self, wall: int, x: Array, direction: Array | None = None) -> Array:
+        """Velocity (K, d) at x (K, d) of a wall along itself, by its number.
+
+        A wall whose velocity is a number is straight there, with ``direction`` (d,), see `Boundary.tangent`.
+        """
+        own = self._own[wall] if direction is None else self._own[wall] + self._speed[wall] * direction
+        return np.asarray(self.pose.rigid_velocity(x) + self.pose.rotation @ own)
 
     def imposed(self, particles: Particles) -> Particles:
         """The particles with the velocities and accelerations that the walls prescribe."""

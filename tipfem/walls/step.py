@@ -15,6 +15,7 @@ from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.mesh import Mesh, Surface
 from tipfem.typing import Array
+from tipfem.walls.curve_step import CurveStep
 from tipfem.walls.layers import LAYER, LayerFaces, Layers, advance
 from tipfem.walls.motion import WallMotion
 from tipfem.walls.spacing import space_back, space_sliding
@@ -60,6 +61,7 @@ class Walls(ABC):
         rows, columns: (K, d * d) projectors of the sliding particles, for momentum and for displacements.
         faces: those with friction.
         layers: the boundary layers at the end of the step on walls with that law; None without such walls.
+        pressed: (E, 2) the faces of curved walls that slip, two particles each with the fluid on the left.
     """
 
     boundary: Boundary
@@ -72,6 +74,7 @@ class Walls(ABC):
     columns: Array
     faces: Faces
     layers: Layers | None = None
+    pressed: Array = np.zeros((0, 2), dtype=np.int32)
 
     @abstractmethod
     def constrain(self, u: Array) -> Array:
@@ -218,12 +221,16 @@ class WallStep(Walls):
         part = 0.25 * scheme.dt
         self._before, self._after = WallMotion(boundary, time, part), WallMotion(boundary, time + scheme.dt, part)
         index, slides = boundary.index, boundary.slides
+        b_curves = bool(boundary.curves)
         x, v, a = particles.position, particles.velocity[index], particles.acceleration[index]
         self.tank_moves = boundary.motion is not None
         self.frame = self._before.pose.origin(x) if self.tank_moves else x
         self._rigid = self._after.pose.place(self.frame) - x if self.tank_moves else np.zeros_like(x)
         self._home = self._after.place(self.frame[index])
-        slid = 0.5 * scheme.dt * (self._before.sliding + self._after.sliding)
+        slid = self._slid(self.frame[index])
+        self._curves = CurveStep(boundary, mesh, particles, self._before, self._after, scheme) if b_curves else None
+        if self._curves is not None:
+            self._after.free[self._curves.rows] = self._curves.projector
         w = self._after.held(self._home + slid @ self._after.pose.rotation.T - x[index])
         self.displacement = np.zeros_like(x)
         self.displacement[index] = w
@@ -241,16 +248,37 @@ class WallStep(Walls):
         self._rotation = u @ vt
         self.rows = (self._rotation @ boundary.free[slides] @ self._rotation.T).reshape(len(slides), x.shape[1] ** 2)
         self.columns = self._after.free[slides].reshape(len(slides), x.shape[1] ** 2)
+        if self._curves is not None:
+            here = np.flatnonzero(boundary.on_curve[slides] >= 0)
+            self.rows[here] = self.columns[here]
+            self.pressed = self._curves.pressed
         self.layers = layers or Layers.on(boundary, self.frame[index])
         self.faces = self._find_faces(mesh, viscosity, particles, density)
 
+    def _slid(self, y: Array) -> Array:
+        """Displacements (W, d) of wall particles at y (W, d) along walls that slide, in the tank's frame [m]."""
+        slid = 0.5 * self.scheme.dt * (self._before.sliding + self._after.sliding)
+        b = self.boundary
+        if b.domain is None:
+            return np.asarray(slid)
+        # On an arc, the particle turns about the centre by as much: along a chord, not along the tangent.
+        angle = np.linalg.norm(slid, axis=1) * np.linalg.norm(b.curvature, axis=1)
+        turns = np.flatnonzero(angle > 0)
+        inwards = b.curvature[turns] / (b.curvature[turns] ** 2).sum(axis=1)[:, None]  # to the centre
+        cosine, sine = np.cos(angle[turns])[:, None], np.sin(angle[turns])[:, None]
+        radius = np.linalg.norm(inwards, axis=1)[:, None]
+        along = slid[turns] / np.linalg.norm(slid[turns], axis=1)[:, None]
+        slid[turns] = (1 - cosine) * inwards + sine * radius * along
+        return np.asarray(slid)
+
     def _slip_lengths(
-        self, number: int, mesh: Mesh, cell: Array, face: Array, particles: Particles, viscosity: Array
+        self, number: int, side: int, mesh: Mesh, cell: Array, face: Array, particles: Particles, viscosity: Array
     ) -> Array:
         """Advance the layers of wall ``number`` by the step; the slip length (F,) at each of its faces [m].
 
         Args:
             number: of the wall.
+            side: that it is on.
             mesh: of the step.
             cell: (F,) the faces' cells.
             face: (F, d) their particles.
@@ -261,8 +289,9 @@ class WallStep(Walls):
         apex = corners.sum(axis=1) - face.sum(axis=1)
         x = particles.position[apex]
         v = particles.velocity[apex] + 0.5 * self.scheme.dt * particles.acceleration[apex]
-        along = 0.5 * (self._before.along(number, x) + self._after.along(number, x))
-        pose, n = self._before.pose, self.boundary.side_normal[self.boundary.members[number][0]]
+        direction = self._direction(side)
+        along = 0.5 * (self._before.along(number, x, direction) + self._after.along(number, x, direction))
+        pose, n = self._before.pose, self.boundary.side_normal[side]
         slip = (v - along) @ pose.rotation
         slip -= (slip @ n)[:, None] * n
         fluid = particles.fluid[face[:, 0]] if mesh.fluid is None else mesh.fluid[cell]
@@ -277,7 +306,8 @@ class WallStep(Walls):
         """The faces of walls that slip with friction."""
         b, d = self.boundary, mesh.dimension
         nodes, coefficient, normal, wall_velocity = [], [], [], []
-        for number, (wall, (side, members)) in enumerate(zip(b.walls, b.members, strict=True)):
+        for number, side, members in b.members:
+            wall = b.walls[number]
             if wall.slip_length is None and wall.law != LAYER:
                 continue
             mask = np.zeros(len(mesh.position), dtype=bool)
@@ -290,16 +320,39 @@ class WallStep(Walls):
             edge = mesh.position[face[:, 1:]] - mesh.position[face[:, :1]]
             measure = n[0] * edge[:, 0, 1] - n[1] * edge[:, 0, 0] if d == 2 else np.cross(edge[:, 0], edge[:, 1]) @ n
             face[measure < 0, :2] = face[measure < 0, 1::-1]
-            now = self._before.along(number, mesh.position[face].reshape(-1, d))
-            then = self._after.along(number, self._predicted[face].reshape(-1, d))
+            direction = self._direction(side)
+            now = self._before.along(number, mesh.position[face].reshape(-1, d), direction)
+            then = self._after.along(number, self._predicted[face].reshape(-1, d), direction)
             length: float | Array = wall.slip_length or 0.0
             if wall.law == LAYER:
                 assert density is not None
-                length = self._slip_lengths(number, mesh, cell, face, particles, viscosity[cell] / density[cell])
+                length = self._slip_lengths(number, side, mesh, cell, face, particles, viscosity[cell] / density[cell])
             nodes.append(face)
             coefficient.append(viscosity[cell] / length)
             normal.append(np.tile(n, (len(face), 1)))
             wall_velocity.append((self.scheme.alpha_f * now + self.scheme.cf * then).reshape(-1, d * d))
+        if self._curves is not None:
+            for number, curve in enumerate(b.curves):
+                slip_length = b.walls[curve.wall].slip_length
+                if slip_length is None:
+                    continue
+                here = np.flatnonzero(self._curves.curve == number)
+                face, cell = self._curves.pressed[here], self._curves.cell[here]
+                edge = mesh.position[face[:, 1]] - mesh.position[face[:, 0]]
+                edge /= np.linalg.norm(edge, axis=1)[:, None]
+                speed = self._before.speed(curve.wall), self._after.speed(curve.wall)
+                mean = self.scheme.alpha_f * speed[0] + self.scheme.cf * speed[1]
+                assert b.domain is not None
+                own = mean * edge * (1.0 if b.domain.loop[curve.edges[0]] == 0 else -1.0)
+                x = [
+                    motion.pose.rigid_velocity(at[face].reshape(-1, 2)).reshape(-1, 2, 2)
+                    for motion, at in ((self._before, mesh.position), (self._after, self._predicted))
+                ]
+                rigid = self.scheme.alpha_f * x[0] + self.scheme.cf * x[1]
+                nodes.append(face)
+                coefficient.append(viscosity[cell] / slip_length)
+                normal.append(np.stack([-edge[:, 1], edge[:, 0]], axis=1))
+                wall_velocity.append((rigid + own[:, None]).reshape(-1, 4))
         if not nodes:
             return Faces.none(d, len(self.sliding))
         face, mu = np.concatenate(nodes), np.concatenate(coefficient)
@@ -308,6 +361,13 @@ class WallStep(Walls):
         share = np.repeat(self.scheme.cv * mu * measure / d, d)
         friction = np.bincount(face.ravel(), share, minlength=len(mesh.position))[self.sliding]
         return Faces(face, mu, np.concatenate(normal), np.concatenate(wall_velocity), friction)
+
+    def _direction(self, side: int) -> Array | None:
+        """(d,) in which the wall on a side of a shape slides with a positive speed; None without a shape."""
+        domain = self.boundary.domain
+        if domain is None:
+            return None
+        return np.asarray(domain.direction[side] * (1.0 if domain.loop[side] == 0 else -1.0))
 
     def constrain(self, u: Array) -> Array:
         """Displacements (N, d) with their walls' constraints: w + P u."""
@@ -324,6 +384,9 @@ class WallStep(Walls):
         s, index = self.scheme, self.boundary.index
         w = self.displacement[index]
         v, a = velocity.copy(), acceleration.copy()
+        if self._curves is not None:
+            v, a = self._curves.turned(v), self._curves.turned(a)
+            velocity, acceleration = v.copy(), a.copy()
         v[index] = self._after.slid(velocity[index]) + self._velocity - s.cv * w
         a[index] = self._after.slid(acceleration[index]) + self._acceleration - s.cm * w
         return v, a
@@ -335,16 +398,25 @@ class WallStep(Walls):
     def finish(self, before: Particles, u: Array, moved: Particles) -> Particles:
         """See `Walls.finish`."""
         index = self.boundary.index
+        if self._curves is not None:
+            before = before.shallow_copy(
+                velocity=self._curves.turned(before.velocity), acceleration=self._curves.turned(before.acceleration)
+            )
         free, done = self.scheme.acceleration(u, before), moved.copy()
         # Not x + u: in single precision the solution's w is not exact.
         done.position[index] = before.position[index] + self.constrain(u)[index]
         done.acceleration[index] = free[index]
         done.velocity[index] = self.scheme.velocity(free, before)[index]
+        if self._curves is not None:
+            done, free_at_end = self._curves.finished(done)
+            self._after.free[self._curves.rows] = free_at_end
         return self._after.imposed(done)
 
     def space(self, particles: Particles, surface: Surface) -> tuple[Particles, int]:
         """See `Walls.space`."""
         slides = self.boundary.sliding >= 0
+        if self._curves is not None:
+            particles = self._curves.on_curves(particles)
         if not self.boundary.pieces and not slides.any():
             return particles, 0
         spaced, count = particles.copy(), 0
@@ -353,7 +425,7 @@ class WallStep(Walls):
                 count += space_sliding(spaced, piece, surface)
             else:
                 space_back(spaced, piece, coordinates)
-        if particles.dimension == 3:
+        if particles.dimension == 3 or self.boundary.domain is not None:  # corners of arcs are in no row
             spaced = self.set_back(spaced)
         dry = surface.dry(particles.wall)  # these stay where they are
         spaced.velocity[dry] = self._after.pose.rigid_velocity(spaced.position[dry])
@@ -364,6 +436,8 @@ class WallStep(Walls):
         """See `Walls.set_back`."""
         slides = self.boundary.sliding >= 0
         slides[self.boundary.slides] = False
+        if self._curves is not None:
+            particles = self._curves.on_curves(particles)
         if not slides.any():
             return particles
         back = particles.copy()

@@ -1,0 +1,151 @@
+"""Walls of tanks with a shape: slip along straight and curved sides, and sides that slide along themselves."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import tipfem as tp
+from tipfem.backend.arrays import download
+from tipfem.case.curves import SMOOTH, chain_tangents, curve_of, restored, runs_of
+from tipfem.case.domain import domain_of
+from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
+from tipfem.walls.step import WallStep
+
+BOWL = tp.shapes.polygon([(-1, 0), tp.shapes.arc((0, 0)), (1, 0), (1, 0.5), (-1, 0.5)], names=["bowl", "r", "t", "l"])
+CIRCLE = tp.shapes.circle((0, 0), 1.0, name="rim")
+TRAPEZIUM = [(-0.5, 0), (0.5, 0), (1.0, 0.8), (-1.0, 0.8)]
+
+
+def area_of(position: np.ndarray, pairs: np.ndarray) -> float:
+    p, q = position[pairs[:, 0]], position[pairs[:, 1]]
+    return 0.5 * float((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum())
+
+
+@pytest.mark.parametrize(
+    ("shape", "walls", "level"),
+    [
+        (BOWL, {"bowl": {"slip": True}}, -0.13),
+        (BOWL, {"bowl": {"slip": True}, "l": {"slip": True}, "r": {"slip": True}}, 0.15),
+        (CIRCLE, {"rim": {"slip": True}}, 0.13),
+        (TRAPEZIUM, {"side1": {"slip": True}, "side3": {"slip_length": 0.1}}, 0.4),
+        (BOWL, {"bowl": {"slip_length": 0.05}}, -0.13),
+    ],
+)
+def test_fluids_at_rest_over_walls_that_slip_stay_at_rest(shape, walls, level, water, air):
+    tank = tp.tank(shape=shape, spacing=0.125).fill(air).fill(water, box=((-2, -2), (2, level)))
+    for name, what in walls.items():
+        tank.wall(name, **what)
+    simulation = tp.Simulation(tp.Case(tank, [water, air], (0, -9.81)))
+    assert len(simulation.boundary.slides)
+    for _ in range(10):
+        simulation.step()
+        assert simulation.particles.max_speed < 1e-9
+    assert simulation.mesh.measure.sum() == pytest.approx(simulation.case.domain.area, rel=1e-13)
+
+
+def test_flow_along_a_curve_keeps_the_area_and_the_particles_on_it(water):
+    """Solid rotation in a circle: every particle keeps its radius, and the fluid its energy."""
+    tank = tp.tank(shape=CIRCLE, spacing=0.125).fill(water, velocity=lambda x: np.stack([-x[:, 1], x[:, 0]], axis=1))
+    case = tp.Case(tank.wall("rim", slip=True), [water], (0, 0))
+    rim = case.boundary.index
+    np.testing.assert_allclose(np.linalg.norm(case.particles.velocity[rim], axis=1), 1.0, rtol=1e-12)
+    simulation = tp.Simulation(case, time_step=0.01)
+    start = simulation.energy().kinetic
+    for _ in range(30):
+        simulation.step()
+    at = simulation.particles.position[simulation.boundary.index]
+    np.testing.assert_allclose(np.linalg.norm(at, axis=1), 1.0, atol=2e-3 * 0.125)
+    assert simulation.mesh.measure.sum() == pytest.approx(case.domain.area, rel=1e-13)
+    assert simulation.energy().kinetic == pytest.approx(start, rel=5e-3)
+    assert abs(simulation.history[-1]["energy_residual"]) < 2e-5 * start  # of the solver's tolerance
+
+
+def test_product_is_the_derivative_of_the_residual_on_a_curve(water):
+    """With the pressure of the wall and friction; central differences to 1e-6."""
+    tank = tp.tank(shape=BOWL, spacing=0.2, jitter=0.1).fill(water)
+    tank.wall("bowl", slip_length=0.1, velocity=0.3).wall("l", slip=True)
+    simulation = tp.Simulation(tp.Case(tank, [water], (0, -9.81)))
+    rng, state = np.random.default_rng(3), simulation.state
+    n = len(state.particles)
+    u, du = 0.01 * rng.standard_normal((2, n, 2))
+    p, dp = 1e3 * rng.standard_normal((2, n))
+    scheme, m = GeneralizedAlpha(0.5, 0.01), len(state.mesh.cells)
+    material = ElementProperties(*(np.full(m, value) for value in (1000.0, 50.0, 0.0)))
+    walls = WallStep(state.boundary, state.mesh, state.particles, material.viscosity, scheme, 0.0)
+    assert len(walls.pressed)
+    problem = FlowProblem(state.mesh, state.particles, material, scheme, np.zeros((n, 2)), 0.3, Workspace(), walls)
+    problem.residual(problem.vector(u, p))
+    problem.linearise()
+    direction = np.concatenate([walls.constrain(du) - walls.displacement, dp[:, None]], axis=1)
+    out = problem.buffers.get("test.product", problem.size)
+    problem.product(problem.buffers.upload("test.direction", direction.ravel()), out)
+    got = download(out, problem.size).reshape(direction.shape)
+    sides = []
+    for sign in (1e-5, -1e-5):
+        problem.residual(problem.vector(u + sign * du, p + sign * dp))
+        sides.append(download(problem._r, problem.size).reshape(direction.shape).copy())
+    difference = (sides[0] - sides[1]) / 2e-5
+    assert abs(difference - got)[walls.sliding].max() < 1e-6 * abs(got[walls.sliding]).max()
+    assert abs(got[walls.sliding, :2]).max() > 0
+
+
+def test_particles_slide_at_right_angles_to_the_gradient_of_the_area():
+    rng = np.random.default_rng(5)
+    angle = np.sort(rng.uniform(0, 2 * np.pi, 20))
+    x = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    pairs = np.stack([np.arange(20), np.roll(np.arange(20), -1)], axis=1)
+    tangent = chain_tangents(x, pairs, np.arange(20))
+    for i in range(20):
+        moved = [x.copy(), x.copy()]
+        for sign, one in zip((1, -1), moved, strict=True):
+            one[i] += sign * 1e-3 * tangent[i]
+        assert area_of(moved[0], pairs) == pytest.approx(area_of(moved[1], pairs), abs=1e-15)
+    moves = np.arange(20) > 3
+    back = restored(x, pairs, moves, 3.0)
+    assert area_of(back, pairs) == pytest.approx(3.0, rel=1e-14)
+    np.testing.assert_array_equal(back[~moves], x[~moves])
+
+
+def test_corners_that_turn_more_than_the_limit_end_a_curve():
+    gentle, sharp = math.radians(0.9 * SMOOTH), math.radians(1.1 * SMOOTH)
+    for angle, count in ((gentle, 1), (sharp, 2)):
+        corners = [(0, 0), (1, 0), (1 + math.cos(angle), math.sin(angle)), (1, 2), (0, 2)]
+        shape = tp.shapes.polygon(corners, names=["floor", "floor", "a", "b", "c"])
+        domain = domain_of(shape, 0.1)
+        assert len(runs_of(domain, domain.sides.index("floor"))) == count
+
+
+def test_points_are_put_on_arcs_and_on_polylines():
+    domain = domain_of(BOWL, 0.1)
+    (run,) = runs_of(domain, domain.sides.index("bowl"))
+    curve = curve_of(domain, 0, run)
+    angle = np.linspace(-math.pi + 0.1, -0.1, 50)
+    x = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    np.testing.assert_allclose(curve.project(0.99 * x), x, atol=1e-13)
+    np.testing.assert_allclose(curve.tangent(x), np.stack([-x[:, 1], x[:, 0]], axis=1), atol=1e-13)
+    flat = domain_of(
+        tp.shapes.polygon([(0, 0), (1, 0), (2, 0.1), (2, 1), (0, 1)], names=["f", "f", "r", "t", "l"]), 0.1
+    )
+    (run,) = runs_of(flat, 0)
+    np.testing.assert_allclose(
+        curve_of(flat, 0, run).project(np.array([[0.5, 0.01], [1.5, 0.05]])), [[0.5, 0], [1.5, 0.05]]
+    )
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    [
+        ({"side": "floor", "slip": True}, "must be one of the sides of the shape"),
+        ({"side": "bowl", "motion": lambda t: 0.0}, "cannot move along its normal"),
+        ({"side": "bowl", "velocity": (1.0, 0.0)}, "is not along the wall"),
+        ({"side": "bowl", "law": "layer"}, "a wall with a law is one straight side"),
+    ],
+)
+def test_walls_that_do_not_fit_are_refused(what, message, water):
+    tank = tp.tank(shape=BOWL, spacing=0.2).fill(water)
+    with pytest.raises(ValueError, match=message):
+        tp.Case(tank, [water], (0, -9.81), walls=[tp.Wall("here", **what)])
