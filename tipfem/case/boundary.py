@@ -461,6 +461,67 @@ class Boundary:
         self._assign()
         return self
 
+    def edges(self, particles: Particles, time: float) -> Array | None:
+        """The edges of the mesh along the boundary.
+
+        Args:
+            particles: the state; which of them are on which side must be as here.
+            time: [s].
+
+        Returns:
+            (E, 2) numbers of particles, with the fluid on the left; None without a domain.
+        """
+        if self.domain is None:
+            return None
+        if not self.active:
+            return self.domain.edges_of(particles)
+        y = self.pose(time, 1e-6).origin(particles.position[self.index])
+        pairs = []
+        on_curves = np.array([edge for curve in self.curves for edge in curve.edges], dtype=np.int64)
+        for side in np.setdiff1d(np.arange(len(self.domain)), on_curves).tolist():
+            row = np.flatnonzero(self.on_side[:, side])
+            row = row[np.argsort((y[row] - self.domain.start[side]) @ self.domain.direction[side])]
+            pairs.append(np.stack([row[:-1], row[1:]], axis=1))
+        for k, curve in enumerate(self.curves):
+            row = np.flatnonzero(self.on_curve == k)
+            if not curve.closed:
+                ends = np.stack([curve.start[0], curve.end[-1]])
+                first, last = np.linalg.norm(y[:, None] - ends, axis=2).argmin(axis=0)
+                row = np.concatenate([[first], row[np.argsort(curve.along(y[row]))], [last]])
+            else:
+                row = row[np.argsort(curve.along(y[row]))]
+                row = np.append(row, row[0])
+            pairs.append(np.stack([row[:-1], row[1:]], axis=1))
+        return np.asarray(self.index[np.concatenate(pairs)])
+
+    def stopped(self, particles: Particles, loose: Array, time: float) -> Particles:
+        """The particles, with loose ones that have passed a wall of the domain put back in front of it.
+
+        Args:
+            particles: the state.
+            loose: (N,) mask of the particles in free flight.
+            time: [s].
+        """
+        if self.domain is None or not loose.any():
+            return particles
+        pose, index = self.pose(time, 1e-6), np.flatnonzero(loose)
+        y = pose.origin(particles.position[index])
+        out = np.flatnonzero(~self.domain.contains(y))
+        if not len(out):
+            return particles
+        distance, part = self.domain.distances(y[out])
+        edge = np.argmin(distance, axis=1)
+        foot = (
+            self.domain.start[edge]
+            + part[np.arange(len(out)), edge, None] * (self.domain.end - self.domain.start)[edge]
+        )
+        normal = self.domain.normal[edge] @ pose.rotation.T
+        position, velocity = particles.position.copy(), particles.velocity.copy()
+        position[index[out]] = pose.place(foot) + OFF_WALL * particles.spacing * normal
+        relative = velocity[index[out]] - pose.rigid_velocity(position[index[out]])
+        velocity[index[out]] -= np.minimum((relative * normal).sum(axis=1), 0.0)[:, None] * normal
+        return particles.shallow_copy(position=position, velocity=velocity)
+
     def held(self, y: Array, displacement: Array) -> Array:
         """Project the wall particles onto their sides.
 
@@ -515,6 +576,8 @@ def _smooth_joints(domain: Domain, on_side: Array) -> Array:
     return np.asarray(joint.any(axis=1))
 
 
+# Distance from a wall of a particle that has flown through it [spacings].
+OFF_WALL = 0.05
 # After remeshing, a wall particle is on a side if it is closer to its line than this [spacings]: new positions on the
 # line have round-off.
 ON_SIDE = 1e-5

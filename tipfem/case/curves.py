@@ -64,6 +64,12 @@ class Curve:
             on_arc = centre + off * (radius / length)[:, None]
         return np.asarray(np.where(np.isfinite(on_arc), on_arc, straight))
 
+    def along(self, y: Array) -> Array:
+        """Places (K,) of points (K, 2) along the curve, in edges."""
+        _, edge = self.nearest(y)
+        start, side = self.start[edge], (self.end - self.start)[edge]
+        return np.asarray(edge + np.clip(((y - start) * side).sum(axis=1) / (side**2).sum(axis=1), 0.0, 1.0))
+
     def tangent(self, y: Array) -> Array:
         """Unit vectors (K, 2) along the curve at points (K, 2) of it, in the direction of its edges."""
         _, edge = self.nearest(y)

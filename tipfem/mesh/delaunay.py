@@ -101,12 +101,8 @@ def triangulate(position: Array, wall: Array, spacing: float, boundary: Array | 
     Raises:
         TriangulationError: Qhull failed or left out a particle, or a flat simplex has a particle off the walls.
     """
-    cells, measure, neighbours = delaunay(position, spacing)
-    flat = (measure < SLIVER) & wall[cells].all(axis=1)
-    if boundary is not None:
-        kept = cells_inside(position, cells, neighbours, boundary, flat)
-        cells, measure = cells[kept], np.abs(simplex_measure(position, cells[kept])) / spacing**2
-        flat = measure < 0
+    cells, measure, _ = delaunay(position, spacing) if boundary is None else inside(position, wall, spacing, boundary)
+    flat = (measure < SLIVER) & wall[cells].all(axis=1) & (boundary is None)
     cells = cells[~flat]
     if (measure[~flat] <= 1e-14).any():
         i = int(cells[np.argmin(measure[~flat])].max())
@@ -118,6 +114,27 @@ def triangulate(position: Array, wall: Array, spacing: float, boundary: Array | 
         raise TriangulationError(f"particle {i} at {position[i].tolist()} is in no simplex of the mesh")
     # Sorted, neighbouring cells are close in memory, which halves the time of loops over them.
     return Mesh(position, cells[np.argsort(cells.min(axis=1), kind="stable")])
+
+
+def inside(position: Array, wall: Array, spacing: float, boundary: Array) -> tuple[Array, Array, Array]:
+    """The triangles inside a boundary, Delaunay but for its edges, as `delaunay` returns all.
+
+    Args:
+        position: (N, 2) [m].
+        wall: (N,) mask of the wall particles.
+        spacing: h [m], the unit of the measures returned.
+        boundary: (E, 2) its edges, with the inside on their left.
+
+    Raises:
+        TriangulationError: Qhull failed, or an edge cannot be recovered.
+    """
+    cells, measure, neighbours = delaunay(position, spacing, wall)
+    flat = (measure < SLIVER) & wall[cells].all(axis=1)
+    kept = cells_inside(position, cells, neighbours, boundary, flat)
+    number = np.full(len(cells) + 1, -1, dtype=neighbours.dtype)  # the last one is for -1, beyond the hull
+    number[kept] = np.arange(len(kept))
+    cells = np.ascontiguousarray(cells[kept])
+    return cells, simplex_measure(position, cells) / spacing**2, number[neighbours[kept]]
 
 
 def wall_fluid(mesh: Mesh, fluid: Array, wall: Array) -> Array:

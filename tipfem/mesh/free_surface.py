@@ -16,7 +16,7 @@ import numpy as np
 from tipfem.case.numerics import SurfaceRule
 from tipfem.case.particles import Particles
 from tipfem.mesh.alpha_shape import Shapes, covered, hanging
-from tipfem.mesh.delaunay import SLIVER, delaunay
+from tipfem.mesh.delaunay import SLIVER, delaunay, inside
 from tipfem.mesh.mesh import Mesh, Surface
 from tipfem.typing import Array
 
@@ -35,11 +35,12 @@ class SurfaceMesher:
     def __init__(self, rule: SurfaceRule, filled: Callable[[Array], Array] | None = None) -> None:
         self.rule, self.filled = rule, filled
 
-    def start(self, particles: Particles) -> Mesh:
+    def start(self, particles: Particles, boundary: Array | None = None) -> Mesh:
         """The first mesh; replaces the fluid -1 of dry wall particles in place.
 
         Args:
             particles: the initial state.
+            boundary: (E, 2) the edges that bound the domain, with the inside on their left; None for the convex hull.
 
         Raises:
             TriangulationError: the particles cannot be triangulated.
@@ -47,7 +48,7 @@ class SurfaceMesher:
         x, wall, rule = particles.position, particles.wall, self.rule
         dry = particles.fluid < 0
         particles.fluid = np.where(dry, 0, particles.fluid).astype(np.int32)
-        cells, measure, neighbours = delaunay(x, particles.spacing)
+        cells, measure, neighbours = _triangles(particles, boundary)
         may = (measure > FLAT) & ~dry[cells].any(axis=1)
         candidate = np.flatnonzero(may & ~wall[cells].all(axis=1))
         shapes = Shapes.of(x, cells[candidate], particles.spacing)
@@ -60,19 +61,20 @@ class SurfaceMesher:
         mesh = self._finish(x, wall, cells, measure, neighbours, keep, particles.spacing, may, start=True)
         return _with_volume(mesh, np.full(len(x), particles.spacing ** x.shape[1]))
 
-    def remesh(self, particles: Particles, before: Mesh, relocated: Array) -> Mesh:
+    def remesh(self, particles: Particles, before: Mesh, relocated: Array, boundary: Array | None = None) -> Mesh:
         """The mesh after a step.
 
         Args:
             particles: the state.
             before: the mesh of the step, at the particles' positions after the step.
             relocated: (N,) mask of the particles that were relocated since.
+            boundary: see `start`.
 
         Raises:
             TriangulationError: the particles cannot be triangulated.
         """
         x, wall, h = particles.position, particles.wall, particles.spacing
-        cells, measure, neighbours = delaunay(x, h, wall)
+        cells, measure, neighbours = _triangles(particles, boundary, wall)
         old = before.surface
         used = before.used
         below = used & ~old.front & ~relocated
@@ -172,6 +174,13 @@ class SurfaceMesher:
         zero = np.zeros(len(position))
         surface = Surface(front & used, ~used, ~used & ~wall, zero, zero)
         return Mesh(position, mesh.cells, surface=surface)
+
+
+def _triangles(particles: Particles, boundary: Array | None, wall: Array | None = None) -> tuple[Array, Array, Array]:
+    """Simplices, measures and neighbours of all particles inside a boundary; without one as `delaunay`."""
+    if boundary is None:
+        return delaunay(particles.position, particles.spacing, wall)
+    return inside(particles.position, particles.wall, particles.spacing, boundary)
 
 
 def _beside(keep: Array, neighbours: Array) -> Array:

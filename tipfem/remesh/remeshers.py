@@ -17,7 +17,6 @@ import numpy as np
 from tipfem.backend.launch import launch
 from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
-from tipfem.case.domain import Domain
 from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import FittedRule, RelocationRule
@@ -115,8 +114,13 @@ class Remesher(ABC):
 class Mesher(Protocol):
     """Makes Delaunay meshes of particles."""
 
-    def start(self, particles: Particles) -> Mesh:
-        """The first mesh; see `Remesher.start` for errors."""
+    def start(self, particles: Particles, edges: Array | None = None) -> Mesh:
+        """The first mesh; see `Remesher.start` for errors.
+
+        Args:
+            particles: the initial ones.
+            edges: (E, 2) the particles along the boundary of the domain, see `Boundary.edges`.
+        """
 
     def remesh(self, solved: Solved, particles: Particles, moves: Array) -> tuple[Mesh, bool]:
         """The mesh after a step, and whether it was triangulated anew although the last could have been repaired.
@@ -139,15 +143,18 @@ class TankMesher:
     def __init__(self, *, repairs: bool) -> None:
         self.repairs = repairs
 
-    def start(self, particles: Particles) -> Mesh:
+    def start(self, particles: Particles, edges: Array | None = None) -> Mesh:
         """See `Mesher.start`."""
-        return triangulate(particles.position, particles.wall, particles.spacing)
+        return triangulate(particles.position, particles.wall, particles.spacing, edges)
 
     def remesh(self, solved: Solved, particles: Particles, moves: Array) -> tuple[Mesh, bool]:
         """See `Mesher.remesh`."""
         old, moved = solved.before.mesh, solved.particles.position
         found = repaired(old, moved, particles.position, moves) if self.repairs else None
-        return found or triangulate(particles.position, particles.wall, particles.spacing), found is None
+        if found:
+            return found, False
+        edges = solved.before.boundary.edges(particles, solved.time)
+        return triangulate(particles.position, particles.wall, particles.spacing, edges), True
 
 
 class FreeSurfaceMesher:
@@ -160,14 +167,15 @@ class FreeSurfaceMesher:
     def __init__(self, mesher: SurfaceMesher) -> None:
         self.mesher = mesher
 
-    def start(self, particles: Particles) -> Mesh:
+    def start(self, particles: Particles, edges: Array | None = None) -> Mesh:
         """See `Mesher.start`."""
-        return self.mesher.start(particles)
+        return self.mesher.start(particles, edges)
 
     def remesh(self, solved: Solved, particles: Particles, moves: Array) -> tuple[Mesh, bool]:
         """See `Mesher.remesh`; nothing is repaired here."""
         relocated = (particles.position != solved.particles.position).any(axis=1)
-        return self.mesher.remesh(particles, solved.mesh, relocated), False
+        edges = solved.before.boundary.edges(particles, solved.time)
+        return self.mesher.remesh(particles, solved.mesh, relocated, edges), False
 
 
 class DelaunayRemesher(Remesher):
@@ -204,7 +212,7 @@ class DelaunayRemesher(Remesher):
 
     def start(self, particles: Particles, boundary: Boundary, reference: int) -> State:
         """See `Remesher.start`."""
-        mesh = self.mesher.start(particles)
+        mesh = self.mesher.start(particles, boundary.edges(particles, 0.0))
         particles = self._labelled(particles, mesh)
         nowhere = np.zeros(len(particles), dtype=bool)
         return self._state(
@@ -225,7 +233,8 @@ class DelaunayRemesher(Remesher):
         before, walls = solved.before, solved.walls
         start = kept_inside(solved.particles) if before.mesh.surface.exists else solved.particles
         with timer("relocation"):
-            particles, moves = relocate(start, before.mesh, self.rule)
+            stopped = before.boundary.stopped(start, before.mesh.surface.loose, solved.time)
+            particles, moves = relocate(stopped, before.mesh, self.rule)
             particles, of_walls = walls.space(particles, before.mesh.surface)
         with timer("triangulation"):
             mesh, rebuilt = self.mesher.remesh(solved, particles, moves)
@@ -316,7 +325,6 @@ class FittedRemesher(Remesher):
         keep: whether every remeshing restores the volumes that the fluids started with, or only those before that
             remeshing.
         grading: of the target spacings; None for the same spacing everywhere and a constant number of particles.
-        domain: that bounds the fluids; None for the convex hull.
     """
 
     interface = SharpInterface()
@@ -330,10 +338,9 @@ class FittedRemesher(Remesher):
         walls_have_fluids: bool,
         keep: bool,
         grading: Grading | None = None,
-        domain: Domain | None = None,
     ) -> None:
         super().__init__(fluids)
-        self.rule, self.domain = rule, domain
+        self.rule = rule
         self._names = [f.name for f in fluids]
         self._keep, self._walls_have_fluids, self._grading = keep, walls_have_fluids, grading
 
@@ -346,12 +353,11 @@ class FittedRemesher(Remesher):
             walls_have_fluids=case.walls_have_fluids,
             keep=case.numerics.volume_correction > 0,
             grading=case.grading,
-            domain=case.domain,
         )
 
     def start(self, particles: Particles, boundary: Boundary, reference: int) -> State:
         """See `Remesher.start`; a triangle belongs to the lightest fluid among its particles'."""
-        edges = None if self.domain is None else self.domain.edges_of(particles)
+        edges = boundary.edges(particles, 0.0)
         mesh = triangulate(particles.position, particles.wall, particles.spacing, edges)
         if not self._walls_have_fluids:
             particles = particles.shallow_copy(fluid=wall_fluid(mesh, particles.fluid, particles.wall))
