@@ -442,7 +442,8 @@ class Boundary:
                 if not curve.closed:
                     ends = np.stack([curve.start[0], curve.end[-1]])
                     at_end |= (np.linalg.norm(self._y[:, None] - ends, axis=2) < slack).any(axis=1)
-            rows = np.flatnonzero(~straight & ~at_end)
+            near = distance[:, on_curves].min(axis=1) < NEAR_CURVE * particles.spacing
+            rows = np.flatnonzero(~straight & ~at_end & near)
             self.on_side[rows] = False
             self.on_side[rows, nearest[rows]] = True
         self.normal, self.side = _frames(self.side_normal, self.on_side)
@@ -576,6 +577,8 @@ def _smooth_joints(domain: Domain, on_side: Array) -> Array:
     return np.asarray(joint.any(axis=1))
 
 
+# A wall particle off all straight walls is on a curve if it is closer to it than this [spacings]; others are of bodies.
+NEAR_CURVE = 0.5
 # Distance from a wall of a particle that has flown through it [spacings].
 OFF_WALL = 0.05
 # After remeshing, a wall particle is on a side if it is closer to its line than this [spacings]: new positions on the

@@ -231,7 +231,8 @@ class DelaunayRemesher(Remesher):
     def remesh(self, solved: Solved) -> State:
         """See `Remesher.remesh`."""
         before, walls = solved.before, solved.walls
-        start = kept_inside(solved.particles) if before.mesh.surface.exists else solved.particles
+        convex = before.boundary.domain is None
+        start = kept_inside(solved.particles) if convex and before.mesh.surface.exists else solved.particles
         with timer("relocation"):
             stopped = before.boundary.stopped(start, before.mesh.surface.loose, solved.time)
             particles, moves = relocate(stopped, before.mesh, self.rule)
