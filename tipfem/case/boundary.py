@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import copy
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from tipfem.arguments import is_number, numbers
-from tipfem.case.curves import Curve, curve_of, runs_of
+from tipfem.arguments import numbers
+from tipfem.case.curves import Curve
 from tipfem.case.domain import Domain
 from tipfem.case.particles import Particles
 from tipfem.case.walls import Motion, Pose, Wall, rates
@@ -36,9 +36,10 @@ class Boundary:
         walls: all walls that slip, slide or move.
         motion: rigid motion of the whole tank, or None.
         closed: whether the fluids fill the tank, so that moving walls must keep its volume.
-        domain: that bounds the fluids, in 2-D; None for the convex hull of the particles.
 
     Attributes:
+        domain: that bounds the fluids, of a `tipfem.case.domain_boundary.DomainBoundary`; None for the convex hull of
+            the particles.
         active: whether any wall slips, slides or moves.
         index: (W,) the wall particles.
         normal: (W, d, d) for each wall particle a matrix whose rows are the normals of its sides; unused rows are zero.
@@ -62,6 +63,11 @@ class Boundary:
             its volume; or a function of time returns an invalid value.
     """
 
+    domain: Domain | None = None
+    on_curve: Array
+    tangent: Array
+    curvature: Array
+
     def __init__(
         self,
         particles: Particles,
@@ -69,9 +75,7 @@ class Boundary:
         motion: Motion | None,
         *,
         closed: bool = True,
-        domain: Domain | None = None,
     ) -> None:
-        self.domain = domain
         self.curves: list[Curve] = []
         self.walls, self.motion, self.dimension, self.closed = tuple(walls), motion, particles.dimension, closed
         self.active = bool(self.walls) or motion is not None
@@ -90,10 +94,7 @@ class Boundary:
             raise ValueError(f"Case: walls are named {names}; every wall needs a name of its own")
         self._y = particles.position[self.index]
         self._h = particles.spacing
-        if domain is None:
-            self._find_sides(particles)
-        else:
-            self._find_sides_of(domain)
+        self._find_sides(particles)
         self.members = [
             (number, *part) for number, wall in enumerate(self.walls) for part in self._parts(number, wall, particles)
         ]
@@ -137,56 +138,14 @@ class Boundary:
                     break
         self.inverse = np.linalg.pinv(self.normal, rcond=1e-9)
 
-    def _find_sides_of(self, domain: Domain) -> None:
-        """The edges of a domain as sides, and the wall particles on each of them."""
-        self.side_normal, self.offset = domain.normal, (domain.normal * domain.start).sum(axis=1)
-        self.on_side = domain.on_edges(self._y, ON_LINE * self._h)
-        self.normal, self.side = _frames(self.side_normal, self.on_side)
-        self.inverse = np.linalg.pinv(self.normal, rcond=1e-9)
-        self.on_curve = np.full(len(self.index), -1)
-        self.smooth = _smooth_joints(domain, self.on_side)
-
     def _parts(self, number: int, wall: Wall, particles: Particles) -> list[tuple[int, Array]]:
-        """The straight parts of a wall, see `members`; its curves are added to `curves`."""
-        here = f"Case: wall {wall.name!r}"
-        if self.domain is not None and wall.motion is not None:
-            raise ValueError(f"{here}: motion is given; a wall of a tank with a shape cannot move along its normal")
-        if wall.side is None:
-            return [self._members(wall, particles)]
-        if self.domain is None or wall.side not in self.domain.sides:
-            known = [] if self.domain is None else self.domain.sides
-            raise ValueError(f"{here}: side is {wall.side!r}; it must be one of the sides of the shape, {known}")
-        parts: list[Array] = []
-        before = len(self.curves)
-        for run in runs_of(self.domain, self.domain.sides.index(wall.side)):
-            if wall.slips and len(run) > 1:
-                self.curves.append(curve_of(self.domain, number, run))
-                self._put_on_curve(len(self.curves) - 1)
-            else:
-                parts += [run[k : k + 1] for k in range(len(run))]
-        if wall.law == "layer" and (len(parts) > 1 or len(self.curves) > before):
+        """The straight parts of a wall: side and particles, see `members`."""
+        del number
+        if wall.side is not None:
             raise ValueError(
-                f"{here}: law is {wall.law!r}; a wall with a law is one straight side: name each side of the shape"
+                f"Case: wall {wall.name!r}: side is {wall.side!r}; only a tank with a shape has named sides"
             )
-        result = []
-        for (side,) in parts:
-            found = np.flatnonzero(self.on_side[:, side])
-            result.append((int(side), found[np.argsort(self._y[found] @ self._tangent(side))]))
-        return result
-
-    def _put_on_curve(self, number: int) -> None:
-        """Let the particles on a curve, except at its ends, slide along it."""
-        curve = self.curves[number]
-        on = self.on_side[:, curve.edges].any(axis=1)
-        if not curve.closed:
-            ends = np.stack([curve.start[0], curve.end[-1]])
-            on &= (np.linalg.norm(self._y[:, None] - ends, axis=2) > ON_SIDE * self._h).all(axis=1)
-        rows = np.flatnonzero(on)
-        tangent = curve.tangent(self._y[rows])
-        self.on_curve[rows] = number
-        self.normal[rows] = 0.0
-        self.normal[rows, 0] = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
-        self.inverse[rows] = np.linalg.pinv(self.normal[rows], rcond=1e-9)
+        return [self._members(wall, particles)]
 
     def _members(self, wall: Wall, particles: Particles) -> tuple[int, Array]:
         """The side of a wall, and its particles as positions in `index`, in order along the wall in 2-D."""
@@ -264,40 +223,22 @@ class Boundary:
         self.free = np.where(free[:, None, None], unit - self.inverse @ self.normal, 0.0)
         self.slides = np.flatnonzero(np.abs(self.free).max(axis=(1, 2)) > 1e-9)
         self.sliding = np.where(self.normal[:, 1].any(axis=1), -1, owner.max(axis=1))
-        if self.domain is not None:
-            self._turn()
+        self._turn()
         self.still[self.index[self.slides]] = self.stays[self.index[self.slides]] = False
         if d == 2:
             self._find_pieces(pinned, slips, owner)
 
     def _turn(self) -> None:
-        """Let the corners of arcs turn with their walls, and find the direction in which each particle's wall slides.
+        """Let the corners of arcs turn with their walls; there are none here."""
 
-        Sets `tangent` (W, 2), anticlockwise about what the outline encloses, and `curvature` (W, 2), the vector to the
-        centre of its arc over the square of the radius [1/m].
-        """
-        assert self.domain is not None
-        edge = np.argmax(self.on_side, axis=1)
-        wall = np.full(len(self.domain), -1)
-        for number, side, _ in self.members:
-            if is_number(self.walls[number].velocity) or callable(self.walls[number].velocity):
-                wall[side] = number
-        turns = self.smooth & (self.on_curve < 0) & (wall[edge] >= 0)
-        self.sliding = np.where(turns, wall[edge], self.sliding)
-        off = np.nan_to_num(self._y - self.domain.centre[edge])
-        square = np.where(off.any(axis=1), (off**2).sum(axis=1), 1.0)
-        sign = np.where(self.domain.loop[edge] == 0, 1.0, -1.0)[:, None]
-        self.tangent = sign * self.domain.tangents(self._y, edge)
-        self.curvature = -off / square[:, None]
+    def _sides_with_rows(self) -> Iterable[int]:
+        """The sides along which particles may be kept evenly spaced."""
+        return range(len(self.offset))
 
     def _find_pieces(self, pinned: Array, slips: Array, owner: Array) -> None:
         """Find the rows between pinned particles that slip or slide, or whose length a moving wall changes."""
         slide = np.array([wall.velocity is not None for wall in self.walls] + [False])
-        sides = range(len(self.offset))
-        if self.domain is not None:  # of its many edges, those of walls that slip or slide, and long ones, have rows
-            on_curves = [edge for curve in self.curves for edge in curve.edges]
-            sides = np.setdiff1d([side for _, side, _ in self.members], on_curves).tolist()
-        for side in sides:
+        for side in self._sides_with_rows():
             row = np.flatnonzero(self.on_side[:, side])
             row = row[np.argsort(self._y[row] @ self._tangent(side))]
             stops = np.flatnonzero(pinned[row])
@@ -405,11 +346,9 @@ class Boundary:
         new = copy.copy(self)
         new.index = np.flatnonzero(particles.wall)
         new._y = pose.origin(particles.position[new.index])
-        if self.domain is not None:
-            return new._reassigned_on(self.domain, particles)
         heights = new._y @ self.side_normal.T - (self.offset + displacement)
         new.on_side = np.abs(heights) < ON_SIDE * particles.spacing
-        new.normal, new.side = _frames(self.side_normal, new.on_side)
+        new.normal, new.side = frames(self.side_normal, new.on_side)
         new.inverse = np.linalg.pinv(new.normal, rcond=1e-9)
         new.members = []
         for number, side, old in self.members:
@@ -425,75 +364,15 @@ class Boundary:
         new._assign()
         return new
 
-    def _reassigned_on(self, domain: Domain, particles: Particles) -> Boundary:
-        """This boundary with its particles on the edges of a domain; see `reassigned`."""
-        slack, old = ON_SIDE * particles.spacing, self.members
-        distance = domain.distances(self._y)[0]
-        self.on_side = distance < slack
-        on_curves = np.array([edge for curve in self.curves for edge in curve.edges], dtype=np.int64)
-        curved = np.zeros(len(domain), dtype=bool)
-        curved[on_curves] = True
-        # Particles on a curve are near its edges, not on them; those at its ends are in a corner.
-        straight = self.on_side[:, ~curved].any(axis=1)
-        if len(on_curves):
-            nearest = on_curves[np.argmin(distance[:, on_curves], axis=1)]
-            at_end = np.zeros(len(self._y), dtype=bool)
-            for curve in self.curves:
-                if not curve.closed:
-                    ends = np.stack([curve.start[0], curve.end[-1]])
-                    at_end |= (np.linalg.norm(self._y[:, None] - ends, axis=2) < slack).any(axis=1)
-            near = distance[:, on_curves].min(axis=1) < NEAR_CURVE * particles.spacing
-            rows = np.flatnonzero(~straight & ~at_end & near)
-            self.on_side[rows] = False
-            self.on_side[rows, nearest[rows]] = True
-        self.normal, self.side = _frames(self.side_normal, self.on_side)
-        self.inverse = np.linalg.pinv(self.normal, rcond=1e-9)
-        self.on_curve = np.full(len(self.index), -1)
-        self.smooth = _smooth_joints(domain, self.on_side)
-        for k in range(len(self.curves)):
-            self._put_on_curve(k)
-        self.members = []
-        for number, side, _ in old:
-            found = np.flatnonzero(self.on_side[:, side])
-            along = self._y[found] @ self._tangent(side)
-            self.members.append((number, side, found[np.argsort(along)]))
-        self.pieces = []
-        self.still, self.stays = particles.wall.copy(), particles.wall.copy()
-        self._assign()
-        return self
-
     def edges(self, particles: Particles, time: float) -> Array | None:
-        """The edges of the mesh along the boundary.
+        """The edges (E, 2) of a mesh along the boundary, with the fluid on their left; None for the convex hull.
 
         Args:
             particles: the state; which of them are on which side must be as here.
             time: [s].
-
-        Returns:
-            (E, 2) numbers of particles, with the fluid on the left; None without a domain.
         """
-        if self.domain is None:
-            return None
-        if not self.active:
-            return self.domain.edges_of(particles)
-        y = self.pose(time, 1e-6).origin(particles.position[self.index])
-        pairs = []
-        on_curves = np.array([edge for curve in self.curves for edge in curve.edges], dtype=np.int64)
-        for side in np.setdiff1d(np.arange(len(self.domain)), on_curves).tolist():
-            row = np.flatnonzero(self.on_side[:, side])
-            row = row[np.argsort((y[row] - self.domain.start[side]) @ self.domain.direction[side])]
-            pairs.append(np.stack([row[:-1], row[1:]], axis=1))
-        for k, curve in enumerate(self.curves):
-            row = np.flatnonzero(self.on_curve == k)
-            if not curve.closed:
-                ends = np.stack([curve.start[0], curve.end[-1]])
-                first, last = np.linalg.norm(y[:, None] - ends, axis=2).argmin(axis=0)
-                row = np.concatenate([[first], row[np.argsort(curve.along(y[row]))], [last]])
-            else:
-                row = row[np.argsort(curve.along(y[row]))]
-                row = np.append(row, row[0])
-            pairs.append(np.stack([row[:-1], row[1:]], axis=1))
-        return np.asarray(self.index[np.concatenate(pairs)])
+        del particles, time
+        return None
 
     def stopped(self, particles: Particles, loose: Array, time: float) -> Particles:
         """The particles, with loose ones that have passed a wall of the domain put back in front of it.
@@ -503,25 +382,8 @@ class Boundary:
             loose: (N,) mask of the particles in free flight.
             time: [s].
         """
-        if self.domain is None or not loose.any():
-            return particles
-        pose, index = self.pose(time, 1e-6), np.flatnonzero(loose)
-        y = pose.origin(particles.position[index])
-        out = np.flatnonzero(~self.domain.contains(y))
-        if not len(out):
-            return particles
-        distance, part = self.domain.distances(y[out])
-        edge = np.argmin(distance, axis=1)
-        foot = (
-            self.domain.start[edge]
-            + part[np.arange(len(out)), edge, None] * (self.domain.end - self.domain.start)[edge]
-        )
-        normal = self.domain.normal[edge] @ pose.rotation.T
-        position, velocity = particles.position.copy(), particles.velocity.copy()
-        position[index[out]] = pose.place(foot) + OFF_WALL * particles.spacing * normal
-        relative = velocity[index[out]] - pose.rigid_velocity(position[index[out]])
-        velocity[index[out]] -= np.minimum((relative * normal).sum(axis=1), 0.0)[:, None] * normal
-        return particles.shallow_copy(position=position, velocity=velocity)
+        del loose, time
+        return particles
 
     def held(self, y: Array, displacement: Array) -> Array:
         """Project the wall particles onto their sides.
@@ -553,8 +415,6 @@ class Boundary:
 
     def _volume_at(self, time: float) -> float:
         displacement = np.array([0.0 if m < 0 else float(self.walls[m].displacement(time)) for m in self.mover])
-        if self.domain is not None:
-            return self.domain.area
         corner = self.normal[:, -1].any(axis=1)
         return float(ConvexHull(self.held(self._y, displacement)[corner]).volume)
 
@@ -570,23 +430,12 @@ class Boundary:
         )
 
 
-def _smooth_joints(domain: Domain, on_side: Array) -> Array:
-    """Mask (W,) of the particles at corners between two edges of one arc, from those on each side (W, S)."""
-    before = np.argsort(domain.following)  # the edge that ends where each begins
-    joint = on_side & on_side[:, before] & ((domain.curve >= 0) & (domain.curve == domain.curve[before]))
-    return np.asarray(joint.any(axis=1))
-
-
-# A wall particle off all straight walls is on a curve if it is closer to it than this [spacings]; others are of bodies.
-NEAR_CURVE = 0.5
-# Distance from a wall of a particle that has flown through it [spacings].
-OFF_WALL = 0.05
 # After remeshing, a wall particle is on a side if it is closer to its line than this [spacings]: new positions on the
 # line have round-off.
 ON_SIDE = 1e-5
 
 
-def _frames(normals: Array, on_side: Array) -> tuple[Array, Array]:
+def frames(normals: Array, on_side: Array) -> tuple[Array, Array]:
     """Normals (W, 2, 2) and numbers (W, 2) of the first two sides of each wall particle that are not parallel."""
     rows = np.arange(len(on_side))
     first = np.argmax(on_side, axis=1)

@@ -11,6 +11,7 @@ from tipfem.arguments import numbers
 from tipfem.case.body import Body
 from tipfem.case.boundary import Boundary
 from tipfem.case.domain import Domain, around_bodies
+from tipfem.case.domain_boundary import DomainBoundary
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import Numerics
@@ -122,7 +123,11 @@ class Case:
         if self.bodies and self.domain is None:
             self.domain = around_bodies(particles.position, [body.corners for body in self.bodies])
         self._check_particles(particles)
-        self.boundary = Boundary(particles, self.walls, self.tank_motion, closed=self.closed, domain=self.domain)
+        self.boundary = (
+            Boundary(particles, self.walls, self.tank_motion, closed=self.closed)
+            if self.domain is None
+            else DomainBoundary(particles, self.walls, self.tank_motion, self.domain, closed=self.closed)
+        )
         if self.tank is not None:
             self.tank.seal()
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -28,8 +28,8 @@ from tipfem.mesh.free_surface import SurfaceMesher, loose_volumes
 from tipfem.mesh.interface import InterfaceRule, InterpolatedInterface, SharpInterface
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh import drops
-from tipfem.remesh.delaunay_repair import repaired
 from tipfem.remesh.fitted import hull_corners, particle_fluid, repair, with_fluids
+from tipfem.remesh.meshers import FreeSurfaceMesher, Mesher, TankMesher
 from tipfem.remesh.momentum_transfer import nodal_density, transfer_momentum
 from tipfem.remesh.relocation import relocate
 from tipfem.remesh.sizing import limit_gradation
@@ -109,73 +109,6 @@ class Remesher(ABC):
             mass = mass + self.density[particles.fluid] * mesh.surface.volume
         others = {"start_volume": volume, "grid_box": np.full((2, mesh.dimension), np.nan), **others}
         return State(particles=particles, mesh=mesh, material=material, mass=mass, volume=volume, **others)
-
-
-class Mesher(Protocol):
-    """Makes Delaunay meshes of particles."""
-
-    def start(self, particles: Particles, edges: Array | None = None) -> Mesh:
-        """The first mesh; see `Remesher.start` for errors.
-
-        Args:
-            particles: the initial ones.
-            edges: (E, 2) the particles along the boundary of the domain, see `Boundary.edges`.
-        """
-
-    def remesh(self, solved: Solved, particles: Particles, moves: Array) -> tuple[Mesh, bool]:
-        """The mesh after a step, and whether it was triangulated anew although the last could have been repaired.
-
-        Args:
-            solved: the step.
-            particles: those of the step after relocation.
-            moves: (K, 3) the moves of relocation; see `relocate`.
-        """
-
-
-class TankMesher:
-    """Meshes of the whole tank, where walls surround the fluids.
-
-    Args:
-        repairs: whether the last mesh is repaired where possible (see `delaunay_repair`), in 2-D only; otherwise Qhull
-            makes every mesh.
-    """
-
-    def __init__(self, *, repairs: bool) -> None:
-        self.repairs = repairs
-
-    def start(self, particles: Particles, edges: Array | None = None) -> Mesh:
-        """See `Mesher.start`."""
-        return triangulate(particles.position, particles.wall, particles.spacing, edges)
-
-    def remesh(self, solved: Solved, particles: Particles, moves: Array) -> tuple[Mesh, bool]:
-        """See `Mesher.remesh`."""
-        old, moved = solved.before.mesh, solved.particles.position
-        found = repaired(old, moved, particles.position, moves) if self.repairs else None
-        if found:
-            return found, False
-        edges = solved.before.boundary.edges(particles, solved.time)
-        return triangulate(particles.position, particles.wall, particles.spacing, edges), True
-
-
-class FreeSurfaceMesher:
-    """Meshes of the fluids below a free surface.
-
-    Args:
-        mesher: finds the free surface.
-    """
-
-    def __init__(self, mesher: SurfaceMesher) -> None:
-        self.mesher = mesher
-
-    def start(self, particles: Particles, edges: Array | None = None) -> Mesh:
-        """See `Mesher.start`."""
-        return self.mesher.start(particles, edges)
-
-    def remesh(self, solved: Solved, particles: Particles, moves: Array) -> tuple[Mesh, bool]:
-        """See `Mesher.remesh`; nothing is repaired here."""
-        relocated = (particles.position != solved.particles.position).any(axis=1)
-        edges = solved.before.boundary.edges(particles, solved.time)
-        return self.mesher.remesh(particles, solved.mesh, relocated, edges), False
 
 
 class DelaunayRemesher(Remesher):

@@ -1,0 +1,80 @@
+"""Meshers: Delaunay meshes of the whole tank, or of the fluids below a free surface."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from tipfem.case.particles import Particles
+from tipfem.mesh.delaunay import triangulate
+from tipfem.mesh.free_surface import SurfaceMesher
+from tipfem.mesh.mesh import Mesh
+from tipfem.remesh.delaunay_repair import repaired
+from tipfem.state import Solved
+from tipfem.typing import Array
+
+
+class Mesher(Protocol):
+    """Makes Delaunay meshes of particles."""
+
+    def start(self, particles: Particles, edges: Array | None = None) -> Mesh:
+        """The first mesh; see `Remesher.start` for errors.
+
+        Args:
+            particles: the initial ones.
+            edges: (E, 2) the particles along the boundary of the domain, see `Boundary.edges`.
+        """
+
+    def remesh(self, solved: Solved, particles: Particles, moves: Array) -> tuple[Mesh, bool]:
+        """The mesh after a step, and whether it was triangulated anew although the last could have been repaired.
+
+        Args:
+            solved: the step.
+            particles: those of the step after relocation.
+            moves: (K, 3) the moves of relocation; see `relocate`.
+        """
+
+
+class TankMesher:
+    """Meshes of the whole tank, where walls surround the fluids.
+
+    Args:
+        repairs: whether the last mesh is repaired where possible (see `delaunay_repair`), in 2-D only; otherwise Qhull
+            makes every mesh.
+    """
+
+    def __init__(self, *, repairs: bool) -> None:
+        self.repairs = repairs
+
+    def start(self, particles: Particles, edges: Array | None = None) -> Mesh:
+        """See `Mesher.start`."""
+        return triangulate(particles.position, particles.wall, particles.spacing, edges)
+
+    def remesh(self, solved: Solved, particles: Particles, moves: Array) -> tuple[Mesh, bool]:
+        """See `Mesher.remesh`."""
+        old, moved = solved.before.mesh, solved.particles.position
+        found = repaired(old, moved, particles.position, moves) if self.repairs else None
+        if found:
+            return found, False
+        edges = solved.before.boundary.edges(particles, solved.time)
+        return triangulate(particles.position, particles.wall, particles.spacing, edges), True
+
+
+class FreeSurfaceMesher:
+    """Meshes of the fluids below a free surface.
+
+    Args:
+        mesher: finds the free surface.
+    """
+
+    def __init__(self, mesher: SurfaceMesher) -> None:
+        self.mesher = mesher
+
+    def start(self, particles: Particles, edges: Array | None = None) -> Mesh:
+        """See `Mesher.start`."""
+        return self.mesher.start(particles, edges)
+
+    def remesh(self, solved: Solved, particles: Particles, moves: Array) -> tuple[Mesh, bool]:
+        """See `Mesher.remesh`; nothing is repaired here."""
+        relocated = (particles.position != solved.particles.position).any(axis=1)
+        edges = solved.before.boundary.edges(particles, solved.time)
+        return self.mesher.remesh(particles, solved.mesh, relocated, edges), False
