@@ -32,7 +32,7 @@ from tipfem.checkpoint import (
     what_changed,
 )
 from tipfem.errors import CheckpointError, SimulationError, StepRefused, TriangulationError
-from tipfem.fem.time_integration import StepControl, smallest_jacobian
+from tipfem.fem.time_integration import StepControl, require_felt, smallest_jacobian
 from tipfem.fields import FieldOutput
 from tipfem.liveview.control import LiveControl
 from tipfem.logs import log
@@ -121,6 +121,7 @@ class Simulation:
         self.timings = Timings()
         frequency = case.natural_frequency()
         largest = time_step or (0.05 / frequency if frequency else 1e-3)
+        require_felt(largest, frequency)
         self.control = StepControl(largest, target=case.numerics.largest_move)
         self.solver = StepSolver(case, self.control.reach)
         self.remesher, self.budget = remesher_for(case), Budget(case)

@@ -153,7 +153,8 @@ class Numerics:
 
     Attributes:
         rho_inf: spectral radius at infinity of generalized-alpha, 0 to 1.
-        stabilisation: c in tau = c dt^2 of the PSPG term, > 0.
+        stabilisation: c in tau = c dt max(dt, T) of the PSPG term, > 0; T is the length of step that the flow itself
+            asks for (see `tipfem.step.solve.flow_time`).
         volume_correction: rate at which the source in J - 1 = s restores the lost volume of a fluid, in
             units of sqrt(|b| / h) with the largest acceleration b by gravity and body force at the start; 0
             switches the source off. A higher rate reduces the error of volume and adds noise to the pressure.

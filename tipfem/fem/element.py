@@ -102,7 +102,7 @@ def cauchy_stress(velocity_gradient, pressure, viscosity):
 def stabilisation_time(measure, density, viscosity, dt, factor, dim: ti.template()):
     """tau [s^2] of the PSPG term for the constraint J = 1.
 
-    tau = dt / sqrt((1 / (c dt))^2 + (12 nu / h^2)^2): c dt^2 where inertia dominates, dt times the
+    tau = dt / sqrt((1 / (c dt))^2 + (12 nu / h^2)^2) with c = ``factor``: c dt^2 where inertia dominates, dt times the
     viscous time of Tezduyar (1992) where viscosity dominates. h is the diameter of the circle (ball) of
     the element's measure. The constraint is J - 1, about dt div v; hence the factor dt.
     """

@@ -48,6 +48,7 @@ def scale_and_laplacian(
     cm: float,
     cv: float,
     schur: float,
+    floor: float,
     spacing: float,
     nodes: ti.i32,
     dim: Template,
@@ -58,7 +59,8 @@ def scale_and_laplacian(
     scale: 1 / diag(A) in the momentum rows, h / V_a in the continuity rows; 0 where u or p is held. So every
     scaled residual is a length [m]: the displacement that would remove it.
 
-    values: P1 Laplacian sum_e A / (s cm rho) g_a . g_b with s = ``schur``; rows and columns of held pressures are
+    values: P1 Laplacian sum_e A / rho (1 / (s cm) + t) g_a . g_b with s = ``schur``; t is what a ``floor`` [s^2] adds
+    to the tau of the stabilisation, less where viscosity limits it; rows and columns of held pressures are
     left empty. ``columns`` are those of ``padded`` without the gaps, see `sparsity.find_neighbours`.
     """
     ti.loop_config(serialize=serial)
@@ -77,7 +79,12 @@ def scale_and_laplacian(
             g = gradient(big_g, 0)
             diagonal += density[e] * area / (dim + 1) * cm
             diagonal += viscosity[e] * area * cv * (g.dot(g) + g * g)
-            stiffness = area / (schur * cm * density[e])
+            # The viscous time is that of `stabilisation_time`, with cv / cm for dt.
+            length2 = 4.0 / ti.math.pi * area
+            if ti.static(dim == 3):
+                length2 = (6.0 / ti.math.pi * area) ** (2.0 / 3.0)
+            added = floor / (1.0 + floor * 12.0 * viscosity[e] / (density[e] * length2) * cm / cv)
+            stiffness = area / (schur * cm * density[e]) + area * added / density[e]
             for other in ti.static(range(1, dim + 1)):
                 value = stiffness * g.dot(gradient(big_g, other))
                 total -= value

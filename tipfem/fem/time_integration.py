@@ -20,6 +20,25 @@ from tipfem.typing import Array
 LONG_MOVE = 0.5
 GENTLE = 0.4  # smallest J of an element at the present velocities after such a step
 
+SHORTEST = 1e-6  # time step in sqrt(h / |b|), in which gravity moves a particle by 1e-12 h, ten times the round-off
+
+
+def require_felt(dt: float, frequency: float) -> None:
+    """Check that gravity is not lost in the round-off of positions.
+
+    Args:
+        dt: the largest time step [s].
+        frequency: sqrt(|b| / h) with the acceleration b by gravity and body force [1/s].
+
+    Raises:
+        ValueError: it is.
+    """
+    if 0 < frequency * dt < SHORTEST:
+        raise ValueError(
+            f"Simulation: time step is {dt:g} s; it must be {SHORTEST / frequency:.2g} s or more: what gravity moves in a "
+            "shorter step is lost in round-off"
+        )
+
 
 def smallest_jacobian(mesh: Mesh, particles: Particles, dt: float) -> float:
     """Smallest J of an element after ``dt`` [s] at the particles' present velocities."""

@@ -79,13 +79,14 @@ class FlowProblem:
         properties: of the elements.
         scheme: generalized-alpha with the step's length.
         body_force: (N, d) acceleration by gravity and the like [m/s^2], at the step's intermediate time.
-        stabilisation: c in tau = c dt^2.
+        stabilisation: c in tau = c dt T, with the flow's own time T or, if that is shorter, the step's.
         workspace: arrays and grids that steps reuse.
         walls: their constraints in the step; by default all are fixed and no-slip.
         jacobian: "rows" or "matrix-free", see `tipfem.Numerics`.
         box: (2, d) that the multigrid's grids covered in the last step, see `covering_box`.
         pressure_jump: (F, N) first guess of the pressure of each fluid at each particle less that of the particle
             [Pa]; None for a pressure that is continuous, see `tipfem.Numerics`.
+        flow_time: T [s], see `tipfem.step.solve.flow_time`.
     """
 
     @timer("set-up")
@@ -102,11 +103,14 @@ class FlowProblem:
         jacobian: str = "rows",
         box: Array | None = None,
         pressure_jump: Array | None = None,
+        flow_time: float = 0.0,
     ) -> None:
         system = MatrixFreeSystem if jacobian == "matrix-free" else LinearSystem
         self.mesh, self.particles, self.scheme, self.properties = mesh, particles, scheme, properties
         self.walls = walls = walls or FixedWalls(Boundary(particles, (), None), mesh, particles, scheme)
-        self.stabilisation = stabilisation
+        # c T / dt: what the kernels take for c.
+        self.stabilisation = stabilisation * max(1.0, flow_time / scheme.dt)
+        floor = stabilisation * scheme.dt * max(0.0, flow_time - scheme.dt)
         self.dimension = d = mesh.dimension
         self.buffers = buffers = workspace.buffers
         put = buffers.upload
@@ -156,6 +160,7 @@ class FlowProblem:
                 buffers,
                 self._ties,
                 self._surface_volume() if free.exists else None,
+                floor,
             )
         self._rows = WallRows(walls, d, self._scale, buffers)
         if self._ties:

@@ -135,6 +135,7 @@ class LinearSystem:
         ties: between particles and their copies where the mesh is cut along interfaces; None where it is not.
         surface: the particles (K,) on the free surface, and how their displacements change the volume (K, d); None
             without.
+        floor: what the floor of the stabilisation's tau adds to it [s^2], see `tipfem.step.flow`.
 
     Attributes:
         stores_rows: whether the Jacobian is kept in rows.
@@ -164,6 +165,7 @@ class LinearSystem:
         buffers: Buffers,
         ties: InterfaceTies | None = None,
         surface: tuple[Array, Array] | None = None,
+        floor: float = 0.0,
     ) -> None:
         self._ties, self.bodies = ties, None
         self._topology, self._density, self._scale, self._scheme = topology, material[0], scale, scheme
@@ -194,6 +196,7 @@ class LinearSystem:
             scheme.cm,
             scheme.cv,
             SCHUR_SCALE,
+            floor,
             spacing,
             n,
             d,

@@ -44,6 +44,24 @@ def first_not_finite(particles: Particles, when: str, fields: Mapping[str, Array
     return ""
 
 
+# Parts of the times of gravity and of the flow in `flow_time`: those of the step control's defaults.
+OF_GRAVITY, OF_FLOW = 0.05, 0.35
+
+
+def flow_time(case: Case, state: State) -> float:
+    """The time T in tau = c dt max(dt, T) of the stabilisation [s]: the length of step that the flow itself asks for.
+
+    It is the shorter of 0.05 sqrt(h / b) with the acceleration b by gravity and body force, and of 0.35 h / v with the
+    speed v of the fastest particle relative to the tank. Steps that are shorter, for an output or because others were
+    refused, have the stabilisation of a step of that length. If it faded with dt, so would what it does for the
+    pressure.
+    """
+    frequency = case.natural_frequency()
+    speed = state.boundary.speed_over_spacing(state.particles, state.time, 1e-3 / max(frequency, 1e-3))
+    times = [part / rate for part, rate in ((OF_GRAVITY, frequency), (OF_FLOW, speed)) if rate > 0]
+    return min(times, default=0.0)
+
+
 class StepSolver:
     """Solves the time steps of a case.
 
@@ -101,6 +119,7 @@ class StepSolver:
             numerics.jacobian,
             state.grid_box,
             jump,
+            flow_time(case, state),
         )
         tolerance = numerics.tolerance(
             force if varies else force[:1],
