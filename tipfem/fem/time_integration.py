@@ -35,8 +35,8 @@ def require_felt(dt: float, frequency: float) -> None:
     """
     if 0 < frequency * dt < SHORTEST:
         raise ValueError(
-            f"Simulation: time step is {dt:g} s; it must be {SHORTEST / frequency:.2g} s or more: what gravity moves in a "
-            "shorter step is lost in round-off"
+            f"Simulation: time step is {dt:g} s; it must be {SHORTEST / frequency:.2g} s or more, "
+            "for what gravity moves in a shorter step is lost in round-off"
         )
 
 
