@@ -6,6 +6,7 @@ from triangulations import cloud, component_labels, delaunay, grid
 
 from tipfem.backend.launch import launch
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE, Components
+from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.remesh import volume_kernels, volumes
 from tipfem.remesh.volumes import (
@@ -334,7 +335,19 @@ def test_gradients_and_their_products_are_those_of_numpy():
     head = np.full(len(x), volume_kernels.FIXED, dtype=np.int32)
     size = 3 * len(near)
     chain, entries, gram = np.empty((size, 2), dtype=np.int32), np.empty((size, 2)), np.zeros((4, 4))
-    launch(volume_kernels.gradients, x, mesh.cells, label, near, nodes, head, chain, entries, gram)
+    launch(
+        volume_kernels.gradients,
+        x,
+        mesh.cells,
+        label,
+        near,
+        nodes,
+        np.zeros((len(nodes), 2)),
+        head,
+        chain,
+        entries,
+        gram,
+    )
     found = np.zeros_like(expected)
     for i in nodes:
         e = head[i]
@@ -377,3 +390,28 @@ def test_restoring_gives_components_what_they_had(given):
 def test_where_nothing_may_move_nothing_does():
     x, mesh, label, movable = discs()
     np.testing.assert_array_equal(move_interfaces(x, mesh.cells, label, movable & False, np.ones(4), 1.0), x)
+
+
+@pytest.mark.parametrize("slips", [True, False])
+def test_an_interface_that_ends_on_walls_that_slip_moves_as_a_whole(slips):
+    """All of it by one distance, contacts too, which stay on their walls; on others they stay where they are."""
+    n = 9
+    x = np.stack(np.meshgrid(np.arange(n), np.arange(n)), axis=-1).reshape(-1, 2) / (n - 1.0)
+    mesh = triangulate(x, (x == 0).any(axis=1) | (x == 1).any(axis=1), 1 / (n - 1))
+    fluid = (x[mesh.cells].mean(axis=1)[:, 1] > 0.5).astype(np.int32)
+    mesh = volumes.with_components(Mesh(x, mesh.cells, fluid), 2)
+    lower = mesh.measure[fluid == 0].sum()
+    slides = np.isin(x[:, 0], (0, 1)) & (x[:, 1] > 0) & (x[:, 1] < 1)
+    wanted = np.array([lower + 1e-3, 1 - lower - 1e-3])[mesh.components.fluid]
+    volume = np.array([lower, 1 - lower])[mesh.components.fluid]
+    moved = volumes.move_interfaces(mesh, volume, wanted, 0.01, slides if slips else None)
+    assert moved.measure[fluid == 0].sum() == pytest.approx(lower + 1e-3, abs=1e-14)
+    shift = moved.position - x
+    interface = x[:, 1] == 0.5
+    contacts = interface & slides
+    assert contacts.sum() == 2
+    assert (shift[~interface] == 0).all()
+    if slips:
+        np.testing.assert_allclose(shift[interface], np.tile([0, 1e-3], (n, 1)), atol=1e-14)
+    assert (shift[contacts] == 0).all() == (not slips)
+    assert (shift[slides, 0] == 0).all()

@@ -101,8 +101,11 @@ def repair(
         relocated = _follow_targets(t, held, rule) if graded else _relocate_crowded(t, held, rule)
     t.compact()
     new = Mesh(np.ascontiguousarray(t.state[:, :2]), t.cells, t.fluid).with_(neighbours=t.neighbours)
+    slides = np.zeros(len(t.state), dtype=bool)
+    if slippery is not None:
+        slides[: len(held)] = (slippery > 0) & ~held & ~relocated[: len(held)]
     with timer("volumes"):
-        new = restore_volumes(new, mesh, moved, relocated, total, 0.05 * particles.spacing, len(density))
+        new = restore_volumes(new, mesh, moved, relocated, total, 0.05 * particles.spacing, len(density), slides)
     position = new.position
     if not (flips or broken or relocated.any() or (position != particles.position).any()):
         return Repaired(particles, mesh.moved(particles.position), relocated)

@@ -152,6 +152,7 @@ def gradients(
     label: Ints1,
     near: Ints1,
     nodes: Ints1,
+    tangent: Reals2,
     head: Ints1,
     chain: Ints2,
     gradient: Reals2,
@@ -162,6 +163,10 @@ def gradients(
     ``near``: the cells with such a particle. The entries of particle i begin at head[i], which is `FIXED` for particles
     that stay: chain (E, 2) holds the component and the next entry, `END` after the last; gradient (E, 2) is the
     entry's. There are at most three a cell.
+
+    tangent (len(nodes), 2): the direction in which a contact on a wall may move; zero for particles off the walls. Of
+    a contact's gradients the part in that direction is taken, twice: the interface ends there, so that a shift of all
+    of it by one distance changes the volume at the contact by half as much as elsewhere.
     """
     ti.loop_config(serialize=True)
     for n in range(nodes.shape[0]):
@@ -185,11 +190,20 @@ def gradients(
                 gradient[e, 1] = gradient[e, 1] + 0.5 * (x[b, 0] - x[a, 0])
     ti.loop_config(serialize=True)
     for n in range(nodes.shape[0]):
+        t = ti.Vector([tangent[n, 0], tangent[n, 1]])
+        e = head[nodes[n]]
+        while e >= 0 and (t[0] != 0 or t[1] != 0):
+            part = 2.0 * (gradient[e, 0] * t[0] + gradient[e, 1] * t[1])
+            gradient[e, 0], gradient[e, 1] = part * t[0], part * t[1]
+            e = chain[e, NEXT]
+    ti.loop_config(serialize=True)
+    for n in range(nodes.shape[0]):
+        weight = 1.0 if tangent[n, 0] == 0 and tangent[n, 1] == 0 else 0.5
         e = head[nodes[n]]
         while e >= 0:
             o = head[nodes[n]]
             while o >= 0:
-                product = gradient[e, 0] * gradient[o, 0] + gradient[e, 1] * gradient[o, 1]
+                product = weight * (gradient[e, 0] * gradient[o, 0] + gradient[e, 1] * gradient[o, 1])
                 one, other = chain[e, COMPONENT], chain[o, COMPONENT]
                 gram[one, other] = gram[one, other] + product
                 o = chain[o, NEXT]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from tipfem.backend.launch import launch
-from tipfem.mesh.components import Components
+from tipfem.mesh.components import ON_HULL, ON_INTERFACE, Components
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh import volume_kernels as kernels
 from tipfem.typing import Array
@@ -71,7 +71,14 @@ def with_components(mesh: Mesh, fluids: int) -> Mesh:
 
 
 def restore_volumes(
-    new: Mesh, old: Mesh, moved: Array, relocated: Array, total: Array | None, limit: float, fluids: int
+    new: Mesh,
+    old: Mesh,
+    moved: Array,
+    relocated: Array,
+    total: Array | None,
+    limit: float,
+    fluids: int,
+    slides: Array | None = None,
 ) -> Mesh:
     """The mesh ``new`` with its interfaces moved so that each component has its prescribed volume.
 
@@ -83,6 +90,7 @@ def restore_volumes(
         total: (F,) volume that each fluid is to have [m^2]; by default its volume after the motion.
         limit: of a particle's displacement in a round [m].
         fluids: F.
+        slides: (N,) mask of the particles that may move along their walls; none by default.
 
     Returns:
         The same triangles at the new positions, with areas and components.
@@ -99,7 +107,7 @@ def restore_volumes(
         deficit = np.bincount(before.label, weights=old.measure - moved)
     due = transfer_deficits(before.at_particle, components.at_particle, deficit, relocated, len(volume))
     wanted = apportion(volume, due, components.fluid, total, components.movable)
-    return move_interfaces(new.with_(measure=measure, components=components), volume, wanted, limit)
+    return move_interfaces(new.with_(measure=measure, components=components), volume, wanted, limit, slides)
 
 
 def transfer_deficits(old: Array, new: Array, deficit: Array, relocated: Array, count: int) -> Array:
@@ -143,17 +151,49 @@ def apportion(volume: Array, deficit: Array, fluid: Array, total: Array, movable
     return np.asarray(wanted + lack[fluid] * wanted * movable / np.maximum(part[fluid], 1e-300))
 
 
-def move_interfaces(mesh: Mesh, volume: Array, wanted: Array, limit: float) -> Mesh:
+def sliding_contacts(mesh: Mesh, slides: Array) -> tuple[Array, Array]:
+    """Contacts of interfaces that may move along straight walls, and the directions of these.
+
+    Args:
+        mesh: triangles with their components.
+        slides: (N,) mask of the particles that may move along their walls.
+
+    Returns:
+        (S,) numbers of the contacts, int32; (S, 2) unit vectors along their walls.
+    """
+    assert mesh.components is not None
+    contact = slides & (mesh.components.mark == (ON_INTERFACE | ON_HULL))
+    if not contact.any():
+        return np.zeros(0, dtype=np.int32), np.zeros((0, 2))
+    cell, i = np.nonzero(mesh.neighbours < 0)
+    before, after = mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]
+    along = mesh.position[after] - mesh.position[before]
+    length = np.linalg.norm(along, axis=1)
+    total = np.zeros(len(mesh.position))
+    direction = np.zeros_like(mesh.position)
+    for ends in (before, after):
+        np.add.at(direction, ends, along)
+        np.add.at(total, ends, length)
+    # Of two edges in one line the lengths add up.
+    straight = np.linalg.norm(direction, axis=1) > (1 - 1e-12) * total
+    nodes = np.flatnonzero(contact & straight & (total > 0)).astype(np.int32)
+    return nodes, direction[nodes] / np.linalg.norm(direction[nodes], axis=1, keepdims=True)
+
+
+def move_interfaces(mesh: Mesh, volume: Array, wanted: Array, limit: float, slides: Array | None = None) -> Mesh:
     """Move the interfaces of a mesh until its components have the volumes wanted.
 
     Every movable particle is displaced by sum_k lambda_k dV_k / dx, with the factors lambda that give the volumes, in
-    a few rounds, because volumes are quadratic in positions.
+    a few rounds, because volumes are quadratic in positions. Contacts on walls that slip move along these, by twice the
+    part of dV_k / dx in that direction, see `volume_kernels.gradients`: if they stayed, the interface would lag behind
+    at the wall.
 
     Args:
         mesh: M triangles with their components.
         volume: (K,) of the components [m^2].
         wanted: (K,) volumes [m^2].
         limit: of a particle's displacement in one round [m].
+        slides: (N,) mask of the particles that may move along their walls; none by default.
 
     Returns:
         The same triangles at the new positions, with their areas.
@@ -163,6 +203,14 @@ def move_interfaces(mesh: Mesh, volume: Array, wanted: Array, limit: float) -> M
     nodes, near, label = components.movable_particles, components.interface_cells, components.label
     if not len(nodes):
         return mesh
+    tangent = np.zeros((len(nodes), 2))
+    if slides is not None:
+        contacts, along = sliding_contacts(mesh, slides)
+        if len(contacts):
+            nodes, tangent = np.append(nodes, contacts), np.concatenate([tangent, along])
+            chosen = np.zeros(len(mesh.position), dtype=bool)
+            chosen[nodes] = True
+            near = np.flatnonzero(chosen.take(mesh.cells).any(axis=1)).astype(np.int32)
     x, measure = mesh.position.copy(), mesh.measure.copy()
     count, head = len(near), np.full(len(x), -2, dtype=np.int32)
     chain, gradient = np.empty((3 * count, 2), dtype=np.int32), np.empty((3 * count, 2))
@@ -172,7 +220,7 @@ def move_interfaces(mesh: Mesh, volume: Array, wanted: Array, limit: float) -> M
         if np.abs(missing).max() <= 1e-14 * wanted.sum():
             break
         gram, gain = np.zeros((len(wanted), len(wanted))), np.zeros(len(wanted))
-        launch(kernels.gradients, x, mesh.cells, label, near, nodes, head, chain, gradient, gram)
+        launch(kernels.gradients, x, mesh.cells, label, near, nodes, tangent, head, chain, gradient, gram)
         # The volumes sum to that of the tank, so one combination of the factors has no effect.
         factor = np.linalg.lstsq(gram, missing, rcond=1e-10)[0]
         moved = launch(
