@@ -17,6 +17,7 @@ parser.add_argument("--end-time", type=float, default=float("inf"), help="simula
 parser.add_argument("--rate", type=float, default=15.0, help="most pictures per second")
 parser.add_argument("--port", type=int, help="of 127.0.0.1; by default 8800 or one of the next")
 parser.add_argument("--no-browser", action="store_true", help="open none; the address is printed in either case")
+parser.add_argument("--native", action="store_true", help="in a window of its own, not in a browser")
 parser.add_argument("--paused", action="store_true", help="begin with a pause")
 parser.add_argument("--steering", help="the steering.jsonl of an earlier run, to repeat what was done in it")
 parser.add_argument("--threads", type=int, default=1, help="of the simulation; the viewer has a core of its own")
@@ -48,6 +49,7 @@ def main() -> None:
             rate=options.rate,
             browser=not options.no_browser,
             paused=options.paused,
+            native=options.native,
             say=lambda line: print(line, flush=True),
         )
     except ValueError as error:

@@ -51,6 +51,7 @@ def run(
     view: bool = False,
     port: int | None = None,
     browser: bool = True,
+    native: bool = False,
     log_json: Path | None = None,
     log_level: LogLevel = "info",
 ) -> int:
@@ -86,6 +87,8 @@ def run(
         Of 127.0.0.1, where the page of --view is served; by default 8800, or one of the next. 0 takes any.
     browser
         Open a browser for --view where there is a display; the address is printed in either case.
+    native
+        Show the run in a window of its own instead, with the same keys; needs a display.
     """
     from tipfem.backend import runtime
 
@@ -102,7 +105,7 @@ def run(
         open_log(log, log_json, log_level, progress=progress)
         runtime.init(arch, threads=threads)
         simulation = started(file, made, folder, steering)
-        control = shown(simulation, port, browser=browser) if view else None
+        control = shown(simulation, port, browser=browser, native=native) if view or native else None
     with log:
         return 2 if failed else run_to(simulation, file.end, folder, progress=progress, control=control)
 
@@ -119,6 +122,7 @@ def resume(
     view: bool = False,
     port: int | None = None,
     browser: bool = True,
+    native: bool = False,
     log_json: Path | None = None,
     log_level: LogLevel = "info",
 ) -> int:
@@ -148,6 +152,8 @@ def resume(
         Of 127.0.0.1, where the page of --view is served; by default 8800, or one of the next. 0 takes any.
     browser
         Open a browser for --view where there is a display; the address is printed in either case.
+    native
+        Show the run in a window of its own instead, with the same keys; needs a display.
     """
     log = ExitStack()
     with bad_input() as failed:
@@ -169,7 +175,7 @@ def resume(
             print(f"t = {simulation.time:g} s has been reached; --until goes on further; results: {out}")
             return 0
         with bad_input() as failed:
-            control = shown(simulation, port, browser=browser) if view else None
+            control = shown(simulation, port, browser=browser, native=native) if view or native else None
         if failed:
             return 2
         at = simulation.step_number
@@ -259,11 +265,11 @@ def started(file: CaseFile, case: Case, folder: Path, steering: Path | None = No
     return simulation
 
 
-def shown(simulation: Simulation, port: int | None, *, browser: bool) -> LiveControl:
+def shown(simulation: Simulation, port: int | None, *, browser: bool, native: bool) -> LiveControl:
     """What shows a run in a browser; see `tipfem.live` for arguments and errors."""
     from tipfem.liveview.control import LiveControl
 
-    return LiveControl(simulation, port=port, browser=browser, say=lambda line: print(line, flush=True))
+    return LiveControl(simulation, port=port, browser=browser, native=native, say=lambda line: print(line, flush=True))
 
 
 def run_to(

@@ -25,6 +25,7 @@ def live(
     rate: float = RATE,
     browser: bool = True,
     paused: bool = False,
+    native: bool = False,
     say: Callable[[str], None] = print,
 ) -> None:
     """Run a simulation, and show and steer it in a browser meanwhile.
@@ -38,13 +39,14 @@ def live(
         rate: most pictures per second.
         browser: open a browser where there is a display; the address is said in either case.
         paused: begin with a pause.
+        native: show it in a window of its own, not in a browser; needs a display.
         say: takes lines of text: the address, and what becomes of the viewer.
 
     Raises:
         ValueError: an argument is not possible, the case is not in 2-D, or the page cannot be served.
         SimulationError: see `Simulation.run`.
     """
-    control = LiveControl(simulation, port=port, rate=rate, browser=browser, paused=paused, say=say)
+    control = LiveControl(simulation, port=port, rate=rate, browser=browser, paused=paused, native=native, say=say)
     try:
         simulation.run(until, progress=math.isfinite(until), control=control)
     finally:

@@ -24,6 +24,11 @@ WALL_FACE = 1.5  # longest distance of two wall particles between which there is
 ROUNDS = 4  # in which cells that stick out of a drop, or into it, change sides
 
 
+def place(at: Array) -> str:
+    """A point (d,) [m] in a message."""
+    return f"({', '.join(f'{x:.4g}' for x in at)})"
+
+
 def is_inside(mesh: Mesh, at: Array) -> bool:
     """Whether a point (d,) [m] is in a cell of a mesh."""
     return bool((barycentric(mesh, np.arange(len(mesh.cells)), at[None])[0] > -1e-9).all(axis=1).any())
@@ -39,7 +44,14 @@ def barycentric(mesh: Mesh, cells: Array, points: Array) -> Array:
 
 
 def require_room(
-    particles: Particles, near: Array, near_fluids: Array, at: Array, radius: float, fluid: int, names: Sequence[str]
+    particles: Particles,
+    near: Array,
+    near_fluids: Array,
+    at: Array,
+    radius: float,
+    fluid: int,
+    names: Sequence[str],
+    at_surface: bool = False,
 ) -> None:
     """Check that a drop is inside one other fluid, with a margin to walls.
 
@@ -51,15 +63,18 @@ def require_room(
         radius: of the drop [m].
         fluid: of the drop.
         names: of the fluids.
+        at_surface: whether a free surface is there.
 
     Raises:
         ValueError: it is not.
     """
-    here = f"drop: at {at.tolist()} m, of radius {radius:g} m"
+    here = f"drop: at {place(at)} m, of radius {radius:g} m"
     there = f"walls, interfaces and surfaces must be {MARGIN:g} spacings from it or more"
     if particles.wall[near].any():
         distance = np.linalg.norm(particles.position[near][particles.wall[near]] - at, axis=1).min()
         raise ValueError(f"{here} it would be too close to a wall, {distance:.3g} m from its centre; {there}")
+    if at_surface:
+        raise ValueError(f"{here} it would reach the free surface; {there}")
     found = np.unique(near_fluids)
     if (found == fluid).any():
         alone = "it would be inside the same fluid" if len(found) == 1 else f"there is {names[fluid]} nearby already"
@@ -171,7 +186,7 @@ def require_empty(particles: Particles, surface: Surface, at: Array, radius: flo
     Raises:
         ValueError: it does not.
     """
-    here = f"drop: at {at.tolist()} m, of radius {radius:g} m"
+    here = f"drop: at {place(at)} m, of radius {radius:g} m"
     if particles.dimension != 2:
         raise ValueError(f"{here} it would be in empty space; in 3-D a drop can be added inside a fluid only")
     if not surface.exists:

@@ -212,7 +212,9 @@ class DelaunayRemesher(Remesher):
         if drops.is_inside(mesh, at):
             near = drops.within(particles, at, radius)
             if mesh.surface.front[near].any():
-                raise ValueError(f"drop: at {at.tolist()} m, of radius {radius:g} m it would reach the free surface")
+                raise ValueError(
+                    f"drop: at {drops.place(at)} m, of radius {radius:g} m it would reach the free surface"
+                )
             drops.require_room(particles, near, particles.fluid[near], at, radius, fluid, names)
             in_drop = np.linalg.norm(particles.position - at, axis=1) < radius
             particles = particles.shallow_copy(fluid=np.where(in_drop, fluid, particles.fluid).astype(np.int32))
@@ -377,7 +379,7 @@ class FittedRemesher(Remesher):
         """See `Remesher.with_drop`: cells change their fluid, and the drop's outline is moved onto its circle."""
         particles, mesh = state.particles, state.mesh
         if not drops.is_inside(mesh, at):
-            raise ValueError(f"drop: at is {at.tolist()} m, outside the tank")
+            raise ValueError(f"drop: at is {drops.place(at)} m, outside the tank")
         near = drops.within(particles, at, radius)
         among = np.zeros(len(particles), dtype=bool)
         among[near] = True
