@@ -39,7 +39,8 @@ def main(out: str) -> None:
         box = page.locator(".pane canvas").bounding_box()
         assert box is not None
         page.mouse.click(box["x"] + 0.62 * box["width"], box["y"] + 0.86 * box["height"])
-        page.wait_for_timeout(6000)  # for the history and the ranges
+        page.wait_for_selector('.tipfem-viewer[data-history="1"]', timeout=120_000)
+        page.wait_for_timeout(1000)
         page.screenshot(path=str(PICTURE))
         browser.close()
         viewer.terminate()

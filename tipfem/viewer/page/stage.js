@@ -108,18 +108,26 @@ export class Stage {
     const push = this.marks.push;
     if (push) {
       const at = this.toPixels(push.at), to = this.toPixels(push.to);
-      draw.setLineDash([5, 4]);
-      draw.strokeStyle = "#8a1f62";
-      draw.lineWidth = 1.6;
-      draw.beginPath();
-      draw.arc(at[0], at[1], Math.abs(this.toPixels([push.at[0] + push.radius, 0])[0] - at[0]), 0, 2 * Math.PI);
-      draw.stroke();
-      draw.setLineDash([]);
-      draw.lineWidth = 3;
-      draw.beginPath();
-      draw.moveTo(...at);
-      draw.lineTo(...to);
-      draw.stroke();
+      const radius = Math.abs(this.toPixels([push.at[0] + push.radius, 0])[0] - at[0]);
+      const dx = to[0] - at[0], dy = to[1] - at[1], length = Math.hypot(dx, dy) || 1, head = Math.min(14, length);
+      const ux = dx / length, uy = dy / length, foot = [to[0] - head * ux, to[1] - head * uy];
+      for (const [colour, more] of [["#ffffff", 3], ["#8a1f62", 0]]) {
+        draw.strokeStyle = draw.fillStyle = colour;
+        draw.lineWidth = 1.4 + more / 1.5;
+        draw.beginPath();
+        draw.arc(at[0], at[1], radius, 0, 2 * Math.PI);
+        draw.stroke();
+        draw.lineWidth = 3 + more;
+        draw.beginPath();
+        draw.moveTo(...at);
+        draw.lineTo(...foot);
+        draw.moveTo(foot[0] - 6 * uy, foot[1] + 6 * ux);
+        draw.lineTo(...to);
+        draw.lineTo(foot[0] + 6 * uy, foot[1] - 6 * ux);
+        draw.closePath();
+        draw.stroke();
+        draw.fill();
+      }
     }
   }
 

@@ -6,6 +6,7 @@ import { Stage } from "./stage.js";
 import { Steering } from "./steering.js";
 
 const ZOOM = 1.3, SHIFT = 0.12, NARROW = 1000;
+const CONTROLS = ["aside", ".transport", ".zoom"].flatMap((part) => ["input", "select", "button"].map((kind) => `${part} ${kind}`)).join();
 let viewers = 0;
 
 export class Viewer {
@@ -136,7 +137,7 @@ export class Viewer {
 
   setRole(steers) {
     this.steers = steers;
-    for (const control of this.root.querySelectorAll("aside input, aside select, aside button, .transport input, .transport select, .transport button")) {
+    for (const control of this.root.querySelectorAll(CONTROLS)) {
       if (!["picture", "history-field"].includes(control.dataset.do || control.dataset.name)) control.disabled = !steers;
     }
     if (steers) {
@@ -368,6 +369,7 @@ export class Viewer {
 
   showHistory(message) {
     this.histories.set(message.pane, message);
+    this.root.dataset.history = message.done;
     this.plotHistory();
   }
 
@@ -409,6 +411,7 @@ export class Viewer {
 
   end(text) {
     this.ended = true;
+    for (const control of this.root.querySelectorAll(CONTROLS)) control.disabled = true;
     this.note(text.charAt(0).toUpperCase() + text.slice(1) + ".", true);
     this.part("state").textContent = "ended";
     this.part("state").removeAttribute("data-live");
