@@ -157,6 +157,7 @@ def options(
     )
     parser.set_defaults(frames=True)
     add("--no-frames", dest="frames", action="store_false", default=argparse.SUPPRESS, help="draw no pictures")
+    add("--overwrite", action="store_true", help="replace the results of a run of ten minutes or more in the folder")
     add("--log-json", type=Path, metavar="FILE", help="file for the log, a JSON object a line, every step among them")
     add("--resume", action="store_true", help="go on with the run in the results folder, if one has begun there")
     for name, option in further.items():
@@ -235,6 +236,7 @@ def _simulation(
             time_step=options.time_step,
             output_interval=1.0 / options.frames_per_second,
             columns={**check.columns(), **columns},
+            overwrite=options.overwrite or None,
         )
         check.begin(simulation, options)
         _keep_command(simulation)

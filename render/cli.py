@@ -20,11 +20,14 @@ examples:
   python -m tipfem.render out --movie animation.gif animation.webp --no-frames
   python -m tipfem.render out --follow front --arrows --mesh
   python -m tipfem.render out --window 0 0 0.3 0.2 --contours pressure --no-fill
-  python -m tipfem.render out --strip 0 0.1 0.2 0.3 --no-frames --movie
+  python -m tipfem.render out --strip 0 0.1 0.2 0.3 --no-frames --no-movie
 
 It reads what OUT/fields.pvd lists when it starts, so it can also be used while a run is under way.
 One stored time is one picture; the movie shows them evenly, at the playback rate.
 """
+
+
+MOVIE = "animation.mp4"  # by default
 
 
 def parser() -> argparse.ArgumentParser:
@@ -115,10 +118,11 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--movie",
         nargs="*",
-        default=["animation.mp4"],
+        default=[],
         metavar="FILE",
-        help="movies to write in OUT, ending in .mp4, .gif or .webp; without a FILE, none (default: animation.mp4)",
+        help="movies to write in OUT, ending in .mp4, .gif or .webp (default: animation.mp4)",
     )
+    made.add_argument("--no-movie", action="store_true", help="write no movie")
     made.add_argument(
         "--playback-rate", type=float, default=25.0, metavar="RATE", help="pictures shown a second [1/s] (default: 25)"
     )
@@ -152,16 +156,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit status: 0, 2 after an error, which is one line on stderr, or 130 after an interrupt.
     """
     given = parser().parse_args(arguments)
+    movies = [] if given.no_movie else given.movie or [MOVIE]
     try:
         if given.strip:
             print(strip(given.out, given.strip, backend=given.backend, fluid_colours=dict(given.colour)))
-            if given.no_frames and not given.movie:
+            if given.no_frames and not movies:
                 return 0
         done = animate(
             given.out,
             None if given.field == "none" else given.field,
             not given.no_frames,
-            given.movie,
+            movies,
             given.playback_rate,
             size=given.size,
             field_range=given.field_range,

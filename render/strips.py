@@ -24,7 +24,7 @@ _LEGEND = 52.0
 
 def strip(
     out: str | PathLike[str],
-    times: Iterable[float],
+    times: Iterable[float] | float,
     path: str | PathLike[str] | None = None,
     *,
     columns: int | None = None,
@@ -36,7 +36,8 @@ def strip(
 
     Args:
         out: results folder.
-        times: [s]; the closest stored times are drawn, each once, with their times above.
+        times: one or several [s]; the closest stored times are drawn, each once, with their times above. None may be
+            later than the last one by more than the time between two.
         path: of the picture; by default strip.png in the results folder.
         columns: tanks in a row; at most 4 by default.
         width: of the whole picture [px].
@@ -83,7 +84,7 @@ def strip(
     return target
 
 
-def closest(stored: ArrayLike, times: Iterable[float]) -> list[int]:
+def closest(stored: ArrayLike, times: Iterable[float] | float) -> list[int]:
     """Numbers of the stored times that are closest to given ones, in order, each once.
 
     Args:
@@ -91,11 +92,19 @@ def closest(stored: ArrayLike, times: Iterable[float]) -> list[int]:
         times: the times wanted [s].
 
     Raises:
-        ValueError: no time is given, or one is not a finite number.
+        ValueError: no time is given, or one is not a finite number, or not within the stored ones.
     """
-    wanted = np.asarray(list(times), np.float64)
+    wanted = np.atleast_1d(np.asarray(times if np.isscalar(times) else list(times), np.float64))  # type: ignore[arg-type]
     if wanted.size == 0 or not np.isfinite(wanted).all():
         raise ValueError(f"times of a strip are {wanted.tolist()}; give one or more, in seconds")
+    there = np.asarray(stored, np.float64)
+    slack = 1e-6 * abs(float(there[-1])) + (float(np.diff(there).max()) if len(there) > 1 else 0.0)
+    outside = wanted[(wanted > there[-1] + slack) | (wanted < there[0] - slack)]
+    if outside.size:
+        raise ValueError(
+            f"times of a strip are {wanted.tolist()} s; {outside[0]:g} s is not among the stored times, from "
+            f"{there[0]:g} to {there[-1]:g} s"
+        )
     return sorted({int(np.argmin(np.abs(np.asarray(stored) - time))) for time in wanted})
 
 

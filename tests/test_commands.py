@@ -22,7 +22,9 @@ def test_the_list_has_every_demo_with_a_line(capsys):
     assert [line.split()[0] for line in lines[first + 1 : second - 1]] == SCRIPTS
     assert len(SCRIPTS) >= 7
     studies = [line.split()[0] for line in lines[second + 1 : third - 1]]
-    assert studies == [f"validation/{name}" for name in ("dam_break", "energy", "interfaces", "walls", "waves")]
+    assert studies == [
+        f"validation/{name}" for name in ("dam_break", "energy", "impact", "interfaces", "walls", "waves")
+    ]
     assert lines[third + 1].split()[0] == "benchmarks/frame_time"
     listed = [line for line in lines if line.startswith("  ")]
     assert all(len(line.split()) > 4 for line in listed)

@@ -164,6 +164,7 @@ def test_the_case_is_described(tmp_path, water, air):
         ],
         "lower": [0.0, 0.0],
         "upper": [0.8, 0.6],
+        "size": [0.8, 0.6],
         "spacing": 0.1,
         "gravity": [0.0, -9.81],
         "interface": "sharp",
@@ -348,3 +349,20 @@ def test_an_interrupted_run_says_so_and_keeps_its_last_state(tmp_path, water):
     assert [row["time"] for row in simulation.history] == [1e-3]
     assert len((tmp_path / "history.csv").read_text().splitlines()) == 2
     assert not [name for name in files(tmp_path) if name.endswith(".part")]
+
+
+def test_a_long_run_is_not_replaced_unasked(tmp_path):
+    """One of less than ten minutes is, as by a script that is run again."""
+    for seconds, replaced in ((599.0, True), (601.0, False)):
+        folder = ResultsFolder(tmp_path, overwrite=True)
+        folder.append_history({"step": 1, "time": 0.1, "wall_seconds": seconds})
+        folder.close()
+        if replaced:
+            ResultsFolder(tmp_path).close()
+            assert not (tmp_path / "history.csv").exists()
+            continue
+        with pytest.raises(ValueError, match="holds the results of a run of 0:10:01; name another folder, resume"):
+            ResultsFolder(tmp_path)
+        assert (tmp_path / "history.csv").exists()
+    ResultsFolder(tmp_path, overwrite=True).close()
+    assert not (tmp_path / "history.csv").exists()

@@ -310,7 +310,8 @@ def case_from(record: Mapping[str, Any]) -> Case:
     ]
     if functions:
         raise CheckpointError(
-            f"the case has functions of Python's, which no file keeps: {', '.join(functions)}; give the case to resume"
+            f"the case has functions of Python's, which no file keeps: {', '.join(functions)}; give the case to "
+            "resume, as the script made it, or by tipfem.load_case(folder / 'case.toml').case() if it was a case file's"
         )
     particles = Particles.__new__(Particles)
     vars(particles).update(record["particles"])
@@ -347,8 +348,17 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
     if callable(value):
-        return {"function": getattr(value, "__qualname__", type(value).__name__)}
+        return {"function": _described(value)}
     return value
+
+
+def _described(function: Any) -> str:
+    """The name of a function; of a form of case files, which is a function with parameters, these as well."""
+    inner = getattr(function, "function", function)  # of a force that is the same everywhere
+    if not hasattr(inner, "model_dump"):
+        return str(getattr(function, "__qualname__", type(function).__name__))
+    text = f"{type(inner).__name__}({inner})"
+    return text if len(text) <= 200 else f"{text[:100]}... {hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
 
 def differences(recorded: Mapping[str, Any], present: Mapping[str, Any]) -> list[str]:

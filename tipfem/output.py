@@ -21,6 +21,7 @@ import logging
 import os
 import platform
 from collections.abc import Callable, Collection, Mapping, Sequence
+from datetime import timedelta
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TextIO
@@ -37,6 +38,7 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
 MANIFEST = ".tipfem"
+SHORT = 600.0  # wall-clock time of a run whose results a later one in the folder replaces unasked [s]
 # What every run writes besides its fields; a file of such a name that is not in the manifest is not tipfem's.
 _NAMES = ("case.json", "history.csv", "summary.json", "fields.pvd", vtkhdf.NAME, "steering.jsonl")
 
@@ -46,7 +48,8 @@ class ResultsFolder:
 
     Args:
         path: the folder; made when it is not there.
-        overwrite: whether an earlier run's results are removed; if not, they are an error.
+        overwrite: whether an earlier run's results are removed; if not, they are an error. By default, None, they are
+            removed if that run took less than `SHORT` of wall-clock time, as a script does that is run again.
         fields: how fields are written.
 
     Raises:
@@ -54,7 +57,7 @@ class ResultsFolder:
             run is writing into it, or it holds results that are not to be overwritten.
     """
 
-    def __init__(self, path: str | Path, *, overwrite: bool = True, fields: FieldOutput | None = None) -> None:
+    def __init__(self, path: str | Path, *, overwrite: bool | None = None, fields: FieldOutput | None = None) -> None:
         self.fields = fields or FieldOutput()
         if not str(path):
             raise ValueError("out is '', which would be the present folder; name a folder for the results")
@@ -74,10 +77,12 @@ class ResultsFolder:
                     f"out is {str(path)!r}, where {foreign[0]} is no file of an earlier run ({MANIFEST} lists those), "
                     "so it is not replaced; name another folder, or remove the file"
                 )
-            if earlier and not overwrite:
+            taken = self._wall_seconds() if earlier else 0.0
+            if earlier and (overwrite is False or (overwrite is None and taken >= SHORT)):
                 raise ValueError(
-                    f"out is {str(path)!r}, which holds the results of a run; name another folder, resume that run, or "
-                    "replace it by overwrite=True"
+                    f"out is {str(path)!r}, which holds the results of a run of "
+                    f"{timedelta(seconds=round(taken))}; name another folder, resume that run, or replace it "
+                    "by overwrite=True"
                 )
             (self.path / "fields").mkdir(parents=True, exist_ok=True)
             self._lock.take()
@@ -146,6 +151,15 @@ class ResultsFolder:
         inside = [name for name in names if name and not Path(name).is_absolute() and ".." not in Path(name).parts]
         return [name for name in inside if not (self.path / name).is_dir()]
 
+    def _wall_seconds(self) -> float:
+        """How long the run in the folder took, by the last whole row of its history [s]; 0 without one."""
+        try:
+            with open(self.path / "history.csv", encoding="utf-8", newline="") as file:
+                rows = [row for row in csv.DictReader(file) if row.get("wall_seconds")]
+            return float(rows[-1]["wall_seconds"])
+        except (OSError, ValueError, KeyError, IndexError, csv.Error):
+            return 0.0
+
     def list_file(self, name: str) -> None:
         """Put a file into the manifest, before it is written."""
         if name not in self._listed:
@@ -167,6 +181,8 @@ class ResultsFolder:
             "fluids": [vars(f) for f in case.fluids],
             "lower": position.min(axis=0).tolist(),
             "upper": position.max(axis=0).tolist(),
+            # Of the walls at the start: lower and upper hold all places that a tank moves to.
+            "size": np.ptp(position, axis=0).tolist(),
             "spacing": case.particles.spacing,
             "gravity": np.asarray(case.gravity).tolist(),
             "interface": case.interface,

@@ -17,6 +17,7 @@ import numpy as np
 from tipfem.backend import runtime
 from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
+from tipfem.case.fluid import Fluid
 from tipfem.case.forces import Forces
 from tipfem.case.particles import Particles
 from tipfem.checkpoint import (
@@ -72,7 +73,7 @@ class Simulation:
         checkpoint_interval: simulated time between checkpoints of `run` [s]; None for none by simulated time.
         checkpoint_wall_interval: wall-clock time between them [s]; None for none by the clock. A run with a results
             folder writes one at its start and at its end, too; see `resume`.
-        overwrite: whether the results of an earlier run in ``out`` are removed; if not, they are an error.
+        overwrite: whether an earlier run in ``out`` is replaced, or an error; by default a long one (10 min) is one.
         fields: the format of the fields, "vtu", "vtkhdf" or "both", or a `FieldOutput`.
         steering: a steering.jsonl of an earlier run, whose commands are repeated at their steps; see `steer`. Run to
             the same time, with the same settings on the same machine, the results are the same to the bit.
@@ -106,7 +107,7 @@ class Simulation:
         probes: Sequence[Probe] = (),
         checkpoint_interval: float | None = None,
         checkpoint_wall_interval: float | None = 60.0,
-        overwrite: bool = True,
+        overwrite: bool | None = None,
         fields: str | FieldOutput = "vtu",
         steering: str | Path | Sequence[Record] | None = None,
     ) -> None:
@@ -283,8 +284,8 @@ class Simulation:
         require_later("run", until, self.time)
         run_to(self, until, progress=progress, control=LiveControl(self) if view else control)
 
-    def volume(self, name: str) -> float:
-        """Volume of a fluid [m^2 in 2-D, m^3 in 3-D], spray included; see `Case.fluid_index` for errors."""
+    def volume(self, name: str | Fluid) -> float:
+        """Volume of a fluid or of that of a name [m^2 in 2-D, m^3 in 3-D], spray included; see `Case.fluid_index`."""
         return float(self.state.volume[self.case.fluid_index(name)])
 
     def energy(self) -> Energy:
@@ -416,8 +417,8 @@ class Simulation:
             "columns": list(self.columns),
             "probes": {name: probe_record(probe) for name, probe in self.probes.probes.items()},
         }
-        present = {**environment(), **runtime.settings()}
-        return {"case": case_record(self.case), "environment": present, "settings": settings}
+        where = {**environment(), **runtime.settings()}
+        return {"case": case_record(self.case), "environment": where, "settings": settings}
 
     @classmethod
     def resume(

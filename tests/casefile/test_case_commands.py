@@ -8,7 +8,9 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 
+import h5py
 import imageio.v3 as imageio
 import numpy as np
 import pytest
@@ -49,6 +51,53 @@ def test_run_writes_results_and_the_whole_case(tmp_path, capsys):
     said = capsys.readouterr().out
     for word in ("Dam break of water in air", "water (998.2", "complete", "to t = 0.012 s", "taichi 1.7.4", "MB"):
         assert word in said
+
+
+def test_states_go_where_and_how_the_case_file_says(tmp_path, capsys):
+    out = tmp_path / "out"
+    words = ["run", CASE, *COARSE, "--until", "0.004", "--out", str(out), "--no-progress"]
+    single = ["--set", "output.fields=vtkhdf", "--set", "output.precision=single", "--set", "output.compression=0"]
+    assert main([*words, *single]) == 0
+    assert not (out / "fields.pvd").exists()
+    with h5py.File(out / "fields.vtkhdf", "r") as file:
+        points = file["VTKHDF/Points"]
+        assert points.dtype == np.float32
+        assert points.compression is None
+    assert tp.read_results(out).times.tolist() == [0.0, 0.004]
+    capsys.readouterr()
+    assert main(["info", str(out)]) == 0
+    assert "states      2 in fields.vtkhdf\n" in capsys.readouterr().out
+    kept = load_case(out / "case.toml")
+    assert kept.fields == tp.FieldOutput(format="vtkhdf", precision="single", compression=0)
+    assert main(["resume", str(out), "--until", "0.008", "--no-progress"]) == 0
+    assert tp.read_results(out).times.tolist() == [0.0, 0.004, 0.008]
+
+
+def test_a_tank_that_sets_off_at_once_is_warned_of_and_keeps_its_size(tmp_path):
+    motion = "tank_motion.translation={form='sine', amplitude=[0.1, 0.0], frequency=2.0%s}"
+    words = ["run", CASE, *COARSE, "--until", "0.03", "--no-progress"]
+    with pytest.warns(UserWarning, match=r"tank_motion begins with a speed of 1\.26 m/s at t = 0"):
+        assert main([*words, "--set", motion % "", "--out", str(tmp_path / "at once")]) == 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        assert main([*words, "--set", motion % ", soft_start=0.1", "--out", str(tmp_path / "smooth")]) == 0
+    case = json.loads((tmp_path / "at once" / "case.json").read_text())
+    assert case["upper"][0] - case["lower"][0] > 0.59  # all places that it has moved to
+    assert case["size"] == pytest.approx([0.584, 0.584], abs=0.02)
+
+
+def test_another_parameter_of_a_motion_is_another_case(tmp_path, capsys):
+    motion = "tank_motion.angle={form='sine', amplitude=0.1, frequency=2.0, soft_start=%s}"
+    out = tmp_path / "out"
+    words = ["run", CASE, *COARSE, "--until", "0.002", "--out", str(out), "--no-progress"]
+    assert main([*words, "--set", motion % 0.5]) == 0
+    text = (out / "case.toml").read_text()
+    assert "soft_start = 0.5" in text
+    (out / "case.toml").write_text(text.replace("soft_start = 0.5", "soft_start = 0.6"))
+    assert main(["resume", str(out), "--until", "0.004"]) == 2
+    said = capsys.readouterr().err
+    assert "tank_motion.angle: " in said
+    assert "soft_start=0.6" in said
 
 
 def test_a_run_that_cannot_go_on_exits_with_1(tmp_path, capsys, monkeypatch):

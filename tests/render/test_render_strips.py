@@ -52,8 +52,11 @@ def test_rows_are_even(out, tmp_path):
 
 
 def test_the_closest_stored_times_are_shown_once():
-    """Asked for twice, or beyond the end, a time still stands once."""
-    assert strips.closest([0.0, 0.1, 0.2], [0.02, 0.0, 0.12, 9.0]) == [0, 1, 2]
+    """Asked for twice, or a little beyond the end, a time still stands once."""
+    assert strips.closest([0.0, 0.1, 0.2], [0.02, 0.0, 0.12, 0.25]) == [0, 1, 2]
+    assert strips.closest([0.0, 0.1, 0.2], 0.0) == [0]
+    with pytest.raises(ValueError, match=r"5 s is not among the stored times, from 0 to 0\.2 s"):
+        strips.closest([0.0, 0.1, 0.2], [0.1, 5.0])
     for wrong in ([], [float("nan")]):
         with pytest.raises(ValueError, match="times of a strip"):
             strips.closest([0.0], wrong)
@@ -84,7 +87,7 @@ def test_bad_sizes_are_refused(out):
 
 def test_the_command_draws_it_alone(out, capsys):
     """--strip with neither frames nor movie leaves strip.png and nothing else."""
-    assert cli.main([str(out), "--strip", "0", "0.2", "--no-frames", "--movie", "--backend", "raster"]) == 0
+    assert cli.main([str(out), "--strip", "0", "0.2", "--no-frames", "--no-movie", "--backend", "raster"]) == 0
     assert capsys.readouterr().out.strip() == str(out / "strip.png")
     assert iio.imread(out / "strip.png").std() > 5
     assert not (out / "frames").exists()

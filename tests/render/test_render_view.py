@@ -210,7 +210,7 @@ def test_tracers_and_windows_in_a_movie(tmp_path):
 
 def test_command_line_takes_all_layers(tmp_path):
     out = write_results(tmp_path / "out", times=(0.0, 0.1))
-    words = "--movie --window 0 0 0.3 0.2 --follow front --no-fill --arrows --streamlines --contours pressure"
+    words = "--no-movie --window 0 0 0.3 0.2 --follow front --no-fill --arrows --streamlines --contours pressure"
     more = "--tracers --colour-map cividis --samples 1 --size 480x320 --backend raster"
     line = [sys.executable, "-m", "tipfem.render", str(out), *words.split(), *more.split()]
     done = subprocess.run(line, capture_output=True, text=True, timeout=120)

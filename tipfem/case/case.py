@@ -267,15 +267,17 @@ class Case:
             },
         )
 
-    def fluid_index(self, name: str) -> int:
+    def fluid_index(self, name: str | Fluid) -> int:
         """Index of a fluid.
 
         Args:
-            name: of the fluid.
+            name: of the fluid, or the fluid itself.
 
         Raises:
-            ValueError: there is no fluid of that name.
+            ValueError: there is no such fluid.
         """
+        if isinstance(name, Fluid) and name in self.fluids:
+            return self.fluids.index(name)
         names = [f.name for f in self.fluids]
         if name not in names:
             raise ValueError(f"there is no fluid {name!r} in this case; it has {names}")

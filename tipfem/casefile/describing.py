@@ -29,6 +29,7 @@ from tipfem.casefile.forms import (
 )
 from tipfem.casefile.schema import SCHEMA_ID, CheckpointTable
 from tipfem.casefile.source import BARE
+from tipfem.fields import FieldOutput
 from tipfem.probes import Probe, probe_record
 
 ARRAYS = ("position", "fluid", "wall", "velocity", "acceleration", "pressure")
@@ -62,6 +63,7 @@ def describe(
     checkpoint_interval: float | None = None,
     checkpoint_wall_interval: float | None = 60.0,
     probes: Sequence[Probe] = (),
+    fields: FieldOutput | None = None,
     particles_file: str | None = None,
 ) -> Description:
     """A case as a case file.
@@ -75,6 +77,7 @@ def describe(
         checkpoint_interval: simulated time between checkpoints [s], or None.
         checkpoint_wall_interval: wall-clock time between them [s], or None.
         probes: what is measured on the way.
+        fields: how states are written, or None for the default.
         particles_file: what to call the file of particles that were not sampled from a tank; `write_case` writes it.
             Without it they count as missing.
     """
@@ -96,7 +99,9 @@ def describe(
             writer.wall(wall, len(case.particles))
     writer.rest(case)
     writer.table(("time",), {"end": end, "largest_step": largest_step})
-    writer.table(("output",), {"folder": folder, "interval": interval})
+    chosen, usual = (fields or FieldOutput()).record(), FieldOutput().record()
+    written = {"fields" if key == "format" else key: chosen[key] for key in chosen if chosen[key] != usual[key]}
+    writer.table(("output",), {"folder": folder, "interval": interval, **written})
     wall_interval = checkpoint_wall_interval if checkpoint_wall_interval is not None else 0.0
     given = None if wall_interval == CheckpointTable().wall_interval else wall_interval
     writer.table(("checkpoint",), {"interval": checkpoint_interval, "wall_interval": given})

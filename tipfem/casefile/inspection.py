@@ -20,6 +20,21 @@ from tipfem.casefile.estimate import duration
 TIMEOUT = 60.0  # of an examination in a process of its own [s]
 
 
+def _states(folder: Path) -> str:
+    """How many states a folder has, and in which file they are listed.
+
+    Raises:
+        ValueError: the file cannot be read.
+    """
+    from tipfem.fields import vtkhdf
+
+    files = len(list((folder / "fields").glob("step_*.vtu")))
+    if not (folder / vtkhdf.NAME).is_file():
+        return f"{files} in fields.pvd" if files else "none"
+    count = len(vtkhdf.times(folder / vtkhdf.NAME)[0])
+    return f"{count} in {vtkhdf.NAME}" + (f", {files} in fields.pvd" if files else "")
+
+
 def describe_results(folder: Path) -> list[str]:
     """Lines on a results folder.
 
@@ -35,7 +50,7 @@ def describe_results(folder: Path) -> list[str]:
     lines = [f"case        {case.get('title') or 'without a title'}"]
     fluids = [f"{f['name']} ({f['density']:g} kg/m^3, {f['viscosity']:g} Pa s)" for f in case.get("fluids", [])]
     lines.append(f"fluids      {', '.join(fluids)}")
-    size = [high - low for low, high in zip(case["lower"], case["upper"], strict=True)]
+    size = case.get("size") or [high - low for low, high in zip(case["lower"], case["upper"], strict=True)]
     lines.append(f"size        {' x '.join(f'{edge:g}' for edge in size)} m, spacing {case['spacing']:g} m")
     lines.append(f"interface   {case.get('interface')}{', free surface' if case.get('free_surface') else ''}")
     count, last = _history(folder / "history.csv")
@@ -55,9 +70,8 @@ def describe_results(folder: Path) -> list[str]:
                 lines.append(f"figure      {name} {value if not isinstance(value, float) else f'{value:.4g}'}")
         versions = summary.get("versions", {})
         lines.append("versions    " + ", ".join(f"{name} {number}" for name, number in versions.items()))
-    states = len(list((folder / "fields").glob("step_*.vtu")))
     total = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-    return [*lines, f"states      {states} in fields.pvd", f"on disk     {total / 1e6:.1f} MB"]
+    return [*lines, f"states      {_states(folder)}", f"on disk     {total / 1e6:.1f} MB"]
 
 
 def _json(path: Path) -> dict[str, Any] | None:

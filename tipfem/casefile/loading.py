@@ -16,6 +16,7 @@ from tipfem.casefile.building import Parts
 from tipfem.casefile.problems import CaseFileError, Problem, Translator, child_at, meant
 from tipfem.casefile.schema import CaseTable, FillTable, FluidTable, ProbeTable, WallTable, json_schema
 from tipfem.casefile.source import Key, Path, Source, SyntaxProblem, keys_of, parse, value_of
+from tipfem.fields import FieldOutput
 
 if TYPE_CHECKING:
     from tipfem.case.case import Case
@@ -122,10 +123,17 @@ class CaseFile:
         return {
             "largest_step": self.table.time.largest_step,
             "interval": self.table.output.interval,
+            "fields": self.fields,
             "checkpoint_interval": self.table.checkpoint.interval,
             "checkpoint_wall_interval": self.table.checkpoint.wall_interval or None,
             "probes": self.parts.probes,
         }
+
+    @property
+    def fields(self) -> FieldOutput:
+        """How states are written."""
+        output = self.table.output
+        return FieldOutput(format=output.fields, precision=output.precision, compression=output.compression)
 
     def case(self) -> Case:
         """The case, with its particles.
@@ -145,6 +153,7 @@ class CaseFile:
         columns: Mapping[str, Callable[[Simulation], float]] | None = None,
         case: Case | None = None,
         steering: str | FilePath | None = None,
+        overwrite: bool | None = None,
     ) -> Simulation:
         """The simulation, at its start; `CaseFile.end` is where it is to run to.
 
@@ -153,6 +162,7 @@ class CaseFile:
             columns: further columns of the history, see `Simulation`.
             case: from `case`, if it has been made already.
             steering: a file of commands to repeat, see `Simulation`.
+            overwrite: whether an earlier run in ``out`` is replaced, see `Simulation`.
 
         Raises:
             ValueError: ``steering`` cannot be read, or has a mistake.
@@ -172,6 +182,8 @@ class CaseFile:
                 columns=columns,
                 steering=commands,
                 probes=self.parts.probes,
+                overwrite=overwrite,
+                fields=self.fields,
                 checkpoint_interval=self.table.checkpoint.interval,
                 checkpoint_wall_interval=self.table.checkpoint.wall_interval or None,
             )

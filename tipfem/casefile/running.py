@@ -256,7 +256,7 @@ def started(file: CaseFile, case: Case, folder: Path, steering: Path | None = No
     """
     from tipfem.casefile.describing import write_case
 
-    simulation = file.simulation(folder, case=case, steering=steering)
+    simulation = file.simulation(folder, case=case, steering=steering, overwrite=True)
     assert simulation.results is not None
     write_case(folder / CASE_FILE, case, file.end, folder=str(folder), **file.settings())
     for name in (CASE_FILE, "case.npz"):

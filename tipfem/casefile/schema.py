@@ -214,6 +214,13 @@ class OutputTable(Model):
     interval: float | None = quantity(
         "time between states written to disk; by default only the first and the last", "s", None, gt=0
     )
+    fields: Literal["vtu", "vtkhdf", "both"] = quantity(
+        "vtu: a file a state, and fields.pvd, which lists them; vtkhdf: all in fields.vtkhdf; or both", default="vtu"
+    )
+    precision: Literal["double", "single"] = quantity(
+        "of positions, velocities, pressures and densities; single takes half the space", default="double"
+    )
+    compression: int = quantity("level of zlib in fields.vtkhdf; 0: none", default=4, ge=0, le=9)
 
 
 class ProbeTable(Model):

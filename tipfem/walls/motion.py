@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 
 from tipfem.case.boundary import Boundary
@@ -95,5 +97,20 @@ class WallMotion:
 
 
 def set_off(boundary: Boundary, particles: Particles, step: float) -> Particles:
-    """The initial particles with the walls' velocities at t = 0; ``step`` [s] is that of the finite differences."""
-    return WallMotion(boundary, 0.0, step).imposed(particles) if boundary.active else particles
+    """The initial particles with the walls' velocities at t = 0; ``step`` [s] is that of the finite differences.
+
+    A tank that sets off at once, with fluids at rest, is warned of: that is an impact.
+    """
+    if not boundary.active:
+        return particles
+    motion = WallMotion(boundary, 0.0, step)
+    speed = float(
+        np.linalg.norm(motion.pose.rigid_velocity(particles.position[boundary.index]), axis=1).max(initial=0.0)
+    )
+    if speed * step > 1e-6 * particles.spacing and not particles.velocity[~particles.wall].any():
+        warnings.warn(
+            f"tank_motion begins with a speed of {speed:.3g} m/s at t = 0 while the fluids are at rest, which is an "
+            "impact; let the motion begin smoothly (soft_start of a sine), or give the fluids a velocity",
+            stacklevel=4,
+        )
+    return motion.imposed(particles)

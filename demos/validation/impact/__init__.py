@@ -1,0 +1,1 @@
+"""The impact of a dam break on a wall."""
