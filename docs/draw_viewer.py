@@ -40,7 +40,8 @@ def main(out: str) -> None:
         assert box is not None
         page.mouse.click(box["x"] + 0.62 * box["width"], box["y"] + 0.86 * box["height"])
         page.wait_for_selector('.tipfem-viewer[data-history="1"]', timeout=120_000)
-        page.wait_for_timeout(1000)
+        page.wait_for_timeout(3000)  # the range of the colours grows until all times have been looked at
+        page.wait_for_selector('.tipfem-viewer[data-moving="false"]')
         page.screenshot(path=str(PICTURE))
         browser.close()
         viewer.terminate()

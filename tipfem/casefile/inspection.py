@@ -146,6 +146,8 @@ def examine() -> list[Finding]:
         _cache(),
         _threads(),
         _package("matplotlib", "optional, for the demos' figures: pip install 'tipfem[plot]'"),
+        _package("websockets", "optional, for tipfem view: pip install 'tipfem[view]'"),
+        _package("anywidget", "optional, for the viewer in notebooks: pip install 'tipfem[notebook]'"),
     ]
 
 
