@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tipfem.casefile.commands import call
 from tipfem.casefile.problems import CaseFileError
 from tipfem.commands import app
 from tipfem.study.running import LocalWorkers, Outcome, folder_of, prepare, usable_cores
@@ -76,6 +77,16 @@ BAD = {
     "duplicate values": (GRID.replace("1e-2", "1e-3"), "two runs 'viscosity=0.001'", "of its own"),
     "name of no folder": (GRID + '[[runs]]\nname = "../a"\n', "'../a'", "names a folder"),
     "name of the table": (GRID + '[[runs]]\nname = "study.csv"\n', "'study.csv'", "table"),
+    "grid without lists": (GRID.replace("[1e-3, 1e-2]", "1e-3"), "fluids.water.viscosity is 0.001", "a list of values"),
+    "grid that is no table": ('grid = 3\ncase = "base.toml"\n[[runs]]\nname = "a"\n', "grid is 3", "table"),
+    "runs that are no tables": ("runs = [1]\n" + GRID, "runs", "1"),
+    "case that is no text": (GRID.replace('"base.toml"', "3"), "case", "3"),
+    "folder that is no text": ("folder = 3\n" + GRID, "folder", "3"),
+    "empty folder": ('folder = ""\n' + GRID, "folder", "''"),
+    "setting out of range": (GRID + "[set]\ntime.end = -1\n", "time.end", "-1"),
+    "setting of the wrong type": (GRID + '[set]\ntime.end = "long"\n', "time.end", "long"),
+    "value that is no number": (GRID.replace("1e-2", "nan"), "fluids.water.viscosity", "nan"),
+    "table as a value": (GRID.replace("1e-2", "{a = 1}"), "fluids.water.viscosity", "a"),
     "no TOML": ("case = \n", "study.toml:1", "not valid TOML"),
 }
 
@@ -97,11 +108,33 @@ def test_a_mistake_is_one_clear_message(name, write, tmp_path, capsys):
         (["--workers", "0"], "--workers is 0"),
         (["--threads", "0"], "--threads is 0"),
         (["--workers", "100000"], "need 100000 cores"),
+        (["--threads", "100000"], "need 100000 cores"),
+        (["--workers", "-1"], "--workers is -1"),
     ],
 )
 def test_bad_options_are_refused(words, message, write, tmp_path, capsys):
     assert app(["sweep", str(write(GRID)), *words], result_action="return_value") == 2
     assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["nothing.toml"], "nothing.toml"),
+        (["."], "."),
+        (["study.toml", "--workers", "two"], "two"),
+        (["study.toml", "--threads", "1.5"], "1.5"),
+        (["study.toml", "--speed", "9"], "--speed"),
+        ([], "STUDY"),
+    ],
+)
+def test_bad_command_lines_end_with_2(words, message, write, tmp_path, capsys):
+    write(GRID)
+    assert call(app, ["sweep", *words]) == 2
+    said = capsys.readouterr()
+    assert message in said.out + said.err
+    assert "Traceback" not in said.out + said.err
     assert not (tmp_path / "out").exists()
 
 

@@ -33,6 +33,16 @@ CASE_FILE = "case.toml"
 # Written by the harness of the demos: the words of the command that goes on with the run.
 COMMAND_FILE = "command.json"
 
+
+def _whole(_type: Any, tokens: Sequence[Any]) -> int:
+    """A whole number of the command line; 1.5 is none, and is not taken for 1."""
+    try:
+        return int(tokens[0].value)
+    except ValueError:
+        raise ValueError(f"{tokens[0].value!r} is not a whole number") from None
+
+
+Whole = Annotated[int, Parameter(converter=_whole)]
 Overrides = Annotated[list[str] | None, Parameter(name="--set", negative=())]
 
 
@@ -43,7 +53,7 @@ def run(
     out: Path | None = None,
     set: Overrides = None,
     until: float | None = None,
-    threads: int | None = None,
+    threads: Whole | None = None,
     arch: str = "cpu",
     overwrite: bool = False,
     progress: bool = True,
@@ -116,7 +126,7 @@ def resume(
     *,
     until: float | None = None,
     allow_changes: bool = False,
-    threads: int | None = None,
+    threads: Whole | None = None,
     arch: str | None = None,
     progress: bool = True,
     view: bool = False,

@@ -8,7 +8,7 @@ from typing import Any
 from cyclopts import App
 
 from tipfem.casefile.describing import toml_value
-from tipfem.casefile.running import bad_input, said
+from tipfem.casefile.running import Whole, bad_input, said
 from tipfem.study.study import Study, load_study
 
 
@@ -21,8 +21,8 @@ def sweep(
     study: Path,
     /,
     *,
-    workers: int | None = None,
-    threads: int = 1,
+    workers: Whole | None = None,
+    threads: Whole = 1,
     scheduler: str | None = None,
     dry_run: bool = False,
     overwrite: bool = False,
