@@ -303,15 +303,25 @@ def test_a_graded_run_keeps_volumes_and_first_guesses(water, air):
     assert simulation.history[-1]["newton_iterations"] <= 3
 
 
-def test_pressure_is_continuous_by_default(water, air):
-    simulation = tp.Simulation(tp.Case(dam_break(water, air), [water, air], (0, -9.81)))
-    simulation.step()
-    assert simulation.case.numerics.pressure == "continuous"
-    assert simulation.state.pressure_jump is None
+def test_auto_is_two_sided_where_interfaces_are_sharp(water, air):
+    auto = tp.Numerics(pressure="auto")
+    options = {
+        "sharp": {"numerics": auto},
+        "interpolated": {"interface": "interpolated", "numerics": auto},
+        "by default": {},
+    }
+    for name, given in options.items():
+        simulation = tp.Simulation(tp.Case(dam_break(water, air), [water, air], (0, -9.81), **given))
+        simulation.step()
+        assert simulation.case.two_sided == (name == "sharp")
+        assert (simulation.state.pressure_jump is not None) == (name == "sharp")
+    tank = tp.tank((1.0, 1.0), 0.1).fill(water)
+    assert not tp.Case(tank, [water], (0, -9.81), free_surface=True, numerics=auto).two_sided
+    assert not tp.Case(tank, [water], (0, -9.81), numerics=auto).two_sided
 
 
 def test_other_pressures_are_refused(water, air):
-    with pytest.raises(ValueError, match=r"pressure is 'both'; it must be 'continuous' or 'two-sided'"):
+    with pytest.raises(ValueError, match=r"pressure is 'both'; it must be 'auto', 'continuous' or 'two-sided'"):
         tp.Numerics(pressure="both")
     tank, numerics = tp.tank((1.0, 1.0), 0.1).fill(water), tp.Numerics(pressure="two-sided")
     for options in ({"interface": "interpolated"}, {"free_surface": True}):

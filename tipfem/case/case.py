@@ -131,6 +131,12 @@ class Case:
         if self.tank is not None:
             self.tank.seal()
 
+    @property
+    def two_sided(self) -> bool:
+        """Whether each fluid has a pressure of its own on interfaces, see `tipfem.Numerics`."""
+        chosen = self.numerics.pressure
+        return chosen == "two-sided" or (chosen == "auto" and self.interface == "sharp" and len(self.fluids) > 1)
+
     def _check_options(self) -> None:
         """Check the options that can be checked without the particles."""
         if self.body_force is not None and not callable(self.body_force):

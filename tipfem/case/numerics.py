@@ -175,7 +175,7 @@ class Numerics:
         pressure: how many values pressure has on interfaces between fluids. "continuous": one a particle, so that the
             fluids on both sides share its equation of continuity. "two-sided", with the sharp interface: one for each
             connected component of a fluid there, so that the solve keeps the volume of each component. Results have
-            the heaviest fluid's.
+            the heaviest fluid's. "auto": two-sided with the sharp interface, continuous otherwise.
         largest_move: target of the step control for the displacement of the fastest particle, in spacings; more than
             0.5 only if J of no element falls below its limit (see `StepControl`). A step in which a particle moves
             0.15 spacings more than this is refused.
@@ -226,8 +226,8 @@ class Numerics:
             raise ValueError(f"Numerics: triangulation is {self.triangulation!r}; it must be 'repair' or 'rebuild'")
         if self.jacobian not in ("rows", "matrix-free"):
             raise ValueError(f"Numerics: jacobian is {self.jacobian!r}; it must be 'rows' or 'matrix-free'")
-        if self.pressure not in ("continuous", "two-sided"):
-            raise ValueError(f"Numerics: pressure is {self.pressure!r}; it must be 'continuous' or 'two-sided'")
+        if self.pressure not in ("auto", "continuous", "two-sided"):
+            raise ValueError(f"Numerics: pressure is {self.pressure!r}; it must be 'auto', 'continuous' or 'two-sided'")
         for name, kind in (("relocation", RelocationRule), ("fitting", FittedRule), ("surface", SurfaceRule)):
             if not isinstance(getattr(self, name), kind):
                 raise ValueError(f"Numerics: {name} is {getattr(self, name)!r}; it must be a {kind.__name__}")

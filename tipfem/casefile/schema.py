@@ -178,8 +178,8 @@ class NumericsTable(Model):
     jacobian: Literal["rows", "matrix-free"] = quantity(
         "rows: gather the Jacobian; matrix-free: compute its products from the elements", default="rows"
     )
-    pressure: Literal["continuous", "two-sided"] = quantity(
-        "on interfaces: one for all fluids, or one for each; two-sided with the sharp interface only",
+    pressure: Literal["auto", "continuous", "two-sided"] = quantity(
+        "on interfaces: one for all fluids, or one for each, with the sharp interface only; auto: there, for each",
         default="continuous",
     )
     largest_move: float = quantity("displacement that a step aims at", "spacings", 0.35, ge=0.01, le=0.8)

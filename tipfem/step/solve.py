@@ -105,7 +105,7 @@ class StepSolver:
         if state.bodies is not None:
             walls = BodyWalls(walls, case.bodies, state.bodies, before, state.time)
         jump = state.pressure_jump
-        if jump is None and numerics.pressure == "two-sided":
+        if jump is None and case.two_sided:
             jump = np.zeros((len(case.fluids), len(before)))
         problem = FlowProblem(
             mesh,
