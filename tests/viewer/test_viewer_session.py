@@ -7,10 +7,10 @@ import json
 
 import numpy as np
 import pytest
-from render_results import sharp_tank
+from render_results import sharp_tank, write_results
 from tipfem.render import Scene
 
-from tipfem.viewer import protocol
+from tipfem.viewer import ResultsSource, protocol
 from tipfem.viewer.outbox import MOST_MESSAGES, Outbox
 from tipfem.viewer.session import Session
 
@@ -171,6 +171,30 @@ def test_a_run_that_ends_says_goodbye():
         assert screen.of("bye")[0]["text"] == "the run has ended"
 
     played(script)
+
+
+def test_a_time_that_cannot_be_read_is_named_and_the_others_are_shown(tmp_path):
+    out = write_results(tmp_path / "broken", (0.0, 0.1, 0.2))
+    path = out / "fields" / "step_000001.vtu"
+    path.write_bytes(path.read_bytes()[:500])
+
+    async def script():
+        session = Session([ResultsSource(out)])
+        running = asyncio.ensure_future(session.run())
+        screen = Screen(session)
+        await until(lambda: screen.of("frame"))
+        screen.say("show", time=0.1)
+        await until(lambda: screen.of("error"))
+        assert "step_000001.vtu" in screen.of("error")[0]["text"]
+        screen.say("show", time=0.2)
+        await until(lambda: screen.of("frame")[-1]["panes"][0]["index"] == 2)
+        screen.say("layers", tracers=20)  # they would be followed through all times
+        await until(lambda: len(screen.of("error")) == 2)
+        await until(lambda: screen.of("status")[-1]["layers"]["tracers"] == 0)
+        session.close("that was it")
+        await running
+
+    asyncio.run(asyncio.wait_for(script(), 30))
 
 
 def test_a_page_that_reads_nothing_is_given_up():

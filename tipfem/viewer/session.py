@@ -241,19 +241,23 @@ class Session:
                 self._recording.add(self.showing.framed())
         except (ValueError, OSError) as error:
             self.showing.playing, self._new_status, self._smooth = False, True, True
-            for page in self.pages:
-                page.say("error", text=str(error))
+            self._complain(error)
 
     def _work(self) -> bool:
         """A piece of what can wait for the pictures: tracers, ranges, histories; whether there was one."""
         if not self._watched:
             return False
-        for pane, index in zip(self.showing.panes, self.showing.indices(), strict=True):
-            moved = None if pane.source.live else pane.tracing(index, self.showing.choices)
-            if moved is not None:
-                if moved:
-                    self._change()
-                return True
+        try:
+            for pane, index in zip(self.showing.panes, self.showing.indices(), strict=True):
+                moved = None if pane.source.live else pane.tracing(index, self.showing.choices)
+                if moved is not None:
+                    if moved:
+                        self._change()
+                    return True
+        except ValueError as error:  # a stored time cannot be read
+            self.showing.choices.layers["tracers"] = 0
+            self._change()
+            self._complain(error)
         for page in self.pages:
             for number, history in page.histories.items():
                 try:
@@ -436,6 +440,10 @@ class Session:
         page.send(
             protocol.pack({"type": "file", "name": f"{self.showing.file_name}.mp4", "mime": "video/mp4"}, [movie])
         )
+
+    def _complain(self, error: Exception) -> None:
+        for page in self.pages:
+            page.say("error", text=str(error))
 
     def _status(self) -> dict[str, Any]:
         return {**self.showing.status(), "recording": self._recording is not None, "pages": len(self.pages)}
