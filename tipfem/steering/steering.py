@@ -20,6 +20,7 @@ from tipfem.steering.commands import Command, Drop, Gravity, Poke, Release
 from tipfem.steering.record import FILE, Record, read_records
 from tipfem.step.budget import AXES, Budget
 from tipfem.step.volume_source import VolumeControl
+from tipfem.typing import Array
 
 
 class Steerable(Protocol):
@@ -110,6 +111,22 @@ class Steering:
             else:
                 simulation.results.append_line(FILE, record.line())
         return record
+
+    def wanted_volumes(self, history: Sequence[Mapping[str, float]], case: Case, volume: Array) -> Array:
+        """(K, F) volumes that the fluids should have had in the K rows of a history, drops included.
+
+        Args:
+            history: rows of steps.
+            case: of the run.
+            volume: (F,) that they should have now [m^2, or m^3 in 3-D].
+        """
+        step = np.array([row["step"] for row in history], dtype=np.int64)
+        wanted = np.tile(volume, (len(history), 1))
+        for record in self.applied:
+            if record.effect and f"volume_{case.fluids[0].name}" in record.effect:
+                added = [float(record.effect[f"volume_{fluid.name}"]) for fluid in case.fluids]
+                wanted[step <= record.step] -= added
+        return wanted
 
     def content(self, simulation: Steerable) -> dict[str, Any]:
         """All of it and the present forces, for a checkpoint."""

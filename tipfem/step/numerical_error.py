@@ -22,7 +22,8 @@ def numerical_error(
     Args:
         history: rows with the columns of `Budget.account`.
         fluids: of the case.
-        start_volume: (F,) of the fluids at the start [m^2, or m^3 in 3-D].
+        start_volume: (F,) of the fluids at the start [m^2, or m^3 in 3-D]; or (K, F) for the K rows, where drops were
+            added on the way.
 
     Returns:
         ``energy``: numerical dissipation less the residual of Newton's method, over the larger of the largest kinetic
@@ -45,14 +46,15 @@ def numerical_error(
     momentum = math.hypot(
         *(float((column(f"remeshing_momentum_{a}") + column(f"momentum_residual_{a}")).sum()) for a in axes)
     )
-    mass = sum(f.density * float(volume) for f, volume in zip(fluids, start_volume, strict=True))
+    volumes = np.broadcast_to(start_volume, (len(history), len(fluids)))
+    mass = sum(f.density * float(volume) for f, volume in zip(fluids, volumes[-1], strict=True))
     result = {
         "energy": relative(energy, max(float(kinetic), float(np.ptp(potential)))),
         "momentum": relative(momentum, math.sqrt(2 * mass * float(kinetic))),
     }
-    for f, volume in zip(fluids, start_volume, strict=True):
-        taken = float(volume) - column(f"volume_{f.name}")
-        result[f"volume_{f.name}"] = relative(float(taken[np.argmax(np.abs(taken))]), float(volume))
+    for f, volume in zip(fluids, volumes.T, strict=True):
+        taken = volume - column(f"volume_{f.name}")
+        result[f"volume_{f.name}"] = relative(float(taken[np.argmax(np.abs(taken))]), float(volume[-1]))
     return result
 
 
