@@ -295,8 +295,7 @@ class Simulation:
 
     def numerical_error(self) -> dict[str, float]:
         """What numerics took from the run so far, relative to the flow's own; see `tipfem.step.numerical_error`."""
-        wanted = self.steering.wanted_volumes(self.history, self.case, self.state.start_volume)
-        return numerical_error(self.history, self.case.fluids, wanted)
+        return numerical_error(self.history, self.case.fluids, self.steering.wanted_volumes(self))
 
     def _repr_html_(self) -> str:
         """For notebooks."""

@@ -33,6 +33,7 @@ class Steerable(Protocol):
     budget: Budget
     volume_control: VolumeControl
     results: ResultsFolder | None
+    history: list[dict[str, float]]
 
     @property
     def time(self) -> float:
@@ -112,19 +113,17 @@ class Steering:
                 simulation.results.append_line(FILE, record.line())
         return record
 
-    def wanted_volumes(self, history: Sequence[Mapping[str, float]], case: Case, volume: Array) -> Array:
-        """(K, F) volumes that the fluids should have had in the K rows of a history, drops included.
+    def wanted_volumes(self, simulation: Steerable) -> Array:
+        """(K, F) volumes that the fluids should have had in the K rows of the history, drops included.
 
         Args:
-            history: rows of steps.
-            case: of the run.
-            volume: (F,) that they should have now [m^2, or m^3 in 3-D].
+            simulation: whose history it is.
         """
-        step = np.array([row["step"] for row in history], dtype=np.int64)
-        wanted = np.tile(volume, (len(history), 1))
+        step = np.array([row["step"] for row in simulation.history], dtype=np.int64)
+        wanted, fluids = np.tile(simulation.state.start_volume, (len(step), 1)), simulation.case.fluids
         for record in self.applied:
-            if record.effect and f"volume_{case.fluids[0].name}" in record.effect:
-                added = [float(record.effect[f"volume_{fluid.name}"]) for fluid in case.fluids]
+            if record.effect and f"volume_{fluids[0].name}" in record.effect:
+                added = [float(record.effect[f"volume_{fluid.name}"]) for fluid in fluids]
                 wanted[step <= record.step] -= added
         return wanted
 
