@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import re
@@ -18,6 +19,7 @@ from websockets.sync.client import connect
 
 import tipfem as tp
 from tipfem.liveview.control import LiveControl
+from tipfem.liveview.kernel import KernelRun
 from tipfem.liveview.memory import Snapshot, StateMemory, slot_size
 from tipfem.steering import FILE
 from tipfem.viewer import protocol
@@ -279,3 +281,45 @@ def test_the_command_shows_a_run_and_ends_with_it(tmp_path):
     port = re.search(r":(\d+)/#", done.stdout)[1]
     listening = [line.split()[1] for line in Path("/proc/net/tcp").read_text().splitlines() if line.split()[3] == "0A"]
     assert f"0100007F:{int(port):04X}" not in listening
+
+
+def test_a_run_in_a_notebooks_kernel_draws_and_obeys_between_its_steps(tmp_path):
+    """As in a notebook: the run and the viewer are tasks of one loop."""
+    simulation = tp.Simulation(layers(0.1), tmp_path / "out", time_step=0.01)
+    run = KernelRun(simulation, 1000.0, 20.0, False)
+    frames, states = [], []
+
+    def take(message):
+        if isinstance(message, bytes):
+            head, _ = protocol.unpack(message)
+            frames.append(head["panes"][0]["time"])
+            session.receive(page, json.dumps({"type": "ack", "frame": head["frame"]}))
+        elif json.loads(message)["type"] == "status":
+            states.append(json.loads(message)["runs"][0])
+
+    async def until(condition):
+        for _ in range(2000):
+            if condition():
+                return
+            await asyncio.sleep(0.01)
+        raise AssertionError(states[-1:])
+
+    async def both():
+        tasks = [asyncio.ensure_future(session.run()), asyncio.ensure_future(run.run())]
+        await until(lambda: len(frames) >= 3 and frames[-1] > 0)
+        session.receive(page, json.dumps({"type": "command", "name": "pause"}))
+        await until(lambda: states[-1]["state"] == "paused")
+        step = simulation.step_number
+        session.receive(page, json.dumps({"type": "command", "name": "gravity", "value": [1.0, -9.0]}))
+        await until(lambda: states[-1]["gravity"] == [1.0, -9.0])
+        session.receive(page, json.dumps({"type": "command", "name": "step"}))
+        await until(lambda: states[-1]["step"] == step + 1)
+        assert simulation.step_number == step + 1
+        session.receive(page, json.dumps({"type": "command", "name": "stop"}))
+        await asyncio.wait_for(asyncio.gather(*tasks), 60)
+
+    session = run.view.session
+    page = session.attach(take)
+    asyncio.run(both())
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "stopped by a command"
+    assert simulation.forces.gravity == (1.0, -9.0)

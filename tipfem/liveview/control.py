@@ -11,7 +11,7 @@ import select
 import subprocess
 import sys
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -44,6 +44,26 @@ class Shown(Protocol):
 
     def steer(self, command: Command) -> None:
         """Give a command."""
+
+
+class Steps(Shown, Protocol):
+    """A simulation that takes steps; see `tipfem.Simulation`."""
+
+    @property
+    def time(self) -> float:
+        """Of the present state [s]."""
+
+    def step(self, until: float) -> None:
+        """Advance by one time step."""
+
+    def write_fields(self) -> None:
+        """Write the present fields."""
+
+    def write_checkpoint(self, until: float) -> None:
+        """Write a checkpoint of a run to a time."""
+
+    def write_summary(self, content: Mapping[str, Any] | None = None) -> None:
+        """Write the summary."""
 
 
 class LiveControl(RunControl):
@@ -162,25 +182,8 @@ class LiveControl(RunControl):
             self._publish(simulation)
 
     def _publish(self, simulation: Shown) -> None:
+        self._memory.publish(snapshot_of(simulation, self._speed()))
         state, forces = simulation.state, simulation.forces
-        particles, mesh = state.particles, state.mesh
-        gravity = simulation.case.gravity if forces.gravity is None else forces.gravity
-        self._memory.publish(
-            Snapshot(
-                step=state.step,
-                time=state.time,
-                gravity=(float(gravity[0]), float(gravity[1])),
-                speed=self._speed(),
-                poked=forces.pokes(state.time),
-                position=particles.position,
-                velocity=particles.velocity,
-                pressure=particles.pressure,
-                fluid=particles.fluid,
-                wall=particles.wall,
-                cells=mesh.cells,
-                cell_fluid=mesh.fluid,
-            )
-        )
         self._published, self._when, self._prompt = (state, forces), clock.monotonic(), False
 
     def _speed(self) -> float:
@@ -301,6 +304,32 @@ class LiveControl(RunControl):
         if self._process is not None and self._process.stdin is not None:
             with contextlib.suppress(OSError):
                 os.write(self._process.stdin.fileno(), json.dumps({"message": message}).encode() + b"\n")
+
+
+def snapshot_of(simulation: Shown, speed: float) -> Snapshot:
+    """The present state as it is drawn; it shares the arrays.
+
+    Args:
+        simulation: in 2-D.
+        speed: steps per second by the clock.
+    """
+    state, forces = simulation.state, simulation.forces
+    particles, mesh = state.particles, state.mesh
+    gravity = simulation.case.gravity if forces.gravity is None else forces.gravity
+    return Snapshot(
+        step=state.step,
+        time=state.time,
+        gravity=(float(gravity[0]), float(gravity[1])),
+        speed=speed,
+        poked=forces.pokes(state.time),
+        position=particles.position,
+        velocity=particles.velocity,
+        pressure=particles.pressure,
+        fluid=particles.fluid,
+        wall=particles.wall,
+        cells=mesh.cells,
+        cell_fluid=mesh.fluid,
+    )
 
 
 def describe(simulation: Shown) -> dict[str, Any]:
