@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tipfem.case.case import Case
     from tipfem.case.fluid import Fluid
     from tipfem.case.grading import Grading
+    from tipfem.case.mesh_file import read_mesh
     from tipfem.case.numerics import FittedRule, Numerics, RelocationRule, SurfaceRule
     from tipfem.case.particles import Particles
     from tipfem.case.shaped_tank import tank
@@ -84,6 +85,7 @@ __all__ = [
     "live",
     "load_case",
     "log_json",
+    "read_mesh",
     "read_results",
     "shapes",
     "tank",
@@ -131,6 +133,7 @@ _MODULES = {
     "live": "liveview.running",
     "load_case": "casefile.loading",
     "log_json": "logs",
+    "read_mesh": "case.mesh_file",
     "read_results": "results",
     "shapes": "case.shapes",
     "tank": "case.shaped_tank",

@@ -468,3 +468,55 @@ def test_a_particles_file_is_checked(tmp_path):
         assert word in line
     np.savez(tmp_path / "p.npz", **good)
     assert len(read_case(text, "case.toml", tmp_path).case().particles) == 36
+
+
+SHAPED = """
+gravity = [0, -9.81]
+[fluids.water]
+density = 998.2
+viscosity = 1e-3
+[tank]
+spacing = 0.05
+{tank}
+[[fill]]
+fluid = "water"
+[time]
+end = 1.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("tank", "path", "text"),
+    [
+        ("size = [1.0, 1.0]\nshape = {corners = [[0, 0], [1, 0], [1, 1]]}", "tank", "has both size and shape"),
+        ("jitter = 0.1", "tank", "has neither size nor shape"),
+        ("shape = {corners = [[0, 0], [1, 0]]}", "tank.shape", "it needs 3 or more"),
+        ("shape = {corners = [[0, 0], [1, 1], [1, 0], [0, 1]]}", "tank.shape", "crosses or touches"),
+        (
+            "shape = {circle = {centre = [0, 0], radius = 1}, corners = [[0, 0], [1, 0]]}",
+            "tank.shape",
+            "either corners",
+        ),
+        (
+            "shape = {corners = [[0, 0], [1, 0], [1, 1]], holes = [{corners = [[2, 2], [3, 2], [3, 3]]}]}",
+            "tank.shape",
+            "is not inside the outline",
+        ),
+        (
+            "shape = {corners = [[0, 0], [1, 0], [1, 0.1], [0, 0.1]]}",
+            "tank",
+            "0.1 m wide, 2 spacings",
+        ),
+        (
+            "shape = {corners = [[0, 0], [1, 0], [1, 1]], names = ['floor', 'wall', 'roof']}\n"
+            "[walls.left]\nslip = true",
+            "walls.left",
+            "must be one of floor, wall, roof",
+        ),
+    ],
+)
+def test_bad_shapes_are_refused_at_their_place(tank, path, text):
+    with pytest.raises(CaseFileError) as caught:
+        read_case(SHAPED.replace("{tank}", tank), "case.toml")
+    assert path in str(caught.value)
+    assert text in str(caught.value)

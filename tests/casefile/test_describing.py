@@ -53,6 +53,18 @@ def with_walls():
     )
 
 
+def with_a_shape():
+    """Arcs, a hole of corners, a circle, names, and a wall that turns."""
+    bowl = tp.shapes.polygon(
+        [(-1, 0), tp.shapes.arc((0, 0)), (1, 0), (1, 1), (-1, 1)],
+        names=["bowl", "right", "top", "left"],
+        holes=[[(-0.5, 0.2), (-0.2, 0.2), (-0.2, 0.5)], tp.shapes.circle((0.35, 0.1), 0.25, name="cylinder")],
+    )
+    tank = tp.tank(shape=bowl, spacing=0.1).fill(AIR).fill(WATER, shape=[(-1, -1), (1, -1), (1, -0.3), (-1, -0.4)])
+    tank.wall("cylinder", velocity=0.2).wall("bowl", slip=True).wall("right", slip_length=0.1)
+    return tp.Case(tank, [WATER, AIR], (0, -9.81))
+
+
 def with_grading():
     tank = tp.tank((0.3, 0.2), 0.01).fill(AIR).fill(WATER, box=((0, 0), (0.1, 0.1)))
     limits = Limits(limits=[Limit(box=[[0, 0], [0.3, 0.02]], largest=0.01)])
@@ -79,7 +91,7 @@ def as_arrays():
     return tp.Case(particles, [WATER], (0, -9.81), walls=[wall], interface="interpolated")
 
 
-CASES = [two_layers, with_disc, with_shapes, with_walls, with_grading, with_surface, in_3d, as_arrays]
+CASES = [two_layers, with_disc, with_shapes, with_walls, with_a_shape, with_grading, with_surface, in_3d, as_arrays]
 
 
 @pytest.mark.parametrize("make", CASES, ids=lambda make: make.__name__)

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from tipfem.arguments import numbers
+from tipfem.arguments import is_number, numbers
 from tipfem.case.curves import Curve
 from tipfem.case.domain import Domain
 from tipfem.case.particles import Particles
@@ -144,6 +144,12 @@ class Boundary:
         if wall.side is not None:
             raise ValueError(
                 f"Case: wall {wall.name!r}: side is {wall.side!r}; only a tank with a shape has named sides"
+            )
+        given = wall.velocity(0.0) if callable(wall.velocity) else wall.velocity
+        if is_number(given):
+            raise ValueError(
+                f"Case: wall {wall.name!r}: velocity is {given!r}; a speed alone is for the sides of a shape; it must "
+                f"be {self.dimension} speeds in m/s"
             )
         return [self._members(wall, particles)]
 

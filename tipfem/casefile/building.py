@@ -16,6 +16,8 @@ from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import FittedRule, Numerics, RelocationRule, SurfaceRule
 from tipfem.case.particles import Particles
+from tipfem.case.shaped_tank import ShapedTank
+from tipfem.case.shapes import Shape
 from tipfem.case.tank import SIDES, Tank
 from tipfem.case.walls import Motion, Wall
 from tipfem.casefile.forms import HalfSpace, Limits, Polygon, Polyline, Ramp, Side, Table, UniformForce
@@ -25,7 +27,7 @@ from tipfem.casefile.schema import FillTable, MotionTable, NumericsTable, WallTa
 from tipfem.casefile.source import Path
 
 Report = Callable[[Path, str], None]
-SHAPES = ("box", "disc", "half_space", "polygon", "below", "above")
+SHAPES = ("box", "disc", "half_space", "polygon", "shape", "below", "above")
 MOST_PARTICLES = 5e7  # of a tank: more than a quarter of a terabyte of memory
 SUBJECT = re.compile(r"^(?:step|run|init|tank|fill|wall|Case|Simulation|[A-Z]\w+)(?: '[^']*')?: ")
 RULES = {"fitting": FittedRule, "relocation": RelocationRule, "surface": SurfaceRule}
@@ -53,6 +55,7 @@ class Parts:
         )
         self.end = sections["time"].end if sections.get("time") else None
         self._particles = self._read_particles()
+        self._shape: Shape | None = None
         self.tank, self.dimension = self._tank()
         self._check_choices()
         self._fill()
@@ -141,24 +144,35 @@ class Parts:
         tank, particles = self.sections.get("tank"), self.sections.get("particles")
         if "tank" in self.sections and "particles" in self.sections:
             if tank is None and particles is None:
-                self.report(("tank",), "is missing; give a tank with size and spacing, or particles with a file")
+                self.report(
+                    ("tank",), "is missing; give a tank with size or shape and spacing, or particles with a file"
+                )
             if tank is not None and particles is not None:
                 self.report(("particles",), "is given beside tank; give one of the two")
         gravity = self.sections.get("gravity")
         if tank is None:
             dimension = self._particles.dimension if self._particles else len(gravity) if gravity else None
         else:
-            dimension = len(tank.size)
+            dimension = 2 if tank.size is None else len(tank.size)
+            if (tank.size is None) == (tank.shape is None):
+                given = "has neither size nor shape" if tank.size is None else "has both size and shape"
+                self.report(("tank",), f"{given}; give a box its size, or a tank in 2-D its shape")
+                return None, dimension
+            if tank.shape is not None:
+                self._shape = self._made(("tank", "shape"), tank.shape.shape)
+                if self._shape is None:
+                    return None, dimension
         if gravity and dimension and len(gravity) != dimension:
             self.report(
                 ("gravity",), f"is {gravity} m/s^2; it must be {dimension} numbers, for the case is {dimension}-D"
             )
         if tank is not None:
-            count = math.prod(edge / tank.spacing + 1 for edge in tank.size)
+            size = tank.size if self._shape is None else np.ptp(self._shape.box, axis=0).tolist()
+            count = math.prod(edge / tank.spacing + 1 for edge in size)
             if not count <= MOST_PARTICLES:
                 self.report(
                     ("tank", "spacing"),
-                    f"is {tank.spacing} m, which makes about {count:.1g} particles of {tank.size} m; "
+                    f"is {tank.spacing} m, which makes about {count:.1g} particles of {size} m; "
                     f"it must be so large that there are at most {MOST_PARTICLES:.0g}",
                 )
                 return None, dimension
@@ -166,6 +180,8 @@ class Parts:
 
     def _new_empty_tank(self) -> Tank:
         tank = self.sections["tank"]
+        if self._shape is not None:
+            return ShapedTank(self._shape, tank.spacing, tank.jitter, tank.seed)
         return Tank(tank.size, tank.spacing, tank.jitter, tank.seed)
 
     def _new_tank(self) -> Tank:
@@ -217,6 +233,11 @@ class Parts:
             if not any(table.half_space.normal):
                 self.report((*path, "half_space", "normal"), "is zero; it must be a direction")
                 fits = False
+        if table.shape and d != 2:
+            self.report((*path, "shape"), "is given in 3-D; shapes are for 2-D only")
+            fits = False
+        elif table.shape:
+            fits = self._made((*path, "shape"), table.shape.shape) is not None and fits
         if table.polygon and d != 2:
             self.report((*path, "polygon"), "is given in 3-D; polygons are for 2-D only")
             fits = False
@@ -231,6 +252,8 @@ class Parts:
         tables = self.sections.get("walls")
         walls = []
         sides = [name for name, (axis, _) in SIDES.items() if axis < (self.dimension or 3)]
+        if self._shape is not None:
+            sides = list(self._shape.sides)
         for name, table in (tables or {}).items():
             path: Path = ("walls", name)
             if table is None:
@@ -264,6 +287,12 @@ class Parts:
     def _sized(self, path: Path, table: WallTable) -> bool:
         """Whether a wall's functions have as many coordinates as they must."""
         velocity = table.velocity
+        if table.speed is not None:
+            fits = self._shape is not None and velocity is None
+            if not fits:
+                why = "only a side of a shape has a speed" if velocity is None else "velocity is given, too"
+                self.report((*path, "speed"), f"is {table.speed:g} m/s; {why}")
+            return fits
         if isinstance(velocity, list):
             fits = len(velocity) == self.dimension
             if not fits:
@@ -281,6 +310,8 @@ class Parts:
             value = getattr(table, key)
             if value is not None:
                 options[key] = self._loaded(value)
+        if table.speed is not None:
+            options["velocity"] = table.speed
         return options
 
     def _loaded(self, function: Any) -> Any:
@@ -471,6 +502,8 @@ def _shape(table: FillTable) -> dict[str, Any]:
             return {"box": value}
         if key == "disc":
             return {"disc": (value.centre, value.radius)}
+        if key == "shape":
+            return {"shape": value.shape()}
         if isinstance(value, HalfSpace):
             return {"where": value}
         if key == "polygon":

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.arguments import numbers
+from tipfem.arguments import is_number, numbers
 from tipfem.case.case import Case
 from tipfem.case.numerics import Numerics
 from tipfem.case.particles import Particles
+from tipfem.case.shaped_tank import ShapedTank
 from tipfem.case.tank import Region, Tank
 from tipfem.case.walls import Wall
 from tipfem.casefile.building import RULES
@@ -27,6 +28,7 @@ from tipfem.casefile.forms import (
     Table,
     UniformForce,
 )
+from tipfem.casefile.outlines import shape_content
 from tipfem.casefile.schema import SCHEMA_ID, CheckpointTable
 from tipfem.casefile.source import BARE
 from tipfem.fields import FieldOutput
@@ -204,7 +206,11 @@ class _Writer:
     def tank(self, tank: Tank) -> None:
         """A tank, what it is filled with, and its walls."""
         seed: Any = int(tank.seed) if isinstance(tank.seed, (int, np.integer)) else self.lost("tank.seed", "no number")
-        given = {"size": numbers(tank.size).tolist(), "spacing": float(tank.spacing)}
+        given: dict[str, Any] = {"spacing": float(tank.spacing)}
+        if isinstance(tank, ShapedTank):
+            given["shape"] = shape_content(tank.shape)
+        else:
+            given = {"size": numbers(tank.size).tolist(), **given}
         self.table(("tank",), {**given, "jitter": float(tank.jitter) or None, "seed": seed or None})
         for k, region in enumerate(tank.regions):
             part = f"fill[{k}]"
@@ -225,6 +231,8 @@ class _Writer:
         if "disc" in region.given:
             centre, radius = region.given["disc"]
             return {"disc": {"centre": np.asarray(centre).tolist(), "radius": float(radius)}}
+        if "shape" in region.given:
+            return {"shape": shape_content(region.given["shape"])}
         if "where" not in region.given:
             return {}
         where = region.given["where"]
@@ -254,6 +262,12 @@ class _Writer:
     def wall(self, wall: Wall, count: int) -> None:
         """A wall that is not one of a tank; ``count`` is the number of all particles."""
         place: dict[str, Any] = {}
+        if wall.side is not None:
+            options = {
+                key: getattr(wall, key) for key in ("law", "slip", "slip_length", "velocity") if getattr(wall, key)
+            }
+            self.table(("walls", wall.side), self.wall_options(wall.side, options))
+            return
         if wall.between is not None:
             place["between"] = numbers(wall.between).tolist()
         else:
@@ -269,6 +283,8 @@ class _Writer:
         for key, value in options.items():
             if callable(value):
                 result[key] = self.function(f"walls.{name}.{key}", value)
+            elif key == "velocity" and is_number(value):
+                result["speed"] = float(value)
             else:
                 result[key] = numbers(value).tolist() if key == "velocity" and value is not None else value
         return result

@@ -21,6 +21,7 @@ from tipfem.casefile.forms import (
     VectorOrFunction,
     quantity,
 )
+from tipfem.casefile.outlines import ShapeTable
 
 SCHEMA_ID = "case.schema.json"  # beside the case file; `tipfem schema --out case.schema.json` writes it
 
@@ -33,9 +34,12 @@ class FluidTable(Model):
 
 
 class TankTable(Model):
-    """A closed box with walls all around; one corner is the origin."""
+    """A closed box with walls all around, one corner of which is the origin; or a tank of any shape in 2-D."""
 
-    size: list[Annotated[float, Field(gt=0)]] = quantity("edge lengths", "m", min_length=2, max_length=3)
+    size: list[Annotated[float, Field(gt=0)]] | None = quantity(
+        "edge lengths of a box", "m", None, min_length=2, max_length=3
+    )
+    shape: ShapeTable | None = Field(None, description="the shape of the tank in 2-D, in place of size")
     spacing: float = quantity("distance between particles", "m", gt=0)
     jitter: float = quantity(
         "random displacement of the particles off the walls, in spacings; a tank in 3-D needs some",
@@ -64,6 +68,7 @@ class FillTable(Model):
     disc: Disc | None = Field(None, description="a disc; a ball in 3-D")
     half_space: HalfSpace | None = Field(None, description="one side of a straight line or plane")
     polygon: list[Point] | None = quantity("corners (x, y) of a closed polyline, in order", "m", None, min_length=3)
+    shape: ShapeTable | None = Field(None, description="any shape in 2-D, with arcs and holes")
     below: Curve | None = Field(None, description="what is below a curve over x: an interface given as a wave, say")
     above: Curve | None = Field(None, description="what is above a curve over x")
     velocity: Vector | None = quantity("velocity of the fluid at the start; at rest by default", "m/s", None)
@@ -73,7 +78,8 @@ class WallTable(Model):
     """A wall that is not simply fixed and no-slip."""
 
     between: list[Point] | None = quantity(
-        "the two ends of a part of a wall in 2-D; left out, the table is named after a wall of the tank",
+        "the two ends of a part of a wall in 2-D; left out, the table is named after a wall of the tank, or a side of "
+        "its shape",
         "m",
         None,
         min_length=2,
@@ -86,6 +92,11 @@ class WallTable(Model):
         "no-slip, or layer: slip with the friction of a boundary layer that is thinner than the spacing", default=None
     )
     velocity: VectorOrFunction | None = quantity("velocity of a wall that slides along itself", "m/s", None)
+    speed: float | None = quantity(
+        "speed of a side of a shape along itself, anticlockwise about what its outline encloses; in place of velocity",
+        "m/s",
+        None,
+    )
     motion: TimeFunction | None = quantity(
         "displacement along the wall's normal into the fluid, a smooth function of time that is zero at t = 0",
         "m",

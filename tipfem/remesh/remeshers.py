@@ -19,6 +19,7 @@ from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading
+from tipfem.case.mesh_file import MeshTank
 from tipfem.case.numerics import FittedRule, RelocationRule
 from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
@@ -261,6 +262,7 @@ class FittedRemesher(Remesher):
         keep: whether every remeshing restores the volumes that the fluids started with, or only those before that
             remeshing.
         grading: of the target spacings; None for the same spacing everywhere and a constant number of particles.
+        first: cells and fluids of the first mesh; None for a Delaunay mesh of the particles.
     """
 
     interface = SharpInterface()
@@ -274,10 +276,12 @@ class FittedRemesher(Remesher):
         walls_have_fluids: bool,
         keep: bool,
         grading: Grading | None = None,
+        first: tuple[Array, Array] | None = None,
     ) -> None:
         super().__init__(fluids)
         self.rule = rule
         self._names = [f.name for f in fluids]
+        self._first = first
         self._keep, self._walls_have_fluids, self._grading = keep, walls_have_fluids, grading
 
     @staticmethod
@@ -289,15 +293,22 @@ class FittedRemesher(Remesher):
             walls_have_fluids=case.walls_have_fluids,
             keep=case.numerics.volume_correction > 0,
             grading=case.grading,
+            first=case.tank.first_cells(case.fluids) if isinstance(case.tank, MeshTank) else None,
         )
 
     def start(self, particles: Particles, boundary: Boundary, reference: int) -> State:
         """See `Remesher.start`; a triangle belongs to the lightest fluid among its particles'."""
-        edges = boundary.edges(particles, 0.0)
-        mesh = triangulate(particles.position, particles.wall, particles.spacing, edges)
+        if self._first is None:
+            edges = boundary.edges(particles, 0.0)
+            mesh = triangulate(particles.position, particles.wall, particles.spacing, edges)
+        else:
+            mesh = Mesh(particles.position, self._first[0])
         if not self._walls_have_fluids:
             particles = particles.shallow_copy(fluid=wall_fluid(mesh, particles.fluid, particles.wall))
-        mesh = with_fluids(mesh, particles, self.rank)
+        if self._first is None:
+            mesh = with_fluids(mesh, particles, self.rank)
+        else:
+            mesh = with_components(Mesh(mesh.position, mesh.cells, self._first[1]), len(self.rank))
         absent = np.setdiff1d(np.arange(len(self.density)), np.asarray(mesh.fluid))
         if len(absent):
             raise TriangulationError(

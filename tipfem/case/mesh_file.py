@@ -1,0 +1,258 @@
+"""Tanks from mesh files: points, triangles, fluids and walls of a file of Gmsh, or of any format that meshio reads."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tipfem.arguments import is_number
+from tipfem.case.domain import Domain
+from tipfem.case.fluid import Fluid, ranks
+from tipfem.case.grading import Grading
+from tipfem.case.particles import Particles
+from tipfem.case.tank import Tank
+from tipfem.case.walls import Wall
+from tipfem.typing import Array
+
+# Cell data in which formats other than Gmsh's keep the number of a cell's group.
+GROUP_DATA = ("gmsh:physical", "medit:ref", "cell_tags", "CellEntityIds", "group", "region")
+
+
+class MeshTank(Tank):
+    """A tank whose particles are the points of a mesh; `tipfem.read_mesh` makes one.
+
+    The names of the surfaces' groups are the fluids', those of the curves' groups the walls'.
+
+    Args:
+        points: (N, 2) [m].
+        cells: (M, 3) triangles.
+        regions: (M,) name of the fluid of each triangle.
+        edges: (E, 2) edges along walls.
+        sides: (E,) name of the wall of each edge.
+        spacing: target distance between particles [m]; by default the median length of the triangles' edges.
+        source: of the mesh, for messages.
+
+    Attributes:
+        domain: the polygon of the triangles' boundary.
+
+    Raises:
+        ValueError: the mesh is not a plane region with a boundary that has names.
+    """
+
+    def __init__(
+        self,
+        points: Array,
+        cells: Array,
+        regions: Sequence[str],
+        edges: Array,
+        sides: Sequence[str],
+        spacing: float | None = None,
+        source: str = "mesh",
+    ) -> None:
+        used = np.unique(cells)
+        number = np.full(len(points), -1)
+        number[used] = np.arange(len(used))
+        x, cells, edges = points[used], number[cells], number[edges]
+        a, b, c = x[cells].transpose(1, 0, 2)
+        area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+        cells = np.where((area < 0)[:, None], cells[:, ::-1], cells)
+        pairs = cells[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        if spacing is None:
+            spacing = float(np.median(np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)))
+        super().__init__(np.ptp(x, axis=0), spacing)
+        self.lower, self.upper = x.min(axis=0), x.max(axis=0)
+        self._points, self._cells, self._names, self._source = x, cells, np.array(regions), source
+        self.domain = _domain_around(x, pairs, edges, list(sides), source)
+        self.sides = tuple(self.domain.sides)
+
+    def fill(self, fluid: Fluid, **part: Any) -> Tank:
+        """Refused: the mesh says what each of its triangles is filled with.
+
+        Raises:
+            ValueError: always.
+        """
+        del part
+        raise ValueError(f"fill {fluid.name!r}: the surfaces of the mesh are filled with the fluids of their names")
+
+    def walls(self, particles: Particles) -> list[Wall]:
+        """The walls described by `wall`, by their sides."""
+        return [Wall(name, side=name, **what) for name, what in self.wall_options.items()]
+
+    def holds(self, x: Array) -> Array:
+        """Mask (K,) of the positions (K, 2) [m] that are in the mesh."""
+        assert self.domain is not None
+        return self.domain.contains(x)
+
+    def first_cells(self, fluids: Sequence[Fluid]) -> tuple[Array, Array]:
+        """The triangles (M, 3) of the particles of `sample`, and the number (M,) of the fluid of each."""
+        names = [fluid.name for fluid in fluids]
+        return self._cells.astype(np.int32), np.array([names.index(name) for name in self._names], dtype=np.int32)
+
+    def sample(
+        self, fluids: Sequence[Fluid], *, fitted: bool = False, empty: bool = False, grading: Grading | None = None
+    ) -> Particles:
+        """Particles at the points of the mesh, each with the heaviest fluid around it; see `Tank.sample`.
+
+        Raises:
+            ValueError: a surface is not named after a fluid, or a fluid has no surface.
+        """
+        del fitted, grading
+        if empty:
+            raise ValueError(f"{self._source}: the fluids of a mesh fill it, so that it has no free surface")
+        names = [fluid.name for fluid in fluids]
+        found = list(dict.fromkeys(self._names.tolist()))
+        for name in found:
+            if name not in names:
+                raise ValueError(
+                    f"{self._source}: its surface {name!r} is not named after a fluid; the case has {', '.join(names)}"
+                )
+        for name in names:
+            if name not in found:
+                raise ValueError(
+                    f"{self._source}: no surface is in a physical group {name!r}, which is a fluid of the case; "
+                    f"the file has {', '.join(found)}"
+                )
+        rank = ranks(fluids)
+        label = np.full(len(self._points), -1)
+        of_cell = np.array([names.index(name) for name in self._names])
+        for f in np.argsort(rank):
+            label[self._cells[of_cell == f]] = f
+        wall = np.zeros(len(self._points), dtype=bool)
+        assert self.domain is not None
+        on = self.domain.on_edges(self._points, 1e-9 * self.spacing).any(axis=1)
+        wall[on] = True
+        return Particles(self._points, label, wall, spacing=self.spacing)
+
+
+def read_mesh(
+    path: str | Path,
+    spacing: float | None = None,
+    *,
+    fluids: Mapping[int, str] | None = None,
+    walls: Mapping[int, str] | None = None,
+) -> MeshTank:
+    """A tank from a mesh file: ``tp.Case(tp.read_mesh("tank.msh"), [water, air], (0, -9.81))``.
+
+    Every point of the mesh is a particle. In a file of Gmsh (4.1 or 2.2, text or binary) the physical groups of
+    surfaces are named after the fluids, and those of curves are the walls. The interface of two fluids must run along
+    edges of the triangles, for the sharp interface.
+
+    Args:
+        path: of the file, in any format that meshio reads.
+        spacing: target distance between particles [m]; by default the median length of the triangles' edges.
+        fluids: names of the fluids by the numbers of the groups of triangles, for formats without names.
+        walls: names of the walls by the numbers of the groups of lines, for formats without names.
+
+    Raises:
+        ValueError: the file cannot be read, has no triangles, is not plane, or a group is missing.
+    """
+    here = f"read_mesh {str(path)!r}"
+    if spacing is not None and not (is_number(spacing) and spacing > 0):
+        raise ValueError(f"{here}: spacing is {spacing!r} m; it must be > 0")
+    mesh = _read(Path(path), here)
+    points = np.asarray(mesh.points, dtype=float)
+    if points.shape[1] == 3:
+        if np.ptp(points[:, 2]) > 1e-9 * max(np.ptp(points), 1e-300):
+            raise ValueError(f"{here}: its points are not in one plane of constant z; the mesh must be 2-D")
+        points = points[:, :2]
+    names = {(int(dim), int(tag)): name for name, (tag, dim) in mesh.field_data.items()}
+    names.update({(2, tag): name for tag, name in (fluids or {}).items()})
+    names.update({(1, tag): name for tag, name in (walls or {}).items()})
+    cells, regions = _groups(mesh, "triangle", 2, names, "surface", here)
+    edges, sides = _groups(mesh, "line", 1, names, "curve", here)
+    return MeshTank(points, cells, regions, edges, sides, spacing, here)
+
+
+def _read(path: Path, here: str) -> Any:
+    """The file by meshio, which ends the process on a bad one."""
+    import meshio
+
+    if not path.is_file():
+        raise ValueError(f"{here}: there is no such file")
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            return meshio.read(path)
+    except (Exception, SystemExit) as error:
+        raise ValueError(f"{here}: meshio cannot read it: {error or said.getvalue().strip()}") from error
+
+
+def _groups(
+    mesh: Any, kind: str, dimension: int, names: Mapping[tuple[int, int], str], what: str, here: str
+) -> tuple[Array, list[str]]:
+    """The cells (K, n) of a kind, with the name of the group of each."""
+    data = next((mesh.cell_data[name] for name in GROUP_DATA if name in mesh.cell_data), None)
+    cells, found = [], []
+    for k, block in enumerate(mesh.cells):
+        if block.type != kind:
+            continue
+        cells.append(np.asarray(block.data))
+        tags = np.zeros(len(block.data), dtype=int) if data is None else np.asarray(data[k]).astype(int)
+        for tag in tags.tolist():
+            if (dimension, tag) not in names:
+                given = ", ".join(repr(name) for (d, _), name in names.items() if d == dimension) or "none"
+                raise ValueError(
+                    f"{here}: a {what} is in no named physical group (its number is {tag}); every {what} must be in "
+                    f"one, named after a {'fluid' if dimension == 2 else 'wall'}; the file names {given}"
+                )
+            found.append(names[dimension, tag])
+    if not cells:
+        raise ValueError(f"{here}: it has no cells of type {kind!r}; put every {what} into a named physical group")
+    return np.concatenate(cells), found
+
+
+def _domain_around(x: Array, pairs: Array, edges: Array, sides: list[str], here: str) -> Domain:
+    """The polygon of a mesh's boundary from its cells' directed edges (K, 2) and those (E, 2) that have names."""
+    n = len(x)
+    key = pairs[:, 0].astype(np.int64) * n + pairs[:, 1]
+    boundary = pairs[~np.isin(pairs[:, 1].astype(np.int64) * n + pairs[:, 0], key)]
+    name_of = {}
+    for (a, b), name in zip(edges.tolist(), sides, strict=True):
+        name_of[a, b] = name_of[b, a] = name
+    after: dict[int, int] = {}
+    for a, b in boundary.tolist():
+        if (a, b) not in name_of:
+            middle = (0.5 * (x[a] + x[b])).tolist()
+            raise ValueError(
+                f"{here}: the edge of the boundary at {middle} is on no curve of a named physical group; all of the "
+                "boundary must be walls"
+            )
+        if a in after:
+            raise ValueError(f"{here}: two parts of the boundary touch at {x[a].tolist()}")
+        after[a] = b
+    loops, names = [], []
+    while after:
+        first = k = next(iter(after))
+        loop = []
+        while k in after:
+            loop.append(k)
+            k = after.pop(k)
+        if k != first:
+            raise ValueError(f"{here}: the boundary is not closed at {x[k].tolist()}")
+        corners = x[loop]
+        names.append([name_of[a, b] for a, b in zip(loop, [*loop[1:], loop[0]], strict=True)])
+        loops.append(corners)
+    area = [float(0.5 * (c[:, 0] * np.roll(c[:, 1], -1) - c[:, 1] * np.roll(c[:, 0], -1)).sum()) for c in loops]
+    outline = [k for k, value in enumerate(area) if value > 0]
+    if len(outline) != 1:
+        raise ValueError(f"{here}: its surfaces are {len(outline)} separate parts; they must be connected")
+    order = [outline[0], *(k for k in range(len(loops)) if k != outline[0])]
+    merged = [_merged(loops[k], names[k]) for k in order]
+    return Domain([m[0] for m in merged], [m[1] for m in merged], [[-1] * len(m[1]) for m in merged])
+
+
+def _merged(corners: Array, names: list[str]) -> tuple[Array, list[str]]:
+    """A loop with straight edges of one name in a row made one."""
+    before, after = np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)
+    a, b = corners - before, after - corners
+    straight = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) < 1e-9 * np.linalg.norm(a, axis=1) * np.linalg.norm(
+        b, axis=1
+    )
+    same = np.array([one == other for one, other in zip(names, [names[-1], *names[:-1]], strict=True)])
+    keep = np.flatnonzero(~(straight & same))
+    return corners[keep], [names[k] for k in keep]
