@@ -16,6 +16,7 @@ COARSE = {
     "dam_break_free_surface": (0.02, 5),
     "layer_inversion": (0.005, 3),
     "layers_at_rest": (0.005, 3),
+    "obstacle": (0.02, 3),
     "oil_on_water": (0.0146, 3),
     "sinking_drop": (0.005, 3),
     "sloshing": (0.05, 3),

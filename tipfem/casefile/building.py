@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import zipfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -20,14 +20,14 @@ from tipfem.case.shaped_tank import ShapedTank
 from tipfem.case.shapes import Shape
 from tipfem.case.tank import SIDES, Tank
 from tipfem.case.walls import Motion, Wall
-from tipfem.casefile.forms import HalfSpace, Limits, Polygon, Polyline, Ramp, Side, Table, UniformForce
+from tipfem.casefile.fills import part_of, shape_of, shapes_of
+from tipfem.casefile.forms import Limits, Polyline, Ramp, Table, UniformForce
 from tipfem.casefile.probing import KIND_NAMES, read_probes
 from tipfem.casefile.problems import child_at, listed, meant
 from tipfem.casefile.schema import FillTable, MotionTable, NumericsTable, WallTable
 from tipfem.casefile.source import Path
 
 Report = Callable[[Path, str], None]
-SHAPES = ("box", "disc", "half_space", "polygon", "shape", "below", "above")
 MOST_PARTICLES = 5e7  # of a tank: more than a quarter of a terabyte of memory
 SUBJECT = re.compile(r"^(?:step|run|init|tank|fill|wall|Case|Simulation|[A-Z]\w+)(?: '[^']*')?: ")
 RULES = {"fitting": FittedRule, "relocation": RelocationRule, "surface": SurfaceRule}
@@ -101,7 +101,7 @@ class Parts:
             return self._blamed(("probes", names.index(found[2])), rest)
         if found := re.match(r"fill '([^']+)': (.*)", message, re.DOTALL):
             fills = [k for k, table in enumerate(self.sections["fill"]) if table.fluid == found[1]]
-            told = [k for k in fills if _part(self.sections["fill"][k]) in message]
+            told = [k for k in fills if part_of(self.sections["fill"][k]) in message]
             one = told or fills
             return self._blamed(("fill", one[-1]), rest) if len(one) == 1 else (("fill",), message)
         for subject, section in {
@@ -188,7 +188,7 @@ class Parts:
         """The tank, filled; see `_fill` for what is refused."""
         tank = self._new_empty_tank()
         for table in self.sections["fill"]:
-            tank.fill(self.fluids[table.fluid], velocity=table.velocity, **_shape(table))
+            tank.fill(self.fluids[table.fluid], velocity=table.velocity, **shape_of(table))
         for name, table in self.sections["walls"].items():
             if table.between is None and table.particles is None:
                 tank.wall(name, **self._wall_options(name, table))
@@ -204,7 +204,7 @@ class Parts:
             return
         if self.sections.get("tank") is not None and not fills:
             self.report(("fill",), "is missing; give at least one table [[fill]] with a fluid")
-        if self.sections.get("free_surface") is False and fills and fills[0] is not None and _shapes(fills[0]):
+        if self.sections.get("free_surface") is False and fills and fills[0] is not None and shapes_of(fills[0]):
             self.report(("fill", 0), "has a shape; the first fill must take the whole tank, or set free_surface = true")
         for k, table in enumerate(fills):
             if table is None:
@@ -216,10 +216,10 @@ class Parts:
                     (*path, "fluid"),
                     f"is {table.fluid!r}; it must be one of the fluids {listed(names)}{meant(table.fluid, names)}",
                 )
-            if len(given := _shapes(table)) > 1:
+            if len(given := shapes_of(table)) > 1:
                 self.report(path, f"has {', '.join(given)}; give one shape, in tables [[fill]] of their own")
             elif self.dimension and self._fits(path, table) and self.tank:
-                self._made(path, self._new_empty_tank().fill, Fluid(table.fluid or "?", 1.0, 0.0), **_shape(table))
+                self._made(path, self._new_empty_tank().fill, Fluid(table.fluid or "?", 1.0, 0.0), **shape_of(table))
 
     def _fits(self, path: Path, table: FillTable) -> bool:
         """Whether a fill's shape has the right dimension, and curves make sense."""
@@ -482,31 +482,3 @@ class Parts:
             arrays["spacing"] = arrays["spacing"].item()
         particles: Particles | None = self._made(("particles", "file"), Particles, **arrays)
         return particles
-
-
-def _shapes(table: FillTable) -> list[str]:
-    return [key for key in SHAPES if getattr(table, key) is not None]
-
-
-def _part(table: FillTable) -> str:
-    """A box or a disc as error messages of a `Tank` name it; other shapes have no text of their own there."""
-    return next((f"{key} {value}" for key, value in _shape(table).items() if key != "where"), "no text")
-
-
-def _shape(table: FillTable) -> dict[str, Any]:
-    """What `Tank.fill` is given for a fill's shape."""
-    given: Iterable[str] = _shapes(table)
-    for key in given:
-        value = getattr(table, key)
-        if key == "box":
-            return {"box": value}
-        if key == "disc":
-            return {"disc": (value.centre, value.radius)}
-        if key == "shape":
-            return {"shape": value.shape()}
-        if isinstance(value, HalfSpace):
-            return {"where": value}
-        if key == "polygon":
-            return {"where": Polygon(points=value)}
-        return {"where": Side(curve=value, above=key == "above")}
-    return {}

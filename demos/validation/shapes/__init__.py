@@ -1,0 +1,1 @@
+"""Tanks of any shape: walls at angles, round ones, and obstacles."""
