@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from tipfem.backend.launch import launch
+from tipfem.case.body import Body
 from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.fluid import Fluid, ranks
@@ -263,6 +264,7 @@ class FittedRemesher(Remesher):
             remeshing.
         grading: of the target spacings; None for the same spacing everywhere and a constant number of particles.
         first: cells and fluids of the first mesh; None for a Delaunay mesh of the particles.
+        bodies: in the fluids.
     """
 
     interface = SharpInterface()
@@ -277,9 +279,10 @@ class FittedRemesher(Remesher):
         keep: bool,
         grading: Grading | None = None,
         first: tuple[Array, Array] | None = None,
+        bodies: Sequence[Body] = (),
     ) -> None:
         super().__init__(fluids)
-        self.rule = rule
+        self.rule, self._bodies = rule, bodies
         self._names = [f.name for f in fluids]
         self._first = first
         self._keep, self._walls_have_fluids, self._grading = keep, walls_have_fluids, grading
@@ -294,6 +297,7 @@ class FittedRemesher(Remesher):
             keep=case.numerics.volume_correction > 0,
             grading=case.grading,
             first=case.tank.first_cells(case.fluids) if isinstance(case.tank, MeshTank) else None,
+            bodies=case.bodies,
         )
 
     def start(self, particles: Particles, boundary: Boundary, reference: int) -> State:
@@ -341,8 +345,6 @@ class FittedRemesher(Remesher):
         particles = self._graded(solved.walls.set_back(solved.particles), before.mesh)
         boundary, fixed = before.boundary, before.fixed.copy()
         fixed[boundary.index[boundary.pinned]] = True
-        if before.bodies is not None:
-            fixed[before.bodies.label >= 0] = True
         slippery = np.zeros(len(fixed), dtype=np.int32)
         slippery[boundary.index[boundary.slides]] = 1
         particles, mesh, relocated, renumbered = repair(
@@ -366,7 +368,7 @@ class FittedRemesher(Remesher):
         particles, boundary = solved.walls.reassign(particles)
         bodies = solved.bodies
         if bodies is not None:
-            bodies = bodies.renumbered(renumbered, len(particles))
+            bodies = bodies.remeshed(self._bodies, particles, renumbered, relocated)
             particles = bodies.imposed(particles)
         return self._state(
             particles,

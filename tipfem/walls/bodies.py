@@ -18,6 +18,8 @@ from tipfem.mesh.mesh import Surface
 from tipfem.typing import Array
 from tipfem.walls.step import Walls
 
+# A wall particle closer than this to the outline of a body is on the body [spacings].
+ON_BODY = 1e-5
 # Columns of the history for a body, after its name.
 COLUMNS = (
     *("x", "y", "angle"),
@@ -93,19 +95,33 @@ class BodyStates:
         velocity[index], acceleration[index] = rigid_rates(r, self.velocity[of], self.acceleration[of])
         return particles.shallow_copy(velocity=velocity, acceleration=acceleration)
 
-    def renumbered(self, numbers: Array | None, count: int) -> BodyStates:
-        """The same bodies on ``count`` renumbered particles; no particle of a body is removed.
+    def remeshed(
+        self, bodies: Sequence[Body], particles: Particles, numbers: Array | None, relocated: Array
+    ) -> BodyStates:
+        """The same bodies on remeshed particles, of which those along straight edges of the bodies may be others.
 
         Args:
-            numbers: (N,) new number of each particle; None if no number changes.
-            count: of the particles now.
+            bodies: of the case.
+            particles: the N' particles after remeshing.
+            numbers: (N,) new number of each particle, -1 for those removed; None if no number changes.
+            relocated: (N',) mask of those that were relocated or are new.
         """
-        if numbers is None:
-            return self
-        label = np.full(count, -1, dtype=np.int32)
-        index = np.flatnonzero(self.label >= 0)
-        label[numbers[index]] = self.label[index]
-        return replace(self, label=label)
+        label = self.label
+        if numbers is not None:
+            kept = np.flatnonzero((numbers >= 0) & (label >= 0))
+            label = np.full(len(particles), -1, dtype=np.int32)
+            label[numbers[kept]] = self.label[kept]
+        moved = np.flatnonzero(relocated & (particles.wall | (label >= 0)))
+        if len(moved):
+            label = label.copy()
+            label[moved] = -1
+            for b, body in enumerate(bodies):
+                x, y, angle = self.position[b]
+                cosine, sine = np.cos(angle), np.sin(angle)
+                at_start = (particles.position[moved] - (x, y)) @ np.array([[cosine, -sine], [sine, cosine]])
+                on = body.distance(at_start + body.reference) < ON_BODY * particles.spacing
+                label[moved[on & particles.wall[moved]]] = b
+        return self if label is self.label else replace(self, label=label)
 
 
 def body_columns(bodies: Sequence[Body], states: BodyStates | None) -> dict[str, float]:

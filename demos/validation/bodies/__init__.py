@@ -1,0 +1,1 @@
+"""Rigid bodies in fluids: what floats, rolls, falls, oscillates and stirs."""
