@@ -4,6 +4,7 @@ import numpy as np
 
 from . import colours
 from .arrays import Array
+from .bodies import draw_bodies
 from .drawing import Drawing
 from .interface import edge_means, particle_fluids
 from .layers import WALL_THICKNESS, draw_layers, mask_outside
@@ -128,6 +129,7 @@ def draw_scene(
     drawing.lines(interface, INTERFACE_WIDTH * unit, dark, cap=0.3 * unit)
     # Particles on the interface belong to both fluids and have its colour.
     drawing.dots(beads, radius, dark)
+    draw_bodies(drawing, scene.bodies, layout)
     notes = draw_layers(drawing, scene, cells, layout, view, field is not None and view.fill)
     if (view.window is not None or view.follow is not None) and not bare:
         mask_outside(drawing, scene, layout)

@@ -13,6 +13,7 @@ import meshio
 import numpy as np
 
 from .arrays import Array
+from .bodies import BodyTracks
 from .scene import Scene
 
 FORMAT = 1
@@ -82,6 +83,7 @@ class Results:
             self.lower = np.asarray(case["lower"], float)[:2]
             self.upper = np.asarray(case["upper"], float)[:2]
             self.spacing = float(case["spacing"])
+            self._bodies = BodyTracks(case.get("bodies", ()), self.folder / "history.csv")
         except KeyError as error:
             raise ResultsError(f"{self.folder / 'case.json'}: the entry {error} is missing") from None
         except (TypeError, ValueError) as error:
@@ -151,6 +153,7 @@ class Results:
                 cell_fluid=cell_fluid,
                 spacing=self.spacing,
                 title=self.title,
+                bodies=self._bodies.at(self.times[i]),
             )
         except ValueError as error:
             raise ResultsError(f"{path}: {error}") from None

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import Array
+from .bodies import PlacedBody
 from .geometry import Geometry
 
 
@@ -36,6 +37,7 @@ class Scene:
         spacing: mean particle spacing [m], the scale of the dots; by default from the mean area per particle.
         title: a line above the picture.
         trails: (P, K, 2) paths of tracers up to this time [m], the oldest point first; None for none.
+        bodies: rigid bodies in the fluids.
 
     Raises:
         ValueError: a shape or a value is wrong; the message names the argument.
@@ -56,6 +58,7 @@ class Scene:
     spacing: float | None = None
     title: str = ""
     trails: Array | None = None
+    bodies: tuple[PlacedBody, ...] = ()
 
     def __post_init__(self) -> None:
         position = np.asarray(self.position, np.float64)

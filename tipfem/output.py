@@ -187,6 +187,9 @@ class ResultsFolder:
             "gravity": np.asarray(case.gravity).tolist(),
             "interface": case.interface,
             "free_surface": case.free_surface,
+            "bodies": [
+                {"name": b.name, "corners": b.corners.tolist(), "reference": b.reference.tolist()} for b in case.bodies
+            ],
         }
         self._write_json("case.json", self._case)
 

@@ -14,6 +14,7 @@ CASES = sorted(path.stem for path in (DEMOS / "cases").glob("*.toml"))
 COARSE = {
     "dam_break": (0.02, 5),
     "dam_break_free_surface": (0.02, 5),
+    "floating": (0.025, 3),
     "layer_inversion": (0.005, 3),
     "layers_at_rest": (0.005, 3),
     "obstacle": (0.02, 3),

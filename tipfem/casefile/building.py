@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from tipfem.case.body import Body
 from tipfem.case.case import DEFAULT_INTERFACE, SURFACE_INTERFACE, Case
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
@@ -20,6 +21,7 @@ from tipfem.case.shaped_tank import ShapedTank
 from tipfem.case.shapes import Shape
 from tipfem.case.tank import SIDES, Tank
 from tipfem.case.walls import Motion, Wall
+from tipfem.casefile.bodies import read_bodies
 from tipfem.casefile.fills import part_of, shape_of, shapes_of
 from tipfem.casefile.forms import Limits, Polyline, Ramp, Table, UniformForce
 from tipfem.casefile.probing import KIND_NAMES, read_probes
@@ -59,6 +61,7 @@ class Parts:
         self.tank, self.dimension = self._tank()
         self._check_choices()
         self._fill()
+        self.bodies = self._bodies()
         self.walls = self._walls()
         self.motion = self._motion()
         self.grading = self._grading()
@@ -96,6 +99,9 @@ class Parts:
         if found := re.match(r"(?:Case: )?wall '([^']+)':? (?:.*)", message):
             path: Path = ("walls", found[1])
             return (path if found[1] in (self.sections.get("walls") or {}) else ()), SUBJECT.sub("", rest)
+        if found := re.search(r"body '([^']+)'", message):
+            names = [table.name for table in self.sections.get("bodies") or []]
+            return (("bodies", names.index(found[1])) if found[1] in names else ()), rest
         if (found := re.match(r"(\w+) '([^']+)': ", message)) and found[1] in KIND_NAMES:
             names = [table.name for table in self.sections["probes"]]
             return self._blamed(("probes", names.index(found[2])), rest)
@@ -189,10 +195,19 @@ class Parts:
         tank = self._new_empty_tank()
         for table in self.sections["fill"]:
             tank.fill(self.fluids[table.fluid], velocity=table.velocity, **shape_of(table))
+        for body in self.bodies:
+            tank.add(body)
         for name, table in self.sections["walls"].items():
             if table.between is None and table.particles is None:
                 tank.wall(name, **self._wall_options(name, table))
         return tank
+
+    def _bodies(self) -> list[Body]:
+        tables = self.sections.get("bodies") or []
+        if tables and (self.dimension == 3 or self.sections.get("particles") is not None):
+            self.report(("bodies",), "is given, but bodies are for tanks in 2-D only")
+            return []
+        return read_bodies(tables, self._function, self.report)
 
     def _fill(self) -> None:
         fills = self.sections.get("fill")

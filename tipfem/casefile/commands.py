@@ -100,6 +100,7 @@ def draw_state(simulation: Simulation, path: Path) -> None:
     import imageio.v3 as imageio
 
     from tipfem.render import Scene, render_frame
+    from tipfem.render.bodies import body_at_start
 
     case, particles, mesh = simulation.case, simulation.particles, simulation.mesh
     position = particles.position[particles.wall]
@@ -116,6 +117,7 @@ def draw_state(simulation: Simulation, path: Path) -> None:
         cell_fluid=mesh.fluid,
         spacing=particles.spacing,
         title=case.title,
+        bodies=tuple(body_at_start(body.corners) for body in case.bodies),
     )
     image = render_frame(scene, mesh=len(particles) < 5000, backend="raster")
     try:

@@ -17,6 +17,7 @@ from tipfem.case.particles import Particles
 from tipfem.case.shaped_tank import ShapedTank
 from tipfem.case.tank import Region, Tank
 from tipfem.case.walls import Wall
+from tipfem.casefile.bodies import body_content
 from tipfem.casefile.building import RULES
 from tipfem.casefile.forms import (
     FORMS,
@@ -221,6 +222,8 @@ class _Writer:
                 velocity = velocity.tolist()
             content = {"fluid": region.fluid.name, **self.shape(part, region), "velocity": velocity}
             self.table(("fill",), content, item=True)
+        for body in tank.bodies:
+            self.table(("bodies",), body_content(body, self.function, self.lost), item=True)
         for name, options in tank.wall_options.items():
             self.table(("walls", name), self.wall_options(name, options))
 

@@ -115,6 +115,49 @@ class MotionTable(Model):
     )
 
 
+class BodyMotionTable(Model):
+    """Prescribed rigid motion of a body."""
+
+    translation: TimeFunction | None = quantity("displacement, a function of time that is zero at t = 0", "m", None)
+    angle: TimeFunction | None = quantity("angle, anticlockwise, a function that is zero at t = 0", "rad", None)
+    pivot: Point | None = quantity("point about which the body turns; by default its centre", "m", None)
+
+
+class BodyTable(Model):
+    """A rigid body in a tank in 2-D: fixed, with a prescribed motion, or, with a density or a mass, floating."""
+
+    name: str = quantity("for columns of the history and messages", default="body", min_length=1)
+    box: list[Point] | None = quantity("lower and upper corner", "m", None, min_length=2, max_length=2)
+    disc: Disc | None = Field(None, description="a circular body")
+    polygon: list[Point] | None = quantity("corners (x, y) of its outline, in order", "m", None, min_length=3)
+    motion: BodyMotionTable | None = Field(None, description="prescribed motion")
+    density: float | None = quantity("of a body that floats", "kg/m^3", None, gt=0)
+    mass: float | None = quantity("of a body that floats, in place of density", "kg/m", None, gt=0)
+    centre: Point | None = quantity("centre of mass at t = 0; by default that of the area", "m", None)
+    inertia: float | None = quantity("moment of inertia about the centre of mass", "kg m^2/m", None, gt=0)
+    hinge: Point | None = quantity("fixed point about which a body that floats turns", "m", None)
+    free: list[Literal["x", "y", "angle"]] | None = quantity(
+        "in what a body that floats moves; by default in all, with a hinge in its angle", default=None, min_length=1
+    )
+    velocity: Point = quantity("of the centre of mass of a body that floats, at the start", "m/s", [0.0, 0.0])
+    angular_velocity: float = quantity("of a body that floats, at the start", "rad/s", 0.0)
+    stiffness: list[float] = quantity(
+        "of springs to ground in x and y [N/m] and angle [N m/rad], per metre of depth",
+        default=[0.0, 0.0, 0.0],
+        min_length=3,
+        max_length=3,
+    )
+    damping: list[float] = quantity(
+        "of dampers to ground in x and y [N s/m] and angle [N m s], per metre of depth",
+        default=[0.0, 0.0, 0.0],
+        min_length=3,
+        max_length=3,
+    )
+    contact: Literal["stop", "hold"] = quantity(
+        "at a gap of about half a spacing: stop the run, or hold the body where it is", default="stop"
+    )
+
+
 class GradingTable(Model):
     """Distances between particles that grow away from interfaces; with the sharp interface only."""
 
@@ -284,6 +327,7 @@ class CaseTable(Model):
     tank: TankTable | None = Field(None, description="the tank that is filled; or particles")
     particles: ParticlesTable | None = Field(None, description="particles given as arrays, in place of a tank")
     fill: list[FillTable] = Field([], description="what the tank is filled with, in order")
+    bodies: list[BodyTable] = Field([], description="rigid bodies in the tank")
     walls: dict[str, WallTable] = Field({}, description="walls that slip, slide or move, by their names")
     tank_motion: MotionTable | None = Field(None, description="rigid motion of the whole tank")
     grading: GradingTable | None = Field(None, description="distances between particles by place and fluid")

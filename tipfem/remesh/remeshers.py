@@ -225,7 +225,8 @@ class DelaunayRemesher(Remesher):
         before, bodies = len(particles), state.bodies
         particles, mesh = drops.with_disc(particles, mesh, at, radius, fluid, acceleration)
         if bodies is not None:
-            bodies = bodies.renumbered(np.arange(before), len(particles))
+            label = np.append(bodies.label, np.full(len(particles) - before, -1, dtype=np.int32))
+            bodies = dataclasses.replace(bodies, label=label)
         return self._changed(
             state,
             particles,

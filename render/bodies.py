@@ -1,0 +1,152 @@
+"""Rigid bodies in pictures: their outlines, filled, with a mark that shows how they turn."""
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import colours
+from .arrays import Array
+from .drawing import Drawing
+from .layout import Layout
+
+FILL, MARK = "#c3c8cf", "#3d4653"
+OUTLINE_WIDTH, MARK_WIDTH = 2.2, 2.6  # in design pixels
+MARK_LENGTH = 0.8  # of the distance from the middle to the outline
+
+
+@dataclass(frozen=True)
+class PlacedBody:
+    """A body at one time.
+
+    Attributes:
+        corners: (K, 2) of its outline [m].
+        triangles: (T, 3) of corners, which fill it.
+        mark: (2, 2) a line from its middle towards what was to the right of it at t = 0 [m].
+    """
+
+    corners: Array
+    triangles: Array
+    mark: Array
+
+
+class BodyTracks:
+    """The bodies of a results folder over time.
+
+    Args:
+        bodies: of case.json: ``name``, ``corners`` at t = 0 [m] and the ``reference`` point of the history [m].
+        history: path of history.csv.
+    """
+
+    def __init__(self, bodies: Sequence[Mapping[str, Any]], history: Path) -> None:
+        self._history = history
+        self._names = [str(body["name"]) for body in bodies]
+        self._corners = [np.asarray(body["corners"], float) for body in bodies]
+        self._references = [np.asarray(body["reference"], float) for body in bodies]
+        self._triangles = [fill_polygon(corners) for corners in self._corners]
+        self._marks = [_mark(corners) for corners in self._corners]
+        self._read: tuple[int, Array, Array] | None = None
+
+    def at(self, time: float) -> tuple[PlacedBody, ...]:
+        """The bodies at a time [s], between the rows of the history by linear interpolation."""
+        if not self._names:
+            return ()
+        times, poses = self._rows()
+        placed = []
+        for b, (corners, reference) in enumerate(zip(self._corners, self._references, strict=True)):
+            start = np.append(reference, 0.0)
+            x, y, angle = (
+                np.interp(time, np.append(0.0, times), np.append(start[k], poses[:, b, k])) for k in range(3)
+            )
+            turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+            outline, mark = ((points - reference) @ turn + (x, y) for points in (corners, self._marks[b]))
+            placed.append(PlacedBody(outline, self._triangles[b], mark))
+        return tuple(placed)
+
+    def _rows(self) -> tuple[Array, Array]:
+        """Times (K,) [s] of the history, and positions and angles (K, B, 3); read again when the file has changed."""
+        stamp = self._history.stat().st_mtime_ns if self._history.is_file() else 0
+        if self._read is None or self._read[0] != stamp:
+            times, poses = [], []
+            if stamp:
+                with open(self._history, encoding="utf-8", newline="") as file:
+                    for row in csv.DictReader(file):
+                        try:
+                            pose = [[float(row[f"{n}_{k}"]) for k in ("x", "y", "angle")] for n in self._names]
+                            times.append(float(row["time"]))
+                        except (KeyError, TypeError, ValueError):
+                            break  # a row that is being written
+                        poses.append(pose)
+            self._read = stamp, np.array(times), np.array(poses).reshape(len(times), len(self._names), 3)
+        return self._read[1], self._read[2]
+
+
+def draw_bodies(drawing: Drawing, bodies: Sequence[PlacedBody], layout: Layout) -> None:
+    """Add bodies to a drawing.
+
+    Args:
+        drawing: to which they are added.
+        bodies: at the time of the picture.
+        layout: of the picture.
+    """
+    unit = layout.unit
+    for body in bodies:
+        corners, mark = layout.pixels(body.corners), layout.pixels(body.mark)
+        drawing.triangles(corners[body.triangles], colours.rgb(FILL))
+        outline = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+        drawing.lines(outline, OUTLINE_WIDTH * unit, colours.rgb(MARK), cap=0.5 * OUTLINE_WIDTH * unit)
+        drawing.lines(mark[None], MARK_WIDTH * unit, colours.rgb(MARK), cap=0.5 * MARK_WIDTH * unit)
+        drawing.dots(mark[:1], 1.6 * MARK_WIDTH * unit, colours.rgb(MARK))
+
+
+def body_at_start(corners: Array) -> PlacedBody:
+    """A body with the corners (K, 2) [m] of its outline at t = 0."""
+    return PlacedBody(corners, fill_polygon(corners), _mark(corners))
+
+
+def fill_polygon(corners: Array) -> Array:
+    """Triangles (K - 2, 3) of the corners (K, 2) of a simple polygon, by cutting off its ears.
+
+    G. H. Meisters, Polygons have ears, American Mathematical Monthly 82, 1975.
+    """
+    x, y = (corners - corners.mean(axis=0)).T
+    order = list(range(len(corners)))
+    if (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() < 0:
+        order.reverse()
+    triangles = []
+    while len(order) > 3:
+        ear = next((k for k in range(len(order)) if _is_ear(x, y, order, k)), 0)
+        triangles.append((order[ear - 1], order[ear], order[(ear + 1) % len(order)]))
+        order.pop(ear)
+    return np.array([*triangles, tuple(order)])
+
+
+def _is_ear(x: Array, y: Array, order: list[int], k: int) -> bool:
+    """Whether the triangle at the k-th of the remaining corners is inside the polygon."""
+    a, b, c = order[k - 1], order[k], order[(k + 1) % len(order)]
+
+    def side(p: int, q: int, r: Any) -> Any:
+        return (x[q] - x[p]) * (y[r] - y[p]) - (y[q] - y[p]) * (x[r] - x[p])
+
+    if side(a, b, c) <= 0:
+        return False
+    others = np.array([i for i in order if i not in (a, b, c)], dtype=int)
+    return not ((side(a, b, others) >= 0) & (side(b, c, others) >= 0) & (side(c, a, others) >= 0)).any()
+
+
+def _mark(corners: Array) -> Array:
+    """(2, 2) a line to the right from the middle of a polygon's area, inside it."""
+    after = np.roll(corners, -1, axis=0)
+    origin = corners.mean(axis=0)
+    a, b = corners - origin, after - origin
+    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    middle = origin + ((a + b) * cross[:, None]).sum(axis=0) / (3 * cross.sum())
+    a, b = corners - middle, after - middle
+    crossing = (a[:, 1] > 0) != (b[:, 1] > 0)
+    reach = a[crossing, 0] - a[crossing, 1] * (b - a)[crossing, 0] / (b - a)[crossing, 1]
+    ahead = reach[reach > 0]
+    length = float(ahead.min()) if len(ahead) else float(np.abs(a).max())
+    return np.array([middle, middle + (MARK_LENGTH * length, 0.0)])

@@ -1,0 +1,105 @@
+"""Bodies of case files: from their tables to `tipfem.Body`, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from tipfem.case import shapes
+from tipfem.case.body import Body
+from tipfem.case.walls import Motion
+from tipfem.casefile.schema import BodyTable
+from tipfem.casefile.source import Path
+
+Function = Callable[[Path, Any, int], Any]
+SHAPES = ("box", "disc", "polygon")
+# What a table and a body have in common, beside their shape and motion.
+OPTIONS = (
+    *("name", "density", "mass", "centre", "inertia", "hinge", "free", "velocity", "angular_velocity"),
+    *("stiffness", "damping", "contact"),
+)
+
+
+def read_bodies(
+    tables: Sequence[BodyTable | None], function: Function, report: Callable[[Path, str], None]
+) -> list[Body]:
+    """The bodies that tables describe; their mistakes are reported.
+
+    Args:
+        tables: of the case file, None for those that have mistakes.
+        function: checks a function of time at a path, whose values have a number of coordinates.
+        report: takes the path of a mistake and what is wrong.
+    """
+    found: list[Body] = []
+    for k, table in enumerate(tables):
+        if table is None:
+            continue
+        path: Path = ("bodies", k)
+        given = [key for key in SHAPES if getattr(table, key) is not None]
+        if len(given) != 1:
+            has = f"has {', '.join(given)}" if given else "has no shape"
+            report(path, f"{has}; give one of {', '.join(SHAPES)}")
+            continue
+        if table.name in [body.name for body in found]:
+            report((*path, "name"), f"is {table.name!r} as that of another body; every body needs a name of its own")
+            continue
+        try:
+            motion = _motion(path, table, function)
+            options = {key: getattr(table, key) for key in OPTIONS if key in table.model_fields_set}
+            found.append(Body(_shape(table), motion=motion, **options))
+        except ValueError as error:
+            report(path, str(error).removeprefix(f"body {table.name!r}: "))
+    return found
+
+
+def _motion(path: Path, table: BodyTable, function: Function) -> Motion | None:
+    if table.motion is None:
+        return None
+    sizes = {"translation": 2, "angle": 0}
+    given = {key: function((*path, "motion", key), getattr(table.motion, key), n) for key, n in sizes.items()}
+    return Motion(given["translation"], given["angle"], table.motion.pivot)
+
+
+def _shape(table: BodyTable) -> shapes.Shape:
+    if table.box is not None:
+        return shapes.rectangle(*table.box)
+    if table.disc is not None:
+        return shapes.circle(table.disc.centre, table.disc.radius)
+    return shapes.polygon(table.polygon or [])
+
+
+def body_content(body: Body, function: Callable[[str, Any], Any], lost: Callable[[str, str], str]) -> dict[str, Any]:
+    """The table of a body; values that have their defaults are left out.
+
+    Args:
+        body: the body.
+        function: makes a value of the file of a function of time, which has a name for messages.
+        lost: makes a value of the file for a part that it cannot keep, for a reason.
+    """
+    pieces = body.outline.pieces
+    content: dict[str, Any] = {"name": body.name}
+    if all(piece.centre is None for piece in pieces):
+        content["polygon"] = [piece.start.tolist() for piece in pieces]
+    elif len({None if piece.centre is None else tuple(piece.centre.tolist()) for piece in pieces}) == 1:
+        centre = np.asarray(pieces[0].centre)
+        # The radius as it was given, without the round-off of the outline.
+        content["disc"] = {"centre": centre.tolist(), "radius": float(f"{pieces[0].radius:.12g}")}
+    else:
+        content["polygon"] = lost(f"bodies.{body.name}.shape", "an outline with straight edges and arcs")
+    if body.motion is not None:
+        motion = body.motion
+        given = {key: getattr(motion, key) for key in ("translation", "angle")}
+        content["motion"] = {key: function(f"bodies.{body.name}.motion.{key}", f) for key, f in given.items() if f}
+        if motion.pivot is not None:
+            content["motion"]["pivot"] = np.asarray(motion.pivot, dtype=float).tolist()
+    defaults = {field.name: field.default for field in fields(body)}
+    for key in OPTIONS:
+        value = getattr(body, key)
+        value = list(value) if isinstance(value, tuple) else value
+        default = defaults[key]
+        if key != "name" and value != (list(default) if isinstance(default, tuple) else default):
+            content[key] = np.asarray(value).tolist() if not isinstance(value, str) else value
+    return content
