@@ -75,6 +75,7 @@ class Body:
     contact: str = "stop"
     outline: Shape = field(init=False, repr=False, compare=False)
     corners: Array = field(init=False, repr=False, compare=False)
+    _moments: tuple[float, Array, float] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -82,7 +83,7 @@ class Body:
         outline = _outline(self.shape, self._here).named(self.name)
         object.__setattr__(self, "outline", outline)
         corners = [p.at(np.arange(ARC) / ARC if p.centre is not None else np.zeros(1)) for p in outline.pieces]
-        object.__setattr__(self, "corners", np.concatenate(corners))
+        self._set_corners(np.concatenate(corners))
         for name in ("density", "mass", "inertia"):
             value = getattr(self, name)
             if value is not None and not (is_number(value) and value > 0):
@@ -154,18 +155,23 @@ class Body:
     def meshed(self, corners: Array) -> Body:
         """The body with its outline as a polygon (K, 2) [m], anticlockwise."""
         new = copy.copy(self)
-        object.__setattr__(new, "corners", corners)
+        new._set_corners(corners)
         return new
+
+    def _set_corners(self, corners: Array) -> None:
+        """Set the polygon, and its moments, which every step needs."""
+        object.__setattr__(self, "corners", corners)
+        object.__setattr__(self, "_moments", polygon_moments(corners))
 
     @property
     def area(self) -> float:
         """Of its shape [m^2]."""
-        return polygon_moments(self.corners)[0]
+        return self._moments[0]
 
     @property
     def centre_of_mass(self) -> Array:
         """(2,) at t = 0 [m]."""
-        return polygon_moments(self.corners)[1] if self.centre is None else numbers(self.centre)
+        return self._moments[1] if self.centre is None else numbers(self.centre)
 
     @property
     def total_mass(self) -> float:
@@ -186,7 +192,7 @@ class Body:
     @property
     def inertia_about_reference(self) -> float:
         """Moment of inertia of a body that floats, about `reference` [kg m^2/m]."""
-        area, middle, second = polygon_moments(self.corners)
+        area, middle, second = self._moments
         centre = self.centre_of_mass
         own = self.inertia
         if own is None:

@@ -184,11 +184,12 @@ class BodyWalls(Walls):
         self.free = np.array([[f in body.freedoms for f in FREEDOMS] for body in bodies]) & self.floating[:, None]
         predicted = dt * states.velocity + 0.5 * dt**2 * states.acceleration
         self.increment = np.where(self.free, predicted, 0.0)
-        velocity, acceleration = np.zeros_like(predicted), np.zeros_like(predicted)
+        velocity, acceleration, self._middle = np.zeros((3, *predicted.shape))
         for b, body in enumerate(bodies):
             if not body.floats and not states.held[b]:
                 place, velocity[b], acceleration[b] = body.prescribed(time + dt, 0.25 * dt)
                 self.increment[b] = place - states.position[b]
+                self._middle[b] = body.prescribed(time + walls.scheme.cf * dt, 0.25 * dt)[2]
         place = states.position + self.increment
         self.after = replace(states, position=place, velocity=velocity, acceleration=acceleration)
 
@@ -232,7 +233,13 @@ class BodyWalls(Walls):
         v, a = rigid_rates(self.arm, states.velocity[self.of], states.acceleration[self.of])
         arm = self.arm + rotated(self.arm, self.increment[self.of, 2])
         v_next, a_next = rigid_rates(arm, after.velocity[self.of], after.acceleration[self.of])
-        return s.alpha_f * v + (1 - s.alpha_f) * v_next, s.alpha_m * a + (1 - s.alpha_m) * a_next
+        v_alpha, a_alpha = s.alpha_f * v + s.cf * v_next, s.alpha_m * a + (1 - s.alpha_m) * a_next
+        # A prescribed motion has its own acceleration at the intermediate time. Generalized-alpha's a_n are those of
+        # another time than t_n.
+        middle = s.alpha_f * states.velocity + s.cf * after.velocity
+        arm = self.arm + s.cf * (arm - self.arm)
+        own = rigid_rates(arm, middle[self.of], self._middle[self.of])[1]
+        return v_alpha, np.where(self.floating[self.of, None], a_alpha, own)
 
     def constrain(self, u: Array) -> Array:
         """See `Walls.constrain`."""

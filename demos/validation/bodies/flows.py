@@ -118,7 +118,7 @@ DUTSCH = {"drag": 2.09, "inertia": 1.45}
 STILL = tp.Fluid("still", density=1.0, viscosity=1.0 / REYNOLDS)
 
 
-def oscillating_cylinder(across: int, size: tuple[float, float] = (14.0, 10.0)) -> tp.Case:
+def oscillating_cylinder(across: int, size: tuple[float, float] = (12.0, 10.0)) -> tp.Case:
     """A cylinder with x = -KC / (2 pi) sin(2 pi t / KC); ``across`` spacings in its diameter."""
     amplitude, frequency = KEULEGAN_CARPENTER / (2 * math.pi), 2 * math.pi / KEULEGAN_CARPENTER
 
@@ -130,11 +130,11 @@ def oscillating_cylinder(across: int, size: tuple[float, float] = (14.0, 10.0)) 
 
     def near(x: Array) -> Array:
         far = np.hypot(np.maximum(np.abs(x[:, 0] - centre[0]) - amplitude, 0.0), x[:, 1] - centre[1])
-        return np.asarray(np.maximum(1.0, 1.0 + 2.0 * (far - 1.0)) / across)
+        return np.asarray(np.clip(1.0 + 2.0 * (far - 1.0), 1.0, 8.0) / across)
 
-    del near
     tank = tp.tank(size, 1.0 / across).fill(STILL).add(body)
-    return tp.Case(tank, [STILL], (0, 0), title="A cylinder oscillates in a fluid at rest")
+    grading = tp.Grading(where=near)
+    return tp.Case(tank, [STILL], (0, 0), grading=grading, title="A cylinder oscillates in a fluid at rest")
 
 
 def morison(time: Array, force: Array) -> dict[str, float]:

@@ -1,0 +1,195 @@
+"""Rigid bodies that float, roll, fall, oscillate and stir, against closed forms and experiments.
+
+A box of half the density of water comes to rest at the draught of Archimedes, and one of a hundredth of it is let go
+under water. A barge is released at an angle (Jung, Chang & Jo, Ocean Engineering 33, 2006). A heavy cylinder falls
+between two walls at the speed of Faxen's series (1946). A cylinder oscillates in a fluid at rest (Dutsch, Durst, Becker
+& Lienhart, J. Fluid Mech. 360, 1998). A paddle stirs two fluids for ten turns, whose volumes stay.
+
+    summary.json      figures of all flows
+    bodies.png        what was measured over time
+
+    python -m tipfem demo validation/bodies --flow draught falling
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from tipfem.demos import harness
+from tipfem.demos.support.figures import COLOURS, new_figure, save
+from tipfem.demos.validation.bodies import flows
+
+import tipfem as tp
+
+Array = NDArray[np.float64]
+
+# Resolutions: spacings across the tank, or across the cylinders; of the barge in its height.
+FINE: dict[str, tuple[int, ...]] = {
+    "draught": (25, 50),
+    "light": (25, 50),
+    "rolling": (5, 8),
+    "falling": (8, 16),
+    "oscillating": (16, 32),
+    "stirring": (30,),
+}
+SHORT = {"draught": (20,), "light": (20,), "rolling": (5,), "falling": (6,), "oscillating": (8,), "stirring": (16,)}
+# Check: the largest errors at the finer resolutions.
+LIMITS = {"draught": 5e-3, "falling": 0.02, "volume": 1e-6, "drag_error": 0.05, "inertia_error": 0.05}
+SHORT_LIMITS = {"draught": 0.05, "falling": 0.04, "volume": 1e-6}
+END = {"draught": 4.0, "light": 2.0, "rolling": 2.6, "oscillating": 10.0}  # [s]; --short goes half of the way
+TURNS = 10
+
+Figures = dict[str, float]
+Curve = tuple[Array, Array, float]  # times [s], values, and the value to be compared with
+
+
+def draught(across: int, short: bool) -> tuple[Figures, Curve]:
+    """The draught of a box at rest, over that of Archimedes; the mean of the last second."""
+    simulation = tp.Simulation(flows.floating_box(across, 500.0, 0.02, 300.0, flows.THICK))
+    end = END["draught"] / (2 if short else 1)
+    depth = np.array(flows.advance(simulation, end, flows.draught))
+    exact = flows.BOX[1] * (500.0 - flows.AIR.density) / (flows.WATER.density - flows.AIR.density)
+    time = column(simulation, "time")
+    return {"draught": float(depth[time > end - 1.0].mean()) / exact - 1}, (time, depth / exact, 1.0)
+
+
+def light(across: int, short: bool) -> tuple[Figures, Curve]:
+    """A box of density 10 that is let go under water: steps that were refused, and its largest speed."""
+    simulation = tp.Simulation(flows.floating_box(across, 10.0, -0.05))
+    flows.advance(simulation, END["light"] / (2 if short else 1))
+    speed = column(simulation, "box_velocity_y")
+    figures = {
+        "refused": float(column(simulation, "refused_steps").sum()),
+        "speed": float(np.abs(speed).max()),
+        "krylov": float(column(simulation, "krylov_iterations").sum() / column(simulation, "newton_iterations").sum()),
+    }
+    return figures, (column(simulation, "time"), column(simulation, "box_y"), flows.LEVEL)
+
+
+def rolling(across: int, short: bool) -> tuple[Figures, Curve]:
+    """The period of a barge that rolls, by the times of its extremes."""
+    simulation = tp.Simulation(flows.rolling_barge(flows.BARGE[1] / across))
+    flows.advance(simulation, END["rolling"] / (2 if short else 1))
+    time, angle = column(simulation, "time"), column(simulation, "barge_angle") + flows.BARGE_ANGLE
+    inner = slice(1, -1)
+    extreme = (angle[inner] - angle[:-2]) * (angle[2:] - angle[inner]) <= 0
+    at = time[inner][extreme & (time[inner] > 0.1)]
+    period = 2 * float(np.diff(at).mean()) if len(at) > 1 else math.nan
+    return {"period": period, "period_error": period / flows.BARGE_PERIOD - 1}, (time, np.degrees(angle), 0.0)
+
+
+def falling(across: int, short: bool) -> tuple[Figures, Curve]:
+    """The terminal speed of a cylinder between walls, over Faxen's."""
+    del short
+    case = flows.falling_cylinder(across)
+    relaxation = flows.FALLING**2 * flows.SYRUP.density / flows.SYRUP.viscosity
+    simulation = tp.Simulation(case, time_step=0.2 * relaxation)
+    flows.advance(simulation, 12 * relaxation)
+    speed = -column(simulation, "cylinder_velocity_y") / flows.terminal_speed(case)
+    return {"falling": float(speed[-1]) - 1}, (column(simulation, "time"), speed, 1.0)
+
+
+def oscillating(across: int, short: bool) -> tuple[Figures, Curve]:
+    """Coefficients of Morison's equation in the second period."""
+    end = END["oscillating"] / (2 if short else 1)
+    simulation = tp.Simulation(flows.oscillating_cylinder(across), time_step=0.05)
+    flows.advance(simulation, end)
+    time, force = column(simulation, "time"), column(simulation, "cylinder_force_x")
+    last = time > end - flows.KEULEGAN_CARPENTER
+    found = flows.morison(time[last], force[last])
+    errors = {f"{name}_error": value / flows.DUTSCH[name] - 1 for name, value in found.items()}
+    return {**found, **errors}, (time, force, 0.0)
+
+
+def stirring(across: int, short: bool) -> tuple[Figures, Curve]:
+    """Volumes of two fluids after ten turns of a paddle."""
+    simulation = tp.Simulation(flows.stirred(across))
+    flows.advance(simulation, (2 if short else TURNS) * flows.TURN + 0.2)
+    change = np.abs(simulation.state.volume / simulation.state.start_volume - 1)
+    figures = {"turns": float(column(simulation, "paddle_angle")[-1] / (2 * math.pi)), "volume": float(change.max())}
+    return figures, (column(simulation, "time"), column(simulation, "paddle_moment"), 0.0)
+
+
+STUDIES: dict[str, tuple[Callable[[int, bool], tuple[Figures, Curve]], str]] = {
+    "draught": (draught, "draught of the box / Archimedes"),
+    "light": (light, "height of a box of density 10 [m]"),
+    "rolling": (rolling, "angle of the barge [deg]"),
+    "falling": (falling, "speed / Faxen"),
+    "oscillating": (oscillating, "force on the cylinder [N/m]"),
+    "stirring": (stirring, "moment on the paddle [N]"),
+}
+
+
+def column(simulation: tp.Simulation, name: str) -> Array:
+    """A column of the history."""
+    return np.array([row[name] for row in simulation.history])
+
+
+def check(figures: Mapping[str, float], limits: Mapping[str, float]) -> list[str]:
+    """What a flow misses of what is expected of it."""
+    missed = harness.above({name: abs(value) for name, value in figures.items()}, limits)
+    if figures.get("refused"):
+        missed.append(f"{figures['refused']:.0f} steps with the light box were refused")
+    return missed
+
+
+def plot(path: Path, curves: Mapping[str, Mapping[int, Curve]]) -> None:
+    """Draw what was measured over time, one flow above the other: flow -> resolution -> curve.
+
+    Raises:
+        ImportError: there is no matplotlib.
+    """
+    figure = new_figure(9.0, 2.3 * ((len(curves) + 1) // 2))
+    for number, (flow, runs) in enumerate(curves.items()):
+        axes = figure.add_subplot((len(curves) + 1) // 2, 2, number + 1)
+        for (across, (time, values, known)), colour in zip(runs.items(), COLOURS, strict=False):
+            axes.plot(time, values, color=colour, linewidth=1.2, label=f"{across} spacings")
+            axes.axhline(known, color="black", linewidth=0.8, linestyle="--")
+        axes.set_xlabel("t [s]")
+        axes.set_ylabel(STUDIES[flow][1], fontsize=8)
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize=7)
+        if flow == "falling":
+            axes.set_ylim(0, 1.2)
+        if flow == "oscillating":
+            axes.set_ylim(-3, 3)
+    save(figure, path)
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Run with the given command line, or the process's."""
+    parser = argparse.ArgumentParser(
+        description=(__doc__ or "").split("\n\n")[0], formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    add = parser.add_argument
+    add("--flow", choices=list(STUDIES), nargs="+", default=list(STUDIES), help="which flows")
+    add("--short", action="store_true", help="coarse, a few minutes")
+    add("--out", type=Path, default=Path("out/validation/bodies"), metavar="FOLDER", help="folder for the results")
+    given = parser.parse_args(words)
+    sizes, limits = (SHORT, SHORT_LIMITS) if given.short else (FINE, LIMITS)
+    given.out.mkdir(parents=True, exist_ok=True)
+    results: dict[str, dict[int, Figures]] = {}
+    curves: dict[str, dict[int, Curve]] = {}
+    with harness.one_message():
+        tp.init()
+        for flow in given.flow:
+            for across in sizes[flow]:
+                figures, curve = STUDIES[flow][0](across, given.short)
+                results.setdefault(flow, {})[across] = figures
+                curves.setdefault(flow, {})[across] = curve
+                print(flow, across, {name: f"{value:.4g}" for name, value in figures.items()})
+    missed = [line for runs in results.values() for line in check(runs[max(runs)], limits)]
+    summary = {"flows": results, "check": missed or "passed"}
+    (given.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    plot(given.out / "bodies.png", curves)
+    harness.conclude(given.out, missed)
+
+
+if __name__ == "__main__":
+    main()
