@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from tipfem.arguments import is_number
+from tipfem.case.body import Body
 from tipfem.case.domain import Domain
 from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading
@@ -92,6 +93,17 @@ class MeshTank(Tank):
         """The triangles (M, 3) of the particles of `sample`, and the number (M,) of the fluid of each."""
         names = [fluid.name for fluid in fluids]
         return self._cells.astype(np.int32), np.array([names.index(name) for name in self._names], dtype=np.int32)
+
+    def add(self, body: Body) -> Tank:
+        """A tank from a mesh has no room for bodies.
+
+        Raises:
+            ValueError: always.
+        """
+        raise ValueError(
+            f"add: body {body.name!r} cannot be put into a tank that was read from a mesh, whose triangles fill it; "
+            "make the tank by tipfem.tank(shape=...)"
+        )
 
     def sample(
         self, fluids: Sequence[Fluid], *, fitted: bool = False, empty: bool = False, grading: Grading | None = None
