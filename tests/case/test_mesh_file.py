@@ -74,6 +74,16 @@ def test_a_file_of_gmsh_is_a_tank_with_its_fluids_and_walls(tmp_path, water, air
     assert simulation.mesh.measure.sum() == pytest.approx(case.domain.area, rel=1e-12)
 
 
+def test_a_case_file_says_that_it_cannot_keep_a_mesh(tmp_path, water):
+    x = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.5, 0]], dtype=float)
+    lines = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
+    cells = [("triangle", np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])), ("line", lines)]
+    meshio.Mesh(x, cells, cell_data={"medit:ref": [np.full(4, 7), np.full(4, 1)]}).write(tmp_path / "tank.mesh")
+    tank = tp.read_mesh(tmp_path / "tank.mesh", 0.5, fluids={7: "water"}, walls={1: "rim"})
+    described = tp.describe(tp.Case(tank, [water], (0, -9.81)), 1.0)
+    assert described.missing == ("tank: read from a mesh file",)
+
+
 def test_groups_that_are_missing_are_named(tmp_path, water, air):
     path = written(tmp_path / "tank.msh", air="gas")
     with pytest.raises(ValueError, match="surface 'gas' is not named after a fluid; the case has water, air"):

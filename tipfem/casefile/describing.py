@@ -12,6 +12,7 @@ import numpy as np
 
 from tipfem.arguments import is_number, numbers
 from tipfem.case.case import Case
+from tipfem.case.mesh_file import MeshTank
 from tipfem.case.numerics import Numerics
 from tipfem.case.particles import Particles
 from tipfem.case.shaped_tank import ShapedTank
@@ -88,7 +89,9 @@ def describe(
     writer.head(case)
     for fluid in case.fluids:
         writer.table(("fluids", fluid.name), {"density": fluid.density, "viscosity": fluid.viscosity})
-    if _sampled(case):
+    if isinstance(case.tank, MeshTank):
+        writer.table(("particles",), {"file": writer.lost("tank", "read from a mesh file")})
+    elif _sampled(case):
         assert case.tank is not None
         writer.tank(case.tank)
     elif particles_file is None:
@@ -126,7 +129,7 @@ def write_case(path: str | Path, case: Case, end: float, **options: Any) -> Desc
         What was written.
     """
     path = Path(path)
-    file = None if _sampled(case) else path.with_suffix(".npz")
+    file = None if isinstance(case.tank, MeshTank) or _sampled(case) else path.with_suffix(".npz")
     described = describe(case, end, particles_file=file.name if file else None, **options)
     if file:
         arrays = {name: getattr(case.particles, name) for name in ARRAYS}
@@ -137,7 +140,7 @@ def write_case(path: str | Path, case: Case, end: float, **options: Any) -> Desc
 
 def _sampled(case: Case) -> bool:
     """Whether the case's particles are those that its tank gives."""
-    if case.tank is None:
+    if case.tank is None or isinstance(case.tank, MeshTank):
         return False
     try:
         again = case.tank.sample(
