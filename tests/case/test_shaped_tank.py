@@ -152,3 +152,18 @@ def test_interfaces_across_inclined_and_curved_walls_are_exact(level, water, air
     mesh = tp.Simulation(case).mesh
     assert (mesh.position[mesh.cells[mesh.fluid == 0], 1] <= level + 1e-11).all()
     assert (mesh.position[mesh.cells[mesh.fluid == 1], 1] >= level - 1e-11).all()
+
+
+def test_own_particles_take_the_shape_that_their_walls_enclose(water):
+    """The dam break's block: the same mesh as the tank's; without the shape, and with too small a one, refused."""
+    tank = tp.tank(shape=BLOCK, spacing=0.0125).fill(water)
+    particles = tank.sample([water], fitted=True)
+    simulation = tp.Simulation(tp.Case(particles, [water], (0, -9.81), shape=BLOCK))
+    expected = tp.Simulation(tp.Case(tank, [water], (0, -9.81)))
+    np.testing.assert_array_equal(simulation.mesh.cells, expected.mesh.cells)
+    with pytest.raises(ValueError, match="gives what the walls enclose"):
+        tp.Case(particles, [water], (0, -9.81))
+    with pytest.raises(ValueError, match="is not on the boundary of the domain"):
+        tp.Case(particles, [water], (0, -9.81), shape=[(0, 0), (0.584, 0), (0.584, 0.584), (0, 0.584)])
+    with pytest.raises(ValueError, match="a tank has its own"):
+        tp.Case(tank, [water], (0, -9.81), shape=BLOCK)

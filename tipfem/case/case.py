@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -10,12 +11,13 @@ from scipy.spatial import ConvexHull, QhullError
 from tipfem.arguments import numbers
 from tipfem.case.body import Body
 from tipfem.case.boundary import Boundary
-from tipfem.case.domain import Domain, around_bodies
+from tipfem.case.domain import Domain, around_bodies, domain_of
 from tipfem.case.domain_boundary import DomainBoundary
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import Numerics
 from tipfem.case.particles import Particles
+from tipfem.case.shapes import Shape
 from tipfem.case.tank import Tank
 from tipfem.case.walls import Motion, Wall
 from tipfem.notebook import facts
@@ -53,6 +55,9 @@ class Case:
             the same distance everywhere. With the sharp interface only.
         bodies: rigid bodies in the fluids, for particles given as arrays, which have wall particles on the bodies'
             outlines; a tank has its own, see `Tank.add`.
+        shape: of the region that the walls enclose, for particles given as arrays in 2-D, as of `tipfem.tank`; None for
+            their convex hull. There must be a wall particle at each of its corners; for a round wall give the polygon
+            of the wall particles.
 
     Attributes:
         particles: the initial state, sampled from the tank if one was given.
@@ -88,6 +93,7 @@ class Case:
         tank_motion: Motion | None = None,
         grading: Grading | None = None,
         bodies: Sequence[Body] = (),
+        shape: Any = None,
     ) -> None:
         self.fluids = _checked_fluids(fluids)
         self.free_surface = free_surface
@@ -113,6 +119,12 @@ class Case:
             self.domain = tank.domain
         if not isinstance(particles, Particles):
             raise ValueError(f"Case: particles is a {type(particles).__name__}; it must be a Particles or a tank")
+        if shape is not None:
+            if self.tank is not None or particles.dimension != 2:
+                raise ValueError(
+                    "Case: shape is given; it is for particles given as arrays, in 2-D; a tank has its own"
+                )
+            self.domain = domain_of(Shape.of(shape), particles.spacing)
         self.particles = particles
         if self.tank is not None:
             self.walls_have_fluids, self.filled = True, self.tank.holds
@@ -256,7 +268,8 @@ class Case:
             i = int(np.argmax(inner))
             raise ValueError(
                 f"Case: wall particle {i} at {particles.position[i].tolist()} lies {depth[i]:.2g} spacings inside the "
-                "convex hull of all particles; a closed case has outer walls only, and they are convex"
+                "convex hull of all particles; a closed case has outer walls only, unless shape=... gives what the "
+                "walls enclose"
             )
 
     def _repr_html_(self) -> str:

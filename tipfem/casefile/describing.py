@@ -89,8 +89,9 @@ def describe(
     writer.head(case)
     for fluid in case.fluids:
         writer.table(("fluids", fluid.name), {"density": fluid.density, "viscosity": fluid.viscosity})
-    if isinstance(case.tank, MeshTank):
-        writer.table(("particles",), {"file": writer.lost("tank", "read from a mesh file")})
+    if _without_place(case):
+        reason = "read from a mesh file" if case.tank else "particles with a shape"
+        writer.table(("particles",), {"file": writer.lost("tank", reason)})
     elif _sampled(case):
         assert case.tank is not None
         writer.tank(case.tank)
@@ -129,13 +130,18 @@ def write_case(path: str | Path, case: Case, end: float, **options: Any) -> Desc
         What was written.
     """
     path = Path(path)
-    file = None if isinstance(case.tank, MeshTank) or _sampled(case) else path.with_suffix(".npz")
+    file = None if _without_place(case) or _sampled(case) else path.with_suffix(".npz")
     described = describe(case, end, particles_file=file.name if file else None, **options)
     if file:
         arrays = {name: getattr(case.particles, name) for name in ARRAYS}
         np.savez(file, spacing=np.float64(case.particles.spacing), **arrays)
     path.write_text(described.text, encoding="utf-8")
     return described
+
+
+def _without_place(case: Case) -> bool:
+    """Whether the case has walls that a file of particles does not describe."""
+    return isinstance(case.tank, MeshTank) or (case.domain is not None and not case.bodies and not _sampled(case))
 
 
 def _sampled(case: Case) -> bool:

@@ -39,7 +39,7 @@ OILS = (tp.Fluid("oil", density=1000.0, viscosity=10.0), tp.Fluid("heavy oil", d
 BETWEEN = 0.75  # radius of the interface of two rings [m]
 TILT = 0.02  # of the surface at the start of sloshing [rad]
 # Cells across, of the two runs of each flow.
-ACROSS = {"couette": (8, 16), "rings": (8, 16), "rest": (10, 20), "circle": (10, 16), "wedge": (12, 20)}
+ACROSS = {"couette": (8, 16), "rings": (8, 16), "rest": (10, 20), "circle": (10, 16), "wedge": (20, 30)}
 LIMITS = {"speed": 0.01, "torque": 0.02, "order": 1.7, "speed_at_rest": 1e-9, "period": 0.02}
 BOTTOMS = {
     "inclined": ([(0, 0.3), (0.7, 0.05), (1, 0.1), (1, 0.8), (0, 0.8)], 0.47),
