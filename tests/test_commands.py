@@ -23,7 +23,8 @@ def test_the_list_has_every_demo_with_a_line(capsys):
     assert len(SCRIPTS) >= 7
     studies = [line.split()[0] for line in lines[second + 1 : third - 1]]
     assert studies == [
-        f"validation/{name}" for name in ("bodies", "dam_break", "energy", "impact", "interfaces", "walls", "waves")
+        f"validation/{name}"
+        for name in ("bodies", "dam_break", "energy", "impact", "interfaces", "shapes", "walls", "waves")
     ]
     assert lines[third + 1].split()[0] == "benchmarks/frame_time"
     listed = [line for line in lines if line.startswith("  ")]

@@ -1,4 +1,4 @@
-"""The viewer in a browser: pictures a second while playing and zooming, and the time from a key to the screen.
+"""The viewer in a browser: pictures a second in playing and zooming, time from a key to the screen.
 
     python -m tipfem demo benchmarks/viewing --results out/dam_break
 

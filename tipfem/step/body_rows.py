@@ -139,8 +139,9 @@ class BodyRows:
         rank = self._rank[mesh.cells]
         at = np.flatnonzero((rank >= 0).any(axis=1))
         # A row for each element and each body that it has corners on.
-        rows = [np.stack([at, rank[at, c]], axis=1)[rank[at, c] >= 0] for c in range(3)]
-        cell, body = np.unique(np.concatenate(rows), axis=0).T if len(at) else np.zeros((2, 0), dtype=np.int64)
+        rank = rank[at]
+        rows = np.unique((at[:, None] * self._count + rank)[rank >= 0])
+        cell, body = rows // self._count, rows % self._count
         self._ring_cell, self._ring_body = cell, body
         on = self._rank[mesh.cells[cell]] == body[:, None]
         self._ring_on = on
