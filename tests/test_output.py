@@ -169,6 +169,7 @@ def test_the_case_is_described(tmp_path, water, air):
         "gravity": [0.0, -9.81],
         "interface": "sharp",
         "free_surface": False,
+        "bodies": [],
     }
 
 

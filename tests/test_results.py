@@ -17,7 +17,8 @@ import tipfem as tp
 from tipfem.casefile import commands
 from tipfem.fields import vtkhdf
 from tipfem.fields.atomic_file import journal_of
-from tipfem.output import LOCK, MANIFEST
+from tipfem.folder_lock import LOCK
+from tipfem.output import MANIFEST
 from tipfem.tables import Table, package
 
 END, INTERVAL = 8e-3, 2e-3

@@ -28,7 +28,7 @@ MADE = {
 }
 SHELL = {"sh", "bash", "console"}
 # Commands that this repository has no say in; what they are given is not looked at.
-OTHERS = {"apt-get", "git", "cd", ".", "open"}
+OTHERS = {"apt-get", "git", "cd", ".", "open", "dask"}
 
 
 def name(page: Path) -> str:

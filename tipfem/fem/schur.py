@@ -7,6 +7,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
+from tipfem.backend.real_functions import cube_root
 from tipfem.fem.element import gradient, row
 from tipfem.linalg.sparsity import corner_after
 
@@ -82,7 +83,7 @@ def scale_and_laplacian(
             # The viscous time is that of `stabilisation_time`, with cv / cm for dt.
             length2 = 4.0 / ti.math.pi * area
             if ti.static(dim == 3):
-                length2 = (6.0 / ti.math.pi * area) ** (2.0 / 3.0)
+                length2 = cube_root(6.0 / ti.math.pi * area) ** 2
             added = floor / (1.0 + floor * 12.0 * viscosity[e] / (density[e] * length2) * cm / cv)
             stiffness = area / (schur * cm * density[e]) + area * added / density[e]
             for other in ti.static(range(1, dim + 1)):

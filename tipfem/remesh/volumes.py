@@ -15,6 +15,9 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.remesh import volume_kernels as kernels
 from tipfem.typing import Array
 
+# Least angle between an interface and a wall at a contact that moves with the interface [rad].
+STEEP = np.pi / 3
+
 ROUNDS = 4  # of Newton's method, see `move_interfaces`
 
 
@@ -156,7 +159,7 @@ def sliding_contacts(mesh: Mesh, slides: Array) -> tuple[Array, Array]:
 
     Args:
         mesh: triangles with their components.
-        slides: (N,) mask of the particles that may move along their walls.
+        slides: (N,) mask of the particles that may move along their walls; those whose interface is flat stay.
 
     Returns:
         (S,) numbers of the contacts, int32; (S, 2) unit vectors along their walls.
@@ -176,8 +179,32 @@ def sliding_contacts(mesh: Mesh, slides: Array) -> tuple[Array, Array]:
         np.add.at(total, ends, length)
     # Of two edges in one line the lengths add up.
     straight = np.linalg.norm(direction, axis=1) > (1 - 1e-12) * total
-    nodes = np.flatnonzero(contact & straight & (total > 0)).astype(np.int32)
-    return nodes, direction[nodes] / np.linalg.norm(direction[nodes], axis=1, keepdims=True)
+    contact &= straight & (total > 0)
+    direction[contact] /= np.linalg.norm(direction[contact], axis=1, keepdims=True)
+    contact &= ~_flat(mesh, contact, direction)
+    nodes = np.flatnonzero(contact).astype(np.int32)
+    return nodes, direction[nodes]
+
+
+def _flat(mesh: Mesh, contact: Array, direction: Array) -> Array:
+    """(N,) mask of the contacts in the mask ``contact`` whose interface is less than `STEEP` from their wall.
+
+    A thin front that runs along a wall is flat; what restoring takes from its contact would hold it back.
+    """
+    assert mesh.fluid is not None
+    result = np.zeros(len(contact), dtype=bool)
+    near = np.flatnonzero(contact.take(mesh.cells).any(axis=1))
+    beside = mesh.neighbours[near]
+    row, i = np.nonzero((beside >= 0) & (mesh.fluid[near][:, None] != mesh.fluid[beside]))
+    cells = mesh.cells[near[row]]
+    rows = np.arange(len(row))
+    one, other = cells[rows, (i + 1) % 3], cells[rows, (i + 2) % 3]
+    edge = mesh.position[other] - mesh.position[one]
+    length = np.linalg.norm(edge, axis=1)
+    for end in (one, other):
+        along = np.abs(np.einsum("ki,ki->k", edge, direction[end]))
+        result[end[contact[end] & (along > np.cos(STEEP) * length)]] = True
+    return result
 
 
 def move_interfaces(mesh: Mesh, volume: Array, wanted: Array, limit: float, slides: Array | None = None) -> Mesh:

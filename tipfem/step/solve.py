@@ -54,8 +54,11 @@ def flow_time(case: Case, state: State) -> float:
     It is the shorter of 0.05 sqrt(h / b) with the acceleration b by gravity and body force, and of 0.35 h / v with the
     speed v of the fastest particle relative to the tank. Steps that are shorter, for an output or because others were
     refused, have the stabilisation of a step of that length. If it faded with dt, so would what it does for the
-    pressure.
+    pressure. Where an interpolated interface divides fluids that fill their tank, T is 0: a stronger stabilisation
+    moves more volume between them.
     """
+    if case.interface == "interpolated" and not case.free_surface:
+        return 0.0
     frequency = case.natural_frequency()
     speed = state.boundary.speed_over_spacing(state.particles, state.time, 1e-3 / max(frequency, 1e-3))
     times = [part / rate for part, rate in ((OF_GRAVITY, frequency), (OF_FLOW, speed)) if rate > 0]
@@ -79,7 +82,7 @@ class StepSolver:
         self.forces = Forces()
 
     @timer("solve")
-    def solve(self, state: State, dt: float, growth: Array, end: float = math.nan) -> Solved:
+    def solve(self, state: State, dt: float, growth: Array, end: float = math.nan, *, fading: bool = False) -> Solved:
         """Solve a step of length ``dt`` [s] from a state.
 
         Args:
@@ -87,6 +90,7 @@ class StepSolver:
             dt: length of the step [s].
             growth: (M,) relative growth of the elements that is prescribed.
             end: time at the end of the step [s]; by default the state's plus ``dt``.
+            fading: whether the stabilisation fades with the step's length, instead of keeping that of `flow_time`.
 
         Raises:
             StepRefused: Newton's method failed, an element would be inverted, or a particle would move too far.
@@ -119,7 +123,7 @@ class StepSolver:
             numerics.jacobian,
             state.grid_box,
             jump,
-            flow_time(case, state),
+            0.0 if fading else flow_time(case, state),
         )
         tolerance = numerics.tolerance(
             force if varies else force[:1],
@@ -180,7 +184,7 @@ class StepSolver:
         all that follows lags by half a step. What a step of length dt finds consists of these accelerations and, where
         the velocities are not free of divergence or walls set off at once, of a part in proportion to 1 / dt, that a
         step takes to correct the velocities. Two steps of different lengths, which are not taken, tell them apart:
-        a = 2 a(dt) - a(dt / 2).
+        a = 2 a(dt) - a(dt / 2). The second part is in proportion to 1 / dt only if the stabilisation's tau is to dt^2.
 
         Args:
             state: any; only one before the first step whose free particles have no acceleration, or none of whose
@@ -197,7 +201,7 @@ class StepSolver:
         if accelerated and pressed:
             return state
         growth = np.zeros(len(state.mesh.cells))
-        whole, half = self.solve(state, dt, growth), self.solve(state, 0.5 * dt, growth)
+        whole, half = (self.solve(state, length, growth, fading=True) for length in (dt, 0.5 * dt))
         if not pressed:
             pressure = 2 * whole.particles.pressure - half.particles.pressure
             particles = particles.shallow_copy(pressure=pressure)
