@@ -48,11 +48,11 @@ def test_every_step_and_what_stopped_it_is_in_the_log(simulation, tmp_path, monk
     path = tmp_path / "log.jsonl"
     solve, refused = simulation.solver.solve, []
 
-    def refuse_once(*arguments):
+    def refuse_once(*arguments, **options):
         if not refused:
             refused.append(True)
             raise StepRefused("a test")
-        return solve(*arguments)
+        return solve(*arguments, **options)
 
     monkeypatch.setattr(simulation.solver, "solve", refuse_once)
     with tp.log_json(path):

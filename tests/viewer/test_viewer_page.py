@@ -203,7 +203,7 @@ def test_a_click_keeps_a_point_and_shows_its_history(shown):
 def test_fields_layers_and_colours_are_chosen_by_keys_too(shown):
     shown.key("f", "m", "v")
     shown.wait(lambda: "--field pressure --mesh --arrows" in shown.part("command").input_value(), "the choices")
-    assert "pressure [Pa]" in shown.text("legend")
+    shown.wait(lambda: "pressure [Pa]" in shown.text("legend"), "the legend of the pressure")
     assert shown.page.locator('[data-layer="mesh"]').is_checked()
     shown.part("range").select_option("given")
     shown.part("low").fill("0")
