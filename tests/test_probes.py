@@ -171,6 +171,73 @@ def test_named_walls_and_those_that_move(water, air):
     assert len(b)
 
 
+def layers_in_a_shape(water, air, *, slip=False):
+    """The layers over an inclined side and around a square hole, with a round side on the right, at rest."""
+    corners = [(0, 0), (0.2, 0.05), (0.5, 0.05), tp.shapes.arc((0.5, 0.25)), (0.5, 0.45), (0, 0.45)]
+    hole = tp.shapes.rectangle((0.2, 0.17), (0.3, 0.33), names=["under", "east", "above", "west"])
+    shape = tp.shapes.polygon(corners, names=["slope", "floor", "round", "lid", "west wall"], holes=[hole])
+    tank = tp.tank(shape=shape, spacing=0.02).fill(air).fill(water, box=((-1, -1), (1, 0.25)))
+    tank.wall("round", slip=slip)
+    simulation = tp.Simulation(tp.Case(tank, [water, air], (0, -G)), time_step=1e-3)
+    simulation.step()
+    return simulation
+
+
+def test_sides_of_shapes_and_of_holes_bear_hydrostatic_forces(water, air):
+    simulation = layers_in_a_shape(water, air)
+
+    def force(side):
+        found = values(tpp.WallForce(name="f", wall=side), simulation)
+        return np.array([found["pressure_force_x"], found["pressure_force_y"]])
+
+    middle = air.density * G * 0.2  # pressure at the interface
+    deep = middle + water.density * G * 0.2
+    # Linear along each side: length times the normal out of the fluid times the mean.
+    exact = {
+        "slope": 0.5 * (deep + middle + water.density * G * 0.25) * np.array([0.05, -0.2]),
+        "floor": deep * np.array([0.0, -0.3]),
+        "under": (middle + water.density * G * 0.08) * np.array([0.0, 0.1]),
+        "above": air.density * G * 0.12 * np.array([0.0, -0.1]),
+        "lid": np.zeros(2),
+    }
+    for side, expected in exact.items():
+        np.testing.assert_allclose(force(side), expected, rtol=1e-9, atol=1e-9 * deep)
+    # The four sides of the hole: the weight of what it displaces.
+    lift = sum(force(side) for side in ("under", "east", "above", "west"))
+    np.testing.assert_allclose(lift, [0, G * 0.1 * 0.08 * (water.density + air.density)], rtol=1e-9, atol=1e-7)
+    # All walls together: the weight of the fluids.
+    volumes = simulation.volume("water") * water.density + simulation.volume("air") * air.density
+    total = lift + sum(force(side) for side in ("slope", "floor", "round", "lid", "west wall"))
+    np.testing.assert_allclose(total, [0, -G * volumes], rtol=1e-9, atol=1e-7)
+
+
+def test_pressures_at_places_of_sides_are_hydrostatic(water, air):
+    simulation = layers_in_a_shape(water, air, slip=True)
+
+    def exact(y):
+        return air.density * G * min(0.45 - y, 0.2) + water.density * G * max(0.25 - y, 0.0)
+
+    for side, at in (("slope", (0.1, 0.025)), ("west", (0.2, 0.193)), ("above", (0.271, 0.33)), ("slope", (0.2, 0.05))):
+        found = values(tpp.WallPressure(name="w", wall=side, at=at), simulation)["pressure"]
+        assert found == pytest.approx(exact(at[1]), abs=1e-9 * exact(0.0))
+    # On an arc the fluid ends at the chords between its particles, a distance of h^2 / (8 R) off.
+    at = 0.5 + 0.2 * math.cos(0.7), 0.25 - 0.2 * math.sin(0.7)
+    found = values(tpp.WallPressure(name="w", wall="round", at=at), simulation)["pressure"]
+    assert found == pytest.approx(exact(at[1]), abs=water.density * G * 0.02**2 / (8 * 0.2))
+
+
+def test_walls_that_a_shape_does_not_have_are_refused(water, air):
+    case = layers_in_a_shape(water, air).case
+    with pytest.raises(ValueError, match=r"there is no wall 'left' in this case; it has \['slope', .*'under'\]"):
+        tpp.WallForce(name="f", wall="left").columns(case)
+    with pytest.raises(ValueError, match=r"at \[0.1, 0.1\] is not on the wall 'slope', from \[0.0, 0.0\] to"):
+        tpp.WallPressure(name="f", wall="slope", at=(0.1, 0.1)).columns(case)
+    tank = tp.tank(shape=[(0, 0), (0.4, 0), (0.4, 0.4), (0, 0.4)], spacing=0.02).fill(water)
+    tank.add(tp.Body(tp.shapes.circle((0.2, 0.2), 0.08), name="disc"))
+    with pytest.raises(ValueError, match="'disc' is a body; the force of the fluids on it is in the history"):
+        tpp.WallForce(name="f", wall="disc").columns(tp.Case(tank, [water], (0, -G)))
+
+
 def test_the_recorder_samples_at_the_interval_and_writes_what_it_keeps(layers, tmp_path):
     every = tpp.VolumeProbe(name="all", fluid="water")
     some = tpp.PointProbe(name="some", at=(0.1, 0.1), interval=0.25)

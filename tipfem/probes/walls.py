@@ -1,4 +1,4 @@
-"""Pressures, forces and moments on straight walls."""
+"""Pressures, forces and moments on walls: straight ones, and sides of shapes with their holes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import numpy as np
 
 from tipfem.arguments import numbers
 from tipfem.case.case import Case
+from tipfem.case.domain import Domain
 from tipfem.case.particles import Particles
+from tipfem.case.shaped_tank import ShapedTank
 from tipfem.case.walls import Wall
 from tipfem.mesh.mesh import Mesh
 from tipfem.probes.probe import Probe, Sampled, require_plane, tank_pose
@@ -20,6 +22,7 @@ SIDES = ("left", "right", "bottom", "top")  # of a rectangle of walls
 
 
 ON_WALL = 1e-4  # distance from a wall's line below which a face of the mesh lies on it [spacings]
+ON_ARC = 0.1  # the same for an arc, whose particles may be anywhere on it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +30,8 @@ class WallPressure(Probe):
     """Pressure at a point of a wall, linear between the wall's particles; 2-D. The point moves with the wall.
 
     Attributes:
-        wall: name of a `tipfem.Wall`, or left, right, bottom or top of a rectangle of walls.
+        wall: name of a `tipfem.Wall`, of a side of the tank's shape or of its holes, or left, right, bottom or top of
+            a rectangle of walls.
         at: (2,) place on the wall at t = 0 [m].
 
     Raises:
@@ -39,30 +43,21 @@ class WallPressure(Probe):
 
     def columns(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of the values; raises ValueError if the probe does not fit the case."""
-        line, place = wall_line(self, case, self.wall), self._point(case, "at", self.at)
-        along, height = line.coordinates(place[None])
-        slack = ON_WALL * case.particles.spacing
-        if abs(height[0]) > slack or not -slack <= along[0] <= line.length + slack:
-            raise ValueError(f"{self}: at {place.tolist()} is not on the wall {self.wall!r}, {line.describe()}")
+        wall, place = wall_of(self, case, self.wall), self._point(case, "at", self.at)
+        if not wall.holds(place, case.particles.spacing):
+            raise ValueError(f"{self}: at {place.tolist()} is not on the wall {self.wall!r}, {wall.describe()}")
         return [("pressure", "Pa")]
 
     def sample(self, simulation: Sampled) -> list[float]:
         """The pressure at the present time; zero where there is no fluid, as at a free surface."""
         case, particles = simulation.case, simulation.particles
-        line = wall_line(self, case, self.wall)
-        place = line.coordinates(np.asarray(self.at, dtype=float)[None])[0][0]
-        a, b, _, _ = line.faces(simulation)
-        if not len(a):
-            return [0.0 if case.free_surface else math.nan]
+        wall = wall_of(self, case, self.wall)
+        a, b, _, _ = wall.faces(simulation)
         y = tank_pose(simulation).origin(particles.position)
-        first, second = line.coordinates(y[a])[0], line.coordinates(y[b])[0]
-        low, high = np.minimum(first, second), np.maximum(first, second)
-        slack = ON_WALL * particles.spacing
-        k = np.flatnonzero((low - slack <= place) & (place <= high + slack))
-        if not len(k):
+        found = wall.locate(np.asarray(self.at, dtype=float), y[a], y[b], particles.spacing) if len(a) else None
+        if found is None:
             return [0.0 if case.free_surface else math.nan]
-        face = k[0]
-        weight = np.clip((place - first[face]) / (second[face] - first[face]), 0.0, 1.0)
+        face, weight = found
         return [float((1 - weight) * particles.pressure[a[face]] + weight * particles.pressure[b[face]])]
 
 
@@ -88,7 +83,7 @@ class WallForce(Probe):
 
     def columns(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of the values; raises ValueError if the probe does not fit the case."""
-        wall_line(self, case, self.wall)
+        wall_of(self, case, self.wall)
         self._point(case, "about", self.about)
         if self.fluid is not None:
             self._fluid(case, self.fluid)
@@ -98,7 +93,7 @@ class WallForce(Probe):
     def sample(self, simulation: Sampled) -> list[float]:
         """Force and moment at the present time."""
         case, particles, mesh = simulation.case, simulation.particles, simulation.mesh
-        a, b, cell, normal = wall_line(self, case, self.wall).faces(simulation)
+        a, b, cell, normal = wall_of(self, case, self.wall).faces(simulation)
         x, p = particles.position, particles.pressure
         share = np.ones((len(a), 2))  # of each half of a face: whether it counts
         if self.fluid is not None:
@@ -148,35 +143,147 @@ class WallLine:
         """Along the wall and out of the fluid (K,) [m], of points (K, 2) in the tank's frame."""
         return (y - self.start) @ self.tangent, (y - self.start) @ self.outward
 
+    def holds(self, place: Array, spacing: float) -> bool:
+        """Whether a point (2,) [m] is on the wall at t = 0, for particles of a spacing [m]."""
+        along, height = self.coordinates(place[None])
+        slack = ON_WALL * spacing
+        return bool(abs(height[0]) <= slack and -slack <= along[0] <= self.length + slack)
+
+    def locate(self, place: Array, a: Array, b: Array, spacing: float) -> tuple[int, float] | None:
+        """The face that a place of the wall is on.
+
+        Args:
+            place: (2,) on the wall at t = 0 [m].
+            a: (K, 2) first ends of the faces in the tank's frame [m].
+            b: (K, 2) their second ends [m].
+            spacing: of the particles [m].
+
+        Returns:
+            The number of the face, and the part of the way from a to b, from 0 to 1; None if it is on none.
+        """
+        at = self.coordinates(place[None])[0][0]
+        first, second = self.coordinates(a)[0], self.coordinates(b)[0]
+        slack = ON_WALL * spacing
+        k = np.flatnonzero((np.minimum(first, second) - slack <= at) & (at <= np.maximum(first, second) + slack))
+        if not len(k):
+            return None
+        face = int(k[0])
+        return face, float(np.clip((at - first[face]) / (second[face] - first[face]), 0.0, 1.0))
+
     def faces(self, simulation: Sampled) -> tuple[Array, Array, Array, Array]:
         """The faces of the mesh on the wall.
 
         Their two particles (K,), the cell (K,), and the outward normal times the length (K, 2) [m].
         """
-        particles, mesh = simulation.particles, simulation.mesh
-        cell, i = np.nonzero(mesh.neighbours < 0)
-        a, b = mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]
+        particles, (a, b, cell) = simulation.particles, _wall_faces(simulation)
         y = tank_pose(simulation).origin(particles.position)
         displacement = 0.0 if self.wall is None else float(self.wall.displacement(simulation.time))
         slack = ON_WALL * particles.spacing
-        on = particles.wall[a] & particles.wall[b]
+        on = np.ones(len(a), dtype=bool)
         for end in (a, b):
             along, height = self.coordinates(y[end])
             on &= np.abs(height + displacement) < slack
             if self.wall is not None:  # a part of a side may be a wall of its own
                 on &= (along > -slack) & (along < self.length + slack)
-        a, b, cell = a[on], b[on], cell[on]
-        edge = particles.position[b] - particles.position[a]
-        return a, b, cell, np.stack([edge[:, 1], -edge[:, 0]], axis=1)  # cells are positively oriented
+        return _with_normals(particles, a[on], b[on], cell[on])
 
 
-def wall_line(probe: Probe, case: Case, name: str) -> WallLine:
-    """The wall of that name of a 2-D case.
+@dataclass(frozen=True)
+class WallSide:
+    """A side of a shape: straight edges and arcs of the domain that bounds the fluids.
+
+    Attributes:
+        domain: at t = 0.
+        edges: (E,) numbers of its edges.
+    """
+
+    domain: Domain
+    edges: Array
+
+    def describe(self) -> str:
+        """The two ends, for messages."""
+        start, end = self.domain.start[self.edges[0]], self.domain.end[self.edges[-1]]
+        return f"from {start.round(9).tolist()} to {end.round(9).tolist()}"
+
+    def _reach(self, spacing: float) -> Array:
+        """(E,) distance from each edge below which a point is on it: of arcs, what is between chord and arc [m]."""
+        radius = np.linalg.norm(self.domain.start - self.domain.centre, axis=1)[self.edges]
+        arc = self.domain.curve[self.edges] >= 0
+        height = self.domain.length[self.edges] ** 2 / (8 * np.where(arc, radius, 1.0))
+        return ON_WALL * spacing + np.where(arc, 1.2 * height, 0.0)
+
+    def holds(self, place: Array, spacing: float) -> bool:
+        """See `WallLine.holds`."""
+        return bool((self.domain.distances(place[None], self.edges)[0][0] <= self._reach(spacing)).any())
+
+    def locate(self, place: Array, a: Array, b: Array, spacing: float) -> tuple[int, float] | None:
+        """See `WallLine.locate`; of an arc, the face nearest to the place."""
+        edge = b - a
+        part = np.clip(((place - a) * edge).sum(axis=1) / (edge**2).sum(axis=1), 0.0, 1.0)
+        distance = np.linalg.norm(a + part[:, None] * edge - place, axis=1)
+        face = int(np.argmin(distance))
+        arcs = (self.domain.curve[self.edges] >= 0).any()
+        if distance[face] > (ON_ARC if arcs else ON_WALL) * spacing:
+            return None
+        return face, float(part[face])
+
+    def faces(self, simulation: Sampled) -> tuple[Array, Array, Array, Array]:
+        """See `WallLine.faces`."""
+        particles, (a, b, cell) = simulation.particles, _wall_faces(simulation)
+        y = tank_pose(simulation).origin(particles.position)
+        middle = 0.5 * (y[a] + y[b])
+        distance = self.domain.distances(middle)[0]
+        nearest = np.argmin(distance, axis=1)
+        slack = np.where(self.domain.curve[nearest] >= 0, ON_ARC, ON_WALL) * particles.spacing
+        on = np.isin(nearest, self.edges) & (distance[np.arange(len(a)), nearest] < slack)  # the others are on bodies
+        return _with_normals(particles, a[on], b[on], cell[on])
+
+
+def _wall_faces(simulation: Sampled) -> tuple[Array, Array, Array]:
+    """The faces of the mesh between two wall particles (K,) and (K,), and their cells (K,); on bodies, too."""
+    mesh, wall = simulation.mesh, simulation.particles.wall
+    cell, i = np.nonzero(mesh.neighbours < 0)
+    a, b = mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]
+    on = wall[a] & wall[b]
+    return a[on], b[on], cell[on]
+
+
+def _with_normals(particles: Particles, a: Array, b: Array, cell: Array) -> tuple[Array, Array, Array, Array]:
+    """Faces with the outward normal times the length (K, 2) [m]."""
+    edge = particles.position[b] - particles.position[a]
+    return a, b, cell, np.stack([edge[:, 1], -edge[:, 0]], axis=1)  # cells are positively oriented
+
+
+def wall_of(probe: Probe, case: Case, name: str) -> WallLine | WallSide:
+    """The wall of that name of a 2-D case; a side of its shape, if it has one of that name.
 
     Raises:
         ValueError: there is none, or the case is not 2-D.
     """
     require_plane(probe, case)
+    domain = case.domain
+    if domain is None or (case.tank is not None and not isinstance(case.tank, ShapedTank)):
+        return wall_line(probe, case, name)
+    of_walls = domain.loop.max() + 1 - len(case.bodies)  # the loops of the bodies are the last ones
+    sides = list(dict.fromkeys(domain.sides[side] for side in domain.side[domain.loop < of_walls].tolist()))
+    given = {wall.name: wall.side for wall in case.walls}
+    side = given.get(name) or name
+    if side in sides:
+        return WallSide(domain, np.flatnonzero(domain.side == domain.sides.index(side)))
+    if name in given or (name in SIDES and case.tank is None):
+        return wall_line(probe, case, name)
+    if name in [body.name for body in case.bodies]:
+        raise ValueError(f"{probe}: {name!r} is a body; the force of the fluids on it is in the history")
+    names = [*sides, *(wall for wall in given if wall not in sides)]
+    raise ValueError(f"{probe}: there is no wall {name!r} in this case; it has {names}")
+
+
+def wall_line(probe: Probe, case: Case, name: str) -> WallLine:
+    """The straight wall of that name of a 2-D case.
+
+    Raises:
+        ValueError: there is none.
+    """
     position, of_walls = case.particles.position, case.particles.wall
     centre = position.mean(axis=0)
     for wall in case.walls:
