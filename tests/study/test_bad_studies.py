@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from concurrent.futures import Future
 from pathlib import Path
 
@@ -100,6 +102,17 @@ def test_a_mistake_is_one_clear_message(name, write, tmp_path, capsys):
     assert "1 mistake; nothing was started" in said
     assert "Traceback" not in said
     assert not (tmp_path / "out").exists()
+
+
+def test_a_broken_study_is_refused_without_taichi(write, tmp_path):
+    write(BAD["bad value"][0])
+    code = (
+        "import sys; from tipfem.commands import app; code = app(['sweep', 'study.toml'], result_action='return_value')"
+        "; sys.exit(99 if 'taichi' in sys.modules else code)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 2, done.stderr
+    assert "study.toml" in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -135,3 +135,101 @@ def test_the_same_command_again_leaves_out_complete_runs(swept, monkeypatch, cap
     assert [row["status"] for row in after] == ["complete", "as before", "complete"]
     assert after[0] == before[0]
     assert after[2] == before[2]
+
+
+INTERRUPTED = """
+case = "base.toml"
+folder = "out"
+
+[set]
+time.largest_step = 1e-4
+
+[[runs]]
+name = "finished"
+time.end = 2e-4
+
+[[runs]]
+name = "running"
+time.end = 0.04
+checkpoint.interval = 1e-3
+
+[[runs]]
+name = "waiting"
+time.end = 2e-4
+"""
+
+
+# A process started in the background ignores SIGINT; one on a terminal has Python's own handler.
+ON_A_TERMINAL = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.argv[0] = "tipfem"
+from tipfem.commands import main
+main()
+"""
+
+
+@pytest.mark.slow
+def test_ctrl_c_keeps_what_is_done_and_the_same_command_goes_on(tmp_path):
+    (tmp_path / "base.toml").write_text(BASE, encoding="utf-8")
+    (tmp_path / "study.toml").write_text(INTERRUPTED, encoding="utf-8")
+    words = [sys.executable, "-c", ON_A_TERMINAL, "sweep", "study.toml", "--workers", "1"]
+    process = subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    out = tmp_path / "out"
+    try:
+        end = time.monotonic() + 200
+        while len(list((out / "running" / "checkpoints").glob("*.h5"))) < 2:  # that of the start, and a later one
+            assert process.poll() is None, process.communicate()[0]
+            assert time.monotonic() < end
+            time.sleep(0.005)
+        process.send_signal(signal.SIGINT)
+        said = process.communicate(timeout=100)[0]
+    finally:
+        process.kill()
+    assert process.returncode == 130, said
+    assert "stopped; `tipfem sweep study.toml` goes on" in said
+    assert "Traceback" not in said
+    rows = table(out)
+    assert [row["status"] for row in rows] == ["complete", "ended by signal 15", "not started"]
+    assert not (out / "waiting" / "history.csv").exists()
+    assert not (out / "running" / ".lock").exists()
+    stopped = json.loads((out / "running" / "summary.json").read_text())
+    assert 0 < stopped["steps"] < 400
+    assert (out / "running" / "checkpoints" / f"step_{stopped['steps']:09d}.h5").exists()
+    kept = (out / "finished" / "summary.json").read_bytes()
+
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert [row["status"] for row in table(out)] == ["complete"] * 3
+    assert f"going on from step {stopped['steps']}, " in (out / "running" / "log.txt").read_text()
+    with open(out / "running" / "history.csv", newline="") as file:
+        steps = [int(row["step"]) for row in csv.DictReader(file)]
+    assert steps == list(range(1, len(steps) + 1))
+    assert (out / "finished" / "summary.json").read_bytes() == kept
+
+
+def test_a_second_ctrl_c_kills_the_runs(tmp_path):
+    (tmp_path / "base.toml").write_text(BASE, encoding="utf-8")
+    endless = INTERRUPTED.replace("time.end = 2e-4", "time.end = 100")
+    (tmp_path / "study.toml").write_text(endless, encoding="utf-8")
+    words = [sys.executable, "-c", ON_A_TERMINAL, "sweep", "study.toml", "--workers", "1"]
+    process = subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    run = tmp_path / "out" / "finished"
+    try:
+        end = time.monotonic() + 200
+        while not (run / "checkpoints" / "step_000000000.h5").exists():
+            assert process.poll() is None, process.communicate()[0]
+            assert time.monotonic() < end
+            time.sleep(0.005)
+        worker = json.loads((run / ".lock").read_text())["process"]
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.02)
+        process.send_signal(signal.SIGINT)
+        said = process.communicate(timeout=60)[0]
+    finally:
+        process.kill()
+    assert process.returncode == 130, said
+    assert "stopped at once; `tipfem sweep study.toml` goes on from the last checkpoints" in said
+    assert "Traceback" not in said
+    with pytest.raises(ProcessLookupError):
+        os.kill(worker, 0)

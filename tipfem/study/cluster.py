@@ -102,6 +102,11 @@ class DaskWorkers:
                 self._stop.unlink(missing_ok=True)
         self._client.close()
 
+    def abandon(self) -> None:
+        """Tell all runs to stop, and wait for none; the file that tells them stays."""
+        self._stop.write_text("", encoding="utf-8")
+        self._client.close()
+
 
 def _outcome(task: Any) -> Outcome:
     """How a task of Dask's ended."""

@@ -45,9 +45,6 @@ def sweep(
     overwrite
         Replace runs that are in the folder of the study, instead of going on with them.
     """
-    from tipfem.study.cluster import DaskWorkers
-    from tipfem.study.running import LocalWorkers, Sweep, Workers, prepare, usable_cores
-
     with bad_input() as failed:
         read = load_study(study)
         for name, count in (("--workers", workers), ("--threads", threads)):
@@ -56,6 +53,10 @@ def sweep(
         if dry_run:
             _list(read)
             return 0
+        # Here, for they import Taichi, which a study with a mistake does not need.
+        from tipfem.study.cluster import DaskWorkers
+        from tipfem.study.running import LocalWorkers, Sweep, Workers, prepare, usable_cores
+
         crew: Workers
         if scheduler is None:
             crew = LocalWorkers(workers or max(1, len(usable_cores()) // threads), threads)
@@ -71,7 +72,10 @@ def sweep(
         _write(read, failures)
 
     progress = Sweep(read, crew, print, ended)
-    stopped = progress.run()
+    try:
+        stopped = progress.run()
+    except KeyboardInterrupt:
+        return said(130, f"stopped at once; `tipfem sweep {study}` goes on from the last checkpoints")
     written = _write(read, progress.failures)
     if stopped:
         return said(128 + stopped, f"stopped; `tipfem sweep {study}` goes on")

@@ -10,8 +10,9 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
@@ -85,6 +86,9 @@ class Workers(Protocol):
     def stop(self) -> None:
         """Let all runs finish their step and write a checkpoint, and begin none."""
 
+    def abandon(self) -> None:
+        """End without waiting for the runs."""
+
 
 class LocalWorkers:
     """Processes on this machine, each bound to cores of its own.
@@ -141,6 +145,13 @@ class LocalWorkers:
                 if process.stdin:
                     process.stdin.close()
         self._pool.shutdown(wait=True)
+
+    def abandon(self) -> None:
+        """Kill all runs, and begin none; they keep their last checkpoints."""
+        with self._lock:
+            self._stopping = True
+            for process in self._running:
+                process.kill()
 
 
 def usable_cores() -> list[int]:
@@ -216,10 +227,14 @@ class Sweep:
     failures: dict[str, str] = field(default_factory=dict)
 
     def run(self) -> int | None:
-        """Run all runs that are not complete; returns the signal that has stopped them, or None."""
+        """Run all runs that are not complete; returns the signal that has stopped them, or None.
+
+        Raises:
+            KeyboardInterrupt: Ctrl-C came a second time; nothing was waited for.
+        """
         due = [run for run in self.study.runs if status_of(folder_of(self.study, run), run.file.end) != "complete"]
         starts = dict.fromkeys((run.name for run in due), 1)
-        with StopRequest() as stop:
+        with StopRequest() as stop, self._abandoned_at_a_second_signal():
             pending = {run.name: (run, self.workers.submit(folder_of(self.study, run))) for run in due}
             total, complete = len(self.study.runs), len(self.study.runs) - len(due)
             while pending and stop.signal is None:
@@ -242,3 +257,11 @@ class Sweep:
                     self.ended(self.failures)
             self.workers.stop()
             return stop.signal
+
+    @contextmanager
+    def _abandoned_at_a_second_signal(self) -> Iterator[None]:
+        try:
+            yield
+        except KeyboardInterrupt:
+            self.workers.abandon()
+            raise
