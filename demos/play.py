@@ -37,8 +37,9 @@ def case(spacing: float) -> tp.Case:
 def main() -> None:
     """Run until the page says stop, or Ctrl-C."""
     options = parser.parse_args()
-    tp.init(threads=options.threads)
+    simulation = None
     try:
+        tp.init(threads=options.threads)
         simulation = tp.Simulation(
             case(options.spacing), options.out, time_step=options.time_step, steering=options.steering
         )
@@ -55,7 +56,8 @@ def main() -> None:
     except ValueError as error:
         raise SystemExit(f"error: {error}") from None
     except KeyboardInterrupt:
-        pass
+        if simulation is None:
+            raise SystemExit(130) from None
     print(f"{simulation.step_number} steps to t = {simulation.time:.3g} s; results: {options.out}")
 
 

@@ -33,6 +33,28 @@ class PlacedBody:
     mark: Array
 
 
+class BodyOutline:
+    """A body as it is known at t = 0, to be drawn wherever it is later.
+
+    Args:
+        facts: its ``corners`` at t = 0 (K, 2) [m], and its ``reference`` point (2,) [m], about which it turns.
+
+    Attributes:
+        reference: (2,) the reference point at t = 0 [m].
+    """
+
+    def __init__(self, facts: Mapping[str, Any]) -> None:
+        self.reference = np.asarray(facts["reference"], float)
+        self._corners = np.asarray(facts["corners"], float)
+        self._triangles, self._mark = fill_polygon(self._corners), _mark(self._corners)
+
+    def placed(self, x: float, y: float, angle: float) -> PlacedBody:
+        """The body where its reference point is at (x, y) [m], turned by an angle [rad]."""
+        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        outline, mark = ((points - self.reference) @ turn + (x, y) for points in (self._corners, self._mark))
+        return PlacedBody(outline, self._triangles, mark)
+
+
 class BodyTracks:
     """The bodies of a results folder over time.
 
@@ -44,10 +66,7 @@ class BodyTracks:
     def __init__(self, bodies: Sequence[Mapping[str, Any]], history: Path) -> None:
         self._history = history
         self._names = [str(body["name"]) for body in bodies]
-        self._corners = [np.asarray(body["corners"], float) for body in bodies]
-        self._references = [np.asarray(body["reference"], float) for body in bodies]
-        self._triangles = [fill_polygon(corners) for corners in self._corners]
-        self._marks = [_mark(corners) for corners in self._corners]
+        self._outlines = [BodyOutline(body) for body in bodies]
         self._read: tuple[int, Array, Array] | None = None
 
     def at(self, time: float) -> tuple[PlacedBody, ...]:
@@ -56,14 +75,10 @@ class BodyTracks:
             return ()
         times, poses = self._rows()
         placed = []
-        for b, (corners, reference) in enumerate(zip(self._corners, self._references, strict=True)):
-            start = np.append(reference, 0.0)
-            x, y, angle = (
-                np.interp(time, np.append(0.0, times), np.append(start[k], poses[:, b, k])) for k in range(3)
-            )
-            turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-            outline, mark = ((points - reference) @ turn + (x, y) for points in (corners, self._marks[b]))
-            placed.append(PlacedBody(outline, self._triangles[b], mark))
+        for b, body in enumerate(self._outlines):
+            start = np.append(body.reference, 0.0)
+            pose = [np.interp(time, np.append(0.0, times), np.append(start[k], poses[:, b, k])) for k in range(3)]
+            placed.append(body.placed(*(float(value) for value in pose)))
         return tuple(placed)
 
     def _rows(self) -> tuple[Array, Array]:

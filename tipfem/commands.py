@@ -10,6 +10,7 @@ import difflib
 import importlib.util
 import os
 import runpy
+import signal
 import sys
 import warnings
 from pathlib import Path
@@ -122,6 +123,9 @@ def main() -> None:
     """Entry point of the command `tipfem`; see `tipfem.casefile.commands.EXIT_CODES`."""
     try:
         sys.exit(call(app))
+    except KeyboardInterrupt:  # before a run has begun, or in a command that only looks at results
+        print("interrupted", file=sys.stderr)
+        sys.exit(128 + signal.SIGINT)
     except BrokenPipeError:  # the reader of the output, such as head, has closed it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)

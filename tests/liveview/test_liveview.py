@@ -40,19 +40,20 @@ def snapshot(count, value, owned=True):
         wall=np.zeros(count, dtype=bool),
         cells=np.full((2 * count, 3), value, dtype=np.int32),
         cell_fluid=np.full(2 * count, value, dtype=np.int32) if owned else None,
+        bodies=np.full((2, 3), float(value)),
     )
 
 
 @pytest.mark.parametrize("owned", [True, False])
 def test_the_latest_state_is_read_as_it_was_written(owned):
-    memory = StateMemory(room=slot_size(10, 20))
+    memory = StateMemory(room=slot_size(10, 20, 2))
     assert memory.latest() is None
     other = StateMemory(os.dup(memory.descriptor))
     for value in (1, 2, 3):
         memory.publish(snapshot(10, value, owned))
     found = other.latest()
     assert (found.step, found.time, found.gravity, found.poked) == (3, 3.0, (0.0, -3.0), False)
-    for name in ("position", "velocity", "pressure", "fluid", "cells"):
+    for name in ("position", "velocity", "pressure", "fluid", "cells", "bodies"):
         assert (getattr(found, name) == 3).all()
     assert (found.cell_fluid is None) is not owned
     memory.publish(snapshot(1000, 4, owned))  # more than there was room for
@@ -64,7 +65,7 @@ def test_the_latest_state_is_read_as_it_was_written(owned):
 
 def test_no_state_is_read_while_it_is_written():
     """Another process reads as fast as it can; all numbers of a state are the same in every copy."""
-    memory = StateMemory(room=slot_size(3000, 6000))
+    memory = StateMemory(room=slot_size(3000, 6000, 2))
     memory.publish(snapshot(3000, 1))
     code = (
         "import sys\nfrom tipfem.liveview.memory import StateMemory\n"
@@ -74,7 +75,7 @@ def test_no_state_is_read_while_it_is_written():
         "    s = memory.latest()\n"
         "    if s is None: continue\n"
         "    seen.add(s.step)\n"
-        "    for a in (s.position, s.velocity, s.pressure, s.fluid, s.cells, s.cell_fluid):\n"
+        "    for a in (s.position, s.velocity, s.pressure, s.fluid, s.cells, s.cell_fluid, s.bodies):\n"
         "        assert (a == s.step).all() and s.time == s.step\n"
         "print(len(seen))\n"
     )

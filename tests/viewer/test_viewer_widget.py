@@ -10,7 +10,6 @@ from contextlib import suppress
 
 import pytest
 from render_results import write_results
-from test_viewer_page import browser  # noqa: F401  (a fixture)
 
 import tipfem as tp
 from tipfem.viewer import protocol
@@ -78,7 +77,7 @@ def taken(out):
     return talked(tp.View(out), ["ready"], lambda taken: any(isinstance(part, bytes) for part in taken))
 
 
-def test_the_module_runs_in_a_browser_and_shows_a_frame(taken, browser):  # noqa: F811
+def test_the_module_runs_in_a_browser_and_shows_a_frame(taken, browser):
     page = browser.new_page(viewport={"width": 900, "height": 800})
     complaints = []
     page.on("pageerror", lambda error: complaints.append(str(error)))
@@ -104,7 +103,7 @@ def test_the_module_runs_in_a_browser_and_shows_a_frame(taken, browser):  # noqa
             page.evaluate("(text) => say(text)", part)
         else:
             page.evaluate("(data) => show(data)", base64.b64encode(part).decode())
-    page.wait_for_selector('.tipfem-viewer.in-notebook:not([data-frame="0"])', timeout=10_000)
+    page.wait_for_selector('.tipfem-viewer.in-notebook:not([data-frame="0"])', timeout=30_000)
     said = page.evaluate("() => said")
     assert said[0] == "ready"
     assert any(json.loads(text)["type"] == "ack" for text in said[1:])

@@ -8,11 +8,14 @@ import json
 import math
 import os
 import select
+import signal
 import subprocess
 import sys
+import threading
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import FrameType
+from typing import Any, NoReturn, Protocol
 
 import numpy as np
 
@@ -114,14 +117,21 @@ class LiveControl(RunControl):
         self._when, self._prompt = -math.inf, False
         self._steps: list[tuple[float, int]] = []
         simulation.make_consistent()
-        state = simulation.state
+        state, bodies = simulation.state, len(simulation.case.bodies)
         # Room for twice the particles, so that drops do not move the memory.
-        self._memory = StateMemory(room=slot_size(2 * len(state.particles), 2 * len(state.mesh.cells)))
+        self._memory = StateMemory(room=slot_size(2 * len(state.particles), 2 * len(state.mesh.cells), bodies))
         self._memory.paused = paused
         self._publish(simulation)
         settings = {"facts": describe(simulation), "port": port, "browser": browser, "native": native}
-        self._process = self._start({**settings, "backend": backend})
-        self._wait_for_address()
+        with _signals_raise():
+            self._process: subprocess.Popen[bytes] | None = self._start({**settings, "backend": backend})
+            try:
+                self._wait_for_address()
+            except BaseException:  # also when the process is told to end
+                if self._process is not None:
+                    self._process.kill()
+                self.close()
+                raise
 
     # What a run calls
 
@@ -195,7 +205,7 @@ class LiveControl(RunControl):
 
     # The process
 
-    def _start(self, settings: dict[str, Any]) -> subprocess.Popen[bytes] | None:
+    def _start(self, settings: dict[str, Any]) -> subprocess.Popen[bytes]:
         self._pipe, theirs = os.pipe()
         os.set_blocking(self._pipe, False)
         try:
@@ -226,7 +236,6 @@ class LiveControl(RunControl):
         if self.address:
             return
         why = self._failed or f"the process that draws did not begin within {STARTS:g} s"
-        self.close()
         raise ValueError(f"the run cannot be shown: {why}")
 
     def _receive_commands(self, wait: float) -> Sequence[Command]:
@@ -306,6 +315,26 @@ class LiveControl(RunControl):
                 os.write(self._process.stdin.fileno(), json.dumps({"message": message}).encode() + b"\n")
 
 
+@contextlib.contextmanager
+def _signals_raise() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP end the process by an exception, as Ctrl-C does, so that what was started is ended too."""
+
+    def end(number: int, _frame: FrameType | None) -> NoReturn:
+        raise SystemExit(128 + number)
+
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        for name in ("SIGTERM", "SIGHUP"):
+            number = getattr(signal, name, None)
+            if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+                before[number] = signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 def snapshot_of(simulation: Shown, speed: float) -> Snapshot:
     """The present state as it is drawn; it shares the arrays.
 
@@ -329,6 +358,7 @@ def snapshot_of(simulation: Shown, speed: float) -> Snapshot:
         wall=particles.wall,
         cells=mesh.cells,
         cell_fluid=mesh.fluid,
+        bodies=np.empty((0, 3)) if state.bodies is None else state.bodies.position,
     )
 
 
@@ -346,4 +376,5 @@ def describe(simulation: Shown) -> dict[str, Any]:
         "lower": np.asarray(walls.min(axis=0)).tolist(),
         "upper": np.asarray(walls.max(axis=0)).tolist(),
         "limits": limits(case),
+        "bodies": [{"corners": body.corners.tolist(), "reference": body.reference.tolist()} for body in case.bodies],
     }

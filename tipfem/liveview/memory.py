@@ -16,7 +16,7 @@ import numpy as np
 
 from tipfem.typing import Array
 
-_MAGIC = 0x7469_7066_656D_0001  # "tipfem", and the version of the layout
+_MAGIC = 0x7469_7066_656D_0002  # "tipfem", and the version of the layout
 _HEADER = 4096  # bytes
 # Numbers of the header.
 _VERSION, _PUBLISHED, _WANTED, _ENDED, _PAUSED, _SIZE = range(6)
@@ -41,6 +41,7 @@ class Snapshot:
         wall: (N,) int8.
         cells: (M, 3) int32.
         cell_fluid: (M,) int32; None where interfaces run through cells.
+        bodies: (B, 3) of the rigid bodies: position x, y of the reference point [m] and angle [rad], float64.
     """
 
     step: int
@@ -55,18 +56,21 @@ class Snapshot:
     wall: Array
     cells: Array
     cell_fluid: Array | None
+    bodies: Array
 
     @staticmethod
-    def layout(particles: int, cells: int, owned: bool) -> list[tuple[str, str, tuple[int, ...]]]:
+    def layout(particles: int, cells: int, owned: bool, bodies: int) -> list[tuple[str, str, tuple[int, ...]]]:
         """Names, types and shapes of the arrays of a slot.
 
         Args:
             particles: N.
             cells: M.
             owned: whether cells have fluids.
+            bodies: B.
         """
         arrays: list[tuple[str, str, tuple[int, ...]]] = [
             ("position", "f8", (particles, 2)),
+            ("bodies", "f8", (bodies, 3)),
             ("velocity", "f4", (particles, 2)),
             ("pressure", "f4", (particles,)),
             ("fluid", "i4", (particles,)),
@@ -78,9 +82,9 @@ class Snapshot:
         return arrays
 
 
-def slot_size(particles: int, cells: int) -> int:
-    """Bytes that a slot for a number of particles and cells takes, in whole pages."""
-    arrays = Snapshot.layout(particles, cells, owned=True)
+def slot_size(particles: int, cells: int, bodies: int) -> int:
+    """Bytes that a slot for a number of particles, cells and bodies takes, in whole pages."""
+    arrays = Snapshot.layout(particles, cells, True, bodies)
     size = _SLOT + sum(int(np.prod(shape)) * np.dtype(kind).itemsize for _, kind, shape in arrays)
     return -(-size // mmap.PAGESIZE) * mmap.PAGESIZE
 
@@ -149,8 +153,8 @@ class StateMemory:
 
     def publish(self, state: Snapshot) -> None:
         """Write a state; the file grows where it has no room for it."""
-        particles, cells = len(state.position), len(state.cells)
-        needed = slot_size(particles, cells)
+        particles, cells, bodies = len(state.position), len(state.cells), len(state.bodies)
+        needed = slot_size(particles, cells, bodies)
         if needed > self._header[_SIZE]:
             self._grow(needed + needed // 2)
         self._count += 1
@@ -158,9 +162,9 @@ class StateMemory:
         whole, real, start = self._slot(number % 2)
         whole[0] = 2 * number + 1  # odd: being written
         whole[1:5] = particles, cells, state.step, state.cell_fluid is not None
-        whole[5] = state.poked
+        whole[5:7] = state.poked, bodies
         real[0:4] = state.time, *state.gravity, state.speed
-        for name, array in self._arrays(particles, cells, state.cell_fluid is not None, start).items():
+        for name, array in self._arrays(particles, cells, state.cell_fluid is not None, bodies, start).items():
             array[...] = getattr(state, name)
         whole[0] = 2 * number
         self._header[_PUBLISHED] = number
@@ -177,11 +181,11 @@ class StateMemory:
             before = 2 * number
             if int(whole[0]) != before:
                 continue
-            particles, cells, step, owned, poked = (int(value) for value in whole[1:6])
-            if slot_size(particles, cells) > self._header[_SIZE]:
+            particles, cells, step, owned, poked, bodies = (int(value) for value in whole[1:7])
+            if slot_size(particles, cells, bodies) > self._header[_SIZE]:
                 continue
             time, gx, gy, speed = (float(value) for value in real[:4])
-            arrays = {n: a.copy() for n, a in self._arrays(particles, cells, bool(owned), start).items()}
+            arrays = {n: a.copy() for n, a in self._arrays(particles, cells, bool(owned), bodies, start).items()}
             if int(whole[0]) == before:
                 return Snapshot(
                     step, time, (gx, gy), speed, bool(poked), cell_fluid=arrays.pop("cell_fluid", None), **arrays
@@ -204,9 +208,9 @@ class StateMemory:
         whole = np.frombuffer(self._memory, dtype=np.int64, count=16, offset=start)
         return whole, np.frombuffer(self._memory, dtype=np.float64, count=16, offset=start + 128), start + _SLOT
 
-    def _arrays(self, particles: int, cells: int, owned: bool, start: int) -> dict[str, Array]:
+    def _arrays(self, particles: int, cells: int, owned: bool, bodies: int, start: int) -> dict[str, Array]:
         found = {}
-        for name, kind, shape in Snapshot.layout(particles, cells, owned):
+        for name, kind, shape in Snapshot.layout(particles, cells, owned, bodies):
             count = int(np.prod(shape))
             found[name] = np.frombuffer(self._memory, dtype=kind, count=count, offset=start).reshape(shape)
             start += count * np.dtype(kind).itemsize

@@ -66,7 +66,10 @@ class Messages:
 
 def main() -> int:
     """Serve the run that standard input describes; returns the exit code."""
-    settings = json.loads(sys.stdin.readline())
+    line = sys.stdin.readline()
+    if not line.endswith("\n"):  # the run has ended before it could say what it is
+        return 0
+    settings = json.loads(line)
     os.nice(NICE)
     # Read when Taichi starts: the cores are the run's.
     os.environ["TI_CPU_MAX_NUM_THREADS"] = "1"

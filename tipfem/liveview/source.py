@@ -10,6 +10,7 @@ import numpy as np
 
 from tipfem.liveview.memory import Snapshot
 from tipfem.render import Scene
+from tipfem.render.bodies import BodyOutline
 
 LOOKED_EVERY = 0.02  # seconds between looks at a run that somebody watches
 IDLE = 1.0  # seconds between looks at one that nobody watches
@@ -70,6 +71,7 @@ class LiveSource:
         self.spacing = float(facts["spacing"])
         self.limits: Mapping[str, float] = dict(facts["limits"])
         self._lower, self._upper = np.array(facts["lower"]), np.array(facts["upper"])
+        self._bodies = [BodyOutline(body) for body in facts["bodies"]]
         self._feed, self._send, self._messages = feed, send, messages
         self._seen: tuple[Any, ...] = ()
         self._shown: tuple[Snapshot, Scene] | None = None
@@ -142,6 +144,10 @@ class LiveSource:
                 cell_fluid=owner,
                 spacing=self.spacing,
                 title=self.title,
+                bodies=tuple(
+                    body.placed(*(float(value) for value in pose))
+                    for body, pose in zip(self._bodies, latest.bodies, strict=True)
+                ),
             )
             self._shown = latest, scene
         return self._shown[1]

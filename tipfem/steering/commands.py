@@ -266,22 +266,26 @@ def command_from(name: str, values: Mapping[str, Any]) -> Command:
 
 
 def limits(case: Case) -> dict[str, float]:
-    """The largest values that commands to a case should have, for the controls of a viewer.
+    """The largest and smallest values that commands to a case should have, for the controls of a viewer.
 
     Args:
         case: the case.
 
     Returns:
         ``gravity`` and ``poke_acceleration`` [m/s^2], ``poke_radius`` and ``drop_radius`` [m]; the radii are a half and
-        a quarter of the shortest side of the walls' box.
+        a quarter of the shortest side of the walls' box, or the least that a command takes where that is more. The
+        least are ``least_poke_radius`` and ``least_drop_radius`` [m].
     """
     position = case.particles.position[case.particles.wall]
     side = float((position.max(axis=0) - position.min(axis=0)).min())
+    h = case.particles.spacing
     return {
         "gravity": LARGEST_ACCELERATION,
         "poke_acceleration": LARGEST_ACCELERATION,
-        "poke_radius": 0.5 * side,
-        "drop_radius": 0.25 * side,
+        "poke_radius": max(0.5 * side, h),
+        "drop_radius": max(0.25 * side, LEAST_DROP * h),
+        "least_poke_radius": h,
+        "least_drop_radius": LEAST_DROP * h,
     }
 
 

@@ -304,7 +304,7 @@ class NativePage:
         push = [hard * dx / length, hard * dy / length] if length else [0.0, 0.0]
         if push != self._pushed or self._grabbed is None:
             self._pushed = push
-            self._command("poke", at=list(at), acceleration=push, radius=RADIUS * limits["poke_radius"])
+            self._command("poke", at=list(at), acceleration=push, radius=self._radius("poke", RADIUS))
 
     def _nudge(self, x: float, y: float) -> None:
         """A short push by a key."""
@@ -312,9 +312,14 @@ class NativePage:
         self._push(self._at(), x * REACH * (x1 - x0), y * REACH * (x1 - x0))
         self._release_at = time.monotonic() + PUSHED
 
+    def _radius(self, command: str, share: float) -> float:
+        """Radius of a push or a drop: a share of the largest that the run takes, no less than the smallest [m]."""
+        limits = self._hello["limits"]
+        return max(share * float(limits[f"{command}_radius"]), float(limits[f"least_{command}_radius"]))
+
     def _drop(self) -> None:
         fluid = self._hello["panes"][0]["fluids"][0]["name"]
-        self._command("drop", at=list(self._at()), radius=DROP * self._hello["limits"]["drop_radius"], fluid=fluid)
+        self._command("drop", at=list(self._at()), radius=self._radius("drop", DROP), fluid=fluid)
 
     def _tilt(self, degrees: float) -> None:
         # The status comes later than the next key.

@@ -193,7 +193,7 @@ async def _serve(
             loop.add_signal_handler(number, session.close, "the viewer was ended")
     say(f"Open {server.address}")
     say(forwarding(server.port))
-    if browser and _has_display():
+    if browser and _has_display() and not any(source.ended for source in sources):
         await asyncio.to_thread(webbrowser.open, server.address)
     try:
         await session.run()

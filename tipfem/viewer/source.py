@@ -32,7 +32,8 @@ class Source(Protocol):
         live: whether a simulation is behind it that is going on, or paused, in step with the viewer.
         commands: names of the commands that `command` takes; see `tipfem.viewer.protocol`. None for results.
         limits: the largest values that `command` takes, by name, for the page's controls: "gravity" [m/s^2],
-            "poke_acceleration" [m/s^2], "poke_radius" [m], "drop_radius" [m].
+            "poke_acceleration" [m/s^2], "poke_radius" [m], "drop_radius" [m]; and the smallest,
+            "least_poke_radius" [m] and "least_drop_radius" [m].
         interval: seconds after which `refresh` is to be called again; None when nothing will change.
         watched: whether a page looks; the viewer sets it before it asks for anything.
         ended: whether the viewer is to say goodbye to its clients and end, with the run that it shows.

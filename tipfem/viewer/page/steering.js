@@ -80,10 +80,10 @@ export class Steering {
     this.command(this.running ? "pause" : "go");
   }
 
+  // What a slider stands for: a share of the largest that the run takes, no less than the smallest.
   value(name) {
-    const share = Number(this.viewer.part(name).value);
-    const most = { strength: this.limits.poke_acceleration ?? 98.1, radius: this.limits.poke_radius ?? 20 * this.spacing, drop: this.limits.drop_radius ?? 10 * this.spacing }[name];
-    return share * most;
+    const limit = { strength: "poke_acceleration", radius: "poke_radius", drop: "drop_radius" }[name];
+    return Math.max(Number(this.viewer.part(name).value) * this.limits[limit], this.limits[`least_${limit}`] ?? 0);
   }
 
   say() {

@@ -54,6 +54,7 @@ export class Viewer {
 
   receive(data) {
     if (typeof data !== "string") return this.receiveBinary(data);
+    if (this.ended) return; // the viewer has said goodbye; what it was still about to say counts no more
     const message = JSON.parse(data);
     const take = {
       hello: (m) => this.meet(m), status: (m) => this.update(m), picked: (m) => this.showPicked(m), history: (m) => this.showHistory(m),

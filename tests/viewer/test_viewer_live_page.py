@@ -1,0 +1,186 @@
+"""The page of a run that goes on, in headless Chromium: paused, stepped, tilted, pushed, given a drop, stopped, repeated.
+
+The run is that of demos/play.py, in a process of its own as a visitor starts it.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shown_page import ShownPage
+
+DOMAIN = (1.2, 0.9)
+WATER, OIL = np.array([0x00, 0x72, 0xB2]), np.array([0xE6, 0x9F, 0x00])
+PLAY = Path(__file__).resolve().parents[2] / "demos" / "play.py"
+# Takes the steps of the run again, with the commands of its file, and compares with the run's last checkpoint.
+REPEAT = """
+import sys
+import tipfem as tp
+from tipfem.demos import play
+out = sys.argv[1]
+tp.init(threads=1)
+first = tp.Simulation.resume(out)
+again = tp.Simulation(play.case(0.06), time_step=0.01, steering=out + "/steering.jsonl")
+while again.step_number < first.step_number:
+    again.step()
+for name in ("position", "velocity", "pressure", "fluid"):
+    assert getattr(again.particles, name).tobytes() == getattr(first.particles, name).tobytes(), name
+assert [r.command for r in again.steering.applied] == [r.command for r in first.steering.applied]
+print(again.step_number)
+"""
+
+
+def start(out, *options):
+    """Start the demo, and wait for the page's address."""
+    words = [sys.executable, str(PLAY), "--spacing", "0.06", "--no-browser", "--port", "0", "--out", str(out), *options]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    line = process.stdout.readline()
+    assert line.startswith("Open http://127.0.0.1:"), line + process.stderr.read()
+    return process, line.split()[-1]
+
+
+@pytest.fixture
+def run(tmp_path):
+    """The demo, its address and its results folder."""
+    process, address = start(tmp_path / "play")
+    yield process, address, tmp_path / "play"
+    process.kill()
+    process.wait()
+
+
+def step_of(shown):
+    """Number of the step that the page tells of."""
+    found = re.search(r"step (\d+)", shown.text("progress"))
+    return int(found[1]) if found else -1
+
+
+def commands(out):
+    """What the run has been told so far."""
+    path = out / "steering.jsonl"
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def test_a_run_is_paused_tilted_pushed_given_a_drop_and_stopped_by_pointer_and_keys(browser, run):
+    process, address, out = run
+    shown = ShownPage(browser, address, DOMAIN)
+    page, began = shown.page, shown.frame
+    assert shown.read("state", "running")
+    assert shown.text("title") == "Water and oil to play with"
+    assert page.locator('[data-when="stored"]:visible').count() == 0
+    shown.wait(lambda: shown.frame > began + 3 and step_of(shown) > 3, "the run to go on")
+    shown.sees(0.6, 0.1, WATER)
+    shown.sees(0.6, 0.8, OIL)
+
+    shown.button("go").click()
+    shown.read("state", "paused")
+    shown.wait(lambda: page.get_attribute(".tipfem-viewer", "data-moving") == "false", "the smooth picture")
+    step = step_of(shown)
+    shown.key(".", ".")
+    shown.wait(lambda: step_of(shown) == step + 2, "two steps")
+    page.wait_for_timeout(300)
+    assert step_of(shown) == step + 2
+
+    # The pendulum's bob hangs down; it is dragged to the lower right.
+    bob = shown.part("pendulum").bounding_box()
+    middle = bob["x"] + bob["width"] / 2, bob["y"] + bob["height"] / 2
+    page.mouse.move(middle[0], middle[1] + 30)
+    page.mouse.down()
+    page.mouse.move(middle[0] + 20, middle[1] + 20, steps=3)
+    page.mouse.up()
+    shown.read("gravity-is", "9.81 m/s²", "45°")
+    tilted = pytest.approx([9.81 / 2**0.5, -9.81 / 2**0.5], abs=1e-3)
+    shown.wait(lambda: commands(out) and commands(out)[-1]["value"] == tilted, "the tilt in the file")
+
+    # A drop too near to a wall is refused, and the page says why.
+    page.get_by_label("adds drops").check()
+    shown.part("drop-fluid").select_option("water")
+    page.mouse.click(*shown.point(0.6, 0.85))
+    shown.read("progress", "too close to")
+    page.mouse.click(*shown.point(0.6, 0.65))
+    shown.wait(lambda: "too close" not in shown.text("progress"), "the drop")
+    shown.sees(0.6, 0.65, WATER)
+    assert commands(out)[-1]["command"] == "drop"
+    assert commands(out)[-1]["at"] == pytest.approx([0.6, 0.65], abs=5e-3)
+
+    shown.key(" ")
+    shown.read("state", "running")
+    page.get_by_label("pushes the fluids").check()
+    page.mouse.move(*shown.point(0.3, 0.15))
+    page.mouse.down()
+    page.mouse.move(*shown.point(0.45, 0.2), steps=5)
+    before = shown.frame
+    shown.wait(lambda: shown.frame > before + 3, "the push to be seen")
+    page.mouse.up()
+    shown.wait(lambda: commands(out)[-1].get("at", 0) is None, "the end of the push")
+    assert any(line["command"] == "poke" and line["at"] and line["acceleration"][0] > 5 for line in commands(out))
+
+    page.get_by_label("moves the picture").check()
+    page.mouse.click(*shown.point(0.9, 0.8))
+    shown.read("values", "oil", "velocity x")
+    shown.wait(lambda: "oil" in shown.part("said").text_content(), "the values to be read out")
+    assert shown.part("history").is_visible()  # which grows as the run goes on
+    shown.wait(lambda: page.get_attribute(".tipfem-viewer", "data-history"), "the history")
+
+    other = ShownPage(browser, address, DOMAIN, width=800, scheme="dark")
+    other.read("state", "watching", "running")
+    assert other.button("stop").is_disabled()
+    assert page.get_attribute(".tipfem-viewer", "data-theme") == "light"
+
+    shown.button("stop").click()
+    for each in (shown, other):
+        each.read("note", "The run has ended")
+        assert each.text("state") == "ended"
+        assert each.button("go").is_disabled()
+        each.close()
+    assert process.wait(60) == 0
+    assert json.loads((out / "summary.json").read_text())["status"] == "stopped by a command"
+    assert {line["command"] for line in commands(out)} == {"gravity", "drop", "poke"}
+    done = subprocess.run([sys.executable, "-c", REPEAT, str(out)], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) == json.loads((out / "summary.json").read_text())["steps"]
+
+
+def test_keys_tilt_push_and_drop_too(browser, run):
+    process, address, out = run
+    shown = ShownPage(browser, address, DOMAIN)
+    shown.read("state", "running")
+    shown.key("?")
+    keys = shown.text("keys")
+    assert all(says in keys for says in ("pause, go on", "one step", "tilt", "push", "add a drop", "stop the simulation"))
+    assert "next time" not in keys
+    shown.key("Escape")
+    shown.wait(lambda: not shown.part("keys").is_visible(), "the keys to close")
+    shown.key("]", "]")
+    shown.read("gravity-is", "10°")
+    shown.key("L")
+    shown.wait(lambda: commands(out) and commands(out)[-1].get("at", 0) is None, "a push and its end")
+    shown.part("drop-fluid").select_option("water")
+    shown.page.mouse.click(*shown.point(0.6, 0.67))
+    shown.read("where", "at x =")
+    shown.canvas.focus()
+    shown.key("n")
+    shown.wait(lambda: commands(out)[-1]["command"] == "drop", "the drop")
+    assert commands(out)[-1]["fluid"] == "water"
+    assert commands(out)[-1]["at"] == pytest.approx([0.6, 0.67], abs=5e-3)
+    shown.key("X")
+    shown.read("note", "The run has ended")
+    shown.close()
+    assert process.wait(60) == 0
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_ends_the_run_and_its_page(browser, run, name):
+    process, address, out = run
+    shown = ShownPage(browser, address, DOMAIN)
+    process.send_signal(getattr(signal, name))
+    shown.read("note", "The run has ended")
+    shown.close()
+    assert process.wait(60) == (0 if name == "SIGINT" else 128 + getattr(signal, name))
+    assert json.loads((out / "summary.json").read_text())["status"].startswith(("interrupted", "ended by signal"))
