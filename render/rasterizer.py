@@ -16,6 +16,8 @@ from .runtime import ensure_runtime, ti
 
 SAMPLES = (1, 2)  # a side of a pixel, allowed numbers
 BAND = 8  # rows of pixels in a band
+# In triangles at most so many samples wide every sample is tried: that takes less than finding those between the edges.
+_NARROW = 8
 # Largest magnitude of a vertex in samples: products of differences then stay far inside 64 bits.
 _FARTHEST = float(1 << 20)
 
@@ -134,25 +136,29 @@ def _cover(t, first, last, corners: ti.template(), box: ti.template(), owner: ti
     ax, ay = corners[t, 0], corners[t, 1]
     bx, by = corners[t, 2], corners[t, 3]
     cx, cy = corners[t, 4], corners[t, 5]
-    one = ti.cast(1, ti.f64)
-    ab, bc, ca = one / ti.cast(by - ay, ti.f64), one / ti.cast(cy - by, ti.f64), one / ti.cast(ay - cy, ti.f64)
+    wide = box[t, 1] - box[t, 0] >= _NARROW
+    ab, bc, ca = ti.cast(0, ti.f64), ti.cast(0, ti.f64), ti.cast(0, ti.f64)
+    if wide:
+        one = ti.cast(1, ti.f64)
+        ab, bc, ca = one / ti.cast(by - ay, ti.f64), one / ti.cast(cy - by, ti.f64), one / ti.cast(ay - cy, ti.f64)
     du, dv, dw = ti.i64(by - ay) * 256, ti.i64(cy - by) * 256, ti.i64(ay - cy) * 256
     for y in range(ti.max(first, box[t, 2]), ti.min(last, box[t, 3]) + 1):
         py = y * 256 + 128
-        # The columns between the edges, to within one on either side; the edge functions decide exactly.
         x, end = box[t, 0], box[t, 1]
-        if ay < by:
-            end = ti.min(end, _crossing(ax, ay, bx, ab, py) + 1)
-        elif ay > by:
-            x = ti.max(x, _crossing(ax, ay, bx, ab, py))
-        if by < cy:
-            end = ti.min(end, _crossing(bx, by, cx, bc, py) + 1)
-        elif by > cy:
-            x = ti.max(x, _crossing(bx, by, cx, bc, py))
-        if cy < ay:
-            end = ti.min(end, _crossing(cx, cy, ax, ca, py) + 1)
-        elif cy > ay:
-            x = ti.max(x, _crossing(cx, cy, ax, ca, py))
+        if wide:
+            # The columns between the edges, to within one on either side; the edge functions decide exactly.
+            if ay < by:
+                end = ti.min(end, _crossing(ax, ay, bx, ab, py) + 1)
+            elif ay > by:
+                x = ti.max(x, _crossing(ax, ay, bx, ab, py))
+            if by < cy:
+                end = ti.min(end, _crossing(bx, by, cx, bc, py) + 1)
+            elif by > cy:
+                x = ti.max(x, _crossing(bx, by, cx, bc, py))
+            if cy < ay:
+                end = ti.min(end, _crossing(cx, cy, ax, ca, py) + 1)
+            elif cy > ay:
+                x = ti.max(x, _crossing(cx, cy, ax, ca, py))
         px = x * 256 + 128
         u = ti.i64(bx - ax) * ti.i64(py - ay) - ti.i64(by - ay) * ti.i64(px - ax)
         v = ti.i64(cx - bx) * ti.i64(py - by) - ti.i64(cy - by) * ti.i64(px - bx)
@@ -164,6 +170,30 @@ def _cover(t, first, last, corners: ti.template(), box: ti.template(), owner: ti
             v -= dv
             w -= dw
             x += 1
+
+
+@ti.func
+def _graded_corners(t: ti.i32, s: ti.i32, vertices: ti.template(), graded: ti.template()):
+    """What `_graded_colour` needs of triangle t, whose colours are in row s of graded."""
+    ax, ay = vertices[t, 0, 0], vertices[t, 0, 1]
+    sides = ti.Vector([vertices[t, 1, 0] - ax, vertices[t, 1, 1] - ay, vertices[t, 2, 0] - ax, vertices[t, 2, 1] - ay])
+    first = ti.Vector([graded[s, 0, 0], graded[s, 0, 1], graded[s, 0, 2]])
+    second = ti.Vector([graded[s, 1, 0], graded[s, 1, 1], graded[s, 1, 2]]) - first
+    third = ti.Vector([graded[s, 2, 0], graded[s, 2, 1], graded[s, 2, 2]]) - first
+    return ti.Vector([ax, ay]), sides, first, second, third
+
+
+@ti.func
+def _graded_colour(x: ti.f32, y: ti.f32, corner, sides, first, second, third) -> ti.types.vector(3, ti.f32):
+    """Colour at the point (x, y) [px], linear between the vertices; the rest is what `_graded_corners` returns."""
+    dx, dy = x - corner[0], y - corner[1]
+    area = sides[0] * sides[3] - sides[1] * sides[2]
+    v = ti.cast(0, ti.f32)
+    w = ti.cast(0, ti.f32)
+    if area != 0:
+        v = ti.cast(ti.math.clamp((dx * sides[3] - dy * sides[2]) / area, 0, 1), ti.f32)
+        w = ti.cast(ti.math.clamp((sides[0] * dy - sides[1] * dx) / area, 0, 1 - v), ti.f32)
+    return first + (v * second + w * third)
 
 
 @ti.func
@@ -180,19 +210,15 @@ def _shade(
     out = ti.Vector([flat[t, 0], flat[t, 1], flat[t, 2]])
     s = slot[t]
     if s >= 0:
-        ax, ay = vertices[t, 0, 0], vertices[t, 0, 1]
-        bx, by = vertices[t, 1, 0] - ax, vertices[t, 1, 1] - ay
-        cx, cy = vertices[t, 2, 0] - ax, vertices[t, 2, 1] - ay
-        area = bx * cy - by * cx
-        v = ti.cast(0, ti.f32)
-        w = ti.cast(0, ti.f32)
-        if area != 0:
-            v = ti.cast(ti.math.clamp(((x - ax) * cy - (y - ay) * cx) / area, 0, 1), ti.f32)
-            w = ti.cast(ti.math.clamp((bx * (y - ay) - by * (x - ax)) / area, 0, 1 - v), ti.f32)
-        for k in ti.static(range(3)):
-            out[k] = graded[s, 0, k]
-            out[k] += v * (graded[s, 1, k] - graded[s, 0, k]) + w * (graded[s, 2, k] - graded[s, 0, k])
+        corner, sides, first, second, third = _graded_corners(t, s, vertices, graded)
+        out = _graded_colour(x, y, corner, sides, first, second, third)
     return out
+
+
+@ti.func
+def _level(value: ti.f32) -> ti.u8:
+    """A colour in [0, 1] as a number from 0 to 255."""
+    return ti.cast(ti.math.clamp(ti.cast(value * 255 + 0.5, ti.i32), 0, 255), ti.u8)
 
 
 @ti.kernel
@@ -243,32 +269,45 @@ def _paint(
                     owner[y, x] = -1
             for k in range(start[b], start[b + 1]):
                 _cover(listed[k], top * samples, bottom * samples - 1, corners, box, owner)
+            background = ti.Vector([red, green, blue])
             for row in range(top, bottom):
+                # Of the triangle of the pixel before, which is that of this one more often than not.
+                known, s = -2, -1
+                colour = background
+                corner, sides = ti.Vector([red, red]), ti.Vector([red, red, red, red])
+                first, second, third = background, background, background
                 for column in range(left, right):
                     t = owner[row * samples, column * samples]
                     same = 1
                     for j, i in ti.static(ti.ndrange(samples, samples)):
                         if owner[row * samples + j, column * samples + i] != t:
                             same = 0
-                    total = ti.Vector([red, green, blue])
                     if same == 0:
+                        known = -2
                         total = ti.Vector([ti.cast(0, ti.f32), ti.cast(0, ti.f32), ti.cast(0, ti.f32)])
                         for j in range(samples):
                             for i in range(samples):
-                                s = owner[row * samples + j, column * samples + i]
-                                if s < 0:
-                                    total += ti.Vector([red, green, blue])
+                                o = owner[row * samples + j, column * samples + i]
+                                if o < 0:
+                                    total += background
                                 else:
                                     x = ti.cast(column, ti.f32) + (ti.cast(i, ti.f32) + 0.5) / samples
                                     y = ti.cast(row, ti.f32) + (ti.cast(j, ti.f32) + 0.5) / samples
-                                    total += _shade(s, x, y, vertices, flat, slot, graded)
-                        total /= samples * samples
-                    elif t >= 0:  # the mean of a linear colour is that of the centre
+                                    total += _shade(o, x, y, vertices, flat, slot, graded)
+                        colour = total / (samples * samples)
+                    elif t != known:
+                        known, s = t, -1
+                        colour = background
+                        if t >= 0:
+                            s = slot[t]
+                            colour = ti.Vector([flat[t, 0], flat[t, 1], flat[t, 2]])
+                            if s >= 0:
+                                corner, sides, first, second, third = _graded_corners(t, s, vertices, graded)
+                    if same == 1 and s >= 0:  # the mean of a linear colour is that of the centre
                         x, y = ti.cast(column, ti.f32) + 0.5, ti.cast(row, ti.f32) + 0.5
-                        total = _shade(t, x, y, vertices, flat, slot, graded)
+                        colour = _graded_colour(x, y, corner, sides, first, second, third)
                     for k in ti.static(range(3)):
-                        level = ti.cast(total[k] * 255 + 0.5, ti.i32)
-                        image[row, column, k] = ti.cast(ti.math.clamp(level, 0, 255), ti.u8)
+                        image[row, column, k] = _level(colour[k])
 
 
 @ti.kernel

@@ -10,9 +10,19 @@ from nbclient import NotebookClient
 NOTEBOOK = Path(__file__).resolve().parents[2] / "docs" / "tutorial.ipynb"
 
 
-def test_the_notebook_runs_and_shows_its_progress_pictures_and_movie(tmp_path, monkeypatch):
+# Added to the notebook: while this cell waits, the kernel goes on with the run of the live view.
+WAITED = """
+import asyncio
+while touched.time < 0.1:
+    await asyncio.sleep(0.05)
+tp.read_results("out/touched").status
+"""
+
+
+def test_the_notebook_runs_and_shows_its_progress_pictures_movie_and_widgets(tmp_path, monkeypatch):
     monkeypatch.setenv("MPLBACKEND", "module://matplotlib_inline.backend_inline")
     book = nbformat.read(NOTEBOOK, as_version=4)
+    book.cells.append(nbformat.v4.new_code_cell(WAITED))
     NotebookClient(book, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
     outputs = [output for cell in book.cells if cell.cell_type == "code" for output in cell.outputs]
     shown = [output.data for output in outputs if "data" in output]
@@ -21,8 +31,10 @@ def test_the_notebook_runs_and_shows_its_progress_pictures_and_movie(tmp_path, m
         assert part in html
     assert '<td style="text-align: left">complete</td>' in html
     assert "video/mp4;base64," in html
-    assert sum("image/png" in data for data in shown) == 3
-    assert sum("application/vnd.jupyter.widget-view+json" in data for data in shown) == 1
+    widgets = [data for data in shown if "application/vnd.jupyter.widget-view+json" in data]
+    assert [data["text/plain"] for data in widgets] == ["View(notebook)", "View(touched)"]
+    assert sum("image/png" in data for data in shown) == 2 + len(widgets)
+    assert shown[-1]["text/plain"] == "'complete'"
     assert "the water reaches x = 0." in "".join(output.get("text", "") for output in outputs)
     assert (tmp_path / "out" / "notebook" / "fields.vtkhdf").is_file()
 

@@ -1,4 +1,4 @@
-"""The page of a run that goes on, in headless Chromium: paused, stepped, tilted, pushed, given a drop, stopped, repeated.
+"""The page of a run that goes on, in headless Chromium: pause, step, tilt, push, drop, stop; and the run repeated.
 
 The run is that of demos/play.py, in a process of its own as a visitor starts it.
 """
@@ -153,7 +153,9 @@ def test_keys_tilt_push_and_drop_too(browser, run):
     shown.read("state", "running")
     shown.key("?")
     keys = shown.text("keys")
-    assert all(says in keys for says in ("pause, go on", "one step", "tilt", "push", "add a drop", "stop the simulation"))
+    assert all(
+        says in keys for says in ("pause, go on", "one step", "tilt", "push", "add a drop", "stop the simulation")
+    )
     assert "next time" not in keys
     shown.key("Escape")
     shown.wait(lambda: not shown.part("keys").is_visible(), "the keys to close")

@@ -314,8 +314,8 @@ class NativePage:
 
     def _radius(self, command: str, share: float) -> float:
         """Radius of a push or a drop: a share of the largest that the run takes, no less than the smallest [m]."""
-        limits = self._hello["limits"]
-        return max(share * float(limits[f"{command}_radius"]), float(limits[f"least_{command}_radius"]))
+        limits: dict[str, float] = self._hello["limits"]
+        return max(share * limits[f"{command}_radius"], limits.get(f"least_{command}_radius", 0.0))
 
     def _drop(self) -> None:
         fluid = self._hello["panes"][0]["fluids"][0]["name"]
@@ -381,8 +381,8 @@ async def _show(
     say("Open in a window; its keys are listed by Tab")
     shown, drawn = asyncio.ensure_future(page.run()), asyncio.ensure_future(session.run())
     await asyncio.wait([shown, drawn], return_when=asyncio.FIRST_COMPLETED)
-    if not shown.done():
-        shown.cancel()
+    shown.cancel()
+    session.close("the window was closed")  # also when it has failed
     await asyncio.gather(shown, drawn, return_exceptions=True)
     for task in (shown, drawn):
         if not task.cancelled() and (error := task.exception()):

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import html
-import io
 import re
 from pathlib import Path
 from typing import Any
 
-from PIL import Image
-
 from tipfem.results import RunResults
+from tipfem.viewer.pane import png
 from tipfem.viewer.server import page_file
 from tipfem.viewer.session import Page, Session
 from tipfem.viewer.source import ResultsSource, Source
@@ -71,15 +70,17 @@ class View:
         bundle = self._widget._repr_mimebundle_()
         data, more = bundle if isinstance(bundle, tuple) else (bundle, {})
         # For readers of notebooks that show no widgets.
-        buffer = io.BytesIO()
-        Image.fromarray(self.session.showing.framed()).save(buffer, "png")
-        return {**data, "text/plain": repr(self), "image/png": buffer.getvalue()}, more
+        return {**data, "text/plain": repr(self), "image/png": png(self.session.showing.framed())}, more
 
     def _movie(self) -> str:
+        """Movies of results, and a picture of the present state of a run that has no results folder to read."""
         parts = ["<p>For controls: <code>pip install 'tipfem[notebook]'</code> and start the kernel again.</p>"]
         for source in self.sources:
             folder = getattr(source, "folder", None)
-            if folder is not None:
+            if folder is None:
+                picture = base64.b64encode(png(self.session.showing.framed())).decode()
+                parts.append(f'<p>{html.escape(source.name)}</p><img src="data:image/png;base64,{picture}">')
+            else:
                 parts.append(f"<p>{html.escape(source.name)}</p>{RunResults(folder).movie()._repr_html_()}")
         return "".join(parts)
 
