@@ -6,6 +6,8 @@
 
 PYTHON ?= python3
 ARGS ?=
+# Processes that run tests side by side. Those of one file stay together: they share what their fixtures made.
+WORKERS ?= 2
 VENV := .venv
 RUN := $(VENV)/bin/python
 
@@ -18,7 +20,7 @@ RUN := $(VENV)/bin/python
 help:
 	@echo "make demo       run demos/dam_break.py; options go in ARGS=\"...\""
 	@echo "make play       a tank of water and oil to play with in a browser: prints the address"
-	@echo "make test       run the tests, without the slow ones; pytest's options go in ARGS"
+	@echo "make test       run the tests, without the slow ones, in two processes (WORKERS=2); pytest's options go in ARGS"
 	@echo "make test-slow  run the slow tests"
 	@echo "make lint       ruff, mypy, and the layers of import-linter"
 	@echo "make docs       build the documentation in build/site; warnings are errors"
@@ -32,7 +34,7 @@ play: $(VENV)/.installed-view
 	$(RUN) demos/play.py $(ARGS)
 
 test: $(VENV)/.installed-plot,test
-	$(RUN) -m pytest $(ARGS)
+	$(RUN) -m pytest -n $(WORKERS) --dist loadfile $(ARGS)
 
 test-slow: $(VENV)/.installed-plot,test
 	$(RUN) -m pytest -m slow $(ARGS)
