@@ -15,6 +15,7 @@ import tipfem as tp
 from tipfem.backend.launch import launch
 from tipfem.case.grading import Grading, limit_gradation_at_points, thinned
 from tipfem.case.numerics import FittedRule
+from tipfem.case.period import no_period
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
@@ -89,7 +90,10 @@ def test_growth_is_limited_along_every_edge_of_a_mesh(growth):
         np.minimum.at(expected, edges[:, 0], expected[edges[:, 1]] + growth * length)
     for cells in (mesh.cells, mesh.cells[rng.permutation(len(mesh.cells))][:, [2, 0, 1]].copy()):
         target = wish.copy()
-        assert launch(limit_gradation, x, cells, target, np.zeros(len(x), dtype=np.int32), growth) < 100
+        assert (
+            launch(limit_gradation, x, cells, no_period(2).array, target, np.zeros(len(x), dtype=np.int32), growth)
+            < 100
+        )
         np.testing.assert_allclose(target, expected, rtol=1e-8)
 
 

@@ -7,10 +7,11 @@ import pytest
 import taichi as ti
 from triangulations import as_set, border, check, cloud, delaunay, grid, masses, momentum, momentum_scale, of
 
-from tipfem.backend.array_types import Array1, Array2
+from tipfem.backend.array_types import Array1, Array2, Periods
 from tipfem.backend.launch import kernel, launch
 from tipfem.mesh.mesh import simplex_measure
 from tipfem.remesh.edges import coarsen_refine as functions
+from tipfem.remesh.edges import refining
 from tipfem.remesh.edges.coarsen_refine import LIMITS, NEAR_BORDER, NEAR_HULL, NEAR_PARTICLE, SCRATCH
 from tipfem.remesh.edges.edge_operations import (
     ACCELERATION,
@@ -32,7 +33,7 @@ LEAST = 1e-4
 
 def arrays(t: Triangulation) -> tuple[np.ndarray, ...]:
     """Those of `TriangleArrays`."""
-    return t.state, t.cells, t.neighbours, t.fluid, t.corner, t.wall, t.density, t._stale
+    return t.state, t.cells, t.neighbours, t.fluid, t.period.array, t.corner, t.wall, t.density, t._stale
 
 
 def rough(seed: int, *, walls: bool = True) -> Triangulation:
@@ -53,6 +54,7 @@ def flag_all(
     cells: Array2,
     neighbours: Array2,
     fluid: Array1,
+    period: Periods,
     corner: Array1,
     wall: Array1,
     density: Array1,
@@ -61,7 +63,7 @@ def flag_all(
     flag: Array1,
     span: Array1,
 ):
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, corner, wall, density, stale))
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale))
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):
         span[t] = functions.flag_crowding(mesh, limits, flag, t)
@@ -104,6 +106,7 @@ def targets_of_all(
     cells: Array2,
     neighbours: Array2,
     fluid: Array1,
+    period: Periods,
     corner: Array1,
     wall: Array1,
     density: Array1,
@@ -114,7 +117,7 @@ def targets_of_all(
     result: Array2,
 ):
     mesh, star = ti.static(
-        TriangleArrays(state, cells, neighbours, fluid, corner, wall, density, stale), Segment(scratch)
+        TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale), Segment(scratch)
     )
     ti.loop_config(serialize=True)
     for p in range(state.shape[0]):
@@ -193,6 +196,7 @@ def collapse_one(
     cells: Array2,
     neighbours: Array2,
     fluid: Array1,
+    period: Periods,
     corner: Array1,
     wall: Array1,
     density: Array1,
@@ -202,7 +206,7 @@ def collapse_one(
     q: ti.i32,
     a: ti.i32,
 ):
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, corner, wall, density, stale))
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale))
     room = ti.static(functions.room_in(scratch))
     ti.loop_config(serialize=True)
     for _ in range(1):
@@ -259,6 +263,7 @@ def masses_and_momentum(
     cells: Array2,
     neighbours: Array2,
     fluid: Array1,
+    period: Periods,
     corner: Array1,
     wall: Array1,
     density: Array1,
@@ -268,7 +273,7 @@ def masses_and_momentum(
     change: Array2,
 ):
     mesh, particles = ti.static(
-        TriangleArrays(state, cells, neighbours, fluid, corner, wall, density, stale), Segment(group, 1)
+        TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale), Segment(group, 1)
     )
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):
@@ -304,6 +309,7 @@ def links_of_all(
     cells: Array2,
     neighbours: Array2,
     fluid: Array1,
+    period: Periods,
     corner: Array1,
     wall: Array1,
     density: Array1,
@@ -313,7 +319,7 @@ def links_of_all(
     ends: Array2,
 ):
     mesh, star = ti.static(
-        TriangleArrays(state, cells, neighbours, fluid, corner, wall, density, stale), Segment(scratch, 3)
+        TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale), Segment(scratch, 3)
     )
     ti.loop_config(serialize=True)
     for p in range(state.shape[0]):
@@ -344,6 +350,7 @@ def rooms(
     cells: Array2,
     neighbours: Array2,
     fluid: Array1,
+    period: Periods,
     corner: Array1,
     wall: Array1,
     density: Array1,
@@ -352,12 +359,12 @@ def rooms(
     room: ti.f64,
     result: Array2,
 ):
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, corner, wall, density, stale))
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale))
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):
         for i in range(3):
-            functions.interpolate_midpoint(state, n, cells[t, (i + 1) % 3], cells[t, (i + 2) % 3])
-            result[t, i] = functions.has_room(mesh, t, i, n, room)
+            refining.interpolate_midpoint(mesh, n, cells[t, (i + 1) % 3], cells[t, (i + 2) % 3])
+            result[t, i] = refining.has_room(mesh, t, i, n, room)
 
 
 def test_there_is_room_where_all_particles_beside_an_edge_are_far_enough():
@@ -392,6 +399,7 @@ def insert_one(
     cells: Array2,
     neighbours: Array2,
     fluid: Array1,
+    period: Periods,
     corner: Array1,
     wall: Array1,
     density: Array1,
@@ -402,12 +410,12 @@ def insert_one(
     n: ti.i32,
     unused: ti.i32,
 ) -> ti.i32:
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, corner, wall, density, stale))
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale))
     used = 0
     ti.loop_config(serialize=True)
     for _ in range(1):
-        functions.interpolate_midpoint(state, n, cells[t, (i + 1) % 3], cells[t, (i + 2) % 3])
-        used = functions.insert(mesh, touched, t, i, n, unused, unused + 1)
+        refining.interpolate_midpoint(mesh, n, cells[t, (i + 1) % 3], cells[t, (i + 2) % 3])
+        used = refining.insert(mesh, touched, t, i, n, unused, unused + 1)
     return used
 
 

@@ -7,17 +7,19 @@ import pytest
 import taichi as ti
 from triangulations import as_set, border, check, circle_test, cloud, delaunay, of
 
-from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2
+from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2
 from tipfem.backend.launch import kernel, launch
+from tipfem.case.period import no_period
 from tipfem.mesh.mesh import simplex_measure
 from tipfem.remesh.edges import edge_operations
 from tipfem.remesh.edges.edge_operations import Segment, TriangleArrays
 
 
 @kernel
-def in_circles(x: Reals2, four: Ints2, result: Reals1):
+def in_circles(x: Reals2, period: Periods, four: Ints2, result: Reals1):
+    mesh = ti.static(TriangleArrays(x, None, None, None, period))
     for k in range(four.shape[0]):
-        result[k] = edge_operations.in_circle(x, four[k, 0], four[k, 1], four[k, 2], four[k, 3])
+        result[k] = edge_operations.in_circle(mesh, four[k, 0], four[k, 1], four[k, 2], four[k, 3])
 
 
 @kernel
@@ -32,7 +34,7 @@ def split_edge(
     t2: ti.i32,
     o2: ti.i32,
 ):
-    mesh = ti.static(TriangleArrays(None, cells, neighbours, fluid, corner))
+    mesh = ti.static(TriangleArrays(None, cells, neighbours, fluid, None, corner))
     ti.loop_config(serialize=True)
     for _ in range(1):
         edge_operations.split(mesh, t, i, n, t2, o2)
@@ -47,7 +49,7 @@ def star_of(
     star: Ints1,
     result: Ints1,
 ):
-    mesh, around = ti.static(TriangleArrays(None, cells, neighbours, None, corner), Segment(star))
+    mesh, around = ti.static(TriangleArrays(None, cells, neighbours, None, None, corner), Segment(star))
     ti.loop_config(serialize=True)
     for _ in range(1):
         count, closed = edge_operations.collect_star(mesh, around, p)
@@ -61,13 +63,14 @@ def collapse_edge(
     neighbours: Ints2,
     corner: Ints1,
     fluid: Ints1,
+    period: Periods,
     star: Ints1,
     p: ti.i32,
     q: ti.i32,
     least: ti.f64,
     done: Ints1,
 ):
-    mesh, around = ti.static(TriangleArrays(x, cells, neighbours, fluid, corner), Segment(star))
+    mesh, around = ti.static(TriangleArrays(x, cells, neighbours, fluid, period, corner), Segment(star))
     ti.loop_config(serialize=True)
     for _ in range(1):
         count, _closed = edge_operations.collect_star(mesh, around, p)
@@ -85,7 +88,7 @@ def test_in_circle_is_the_determinant_with_the_right_sign():
     clockwise = simplex_measure(x, four[:, :3]) < 0
     four[clockwise] = four[clockwise][:, [1, 0, 2, 3]]
     result = np.empty(len(four))
-    launch(in_circles, x, four, result)
+    launch(in_circles, x, no_period(2).array, four, result)
     np.testing.assert_allclose(result, circle_test(x, four), rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(result[:400], result[400:800], rtol=1e-9, atol=1e-15)  # no matter the unit
     for (a, b, c, d), value in zip(four[:400], result, strict=False):
@@ -168,7 +171,18 @@ def test_a_collapsed_edge_takes_two_cells_along_and_the_rest_keeps_its_area(kind
                 done[0] = 0
                 star = np.empty(edge_operations.STAR + 1, dtype=np.int32)
                 launch(
-                    collapse_edge, t.state, t.cells, t.neighbours, t.corner, t.fluid, star, int(p), int(q), 1e-9, done
+                    collapse_edge,
+                    t.state,
+                    t.cells,
+                    t.neighbours,
+                    t.corner,
+                    t.fluid,
+                    t.period.array,
+                    star,
+                    int(p),
+                    int(q),
+                    1e-9,
+                    done,
                 )
                 kept = np.where(first.cells == p, q, first.cells)
                 kept = kept[~((first.cells == p).any(axis=1) & (first.cells == q).any(axis=1))]

@@ -6,8 +6,9 @@ import taichi as ti
 from test_coarsening_functions import arrays, expected_target, rough
 from triangulations import circle_test, cloud, delaunay, grid, inner_edges, masses, momentum, of
 
-from tipfem.backend.array_types import Array1, Array2
+from tipfem.backend.array_types import Array1, Array2, Periods
 from tipfem.backend.launch import kernel, launch
+from tipfem.case.period import no_period
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import simplex_measure
 from tipfem.remesh import insertion_kernels, sizing, volume_kernels
@@ -33,6 +34,7 @@ def film_flags_of_all(
     cells: Array2,
     neighbours: Array2,
     fluid: Array1,
+    period: Periods,
     corner: Array1,
     wall: Array1,
     density: Array1,
@@ -41,7 +43,7 @@ def film_flags_of_all(
     film: ti.f64,
     flag: Array1,
 ):
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, corner, wall, density, stale))
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale))
     for t in range(cells.shape[0]):
         flag[t] = films_contacts.film_flags(mesh, mark, film, t)
 
@@ -69,6 +71,7 @@ def break_or_absorb(
     cells: Array2,
     neighbours: Array2,
     fluid: Array1,
+    period: Periods,
     corner: Array1,
     wall: Array1,
     density: Array1,
@@ -79,7 +82,7 @@ def break_or_absorb(
     t: ti.i32,
     absorb: ti.i32,
 ) -> ti.i32:
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, corner, wall, density, stale))
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale))
     done = 0
     ti.loop_config(serialize=True)
     for _ in range(1):
@@ -141,6 +144,7 @@ def slide_one(
     cells: Array2,
     neighbours: Array2,
     fluid: Array1,
+    period: Periods,
     corner: Array1,
     wall: Array1,
     density: Array1,
@@ -153,7 +157,7 @@ def slide_one(
     least: ti.f64,
     result: Array1,
 ):
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, corner, wall, density, stale))
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale))
     star, other_star = ti.static(Segment(scratch, 0), Segment(scratch, STAR + 1))
     ti.loop_config(serialize=True)
     for _ in range(1):
@@ -193,9 +197,10 @@ def test_a_contact_goes_to_where_its_interface_points(reach, path, gap, least, g
 
 
 @kernel
-def may_flip_all(x: Array2, four: Array2, tolerance: ti.f64, result: Array1):
+def may_flip_all(x: Array2, period: Periods, four: Array2, tolerance: ti.f64, result: Array1):
+    mesh = ti.static(TriangleArrays(x, None, None, None, period))
     for k in range(four.shape[0]):
-        result[k] = flips.may_flip(x, four[k, 0], four[k, 1], four[k, 2], four[k, 3], tolerance)
+        result[k] = flips.may_flip(mesh, four[k, 0], four[k, 1], four[k, 2], four[k, 3], tolerance)
 
 
 def test_no_edge_that_is_to_be_flipped_is_overlooked_from_either_side():
@@ -209,7 +214,7 @@ def test_no_edge_that_is_to_be_flipped_is_overlooked_from_either_side():
         right = (simplex_measure(x, four[:, :3]) > 0) & (simplex_measure(x, other[:, :3]) > 0)
         four, other = np.ascontiguousarray(four[right]), np.ascontiguousarray(other[right])
         result = np.empty(len(four), dtype=np.int32)
-        launch(may_flip_all, x, four, 1e-2, result)
+        launch(may_flip_all, x, no_period(2).array, four, 1e-2, result)
         wanted = (circle_test(x, four) > 1e-2) | (circle_test(x, other) > 1e-2)
         assert not (wanted & (result == 0)).any()
         found, looked = found + wanted.sum(), looked + (result != 0).sum()
@@ -222,6 +227,7 @@ def flip_one(
     cells: Array2,
     neighbours: Array2,
     fluid: Array1,
+    period: Periods,
     corner: Array1,
     wall: Array1,
     density: Array1,
@@ -231,7 +237,7 @@ def flip_one(
     i: ti.i32,
 ):
     mesh, four = ti.static(
-        TriangleArrays(state, cells, neighbours, fluid, corner, wall, density, stale), Segment(scratch)
+        TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale), Segment(scratch)
     )
     ti.loop_config(serialize=True)
     for _ in range(1):
@@ -264,6 +270,7 @@ def nearest_of_all(
     cells: Array2,
     neighbours: Array2,
     fluid: Array1,
+    period: Periods,
     corner: Array1,
     wall: Array1,
     density: Array1,
@@ -272,7 +279,7 @@ def nearest_of_all(
     result: Array1,
 ):
     mesh, star = ti.static(
-        TriangleArrays(state, cells, neighbours, fluid, corner, wall, density, stale), Segment(scratch)
+        TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale), Segment(scratch)
     )
     ti.loop_config(serialize=True)
     for p in range(state.shape[0]):
@@ -302,6 +309,7 @@ def find_edge(
     cells: Array2,
     neighbours: Array2,
     fluid: Array1,
+    period: Periods,
     corner: Array1,
     wall: Array1,
     density: Array1,
@@ -313,7 +321,7 @@ def find_edge(
     result: Array1,
 ):
     mesh, star = ti.static(
-        TriangleArrays(state, cells, neighbours, fluid, corner, wall, density, stale), Segment(scratch)
+        TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale), Segment(scratch)
     )
     ti.loop_config(serialize=True)
     for _ in range(1):
@@ -360,11 +368,20 @@ def test_united_components_have_their_lowest_cell_as_root():
 
 
 @kernel
-def hold(x: Array2, cells: Array2, near: Array1, nodes: Array1, measure: Array1, shift: Array2, counts: Array1):
+def hold(
+    x: Array2,
+    cells: Array2,
+    period: Periods,
+    near: Array1,
+    nodes: Array1,
+    measure: Array1,
+    shift: Array2,
+    counts: Array1,
+):
     ti.loop_config(serialize=True)
     for _ in range(1):
         counts[0] = volume_kernels.place_shifted(x, nodes, shift, False)
-        counts[1] = volume_kernels.hold_back(x, cells, near, measure, shift)
+        counts[1] = volume_kernels.hold_back(x, cells, period, near, measure, shift)
 
 
 def test_particles_of_a_cell_that_is_halved_are_held_back():
@@ -375,7 +392,7 @@ def test_particles_of_a_cell_that_is_halved_are_held_back():
     shift[:, 2:] = x
     shift[5, :2], shift[10, :2] = [0.6, 0.0], [0.01, 0.02]
     near = np.flatnonzero(np.isin(cells, nodes).any(axis=1)).astype(np.int32)
-    launch(hold, x, cells, near, nodes, measure, shift, counts)
+    launch(hold, x, cells, no_period(2).array, near, nodes, measure, shift, counts)
     np.testing.assert_allclose(x[nodes], before[nodes] + [[0.6, 0.0], [0.01, 0.02]])
     np.testing.assert_array_equal(np.delete(x, nodes, axis=0), np.delete(before, nodes, axis=0))
     halved = near[simplex_measure(x, cells)[near] < 0.5 * measure[near]]
@@ -387,18 +404,19 @@ def test_particles_of_a_cell_that_is_halved_are_held_back():
 
 
 @kernel
-def lower_one(x: Array2, cells: Array2, spacing: Array1, lowered: Array1, growth: ti.f64) -> ti.i32:
+def lower_one(x: Array2, cells: Array2, period: Periods, spacing: Array1, lowered: Array1, growth: ti.f64) -> ti.i32:
+    mesh = ti.static(TriangleArrays(x, cells, None, None, period))
     changed = 0
     ti.loop_config(serialize=True)
     for t in range(1):
-        changed = sizing.lower_targets(x, cells, spacing, lowered, t, growth, 7)
+        changed = sizing.lower_targets(mesh, spacing, lowered, t, growth, 7)
     return changed
 
 
 def test_targets_of_a_cell_are_lowered_until_they_grow_slowly_enough():
     x, cells = np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 4.0]]), np.array([[0, 1, 2]], dtype=np.int32)
     spacing, lowered = np.array([1.0, 2.0, 1.3]), np.zeros(3, dtype=np.int32)
-    assert launch(lower_one, x, cells, spacing, lowered, 0.1) == 1
+    assert launch(lower_one, x, cells, no_period(2).array, spacing, lowered, 0.1) == 1
     np.testing.assert_allclose(spacing, [1.0, 1.3, 1.3], rtol=1e-14)
     assert lowered.tolist() == [0, 7, 0]
-    assert launch(lower_one, x, cells, spacing, lowered, 0.1) == 0
+    assert launch(lower_one, x, cells, no_period(2).array, spacing, lowered, 0.1) == 0

@@ -339,6 +339,7 @@ def test_gradients_and_their_products_are_those_of_numpy():
         volume_kernels.gradients,
         x,
         mesh.cells,
+        mesh.period.array,
         label,
         near,
         nodes,

@@ -20,6 +20,7 @@ if TYPE_CHECKING:  # Taichi's types are values, which type checkers do not accep
     Ints1: TypeAlias = Any
     Ints2: TypeAlias = Any
     Flags1: TypeAlias = Any
+    Periods: TypeAlias = Any
     Template: TypeAlias = Any
 else:
     Array1 = ti.types.ndarray(ndim=1)  # of any kind
@@ -29,6 +30,7 @@ else:
     Ints1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
     Ints2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
     Flags1 = ti.types.ndarray(dtype=ti.i8, ndim=1)
+    Periods = ti.types.ndarray()  # see `tipfem.backend.periodic`
     Template = ti.template()
 
 

@@ -6,14 +6,17 @@ positions to the intermediate ones, g_a = F^-T G_a, J = det F, H = sum_a u_a (x)
 
 import taichi as ti
 
+from tipfem.backend.periodic import difference
 from tipfem.backend.real_functions import cube_root
 
 
 @ti.func
-def area_of(x: ti.template(), cells: ti.template(), t):
+def area_of(x: ti.template(), cells: ti.template(), period: ti.template(), t):
     """Signed area of triangle ``t``, bitwise that of `mesh.simplex_measure`."""
     a, b, c = cells[t, 0], cells[t, 1], cells[t, 2]
-    return 0.5 * ((x[b, 0] - x[a, 0]) * (x[c, 1] - x[a, 1]) - (x[c, 0] - x[a, 0]) * (x[b, 1] - x[a, 1]))
+    bx, by = difference(x, period, b, a, 0), difference(x, period, b, a, 1)
+    cx, cy = difference(x, period, c, a, 0), difference(x, period, c, a, 1)
+    return 0.5 * (bx * cy - cx * by)
 
 
 @ti.func
@@ -23,14 +26,12 @@ def row(array: ti.template(), i, dim: ti.template()):
 
 
 @ti.func
-def reference_gradients(cells: ti.template(), e, position: ti.template(), dim: ti.template()):
+def reference_gradients(cells: ti.template(), e, position: ti.template(), period: ti.template(), dim: ti.template()):
     """Gradients G_1 ... G_d as the rows of a matrix, and the measure A; G_0 is minus their sum."""
-    origin = row(position, cells[e, 0], dim)
     side = ti.Matrix.zero(float, dim, dim)
     for a in ti.static(range(dim)):
-        corner = row(position, cells[e, a + 1], dim)
         for k in ti.static(range(dim)):
-            side[k, a] = corner[k] - origin[k]
+            side[k, a] = difference(position, period, cells[e, a + 1], cells[e, 0], k)
     measure = side.determinant() / (2.0 if ti.static(dim == 2) else 6.0)
     return side.inverse(), measure
 
@@ -63,9 +64,9 @@ def volume_change(h):
 
 
 @ti.func
-def volume_ratio(cells: ti.template(), e, position: ti.template(), motion, dim: ti.template()):
+def volume_ratio(cells: ti.template(), e, position: ti.template(), period: ti.template(), motion, dim: ti.template()):
     """J = det(I + H) of an element whose corners move by the rows of ``motion`` (dim + 1, dim)."""
-    big_g, _area = reference_gradients(cells, e, position, dim)
+    big_g, _area = reference_gradients(cells, e, position, period, dim)
     h = ti.Matrix.zero(float, dim, dim)
     for a in ti.static(range(dim + 1)):
         corner = ti.Vector([motion[a, k] for k in ti.static(range(dim))])

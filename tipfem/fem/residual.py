@@ -8,7 +8,7 @@ k < d, and its pressure for k = d. ``scale`` multiplies the rows; it is zero for
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
+from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.fem.element import (
     cauchy_stress,
@@ -107,6 +107,7 @@ def residual(
     cells: Ints2,
     offsets: Ints1,
     corners: Ints1,
+    period: Periods,
     motion: Reals2,
     density: Reals1,
     viscosity: Reals1,
@@ -136,7 +137,7 @@ def residual(
     (Carvalho & Sanches, eqs. 5 and 6; in eq. 6 both terms must carry the same sign.)
     """
     for e in range(elements):
-        big_g, area = reference_gradients(cells, e, motion, dim)
+        big_g, area = reference_gradients(cells, e, motion, period, dim)
         h = ti.Matrix.zero(float, dim, dim)
         l_ref = ti.Matrix.zero(float, dim, dim)
         grad_p = ti.Vector.zero(float, dim)

@@ -5,10 +5,11 @@ Vectors of unknowns are laid out as in `tipfem.fem.residual`.
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
+from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
+from tipfem.backend.periodic import difference
 from tipfem.backend.real_functions import cube_root
-from tipfem.fem.element import gradient, row
+from tipfem.fem.element import gradient
 from tipfem.linalg.sparsity import corner_after
 
 LAPLACIAN_ROW = 80.0  # nanoseconds of one thread for a particle in `scale_and_laplacian`
@@ -17,17 +18,16 @@ DISPLACEMENT, PRESSURE = 0, 1
 
 
 @ti.func
-def gradients_from(cells: ti.template(), e, own, position: ti.template(), dim: ti.template()):
+def gradients_from(cells: ti.template(), e, own, position: ti.template(), period: ti.template(), dim: ti.template()):
     """As `element.reference_gradients`, but shape function 0 is that of corner ``own``; they follow cyclically.
 
     The measure is positive.
     """
-    origin = row(position, cells[e, own], dim)
     side = ti.Matrix.zero(float, dim, dim)
     for a in ti.static(range(dim)):
-        corner = row(position, cells[e, corner_after(own, ti.static(a + 1), dim)], dim)
+        corner = cells[e, corner_after(own, ti.static(a + 1), dim)]
         for k in ti.static(range(dim)):
-            side[k, a] = corner[k] - origin[k]
+            side[k, a] = difference(position, period, corner, cells[e, own], k)
     return side.inverse(), ti.abs(side.determinant()) / (2.0 if ti.static(dim == 2) else 6.0)
 
 
@@ -37,6 +37,7 @@ def scale_and_laplacian(
     offsets: Ints1,
     corners: Ints1,
     position: Reals2,
+    period: Periods,
     density: Reals1,
     viscosity: Reals1,
     held: Ints2,
@@ -75,7 +76,7 @@ def scale_and_laplacian(
         volume, total = 0.0, 0.0
         for c in range(offsets[i], offsets[i + 1]):
             e = corners[c] // (dim + 1)
-            big_g, area = gradients_from(cells, e, corners[c] - e * (dim + 1), position, dim)
+            big_g, area = gradients_from(cells, e, corners[c] - e * (dim + 1), position, period, dim)
             volume += area / (dim + 1)
             g = gradient(big_g, 0)
             diagonal += density[e] * area / (dim + 1) * cm

@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints2, Reals1, Reals2, Template
+from tipfem.backend.array_types import Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel, part_of
 from tipfem.fem.element import row, volume_ratio
 from tipfem.fem.residual import displacement_of
@@ -14,6 +14,7 @@ ELEMENT = 15.0  # nanoseconds of one thread for an element in `step_limits`
 def smallest_jacobian(
     cells: Ints2,
     position: Reals2,
+    period: Periods,
     velocity: Reals2,
     partial: Reals1,
     result: Reals1,
@@ -33,7 +34,7 @@ def smallest_jacobian(
                 v = row(velocity, cells[e, a], dim)
                 for k in ti.static(range(dim)):
                     motion[a, k] = dt * v[k]
-            smallest = ti.min(smallest, volume_ratio(cells, e, position, motion, dim))
+            smallest = ti.min(smallest, volume_ratio(cells, e, position, period, motion, dim))
         if t % stride == 0:
             partial[t // stride] = smallest
     ti.loop_config(serialize=True)
@@ -45,6 +46,7 @@ def smallest_jacobian(
 def step_limits(
     cells: Ints2,
     position: Reals2,
+    period: Periods,
     target: Reals1,
     x: Reals1,
     partial: Reals2,
@@ -72,7 +74,7 @@ def step_limits(
             for a in ti.static(range(dim + 1)):
                 for k in ti.static(range(dim)):
                     motion[a, k] = x[cells[e, a] * (dim + 1) + k]
-            smallest = ti.min(smallest, volume_ratio(cells, e, position, motion, dim))
+            smallest = ti.min(smallest, volume_ratio(cells, e, position, period, motion, dim))
         first, last = part_of(t, parts, stride, nodes)
         for i in range(first, last):
             u = displacement_of(x, i, dim)

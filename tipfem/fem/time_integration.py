@@ -47,6 +47,7 @@ def smallest_jacobian(mesh: Mesh, particles: Particles, dt: float) -> float:
         step_limits.smallest_jacobian,
         np.ascontiguousarray(mesh.cells),
         mesh.position,
+        mesh.period.array,
         np.ascontiguousarray(particles.velocity),
         partials(0),
         result,

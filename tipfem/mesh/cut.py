@@ -71,4 +71,10 @@ def cut_along_interfaces(mesh: Mesh, density: Array) -> CutMesh:
     owner = np.concatenate([np.arange(n), particle[~heaviest]])
     component = np.zeros(len(owner), dtype=np.int32)
     component[cells] = components.label[:, None]
-    return CutMesh(Mesh(mesh.position[owner], cells, mesh.fluid), owner, component, components.fluid[component], n)
+    return CutMesh(
+        Mesh(mesh.position[owner], cells, mesh.fluid, period=mesh.period),
+        owner,
+        component,
+        components.fluid[component],
+        n,
+    )

@@ -156,7 +156,7 @@ def wall_fluid(mesh: Mesh, fluid: Array, wall: Array) -> Array:
     i, j = mesh.edges.T
     at_wall = wall[i] | wall[j]
     i, j = i[at_wall], j[at_wall]
-    length = np.linalg.norm(mesh.position[i] - mesh.position[j], axis=1)
+    length = np.linalg.norm(mesh.sides(j, i), axis=1)
     one, other = np.concatenate([i, j]), np.concatenate([j, i])
     length = np.concatenate([length, length])
     order = np.lexsort((other, length, one))

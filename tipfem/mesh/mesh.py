@@ -11,6 +11,7 @@ import numpy as np
 from scipy import sparse
 
 from tipfem.case.particles import Particles
+from tipfem.case.period import Period, no_period
 from tipfem.mesh.components import Components
 from tipfem.typing import Array
 
@@ -114,6 +115,8 @@ class Mesh:
             through simplices.
         surface: its free surface; that of `no_surface` where walls surround the fluids, which is the default.
         components: the connected components of the fluids, where cells have a fluid; None where they are not labelled.
+        period: of the positions. Where a side is periodic, a cell may have corners on both ends of the domain: its
+            geometry is that of the images closest to each other, see `corners`.
     """
 
     position: Array
@@ -121,8 +124,11 @@ class Mesh:
     fluid: Array | None = None
     surface: Surface = field(default=None)  # type: ignore[assignment]  # see __post_init__
     components: Components | None = None
+    period: Period = field(default=None)  # type: ignore[assignment]  # see __post_init__
 
     def __post_init__(self) -> None:
+        if self.period is None:
+            object.__setattr__(self, "period", no_period(self.dimension))
         if self.surface is None:
             object.__setattr__(self, "surface", no_surface(len(self.position)))
 
@@ -134,7 +140,19 @@ class Mesh:
     @cached_property
     def measure(self) -> Array:
         """(M,) signed area [m^2] or volume [m^3] of each simplex."""
-        return simplex_measure(self.position, self.cells)
+        return simplex_measure(self.position, self.cells, self.period)
+
+    def corners(self, cells: Array | slice = slice(None)) -> Array:
+        """(K, d + 1, d) positions of the corners of ``cells``, by default all; those of a cell beside each other [m].
+
+        Args:
+            cells: (K,) numbers or a mask of cells.
+        """
+        return self.period.unwrapped(self.position[self.cells[cells]])
+
+    def sides(self, one: Array, other: Array) -> Array:
+        """(K, d) vectors from the particles ``one`` (K,) to the particles ``other`` (K,) beside them [m]."""
+        return self.period.shortest(self.position[other] - self.position[one])
 
     def with_(
         self, *, measure: Array | None = None, neighbours: Array | None = None, components: Components | None = None
@@ -214,15 +232,19 @@ class Mesh:
         return columns.indptr.astype(np.int32, copy=False), columns.data
 
 
-def simplex_measure(position: Array, cells: Array) -> Array:
-    """Signed areas or volumes (M,) of simplices ``cells`` (M, d + 1) at ``position`` (N, d)."""
+def simplex_measure(position: Array, cells: Array, period: Period | None = None) -> Array:
+    """Signed areas or volumes (M,) of simplices ``cells`` (M, d + 1) at ``position`` (N, d), with a period or none."""
     if position.shape[1] == 2:  # complex numbers: both coordinates at once, and corner by corner
         corner = np.ascontiguousarray(position, dtype=np.float64).view(np.complex128).ravel().take(cells.T)
         a, b = corner[1:] - corner[0]
+        if period:
+            a, b = (period.shortest(edge.real, 0) + 1j * period.shortest(edge.imag, 1) for edge in (a, b))
         return np.asarray(0.5 * (a.real * b.imag - b.real * a.imag))
     # Coordinate by coordinate: gathering rows takes several times as long.
     coordinates = [np.ascontiguousarray(axis) for axis in position.T]
     sides = [[axis[corner] - axis[cells[:, 0]] for axis in coordinates] for corner in cells.T[1:]]
+    if period:
+        sides = [[period.shortest(side, k) for k, side in enumerate(of_corner)] for of_corner in sides]
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = sides
     return np.asarray((ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)) / 6.0)
 
@@ -234,7 +256,7 @@ def volume_gradient(mesh: Mesh, near: Array) -> Array:
     """
     d = mesh.dimension
     cells = mesh.cells[near[mesh.cells].any(axis=1)]
-    corner = mesh.position[cells]
+    corner = mesh.period.unwrapped(mesh.position[cells])
     result = np.zeros_like(mesh.position)
     for k in range(d + 1):
         one = corner[:, (k + 1) % (d + 1)]

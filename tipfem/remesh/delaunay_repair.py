@@ -31,7 +31,7 @@ def repaired(mesh: Mesh, moved: Array, position: Array, moves: Array) -> Mesh | 
     """
     expected = moved.copy()
     expected[moves[:, 0]] = position[moves[:, 0]]
-    if (simplex_measure(moved, mesh.cells) <= 0).any() or not np.array_equal(expected, position):
+    if (simplex_measure(moved, mesh.cells, mesh.period) <= 0).any() or not np.array_equal(expected, position):
         return None
     t = _triangulation(mesh, moved)
     if len(moves):
@@ -41,6 +41,7 @@ def repaired(mesh: Mesh, moved: Array, position: Array, moves: Array) -> Mesh | 
             t.cells,
             t.neighbours,
             t.fluid,
+            t.period.array,
             t.corner,
             moves.astype(np.int32),
             np.ascontiguousarray(position[moves[:, 0]]),
@@ -53,7 +54,7 @@ def repaired(mesh: Mesh, moved: Array, position: Array, moves: Array) -> Mesh | 
         t.make_delaunay(TIES)
     except TriangulationError:
         return None
-    new = Mesh(position, t.cells)
+    new = Mesh(position, t.cells, period=mesh.period)
     if (new.measure <= 0).any():
         return None
     return new.with_(neighbours=t.neighbours)
@@ -68,5 +69,5 @@ def _triangulation(mesh: Mesh, moved: Array) -> Triangulation:
     corner[cells.ravel()] = np.arange(cells.size, dtype=np.int32) // 3
     nothing = np.zeros(len(cells), dtype=np.int32)
     return Triangulation(
-        state, cells, mesh.neighbours.copy(), nothing, corner, np.zeros(count, dtype=np.int32), np.zeros(1)
+        state, cells, mesh.neighbours.copy(), nothing, corner, np.zeros(count, dtype=np.int32), np.zeros(1), mesh.period
     )

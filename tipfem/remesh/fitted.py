@@ -88,7 +88,7 @@ def repair(
     with timer("interface repair"):
         broken, taken = t.repair_interfaces(
             sticks,
-            particles.position - mesh.position,
+            mesh.period.shortest(particles.position - mesh.position),
             reach=rule.contact_reach,
             gap=GAP,
             least_area=LEAST,
@@ -100,7 +100,8 @@ def repair(
     with timer("relocation"):
         relocated = _follow_targets(t, held, rule) if graded else _relocate_crowded(t, held, rule)
     t.compact()
-    new = Mesh(np.ascontiguousarray(t.state[:, :2]), t.cells, t.fluid).with_(neighbours=t.neighbours)
+    new = Mesh(np.ascontiguousarray(t.state[:, :2]), t.cells, t.fluid, period=mesh.period)
+    new = new.with_(neighbours=t.neighbours)
     slides = np.zeros(len(t.state), dtype=bool)
     if slippery is not None:
         slides[: len(held)] = (slippery > 0) & ~held & ~relocated[: len(held)]
@@ -191,7 +192,7 @@ def _taken(t: Triangulation, particles: Particles, new: Mesh, position: Array) -
         fluid=np.zeros(len(position), dtype=np.int32),
         **t.particle_fields(),
     )
-    mesh = Mesh(position, t.cells, t.fluid, components=new.components)
+    mesh = Mesh(position, t.cells, t.fluid, components=new.components, period=new.period)
     return state, mesh.with_(neighbours=t.neighbours, measure=new.measure)
 
 
@@ -206,7 +207,7 @@ def with_fluids(mesh: Mesh, particles: Particles, rank: Array) -> Mesh:
         rank: (F,) of the fluids from the lightest, 0, to the heaviest.
     """
     fluid = np.argsort(rank)[rank[particles.fluid[mesh.cells]].min(axis=1)].astype(np.int32)
-    return with_components(Mesh(mesh.position, mesh.cells, fluid), len(rank))
+    return with_components(Mesh(mesh.position, mesh.cells, fluid, period=mesh.period), len(rank))
 
 
 def particle_fluid(mesh: Mesh, count: int, rank: Array) -> Array:
@@ -222,7 +223,7 @@ def hull_corners(mesh: Mesh) -> Array:
     """(N,) mask of the particles at corners of the hull."""
     cell, i = np.nonzero(mesh.neighbours < 0)
     a, b = mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]
-    direction = mesh.position[b] - mesh.position[a]
+    direction = mesh.sides(a, b)
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     total = np.zeros_like(mesh.position)
     np.add.at(total, a, direction)

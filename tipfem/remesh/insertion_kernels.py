@@ -5,7 +5,7 @@ Arrays are those of `edge_operations.TriangleArrays`. The kernel is serial.
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Reals2, Template
+from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.remesh.edges.edge_operations import (
     STAR,
@@ -19,6 +19,7 @@ from tipfem.remesh.edges.edge_operations import (
     double_area,
     entry,
     ring,
+    side,
     split,
 )
 
@@ -32,7 +33,7 @@ def nearest_target(mesh: Template, star: Template, count, p, least):
     q, gap = -1, 1e30
     for k in range(count):
         r = ring(mesh, star, count, p, k)
-        length = distance(mesh.state, p, r)
+        length = distance(mesh, p, r)
         if length < gap and can_collapse(mesh, star, count, p, r, least):
             q, gap = r, length
     return q
@@ -56,14 +57,14 @@ def edge_under(mesh: Template, star: Template, start, end, p):
     If another particle was inserted into the edge from ``start`` to ``end``, this is the half on which p
     is. The cell is -1 for none. ``star`` is room for the cells around ``start``.
     """
-    x = ti.static(mesh.state)
     count, closed = collect_star(mesh, star, start)
     t, i, near = -1, -1, -1
     for k in range(count):
         r = ring(mesh, star, count, start, k)
-        side = double_area(x, start, r, p) / distance(x, start, r) ** 2
-        ahead = (x[p, 0] - x[start, 0]) * (x[r, 0] - x[start, 0]) + (x[p, 1] - x[start, 1]) * (x[r, 1] - x[start, 1])
-        if ti.abs(side) < ON_EDGE and ahead > 0.0 and distance(x, start, p) < distance(x, start, r):
+        off = double_area(mesh, start, r, p) / distance(mesh, start, r) ** 2
+        to_p, to_r = side(mesh, start, p), side(mesh, start, r)
+        ahead = to_p[0] * to_r[0] + to_p[1] * to_r[1]
+        if ti.abs(off) < ON_EDGE and ahead > 0.0 and distance(mesh, start, p) < distance(mesh, start, r):
             t, near = entry(star, k), r
     if t >= 0 and (near == end or closed == 1):
         i = 3 - column_of(mesh.cells, t, start) - column_of(mesh.cells, t, near)
@@ -80,6 +81,7 @@ def relocate_particles(
     cells: Ints2,
     neighbours: Ints2,
     fluid: Ints1,
+    period: Periods,
     corner: Ints1,
     moves: Ints2,
     sites: Reals2,
@@ -92,7 +94,7 @@ def relocate_particles(
     then the other edge is split. Returns how many were relocated before the first that could not be, which is the
     number of moves if all were. scratch (SCRATCH,) is for this kernel's use.
     """
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, corner))
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner))
     star, other_star = ti.static(Segment(scratch, 0), Segment(scratch, STAR + 1))
     done = 0
     ti.loop_config(serialize=True)

@@ -428,7 +428,7 @@ class FittedRemesher(Remesher):
         at_interface = components.mark & ON_INTERFACE > 0
         target = grading.sizing(particles.position, particles.fluid, at_interface, largest, particles.spacing)
         lowered = np.zeros(len(target), dtype=np.int32)
-        launch(limit_gradation, particles.position, mesh.cells, target, lowered, grading.growth)
+        launch(limit_gradation, particles.position, mesh.cells, mesh.period.array, target, lowered, grading.growth)
         return target
 
 

@@ -9,9 +9,10 @@ import numpy as np
 
 from tipfem.backend.launch import launch
 from tipfem.case.particles import Particles
+from tipfem.case.period import Period, no_period
 from tipfem.errors import TriangulationError
 from tipfem.mesh.mesh import Mesh
-from tipfem.remesh.edges import coarsen_refine, films_contacts, flips
+from tipfem.remesh.edges import coarsen_refine, films_contacts, flips, refining
 from tipfem.remesh.edges import long_edges as edge_kernels
 from tipfem.remesh.edges.edge_operations import COLUMNS, CURRENT, STALE
 from tipfem.remesh.edges.long_edges import NEEDED, REMOVED, STORED
@@ -51,6 +52,7 @@ class Triangulation:
         cells, neighbours, fluid, corner: see `edge_operations.TriangleArrays`.
         wall: (N,) 1 for wall particles.
         density: (F,) of the fluids [kg/m^3].
+        period: of the positions.
         removed: free list: the particles that were removed and have not been inserted again.
     """
 
@@ -61,6 +63,7 @@ class Triangulation:
     corner: Array
     wall: Array
     density: Array
+    period: Period = field(default_factory=lambda: no_period(2))
     removed: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
     _stale: Array = field(init=False)  # (M,) int8, see `edge_operations.TriangleArrays`
     _marks: Array | None = field(init=False, default=None)  # valid through flips and motion, reset by other changes
@@ -95,6 +98,7 @@ class Triangulation:
             cells,
             neighbours,
             fluid,
+            mesh.period.array,
             measure,
             density,
             np.empty(count),
@@ -105,7 +109,7 @@ class Triangulation:
             work=(elements, flips.GATHER),
         )
         wall = particles.wall.astype(np.int32)
-        t = cls(state, cells, neighbours, fluid, corner, wall, density)
+        t = cls(state, cells, neighbours, fluid, corner, wall, density, mesh.period)
         t._stale = stale
         t._marks = None if mesh.components is None else mesh.components.mark.copy()
         return t
@@ -136,6 +140,7 @@ class Triangulation:
                 self.cells,
                 self.neighbours,
                 self.fluid,
+                self.period.array,
                 self._stale,
                 tolerance,
                 work=(elements, flips.FIND_FLIPS),
@@ -149,6 +154,7 @@ class Triangulation:
                 self.cells,
                 self.neighbours,
                 self.fluid,
+                self.period.array,
                 self.corner,
                 self.wall,
                 self.density,
@@ -213,6 +219,7 @@ class Triangulation:
             self.cells,
             self.neighbours,
             self.fluid,
+            self.period.array,
             edges,
             keys,
             counters,
@@ -227,7 +234,16 @@ class Triangulation:
         size = 3 * len(self.cells)
         edges, keys = np.empty(size, dtype=np.int32), np.empty(size)
         count = launch(
-            edge_kernels.long_edges, self.state, self.cells, self.neighbours, self.fluid, edges, keys, long, long
+            edge_kernels.long_edges,
+            self.state,
+            self.cells,
+            self.neighbours,
+            self.fluid,
+            self.period.array,
+            edges,
+            keys,
+            long,
+            long,
         )
         return _sorted(edges, keys, count)
 
@@ -269,6 +285,7 @@ class Triangulation:
                 self.cells,
                 self.neighbours,
                 self.fluid,
+                self.period.array,
                 self.corner,
                 self.density,
                 self._stale,
@@ -313,6 +330,7 @@ class Triangulation:
             self.cells,
             self.neighbours,
             self.fluid,
+            self.period.array,
             self.corner,
             self.wall,
             self.density,
@@ -391,11 +409,12 @@ class Triangulation:
             cells = np.concatenate([cells, np.arange(first, first + short, dtype=np.int32)])
         counters, touched = np.zeros(2, dtype=np.int32), np.zeros(len(self.cells), dtype=np.int8)
         launch(
-            coarsen_refine.refine,
+            refining.refine,
             self.state,
             self.cells,
             self.neighbours,
             self.fluid,
+            self.period.array,
             self.corner,
             self.wall,
             self.density,
@@ -409,7 +428,7 @@ class Triangulation:
         new = np.flatnonzero(touched)
         beside = self.neighbours[new]
         self._stale[new] = self._stale[beside[beside >= 0]] = STALE
-        inserted = int(counters[coarsen_refine.INSERTED])
+        inserted = int(counters[refining.INSERTED])
         self.removed = self.removed[inserted:]
         self._changed(inserted)
 

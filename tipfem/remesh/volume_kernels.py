@@ -6,8 +6,9 @@ All are serial, in the order of the cells, so that sums are repeatable. Arrays a
 
 import taichi as ti
 
-from tipfem.backend.array_types import Flags1, Ints1, Ints2, Reals1, Reals2, Template
+from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
+from tipfem.backend.periodic import difference
 from tipfem.backend.union_find import find_root
 from tipfem.fem.element import area_of
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE
@@ -36,6 +37,7 @@ def label_components(
     cells: Ints2,
     neighbours: Ints2,
     fluid: Ints1,
+    period: Periods,
     label: Ints1,
     mark: Ints1,
     measure: Reals1,
@@ -89,7 +91,7 @@ def label_components(
         b, f, beside = -1 - label[t], fluid[t], 0
         label[t] = b
         if f >= 0:
-            area = area_of(x, cells, t)
+            area = area_of(x, cells, period, t)
             measure[t] = area
             volume[b] = volume[b] + area
             of[b] = f
@@ -149,6 +151,7 @@ def entry_of(head: Template, chain: Template, i, component):
 def gradients(
     x: Reals2,
     cells: Ints2,
+    period: Periods,
     label: Ints1,
     near: Ints1,
     nodes: Ints1,
@@ -186,8 +189,8 @@ def gradients(
                     gradient[e, 0], gradient[e, 1] = 0.0, 0.0
                     head[i] = e
                 a, b = cells[t, ti.static((k + 1) % 3)], cells[t, ti.static((k + 2) % 3)]
-                gradient[e, 0] = gradient[e, 0] - 0.5 * (x[b, 1] - x[a, 1])
-                gradient[e, 1] = gradient[e, 1] + 0.5 * (x[b, 0] - x[a, 0])
+                gradient[e, 0] = gradient[e, 0] - 0.5 * difference(x, period, b, a, 1)
+                gradient[e, 1] = gradient[e, 1] + 0.5 * difference(x, period, b, a, 0)
     ti.loop_config(serialize=True)
     for n in range(nodes.shape[0]):
         t = ti.Vector([tangent[n, 0], tangent[n, 1]])
@@ -226,12 +229,12 @@ def place_shifted(x: Template, nodes: Template, shift: Template, give_up):
 
 
 @ti.func
-def hold_back(x: Template, cells: Template, near: Template, measure: Template, shift: Template):
+def hold_back(x: Template, cells: Template, period: Template, near: Template, measure: Template, shift: Template):
     """Hold back the particles of cells ``near`` that lost more than half of their area; return how many cells."""
     halved = 0
     for n in range(near.shape[0]):
         t = near[n]
-        if area_of(x, cells, t) < 0.5 * measure[t]:
+        if area_of(x, cells, period, t) < 0.5 * measure[t]:
             halved += 1
             for k in ti.static(range(3)):
                 shift[cells[t, k], DISPLACEMENT], shift[cells[t, k], DISPLACEMENT + 1] = 0.0, 0.0
@@ -242,6 +245,7 @@ def hold_back(x: Template, cells: Template, near: Template, measure: Template, s
 def shift_interfaces(
     x: Reals2,
     cells: Ints2,
+    period: Periods,
     label: Ints1,
     near: Ints1,
     nodes: Ints1,
@@ -276,11 +280,11 @@ def shift_interfaces(
     for trial in range(TRIALS + 1):
         if halved > 0:
             moved = place_shifted(x, nodes, shift, trial == TRIALS)
-            halved = hold_back(x, cells, near, measure, shift)
+            halved = hold_back(x, cells, period, near, measure, shift)
     ti.loop_config(serialize=True)
     for n in range(near.shape[0]):
         t = near[n]
-        area = area_of(x, cells, t)
+        area = area_of(x, cells, period, t)
         gain[label[t]] = gain[label[t]] + (area - measure[t])
         measure[t] = area
     return moved

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from tipfem.backend.launch import launch
+from tipfem.case.period import Period, no_period
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE, Components
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh import volume_kernels as kernels
@@ -22,7 +23,7 @@ ROUNDS = 4  # of Newton's method, see `move_interfaces`
 
 
 def label_components(
-    position: Array, cells: Array, neighbours: Array, fluid: Array, fluids: int
+    position: Array, cells: Array, neighbours: Array, fluid: Array, fluids: int, period: Period | None = None
 ) -> tuple[Components, Array, Array]:
     """The connected components of fluids.
 
@@ -32,6 +33,7 @@ def label_components(
         neighbours: (M, 3) of the cells.
         fluid: (M,) of the cells; removed ones (fluid -1) belong to no component, label -1.
         fluids: F.
+        period: of the positions; none by default.
 
     Returns:
         The components; (M,) areas of the cells, undefined for removed ones, and (K,) volumes of the components [m^2].
@@ -46,6 +48,7 @@ def label_components(
         kernels.label_components,
         np.ascontiguousarray(position),
         *(np.ascontiguousarray(array, dtype=np.int32) for array in (cells, neighbours, fluid)),
+        (period or no_period(2)).array,
         label,
         mark,
         measure,
@@ -70,7 +73,8 @@ def with_components(mesh: Mesh, fluids: int) -> Mesh:
         return mesh
     if mesh.fluid is None:
         raise ValueError("components: the cells of this mesh have no fluids")
-    return mesh.with_(components=label_components(mesh.position, mesh.cells, mesh.neighbours, mesh.fluid, fluids)[0])
+    found = label_components(mesh.position, mesh.cells, mesh.neighbours, mesh.fluid, fluids, mesh.period)
+    return mesh.with_(components=found[0])
 
 
 def restore_volumes(
@@ -100,7 +104,9 @@ def restore_volumes(
     """
     assert old.fluid is not None
     assert new.fluid is not None
-    components, measure, volume = label_components(new.position, new.cells, new.neighbours, new.fluid, fluids)
+    components, measure, volume = label_components(
+        new.position, new.cells, new.neighbours, new.fluid, fluids, new.period
+    )
     before = with_components(old, fluids).components
     assert before is not None
     if total is None:
@@ -170,7 +176,7 @@ def sliding_contacts(mesh: Mesh, slides: Array) -> tuple[Array, Array]:
         return np.zeros(0, dtype=np.int32), np.zeros((0, 2))
     cell, i = np.nonzero(mesh.neighbours < 0)
     before, after = mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]
-    along = mesh.position[after] - mesh.position[before]
+    along = mesh.sides(before, after)
     length = np.linalg.norm(along, axis=1)
     total = np.zeros(len(mesh.position))
     direction = np.zeros_like(mesh.position)
@@ -199,7 +205,7 @@ def _flat(mesh: Mesh, contact: Array, direction: Array) -> Array:
     cells = mesh.cells[near[row]]
     rows = np.arange(len(row))
     one, other = cells[rows, (i + 1) % 3], cells[rows, (i + 2) % 3]
-    edge = mesh.position[other] - mesh.position[one]
+    edge = mesh.sides(one, other)
     length = np.linalg.norm(edge, axis=1)
     for end in (one, other):
         along = np.abs(np.einsum("ki,ki->k", edge, direction[end]))
@@ -247,13 +253,27 @@ def move_interfaces(mesh: Mesh, volume: Array, wanted: Array, limit: float, slid
         if np.abs(missing).max() <= 1e-14 * wanted.sum():
             break
         gram, gain = np.zeros((len(wanted), len(wanted))), np.zeros(len(wanted))
-        launch(kernels.gradients, x, mesh.cells, label, near, nodes, tangent, head, chain, gradient, gram)
+        launch(
+            kernels.gradients,
+            x,
+            mesh.cells,
+            mesh.period.array,
+            label,
+            near,
+            nodes,
+            tangent,
+            head,
+            chain,
+            gradient,
+            gram,
+        )
         # The volumes sum to that of the tank, so one combination of the factors has no effect.
         factor = np.linalg.lstsq(gram, missing, rcond=1e-10)[0]
         moved = launch(
             kernels.shift_interfaces,
             x,
             mesh.cells,
+            mesh.period.array,
             label,
             near,
             nodes,

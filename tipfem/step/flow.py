@@ -253,6 +253,7 @@ class FlowProblem:
         launch(
             assembly.residual,
             *self._topology,
+            self.mesh.period.array,
             self._motion,
             self._density,
             self._viscosity,
@@ -379,6 +380,7 @@ class FlowProblem:
             step_limits.step_limits,
             self._topology[0],
             self._motion,
+            self.mesh.period.array,
             self._target,
             x,
             self.buffers.partials("limits", 3),

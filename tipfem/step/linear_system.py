@@ -187,6 +187,7 @@ class LinearSystem:
             schur.scale_and_laplacian,
             *topology,
             position,
+            mesh.period.array,
             *material,
             held,
             padded,

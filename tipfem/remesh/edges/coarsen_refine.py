@@ -1,4 +1,4 @@
-"""Kernels that remove particles from a triangulation and insert some, in place, on `edge_operations.TriangleArrays`.
+"""Kernels that remove particles from a triangulation, in place, on `edge_operations.TriangleArrays`.
 
 All cells are examined and flagged in parallel; the few changes that follow are made serially.
 Limits are relative to the target spacings where they are applied, those of areas to the squares. A collapse changes the
@@ -9,20 +9,20 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from tipfem.backend.array_types import Flags1, Ints1, Ints2, Reals1, Reals2, Template
+from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
+from tipfem.backend.periodic import difference, middle
 from tipfem.remesh.edges.edge_operations import (
-    INTERPOLATED,
     MASS,
     STAR,
     TARGET,
     Segment,
     TriangleArrays,
     add_mass,
+    beside,
     can_collapse,
     collapse,
     collect_star,
-    column_of,
     distance,
     distribute_momentum,
     double_area,
@@ -34,7 +34,7 @@ from tipfem.remesh.edges.edge_operations import (
     momentum_of,
     ring,
     set_entry,
-    split,
+    square_distance,
     target,
 )
 from tipfem.remesh.edges.long_edges import REMOVED, STORED, edge_key, keep_longest
@@ -44,13 +44,10 @@ TOO_CLOSE, ALONG_INTERFACE, TO_INTERFACE, FILM, LEAST_AREA, LONG_EDGE, LIMITS = 
 # Options of `coarsen`, see there.
 MOST, WAITING, EVERY_EDGE, OPTIONS = 0, 1, 2, 3
 COUNTERS = 3  # of `coarsen`: REMOVED, STORED, NEEDED
-# Counters of `refine`.
-INSERTED, CELLS_USED = 0, 1
 # Bits of the flags of particles that crowd others: what is near.
 NEAR_PARTICLE, NEAR_BORDER, NEAR_HULL = 1, 2, 4
 SCRATCH = 3 * (STAR + 1) + 1  # entries: two stars, and the particles of one
 MUCH_LONGER = 1.4  # factor on the limit of long edges, above which edges inside a fluid need a particle
-SHORT_SIDE = 0.8  # factor on the room that a new particle needs, for its distance to the ends of its edge
 CELL = 15.0  # nanoseconds of one thread for a cell in `coarsen`
 ROUND_OFF = 1e-12
 FAR = 1e30
@@ -94,10 +91,10 @@ def flag_crowding(mesh: Template, limits: Template, flag: Template, t):
             b, c = cells[t, ti.static((i + 1) % 3)], cells[t, ti.static((i + 2) % 3)]
             wanted, close = target(x, b, c), ti.max(limits[TOO_CLOSE], limits[ALONG_INTERFACE])
             reach = close * wanted * (1 + ROUND_OFF)
-            square = (x[b, 0] - x[c, 0]) ** 2 + (x[b, 1] - x[c, 1]) ** 2
+            square = square_distance(mesh, b, c)
             longest = ti.max(longest, square / (wanted * wanted))
             if square < reach * reach or border:
-                length = distance(x, b, c)
+                length = distance(mesh, b, c)
                 if length < close * wanted:
                     ti.atomic_or(flag[b], NEAR_PARTICLE)
                     ti.atomic_or(flag[c], NEAR_PARTICLE)
@@ -114,9 +111,9 @@ def target_on_hull(mesh: Template, limits: Template, star: Template, count, p, c
     """
     x = ti.static(mesh.state)
     one, other = ring(mesh, star, count, p, 0), ring(mesh, star, count, p, count)
-    q = one if distance(x, p, one) < distance(x, p, other) else other
+    q = one if distance(mesh, p, one) < distance(mesh, p, other) else other
     near = limits[FILM] if contact else limits[ALONG_INTERFACE]
-    return q if distance(x, p, q) < near * target(x, p, q) else -1
+    return q if distance(mesh, p, q) < near * target(x, p, q) else -1
 
 
 @ti.func
@@ -126,8 +123,8 @@ def target_on_interface(mesh: Template, limits: Template, p, number, first, seco
     Also -1 where interfaces touch, so that more than two (``number``) of their edges leave p.
     """
     x = ti.static(mesh.state)
-    q = first if distance(x, p, first) < distance(x, p, second) else second
-    apart = distance(x, p, q) >= limits[ALONG_INTERFACE] * target(x, p, q)
+    q = first if distance(mesh, p, first) < distance(mesh, p, second) else second
+    apart = distance(mesh, p, q) >= limits[ALONG_INTERFACE] * target(x, p, q)
     return -1 if number > 2 or apart or first == second else q
 
 
@@ -140,7 +137,7 @@ def target_on_wall(mesh: Template, star: Template, count, p, number, first, seco
     q, gap = -1, FAR
     for m in range(count):
         r = ring(mesh, star, count, p, m)
-        length = distance(mesh.state, p, r)
+        length = distance(mesh, p, r)
         usable = mesh.wall[r] == 1 and (number > 2 or (r != first and r != second))
         if usable and length < gap and can_collapse(mesh, star, count, p, r, least):
             q, gap = r, length
@@ -157,7 +154,7 @@ def target_inside(mesh: Template, limits: Template, star: Template, count, p, ne
     q, gap = -1, FAR
     for m in range(count):
         r = ring(mesh, star, count, p, m)
-        length = distance(x, p, r)
+        length = distance(mesh, p, r)
         usable = length < limits[TOO_CLOSE] * target(x, p, r) or near_border
         if usable and length < gap and can_collapse(mesh, star, count, p, r, least):
             q, gap = r, length
@@ -217,10 +214,11 @@ def keep_enclosed_area(mesh: Template, star: Template, count, a, p, q, b, least)
         The momentum (2) and the mass that particles gain.
     """
     x = ti.static(mesh.state)
-    ex, ey = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1]
-    wanted = double_area(x, a, p, q) + double_area(x, a, q, b)
-    mx, my = 0.5 * (x[p, 0] + x[q, 0]), 0.5 * (x[p, 1] + x[q, 1])
-    has = ex * (my - x[a, 1]) - ey * (mx - x[a, 0])
+    ex, ey = difference(x, mesh.period, b, a, 0), difference(x, mesh.period, b, a, 1)
+    wanted = double_area(mesh, a, p, q) + double_area(mesh, a, q, b)
+    mx, my = middle(x, mesh.period, q, p, 0), middle(x, mesh.period, q, p, 1)
+    am = beside(mesh, a, ti.Vector([mx, my]))
+    has = ex * am[1] - ey * am[0]
     # double_area(a, m, b) = (m - a) x (b - a) = -e x (m - a)
     shift = (wanted + has) / (ex * ex + ey * ey)
     old = ti.Vector([x[q, 0], x[q, 1]])
@@ -357,6 +355,7 @@ def coarsen(
     cells: Ints2,
     neighbours: Ints2,
     fluid: Ints1,
+    period: Periods,
     corner: Ints1,
     wall: Ints1,
     density: Reals1,
@@ -388,7 +387,7 @@ def coarsen(
     edges, and [NEEDED] ones that should be split. scratch (SCRATCH,), flag (N,) and span (M,) are for this kernel's
     use.
     """
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, corner, wall, density, stale))
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale))
     room = ti.static(room_in(scratch))
     ti.loop_config(serialize=serial)
     for i in range(state.shape[0]):
@@ -408,92 +407,3 @@ def coarsen(
         if limits[LONG_EDGE] > 0 and fluid[t] >= 0:
             every, waiting = options[EVERY_EDGE], options[WAITING]
             gather_long_edges(mesh, span, edges, keys, counters, t, limits[LONG_EDGE], every, waiting)
-
-
-@ti.func
-def interpolate_midpoint(x: Template, n, b, c):
-    """Set the state of particle n, except its mass, to the mean of those of b and c, which conserves momentum."""
-    for s in range(INTERPOLATED):
-        x[n, s] = 0.5 * (x[b, s] + x[c, s])
-    x[n, TARGET] = target(x, b, c)
-
-
-@ti.func
-def has_room(mesh: Template, t, i, n, room):
-    """Whether particle n, in the middle of the edge opposite corner i of cell t, is ``room`` targets from others."""
-    x, cells = ti.static(mesh.state, mesh.cells)
-    o, least = mesh.neighbours[t, i], room * x[n, TARGET]
-    free = distance(x, n, cells[t, i]) > least and distance(x, n, cells[t, (i + 1) % 3]) > SHORT_SIDE * least
-    if o >= 0:
-        free = free and distance(x, n, cells[o, column_of(mesh.neighbours, o, t)]) > least
-    return free
-
-
-@ti.func
-def insert(mesh: Template, touched: Template, t, i, n, t2, o2):
-    """Split the edge opposite corner i of cell t by particle n, which has its state, and give it its mass.
-
-    t2 and o2: removed cells. touched (M,) is set to 1 for cells that change. Returns how many cells were used, 1 on the
-    hull, where n belongs to the wall, else 2.
-    """
-    o = mesh.neighbours[t, i]
-    add_mass(mesh, t, -1)
-    if o >= 0:
-        add_mass(mesh, o, -1)
-    split(mesh, t, i, n, t2, o2)
-    add_mass(mesh, t, 1)
-    add_mass(mesh, t2, 1)
-    if o >= 0:
-        add_mass(mesh, o, 1)
-        add_mass(mesh, o2, 1)
-    touched[t] = 1
-    touched[t2] = 1
-    mesh.wall[n] = 1
-    used = 1
-    if o >= 0:
-        mesh.wall[n] = 0
-        touched[o] = 1
-        touched[o2] = 1
-        used = 2
-    return used
-
-
-@kernel
-def refine(
-    state: Reals2,
-    cells: Ints2,
-    neighbours: Ints2,
-    fluid: Ints1,
-    corner: Ints1,
-    wall: Ints1,
-    density: Reals1,
-    edges: Ints1,
-    removed_cells: Ints1,
-    removed: Ints1,
-    touched: Flags1,
-    counters: Ints1,
-    room: ti.f64,
-):
-    """Insert the ``removed`` particles (P,) in the middle of edges, in the order given.
-
-    edges (K,): names as of `long_edges`. An edge is skipped if a cell beside it was changed already or if a
-    particle is closer than ``room`` target spacings to its middle. removed_cells (2 P + 1,): for the cells that are
-    created. A new particle takes the mean of the two states; on the edge of a wall it belongs to the wall. touched
-    (M,), zero before: cells that were changed. counters, zero before: [INSERTED] particles, the first of ``removed``,
-    and [CELLS_USED] of the removed ones.
-    """
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, corner, wall, density))
-    ti.loop_config(serialize=True)
-    for k in range(edges.shape[0]):
-        if counters[INSERTED] < removed.shape[0]:
-            t, i = edges[k] // 3, edges[k] % 3
-            o = neighbours[t, i]
-            usable = touched[t] == 0
-            if o >= 0 and usable:
-                usable = touched[o] == 0
-            if usable:
-                n, used = removed[counters[INSERTED]], counters[CELLS_USED]
-                interpolate_midpoint(state, n, cells[t, (i + 1) % 3], cells[t, (i + 2) % 3])
-                if has_room(mesh, t, i, n, room):
-                    counters[CELLS_USED] += insert(mesh, touched, t, i, n, removed_cells[used], removed_cells[used + 1])
-                    counters[INSERTED] += 1

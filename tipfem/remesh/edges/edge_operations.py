@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import taichi as ti
 
 from tipfem.backend.array_types import Template
+from tipfem.backend.periodic import difference
 
 # Largest number of cells around one particle that is collected; six is the mean.
 STAR = 60
@@ -32,6 +33,7 @@ class TriangleArrays(NamedTuple):
         corner: (N,) one cell at each particle, -1 for a removed particle.
         wall: (N,) 1 for wall particles.
         density: (F,) of the fluids [kg/m^3].
+        period: of the positions, see `tipfem.backend.periodic`.
         stale: (M,) int8 `STALE` for cells that may have an edge to flip, else `CURRENT`; `TO_FLIP` where `flips` found
             one.
     """
@@ -40,6 +42,7 @@ class TriangleArrays(NamedTuple):
     cells: Any
     neighbours: Any
     fluid: Any
+    period: Any
     corner: Any = None
     wall: Any = None
     density: Any = None
@@ -73,21 +76,48 @@ def set_entry(segment: Template, m, value):
 
 
 @ti.func
-def double_area(x: Template, a, b, c):
+def side(mesh: Template, a, b):
+    """The vector (2,) from particle a to particle b, see `periodic.difference`."""
+    return ti.Vector([difference(mesh.state, mesh.period, b, a, k) for k in ti.static(range(2))])
+
+
+@ti.func
+def double_area(mesh: Template, a, b, c):
     """Twice the signed area of a triangle."""
-    return (x[b, 0] - x[a, 0]) * (x[c, 1] - x[a, 1]) - (x[b, 1] - x[a, 1]) * (x[c, 0] - x[a, 0])
+    x, period = ti.static(mesh.state, mesh.period)
+    return difference(x, period, b, a, 0) * difference(x, period, c, a, 1) - difference(
+        x, period, b, a, 1
+    ) * difference(x, period, c, a, 0)
 
 
 @ti.func
 def double_cell_area(mesh: Template, t):
     """Twice the signed area of a cell."""
-    return double_area(mesh.state, mesh.cells[t, 0], mesh.cells[t, 1], mesh.cells[t, 2])
+    return double_area(mesh, mesh.cells[t, 0], mesh.cells[t, 1], mesh.cells[t, 2])
 
 
 @ti.func
-def distance(x: Template, a, b):
+def distance(mesh: Template, a, b):
     """Distance of two particles."""
-    return ti.sqrt((x[a, 0] - x[b, 0]) ** 2 + (x[a, 1] - x[b, 1]) ** 2)
+    dx, dy = difference(mesh.state, mesh.period, a, b, 0), difference(mesh.state, mesh.period, a, b, 1)
+    return ti.sqrt(dx**2 + dy**2)
+
+
+@ti.func
+def square_distance(mesh: Template, a, b):
+    """Squared distance of two particles."""
+    dx, dy = difference(mesh.state, mesh.period, a, b, 0), difference(mesh.state, mesh.period, a, b, 1)
+    return dx * dx + dy * dy
+
+
+@ti.func
+def beside(mesh: Template, a, point):
+    """The vector (2,) from particle a to a point (2,), with periodic sides to its nearest image."""
+    d = ti.Vector([point[0] - mesh.state[a, 0], point[1] - mesh.state[a, 1]])
+    if ti.static(len(mesh.period.shape) == 2):
+        for k in ti.static(range(2)):
+            d[k] -= mesh.period[0, k] * ti.floor(d[k] * mesh.period[1, k] + 0.5)
+    return d
 
 
 @ti.func
@@ -97,25 +127,26 @@ def target(x: Template, a, b):
 
 
 @ti.func
-def circle_determinant(x: Template, a, b, c, d):
+def circle_determinant(mesh: Template, a, b, c, d):
     """The determinant of Guibas & Stolfi (1985): > 0 for d inside the circle through a, b, c (counter-clockwise).
 
     Returns it and the squares of the distances of a, b and c from d.
     """
-    ax, ay = x[a, 0] - x[d, 0], x[a, 1] - x[d, 1]
-    bx, by = x[b, 0] - x[d, 0], x[b, 1] - x[d, 1]
-    cx, cy = x[c, 0] - x[d, 0], x[c, 1] - x[d, 1]
+    x, period = ti.static(mesh.state, mesh.period)
+    ax, ay = difference(x, period, a, d, 0), difference(x, period, a, d, 1)
+    bx, by = difference(x, period, b, d, 0), difference(x, period, b, d, 1)
+    cx, cy = difference(x, period, c, d, 0), difference(x, period, c, d, 1)
     a2, b2, c2 = ax * ax + ay * ay, bx * bx + by * by, cx * cx + cy * cy
     return a2 * (bx * cy - cx * by) - b2 * (ax * cy - cx * ay) + c2 * (ax * by - bx * ay), a2, b2, c2
 
 
 @ti.func
-def in_circle(x: Template, a, b, c, d):
+def in_circle(mesh: Template, a, b, c, d):
     """How far d lies inside the circle through a, b, c (counter-clockwise), relative to the size of the four.
 
     `circle_determinant` over the square of the largest of its squared distances: > 0 inside.
     """
-    determinant, a2, b2, c2 = circle_determinant(x, a, b, c, d)
+    determinant, a2, b2, c2 = circle_determinant(mesh, a, b, c, d)
     largest = ti.max(a2, b2, c2)
     return determinant / (largest * largest)
 
@@ -162,16 +193,16 @@ def set_cell(mesh: Template, t, a, b, c, na, nb, nc):
 @ti.func
 def should_flip(mesh: Template, t, i, tolerance):
     """Whether the edge opposite corner i of cell t is neither Delaunay nor part of an interface or the hull."""
-    x, cells = ti.static(mesh.state, mesh.cells)
+    cells = ti.static(mesh.cells)
     result = False
     o = mesh.neighbours[t, i]
     if o >= 0 and mesh.fluid[t] >= 0:
         if mesh.fluid[o] == mesh.fluid[t]:
             a, b, c = cells[t, i], cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
             d = cells[o, column_of(mesh.neighbours, o, t)]
-            if in_circle(x, a, b, c, d) > tolerance:
+            if in_circle(mesh, a, b, c, d) > tolerance:
                 # Up to round-off, the four are in convex position for every edge that is not Delaunay.
-                result = double_area(x, a, b, d) > 0 and double_area(x, a, d, c) > 0
+                result = double_area(mesh, a, b, d) > 0 and double_area(mesh, a, d, c) > 0
     return result
 
 
@@ -288,7 +319,7 @@ def can_collapse(mesh: Template, star: Template, count, p, q, least):
         t = entry(star, m)
         if column_of(mesh.cells, t, q) < 0:
             k = column_of(mesh.cells, t, p)
-            if double_area(mesh.state, q, mesh.cells[t, (k + 1) % 3], mesh.cells[t, (k + 2) % 3]) < least:
+            if double_area(mesh, q, mesh.cells[t, (k + 1) % 3], mesh.cells[t, (k + 2) % 3]) < least:
                 result = False
     return result
 

@@ -6,7 +6,7 @@ All lengths are relative to the target spacings, areas to their squares.
 
 import taichi as ti
 
-from tipfem.backend.array_types import Flags1, Ints1, Ints2, Reals1, Reals2, Template
+from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE
 from tipfem.remesh.edges.edge_operations import (
@@ -23,6 +23,7 @@ from tipfem.remesh.edges.edge_operations import (
     interface_edges,
     mark_stale,
     ring,
+    side,
     target,
 )
 
@@ -57,9 +58,10 @@ def contact_goal(mesh: Template, displacement: Template, limits: Template, star:
         The displacement [m]; and the direction (2,) of the wall.
     """
     x = ti.static(mesh.state)
-    length = distance(x, one, other)
-    tx, ty = (x[one, 0] - x[other, 0]) / length, (x[one, 1] - x[other, 1]) / length
-    ax, ay = x[a, 0] - x[w, 0], x[a, 1] - x[w, 1]
+    length = distance(mesh, one, other)
+    along, wa = side(mesh, other, one), side(mesh, w, a)
+    tx, ty = along[0] / length, along[1] / length
+    ax, ay = wa[0], wa[1]
     foot, height = ax * tx + ay * ty, ti.abs(ax * ty - ay * tx)
     far = limits[REACH] * x[w, TARGET]
     goal = ti.max(foot - far, ti.min(foot + far, 0.0))
@@ -67,7 +69,8 @@ def contact_goal(mesh: Template, displacement: Template, limits: Template, star:
     number, first, second = interface_edges(mesh, star, count, closed, a)
     if count > 0 and number == 2:
         b = second if first == w else first
-        bx, by = x[b, 0] - x[w, 0], x[b, 1] - x[w, 1]
+        wb = side(mesh, w, b)
+        bx, by = wb[0], wb[1]
         above = ti.abs(bx * ty - by * tx)
         if above > STEEPER * height:
             goal = foot + (foot - bx * tx - by * ty) * height / (above - height)
@@ -76,7 +79,7 @@ def contact_goal(mesh: Template, displacement: Template, limits: Template, star:
     furthest = FASTER * ti.sqrt(dx**2 + dy**2)
     goal = ti.max(-furthest, ti.min(furthest, goal))
     near = limits[GAP] * x[w, TARGET]
-    ahead, behind = distance(x, w, one) - near, distance(x, w, other) - near
+    ahead, behind = distance(mesh, w, one) - near, distance(mesh, w, other) - near
     return ti.max(-ti.max(behind, 0.0), ti.min(ti.max(ahead, 0.0), goal)), ti.Vector([tx, ty])
 
 
@@ -141,8 +144,8 @@ def film_flags(mesh: Template, mark: Template, film, t):
                 bits = AT_INTERFACE
     a, b, c = mesh.cells[t, 0], mesh.cells[t, 1], mesh.cells[t, 2]
     if mark[a] > 0 and mark[b] > 0 and mark[c] > 0:
-        longest = ti.max(distance(x, a, b), distance(x, b, c), distance(x, c, a))
-        if double_area(x, a, b, c) < film * (x[a, TARGET] + x[b, TARGET] + x[c, TARGET]) / 3.0 * longest:
+        longest = ti.max(distance(mesh, a, b), distance(mesh, b, c), distance(mesh, c, a))
+        if double_area(mesh, a, b, c) < film * (x[a, TARGET] + x[b, TARGET] + x[c, TARGET]) / 3.0 * longest:
             bits += IN_FILM
     return bits
 
@@ -162,7 +165,7 @@ def break_film(mesh: Template, t):
     for i in ti.static(range(3)):
         o = mesh.neighbours[t, i]
         if o >= 0:
-            length = distance(mesh.state, mesh.cells[t, (i + 1) % 3], mesh.cells[t, (i + 2) % 3])
+            length = distance(mesh, mesh.cells[t, (i + 1) % 3], mesh.cells[t, (i + 2) % 3])
             if mesh.fluid[o] != mesh.fluid[t] and length > longest:
                 longest, taker = length, mesh.fluid[o]
     if taker >= 0:
@@ -182,8 +185,8 @@ def is_sliver(mesh: Template, mark: Template, limits: Template, t, i: Template):
     if o >= 0:
         if mesh.fluid[o] != mesh.fluid[t]:
             apex, b, c = mesh.cells[t, i], mesh.cells[t, (i + 1) % 3], mesh.cells[t, (i + 2) % 3]
-            length, wanted = distance(x, b, c), target(x, b, c)
-            low = double_area(x, apex, b, c) < limits[SLIVER] * wanted * length
+            length, wanted = distance(mesh, b, c), target(x, b, c)
+            low = double_area(mesh, apex, b, c) < limits[SLIVER] * wanted * length
             sliver = low and length > limits[LONG_EDGE] * wanted and mark[apex] == 0
     return sliver
 
@@ -214,6 +217,7 @@ def repair_interfaces(
     cells: Ints2,
     neighbours: Ints2,
     fluid: Ints1,
+    period: Periods,
     corner: Ints1,
     density: Reals1,
     stale: Flags1,
@@ -246,7 +250,7 @@ def repair_interfaces(
 
     scratch (SCRATCH,) and flag (M,) are for this kernel's use.
     """
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, corner, None, density, stale))
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, None, density, stale))
     star, other_star = ti.static(Segment(scratch, 0), Segment(scratch, STAR + 1))
     ti.loop_config(serialize=True)
     for w in range(state.shape[0]):

@@ -6,7 +6,7 @@ particles; the change of momentum is distributed to the particles around it, unl
 
 import taichi as ti
 
-from tipfem.backend.array_types import Flags1, Ints1, Ints2, Reals1, Reals2, Template
+from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.remesh.edges.edge_operations import (
     ACCELERATION,
@@ -28,6 +28,7 @@ from tipfem.remesh.edges.edge_operations import (
     momentum_of,
     set_entry,
     should_flip,
+    square_distance,
 )
 
 # Counters of `make_delaunay`.
@@ -39,23 +40,16 @@ MARGIN = 0.9  # of the tolerance of flips, for round-off
 
 
 @ti.func
-def square_distance(x: Template, a, b):
-    """Squared distance of two particles."""
-    dx, dy = x[a, 0] - x[b, 0], x[a, 1] - x[b, 1]
-    return dx * dx + dy * dy
-
-
-@ti.func
-def may_flip(x: Template, a, b, c, d, tolerance):
+def may_flip(mesh: Template, a, b, c, d, tolerance):
     """Whether the edge b-c between cells (a, b, c) and (d, c, b) may not be Delaunay, by the test from either cell.
 
     The length that `edge_operations.in_circle` divides by depends on the cell. The smaller of the two is used, with a
     margin for round-off.
     """
-    inside, ad, bd, cd = circle_determinant(x, a, b, c, d)
+    inside, ad, bd, cd = circle_determinant(mesh, a, b, c, d)
     result = False
     if inside > 0.0:
-        beside_d, beside_a = ti.max(bd, cd), ti.max(square_distance(x, a, b), square_distance(x, a, c))
+        beside_d, beside_a = ti.max(bd, cd), ti.max(square_distance(mesh, a, b), square_distance(mesh, a, c))
         largest = ti.max(ad, ti.min(beside_d, beside_a))
         result = inside > MARGIN * tolerance * largest * largest
     return result
@@ -71,7 +65,7 @@ def mark_flips(mesh: Template, t, tolerance):
             if mesh.fluid[o] == mesh.fluid[t]:
                 b, c = cells[t, ti.static((i + 1) % 3)], cells[t, ti.static((i + 2) % 3)]
                 d = cells[o, 0] + cells[o, 1] + cells[o, 2] - b - c
-                if may_flip(mesh.state, cells[t, i], b, c, d, tolerance):
+                if may_flip(mesh, cells[t, i], b, c, d, tolerance):
                     mesh.stale[t] = ti.i8(STALE)
                     mesh.stale[o] = ti.i8(STALE)
 
@@ -127,12 +121,13 @@ def find_flips(
     cells: Ints2,
     neighbours: Ints2,
     fluid: Ints1,
+    period: Periods,
     stale: Flags1,
     tolerance: ti.f64,
     serial: Template,
 ):
     """`mark_flips` of all cells; stale (M,) is zero before."""
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, stale=stale))
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, stale=stale))
     ti.loop_config(serialize=serial)
     for t in range(cells.shape[0]):
         if fluid[t] >= 0:
@@ -145,6 +140,7 @@ def make_delaunay(
     cells: Ints2,
     neighbours: Ints2,
     fluid: Ints1,
+    period: Periods,
     corner: Ints1,
     wall: Ints1,
     density: Reals1,
@@ -160,7 +156,7 @@ def make_delaunay(
     and scratch (4,) are for this kernel's use. counters: [FLIPS] made, [ENDLESS] set to 1 if they did not
     terminate, [STACK_FULL] set to 1 if the stack was too small, so that the kernel must run again.
     """
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, corner, wall, density, stale))
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale))
     four = ti.static(Segment(scratch))
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):
@@ -187,6 +183,7 @@ def gather(
     cells: Ints2,
     neighbours: Ints2,
     fluid: Ints1,
+    period: Periods,
     measure: Reals1,
     density: Reals1,
     mass: Reals1,
@@ -201,7 +198,7 @@ def gather(
     measure (M,): areas of the cells; ``cells`` may have room for more. corner (N,) is the last cell at each particle.
     mass (N,) is scratch. stale (M,), zero before: see `find_flips`.
     """
-    mesh = ti.static(TriangleArrays(position, cells, neighbours, fluid, stale=stale))
+    mesh = ti.static(TriangleArrays(position, cells, neighbours, fluid, period, stale=stale))
     ti.loop_config(serialize=True)
     for n in range(position.shape[0]):
         mass[n], corner[n] = 0.0, -1

@@ -6,9 +6,9 @@ target; to edges of interfaces and of the hull that are longer than ``long``, ``
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
+from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
-from tipfem.remesh.edges.edge_operations import TriangleArrays, distance, is_border, target
+from tipfem.remesh.edges.edge_operations import TriangleArrays, distance, is_border, side, target
 
 FIRST = 1e3
 ROUND_OFF = 1e-12  # of comparisons that only save work
@@ -27,9 +27,9 @@ def edge_key(mesh: Template, t, i: Template, long, least):
         border = is_border(mesh, t, i)
         bound = ti.min(least, long) if border else least
         wanted = target(x, b, c)
-        dx, dy = x[b, 0] - x[c, 0], x[b, 1] - x[c, 1]
-        if dx * dx + dy * dy > bound * bound * wanted * wanted * (1 - ROUND_OFF):
-            key = distance(x, b, c) / wanted
+        cb = side(mesh, c, b)
+        if cb[0] * cb[0] + cb[1] * cb[1] > bound * bound * wanted * wanted * (1 - ROUND_OFF):
+            key = distance(mesh, b, c) / wanted
             if border and key > long:
                 key += FIRST * long
     return key
@@ -65,10 +65,10 @@ def sift_down(keys: Template, edges: Template, size):
     going = True
     while going:
         last = m
-        for side in ti.static(range(1, 3)):
-            if 2 * m + side < size:
-                if comes_after(keys, edges, 2 * m + side, last):
-                    last = 2 * m + side
+        for child in ti.static(range(1, 3)):
+            if 2 * m + child < size:
+                if comes_after(keys, edges, 2 * m + child, last):
+                    last = 2 * m + child
         going = last != m
         if going:
             exchange(keys, edges, m, last)
@@ -100,6 +100,7 @@ def longest_edges(
     cells: Ints2,
     neighbours: Ints2,
     fluid: Ints1,
+    period: Periods,
     edges: Ints1,
     keys: Reals1,
     counters: Ints1,
@@ -111,7 +112,7 @@ def longest_edges(
 
     counters, zero before: [STORED] how many there are, [NEEDED] how many keys are above ``needed``.
     """
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid))
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period))
     most = edges.shape[0]
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):
@@ -131,13 +132,14 @@ def long_edges(
     cells: Ints2,
     neighbours: Ints2,
     fluid: Ints1,
+    period: Periods,
     edges: Ints1,
     keys: Reals1,
     long: ti.f64,
     least: ti.f64,
 ) -> ti.i32:
     """edges, keys (3 M,): all edges of keys above ``least``, in the order of their names; returns how many."""
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid))
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period))
     count = 0
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):

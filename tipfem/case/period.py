@@ -1,0 +1,86 @@
+"""Period: the widths of the periodic sides of a domain, along which what leaves on one side enters on the other."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from tipfem.typing import Array
+
+
+class Period:
+    """The periodic axes of a domain of d dimensions; along each it begins at 0.
+
+    Args:
+        width: (d,) of the domain along each axis [m]; 0 for an axis that is not periodic.
+
+    Attributes:
+        width: as given.
+        axes: numbers of the periodic axes.
+        array: for kernels, see `tipfem.backend.periodic`.
+    """
+
+    def __init__(self, width: Array) -> None:
+        self.width = np.asarray(width, dtype=float)
+        self.axes = [int(k) for k in np.flatnonzero(self.width > 0)]
+        inverse = np.divide(1.0, self.width, out=np.zeros(len(self.width)), where=self.width > 0)
+        self.array = np.stack([self.width, inverse]) if self.axes else np.zeros(1)
+
+    def __bool__(self) -> bool:
+        """Whether any axis is periodic."""
+        return bool(self.axes)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Period) and np.array_equal(self.width, other.width)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        return f"Period({self.width.tolist()})"
+
+    @cached_property
+    def tree_box(self) -> Array | None:
+        """``boxsize`` of `scipy.spatial.cKDTree` for positions that are `wrapped`; None without periodic axes."""
+        return self.width if self else None
+
+    def shortest(self, difference: Array, axis: int | None = None) -> Array:
+        """Differences of positions (..., d) [m], each to the nearest image.
+
+        Args:
+            difference: the same array is returned where no axis is periodic.
+            axis: the axis that ``difference`` (...,) is along; by default it has components along all.
+        """
+        for k in self.axes:
+            inverse = self.array[1, k]
+            if axis is None:
+                difference = difference.copy()
+                difference[..., k] -= self.width[k] * np.floor(difference[..., k] * inverse + 0.5)
+            elif axis == k:
+                difference = difference - self.width[k] * np.floor(difference * inverse + 0.5)
+        return difference
+
+    def wrapped(self, position: Array) -> Array:
+        """Positions (N, d) [m] inside the domain, 0 <= x < width; the same array where none has to move."""
+        for k in self.axes:
+            x, width = position[:, k], self.width[k]
+            out = (x < 0) | (x >= width)
+            if out.any():
+                position = position.copy()
+                inside = x[out] - width * np.floor(x[out] / width)
+                position[out, k] = np.where(inside < width, inside, 0.0)
+        return position
+
+    def unwrapped(self, corners: Array) -> Array:
+        """Corners (M, n, d) of cells [m], each beside the first corner of its cell; the same array if not periodic."""
+        if not self:
+            return corners
+        return np.asarray(corners[:, :1] + self.shortest(corners - corners[:, :1]))
+
+
+def no_period(dimension: int) -> Period:
+    """No axis of ``dimension`` is periodic."""
+    return _NONE[dimension]
+
+
+_NONE = {d: Period(np.zeros(d)) for d in (1, 2, 3)}
