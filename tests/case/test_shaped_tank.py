@@ -52,6 +52,45 @@ def test_the_first_mesh_has_every_edge_of_the_boundary_and_fills_the_domain(name
     assert length.min() > 0.4 * h
 
 
+@pytest.mark.parametrize("name", ["block", "bowl", "ring", "inclined", "far"])
+def test_a_grading_thins_out_the_first_mesh_inside_and_along_straight_walls(name, water):
+    shape, h = SHAPES[name]
+    shape, h = tp.shapes.Shape.of(shape), 0.4 * h
+    middle, width = shape.box.mean(axis=0), np.ptp(shape.box, axis=0).max()
+
+    def where(x):
+        return h + 0.15 * np.maximum(np.linalg.norm(x - middle, axis=1) - 0.15 * width, 0.0)
+
+    tank = tp.tank(shape=shape, spacing=h).fill(water)
+    every = tank.sample([water], fitted=True)
+    particles = tank.sample([water], fitted=True, grading=tp.Grading(where=where))
+    assert len(particles) < 0.7 * len(every)
+    mesh = triangulate(particles.position, particles.wall, h, tank.domain.edges_of(particles))
+    assert mesh.measure.sum() == pytest.approx(tank.domain.area, rel=1e-12)
+    assert mesh.used.all()
+    side = mesh.position[mesh.cells] - np.roll(mesh.position[mesh.cells], 1, axis=1)
+    length = np.linalg.norm(side, axis=2)
+    cosine = -(side * np.roll(side, -1, axis=1)).sum(axis=2) / length / np.roll(length, -1, axis=1)
+    assert np.degrees(np.arccos(cosine)).min() > 12
+    assert (length.max(axis=1) < 2.2 * where(mesh.position[mesh.cells].mean(axis=1))).all()
+    # Fewer on walls, but none of the corners on arcs is left out.
+    assert particles.wall.sum() <= every.wall.sum()
+    assert (particles.wall.sum() < 0.8 * every.wall.sum()) == (name != "ring")
+
+
+def test_layers_at_rest_in_a_graded_tank_with_a_hole_stay_at_rest(water, air):
+    hole = tp.shapes.circle((0.5, 0.27), 0.15, name="hole")
+    tank = tp.tank(shape=tp.shapes.rectangle((0, 0), (1, 1), holes=[hole]), spacing=0.025)
+    tank.fill(air).fill(water, box=((0, 0), (1, 0.5)))
+    case = tp.Case(tank, [water, air], (0, -9.81), grading=tp.Grading({"water": 0.1, "air": 0.1}))
+    assert len(case.particles) < 900  # 1600 without
+    assert (case.particles.position[:, 1] == 0.5).sum() >= 28  # the interface is at the spacing
+    simulation = tp.Simulation(case)
+    for _ in range(5):
+        simulation.step()
+    assert simulation.particles.max_speed < 1e-9
+
+
 def test_a_circle_becomes_a_polygon_with_its_corners_on_it():
     domain = domain_of(RING, 0.05)
     radius = np.linalg.norm(domain.start, axis=1)

@@ -13,6 +13,7 @@ from tipfem.arguments import is_number
 from tipfem.case import lattice
 from tipfem.case.curves import SMOOTH
 from tipfem.case.domain import ON_BOUNDARY, Domain, domain_of
+from tipfem.case.domain_grading import Points, thinned_in_domain
 from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading
 from tipfem.case.lattice import BISECTIONS, heaviest_beside
@@ -85,7 +86,7 @@ class ShapedTank(Tank):
         self.domain = domain = self._domain(part)
         lines = self._lines(domain, is_empty if empty else None, fitted=fitted)
         edge = _along_walls(domain, self.spacing, lines, part)
-        position, wall = self._lattice(domain, lines, edge)
+        position, wall, line = self._lattice(domain, lines, edge)
         on_face = np.zeros(len(position), dtype=bool)
         if part is not None:
             position, wall, on_face = _fitted_to_faces(position, wall, domain, self.spacing, part)
@@ -99,6 +100,12 @@ class ShapedTank(Tank):
         if self.jitter:
             position = self._jittered(position, ~wall & ~on_face, domain)
         kept = wall | (fluid >= 0)
+        if grading:
+            added = np.full((len(position) - len(line), 2), -1)
+            between = on_face.copy()
+            between[wall] &= _between_parts(position[wall], domain, self.spacing, fluid_at)
+            points = Points(position, np.concatenate([line, added]), wall, between, fluid)
+            kept &= thinned_in_domain(grading, points, domain, fluids, self.spacing)
         velocity = np.zeros_like(position)
         for region in self.regions:
             inside = region.mask(position)
@@ -172,14 +179,18 @@ class ShapedTank(Tank):
             result.append(lines)
         return result
 
-    def _lattice(self, domain: Domain, lines: list[Array], edge: Array) -> tuple[Array, Array]:
-        """Positions (N, 2), those on walls first, and the mask (N,) of these."""
+    def _lattice(self, domain: Domain, lines: list[Array], edge: Array) -> tuple[Array, Array, Array]:
+        """Positions (N, 2), those on walls first, the mask (N,) of these, and lines (N, 2), see `Points`."""
         points = np.stack([x.ravel() for x in np.meshgrid(*lines, indexing="ij")], axis=1)
-        points = points[domain.contains(points)]
-        points = points[domain.depth(points, OFF_WALL * self.spacing) == np.inf]
+        from_end = [np.minimum(np.arange(len(x)), np.arange(len(x))[::-1]) for x in lines]
+        line = np.stack([k.ravel() for k in np.meshgrid(*from_end, indexing="ij")], axis=1)
+        inside = domain.contains(points)
+        points, line = points[inside], line[inside]
+        off = domain.depth(points, OFF_WALL * self.spacing) == np.inf
+        points, line = points[off], line[off]
         wall = np.zeros(len(edge) + len(points), dtype=bool)
         wall[: len(edge)] = True
-        return np.concatenate([edge, points]), wall
+        return np.concatenate([edge, points]), wall, np.concatenate([np.full(edge.shape, -1), line])
 
     def _jittered(self, position: Array, moves: Array, domain: Domain) -> Array:
         """The positions with the particles that ``moves`` (N,) displaced at random, unless they come near a wall."""
@@ -320,6 +331,15 @@ def _on_face(x: Array, spacing: float, part: Callable[[Array], Array]) -> Array:
             shifted[:, axis] += step
             found |= part(shifted) != label
     return found
+
+
+def _between_parts(x: Array, domain: Domain, spacing: float, part: Callable[[Array], Array]) -> Array:
+    """Mask (K,) of the points (K, 2) on walls where a face between parts ends; not where parts end at walls."""
+    corners = 1e-7 * spacing * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    around = (x[:, None] + corners).reshape(-1, 2)
+    label, inside = part(around).reshape(-1, 4), domain.contains(around).reshape(-1, 4)
+    lowest = np.where(inside, label, np.iinfo(np.int32).max).min(axis=1)
+    return np.asarray(np.where(inside, label, -1).max(axis=1) > lowest)
 
 
 def tank(

@@ -77,8 +77,14 @@ def rolling_barge(spacing: float, *, length: float = 2.4, height: float = 1.2) -
         inertia=BARGE_INERTIA / BARGE_LENGTH,
         hinge=(0.5 * length, BARGE_DEPTH),
     )
+
+    def near(x: Array) -> Array:
+        off = np.maximum(np.abs(x - (0.5 * length, BARGE_DEPTH)) - (0.6 * BARGE[0], 1.2 * BARGE[1]), 0.0)
+        return np.asarray(np.minimum(spacing + 0.2 * np.hypot(*off.T), 0.06))
+
     tank = tp.tank((length, height), spacing).fill(AIR).fill(WATER, box=((0, 0), (length, BARGE_DEPTH))).add(body)
-    return tp.Case(tank, [AIR, WATER], (0, -GRAVITY), title="A barge rolls")
+    grading = tp.Grading(where=near)
+    return tp.Case(tank, [AIR, WATER], (0, -GRAVITY), grading=grading, title="A barge rolls")
 
 
 def faxen(ratio: float) -> float:

@@ -3,7 +3,9 @@
 A box of half the density of water comes to rest at the draught of Archimedes, and one of a hundredth of it is let go
 under water. A barge is released at an angle (Jung, Chang & Jo, Ocean Engineering 33, 2006). A heavy cylinder falls
 between two walls at the speed of Faxen's series (1946). A cylinder oscillates in a fluid at rest (Dutsch, Durst, Becker
-& Lienhart, J. Fluid Mech. 360, 1998). A paddle stirs two fluids for ten turns, whose volumes stay.
+& Lienhart, J. Fluid Mech. 360, 1998). A paddle stirs two fluids for ten turns, whose volumes stay. A cylinder is let go
+above where it floats, and heaves (Maskell & Ursell, J. Fluid Mech. 44, 1970). The waves of a piston at three
+frequencies have the height over its stroke of linear theory.
 
     summary.json      figures of all flows
     bodies.png        what was measured over time
@@ -23,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tipfem.demos import harness
 from tipfem.demos.support.figures import COLOURS, new_figure, save
-from tipfem.demos.validation.bodies import flows
+from tipfem.demos.validation.bodies import flows, waves
 
 import tipfem as tp
 
@@ -37,16 +39,29 @@ FINE: dict[str, tuple[int, ...]] = {
     "falling": (8, 16),
     "oscillating": (16, 32),
     "stirring": (30,),
+    "heaving": (8, 16),
+    "wavemaker": (10, 16),
 }
-SHORT = {"draught": (20,), "light": (20,), "rolling": (5,), "falling": (6,), "oscillating": (8,), "stirring": (16,)}
+SHORT = {
+    "draught": (20,),
+    "light": (20,),
+    "rolling": (5,),
+    "falling": (6,),
+    "oscillating": (8,),
+    "stirring": (16,),
+    "heaving": (8,),
+    "wavemaker": (8,),
+}
 # Check: the largest errors at the finer resolutions.
 LIMITS = {"draught": 5e-3, "falling": 0.02, "volume": 1e-6, "drag_error": 0.05, "inertia_error": 0.05}
-SHORT_LIMITS = {"draught": 0.05, "falling": 0.04, "volume": 1e-6}
+LIMITS |= {"period_error": 0.05, "ratio_error": 0.05}
+SHORT_LIMITS = {"draught": 0.05, "falling": 0.04, "volume": 1e-6, "ratio_error": 0.08}
 END = {"draught": 4.0, "light": 2.0, "rolling": 2.6, "oscillating": 10.0}  # [s]; --short goes half of the way
 TURNS = 10
+HEAVING = 12.0  # [sqrt(a / g)]
 
 Figures = dict[str, float]
-Curve = tuple[Array, Array, float]  # times [s], values, and the value to be compared with
+Curve = tuple[Array, Array, float | Array]  # times [s], values, and the value or values to be compared with
 
 
 def draught(across: int, short: bool) -> tuple[Figures, Curve]:
@@ -116,6 +131,45 @@ def stirring(across: int, short: bool) -> tuple[Figures, Curve]:
     return figures, (column(simulation, "time"), column(simulation, "paddle_moment"), 0.0)
 
 
+def heaving(across: int, short: bool) -> tuple[Figures, Curve]:
+    """Heave of a cylinder that is let go: its period by the zeros, against linear theory."""
+    end = HEAVING / (2 if short else 1)
+    simulation = tp.Simulation(waves.heaving_cylinder(across), time_step=0.04 * waves.UNIT)
+    flows.advance(simulation, end * waves.UNIT)
+    time = column(simulation, "time") / waves.UNIT
+    heave = (column(simulation, "cylinder_y") / waves.RADIUS - waves.DEPTH) / waves.LIFT
+    exact = waves.heave_response(time)
+    # Zeros are a half period apart, and the first is a quarter after the start.
+    error = zeros(time, heave)[-1] / zeros(time, exact)[-1] - 1
+    figures = {"period_error": float(error), "rms": float(np.sqrt(((heave - exact) ** 2).mean()))}
+    return figures, (time, heave, exact)
+
+
+def wavemaker(across: int, short: bool) -> tuple[Figures, Curve]:
+    """Height of the waves over the stroke of a piston at three frequencies, against linear theory."""
+    figures, errors = {}, []
+    for kh in list(waves.WAVES)[1:2] if short else waves.WAVES:
+        gauge = tp.WaveGauge(name="gauge", x=waves.STEADY, fluid="water")
+        simulation = tp.Simulation(
+            waves.wave_maker(kh, across), time_step=waves.wave_period(kh) / waves.STEPS, probes=[gauge]
+        )
+        simulation.run(waves.wave_window(kh)[1], progress=False)
+        time, level = simulation.probes["gauge"]["time"], simulation.probes["gauge"]["height"]
+        ratio = waves.wave_height(time, level, kh) / waves.stroke(kh)
+        figures[f"ratio_{kh:g}"] = ratio
+        errors.append(ratio / waves.stroke_ratio(kh) - 1)
+        if kh == list(waves.WAVES)[1]:
+            unit = 0.5 * waves.stroke(kh) * waves.stroke_ratio(kh)
+            curve = time / waves.wave_period(kh), (level - 1.0) / unit, waves.tank_waves(kh, time) / unit
+    return {**figures, "ratio_error": float(max(errors, key=abs))}, curve
+
+
+def zeros(time: Array, values: Array) -> Array:
+    """Times at which values (K,) change their sign, linear between samples."""
+    k = np.flatnonzero(values[1:] * values[:-1] < 0)
+    return np.asarray(time[k] - values[k] * (time[k + 1] - time[k]) / (values[k + 1] - values[k]))
+
+
 STUDIES: dict[str, tuple[Callable[[int, bool], tuple[Figures, Curve]], str]] = {
     "draught": (draught, "draught of the box / Archimedes"),
     "light": (light, "height of a box of density 10 [m]"),
@@ -123,6 +177,8 @@ STUDIES: dict[str, tuple[Callable[[int, bool], tuple[Figures, Curve]], str]] = {
     "falling": (falling, "speed / Faxen"),
     "oscillating": (oscillating, "force on the cylinder [N/m]"),
     "stirring": (stirring, "moment on the paddle [N]"),
+    "heaving": (heaving, "heave / start, over t / (a/g)^1/2"),
+    "wavemaker": (wavemaker, "elevation / theory's, kh = 1.5"),
 }
 
 
@@ -150,7 +206,10 @@ def plot(path: Path, curves: Mapping[str, Mapping[int, Curve]]) -> None:
         axes = figure.add_subplot((len(curves) + 1) // 2, 2, number + 1)
         for (across, (time, values, known)), colour in zip(runs.items(), COLOURS, strict=False):
             axes.plot(time, values, color=colour, linewidth=1.2, label=f"{across} spacings")
-            axes.axhline(known, color="black", linewidth=0.8, linestyle="--")
+            if np.ndim(known):
+                axes.plot(time, known, color="black", linewidth=0.8, linestyle="--")
+            else:
+                axes.axhline(float(known), color="black", linewidth=0.8, linestyle="--")
         axes.set_xlabel("t [s]")
         axes.set_ylabel(STUDIES[flow][1], fontsize=8)
         axes.grid(alpha=0.3)
