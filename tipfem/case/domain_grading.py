@@ -83,4 +83,4 @@ def thinned_in_domain(
             apart = ALONG_WALL * target[k]
             if place - behind >= apart and ahead - place >= 0.5 * apart:
                 kept[k], behind = True, place
-    return kept
+    return np.asarray(kept)
