@@ -196,7 +196,7 @@ class Numerics:
     momentum_transfer: bool = True
     newton_tolerance: float = 1e-5
     acceleration_tolerance: float = 1e-2
-    newton_iterations: int = 8
+    newton_iterations: int = 12
     jacobian: str = "rows"
     pressure: str = "continuous"
     largest_move: float = 0.35

@@ -228,7 +228,7 @@ class NumericsTable(Model):
     acceleration_tolerance: float = quantity(
         "of the same residual as an acceleration, relative to the flow's own", default=1e-2, ge=1e-12, le=1.0
     )
-    newton_iterations: int = quantity("after which a step is refused", default=8, ge=1, le=100)
+    newton_iterations: int = quantity("after which a step is refused", default=12, ge=1, le=100)
     jacobian: Literal["rows", "matrix-free"] = quantity(
         "rows: gather the Jacobian; matrix-free: compute its products from the elements", default="rows"
     )

@@ -91,3 +91,26 @@ def step_limits(
         result[0] = ti.min(result[0], partial[c, 0])
         result[1] = ti.max(result[1], partial[c, 1])
         result[2] += partial[c, 2]
+
+
+@kernel
+def add_correction(
+    correction: Reals1,
+    x: Reals1,
+    motion_factor: float,
+    pressure_factor: float,
+    nodes: ti.i32,
+    size: ti.i32,
+    dim: Template,
+    serial: Template,
+):
+    """x += factor ``correction``, with one factor for the pressures of the ``nodes`` and one for all other unknowns.
+
+    Unknowns beyond those of the nodes, up to ``size``, are motions of bodies.
+    """
+    ti.loop_config(serialize=serial)
+    for k in range(size):
+        factor = motion_factor
+        if k < nodes * (dim + 1) and k % (dim + 1) == dim:
+            factor = pressure_factor
+        x[k] = x[k] + factor * correction[k]

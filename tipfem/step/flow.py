@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -137,7 +138,8 @@ class FlowProblem:
         self._record = buffers.get("record", self.elements, assembly.record_width(d))
         self._scale = buffers.get("scale", self.size)
         self._r = buffers.get("residual", self.size)
-        self._linearised = False
+        self._linearised = self._corrected = False
+        self._norm = self._smallest = math.nan
         self._dx = buffers.get("correction", self.size)
         self._force, free = body_force, mesh.surface
         # The grid moves with the tank, in whose frame the Laplacian is the same.
@@ -191,10 +193,12 @@ class FlowProblem:
     def predict(self) -> Any:
         """First iterate: constant acceleration and pressure, or no motion where that would invert an element."""
         x = self.vector(self.scheme.predict(self.particles), self.particles.pressure)
-        if self.limits(x).smallest_jacobian < 0.3:
+        self._smallest = self.limits(x).smallest_jacobian
+        if self._smallest < 0.3:
             if isinstance(self.walls, BodyWalls):
                 self.walls.solved(np.zeros_like(self.walls.increment))
             x = self.vector(np.zeros_like(self.mesh.position), self.particles.pressure)
+            self._smallest = 1.0
         return x
 
     def vector(self, displacement: Array, pressure: Array) -> Any:
@@ -277,7 +281,8 @@ class FlowProblem:
         self._rows.residual(self._motion, x, self._scale, self._r)
         if self._bodies:
             self._bodies.residual(x, self._r)
-        return fgmres.largest(self._r, self.size, self.buffers) / self.particles.spacing
+        self._norm = fgmres.largest(self._r, self.size, self.buffers) / self.particles.spacing
+        return self._norm
 
     @timer("jacobian")
     def linearise(self) -> None:
@@ -347,6 +352,7 @@ class FlowProblem:
         """Solve K dx = -r, linearised at the last `residual`, by preconditioned FGMRES and add dx to ``x``.
 
         Where ``tolerance`` is no tighter than the change of K since the last correction, K is not gathered again.
+        The displacements of dx are damped, see `_add`.
 
         Raises:
             StepRefused: the iterations reached their limit before the tolerance.
@@ -370,8 +376,35 @@ class FlowProblem:
                 f"the linear system was not solved in {result.iterations} iterations: its residual is "
                 f"{result.relative_residual:.1e} of the first, the tolerance {tolerance:.1e}"
             )
-        launch(vector_kernels.add, self._dx, x, -1.0, self.size, work=(self.size, vector_kernels.ENTRY))
+        self._add(x)
         return result
+
+    def _add(self, x: Any) -> None:
+        """Subtract the solution of the linear problem from ``x``; of its displacements as much as elements bear.
+
+        The equations are nearly linear in the pressures, but not in the displacements, for pressure acts on elements
+        that they deform. Two things make displacements useless. If the first residual is above `GUESSED`, the pressures
+        of light elements, whose particles changed in the last remeshing, were a bad guess, and so is the Jacobian:
+        then only the pressures are corrected. If an element would be inverted, or nearly, the displacements are halved
+        until J is above `DAMPED`, or half of what it was: there is no way back from iterates with J < 0, although the
+        residual often falls on the way there.
+        """
+        first, self._corrected = not self._corrected, True
+        part = 0.0 if first and self._norm > GUESSED else 1.0
+        self._add_part(x, -part, -1.0)
+        if part == 0.0:
+            return
+        bound = min(DAMPED, 0.5 * self._smallest)
+        self._smallest = self.limits(x).smallest_jacobian
+        while self._smallest < bound and part > SMALLEST_PART:
+            part *= 0.5
+            self._add_part(x, part, 0.0)
+            self._smallest = self.limits(x).smallest_jacobian
+
+    def _add_part(self, x: Any, motion_factor: float, pressure_factor: float) -> None:
+        size, work = self.size, (self.size, vector_kernels.ENTRY)
+        factors = motion_factor, pressure_factor
+        launch(step_limits.add_correction, self._dx, x, *factors, self.nodes, size, self.dimension, work=work)
 
     def limits(self, x: Any) -> StepLimits:
         """Smallest J_{n+1} and largest displacement of ``x``, relative to the tank's motion."""
@@ -397,4 +430,7 @@ class FlowProblem:
 
 
 MAX_KRYLOV_ITERATIONS = 80
+GUESSED = 0.3  # first residual above which pressures are corrected before displacements [spacings]
+DAMPED = 0.2  # J that a correction leaves to every element
+SMALLEST_PART = 1e-3  # of the displacements of a correction
 KEEPS_JACOBIAN = 3e-2  # linear tolerance above which an iteration reuses the last Jacobian

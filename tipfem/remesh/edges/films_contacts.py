@@ -159,18 +159,54 @@ def change_fluid(mesh: Template, t, fluid):
 
 
 @ti.func
-def break_film(mesh: Template, t):
-    """Give cell t to the fluid beyond its longest edge at an interface; 1 if it has one."""
-    longest, taker = 0.0, -1
+def longest_sides(mesh: Template, t, apart):
+    """The longest edge of cell t at an interface and the cell beyond; the same of those shared with its own fluid.
+
+    Edges shared with cell ``apart`` are left out; where there are none, the length is 0 and the cell -1.
+    """
+    interface, shared = 0.0, 0.0
+    beyond, beside = -1, -1
     for i in ti.static(range(3)):
         o = mesh.neighbours[t, i]
-        if o >= 0:
+        if o >= 0 and o != apart:
             length = distance(mesh, mesh.cells[t, (i + 1) % 3], mesh.cells[t, (i + 2) % 3])
-            if mesh.fluid[o] != mesh.fluid[t] and length > longest:
-                longest, taker = length, mesh.fluid[o]
-    if taker >= 0:
-        change_fluid(mesh, t, taker)
-    return 1 if taker >= 0 else 0
+            if mesh.fluid[o] != mesh.fluid[t]:
+                if length > interface:
+                    interface, beyond = length, o
+            elif length > shared:
+                shared, beside = length, o
+    return interface, beyond, shared, beside
+
+
+@ti.func
+def break_film(mesh: Template, flag: Template, t):
+    """Give cell t of a film to the fluid beyond its longest edge at an interface, and return how many cells changed.
+
+    This edge must be longer than all that t shares with its own fluid, which are at the interface then. Otherwise, it
+    does so together with the cell beyond the longest of those, if both are in the film, for the sides of both:
+    diagonals of films are longer than their edges along the interface. So the longest edges of an interface only ever
+    go, and thin cells side by side do not exchange their fluids in one repair after the other, which would disturb a
+    flow however short its steps are.
+    """
+    changed = 0
+    interface, beyond, shared, beside = longest_sides(mesh, t, -1)
+    if beyond >= 0:
+        fluid = mesh.fluid[beyond]
+        if interface > shared:
+            change_fluid(mesh, t, fluid)
+            changed = 1
+        elif flag[beside] & IN_FILM > 0:
+            one, _, outer, _ = longest_sides(mesh, t, beside)
+            other, opposite, outer_too, _ = longest_sides(mesh, beside, t)
+            same = True
+            if opposite >= 0:
+                same = mesh.fluid[opposite] == fluid
+            if same and ti.max(one, other) > ti.max(outer, outer_too):
+                change_fluid(mesh, t, fluid)
+                change_fluid(mesh, beside, fluid)
+                flag[beside] = flag[beside] & ~IN_FILM
+                changed = 2
+    return changed
 
 
 @ti.func
@@ -241,7 +277,7 @@ def repair_interfaces(
 
     Films go to the fluid beside them: cells without a particle inside their fluid, lower than [FILM]. At such a thin
     film, two surfaces are about to coalesce, or a filament to break. Its cells go to the fluid beyond their longest
-    edge at an interface. counters: [BROKEN] cells.
+    edge at an interface, see `break_film`. counters: [BROKEN] cells.
 
     Slivers are absorbed if no film breaks, which would change the marks: a cell lower than [SLIVER] over an interface's
     edge longer than [LONG_EDGE] goes to the fluid beyond the edge, if its third particle is neither on an interface nor
@@ -264,7 +300,7 @@ def repair_interfaces(
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):
         if flag[t] & IN_FILM > 0:
-            counters[BROKEN] += break_film(mesh, t)
+            counters[BROKEN] += break_film(mesh, flag, t)
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):
         if flag[t] & AT_INTERFACE > 0 and counters[BROKEN] == 0:
