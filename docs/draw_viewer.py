@@ -1,52 +1,112 @@
-"""Take docs/images/viewer.png: the viewer's page with the dam break, in headless Chromium.
+"""Take docs/images/viewer.png and play.png: the viewer's page with a dam break, and that of a run that is played with.
 
-    python -m tipfem demo dam_break --no-frames
-    python docs/draw_viewer.py out/dam_break
+    python docs/draw_viewer.py
 
-It needs Playwright and Chromium, as the tests of the page do.
+Both runs are made in a temporary folder; ``--results FOLDER`` takes a dam break that is there already. It needs
+Playwright and Chromium, as the tests of the page do.
 """
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import subprocess
 import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-PICTURE = Path(__file__).resolve().parent / "images" / "viewer.png"
-SIZE = {"width": 1360, "height": 930}
+PICTURES = Path(__file__).resolve().parent / "images"
+STILL = '.tipfem-viewer[data-moving="false"]'
 
 
-def main(out: str) -> None:
-    """Start the viewer of a results folder, choose what is shown, and take the picture.
+@contextmanager
+def opened(words: Sequence[str], width: int, height: int) -> Iterator[Any]:
+    """The page that a command of tipfem serves, in headless Chromium.
 
     Args:
-        out: the results folder.
+        words: of the command.
+        width: of the page [px].
+        height: of it [px].
     """
     from playwright.sync_api import sync_playwright
 
-    words = [sys.executable, "-m", "tipfem", "view", out, "--port", "0", "--no-browser"]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as viewer, sync_playwright() as driver:
-        assert viewer.stdout is not None
-        address = viewer.stdout.readline().split()[-1]
+    command = [sys.executable, "-m", "tipfem", *words, "--port", "0", "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process, sync_playwright() as driver:
+        assert process.stdout is not None
+        address = process.stdout.readline().split()[-1]
         browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
-        page = browser.new_page(viewport=SIZE)
+        page = browser.new_page(viewport={"width": width, "height": height})
+        page.set_default_timeout(180_000)
         page.goto(address)
-        page.wait_for_selector('.tipfem-viewer[data-moving="false"]')
+        page.wait_for_selector('.tipfem-viewer:not([data-frame="0"])')
+        yield page
+        browser.close()
+        process.terminate()
+
+
+def place(page: Any, x: float, y: float) -> tuple[float, float]:
+    """A point of the page [px] at shares x and y of the picture's width and height."""
+    box = page.locator(".pane canvas").bounding_box()
+    return box["x"] + x * box["width"], box["y"] + y * box["height"]
+
+
+def draw_results(out: Path) -> None:
+    """Take viewer.png: speed with arrows, and the history of a point in the water's tongue."""
+    with opened(["view", str(out)], 1360, 930) as page:
+        page.wait_for_selector(STILL)
         page.select_option('[data-name="field"]', "speed")
         for key in ("v", *["PageDown"] * 6):
             page.keyboard.press(key)
-        box = page.locator(".pane canvas").bounding_box()
-        assert box is not None
-        page.mouse.click(box["x"] + 0.62 * box["width"], box["y"] + 0.86 * box["height"])
-        page.wait_for_selector('.tipfem-viewer[data-history="1"]', timeout=120_000)
+        page.wait_for_selector('[data-name="clock"] >> text=61/')
+        page.mouse.click(*place(page, 0.62, 0.86))
+        page.wait_for_selector('.tipfem-viewer[data-history="1"]')
         page.wait_for_timeout(3000)  # the range of the colours grows until all times have been looked at
-        page.wait_for_selector('.tipfem-viewer[data-moving="false"]')
-        page.screenshot(path=str(PICTURE))
-        browser.close()
-        viewer.terminate()
-    print(PICTURE)
+        page.wait_for_selector(STILL)
+        page.evaluate("document.activeElement.blur()")
+        page.screenshot(path=str(PICTURES / "viewer.png"))
+
+
+def draw_play(out: Path) -> None:
+    """Take play.png: gravity is tilted, a drop falls, and the water is pushed."""
+    with opened(["demo", "play", "--paused", "--out", str(out)], 1360, 930) as page:
+        page.wait_for_selector(STILL)
+        for _ in range(4):
+            page.keyboard.press("]")
+        page.wait_for_selector('[data-name="gravity-is"] >> text=20°')
+        page.get_by_label("adds drops").check()
+        page.mouse.click(*place(page, 0.5, 0.25))
+        page.get_by_label("pushes the fluids").check()
+        page.locator('[data-do="go"]').click()
+        page.wait_for_function("() => / ([6-9]\\d|\\d{3,}) /.test(document.querySelector('.progress').textContent)")
+        page.mouse.move(*place(page, 0.4, 0.7))
+        page.mouse.down()
+        page.mouse.move(*place(page, 0.53, 0.62), steps=5)
+        page.wait_for_timeout(500)
+        page.evaluate("document.activeElement.blur()")
+        page.screenshot(path=str(PICTURES / "play.png"))
+        page.mouse.up()
+        page.keyboard.press("X")
+        page.wait_for_selector('[data-name="note"]:has-text("ended")')
+
+
+def main() -> None:
+    """Make the runs and take the pictures."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--results", type=Path, help="results folder of the dam break; by default it is run")
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        results = given.results
+        if results is None:
+            results = Path(folder) / "dam_break"
+            words = [sys.executable, "-m", "tipfem", "demo", "dam_break", "--no-frames", "--out", str(results)]
+            subprocess.run(words, check=False)  # its check of the front's place does not matter here
+        draw_results(results)
+        draw_play(Path(folder) / "play")
+    print(f"{PICTURES / 'viewer.png'}\n{PICTURES / 'play.png'}")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import re
@@ -15,12 +16,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tipfem.render import Results, Stage, View
 from websockets.sync.client import connect
 
 import tipfem as tp
-from tipfem.liveview.control import LiveControl
+from tipfem.liveview.control import LiveControl, describe, snapshot_of
 from tipfem.liveview.kernel import KernelRun
 from tipfem.liveview.memory import Snapshot, StateMemory, slot_size
+from tipfem.liveview.source import LiveSource
 from tipfem.steering import FILE
 from tipfem.viewer import protocol
 
@@ -206,6 +209,47 @@ def test_a_page_watches_and_steers_a_run_that_is_repeated_to_the_bit(tmp_path):
     assert plain == [{**row, "wall_seconds": 0} for row in again.history]
 
 
+class OneState:
+    """What a `LiveSource` reads, with one state."""
+
+    wanted, ended, paused, published = True, False, False, 1
+
+    def __init__(self, state):
+        self.state = state
+
+    def latest(self):
+        """The state, by way of the shared memory."""
+        memory = StateMemory(room=slot_size(1, 1, 1))  # which grows
+        memory.publish(self.state)
+        return memory.latest()
+
+
+def test_bodies_are_drawn_where_the_run_has_them(tmp_path):
+    water = tp.Fluid("water", density=1000.0, viscosity=1.0)
+    air = tp.Fluid("air", density=1.2, viscosity=1e-3)
+    tank = tp.tank((1.0, 0.8), 0.05).fill(air).fill(water, box=((0, 0), (1.0, 0.4)))
+    tank.add(tp.Body(tp.shapes.rectangle((0.25, 0.3), (0.5, 0.45)), name="box", density=500.0, angular_velocity=2.0))
+    turn = tp.Motion(angle=lambda t: 30.0 * t**2)
+    tank.add(tp.Body(tp.shapes.rectangle((0.65, 0.18), (0.85, 0.38)), name="paddle", motion=turn))
+    simulation = tp.Simulation(tp.Case(tank, [water, air], (0.0, -9.81)), tmp_path / "out", time_step=0.01)
+    simulation.run(0.05, progress=False)
+    source = LiveSource(describe(simulation), OneState(snapshot_of(simulation, 1.0)), lambda *_: None)
+    box, paddle = source.scene(0).bodies
+    for body, seen, pose in zip(simulation.case.bodies, (box, paddle), simulation.state.bodies.position, strict=True):
+        x, y, angle = pose
+        r = (body.corners - body.reference) @ np.array([1, 1j])  # as complex numbers
+        assert seen.corners @ np.array([1, 1j]) == pytest.approx(x + 1j * y + r * np.exp(1j * angle), abs=1e-12)
+    along = paddle.mark[1] - paddle.mark[0]  # which pointed to the right
+    assert np.arctan2(along[1], along[0]) == pytest.approx(30.0 * 0.05**2)
+    stored = Results(tmp_path / "out").scene(-1).bodies
+    assert box.corners == pytest.approx(stored[0].corners, abs=1e-9)
+    picture, _ = Stage((500, 400), "raster").draw(source.scene(0), View())
+    fill = np.array([0xC3, 0xC8, 0xCF])
+    for seen in (box, paddle):  # beside the mark
+        x, y = seen.corners.mean(axis=0) * 500
+        assert abs(picture[round(400 - y) + 15, round(x)].astype(int) - fill).max() <= 1
+
+
 def test_while_nobody_looks_nothing_is_copied():
     simulation = tp.Simulation(layers(), time_step=0.01)
     control, _ = shown(simulation)
@@ -324,3 +368,38 @@ def test_a_run_in_a_notebooks_kernel_draws_and_obeys_between_its_steps(tmp_path)
     asyncio.run(both())
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["status"] == "stopped by a command"
     assert simulation.forces.gravity == (1.0, -9.0)
+
+
+def drawing_process(run):
+    """Number of the process that draws a run; None while there is none."""
+    for number in Path(f"/proc/{run.pid}/task/{run.pid}/children").read_text().split():
+        with contextlib.suppress(OSError):
+            if b"tipfem.liveview.process" in Path(f"/proc/{number}/cmdline").read_bytes():
+                return number
+    return None
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="the processes are found in /proc")
+@pytest.mark.parametrize(("name", "code"), [("SIGINT", 0), ("SIGTERM", 143), ("SIGHUP", 129)])
+def test_a_signal_while_the_viewer_starts_leaves_no_process(tmp_path, name, code):
+    play = Path(__file__).resolve().parents[2] / "demos" / "play.py"
+    words = [
+        sys.executable,
+        str(play),
+        "--spacing",
+        "0.1",
+        "--no-browser",
+        "--port",
+        "0",
+        "--out",
+        str(tmp_path / "out"),
+    ]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    while not (drawing := drawing_process(process)):
+        assert process.poll() is None, process.stderr.read()
+        time.sleep(0.01)
+    process.send_signal(getattr(signal, name))
+    said, complaints = process.communicate(timeout=60)
+    assert (process.returncode, complaints) == (code, "")
+    assert "Open" not in said
+    assert not Path(f"/proc/{drawing}").exists()

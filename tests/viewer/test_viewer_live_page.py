@@ -74,6 +74,7 @@ def test_a_run_is_paused_tilted_pushed_given_a_drop_and_stopped_by_pointer_and_k
     assert shown.read("state", "running")
     assert shown.text("title") == "Water and oil to play with"
     assert page.locator('[data-when="stored"]:visible').count() == 0
+    assert shown.command == f"tipfem render {out}"
     shown.wait(lambda: shown.frame > began + 3 and step_of(shown) > 3, "the run to go on")
     shown.sees(0.6, 0.1, WATER)
     shown.sees(0.6, 0.8, OIL)

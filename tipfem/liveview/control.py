@@ -369,6 +369,7 @@ def describe(simulation: Shown) -> dict[str, Any]:
     results = simulation.results
     return {
         "name": results.path.resolve().name if results else "run",
+        "folder": str(results.path) if results else None,
         "title": case.title,
         "fluid_names": [fluid.name for fluid in case.fluids],
         "fluid_densities": [float(fluid.density) for fluid in case.fluids],

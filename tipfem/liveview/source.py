@@ -66,6 +66,7 @@ class LiveSource:
         messages: Callable[[], str] = lambda: "",
     ) -> None:
         self.name, self.title = str(facts["name"]), str(facts["title"])
+        self.folder: str | None = facts["folder"]  # of the results, for the command that draws them
         self.fluid_names = tuple(str(name) for name in facts["fluid_names"])
         self.fluid_densities = tuple(float(value) for value in facts["fluid_densities"])
         self.spacing = float(facts["spacing"])

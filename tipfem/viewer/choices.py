@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shlex
 from collections.abc import Mapping
 from typing import Any
 
@@ -123,9 +124,9 @@ class Choices:
         Args:
             out: the folder.
         """
-        words = ["tipfem render", out]
+        words = ["tipfem render", shlex.quote(out)]
         if self.field is not None:
-            words += ["--field", self.field]
+            words += ["--field", shlex.quote(self.field)]
             if self.range_mode == "given":
                 words += ["--range", *(f"{value:g}" for value in self.given)]
             if self.colour_map is not None:
@@ -134,13 +135,13 @@ class Choices:
         if not self.layers["fill"]:
             words.append("--no-fill")
         if self.layers["contours"]:
-            words += ["--contours", self.layers["contours"]]
+            words += ["--contours", shlex.quote(self.layers["contours"])]
         if self.layers["tracers"]:
             words += ["--tracers", str(self.layers["tracers"])]
         if self.window is not None:
             words += ["--window", *(f"{value:.4g}" for value in self.window)]
         if self.follow is not None:
-            words += ["--follow", self.follow]
+            words += ["--follow", shlex.quote(self.follow)]
         return " ".join(words)
 
     def report(self) -> Mapping[str, Any]:

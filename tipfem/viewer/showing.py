@@ -208,7 +208,9 @@ class Showing:
             "speed": self.speed,
             "runs": self.runs,
             "command": " && ".join(
-                self.choices.command(str(getattr(pane.source, "folder", pane.source.name))) for pane in self.panes
+                self.choices.command(str(folder))
+                for folder in (getattr(pane.source, "folder", None) for pane in self.panes)
+                if folder is not None
             ),
             **self.choices.report(),
         }

@@ -117,7 +117,7 @@ export function historyPlot(canvas, series, now, label, paint) {
   const finite = series.flatMap((one) => one.values.filter((v) => v !== null));
   const box = { left: 48, top: 20, width: width - 62, height: height - 50 };
   const times = series.flatMap((one) => one.times);
-  const first = Math.min(...times), last = Math.max(...times, first + 1e-12);
+  const first = Math.min(...times), last = Math.max(...times, first + 1e-12); // infinite until there is a time
   const at = (x) => first + ((x - box.left) / box.width) * (last - first);
   draw.font = `11px ${paint.font}`;
   draw.fillStyle = paint.subtle;

@@ -388,7 +388,7 @@ export class Viewer {
     const series = [...this.histories.values()].sort((a, b) => a.pane - b.pane).map(({ times, values }) => ({ times, values: values[field] || [] }));
     const label = this.fieldLabel(field);
     if (series.length) this.timeAt = historyPlot(this.part("plot"), series, this.status.time, label, colours(this.root));
-    else context(this.part("plot"));
+    else historyPlot(this.part("plot"), [{ times: [], values: [] }], this.status.time, label, colours(this.root));
   }
 
   // The rest
