@@ -28,6 +28,7 @@ from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import FittedRule, Numerics, RelocationRule, SurfaceRule
 from tipfem.case.particles import Particles
+from tipfem.case.period import Period
 from tipfem.case.walls import Wall
 from tipfem.errors import CheckpointError
 from tipfem.mesh.components import Components
@@ -217,6 +218,8 @@ def _encoded(value: Any, arrays: list[Array]) -> Any:
     if isinstance(value, Boundary):
         stored = {key: item for key, item in vars(value).items() if _is_stored(item)}
         return {"Boundary": {key: _encoded(item, arrays) for key, item in stored.items()}}
+    if isinstance(value, Period):
+        return {"Period": {"width": _encoded(value.width, arrays)}}
     name = type(value).__name__
     if _CLASSES.get(name) is type(value) and dataclasses.is_dataclass(value):
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
@@ -262,6 +265,8 @@ def _decoded(value: Any, arrays: list[Array], case: Case | None) -> Any:
         particles = Particles.__new__(Particles)
         vars(particles).update(parts_by_name)
         return particles
+    if kind == "Period":
+        return Period(**parts_by_name)
     if kind == "Boundary":
         assert case is not None
         boundary = copy.copy(case.boundary)
