@@ -305,16 +305,19 @@ def test_a_graded_run_keeps_volumes_and_first_guesses(water, air):
 
 def test_auto_is_two_sided_where_interfaces_are_sharp(water, air):
     auto = tp.Numerics(pressure="auto")
+    assert tp.Numerics() == auto
     options = {
         "sharp": {"numerics": auto},
         "interpolated": {"interface": "interpolated", "numerics": auto},
+        "continuous": {"numerics": tp.Numerics(pressure="continuous")},
         "by default": {},
     }
     for name, given in options.items():
         simulation = tp.Simulation(tp.Case(dam_break(water, air), [water, air], (0, -9.81), **given))
         simulation.step()
-        assert simulation.case.two_sided == (name == "sharp")
-        assert (simulation.state.pressure_jump is not None) == (name == "sharp")
+        two_sided = name in ("sharp", "by default")
+        assert simulation.case.two_sided == two_sided
+        assert (simulation.state.pressure_jump is not None) == two_sided
     tank = tp.tank((1.0, 1.0), 0.1).fill(water)
     assert not tp.Case(tank, [water], (0, -9.81), free_surface=True, numerics=auto).two_sided
     assert not tp.Case(tank, [water], (0, -9.81), numerics=auto).two_sided

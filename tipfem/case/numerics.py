@@ -172,10 +172,10 @@ class Numerics:
         jacobian: how products with the Jacobian are formed in the Krylov iterations: "rows" gathers its rows once per
             linearisation; "matrix-free" stores no rows and computes each product from the elements, which takes less
             memory and more time. Solutions agree to the tolerance.
-        pressure: how many values pressure has on interfaces between fluids. "continuous": one a particle, so that the
-            fluids on both sides share its equation of continuity. "two-sided", with the sharp interface: one for each
-            connected component of a fluid there, so that the solve keeps the volume of each component. Results have
-            the heaviest fluid's. "auto": two-sided with the sharp interface, continuous otherwise.
+        pressure: how many values pressure has on interfaces between fluids. "two-sided", with the sharp interface: one
+            for each connected component of a fluid there, so that the solve keeps the volume of each component.
+            Results have the heaviest fluid's. "continuous": one a particle, so that the fluids on both sides share its
+            equation of continuity. "auto": two-sided with the sharp interface, continuous otherwise.
         largest_move: target of the step control for the displacement of the fastest particle, in spacings; more than
             0.5 only if J of no element falls below its limit (see `StepControl`). A step in which a particle moves
             0.15 spacings more than this is refused.
@@ -198,7 +198,7 @@ class Numerics:
     acceleration_tolerance: float = 1e-2
     newton_iterations: int = 12
     jacobian: str = "rows"
-    pressure: str = "continuous"
+    pressure: str = "auto"
     largest_move: float = 0.35
     smallest_jacobian: float = 0.05
     triangulation: str = "repair"

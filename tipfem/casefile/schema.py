@@ -234,7 +234,7 @@ class NumericsTable(Model):
     )
     pressure: Literal["auto", "continuous", "two-sided"] = quantity(
         "on interfaces: one for all fluids, or one for each, with the sharp interface only; auto: there, for each",
-        default="continuous",
+        default="auto",
     )
     largest_move: float = quantity("displacement that a step aims at", "spacings", 0.35, ge=0.01, le=0.8)
     smallest_jacobian: float = quantity("below it a step is refused", default=0.05, ge=0.0, le=0.9)
