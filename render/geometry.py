@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .arrays import Array
-from .interface import Edges, FluidRegions, cell_edges, fluid_regions, loose_particles, walls_around
+from .interface import Edges, FluidRegions, cell_edges, fluid_regions, loose_particles, solid_triangles, walls_around
 
 
 class Surroundings(NamedTuple):
@@ -84,6 +84,14 @@ class Geometry:
         spray, dry = loose_particles(self._cells, self._wall)
         box, inside = walls_around(self._position, self._wall & dry.any())
         return Surroundings(np.concatenate([hull, box]), inside, spray, dry)
+
+    @cached_property
+    def solids(self) -> tuple[Array, Array, Array]:
+        """What is solid between the walls of fluids that fill their tank, see `solid_triangles`."""
+        border = self.edges.pairs[self.edges.shared_by == 1]
+        if not len(border) or not self._wall[border].all():
+            border = border[:0]
+        return solid_triangles(self._position, self._cells, border)
 
     @cached_property
     def cell_bounds(self) -> Bounds:

@@ -17,6 +17,7 @@ INTERFACE_WIDTH = 1.5  # in design pixels, like the widths below
 HALO_WIDTH = 3.4
 SPRAY_RADIUS = 0.4  # in spacings
 MESH_WIDTH = 0.8
+THIN_SOLID = 2.0  # circumradius of triangles of what is filled between walls, in thicknesses of a wall
 
 
 def draw_scene(
@@ -73,6 +74,13 @@ def draw_scene(
 
     # Walls are stroked on both sides of the mesh's boundary; the fluids painted next hide the inner half.
     drawing.lines(pixels[walls], 2 * thick, colours.rgb(scheme.wall), cap=thick)
+    # Solid parts too thin for two strokes are filled.
+    solids, circumradius, feet = geometry.solids
+    filled = circumradius * layout.scale < THIN_SOLID * thick
+    drawing.triangles(pixels[solids[filled]], colours.rgb(scheme.wall))
+    feet = pixels[feet]
+    feet = feet[np.linalg.norm(feet[:, 1] - feet[:, 0], axis=1) < 2 * THIN_SOLID * thick]
+    drawing.lines(feet, 2 * thick, colours.rgb(scheme.wall), cap=thick)
     drawing.triangles(pixels[inside], np.array(scheme.background))
     if not view.fill:
         drawing.triangles(pixels[cells], np.array(colours.BACKGROUND))

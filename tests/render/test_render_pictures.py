@@ -197,3 +197,38 @@ def test_a_free_surface_has_walls_around_emptiness_and_drops_in_it(field):
     for column, row in ((left - 2, (top + bottom) // 2), (right + 2, top + 20), ((left + right) // 2, top - 2)):
         np.testing.assert_array_equal(image[row, column], whole[row, column])
         assert (image[row, column] < 120).all()
+
+
+def test_a_thin_block_on_the_floor_is_filled_and_a_wide_one_is_not():
+    """A tank 12 wide with a notch from below, 0.2 or 6 wide and 1 high, as a mesh of three rectangles around it."""
+    colours = []
+    for width in (0.2, 6.0):
+        left, right = 6 - width / 2, 6 + width / 2
+        x, y = np.meshgrid([0.0, left, right, 12.0], [0.0, 0.25, 0.5, 0.75, 1.0, 8.0], indexing="ij")
+        position = np.stack([x.ravel(), y.ravel()], axis=1)
+        squares = [(i, j) for i in range(3) for j in range(5) if i != 1 or j == 4]
+        corner = {(i, j): 6 * i + j for i in range(4) for j in range(6)}
+        cells = [
+            triangle
+            for i, j in squares
+            for triangle in (
+                (corner[i, j], corner[i + 1, j], corner[i + 1, j + 1]),
+                (corner[i, j], corner[i + 1, j + 1], corner[i, j + 1]),
+            )
+        ]
+        scene = Scene(
+            position=position,
+            cells=np.array(cells),
+            fluid=np.zeros(24, int),
+            wall=np.ones(24, int),
+            fluid_names=("water",),
+            lower=(0, 0),
+            upper=(12, 8),
+        )
+        size = (600, 450)
+        image = render_frame(scene, size, backend="raster")
+        row, column = pixel_at(scene, size, 6.0, 0.6)
+        floor = pixel_at(scene, size, 6.0, 0.0)[0] + 2
+        colours.append([image[row, column], image[floor, column]])
+    assert np.max(colours[0]) < 120  # the colour of walls, in the block and under it
+    assert np.min(colours[1]) == 255

@@ -17,8 +17,8 @@ Array = NDArray[np.float64]
 # A cylinder half immersed in deep water, which is let go from a lift above where it floats.
 RADIUS = 0.1  # [m]
 LIFT = 0.15  # [radii]
-DEPTH = 8.0  # of the water [radii]
-WIDTH = 48.0  # of the tank [radii]
+DEPTH = 16.0  # of the water [radii]
+WIDTH = 64.0  # of the tank [radii]
 UNIT = math.sqrt(RADIUS / GRAVITY)  # of time [s]
 MULTIPOLES = 12
 HIGHEST = 20.0  # frequency in the integral of the motion [1/UNIT]
@@ -38,9 +38,9 @@ def heaving_cylinder(across: int) -> tp.Case:
         from_surface = np.maximum(np.abs(x[:, 1] - depth) - 0.5 * RADIUS, 0.0)
         along = np.maximum(np.abs(x[:, 0] - centre[0]) - 3 * RADIUS, 0.0)
         surface = spacing * (2.0 + np.minimum(along / RADIUS, 2.0)) + 0.2 * from_surface
-        return np.minimum(np.minimum(spacing + 0.2 * far, surface), 6 * spacing)
+        return np.minimum(np.minimum(spacing + 0.2 * far, surface), RADIUS)
 
-    tank = tp.tank((width, 1.5 * depth), spacing).fill(AIR).fill(WATER, box=((0, 0), (width, depth))).add(body)
+    tank = tp.tank((width, depth + 4 * RADIUS), spacing).fill(AIR).fill(WATER, box=((0, 0), (width, depth))).add(body)
     for side in tank.sides:
         tank.wall(side, slip=True)
     return tp.Case(tank, [AIR, WATER], (0, -GRAVITY), grading=tp.Grading(where=near), title="A cylinder heaves")
