@@ -28,6 +28,7 @@ from typing import Any, NoReturn
 
 import tipfem as tp
 from tipfem.case.case import DEFAULT_INTERFACE, INTERFACES
+from tipfem.casefile.options import Shown
 from tipfem.casefile.running import COMMAND_FILE, open_log
 from tipfem.checkpoint import CheckpointFolder
 
@@ -203,7 +204,7 @@ def run(
         raise _Stop
     with ExitStack() as log:
         with one_message():
-            open_log(log, options.log_json, "info", progress=True)
+            open_log(log, Shown(log_json=options.log_json))
             tp.init(arch=options.arch)
             simulation = _simulation(case, options, check, columns or {})
         if simulation.time < options.end_time:

@@ -1,12 +1,14 @@
-"""Checks of arguments that users pass: what counts as a number, and as an array of numbers.
+"""Checks of arguments that users pass: what counts as a number, an array of numbers, and a path.
 
-Neither function raises: the caller does, because it has the argument's name and its valid range.
+Of these, only `path_of` raises: for the others the caller does, because it has the argument's name and its valid range.
 """
 
 from __future__ import annotations
 
 import math
+import os
 from numbers import Real
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,3 +36,18 @@ def numbers(values: Any) -> NDArray[Any]:
     except ValueError:  # rows of different lengths
         return np.array(math.nan)
     return array.astype(np.float64, copy=False) if array.dtype.kind in "biuf" else np.array(math.nan)
+
+
+def path_of(what: str, value: Any) -> Path:
+    """A path that a user has given.
+
+    Args:
+        what: the argument, for the message: "read_results: out".
+        value: what was given.
+
+    Raises:
+        ValueError: it is no path, or an empty one.
+    """
+    if not isinstance(value, str | os.PathLike) or not str(value):
+        raise ValueError(f"{what} is {value!r}; it must be a path, as text or a pathlib.Path")
+    return Path(value)

@@ -28,6 +28,7 @@ from typing import Any, TextIO
 
 import numpy as np
 
+from tipfem.arguments import path_of
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.fields import FieldOutput, FieldState, vtkhdf, vtu
@@ -59,9 +60,11 @@ class ResultsFolder:
 
     def __init__(self, path: str | Path, *, overwrite: bool | None = None, fields: FieldOutput | None = None) -> None:
         self.fields = fields or FieldOutput()
-        if not str(path):
+        if not (overwrite is None or isinstance(overwrite, bool)):
+            raise ValueError(f"Simulation: overwrite is {overwrite!r}; it must be True, False or None")
+        if isinstance(path, str) and not path:
             raise ValueError("out is '', which would be the present folder; name a folder for the results")
-        self.path = Path(path)
+        self.path = path_of("out", path)
         self._lock = FolderLock(self.path)
         self._resumed: int | None = None
         self._history: TextIO | None = None
@@ -369,6 +372,8 @@ def own_columns(
     Raises:
         ValueError: one has the name of a column that the history has, or is no function.
     """
+    if not isinstance(columns, Mapping):
+        raise ValueError(f"columns is {columns!r}; it must be a dict of functions of the simulation, by their names")
     for name, column in columns.items():
         if name in STEP_COLUMNS or name in others:
             raise ValueError(f"columns: {name!r} is a column of every history; choose another name")

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from tipfem.arguments import is_number, path_of
 from tipfem.fields import FieldOutput, FieldState, vtkhdf, vtu
 from tipfem.fields.field_state import VTK_CELLS, three_components
 from tipfem.folder_lock import FolderLock
@@ -51,7 +52,7 @@ class RunResults:
     """
 
     def __init__(self, out: str | Path) -> None:
-        self.folder = Path(out)
+        self.folder = path_of("read_results: out", out)
         if not self.folder.is_dir():
             raise ValueError(f"{self.folder}: there is no such folder; give the results folder of a run")
         case = self._json("case.json")
@@ -114,8 +115,8 @@ class RunResults:
             IndexError: there is none of that number.
             ValueError: its file cannot be read; the message names it.
         """
-        if not -len(self) <= number < len(self):
-            raise IndexError(f"stored state {number}: {self.folder} has {len(self)}, numbered from 0")
+        if not isinstance(number, int | np.integer) or not -len(self) <= number < len(self):
+            raise IndexError(f"stored state {number!r}: {self.folder} has {len(self)}, numbered from 0")
         step, time, place = self._stored[number]
         if isinstance(place, Path):
             return vtu.read(place, step, time, self.dimension)
@@ -136,6 +137,10 @@ class RunResults:
         """
         if not len(self):
             raise ValueError(f"{self.folder}: no fields have been written; `run` writes them, `step` does not")
+        if not is_number(time):
+            raise ValueError(f"time is {time!r} s; it must be a number")
+        if tolerance is not None and not (is_number(tolerance) and tolerance >= 0):
+            raise ValueError(f"tolerance is {tolerance!r} s; it must be a number >= 0, or None for any distance")
         times = self.times
         number = int(np.argmin(np.abs(times - time)))
         off = abs(times[number] - time)
@@ -215,6 +220,8 @@ class RunResults:
 
         from tipfem.render import Results, render_frame
 
+        if not is_number(time):
+            raise ValueError(f"time is {time!r} s; it must be a number")
         drawn = Results(self.folder)
         number = int(np.argmin(np.abs(np.array(drawn.times) - time)))
         return Image.fromarray(render_frame(drawn.scene(number), field=field, **options))

@@ -203,7 +203,7 @@ def require_later(method: str, until: object, time: float) -> None:
     Raises:
         ValueError: ``until`` is no number, or not a time after the present one.
     """
-    if until != math.inf and not is_number(until):
+    if not (is_number(until) or (isinstance(until, float) and until == math.inf)):
         raise ValueError(f"{method}: until is {until!r}; it must be a number, the time in s")
     if not until > time:  # type: ignore[operator]
         raise ValueError(f"{method}: until is {until!r} s; it must be later than the present {time:g} s")

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from tipfem.arguments import path_of
 from tipfem.backend import runtime
 from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
@@ -451,7 +452,8 @@ class Simulation:
             CheckpointError: there is no checkpoint that can be read, the case has changed, or a part of it is missing.
             ValueError: the folder cannot be written to.
         """
-        folder = CheckpointFolder(Path(out))
+        out = path_of("resume: out", out)
+        folder = CheckpointFolder(out)
         notes: list[str] = []
         case = case_from(folder.newest()["case"]) if case is None else case
         content = folder.read(case, notes.append)

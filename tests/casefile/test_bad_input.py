@@ -399,6 +399,12 @@ COMMAND_LINES = {
     "info on another folder": (["info", "FOLDER"], "no case.json", "results folder"),
     "info on damaged results": (["info", "OUT"], "case.json"),
     "render nothing": (["render", "nowhere"], "nowhere", "no such folder"),
+    "threads with a fraction": (["run", "CASE", "--threads", "2.5"], "--threads", "'2.5' is not a whole number"),
+    "end that is no number": (["run", "CASE", "--until", "soon"], "--until", "'soon' is not a number"),
+    "port with a fraction": (["view", "OUT", "--port", "1.5"], "--port", "'1.5' is not a whole number"),
+    "compression with a fraction": (["convert", "OUT", "--compression", "1.5"], "'1.5' is not a whole number"),
+    "compression out of range": (["convert", "OUT", "--compression", "10"], "compression is 10", "from 0 to 9"),
+    "precision that is none": (["convert", "OUT", "--precision", "f32"], '"f32"', '"double", "single"'),
     "schema where nothing can be written": (["schema", "--out", "nowhere/schema.json"], "nowhere/schema.json"),
 }
 

@@ -48,9 +48,9 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
         RuntimeError: the device is not there or has no 64-bit floats, Taichi already runs with other settings, or see
             `require_own_runtime`.
     """
-    if arch not in _ARCHES:
+    if not isinstance(arch, str) or arch not in _ARCHES:
         raise ValueError(f"init: arch is {arch!r}; it must be one of {sorted(_ARCHES)}")
-    if precision not in _PRECISIONS:
+    if not isinstance(precision, str) or precision not in _PRECISIONS:
         raise ValueError(f"init: precision is {precision!r}; it must be one of {sorted(_PRECISIONS)}")
     cores = (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()) or 1
     if threads is not None and (not isinstance(threads, int) or isinstance(threads, bool) or threads < 1):

@@ -100,6 +100,8 @@ class Case:
         self.interface = _checked_interface(interface, free_surface)
         self.body_force = body_force
         self.numerics = Numerics() if numerics is None else numerics
+        if not isinstance(title, str):
+            raise ValueError(f"Case: title is {title!r}; it must be a text")
         self.title = title
         self.tank_motion = tank_motion
         self.grading = grading
@@ -298,7 +300,7 @@ class Case:
         if isinstance(name, Fluid) and name in self.fluids:
             return self.fluids.index(name)
         names = [f.name for f in self.fluids]
-        if name not in names:
+        if not isinstance(name, str) or name not in names:
             raise ValueError(f"there is no fluid {name!r} in this case; it has {names}")
         return names.index(name)
 

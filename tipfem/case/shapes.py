@@ -173,6 +173,8 @@ class Shape:
             raise ValueError(
                 f"shape: it is a {type(given).__name__} of {len(given.geoms)} parts; it must be one polygon, connected"
             )
+        if not isinstance(given, Iterable):
+            raise ValueError(f"shape is {given!r}; it must be a Shape, a list of corners or a polygon of shapely")
         return polygon(given)
 
 

@@ -144,6 +144,10 @@ class Tank:
             )
         if not (is_number(jitter) and 0 <= jitter <= 0.4):
             raise ValueError(f"tank: jitter is {jitter!r}; it must lie between 0 and 0.4 spacings")
+        try:
+            np.random.default_rng(seed)
+        except (TypeError, ValueError):
+            raise ValueError(f"tank: seed is {seed!r}; it must be a whole number >= 0") from None
 
     def seal(self) -> None:
         """Refuse further changes: a case has taken its particles and walls from the tank."""
@@ -185,6 +189,11 @@ class Tank:
                 has been made of the tank already.
         """
         self._require_open("fill")
+        if isinstance(fluid, str):
+            raise ValueError(
+                f"fill: fluid is the name {fluid!r}; a tank knows no names of fluids, give the Fluid itself: "
+                f"fill(tp.Fluid({fluid!r}, density=..., viscosity=...))"
+            )
         if not isinstance(fluid, Fluid):
             raise ValueError(f"fill: fluid is {fluid!r}; it must be a Fluid")
         if sum(part is not None for part in (box, disc, where, shape)) > 1:

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from tipfem.casefile.running import Overrides, bad_input, loaded, resume, run, said
+from tipfem.casefile.options import Overrides, Whole
+from tipfem.casefile.running import bad_input, loaded, resume, run, said
 
 if TYPE_CHECKING:
     from tipfem.simulation import Simulation
@@ -141,7 +142,7 @@ def info(out: Path, /) -> int:
     return 2 if failed else 0
 
 
-def convert(out: Path, /, *, precision: Literal["double", "single"] = "double", compression: int = 4) -> int:
+def convert(out: Path, /, *, precision: Literal["double", "single"] = "double", compression: Whole = 4) -> int:
     """Write the states of a results folder into one VTKHDF file there, fields.vtkhdf, which ParaView opens.
 
     Parameters
@@ -189,7 +190,7 @@ def view(
     compared: Path | None = None,
     /,
     *,
-    port: int | None = None,
+    port: Whole | None = None,
     no_browser: bool = False,
     native: bool = False,
 ) -> int:

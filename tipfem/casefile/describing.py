@@ -84,7 +84,12 @@ def describe(
         fields: how states are written, or None for the default.
         particles_file: what to call the file of particles that were not sampled from a tank; `write_case` writes it.
             Without it they count as missing.
+
+    Raises:
+        ValueError: ``end`` is no time.
     """
+    if not (is_number(end) and end > 0):
+        raise ValueError(f"describe: end is {end!r} s; it must be a number > 0")
     writer = _Writer()
     writer.head(case)
     for fluid in case.fluids:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from tipfem.arguments import path_of
 from tipfem.casefile.building import Parts
 from tipfem.casefile.problems import CaseFileError, Problem, Translator, child_at, meant
 from tipfem.casefile.schema import CaseTable, FillTable, FluidTable, ProbeTable, WallTable, json_schema
@@ -44,7 +45,13 @@ def load_case(path: str | FilePath, overrides: Sequence[str] = ()) -> CaseFile:
     Raises:
         CaseFileError: there are mistakes; it has all of them.
     """
-    path = FilePath(path)
+    path = path_of("load_case: path", path)
+    if isinstance(overrides, str) or not (
+        isinstance(overrides, Sequence) and all(isinstance(text, str) for text in overrides)
+    ):
+        raise ValueError(
+            f"load_case: overrides is {overrides!r}; it must be a list of texts, as ['fluids.water.viscosity=2e-3']"
+        )
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:

@@ -12,13 +12,12 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING, Any
 
 from tipfem.arguments import is_number
+from tipfem.casefile.options import Number, Overrides, Shown, Whole
 from tipfem.casefile.problems import CaseFileError
-from tipfem.logs import LogLevel, log_json, log_lines
+from tipfem.logs import log_json, log_lines
 from tipfem.progress import on_terminal
 
 if TYPE_CHECKING:
@@ -34,36 +33,18 @@ CASE_FILE = "case.toml"
 COMMAND_FILE = "command.json"
 
 
-def _whole(_type: Any, tokens: Sequence[Any]) -> int:
-    """A whole number of the command line; 1.5 is none, and is not taken for 1."""
-    try:
-        return int(tokens[0].value)
-    except ValueError:
-        raise ValueError(f"{tokens[0].value!r} is not a whole number") from None
-
-
-Whole = Annotated[int, Parameter(converter=_whole)]
-Overrides = Annotated[list[str] | None, Parameter(name="--set", negative=())]
-
-
 def run(
     case: Path,
     /,
     *,
     out: Path | None = None,
     set: Overrides = None,
-    until: float | None = None,
+    until: Number | None = None,
     threads: Whole | None = None,
     arch: str = "cpu",
     overwrite: bool = False,
-    progress: bool = True,
     steering: Path | None = None,
-    view: bool = False,
-    port: int | None = None,
-    browser: bool = True,
-    native: bool = False,
-    log_json: Path | None = None,
-    log_level: LogLevel = "info",
+    shown: Shown = Shown(),  # noqa: B008 - it is frozen
 ) -> int:
     """Run a case file.
 
@@ -83,22 +64,8 @@ def run(
         cpu; cuda or vulkan, which have not been tried on a GPU.
     overwrite
         Replace results that are in the folder.
-    progress
-        Show a progress bar on a terminal; elsewhere print a line every 10 s.
-    log_json
-        A file for the log, one JSON object a line, every step among them; it is continued if it is there.
-    log_level
-        What is printed where there is no progress bar: debug, info, warning or error.
     steering
         The steering.jsonl of a run: its commands are repeated at the same steps.
-    view
-        Show the run in a browser while it goes on, and let it be steered from there.
-    port
-        Of 127.0.0.1, where the page of --view is served; by default 8800, or one of the next. 0 takes any.
-    browser
-        Open a browser for --view where there is a display; the address is printed in either case.
-    native
-        Show the run in a window of its own instead, with the same keys; needs a display.
     """
     from tipfem.backend import runtime
 
@@ -112,29 +79,23 @@ def run(
                 f"{folder} holds results ({found[0]}); choose another folder by --out, say --overwrite, or go on with "
                 f"that run by `tipfem resume {folder}`"
             )
-        open_log(log, log_json, log_level, progress=progress)
+        open_log(log, shown)
         runtime.init(arch, threads=threads)
         simulation = started(file, made, folder, steering)
-        control = shown(simulation, port, browser=browser, native=native) if view or native else None
+        control = viewer_of(simulation, shown)
     with log:
-        return 2 if failed else run_to(simulation, file.end, folder, progress=progress, control=control)
+        return 2 if failed else run_to(simulation, file.end, folder, progress=shown.progress, control=control)
 
 
 def resume(
     out: Path,
     /,
     *,
-    until: float | None = None,
+    until: Number | None = None,
     allow_changes: bool = False,
     threads: Whole | None = None,
     arch: str | None = None,
-    progress: bool = True,
-    view: bool = False,
-    port: int | None = None,
-    browser: bool = True,
-    native: bool = False,
-    log_json: Path | None = None,
-    log_level: LogLevel = "info",
+    shown: Shown = Shown(),  # noqa: B008 - it is frozen
 ) -> int:
     """Go on with a run that was stopped or killed, from its newest checkpoint; from its start, if it has none yet.
 
@@ -150,24 +111,10 @@ def resume(
         Number of CPU threads; by default as many as there are cores.
     arch
         cpu, cuda or vulkan; by default what the run had.
-    progress
-        Show a progress bar on a terminal; elsewhere print a line every 10 s.
-    log_json
-        A file for the log, one JSON object a line, every step among them; it is continued if it is there.
-    log_level
-        What is printed where there is no progress bar: debug, info, warning or error.
-    view
-        Show the run in a browser while it goes on, and let it be steered from there.
-    port
-        Of 127.0.0.1, where the page of --view is served; by default 8800, or one of the next. 0 takes any.
-    browser
-        Open a browser for --view where there is a display; the address is printed in either case.
-    native
-        Show the run in a window of its own instead, with the same keys; needs a display.
     """
     log = ExitStack()
     with bad_input() as failed:
-        open_log(log, log_json, log_level, progress=progress)
+        open_log(log, shown)
         if until is not None and not (is_number(until) and until > 0):
             raise ValueError(f"--until is {until} s; it must be a number > 0 in s")
         simulation, end = resumed(out, threads=threads, arch=arch, allow_changes=allow_changes)
@@ -185,31 +132,30 @@ def resume(
             print(f"t = {simulation.time:g} s has been reached; --until goes on further; results: {out}")
             return 0
         with bad_input() as failed:
-            control = shown(simulation, port, browser=browser, native=native) if view or native else None
+            control = viewer_of(simulation, shown)
         if failed:
             return 2
         at = simulation.step_number
         begun = f"from step {at}, t = {simulation.time:g} s" if at else "from t = 0"
         print(f"going on {begun} to t = {end:g} s", file=sys.stderr)
-        return run_to(simulation, end, out, progress=progress, control=control)
+        return run_to(simulation, end, out, progress=shown.progress, control=control)
 
 
-def open_log(stack: ExitStack, path: Path | None, level: LogLevel, *, progress: bool) -> None:
+def open_log(stack: ExitStack, shown: Shown) -> None:
     """Let a command's log go to a file of JSON, and to the error output where there is no progress bar.
 
     Args:
         stack: closes both.
-        path: of the file, or None for none.
-        level: lowest level that is printed.
-        progress: whether progress is shown; without it, only warnings and errors are printed.
+        shown: the options; without progress, only warnings and errors are printed.
 
     Raises:
         ValueError: the file cannot be written.
     """
-    if path is not None:
-        stack.enter_context(log_json(path))
+    if shown.log_json is not None:
+        stack.enter_context(log_json(shown.log_json))
     if not on_terminal():
-        stack.enter_context(log_lines(level if progress or level != "info" else "warning"))
+        level = shown.log_level
+        stack.enter_context(log_lines(level if shown.progress or level != "info" else "warning"))
 
 
 def resumed(
@@ -275,11 +221,19 @@ def started(file: CaseFile, case: Case, folder: Path, steering: Path | None = No
     return simulation
 
 
-def shown(simulation: Simulation, port: int | None, *, browser: bool, native: bool) -> LiveControl:
-    """What shows a run in a browser; see `tipfem.live` for arguments and errors."""
+def viewer_of(simulation: Simulation, shown: Shown) -> LiveControl | None:
+    """What shows a run in a browser or a window, or None; see `tipfem.live` for errors."""
+    if not (shown.view or shown.native):
+        return None
     from tipfem.liveview.control import LiveControl
 
-    return LiveControl(simulation, port=port, browser=browser, native=native, say=lambda line: print(line, flush=True))
+    return LiveControl(
+        simulation,
+        port=shown.port,
+        browser=shown.browser,
+        native=shown.native,
+        say=lambda line: print(line, flush=True),
+    )
 
 
 def run_to(

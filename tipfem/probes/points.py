@@ -14,6 +14,8 @@ from tipfem.typing import Array
 
 QUANTITIES = {"pressure": "Pa", "velocity_x": "m/s", "velocity_y": "m/s", "velocity_z": "m/s", "density": "kg/m3"}
 
+MOST_POINTS = 100_000  # of a line: each is a column of its table
+
 
 @dataclass(frozen=True, kw_only=True)
 class PointProbe(Probe):
@@ -71,8 +73,8 @@ class LineProbe(Probe):
     def columns(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of the values; raises ValueError if the probe does not fit the case."""
         _require_quantities(self, case, self.quantities, self.frame)
-        if not (isinstance(self.count, int) and self.count >= 2):
-            raise ValueError(f"{self}: count is {self.count!r}; it must be a whole number, 2 or more")
+        if not (isinstance(self.count, int) and 2 <= self.count <= MOST_POINTS):
+            raise ValueError(f"{self}: count is {self.count!r}; it must be a whole number from 2 to {MOST_POINTS}")
         for what in ("start", "end"):
             require_inside(self, case, self._point(case, what, getattr(self, what)))
         return [(f"{name}_{k}", QUANTITIES[name]) for k in range(self.count) for name in self.quantities]

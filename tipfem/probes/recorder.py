@@ -37,6 +37,8 @@ class ProbeRecorder:
     def __init__(self, probes: Sequence[Probe], case: Case) -> None:
         if isinstance(probes, Probe):
             raise ValueError(f"Simulation: probes is {probes}; it must be a list of probes, with one too")
+        if not isinstance(probes, Sequence) or isinstance(probes, str):
+            raise ValueError(f"Simulation: probes is {probes!r}; it must be a list of probes, as tp.PointProbe")
         wrong = [probe for probe in probes if not isinstance(probe, Probe)]
         if wrong:
             raise ValueError(f"Simulation: probes holds {wrong[0]!r}; it must be a list of probes, as tp.PointProbe")

@@ -64,6 +64,10 @@ class Steering:
     def __init__(self, source: str | Path | Sequence[Record] | None = None) -> None:
         if source is None:
             source = []
+        if not isinstance(source, str | Path) and not (
+            isinstance(source, Sequence) and all(isinstance(record, Record) for record in source)
+        ):
+            raise ValueError(f"steering is {source!r}; it must be the path of a steering.jsonl, or a list of records")
         self.pending = read_records(source) if isinstance(source, str | Path) else list(source)
         self.applied: list[Record] = []
         self._written: list[Record] = []  # those of pending that the results folder's file has already

@@ -8,7 +8,8 @@ from typing import Any
 from cyclopts import App
 
 from tipfem.casefile.describing import toml_value
-from tipfem.casefile.running import Whole, bad_input, said
+from tipfem.casefile.options import Whole
+from tipfem.casefile.running import bad_input, said
 from tipfem.study.study import Study, load_study
 
 

@@ -16,6 +16,7 @@ import threading
 import time
 from pathlib import Path
 
+from tipfem.casefile.options import Shown
 from tipfem.casefile.running import resume
 from tipfem.folder_lock import FolderLock
 
@@ -35,7 +36,7 @@ def main() -> int:
     threading.Thread(target=_stop_with_the_parent, daemon=True).start()
     lock(given.folder)
     threading.Thread(target=_beat, args=(given.folder,), daemon=True).start()
-    return resume(given.folder, threads=given.threads, progress=False)
+    return resume(given.folder, threads=given.threads, shown=Shown(progress=False))
 
 
 def _stop_with_the_parent() -> None:

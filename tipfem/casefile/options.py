@@ -1,0 +1,67 @@
+"""Options of the command line: what commands share, and numbers that are taken as they are written or refused."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from tipfem.logs import LogLevel
+
+
+def _whole(_type: Any, tokens: Sequence[Any]) -> int:
+    """A whole number of the command line; 1.5 is none, and is not taken for 1."""
+    text = tokens[0].value
+    try:
+        return int(text)
+    except ValueError:
+        raise ValueError(f"{text!r} is not a whole number") from None
+
+
+def _number(_type: Any, tokens: Sequence[Any]) -> float:
+    """A number of the command line; the command checks its range, which excludes nan and infinity."""
+    text = tokens[0].value
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{text!r} is not a number, such as 0.5 or 2e-3") from None
+
+
+Whole = Annotated[int, Parameter(converter=_whole)]
+Number = Annotated[float, Parameter(converter=_number)]
+Overrides = Annotated[list[str] | None, Parameter(name="--set", negative=())]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Shown:
+    """How a run is shown and logged, of the commands that run.
+
+    Parameters
+    ----------
+    progress
+        Show a progress bar on a terminal; elsewhere print a line every 10 s.
+    view
+        Show the run in a browser while it goes on, and let it be steered from there.
+    port
+        Of 127.0.0.1, where the page of --view is served; by default 8800, or one of the next. 0 takes any.
+    browser
+        Open a browser for --view where there is a display; the address is printed in either case.
+    native
+        Show the run in a window of its own instead, with the same keys; needs a display.
+    log_json
+        A file for the log, one JSON object a line, every step among them; it is continued if it is there.
+    log_level
+        What is printed where there is no progress bar: debug, info, warning or error.
+    """
+
+    progress: bool = True
+    view: bool = False
+    port: Whole | None = None
+    browser: bool = True
+    native: bool = False
+    log_json: Path | None = None
+    log_level: LogLevel = "info"
