@@ -19,6 +19,7 @@ WHAT = {
     "casefile": "cases in TOML, and the commands for them",
     "study": "many runs of one case",
     "simulation": "the step and the run",
+    "resuming": "checkpoints of a run, and the way back",
     "run": "a run to a time: outputs, checkpoints, signals",
     "checkpoint": "files to go on from",
     "liveview": "running simulations in the viewer",

@@ -310,13 +310,10 @@ def case_from(record: Mapping[str, Any]) -> Case:
     Raises:
         CheckpointError: a part of it is a function of Python's, which no record keeps.
     """
-    functions = [
-        key for key, value in _flat({k: v for k, v in record.items() if k != "particles"}) if _is_function(value)
-    ]
-    if functions:
+    if functions := python_functions(record):
         raise CheckpointError(
             f"the case has functions of Python's, which no file keeps: {', '.join(functions)}; give the case to "
-            "resume, as the script made it, or by tipfem.load_case(folder / 'case.toml').case() if it was a case file's"
+            "resume, as the script made it"
         )
     particles = Particles.__new__(Particles)
     vars(particles).update(record["particles"])
@@ -338,6 +335,12 @@ def case_from(record: Mapping[str, Any]) -> Case:
     )
     case.walls_have_fluids = record["walls_have_fluids"]
     return case
+
+
+def python_functions(record: Mapping[str, Any]) -> list[str]:
+    """Names of the parts of a record that are functions."""
+    leaves = _flat({key: value for key, value in record.items() if key != "particles"})
+    return [key for key, value in leaves if _is_function(value)]
 
 
 def _is_function(value: Any) -> bool:

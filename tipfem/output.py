@@ -38,6 +38,7 @@ from tipfem.logs import log
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
+CASE_FILE = "case.toml"  # the whole case
 MANIFEST = ".tipfem"
 SHORT = 600.0  # wall-clock time of a run whose results a later one in the folder replaces unasked [s]
 # What every run writes besides its fields; a file of such a name that is not in the manifest is not tipfem's.

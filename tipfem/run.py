@@ -7,7 +7,6 @@ import math
 import os
 import signal
 import threading
-import time as clock
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, nullcontext, suppress
 from types import FrameType
@@ -233,44 +232,6 @@ def require_intervals(
             f"Simulation: output_interval is {output_interval:g} s, far below the time step of {time_step:g} s; "
             "every output shortens steps to end at it"
         )
-
-
-class CheckpointSchedule:
-    """When the next checkpoint is due.
-
-    Args:
-        interval: in simulated time [s], or None.
-        wall_interval: in wall-clock time [s], or None.
-    """
-
-    def __init__(self, interval: float | None, wall_interval: float | None) -> None:
-        self.interval, self.wall_interval = interval, wall_interval
-        self._wall, self._next = clock.monotonic(), 0.0
-        self._last: tuple[State | None, float] = (None, math.nan)
-
-    def has(self, state: State, until: float) -> bool:
-        """Whether the last one that was written is of a state, in a run to a time [s]."""
-        last, end = self._last
-        return last is state and end == until
-
-    def forget(self) -> None:
-        """What the last one holds has changed, although the state has not."""
-        self._last = (None, math.nan)
-
-    def written(self, time: float, state: State | None = None, until: float = math.nan) -> None:
-        """A checkpoint of a simulated time [s] has been written, of a state in a run to a time [s]."""
-        if state is not None:
-            log(logging.DEBUG, "checkpoint", f"checkpoint at t = {time:.6g} s", {"t": time})
-        self._last = (state, until)
-        self._wall = clock.monotonic()
-        interval = self.interval
-        self._next = math.inf if interval is None else (math.floor(time / interval + 1e-9) + 1) * interval
-
-    def due(self, time: float) -> bool:
-        """Whether one is due at a simulated time [s]."""
-        if self.interval is not None and time >= self._next * (1 - 1e-12):
-            return True
-        return self.wall_interval is not None and clock.monotonic() - self._wall >= self.wall_interval
 
 
 @contextmanager

@@ -8,7 +8,6 @@ import math
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,19 +20,7 @@ from tipfem.case.case import Case
 from tipfem.case.fluid import Fluid
 from tipfem.case.forces import Forces
 from tipfem.case.particles import Particles
-from tipfem.checkpoint import (
-    FOLDER,
-    CheckpointFolder,
-    case_from,
-    case_record,
-    differences,
-    environment,
-    file_name,
-    rows_of,
-    table_of,
-    what_changed,
-)
-from tipfem.errors import CheckpointError, SimulationError, StepRefused, TriangulationError
+from tipfem.errors import SimulationError, StepRefused, TriangulationError
 from tipfem.fem.time_integration import StepControl, require_felt, smallest_jacobian
 from tipfem.fields import FieldOutput
 from tipfem.liveview.control import LiveControl
@@ -42,15 +29,16 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.probes import Energy
 from tipfem.notebook import facts
 from tipfem.output import ResultsFolder, fill_columns, own_columns
-from tipfem.probes import Probe, ProbeRecorder, probe_from, probe_record
+from tipfem.probes import Probe, ProbeRecorder
 from tipfem.remesh.remeshers import remesher_for
-from tipfem.run import CheckpointSchedule, require_intervals, require_later, writing
+from tipfem.resuming import RunCheckpoints, keep_case, resumed
+from tipfem.run import require_intervals, require_later, writing
 from tipfem.run import run as run_to
 from tipfem.state import Solved, State, state_with_held_bodies
 from tipfem.steering import Command, Record, RunControl, Steering
 from tipfem.step.budget import Budget
 from tipfem.step.numerical_error import numerical_error
-from tipfem.step.solve import StepSolver, first_not_finite
+from tipfem.step.solve import StepSolver
 from tipfem.step.volume_source import VolumeControl
 from tipfem.timers import Timings, timer
 from tipfem.walls.bodies import BodyStates, body_columns
@@ -129,7 +117,7 @@ class Simulation:
         self.remesher, self.budget = remesher_for(case), Budget(case)
         self.columns = own_columns(columns or {}, (*self.budget.columns, *body_columns(case.bodies, None)))
         self.until, self.notes = math.nan, list[str]()
-        self._started = clock.perf_counter()
+        self.started = clock.perf_counter()
         try:
             initial = set_off(case.boundary, case.particles.copy(), 0.25 * self.control.largest)
             bodies = None
@@ -143,7 +131,7 @@ class Simulation:
         rate = 0.0 if self.remesher.keeps_volumes else case.numerics.volume_correction * frequency
         self.volume_control = VolumeControl(self.state.volume, rate, balanced=case.closed)
         self.probes = ProbeRecorder(probes, case)
-        self._schedule = CheckpointSchedule(checkpoint_interval, checkpoint_wall_interval)
+        self.checkpoints = RunCheckpoints(checkpoint_interval, checkpoint_wall_interval)
         # Last, because it removes the results of an earlier run, which a refused simulation must not do.
         self.results = ResultsFolder(out, overwrite=overwrite, fields=field_output) if out is not None else None
         if self.results:
@@ -196,7 +184,7 @@ class Simulation:
         Raises:
             ValueError: the command is refused, because a value is not possible; nothing has changed.
         """
-        self._schedule.forget()
+        self.checkpoints.forget()
         self.steering.give(self, command)
 
     def step(self, until: float = math.inf) -> None:
@@ -283,6 +271,7 @@ class Simulation:
             SimulationError: the run cannot continue, or its results cannot be written; all earlier results are on disk.
         """
         require_later("run", until, self.time)
+        keep_case(self, until)
         run_to(self, until, progress=progress, control=LiveControl(self) if view else control)
 
     def volume(self, name: str | Fluid) -> float:
@@ -320,7 +309,7 @@ class Simulation:
             {
                 "time": self.time,
                 "steps": self.step_number,
-                "wall_seconds": clock.perf_counter() - self._started,
+                "wall_seconds": clock.perf_counter() - self.started,
                 "particles": len(self.particles),
                 "spacing": self.particles.spacing,
                 "grading": self.case.grading.summary() if self.case.grading else None,
@@ -361,7 +350,7 @@ class Simulation:
             **balance,
             **body_columns(self.case.bodies, self.state.bodies),
         }
-        row.update(dict.fromkeys(self.columns, math.nan), wall_seconds=clock.perf_counter() - self._started)
+        row.update(dict.fromkeys(self.columns, math.nan), wall_seconds=clock.perf_counter() - self.started)
         try:
             failure = fill_columns(row, self.columns, self)
         finally:  # also when interrupted: an accepted step has its row
@@ -374,7 +363,7 @@ class Simulation:
 
     def checkpoint_is_due(self) -> bool:
         """Whether `run` is to write a checkpoint now."""
-        return self.results is not None and self._schedule.due(self.time)
+        return self.results is not None and self.checkpoints.due(self.time)
 
     def write_checkpoint(self, until: float) -> None:
         """Write a checkpoint of the present state into the results folder; nothing without one.
@@ -386,40 +375,8 @@ class Simulation:
             OSError: it cannot be written.
             SimulationError: the state has values that are not finite; the checkpoints that were there are left.
         """
-        if not self.results or self._schedule.has(self.state, until):
-            return
-        if wrong := first_not_finite(self.particles, "in the present state"):
-            raise SimulationError(f"t = {self.time:.6g} s: no checkpoint is written, for {wrong}")
-        with self.timings.active(), timer("checkpoint"):
-            content = {
-                **self._record,
-                "until": until,
-                "state": self.state,
-                "control": vars(self.control),
-                "missing": self.volume_control.missing,
-                "steering": self.steering.content(self),
-                "history": table_of(self.history),
-                "probes": self.probes.content(),
-                "results": self.results.content(),
-                "wall_seconds": clock.perf_counter() - self._started,
-            }
-            self.results.list_file(f"{FOLDER}/{file_name(self.step_number)}")
-            CheckpointFolder(self.results.path).write(self.step_number, content)
-            self._schedule.written(self.time, self.state, until)
-
-    @cached_property
-    def _record(self) -> dict[str, Any]:
-        """What all checkpoints of a run have in common."""
-        settings = {
-            "time_step": self.control.largest,
-            "output_interval": self.output_interval,
-            "checkpoint_interval": self._schedule.interval,
-            "checkpoint_wall_interval": self._schedule.wall_interval,
-            "columns": list(self.columns),
-            "probes": {name: probe_record(probe) for name, probe in self.probes.probes.items()},
-        }
-        where = {**environment(), **runtime.settings()}
-        return {"case": case_record(self.case), "environment": where, "settings": settings}
+        with self.timings.active():
+            self.checkpoints.write(self, until)
 
     @classmethod
     def resume(
@@ -438,7 +395,8 @@ class Simulation:
 
         Args:
             out: the results folder.
-            case: the case of the run; needed if it has functions of Python's, which no file keeps.
+            case: the case of the run; needed if it has functions of Python's, which no file keeps. Those that a case
+                file describes, by forms and tables, are in the folder.
             columns: those of the run, functions which no file keeps either.
             probes: those of the run; needed if they are not all of tipfem's own kinds, which a checkpoint keeps.
             allow_changes: go on although numbers of the method (`Numerics`) have changed.
@@ -452,34 +410,7 @@ class Simulation:
             CheckpointError: there is no checkpoint that can be read, the case has changed, or a part of it is missing.
             ValueError: the folder cannot be written to.
         """
-        out = path_of("resume: out", out)
-        folder = CheckpointFolder(out)
-        notes: list[str] = []
-        case = case_from(folder.newest()["case"]) if case is None else case
-        content = folder.read(case, notes.append)
-        present = {**environment(), **runtime.settings()}
-        notes += what_changed(content, case, list(columns or {}), present, out, allow_changes=allow_changes)
-        settings = content["settings"]
-        if probes is None:
-            probes = [probe_from(record) for record in settings["probes"].values()]
-        elif changed := differences(settings["probes"], {probe.name: probe_record(probe) for probe in probes}):
-            raise CheckpointError(f"{out}: the probes are not those of the run: {'; '.join(changed)}")
-        times = ("time_step", "output_interval", "checkpoint_interval", "checkpoint_wall_interval")
-        simulation = cls(case, columns=columns, probes=probes, **{name: settings[name] for name in times})
-        simulation.state = content["state"]
-        vars(simulation.control).update(content["control"])
-        simulation.volume_control.missing = content["missing"]
-        simulation.steering.go_on(simulation, content.get("steering"), Path(out))
-        simulation.history = rows_of(content["history"])
-        simulation.until, simulation.notes = content["until"], notes
-        simulation._started = clock.perf_counter() - content["wall_seconds"]
-        simulation.results = ResultsFolder.continued(
-            out, content["results"], simulation.history, simulation.step_number
-        )
-        simulation.probes.go_on(content["probes"])
-        simulation.probes.write_to(simulation.results)
-        simulation._schedule.written(simulation.time)
-        return simulation
+        return resumed(cls, path_of("resume: out", out), case, columns or {}, probes, allow_changes=allow_changes)
 
     def next_output(self) -> float:
         """The next time at which fields are to be written [s]."""

@@ -125,3 +125,56 @@ def test_a_demo_that_is_killed_is_resumed_to_the_bit(tmp_path):
     assert rows(out) == rows(whole)
     summaries = [json.loads((folder / "summary.json").read_text()) for folder in (out, whole)]
     assert summaries[0]["validation"] == summaries[1]["validation"]
+
+
+MOVED = """
+[tank_motion]
+angle = { form = "sine", amplitude = 0.1, frequency = 2.0, soft_start = 0.5 }
+translation = { form = "table", file = "shift.csv" }
+"""
+
+
+def test_python_goes_on_with_a_case_file_s_run_and_its_motions(tmp_path, capsys):
+    """The table, too, is in the results folder: nothing beside it is needed."""
+    (tmp_path / "moved.toml").write_text((DEMOS / "cases" / "dam_break.toml").read_text("utf-8") + MOVED, "utf-8")
+    (tmp_path / "shift.csv").write_text("0, 0, 0\n0.5, 0.05, 0\n1.0, 0.1, 0.1\n")
+    whole, out = tmp_path / "whole", tmp_path / "out"
+    words = ["run", str(tmp_path / "moved.toml"), *COARSE]
+    assert main([*words, "--until", "0.012", "--out", str(whole)]) == 0
+    assert main([*words, "--until", "0.006", "--out", str(out)]) == 0
+    (tmp_path / "shift.csv").unlink()
+    (tmp_path / "moved.toml").unlink()
+    tp.Simulation.resume(out).run(until=0.012)
+    assert rows(out) == rows(whole)
+
+
+def test_a_script_s_run_leaves_its_whole_case(tmp_path, water, air):
+    def run(out, case, **options):
+        simulation = tp.Simulation(case, out, time_step=2e-3, probes=[tp.EnergyProbe(name="e")], **options)
+        simulation.run(until=0.006)
+        return simulation
+
+    tank = tp.tank((0.4, 0.4), 0.08).fill(air).fill(water, box=((0, 0), (0.16, 0.24))).wall("top", velocity=(1, 0))
+    case = tp.Case(tank, [water, air], gravity=(0, -9.81), title="A lid that slides")
+    run(tmp_path / "out", case, output_interval=4e-3)
+    file = tp.load_case(tmp_path / "out" / "case.toml")
+    assert (file.end, file.table.output.interval, file.parts.probes[0].name) == (0.006, 4e-3, "e")
+    assert main(["run", str(tmp_path / "out" / "case.toml"), "--out", str(tmp_path / "again"), "--no-progress"]) == 0
+    assert rows(tmp_path / "again") == rows(tmp_path / "out")
+    assert main(["resume", str(tmp_path / "out"), "--until", "0.008", "--no-progress"]) == 0
+
+
+def test_a_script_s_run_says_which_part_no_file_keeps(tmp_path, water, air, capsys):
+    tank = tp.tank((0.4, 0.4), 0.08).fill(air).fill(water, where=lambda x: x[:, 1] < 0.2)
+    tank.wall("top", velocity=lambda time: (time, 0.0))
+    case = tp.Case(tank, [water, air], gravity=(0, -9.81))
+    tp.Simulation(case, tmp_path / "out", time_step=2e-3).run(until=0.004)
+    text = (tmp_path / "out" / "case.toml").read_text()
+    assert "#   fill[1].where: the Python function test_a_script_s_run_says" in text
+    assert "#   walls.top.velocity: the Python function test_a_script_s_run_says" in text
+    assert main(["resume", str(tmp_path / "out"), "--until", "0.006"]) == 2
+    said = capsys.readouterr().err
+    assert "the case has functions of Python's, which no file keeps: walls.top.velocity; give the case" in said
+    simulation = tp.Simulation.resume(tmp_path / "out", case)
+    simulation.run(until=0.006)
+    assert simulation.step_number == 3

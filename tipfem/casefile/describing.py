@@ -36,6 +36,7 @@ from tipfem.casefile.source import BARE
 from tipfem.fields import FieldOutput
 from tipfem.probes import Probe, probe_record
 
+NOT_KEPT = "not kept: "  # begins what stands in place of a part that a case file cannot keep
 ARRAYS = ("position", "fluid", "wall", "velocity", "acceleration", "pressure")
 FUNCTIONS = tuple(FORMS.values())
 
@@ -188,7 +189,7 @@ class _Writer:
     def lost(self, part: str, reason: str) -> str:
         """What stands in place of a part that cannot be kept; it is refused when the text is loaded."""
         self.missing.append(f"{part}: {reason}")
-        return f"not kept: {reason}"
+        return f"{NOT_KEPT}{reason}"
 
     def table(self, path: tuple[str, ...], content: Mapping[str, Any], *, item: bool = False) -> None:
         """A table, or an item of an array of tables; values that are None are left out."""

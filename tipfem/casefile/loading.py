@@ -14,10 +14,12 @@ from pydantic import TypeAdapter, ValidationError
 
 from tipfem.arguments import path_of
 from tipfem.casefile.building import Parts
+from tipfem.casefile.describing import NOT_KEPT
 from tipfem.casefile.problems import CaseFileError, Problem, Translator, child_at, meant
 from tipfem.casefile.schema import CaseTable, FillTable, FluidTable, ProbeTable, WallTable, json_schema
 from tipfem.casefile.source import Key, Path, Source, SyntaxProblem, keys_of, parse, value_of
 from tipfem.fields import FieldOutput
+from tipfem.output import CASE_FILE
 
 if TYPE_CHECKING:
     from tipfem.case.case import Case
@@ -57,6 +59,26 @@ def load_case(path: str | FilePath, overrides: Sequence[str] = ()) -> CaseFile:
     except (OSError, UnicodeDecodeError) as error:
         raise CaseFileError([Problem(str(path), (), _unreadable(path, error))]) from None
     return read_case(text, str(path), path.parent, overrides)
+
+
+def left_case(folder: FilePath) -> CaseFile | None:
+    """The case file that a run has left in its results folder.
+
+    Args:
+        folder: the results folder.
+
+    Returns:
+        The case file; None if there is none, or if it lacks parts that no file keeps, see `Description.missing`.
+
+    Raises:
+        CaseFileError: it has mistakes.
+    """
+    path = folder / CASE_FILE
+    try:
+        text = path.read_text(encoding="utf-8", errors="replace")
+    except FileNotFoundError:
+        return None
+    return None if f'"{NOT_KEPT}' in text else load_case(path)
 
 
 def read_case(text: str, name: str, folder: FilePath | str = ".", overrides: Sequence[str] = ()) -> CaseFile:

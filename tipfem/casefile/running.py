@@ -18,6 +18,7 @@ from tipfem.arguments import is_number
 from tipfem.casefile.options import Number, Overrides, Shown, Whole
 from tipfem.casefile.problems import CaseFileError
 from tipfem.logs import log_json, log_lines
+from tipfem.output import CASE_FILE
 from tipfem.progress import on_terminal
 
 if TYPE_CHECKING:
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from tipfem.steering import RunControl
 
 RESULTS = ("case.json", "history.csv", "summary.json")
-CASE_FILE = "case.toml"
 # Written by the harness of the demos: the words of the command that goes on with the run.
 COMMAND_FILE = "command.json"
 
@@ -174,7 +174,7 @@ def resumed(
         CheckpointError: see `Simulation.resume`.
     """
     from tipfem.backend import runtime
-    from tipfem.casefile.loading import load_case
+    from tipfem.casefile.loading import left_case
     from tipfem.checkpoint import CheckpointFolder
 
     if not out.is_dir():
@@ -182,7 +182,7 @@ def resumed(
     if words := demo_command(out):
         raise ValueError(f"{out}: the run is that of a script; go on with it by: {' '.join(words)}")
     checkpoints = CheckpointFolder(out)
-    file = load_case(out / CASE_FILE) if (out / CASE_FILE).exists() else None
+    file = left_case(out)
     if not checkpoints.files():
         if file is None:
             raise ValueError(f"{out}: it holds neither checkpoints nor {CASE_FILE}; give the results folder of a run")

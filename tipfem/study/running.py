@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Protocol
 
 from tipfem.casefile.describing import write_case
-from tipfem.casefile.running import CASE_FILE
 from tipfem.checkpoint import FOLDER
+from tipfem.output import CASE_FILE
 from tipfem.run import StopRequest
 from tipfem.study.study import Run, Study
 from tipfem.study.table import status_of
