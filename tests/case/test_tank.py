@@ -292,7 +292,9 @@ def test_impossible_parts_are_refused_with_the_fluid_s_name(part, words, water):
 
 
 def test_only_a_fluid_can_be_filled_in():
-    with pytest.raises(ValueError, match=r"fill: fluid is the name 'water'; a tank knows no names of fluids"):
+    with pytest.raises(
+        ValueError, match=r"fill: fluid is 'water'; a tank knows no names of fluids; it must be a Fluid"
+    ):
         tp.tank((1, 1), 0.1).fill("water")
 
 

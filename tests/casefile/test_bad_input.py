@@ -439,6 +439,7 @@ def test_a_table_file_is_checked_line_by_line(tmp_path):
         "0,0,0\n": ["1 rows"],
         "time,u,v\n0,0,0\n1,x,0\n": ["line 3", "'1,x,0'", "finite numbers"],
         "0,0,0\n1,1\n": ["line 2", "'1,1'"],
+        "t;u;v\n0;0;0\n1;0,5;0\n": ["line 2", "'0;0;0'", "with commas between them and a point in decimals"],
         "0,0,0\n1,nan,0\n": ["line 2"],
         "0,0\n1,1\n": ["2 numbers"],
         "0.1,0,0\n1,1,0\n": ["from 0.1 to 1.0 s"],
@@ -526,3 +527,25 @@ def test_bad_shapes_are_refused_at_their_place(tank, path, text):
         read_case(SHAPED.replace("{tank}", tank), "case.toml")
     assert path in str(caught.value)
     assert text in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("probe", "fits"),
+    [
+        ('type = "point"\nat = [0.5, 0.1]', False),
+        ('type = "point"\nat = [0.5, 0.2]', True),
+        ('type = "point"\nat = [0.3, 0.1]', True),
+        ('type = "line"\nstart = [0.1, 0.1]\nend = [0.5, 0.1]\ncount = 5', False),
+    ],
+)
+def test_a_probe_in_a_baffle_is_refused(probe, fits):
+    corners = "[[0, 0], [0.4, 0], [0.4, 0.2], [0.6, 0.2], [0.6, 0], [1, 0], [1, 0.5], [0, 0.5]]"
+    names = ["a", "b", "c", "d", "e", "f", "g", "h"]
+    text = SHAPED.replace("{tank}", f"shape = {{corners = {corners}, names = {names}}}")
+    text += f'\n[[probes]]\nname = "p"\n{probe}\n'
+    if fits:
+        read_case(text, "case.toml").case()
+        return
+    with pytest.raises(CaseFileError, match=r"lies outside of the tank, 0\.1 m behind '[bcd]'") as caught:
+        read_case(text, "case.toml").case()
+    assert "case.toml:" in str(caught.value)

@@ -189,13 +189,9 @@ class Tank:
                 has been made of the tank already.
         """
         self._require_open("fill")
-        if isinstance(fluid, str):
-            raise ValueError(
-                f"fill: fluid is the name {fluid!r}; a tank knows no names of fluids, give the Fluid itself: "
-                f"fill(tp.Fluid({fluid!r}, density=..., viscosity=...))"
-            )
         if not isinstance(fluid, Fluid):
-            raise ValueError(f"fill: fluid is {fluid!r}; it must be a Fluid")
+            why = "; a tank knows no names of fluids" if isinstance(fluid, str) else ""
+            raise ValueError(f"fill: fluid is {fluid!r}{why}; it must be a Fluid, as tp.Fluid('water', 998.2, 1e-3)")
         if sum(part is not None for part in (box, disc, where, shape)) > 1:
             raise ValueError("fill: give one of box, disc, where and shape, not several")
         initial: Callable[[Array], Array] | Array | None = None

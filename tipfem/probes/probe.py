@@ -121,12 +121,20 @@ def require_plane(probe: Probe, case: Case) -> None:
 
 
 def require_inside(probe: Probe, case: Case, place: Array) -> None:
-    """Raise ValueError unless ``place`` (d,) lies in the box around the case's particles."""
+    """Raise ValueError unless ``place`` (d,) lies in the tank, or without one in the box around the particles."""
     lower, upper = case.particles.position.min(axis=0), case.particles.position.max(axis=0)
     slack = 1e-9 * (upper - lower)
     if ((place < lower - slack) | (place > upper + slack)).any():
         raise ValueError(
             f"{probe}: the place {place.tolist()} lies outside of the tank from {lower.tolist()} to {upper.tolist()} m"
+        )
+    if case.domain is None or case.bodies:  # bodies move, and what they cover at the start is uncovered
+        return
+    distance, _ = case.domain.distances(place[None])
+    if not case.domain.contains(place[None])[0] and distance.min() > slack.max():
+        side = case.domain.sides[case.domain.side[distance.argmin()]]
+        raise ValueError(
+            f"{probe}: the place {place.tolist()} lies outside of the tank, {distance.min():.3g} m behind {side!r}"
         )
 
 
