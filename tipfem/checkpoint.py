@@ -98,18 +98,20 @@ class CheckpointFolder:
 
     def _newest(self, case: Case | None, warn: Callable[[str], None]) -> dict[str, Any]:
         """See `read` and `newest`."""
+        newest = ""
         for path in self.files():
             try:
                 return read_file(path, case)
             except CheckpointError as error:
                 warn(f"{error}; the one before is tried")
-        raise self._none()
+                newest = newest or f": {error}; the run can only be started again"
+        raise self._none(newest)
 
-    def _none(self) -> CheckpointError:
-        folder, why = self.path.parent, ""
+    def _none(self, why: str) -> CheckpointError:
+        folder = self.path.parent
         if not folder.is_dir():
             why = ": there is no such folder"
-        elif not self.files():
+        elif not why:
             why = f": {folder} has none; is it the results folder of a run?"
         return CheckpointError(f"{self.path} holds no checkpoint that can be read{why}")
 

@@ -121,6 +121,7 @@ def demo(
 
 def main() -> None:
     """Entry point of the command `tipfem`; see `tipfem.casefile.commands.EXIT_CODES`."""
+    warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"  # without a line of the source
     try:
         sys.exit(call(app))
     except KeyboardInterrupt:  # before a run has begun, or in a command that only looks at results

@@ -79,7 +79,8 @@ def test_a_changed_case_is_refused_unless_numbers_of_the_method_may_change(tmp_p
     [
         (["nowhere"], "nowhere: there is no such folder"),
         (["empty"], "it holds neither checkpoints nor case.toml"),
-        (["foreign"], "holds no checkpoint that can be read"),
+        (["foreign"], "holds no checkpoint that can be read: foreign/checkpoints/step_000000001.h5 is damaged or no"),
+        (["foreign/checkpoints/step_000000001.h5"], "step_000000001.h5: is a file; give the results folder of a run"),
         (["demo"], "go on with it by: tipfem demo dam_break --spacing 0.01 --resume"),
         (["broken"], "this is not valid TOML"),
         (["empty", "--until", "0"], "--until is 0.0 s; it must be a number > 0"),

@@ -178,7 +178,8 @@ def resumed(
     from tipfem.checkpoint import CheckpointFolder
 
     if not out.is_dir():
-        raise ValueError(f"{out}: there is no such folder; give the results folder of a run")
+        what = "is a file" if out.exists() else "there is no such folder"
+        raise ValueError(f"{out}: {what}; give the results folder of a run")
     if words := demo_command(out):
         raise ValueError(f"{out}: the run is that of a script; go on with it by: {' '.join(words)}")
     checkpoints = CheckpointFolder(out)
