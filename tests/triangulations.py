@@ -118,7 +118,7 @@ def inner_edges(t: Triangulation):
 
 
 def circle_test(x, four) -> np.ndarray:
-    """`edge_operations.in_circle` in NumPy, by a general determinant."""
+    """How far the fourth lies inside the circle through the others, over the size of the four, in NumPy."""
     v = x[four[:, :3]] - x[four[:, 3:]]
     square = (v**2).sum(axis=2)
     return np.linalg.det(np.concatenate([v, square[..., None]], axis=2)) / square.max(axis=1) ** 2

@@ -14,6 +14,7 @@ from triangulations import component_labels
 
 import tipfem as tp
 from tipfem.backend.arrays import Buffers, download
+from tipfem.case.place import places
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg.multigrid.deflation import SubdomainDeflation
 from tipfem.linalg.multigrid.grid_hierarchy import RHS, SOLUTION, VECTORS
@@ -68,6 +69,7 @@ def test_bubbles_are_the_smaller_components_of_the_light_fluid(fluids):
         upload_csr(buffers, sparse.csr_matrix((np.ones(len(columns)), columns, offsets), shape=(n, n))),
         buffers.get("vectors", VECTORS * n),
         buffers,
+        position=particles.position,
     )
     if fluids != "both":
         assert found.count == 0
@@ -78,6 +80,8 @@ def test_bubbles_are_the_smaller_components_of_the_light_fluid(fluids):
     got = [frozenset(lists[first:last].tolist()) for first, last in pairwise(starts)]
     assert len(got) == 9
     assert set(got) == set(expected)
+    first = [places(particles.position)[list(bubble)].min() for bubble in got]
+    assert first == sorted(first)
 
 
 def test_after_deflation_the_equations_of_each_bubble_hold_in_the_sum():
@@ -97,6 +101,7 @@ def test_after_deflation_the_equations_of_each_bubble_hold_in_the_sum():
         upload_csr(buffers, matrix),
         vectors,
         buffers,
+        position=particles.position,
     )
     b, x = rng.standard_normal((2, n))
     set_vector(vectors, RHS, b)

@@ -7,6 +7,7 @@ import pytest
 
 import tipfem as tp
 from tipfem.case.fluid import ranks
+from tipfem.case.place import places
 from tipfem.mesh.cut import cut_along_interfaces
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
@@ -35,7 +36,8 @@ def test_there_is_one_node_for_each_particle_and_component():
     assert cut.copies == len(wanted) - n > 40
     assert np.bincount(cut.owner).max() == 3  # where three fluids meet
     np.testing.assert_array_equal(cut.owner[:n], np.arange(n))
-    assert (np.diff(cut.owner[n:]) >= 0).all()
+    assert (np.diff(places(mesh.position)[cut.owner[n:]]) >= 0).all()
+    assert len(np.unique(cut.owner[n:])) == 1 + np.count_nonzero(np.diff(cut.owner[n:]))
     np.testing.assert_array_equal(cut.owner[cut.mesh.cells], mesh.cells)
     np.testing.assert_array_equal(cut.component[cut.mesh.cells], np.repeat(label[:, None], 3, axis=1))
     np.testing.assert_array_equal(cut.mesh.position, mesh.position[cut.owner])

@@ -44,14 +44,17 @@ def test_components_are_those_of_a_flood_fill():
             assert sorted(map(sorted, found)) == sorted(map(sorted, flood(mesh.neighbours, fluid)))
 
 
-def test_components_are_numbered_in_the_order_of_their_first_cells_and_labelled_once():
+def test_components_are_numbered_by_size_and_labelled_once():
     x = cloud("random", 3)
     fluid = np.random.default_rng(3).integers(0, 3, len(delaunay(x)), dtype=np.int32)
     mesh = with_components(Mesh(x, delaunay(x), fluid), 3)
     label = mesh.components.label
-    np.testing.assert_array_equal(label, component_labels(mesh.neighbours, fluid))
-    first = [int(np.argmax(label == k)) for k in range(label.max() + 1)]
-    assert first == sorted(first)
+    pairs = np.unique(np.stack([label, component_labels(mesh.neighbours, fluid)]), axis=1)
+    assert pairs.shape[1] == label.max() + 1 == len(mesh.components)
+    volume = np.bincount(label, weights=mesh.measure)
+    assert len(volume) > 10
+    assert (np.diff(volume) <= 0).all()
+    np.testing.assert_array_equal(mesh.components.fluid[label], fluid)
     assert with_components(mesh, 3) is mesh
     assert mesh.moved(x + 1.0).components is mesh.components
     with pytest.raises(ValueError, match="no fluids"):

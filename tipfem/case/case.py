@@ -17,6 +17,7 @@ from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import Numerics
 from tipfem.case.particles import Particles
+from tipfem.case.place import places
 from tipfem.case.shapes import Shape
 from tipfem.case.tank import Tank
 from tipfem.case.walls import Motion, Wall
@@ -29,6 +30,7 @@ DEFAULT_INTERFACE = "sharp"
 SURFACE_INTERFACE = "interpolated"  # the default with a free surface
 # A wall particle of a closed case farther than this inside the convex hull is an inner wall [spacings].
 INNER_WALL = 0.1
+SAME_HEIGHT = 1e-9  # relative difference of heights by round-off
 # A wall particle closer than this to the outline of a body is on the body [spacings].
 ON_BODY = 1e-3
 
@@ -345,12 +347,17 @@ class Case:
         return float(np.sqrt(np.linalg.norm(force, axis=1).max() / self.particles.spacing))
 
     def pressure_reference(self) -> int:
-        """The wall particle at which a closed tank's pressure is zero: the highest, against gravity and body force."""
+        """The wall particle at which a closed tank's pressure is zero: the highest, against gravity and body force.
+
+        Of several at the same height, the first by its place (see `tipfem.case.place`).
+        """
         # Corners neither slide nor are relocated; a curve all around has none, and remeshing keeps the particle there.
         stays = self.boundary.stays
         wall = np.flatnonzero(stays if stays.any() else self.particles.wall)
-        height = -self.particles.position[wall] @ self.acceleration(self.particles.position, 0.0).mean(axis=0)
-        return int(wall[np.argmax(height)])
+        position = self.particles.position[wall]
+        height = -position @ self.acceleration(self.particles.position, 0.0).mean(axis=0)
+        highest = np.flatnonzero(height >= height.max() - SAME_HEIGHT * np.abs(height).max())
+        return int(wall[highest[np.argmin(places(position[highest]))]])
 
 
 def _checked_fluids(fluids: Sequence[Fluid]) -> list[Fluid]:

@@ -116,7 +116,7 @@ class FittedRule:
         contact_reach: how far a contact may slide along a wall in one repair, from the foot of the interface's
             next particle on the wall.
         flip_tolerance: how far a particle may be inside a circumcircle before an edge is flipped; relative, see
-            `edge_operations.in_circle`. Positive, because flips without a gain disturb fluids at rest.
+            `flips.excess`. Positive, because flips without a gain disturb fluids at rest.
 
     Raises:
         ValueError: a number is out of range, or not a number.

@@ -18,9 +18,9 @@ class Components:
     """The K connected components of F fluids in M cells on N particles; they depend on the connectivity only.
 
     Attributes:
-        label: (M,) component of each cell, numbered from 0 in the order of their first cells, int32.
+        label: (M,) component of each cell, int32; numbered from 0, the largest when they were labelled, by volume.
         fluid: (K,) fluid of each component, int32.
-        at_particle: (F, N) a component of each fluid at each particle, -1 for none, int32.
+        at_particle: (F, N) the largest component of each fluid at each particle, -1 for none, int32.
         mark: (N,) of each particle, int32: `ON_INTERFACE`, `ON_HULL`, their sum for both, 0 for neither.
         movable: (K,) mask of the components with a particle on an interface and off the hull.
         interface_cells: numbers of the cells with such a particle, int32.

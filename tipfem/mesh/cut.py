@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tipfem.case.place import places
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
@@ -16,7 +17,8 @@ class CutMesh:
     """The cells of a mesh on P nodes: one for each pair of a particle and a connected component of a fluid there.
 
     The first N nodes are the N particles themselves, each in the heaviest of its components; the others are copies of
-    particles on interfaces, sorted by particle. Where no interface passes, a particle is one node.
+    particles on interfaces, those of a particle one after the other, sorted by its place (`tipfem.case.place`). Where
+    no interface passes, a particle is one node.
 
     Attributes:
         mesh: the same cells, in the same order, on the P nodes.
@@ -58,12 +60,16 @@ def cut_along_interfaces(mesh: Mesh, density: Array) -> CutMesh:
         raise ValueError("cut_along_interfaces: the components of this mesh are not labelled")
     n = len(mesh.position)
     cell, corner = np.nonzero(((components.mark & ON_INTERFACE) > 0).take(mesh.cells))
-    pair = mesh.cells[cell, corner].astype(np.int64) * len(components) + components.label[cell]
-    pairs, where, number = np.unique(pair, return_index=True, return_inverse=True)
-    particle, label = np.divmod(pairs, max(len(components), 1))
-    order = np.lexsort((label, -density[cell[where]], particle))
-    heaviest = np.zeros(len(pairs), dtype=bool)
-    heaviest[order[np.diff(particle[order], prepend=-1) > 0]] = True
+    at = mesh.cells[cell, corner]
+    there = np.unique(at)
+    rank = np.zeros(n, dtype=np.int64)
+    rank[there[np.argsort(places(mesh.position[there]), kind="stable")]] = np.arange(len(there))
+    pair = rank[at] * len(components) + components.label[cell]
+    _, where, number = np.unique(pair, return_index=True, return_inverse=True)
+    particle, label = at[where], components.label[cell[where]]
+    order = np.lexsort((label, -density[cell[where]], rank[particle]))
+    heaviest = np.zeros(len(where), dtype=bool)
+    heaviest[order[np.diff(rank[particle[order]], prepend=-1) > 0]] = True
     node = particle.copy()
     node[~heaviest] = n + np.arange(np.count_nonzero(~heaviest))
     cells = mesh.cells.copy()

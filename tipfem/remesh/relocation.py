@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from tipfem.case.numerics import RelocationRule
 from tipfem.case.particles import Particles
+from tipfem.case.place import places
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
@@ -273,8 +274,11 @@ def _crowding(
     close &= ~(bound[i] & bound[j])
     i, j, length = i[close], j[close], length[close]
     crowd = np.full(len(mesh.position), np.inf)
-    # Particles below the surface move rather than those on it, which give it its shape.
-    np.minimum.at(crowd, np.where(bound[j] | (front[j] & ~front[i] & ~bound[i]), i, j), length)
+    # Particles below the surface move rather than those on it, which give it its shape. Otherwise their places decide,
+    # which do not depend on their numbers.
+    one_moves = np.where(front[i] == front[j], places(mesh.position[i]) > places(mesh.position[j]), front[j])
+    one_moves = np.where(bound[i] | bound[j], bound[j], one_moves)
+    np.minimum.at(crowd, np.where(one_moves, i, j), length)
     # Heights over walls are scaled so that they can be compared with distances.
     apex = apex_of(mesh, wall, on_wall)
     low = (height < np.where(front, factor[2], 1.0)[apex] * rule.too_close_to_wall * h) & ~(relocated | stuck)[apex]

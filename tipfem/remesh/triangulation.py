@@ -125,7 +125,7 @@ class Triangulation:
         """Flip edges that are not Delaunay, and return the number of flips.
 
         Args:
-            tolerance: how far a particle may be inside a circumcircle, see `edge_operations.in_circle`.
+            tolerance: how far a particle may be inside a circumcircle, see `flips.excess`.
             stale_only: examine only cells that were marked or changed since the last call.
 
         Raises:
@@ -145,9 +145,10 @@ class Triangulation:
                 tolerance,
                 work=(elements, flips.FIND_FLIPS),
             )
-        counters, stack = np.zeros(flips.COUNTERS, dtype=np.int32), np.empty(max(8 * elements, 64), dtype=np.int32)
+        counters, most = np.zeros(flips.COUNTERS, dtype=np.int32), max(8 * elements, 64)
+        keys, names = np.empty((most, 2)), np.empty(most, dtype=np.int32)
         while True:
-            counters[flips.STACK_FULL] = 0
+            counters[flips.QUEUE_FULL] = 0
             launch(
                 flips.make_delaunay,
                 self.state,
@@ -159,7 +160,8 @@ class Triangulation:
                 self.wall,
                 self.density,
                 self._stale,
-                stack,
+                keys,
+                names,
                 np.empty(4, dtype=np.int32),
                 counters,
                 tolerance,
@@ -167,7 +169,7 @@ class Triangulation:
             count = int(counters[flips.FLIPS])
             if counters[flips.ENDLESS]:
                 raise TriangulationError(f"flipping edges does not terminate ({count} flips)")
-            if not counters[flips.STACK_FULL]:
+            if not counters[flips.QUEUE_FULL]:
                 return count
 
     def marks(self) -> Array:
@@ -276,6 +278,8 @@ class Triangulation:
         flag, counters = np.empty(elements, dtype=np.int32), np.zeros(films_contacts.COUNTERS, dtype=np.int32)
         limits = np.array([reach, gap, least_area, film, sliver, 1.0])
         fixed, displacement = held.astype(np.int32), np.ascontiguousarray(displacement)
+        most = max(3 * elements, len(self.state))
+        keys, names = np.empty((most, 2)), np.empty(most, dtype=np.int32)
         broken, before, slide = 0, -1, 1
         while counters[films_contacts.ABSORBED] != before:  # the parts of an edge may be long, too
             before = int(counters[films_contacts.ABSORBED])
@@ -296,6 +300,8 @@ class Triangulation:
                 limits,
                 np.empty(films_contacts.SCRATCH, dtype=np.int32),
                 flag,
+                keys,
+                names,
                 slide,
                 work=(elements, films_contacts.CELL),
             )
@@ -345,6 +351,8 @@ class Triangulation:
             np.empty(coarsen_refine.SCRATCH, dtype=np.int32),
             np.empty(count, dtype=np.int32),
             np.empty(elements),
+            np.empty((count, 2)),
+            np.empty(count, dtype=np.int32),
             work=(elements, coarsen_refine.CELL),
         )
         self.removed = np.concatenate([self.removed, removed[: counters[REMOVED]]])

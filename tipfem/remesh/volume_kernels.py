@@ -53,7 +53,7 @@ def label_components(
     label (M,): component of each cell, numbered in the order of their first cells, -1 for removed cells. mark (N,),
     zero before: bits `ON_INTERFACE` and `ON_HULL`. measure (M,): areas. volume (K,), fluid ``of`` (K,), movable (K,): 1
     for components with a particle on an interface and off the hull. near (M,): the cells with such a particle. at
-    (F, N): a component of each fluid at each particle, -1 before and where there is none.
+    (F, N): the largest component of each fluid at each particle, -1 before and where there is none.
     counters: [COMPONENTS], and [INTERFACE_CELLS] in ``near``.
     """
     ti.loop_config(serialize=True)
@@ -96,22 +96,25 @@ def label_components(
             volume[b] = volume[b] + area
             of[b] = f
             for k in ti.static(range(3)):
-                n = cells[t, k]
-                if mark[n] == ON_INTERFACE:
+                if mark[cells[t, k]] == ON_INTERFACE:
                     beside = 1
-                # The corner's number is in the two lowest bits: of several components, that with the highest corner is
-                # kept.
-                known = at[f, n]
-                if known != 4 * b + k and (known & 3 <= k or known < 0):
-                    at[f, n] = 4 * b + k
             if beside > 0:
                 movable[b] = 1
                 near[counters[INTERFACE_CELLS]] = t
                 counters[INTERFACE_CELLS] = counters[INTERFACE_CELLS] + 1
     ti.loop_config(serialize=True)
-    for n in range(at.shape[1]):
-        for f in range(at.shape[0]):
-            at[f, n] = at[f, n] >> 2
+    for t in range(cells.shape[0]):
+        b, f = label[t], fluid[t]
+        if f >= 0:
+            for k in ti.static(range(3)):
+                n = cells[t, k]
+                known = at[f, n]
+                if known != b:
+                    larger = known < 0
+                    if not larger:
+                        larger = volume[b] > volume[known]
+                    if larger:
+                        at[f, n] = b
 
 
 @kernel

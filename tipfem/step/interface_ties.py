@@ -47,7 +47,8 @@ class InterfaceTies:
     def __init__(self, cut: CutMesh, walls: Walls, buffers: Buffers) -> None:
         self._cut, self._walls, self._buffers = cut, walls, buffers
         self._dimension = cut.mesh.dimension
-        tied, first = np.unique(cut.owner[cut.particles :], return_index=True)
+        first = np.flatnonzero(np.diff(cut.owner[cut.copied], prepend=-1))
+        tied = cut.owner[cut.particles + first]
         self._tied, self.count = tied, len(tied)
         copies = cut.particles + np.append(first, cut.copies)
         self.groups = buffers.upload("ties.groups", np.concatenate([[len(tied)], tied, copies]).astype(np.int32))

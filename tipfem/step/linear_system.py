@@ -225,7 +225,15 @@ class LinearSystem:
         multigrid.build(position, self.pressure_laplacian, n, ties.groups if ties else None)
         shape = (len(mesh.cells), n, d + 1)
         self.deflation = SubdomainDeflation(
-            topology.cells, material[0], extremes, shape, self.pressure_laplacian, multigrid.vectors, buffers, label
+            topology.cells,
+            material[0],
+            extremes,
+            shape,
+            self.pressure_laplacian,
+            multigrid.vectors,
+            buffers,
+            label,
+            position=frame,
         )
 
     def gather(self, record: Any) -> None:

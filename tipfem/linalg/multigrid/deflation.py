@@ -19,6 +19,7 @@ from tipfem.backend.array_types import Ints1, Ints2, Reals1, Template
 from tipfem.backend.arrays import Buffers, download
 from tipfem.backend.launch import kernel, launch
 from tipfem.backend.union_find import find_root
+from tipfem.case.place import places
 from tipfem.linalg.multigrid.grid_hierarchy import ENERGY, SOLUTION
 from tipfem.linalg.multigrid.mesh_transfer import residual_row
 from tipfem.linalg.sparsity import Csr
@@ -134,6 +135,7 @@ class SubdomainDeflation:
         buffers: that hold the arrays between steps.
         label: (N,) connected component of each particle, -1 for those in none, where all components but the largest
             are to be bubbles; by default those of the light fluid.
+        position: (N, d) of the particles [m], by which the bubbles are sorted.
 
     Attributes:
         count: number of bubbles.
@@ -150,6 +152,8 @@ class SubdomainDeflation:
         vectors: Any,
         buffers: Buffers,
         label: Array | None = None,
+        *,
+        position: Array,
     ) -> None:
         self._matrix, self._vectors, self._nodes = matrix, vectors, shape[1]
         (lowest, highest), (elements, nodes, width) = extremes, shape
@@ -157,11 +161,11 @@ class SubdomainDeflation:
         labels = buffers.get("deflation.label", nodes, integer=True)
         if label is not None:
             labels = buffers.upload("deflation.label", label)
-            lists = _bubble_lists(label)
+            lists = _bubble_lists(label, position)
         elif highest >= DENSITY_RATIO * lowest:
             limit = float(np.sqrt(lowest * highest))
             launch(label_light_components, cells, density, labels, limit, elements, nodes, width)
-            lists = _bubble_lists(download(labels, nodes))
+            lists = _bubble_lists(download(labels, nodes), position)
         self.count = int(lists[0]) - 1
         self.subdomains = buffers.upload("deflation.subdomains", lists)
         if self.count:
@@ -173,14 +177,21 @@ class SubdomainDeflation:
             launch(deflate_serially, *self._matrix, self._vectors, self.subdomains, self._nodes)
 
 
-def _bubble_lists(label: Array) -> Array:
-    """The particles of all components but the largest, list by list, from labels (N,), -1 outside the light fluid."""
+def _bubble_lists(label: Array, position: Array) -> Array:
+    """The particles of all components but the largest, list by list, from labels (N,), -1 outside the light fluid.
+
+    The lists are sorted by the first places (see `tipfem.case.place`) of their particles at ``position`` (N, d) [m].
+    """
     light = np.flatnonzero(label >= 0)
     labels = label.take(light)
     size = np.bincount(labels, minlength=1)
     size[np.argmax(size)] = LARGEST + 1  # excluded, however small
     inside = light[size.take(labels) <= LARGEST]
-    inside = inside[np.argsort(label[inside], kind="stable")]
+    if not len(inside):
+        return np.ones(1, dtype=np.int32)
+    first = np.full(len(size), np.inf)
+    np.minimum.at(first, label[inside], places(position[inside]))
+    inside = inside[np.lexsort((label[inside], first[label[inside]]))]
     starts = np.flatnonzero(np.diff(label[inside], prepend=-1))
     offsets = np.append(starts, len(inside))
     return np.concatenate([offsets + len(offsets), inside]).astype(np.int32)

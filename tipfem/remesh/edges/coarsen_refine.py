@@ -38,6 +38,7 @@ from tipfem.remesh.edges.edge_operations import (
     target,
 )
 from tipfem.remesh.edges.long_edges import REMOVED, STORED, edge_key, keep_longest
+from tipfem.remesh.edges.queue import Queue, drop_first, push
 
 # Limits of `coarsen`, see there.
 TOO_CLOSE, ALONG_INTERFACE, TO_INTERFACE, FILM, LEAST_AREA, LONG_EDGE, LIMITS = 0, 1, 2, 3, 4, 5, 6
@@ -293,6 +294,23 @@ def collapse_conserving_momentum(mesh: Template, room: Template, count, closed, 
 
 
 @ti.func
+def queue_crowding(mesh: Template, queue: Template, star: Template, size, p):
+    """Put particle p into a queue of ``size``: those closest to another come first; returns the new size.
+
+    Of two that are the nearest to each other, the one whose next neighbour is nearer comes first. Distances are in
+    targets.
+    """
+    nearest, second = FAR, FAR
+    count, closed = collect_star(mesh, star, p)
+    for m in range(count + 1 - closed):
+        r = ring(mesh, star, count, p, m)
+        ratio = distance(mesh, p, r) / target(mesh.state, p, r)
+        second = ti.min(second, ti.max(nearest, ratio))
+        nearest = ti.min(nearest, ratio)
+    return push(queue, size, -nearest, -second, p)
+
+
+@ti.func
 def remove_crowding(mesh: Template, limits: Template, flag: Template, fixed: Template, room: Template, p):
     """Move the flagged particle p into a neighbour that it crowds, if there is one; whether p was removed.
 
@@ -370,6 +388,8 @@ def coarsen(
     scratch: Ints1,
     flag: Ints1,
     span: Reals1,
+    crowding: Reals2,
+    crowded: Ints1,
     serial: Template,
 ):
     """Remove particles that crowd others, by collapsing the edge to a neighbour, and gather long edges.
@@ -378,17 +398,17 @@ def coarsen(
     interface or wall. On an interface: closer than [ALONG_INTERFACE] to the next on it, and the area enclosed is kept;
     or closer than [FILM] to a wall, so that the interface then ends there; where interfaces touch, only this. On a
     wall: closer than [ALONG_INTERFACE] to the next on it, or than [FILM] at a contact. fixed (N,) stay.
-    No cell is left with less than twice the area [LEAST_AREA].
+    No cell is left with less than twice the area [LEAST_AREA]. The particles closest to others are removed first.
 
     Afterwards, where limits[LONG_EDGE] > 0: the edges and keys (E,) of `long_edges.longest_edges` for as many particles
     as were removed and options[WAITING], in no order, or of `long_edges.long_edges` if options[EVERY_EDGE] is 1.
 
     removed (N,): the particles removed, at most options[MOST]. counters, zero before: [REMOVED] particles, [STORED]
-    edges, and [NEEDED] ones that should be split. scratch (SCRATCH,), flag (N,) and span (M,) are for this kernel's
-    use.
+    edges, and [NEEDED] ones that should be split. scratch (SCRATCH,), flag (N,), span (M,), crowding (N, 2) and
+    crowded (N,) are for this kernel's use.
     """
     mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale))
-    room = ti.static(room_in(scratch))
+    room, queue = ti.static(room_in(scratch), Queue(crowding, crowded))
     ti.loop_config(serialize=serial)
     for i in range(state.shape[0]):
         flag[i] = 0
@@ -396,12 +416,20 @@ def coarsen(
     for t in range(cells.shape[0]):
         if fluid[t] >= 0:
             span[t] = flag_crowding(mesh, limits, flag, t)
+    size = 0
     ti.loop_config(serialize=True)
     for p in range(state.shape[0]):
-        if flag[p] > 0 and fixed[p] == 0 and corner[p] >= 0 and counters[REMOVED] < options[MOST]:
-            if remove_crowding(mesh, limits, flag, fixed, room, p):
-                removed[counters[REMOVED]] = p
-                counters[REMOVED] += 1
+        if flag[p] > 0 and fixed[p] == 0 and corner[p] >= 0:
+            size = queue_crowding(mesh, queue, room.star, size, p)
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        while size > 0 and counters[REMOVED] < options[MOST]:
+            p = crowded[0]
+            size = drop_first(queue, size)
+            if flag[p] > 0:
+                if remove_crowding(mesh, limits, flag, fixed, room, p):
+                    removed[counters[REMOVED]] = p
+                    counters[REMOVED] += 1
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):
         if limits[LONG_EDGE] > 0 and fluid[t] >= 0:

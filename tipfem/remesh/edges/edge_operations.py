@@ -16,7 +16,7 @@ STAR = 60
 POSITION, VELOCITY, ACCELERATION, PRESSURE, MASS, TARGET, COLUMNS = 0, 2, 4, 6, 7, 8, 9
 INTERPOLATED = MASS  # the columns before this one are interpolated linearly to a new particle
 # Values of ``stale``.
-CURRENT, STALE, TO_FLIP = 0, 1, 2
+CURRENT, STALE = 0, 1
 
 
 class TriangleArrays(NamedTuple):
@@ -34,8 +34,7 @@ class TriangleArrays(NamedTuple):
         wall: (N,) 1 for wall particles.
         density: (F,) of the fluids [kg/m^3].
         period: of the positions, see `tipfem.backend.periodic`.
-        stale: (M,) int8 `STALE` for cells that may have an edge to flip, else `CURRENT`; `TO_FLIP` where `flips` found
-            one.
+        stale: (M,) int8 `STALE` for cells that may have an edge to flip, else `CURRENT`.
     """
 
     state: Any
@@ -141,17 +140,6 @@ def circle_determinant(mesh: Template, a, b, c, d):
 
 
 @ti.func
-def in_circle(mesh: Template, a, b, c, d):
-    """How far d lies inside the circle through a, b, c (counter-clockwise), relative to the size of the four.
-
-    `circle_determinant` over the square of the largest of its squared distances: > 0 inside.
-    """
-    determinant, a2, b2, c2 = circle_determinant(mesh, a, b, c, d)
-    largest = ti.max(a2, b2, c2)
-    return determinant / (largest * largest)
-
-
-@ti.func
 def column_of(array: Template, row, value):
     """Column (0 to 2) of a row of three that holds ``value``; -1 if none does."""
     column = -1
@@ -188,22 +176,6 @@ def set_cell(mesh: Template, t, a, b, c, na, nb, nc):
     mesh.corner[a] = t
     mesh.corner[b] = t
     mesh.corner[c] = t
-
-
-@ti.func
-def should_flip(mesh: Template, t, i, tolerance):
-    """Whether the edge opposite corner i of cell t is neither Delaunay nor part of an interface or the hull."""
-    cells = ti.static(mesh.cells)
-    result = False
-    o = mesh.neighbours[t, i]
-    if o >= 0 and mesh.fluid[t] >= 0:
-        if mesh.fluid[o] == mesh.fluid[t]:
-            a, b, c = cells[t, i], cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
-            d = cells[o, column_of(mesh.neighbours, o, t)]
-            if in_circle(mesh, a, b, c, d) > tolerance:
-                # Up to round-off, the four are in convex position for every edge that is not Delaunay.
-                result = double_area(mesh, a, b, d) > 0 and double_area(mesh, a, d, c) > 0
-    return result
 
 
 @ti.func

@@ -26,6 +26,7 @@ from tipfem.remesh.edges.edge_operations import (
     side,
     target,
 )
+from tipfem.remesh.edges.queue import Queue, drop_first, place, push
 
 # Limits of `repair_interfaces`, see there.
 REACH, GAP, LEAST_AREA, FILM, SLIVER, LONG_EDGE, LIMITS = 0, 1, 2, 3, 4, 5, 6
@@ -130,12 +131,20 @@ def slide_contact(
 
 
 @ti.func
+def film_height(mesh: Template, t):
+    """Height of cell t over its longest edge, in targets."""
+    x = ti.static(mesh.state)
+    a, b, c = mesh.cells[t, 0], mesh.cells[t, 1], mesh.cells[t, 2]
+    longest = ti.max(distance(mesh, a, b), distance(mesh, b, c), distance(mesh, c, a))
+    return 3.0 * double_area(mesh, a, b, c) / (longest * (x[a, TARGET] + x[b, TARGET] + x[c, TARGET]))
+
+
+@ti.func
 def film_flags(mesh: Template, mark: Template, film, t):
     """Bits of cell t: `AT_INTERFACE` if it has an edge there, and `IN_FILM`.
 
     It is in a film if it is lower than ``film`` and none of its particles is inside its fluid.
     """
-    x = ti.static(mesh.state)
     bits = 0
     for i in ti.static(range(3)):
         o = mesh.neighbours[t, i]
@@ -144,8 +153,7 @@ def film_flags(mesh: Template, mark: Template, film, t):
                 bits = AT_INTERFACE
     a, b, c = mesh.cells[t, 0], mesh.cells[t, 1], mesh.cells[t, 2]
     if mark[a] > 0 and mark[b] > 0 and mark[c] > 0:
-        longest = ti.max(distance(mesh, a, b), distance(mesh, b, c), distance(mesh, c, a))
-        if double_area(mesh, a, b, c) < film * (x[a, TARGET] + x[b, TARGET] + x[c, TARGET]) / 3.0 * longest:
+        if film_height(mesh, t) < film:
             bits += IN_FILM
     return bits
 
@@ -229,22 +237,34 @@ def is_sliver(mesh: Template, mark: Template, limits: Template, t, i: Template):
 
 @ti.func
 def absorb_sliver(mesh: Template, mark: Template, flag: Template, limits: Template, t):
-    """Give cell t to the fluid beyond a long edge over which it is a sliver.
+    """Give cell t to the fluid beyond the longest of its edges over which it is a sliver.
 
-    Its third particle is marked (N,) as on the interface, its neighbours are flagged (M,) `AT_INTERFACE`. Returns how
-    many times the cell changed its fluid.
+    Its third particle is marked (N,) as on the interface, its neighbours are flagged (M,) `AT_INTERFACE`. Returns 1 if
+    the cell changed its fluid.
     """
-    absorbed = 0
+    longest, corner = 0.0, -1
     for i in ti.static(range(3)):
         if is_sliver(mesh, mark, limits, t, i):
-            change_fluid(mesh, t, mesh.fluid[mesh.neighbours[t, i]])
-            mark[mesh.cells[t, i]] = ON_INTERFACE
-            absorbed += 1
-            for k in ti.static(range(3)):
-                o = mesh.neighbours[t, k]
-                if o >= 0:
-                    flag[o] = flag[o] | AT_INTERFACE
-    return absorbed
+            length = distance(mesh, mesh.cells[t, (i + 1) % 3], mesh.cells[t, (i + 2) % 3])
+            if length > longest:
+                longest, corner = length, i
+    if corner >= 0:
+        change_fluid(mesh, t, mesh.fluid[mesh.neighbours[t, corner]])
+        mark[mesh.cells[t, corner]] = ON_INTERFACE
+        for k in ti.static(range(3)):
+            o = mesh.neighbours[t, k]
+            if o >= 0:
+                flag[o] = flag[o] | AT_INTERFACE
+    return 1 if corner >= 0 else 0
+
+
+@ti.func
+def queue_cell(mesh: Template, queue: Template, size, t):
+    """Put cell t into a queue of ``size``, the lowest first; returns the new size."""
+    middle = 0.0
+    for k in ti.static(range(3)):
+        middle += place(mesh.state, mesh.cells[t, k])
+    return push(queue, size, -film_height(mesh, t), middle, t)
 
 
 @kernel
@@ -264,6 +284,8 @@ def repair_interfaces(
     limits: Reals1,
     scratch: Ints1,
     flag: Ints1,
+    keys: Reals2,
+    names: Ints1,
     slide: ti.i32,
     serial: Template,
 ):
@@ -284,13 +306,21 @@ def repair_interfaces(
     on the hull: there is no room on such an edge for another particle, and this one cannot be removed where others are
     as close. counters: [ABSORBED] cells; mark (N,) is kept up to date.
 
-    scratch (SCRATCH,) and flag (M,) are for this kernel's use.
+    Contacts are taken in the order of their places, films and slivers in that of their heights. scratch (SCRATCH,),
+    flag (M,), keys (S, 2) and names (S,), S >= max(3 M, N), are for this kernel's use.
     """
     mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, None, density, stale))
-    star, other_star = ti.static(Segment(scratch, 0), Segment(scratch, STAR + 1))
+    star, other_star, queue = ti.static(Segment(scratch, 0), Segment(scratch, STAR + 1), Queue(keys, names))
+    size = 0
     ti.loop_config(serialize=True)
     for w in range(state.shape[0]):
         if slide != 0 and mark[w] == ON_INTERFACE + ON_HULL and fixed[w] == 0 and corner[w] >= 0:
+            size = push(queue, size, place(state, w), 0.0, w)
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        while size > 0:
+            w = names[0]
+            size = drop_first(queue, size)
             slide_contact(mesh, mark, displacement, limits, star, other_star, w)
     ti.loop_config(serialize=serial)
     for t in range(cells.shape[0]):
@@ -300,8 +330,23 @@ def repair_interfaces(
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):
         if flag[t] & IN_FILM > 0:
-            counters[BROKEN] += break_film(mesh, flag, t)
+            size = queue_cell(mesh, queue, size, t)
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        while size > 0:
+            t = names[0]
+            size = drop_first(queue, size)
+            if flag[t] & IN_FILM > 0:
+                counters[BROKEN] += break_film(mesh, flag, t)
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):
         if flag[t] & AT_INTERFACE > 0 and counters[BROKEN] == 0:
+            for i in ti.static(range(3)):
+                if is_sliver(mesh, mark, limits, t, i):
+                    size = queue_cell(mesh, queue, size, t)
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        while size > 0:
+            t = names[0]
+            size = drop_first(queue, size)
             counters[ABSORBED] += absorb_sliver(mesh, mark, flag, limits, t)

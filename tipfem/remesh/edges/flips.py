@@ -15,7 +15,6 @@ from tipfem.remesh.edges.edge_operations import (
     PRESSURE,
     STALE,
     TARGET,
-    TO_FLIP,
     VELOCITY,
     Segment,
     TriangleArrays,
@@ -23,35 +22,55 @@ from tipfem.remesh.edges.edge_operations import (
     circle_determinant,
     column_of,
     distribute_momentum,
+    double_area,
     flip,
     mark_stale,
     momentum_of,
     set_entry,
-    should_flip,
     square_distance,
 )
+from tipfem.remesh.edges.queue import Queue, drop_first, place, push
 
 # Counters of `make_delaunay`.
-FLIPS, ENDLESS, STACK_FULL, COUNTERS = 0, 1, 2, 3
+FLIPS, ENDLESS, QUEUE_FULL, COUNTERS = 0, 1, 2, 3
 # Nanoseconds of one thread for a cell in `gather` and in `find_flips`.
 GATHER, FIND_FLIPS = 20.0, 40.0
 MOST_FLIPS = 40  # for each cell, on average: far more than needed
 MARGIN = 0.9  # of the tolerance of flips, for round-off
+# The excess of a queued edge, computed again, differs no more than that: relative, and absolute.
+SAME, ROUND_OFF = 1e-6, 1e-12
 
 
 @ti.func
-def may_flip(mesh: Template, a, b, c, d, tolerance):
-    """Whether the edge b-c between cells (a, b, c) and (d, c, b) may not be Delaunay, by the test from either cell.
+def excess(mesh: Template, a, b, c, d):
+    """How far the edge b-c between cells (a, b, c) and (d, c, b) is from Delaunay, > 0 if it is not.
 
-    The length that `edge_operations.in_circle` divides by depends on the cell. The smaller of the two is used, with a
-    margin for round-off.
+    `edge_operations.circle_determinant` over the square of the largest squared distance from d, or from a where that is
+    smaller: the same for both cells.
     """
     inside, ad, bd, cd = circle_determinant(mesh, a, b, c, d)
-    result = False
-    if inside > 0.0:
-        beside_d, beside_a = ti.max(bd, cd), ti.max(square_distance(mesh, a, b), square_distance(mesh, a, c))
-        largest = ti.max(ad, ti.min(beside_d, beside_a))
-        result = inside > MARGIN * tolerance * largest * largest
+    beside_d, beside_a = ti.max(bd, cd), ti.max(square_distance(mesh, a, b), square_distance(mesh, a, c))
+    largest = ti.max(ad, ti.min(beside_d, beside_a))
+    return inside / (largest * largest)
+
+
+@ti.func
+def excess_of_edge(mesh: Template, t, i, tolerance):
+    """The `excess` of the edge opposite corner i of cell t; 0 if it is not to be flipped.
+
+    Edges are flipped where the excess is above ``tolerance``, unless they are part of an interface or the hull.
+    """
+    cells = ti.static(mesh.cells)
+    result = 0.0
+    o = mesh.neighbours[t, i]
+    if o >= 0 and mesh.fluid[t] >= 0:
+        if mesh.fluid[o] == mesh.fluid[t]:
+            a, b, c = cells[t, i], cells[t, (i + 1) % 3], cells[t, (i + 2) % 3]
+            d = cells[o, column_of(mesh.neighbours, o, t)]
+            found = excess(mesh, a, b, c, d)
+            # Up to round-off, the four are in convex position for every edge that is not Delaunay.
+            if found > tolerance and double_area(mesh, a, b, d) > 0 and double_area(mesh, a, d, c) > 0:
+                result = found
     return result
 
 
@@ -65,7 +84,7 @@ def mark_flips(mesh: Template, t, tolerance):
             if mesh.fluid[o] == mesh.fluid[t]:
                 b, c = cells[t, ti.static((i + 1) % 3)], cells[t, ti.static((i + 2) % 3)]
                 d = cells[o, 0] + cells[o, 1] + cells[o, 2] - b - c
-                if may_flip(mesh, cells[t, i], b, c, d, tolerance):
+                if excess(mesh, cells[t, i], b, c, d) > MARGIN * tolerance:
                     mesh.stale[t] = ti.i8(STALE)
                     mesh.stale[o] = ti.i8(STALE)
 
@@ -89,30 +108,38 @@ def flip_conserving_momentum(mesh: Template, four: Template, t, i):
 
 
 @ti.func
-def flip_from(mesh: Template, stack: Template, four: Template, counters: Template, start, tolerance):
-    """Lawson's flips: flip the edges of cell ``start`` that are not Delaunay, and those around each flipped edge."""
-    height = 3 if counters[ENDLESS] == 0 else 0
-    for i in ti.static(range(3)):
-        stack[i] = 3 * start + i
-    while height > 0:
-        height -= 1
-        t, i = stack[height] // 3, stack[height] % 3
-        if should_flip(mesh, t, i, tolerance):
-            o = mesh.neighbours[t, i]
-            flip_conserving_momentum(mesh, four, t, i)
-            counters[FLIPS] += 1
-            if height + 4 > stack.shape[0]:
-                counters[STACK_FULL] = 1
-            else:
-                # The four edges around: opposite a and the second particle of either cell.
-                stack[height] = 3 * t
-                stack[height + 1] = 3 * t + 2
-                stack[height + 2] = 3 * o
-                stack[height + 3] = 3 * o + 1
-                height += 4
-            if counters[FLIPS] > MOST_FLIPS * mesh.cells.shape[0]:
-                counters[ENDLESS] = 1
-                height = 0
+def queue_edge(mesh: Template, queue: Template, counters: Template, size, t, i, tolerance):
+    """Put the edge opposite corner i of cell t into a queue of ``size``, if it is to be flipped; returns its new size."""
+    found, grown = excess_of_edge(mesh, t, i, tolerance), size
+    if found > 0:
+        if size == queue.names.shape[0]:
+            counters[QUEUE_FULL] = 1
+        else:
+            b, c = mesh.cells[t, (i + 1) % 3], mesh.cells[t, (i + 2) % 3]
+            grown = push(queue, size, found, place(mesh.state, b) + place(mesh.state, c), 3 * t + i)
+    return grown
+
+
+@ti.func
+def flip_first(mesh: Template, queue: Template, four: Template, counters: Template, size, tolerance):
+    """Flip the first edge of a queue of ``size`` and queue those around it; returns the new size."""
+    expected, name = queue.keys[0, 0], queue.names[0]
+    left = drop_first(queue, size)
+    t, i = name // 3, name % 3
+    found = excess_of_edge(mesh, t, i, tolerance)
+    # If cell t was changed in the meantime, its edges were queued again, each with its own excess.
+    if found > 0 and ti.abs(found - expected) <= SAME * expected + ROUND_OFF:
+        o = mesh.neighbours[t, i]
+        flip_conserving_momentum(mesh, four, t, i)
+        counters[FLIPS] += 1
+        # The four edges around: opposite a and the second particle of either cell.
+        for k in ti.static(range(4)):
+            cell = t if ti.static(k < 2) else o
+            left = queue_edge(mesh, queue, counters, left, cell, ti.static((0, 2, 0, 1)[k]), tolerance)
+        if counters[FLIPS] > MOST_FLIPS * mesh.cells.shape[0]:
+            counters[ENDLESS] = 1
+            left = 0
+    return left
 
 
 @kernel
@@ -145,32 +172,39 @@ def make_delaunay(
     wall: Ints1,
     density: Reals1,
     stale: Flags1,
-    stack: Ints1,
+    keys: Reals2,
+    names: Ints1,
     scratch: Ints1,
     counters: Ints1,
     tolerance: ti.f64,
 ):
-    """Lawson's flips until every edge off interfaces and hull is Delaunay within ``tolerance``, see `in_circle`.
+    """Lawson's flips until every edge off interfaces and hull is Delaunay within ``tolerance``, see `excess`.
 
-    Only stale cells are examined; afterwards the cells that changed are stale, and their neighbours. stack (S,)
-    and scratch (4,) are for this kernel's use. counters: [FLIPS] made, [ENDLESS] set to 1 if they did not
-    terminate, [STACK_FULL] set to 1 if the stack was too small, so that the kernel must run again.
+    The edge with the largest excess is flipped first. Only stale cells are examined; afterwards the cells that changed
+    are stale, and their neighbours. keys (S, 2), names (S,), for three edges a cell at least, and scratch (4,) are for
+    this kernel's use. counters: [FLIPS] made, [ENDLESS] set to 1 if they did not terminate, [QUEUE_FULL] set to 1 if
+    the queue was too small, so that the kernel must run again.
     """
     mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale))
-    four = ti.static(Segment(scratch))
+    four, queue = ti.static(Segment(scratch), Queue(keys, names))
+    size = 0
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):
         if stale[t] != CURRENT:
-            found = CURRENT
             for i in ti.static(range(3)):
-                if should_flip(mesh, t, i, tolerance):
-                    found = TO_FLIP
-            stale[t] = ti.cast(found, ti.i8)
+                o = neighbours[t, i]
+                examined = False
+                if 0 <= o < t:
+                    examined = stale[o] != CURRENT
+                if not examined:
+                    size = queue_edge(mesh, queue, counters, size, t, i, tolerance)
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):
-        if stale[t] == TO_FLIP:
-            stale[t] = ti.i8(CURRENT)
-            flip_from(mesh, stack, four, counters, t, tolerance)
+        stale[t] = ti.i8(CURRENT)
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        while size > 0:
+            size = flip_first(mesh, queue, four, counters, size, tolerance)
 
 
 @kernel
