@@ -4,8 +4,8 @@ import numpy as np
 from scipy import sparse
 
 from tipfem.case.particles import Particles
+from tipfem.mesh.measures import Energy
 from tipfem.mesh.mesh import Mesh
-from tipfem.mesh.probes import Energy
 
 
 def fluid_volumes(mesh: Mesh, fraction: np.ndarray) -> np.ndarray:

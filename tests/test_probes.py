@@ -10,7 +10,7 @@ import pytest
 
 import tipfem as tp
 from tipfem import probes as tpp
-from tipfem.mesh.probes import surface_height
+from tipfem.mesh.measures import surface_height
 from tipfem.output import ResultsFolder
 from tipfem.probes.walls import wall_line
 

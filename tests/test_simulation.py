@@ -17,7 +17,7 @@ from device_memory import memory
 
 import tipfem as tp
 from tipfem.errors import StepRefused
-from tipfem.mesh.probes import hydrostatic_pressure
+from tipfem.mesh.measures import hydrostatic_pressure
 from tipfem.step.volume_source import volume_source
 
 

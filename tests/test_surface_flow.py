@@ -18,8 +18,8 @@ import tipfem as tp
 from tipfem.backend.arrays import download
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.free_surface import SurfaceMesher
+from tipfem.mesh.measures import extent
 from tipfem.mesh.mesh import volume_gradient
-from tipfem.mesh.probes import extent
 from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
 from tipfem.step.linear_system import SCHUR_SCALE
 

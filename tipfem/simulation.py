@@ -25,8 +25,8 @@ from tipfem.fem.time_integration import StepControl, require_felt, smallest_jaco
 from tipfem.fields import FieldOutput
 from tipfem.liveview.control import LiveControl
 from tipfem.logs import log
+from tipfem.mesh.measures import Energy
 from tipfem.mesh.mesh import Mesh
-from tipfem.mesh.probes import Energy
 from tipfem.notebook import facts
 from tipfem.output import ResultsFolder, fill_columns, own_columns
 from tipfem.probes import Probe, ProbeRecorder

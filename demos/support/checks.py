@@ -14,7 +14,7 @@ from tipfem.demos.support.figures import COLOURS, DASHES, new_figure, plot_lines
 from tipfem.demos.validation.dam_break.check import front_figures
 
 import tipfem as tp
-from tipfem.mesh import probes
+from tipfem.mesh import measures
 
 Array = NDArray[np.float64]
 
@@ -117,7 +117,7 @@ class DropSinks(harness.Check):
 
 def front(simulation: tp.Simulation) -> float:
     """Largest x of all fluids [m], single drops not counted."""
-    return probes.extent(simulation.mesh, np.zeros_like(simulation.particles.fluid), 0, axis=0)
+    return measures.extent(simulation.mesh, np.zeros_like(simulation.particles.fluid), 0, axis=0)
 
 
 class OilStaysOnTop(harness.Check):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem.mesh import probes
+from tipfem.mesh import measures
 
 
 def pair_of(name, water, air, glycerin) -> list[tp.Fluid]:
@@ -46,7 +46,7 @@ def test_layers_at_rest_stay_at_rest(pair, degrees, water, air, glycerin):
     assert fastest < 1e-9
     np.testing.assert_allclose(simulation.particles.position, start, atol=1e-10)
     if not degrees:
-        exact = probes.hydrostatic_pressure(simulation.particles.position[:, 1], [(f, 0.5) for f in fluids])
+        exact = measures.hydrostatic_pressure(simulation.particles.position[:, 1], [(f, 0.5) for f in fluids])
         np.testing.assert_allclose(simulation.particles.pressure, exact, atol=1e-5 * exact.max())
         assert simulation.volume(fluids[0].name) == pytest.approx(0.5, rel=1e-8)
 
@@ -65,10 +65,10 @@ def test_layers_stay_at_rest_for_long(pair, water, air, glycerin):
 def test_a_drop_that_falls_keeps_its_volume(water, air):
     tank = tp.tank((1, 1), 0.08).fill(air).fill(water, disc=((0.5, 0.6), 0.2))
     simulation = tp.Simulation(tp.Case(tank, [water, air], (0, -9.81), interface="sharp"))
-    volume, height = simulation.volume("water"), probes.extent(simulation.mesh, simulation.particles.fluid, 0, 1)
+    volume, height = simulation.volume("water"), measures.extent(simulation.mesh, simulation.particles.fluid, 0, 1)
     while simulation.time < 0.15:
         simulation.step()
         assert simulation.volume("water") == pytest.approx(volume, rel=1e-9)
         assert simulation.volume("air") == pytest.approx(1.0 - volume, rel=1e-9)
-    fell = height - probes.extent(simulation.mesh, simulation.particles.fluid, 0, 1)
+    fell = height - measures.extent(simulation.mesh, simulation.particles.fluid, 0, 1)
     assert 0.5 * 0.5 * 9.81 * 0.15**2 < fell < 1.05 * 0.5 * 9.81 * 0.15**2

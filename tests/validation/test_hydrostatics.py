@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem.mesh import probes
+from tipfem.mesh import measures
 
 
 @pytest.mark.parametrize(("interface", "tolerance"), [("interpolated", 0.025), ("sharp", 1e-9)])
@@ -23,7 +23,7 @@ def test_pressure_is_hydrostatic(pair, jitter, interface, tolerance, water, air,
         simulation.step()
         particles = simulation.particles
         height = particles.position[:, 1]
-        exact = probes.hydrostatic_pressure(height, [(lower, size / 2), (upper, size / 2)])
+        exact = measures.hydrostatic_pressure(height, [(lower, size / 2), (upper, size / 2)])
         assert np.abs(particles.pressure - exact).max() < tolerance * exact.max()
     # The density that the pressure's gradient shows, away from the interface.
     for fluid, band in ((lower, (0.0, 0.35)), (upper, (0.65, 1.0))):
@@ -39,7 +39,7 @@ def test_one_fluid_at_rest_is_exact(water):
     for _ in range(5):
         simulation.step()
     particles = simulation.particles
-    exact = probes.hydrostatic_pressure(particles.position[:, 1], [(water, 0.1)])
+    exact = measures.hydrostatic_pressure(particles.position[:, 1], [(water, 0.1)])
     # The accuracy that the solver is asked for, not that of the elements, is what is left.
     assert np.abs(particles.pressure - exact).max() < 1e-3 * exact.max()
     assert np.abs(particles.velocity).max() < 1e-5

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from tipfem.arguments import is_number
 from tipfem.case.case import Case
-from tipfem.mesh import probes
+from tipfem.mesh import measures
 from tipfem.probes.probe import Probe, Sampled, per_depth, require_plane
 
 
@@ -39,8 +39,8 @@ class WaveGauge(Probe):
         """Height and depth at the present time; NaN where the line has left the tank or meets none of the fluid."""
         mesh, index = simulation.mesh, simulation.case.fluid_index(self.fluid)
         try:
-            depth = probes.depth(mesh, simulation.particles.fluid, index, self.x)
-            return [probes.surface_height(mesh, simulation.particles.fluid, index, self.x), depth]
+            depth = measures.depth(mesh, simulation.particles.fluid, index, self.x)
+            return [measures.surface_height(mesh, simulation.particles.fluid, index, self.x), depth]
         except ValueError:
             return [math.nan, math.nan]
 
@@ -70,7 +70,7 @@ class FrontProbe(Probe):
     def sample(self, simulation: Sampled) -> list[float]:
         """The front at the present time; NaN without any of the fluid."""
         index = simulation.case.fluid_index(self.fluid)
-        return [probes.extent(simulation.mesh, simulation.particles.fluid, index, self.axis)]
+        return [measures.extent(simulation.mesh, simulation.particles.fluid, index, self.axis)]
 
 
 @dataclass(frozen=True, kw_only=True)

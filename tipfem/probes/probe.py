@@ -11,7 +11,7 @@ from tipfem.arguments import is_number, numbers
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.case.walls import Pose
-from tipfem.mesh import probes
+from tipfem.mesh import measures
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
@@ -41,7 +41,7 @@ class Sampled(Protocol):
     def volume(self, name: str) -> float:
         """Volume of a fluid."""
 
-    def energy(self) -> probes.Energy:
+    def energy(self) -> measures.Energy:
         """Kinetic and potential energy."""
 
 

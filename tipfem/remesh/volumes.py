@@ -167,7 +167,7 @@ def apportion(volume: Array, deficit: Array, fluid: Array, total: Array, movable
     return np.asarray(wanted + lack[fluid] * wanted * movable / np.maximum(part[fluid], 1e-300))
 
 
-def sliding_contacts(mesh: Mesh, slides: Array) -> tuple[Array, Array]:
+def sliding_contacts(mesh: Mesh, slides: Array) -> tuple[Array, Array, Array]:
     """Contacts of interfaces that may move along straight walls, and the directions of these.
 
     Args:
@@ -175,13 +175,15 @@ def sliding_contacts(mesh: Mesh, slides: Array) -> tuple[Array, Array]:
         slides: (N,) mask of the particles that may move along their walls; those whose interface is flat stay.
 
     Returns:
-        (S,) numbers of the contacts, int32; (S, 2) unit vectors along their walls.
+        (S,) numbers of the contacts, int32; (S, 2) unit vectors along their walls; and the cells at such particles.
     """
     assert mesh.components is not None
     contact = slides & (mesh.components.mark == (ON_INTERFACE | ON_HULL))
     if not contact.any():
-        return np.zeros(0, dtype=np.int32), np.zeros((0, 2))
-    cell, i = np.nonzero(mesh.neighbours < 0)
+        return np.zeros(0, dtype=np.int32), np.zeros((0, 2)), np.zeros(0, dtype=np.int32)
+    near = np.flatnonzero(contact.take(mesh.cells).any(axis=1)).astype(np.int32)
+    row, i = np.nonzero(mesh.neighbours[near] < 0)
+    cell = near[row]
     before, after = mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]
     along = mesh.sides(before, after)
     length = np.linalg.norm(along, axis=1)
@@ -194,19 +196,19 @@ def sliding_contacts(mesh: Mesh, slides: Array) -> tuple[Array, Array]:
     straight = np.linalg.norm(direction, axis=1) > (1 - 1e-12) * total
     contact &= straight & (total > 0)
     direction[contact] /= np.linalg.norm(direction[contact], axis=1, keepdims=True)
-    contact &= ~_flat(mesh, contact, direction)
+    contact &= ~_flat(mesh, contact, direction, near)
     nodes = np.flatnonzero(contact).astype(np.int32)
-    return nodes, direction[nodes]
+    return nodes, direction[nodes], near
 
 
-def _flat(mesh: Mesh, contact: Array, direction: Array) -> Array:
+def _flat(mesh: Mesh, contact: Array, direction: Array, near: Array) -> Array:
     """(N,) mask of the contacts in the mask ``contact`` whose interface is less than `STEEP` from their wall.
 
-    A thin front that runs along a wall is flat; what restoring takes from its contact would hold it back.
+    A thin front that runs along a wall is flat; what restoring takes from its contact would hold it back. ``near``: the
+    cells at contacts.
     """
     assert mesh.fluid is not None
     result = np.zeros(len(contact), dtype=bool)
-    near = np.flatnonzero(contact.take(mesh.cells).any(axis=1))
     beside = mesh.neighbours[near]
     row, i = np.nonzero((beside >= 0) & (mesh.fluid[near][:, None] != mesh.fluid[beside]))
     cells = mesh.cells[near[row]]
@@ -245,12 +247,10 @@ def move_interfaces(mesh: Mesh, volume: Array, wanted: Array, limit: float, slid
         return mesh
     tangent = np.zeros((len(nodes), 2))
     if slides is not None:
-        contacts, along = sliding_contacts(mesh, slides)
+        contacts, along, cells = sliding_contacts(mesh, slides)
         if len(contacts):
             nodes, tangent = np.append(nodes, contacts), np.concatenate([tangent, along])
-            chosen = np.zeros(len(mesh.position), dtype=bool)
-            chosen[nodes] = True
-            near = np.flatnonzero(chosen.take(mesh.cells).any(axis=1)).astype(np.int32)
+            near = np.union1d(near, cells)
     x, measure = mesh.position.copy(), mesh.measure.copy()
     count, head = len(near), np.full(len(x), -2, dtype=np.int32)
     chain, gradient = np.empty((3 * count, 2), dtype=np.int32), np.empty((3 * count, 2))

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 import tipfem as tp
-from tipfem.mesh import probes
+from tipfem.mesh import measures
 
 # Resolution: 5 mm is the coarser of the paper's two.
 SPACING = 0.005  # [m]
@@ -45,12 +45,12 @@ def build(spacing: float = SPACING, *, slip: bool = False, **options: Any) -> tp
 
 def front(simulation: tp.Simulation) -> float:
     """Largest x of the water [m]; where fluids are interpolated, at the middle of the edges that join it to the air."""
-    return probes.extent(simulation.mesh, simulation.particles.fluid, 0, axis=0)
+    return measures.extent(simulation.mesh, simulation.particles.fluid, 0, axis=0)
 
 
 def column_height(simulation: tp.Simulation) -> float:
     """Depth of the water at the gauge near the left wall [m]."""
-    return probes.depth(simulation.mesh, simulation.particles.fluid, 0, GAUGE)
+    return measures.depth(simulation.mesh, simulation.particles.fluid, 0, GAUGE)
 
 
 def spray(simulation: tp.Simulation) -> float:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tipfem.demos.support.figures import COLOURS, new_figure, save
 
 import tipfem as tp
-from tipfem.mesh import probes
+from tipfem.mesh import measures
 
 Array = NDArray[np.float64]
 Layers = Sequence[tuple[tp.Fluid, float]]
@@ -56,7 +56,7 @@ class PressureWatch:
 
     def exact(self, height: Array) -> Array:
         """Pressure (K,) [Pa] of the layers at rest at heights (K,) [m]."""
-        return probes.hydrostatic_pressure(height, self.layers, self.gravity)
+        return measures.hydrostatic_pressure(height, self.layers, self.gravity)
 
     def __call__(self, simulation: tp.Simulation) -> float:
         """The largest error of a particle's pressure over the largest pressure; the step is added to the mean."""
@@ -155,7 +155,7 @@ def _pressure(axes: Any, states: Mapping[str, tp.Simulation], layers: Layers, gr
             linestyle="none",
             label=label,
         )
-    exact = probes.hydrostatic_pressure(height, layers, gravity)
+    exact = measures.hydrostatic_pressure(height, layers, gravity)
     axes.plot(exact, height, color="black", linewidth=1.4, label="analytic")
     for place in np.cumsum([thickness for _, thickness in layers])[:-1]:
         axes.axhline(place, color="black", linewidth=0.8, linestyle=":")

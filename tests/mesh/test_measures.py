@@ -1,4 +1,4 @@
-"""tipfem/interface.py, tipfem/probes.py and tipfem/volume_source.py, on meshes made by hand and by brute force."""
+"""The rules of interfaces, measures of meshes and the volume source, on meshes made by hand and by brute force."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from mesh_twins import energy, fluid_volumes, nodal_mass
 
 import tipfem as tp
-from tipfem.mesh import probes
+from tipfem.mesh import measures
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.interface import InterpolatedInterface
 from tipfem.mesh.mesh import Mesh
@@ -149,20 +149,20 @@ def test_extent_reaches_to_the_middle_of_the_mixed_edges(axis, seed):
             for i in cell[own[cell]]:
                 for j in cell[~own[cell]]:
                     expected = max(expected, 0.5 * (p.position[i, axis] + p.position[j, axis]))
-        assert probes.extent(mesh, p.fluid, index, axis) == pytest.approx(expected, rel=1e-15)
-    assert np.isnan(probes.extent(mesh, p.fluid, 3, axis))
+        assert measures.extent(mesh, p.fluid, index, axis) == pytest.approx(expected, rel=1e-15)
+    assert np.isnan(measures.extent(mesh, p.fluid, 3, axis))
 
 
 def test_extent_by_hand(water, air):
     mesh = two_triangles()
-    assert probes.extent(mesh, np.array([0, 1, 1, 0]), 0, 0) == 0.5
-    assert probes.extent(mesh, np.array([0, 1, 1, 0]), 1, 0) == 1.0
-    assert probes.extent(mesh, np.array([0, 0, 0, 1]), 1, 0) == 0.5
+    assert measures.extent(mesh, np.array([0, 1, 1, 0]), 0, 0) == 0.5
+    assert measures.extent(mesh, np.array([0, 1, 1, 0]), 1, 0) == 1.0
+    assert measures.extent(mesh, np.array([0, 0, 0, 1]), 1, 0) == 0.5
     tank = tp.tank((1, 1), 0.05).fill(air).fill(water, box=((0, 0), (0.5, 0.5)))
     p = tank.sample([water, air])
     mesh = triangulate(p.position, p.wall, p.spacing)
-    assert probes.extent(mesh, p.fluid, 0, 0) == pytest.approx(0.5, rel=1e-12)
-    assert probes.extent(mesh, p.fluid, 0, 1) == pytest.approx(0.5, rel=1e-12)
+    assert measures.extent(mesh, p.fluid, 0, 0) == pytest.approx(0.5, rel=1e-12)
+    assert measures.extent(mesh, p.fluid, 0, 1) == pytest.approx(0.5, rel=1e-12)
 
 
 def sampled_depth(mesh: Mesh, fluid: np.ndarray, index: int, place: float, points: int = 20000) -> float:
@@ -187,7 +187,7 @@ def sampled_depth(mesh: Mesh, fluid: np.ndarray, index: int, place: float, point
 def test_depth_is_that_of_the_cut_through_the_mid_edges(place, seed):
     p, mesh = random_mesh(2, seed)
     for index in (0, 1):
-        depth = probes.depth(mesh, p.fluid, index, place)
+        depth = measures.depth(mesh, p.fluid, index, place)
         assert depth == pytest.approx(sampled_depth(mesh, p.fluid, index, place), abs=5e-4)
 
 
@@ -197,14 +197,14 @@ def test_depths_of_all_fluids_sum_to_the_height_of_the_tank(fluids):
     # The lines through particles, mid-edges and walls are among them.
     places = np.concatenate([np.linspace(0.01, 1.0, 50), p.position[p.position[:, 0] > 0, 0], [0.125, 0.0625]])
     for place in places:
-        total = sum(probes.depth(mesh, p.fluid, index, place) for index in range(fluids))
+        total = sum(measures.depth(mesh, p.fluid, index, place) for index in range(fluids))
         assert total == pytest.approx(1.0, rel=1e-12)
 
 
 def test_depth_integrates_to_the_volume():
     p, mesh = random_mesh(2, 9)
     places = (np.arange(4000) + 0.5) / 4000
-    area = np.mean([probes.depth(mesh, p.fluid, 1, place) for place in places])
+    area = np.mean([measures.depth(mesh, p.fluid, 1, place) for place in places])
     assert area == pytest.approx(volumes_of(mesh, p.fluid, 2)[1], rel=1e-4)
 
 
@@ -212,40 +212,40 @@ def test_depth_integrates_to_the_volume():
 def test_depth_of_layers_is_their_thickness(place, water, air):
     p = tp.tank((1, 1), 0.05).fill(air).fill(water, box=((0, 0), (1, 0.5))).sample([water, air])
     mesh = triangulate(p.position, p.wall, p.spacing)
-    assert probes.depth(mesh, p.fluid, 0, place) == pytest.approx(0.5, rel=1e-12)
-    assert probes.depth(mesh, p.fluid, 1, place) == pytest.approx(0.5, rel=1e-12)
-    assert probes.depth(mesh, p.fluid, 2, place) == 0
+    assert measures.depth(mesh, p.fluid, 0, place) == pytest.approx(0.5, rel=1e-12)
+    assert measures.depth(mesh, p.fluid, 1, place) == pytest.approx(0.5, rel=1e-12)
+    assert measures.depth(mesh, p.fluid, 2, place) == 0
 
 
 def test_depth_by_hand():
     mesh, fluid = two_triangles(), np.array([0, 1, 0, 0])
     # Fluid 1 is the triangle (1, 0), (0.5, 0), (1, 0.5), of height x - 0.5.
     for place in (0.25, 0.5, 0.6, 0.75, 1.0):
-        assert probes.depth(mesh, fluid, 1, place) == pytest.approx(max(place - 0.5, 0.0), abs=1e-15)
-        assert probes.depth(mesh, fluid, 0, place) == pytest.approx(1 - max(place - 0.5, 0.0), abs=1e-15)
+        assert measures.depth(mesh, fluid, 1, place) == pytest.approx(max(place - 0.5, 0.0), abs=1e-15)
+        assert measures.depth(mesh, fluid, 0, place) == pytest.approx(1 - max(place - 0.5, 0.0), abs=1e-15)
     # A line along an edge inside counts it once.
     halves = Mesh(
         np.array([[0, 0], [1, 0], [2, 0], [2, 1], [1, 1], [0, 1]], float),
         np.array([[0, 1, 4], [0, 4, 5], [1, 2, 3], [1, 3, 4]], np.int32),
     )
-    assert probes.depth(halves, np.array([0, 0, 1, 1, 0, 0]), 0, 1.0) == 1.0
-    assert probes.depth(halves, np.array([0, 0, 1, 1, 1, 0]), 0, 1.0) == 0.5
+    assert measures.depth(halves, np.array([0, 0, 1, 1, 0, 0]), 0, 1.0) == 1.0
+    assert measures.depth(halves, np.array([0, 0, 1, 1, 1, 0]), 0, 1.0) == 0.5
 
 
 def test_depth_along_the_left_wall_is_that_just_beside_it():
     p, mesh = random_mesh(2, 4)
-    assert probes.depth(mesh, p.fluid, 1, 0.0) == pytest.approx(probes.depth(mesh, p.fluid, 1, 1e-12), abs=1e-9)
+    assert measures.depth(mesh, p.fluid, 1, 0.0) == pytest.approx(measures.depth(mesh, p.fluid, 1, 1e-12), abs=1e-9)
 
 
 def test_depth_along_the_right_wall_is_that_just_beside_it():
     p, mesh = random_mesh(2, 4)
-    assert probes.depth(mesh, p.fluid, 1, 1.0) == pytest.approx(probes.depth(mesh, p.fluid, 1, 1 - 1e-12), abs=1e-9)
+    assert measures.depth(mesh, p.fluid, 1, 1.0) == pytest.approx(measures.depth(mesh, p.fluid, 1, 1 - 1e-12), abs=1e-9)
 
 
 @pytest.mark.parametrize("place", [-0.1, 1.1, float("nan")])
 def test_depth_beside_the_mesh_is_refused(place):
     with pytest.raises(ValueError, match=rf"depth: the line x = {place:g} m does not cross"):
-        probes.depth(two_triangles(), np.zeros(4, int), 0, place)
+        measures.depth(two_triangles(), np.zeros(4, int), 0, place)
 
 
 def test_hydrostatic_pressure_of_layers(water, air, glycerin):
@@ -254,8 +254,8 @@ def test_hydrostatic_pressure_of_layers(water, air, glycerin):
     floor = top[1] + 0.3 * glycerin.density
     height = np.array([2.0, 1.0, 0.9, 0.8, 0.55, 0.3, 0.0])
     expected = [0, 0, top[0] / 2, top[0], (top[0] + top[1]) / 2, top[1], floor]
-    np.testing.assert_allclose(probes.hydrostatic_pressure(height, layers), 9.81 * np.array(expected), rtol=1e-12)
-    np.testing.assert_allclose(probes.hydrostatic_pressure(height, layers, 1.6), 1.6 * np.array(expected), rtol=1e-12)
+    np.testing.assert_allclose(measures.hydrostatic_pressure(height, layers), 9.81 * np.array(expected), rtol=1e-12)
+    np.testing.assert_allclose(measures.hydrostatic_pressure(height, layers, 1.6), 1.6 * np.array(expected), rtol=1e-12)
 
 
 def fractions(seed: int, fluids: int) -> tuple[Mesh, np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Probes: fronts and depths of fluids, read off a mesh; hydrostatic pressure of layers."""
+"""Measures of a mesh: fronts and depths of fluids; hydrostatic pressure of layers."""
 
 from __future__ import annotations
 
