@@ -198,8 +198,8 @@ def test_a_contact_goes_to_where_its_interface_points(reach, path, gap, least, g
 
 @kernel
 def excesses(x: Array2, period: Periods, four: Array2, result: Array1):
+    mesh = ti.static(TriangleArrays(x, None, None, None, period))
     for k in range(four.shape[0]):
-        mesh = ti.static(TriangleArrays(x, None, None, None, period))
         result[k] = flips.excess(mesh, four[k, 0], four[k, 1], four[k, 2], four[k, 3])
 
 

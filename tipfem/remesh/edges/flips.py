@@ -109,7 +109,7 @@ def flip_conserving_momentum(mesh: Template, four: Template, t, i):
 
 @ti.func
 def queue_edge(mesh: Template, queue: Template, counters: Template, size, t, i, tolerance):
-    """Put the edge opposite corner i of cell t into a queue of ``size``, if it is to be flipped; returns its new size."""
+    """Queue the edge opposite corner i of cell t, if it is to be flipped; returns the new size of the queue."""
     found, grown = excess_of_edge(mesh, t, i, tolerance), size
     if found > 0:
         if size == queue.names.shape[0]:
