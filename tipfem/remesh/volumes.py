@@ -60,14 +60,14 @@ def label_components(
         counters,
     )
     count, beside = counters.tolist()
-    of, movable, volume = of[:count], movable[:count] > 0, volume[:count]
+    of, moves, volume = of[:count], movable[:count] > 0, volume[:count]
     if (volume[1:] > volume[:-1]).any():
         # By size, not by first cells: whatever follows must not depend on an order of cells.
         order = np.argsort(-volume, kind="stable")
         number = np.full(count + 1, -1, dtype=np.int32)  # the last one is for -1
         number[order] = np.arange(count, dtype=np.int32)
-        label, at, of, movable, volume = number[label], number[at], of[order], movable[order], volume[order]
-    return Components(label, of, at, mark, movable, near[:beside]), measure, volume
+        label, at, of, moves, volume = number[label], number[at], of[order], moves[order], volume[order]
+    return Components(label, of, at, mark, moves, near[:beside]), measure, volume
 
 
 def with_components(mesh: Mesh, fluids: int) -> Mesh:
