@@ -111,7 +111,7 @@ def test_a_broken_film_goes_to_the_fluid_beyond_its_longest_edge_at_an_interface
                 for o, b, c in zip(t.neighbours[cell], t.cells[cell, [1, 2, 0]], t.cells[cell, [2, 0, 1]], strict=True)
                 if o >= 0
             ]
-            longest, fluid = max(sides)
+            fluid = max(sides)[1]
             expected = first.fluid.copy()
             assert done == (fluid != expected[cell])
             expected[cell] = fluid
