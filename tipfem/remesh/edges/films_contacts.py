@@ -170,20 +170,37 @@ def change_fluid(mesh: Template, t, fluid):
 def longest_sides(mesh: Template, t, apart):
     """The longest edge of cell t at an interface and the cell beyond; the same of those shared with its own fluid.
 
-    Edges shared with cell ``apart`` are left out; where there are none, the length is 0 and the cell -1.
+    Also the longest of those on the hull. Edges shared with cell ``apart`` are left out; where there are none, the
+    length is 0 and the cell -1.
     """
-    interface, shared = 0.0, 0.0
+    interface, shared, hull = 0.0, 0.0, 0.0
     beyond, beside = -1, -1
     for i in ti.static(range(3)):
         o = mesh.neighbours[t, i]
-        if o >= 0 and o != apart:
+        if o < 0 or o != apart:
             length = distance(mesh, mesh.cells[t, (i + 1) % 3], mesh.cells[t, (i + 2) % 3])
-            if mesh.fluid[o] != mesh.fluid[t]:
+            if o < 0:
+                hull = ti.max(hull, length)
+            elif mesh.fluid[o] != mesh.fluid[t]:
                 if length > interface:
                     interface, beyond = length, o
             elif length > shared:
                 shared, beside = length, o
-    return interface, beyond, shared, beside
+    return interface, beyond, shared, beside, hull
+
+
+@ti.func
+def with_walls(mesh: Template, t, fluid, interface, shared, hull):
+    """Lengths at the interface and inside the fluid of t, which may go to ``fluid``, with those on the hull.
+
+    Thin wedges between an interface and a wall go to the heavier fluid.
+    """
+    own, other = mesh.density[mesh.fluid[t]], mesh.density[fluid]
+    if own < other or (own == other and mesh.fluid[t] < fluid):
+        interface = ti.max(interface, hull)
+    elif shared > 0.0:
+        shared = ti.max(shared, hull)
+    return interface, shared
 
 
 @ti.func
@@ -192,24 +209,28 @@ def break_film(mesh: Template, flag: Template, t):
 
     This edge must be longer than all that t shares with its own fluid, which are at the interface then. Otherwise, it
     does so together with the cell beyond the longest of those, if both are in the film, for the sides of both:
-    diagonals of films are longer than their edges along the interface. So the longest edges of an interface only ever
-    go, and thin cells side by side do not exchange their fluids in one repair after the other, which would disturb a
-    flow however short its steps are.
+    diagonals of films are longer than their edges along the interface. Edges on walls count as if they were at the
+    interface of the lighter fluid, see `with_walls`. So the longest edges of an interface only ever go, and thin cells
+    side by side do not exchange their fluids in one repair after the other, which would disturb a flow however short
+    its steps are.
     """
     changed = 0
-    interface, beyond, shared, beside = longest_sides(mesh, t, -1)
+    interface, beyond, shared, beside, hull = longest_sides(mesh, t, -1)
     if beyond >= 0:
         fluid = mesh.fluid[beyond]
-        if interface > shared:
+        single, within = with_walls(mesh, t, fluid, interface, shared, hull)
+        if single > within:
             change_fluid(mesh, t, fluid)
             changed = 1
         elif flag[beside] & IN_FILM > 0:
-            one, _, outer, _ = longest_sides(mesh, t, beside)
-            other, opposite, outer_too, _ = longest_sides(mesh, beside, t)
+            one, _, inside, _, wall = longest_sides(mesh, t, beside)
+            other, opposite, inside_too, _, wall_too = longest_sides(mesh, beside, t)
             same = True
             if opposite >= 0:
                 same = mesh.fluid[opposite] == fluid
-            if same and ti.max(one, other) > ti.max(outer, outer_too):
+            inside = ti.max(inside, inside_too)
+            double, within_both = with_walls(mesh, t, fluid, ti.max(one, other), inside, ti.max(wall, wall_too))
+            if same and double > within_both:
                 change_fluid(mesh, t, fluid)
                 change_fluid(mesh, beside, fluid)
                 flag[beside] = flag[beside] & ~IN_FILM
