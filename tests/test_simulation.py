@@ -311,6 +311,24 @@ def test_a_column_that_fails_leaves_its_row_and_says_which(water, air, tmp_path)
     assert [row["step"] for row in csv.DictReader((tmp_path / "history.csv").open())] == ["1", "2", "3", "4"]
 
 
+def test_without_gravity_the_volume_source_follows_the_flow(water, glycerin):
+    """What a vortex loses by remeshing comes back although nothing falls; with gravity that sets the rate."""
+    tank = tp.tank((0.2, 0.2), 0.02).fill(water).fill(glycerin, box=((0, 0), (0.1, 0.2)))
+    a, b = np.pi * tank.sample([water, glycerin]).position.T / 0.2
+    velocity = 0.5 * np.stack([np.sin(a) ** 2 * np.sin(2 * b), -np.sin(2 * a) * np.sin(b) ** 2], axis=1)
+    for gravity in ((0.0, 0.0), (0.0, -9.81)):
+        case = tp.Case(tank, [water, glycerin], gravity, interface="interpolated")
+        case.particles.velocity[~case.particles.wall] = velocity[~case.particles.wall]
+        simulation = tp.Simulation(case, time_step=4e-3)
+        rate = np.sqrt(9.81 / 0.02) if gravity[1] else np.linalg.norm(velocity, axis=1).max() / 0.02
+        assert simulation.volume_control.rate == pytest.approx(rate)
+        simulation.volume_control.wanted = simulation.volume_control.wanted * [1.05, 0.95]
+        for _ in range(40):
+            simulation.step()
+        grown = simulation.volume(water) / simulation.state.start_volume[0] - 1
+        assert grown == pytest.approx(0.05, abs=0.02)
+
+
 def test_the_volume_source_of_a_nearly_vanished_fluid_is_bounded(water, air):
     """One factor for all fluids: the balance stays zero."""
     simulation = tp.Simulation(dam_break(water, air, 0.05))

@@ -109,7 +109,7 @@ class Simulation:
         self.output_interval = output_interval
         self.history: list[dict[str, float]] = []
         self.timings = Timings()
-        frequency = case.natural_frequency()
+        self._frequency = frequency = case.natural_frequency()
         largest = time_step or (0.05 / frequency if frequency else 1e-3)
         require_felt(largest, frequency)
         self.control = StepControl(largest, target=case.numerics.largest_move)
@@ -128,8 +128,7 @@ class Simulation:
             self.state = dataclasses.replace(self.state, bodies=bodies)
         except TriangulationError as error:
             raise ValueError(f"Simulation: the initial particles cannot be meshed: {error}") from error
-        rate = 0.0 if self.remesher.keeps_volumes else case.numerics.volume_correction * frequency
-        self.volume_control = VolumeControl(self.state.volume, rate, balanced=case.closed)
+        self.volume_control = VolumeControl(self.state.volume, self._restoring_rate(), balanced=case.closed)
         self.probes = ProbeRecorder(probes, case)
         self.checkpoints = RunCheckpoints(checkpoint_interval, checkpoint_wall_interval)
         # Last, because it removes the results of an earlier run, which a refused simulation must not do.
@@ -201,6 +200,7 @@ class Simulation:
         require_later("step", until, self.time)
         self.steering.repeat(self)
         with self.timings.active(), timer("step"):
+            self.volume_control.rate = self._restoring_rate()
             refused = 0
             while True:
                 dt = self._step_length(until)
@@ -234,6 +234,19 @@ class Simulation:
         """
         end = until if abs(until - state.time - dt) < 1e-9 * dt else state.time + dt
         return self.solver.solve(state, dt, self.volume_control.source(state, dt), end)
+
+    def _restoring_rate(self) -> float:
+        """Part of the fluids' missing volumes that the source restores per time [1/s].
+
+        It follows gravity and body force, and without these the fastest particle.
+        """
+        if self.remesher.keeps_volumes:
+            return 0.0
+        state = self.state
+        rate = self._frequency
+        if not rate:
+            rate = state.boundary.speed_over_spacing(state.particles, state.time, self.control.current)
+        return self.case.numerics.volume_correction * rate
 
     def _step_length(self, until: float) -> float:
         """Length of the next step [s], which ends no later than ``until`` [s]."""

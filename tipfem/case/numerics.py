@@ -156,7 +156,8 @@ class Numerics:
         stabilisation: c in tau = c dt max(dt, T) of the PSPG term, > 0; T is the length of step that the flow itself
             asks for (see `tipfem.step.solve.flow_time`).
         volume_correction: rate at which the source in J - 1 = s restores the lost volume of a fluid, in
-            units of sqrt(|b| / h) with the largest acceleration b by gravity and body force at the start; 0
+            units of sqrt(|b| / h) with the largest acceleration b by gravity and body force at the start, or
+            without any in those of v / h with the speed v of the fastest particle relative to the tank; 0
             switches the source off. A higher rate reduces the error of volume and adds noise to the pressure.
             With the sharp interface any rate > 0 means that interfaces are moved to keep the volumes of the
             start, and 0 that only the changes of volume by remeshing are undone.
