@@ -303,6 +303,7 @@ def case_record(case: Case) -> dict[str, Any]:
         "bodies": [{**_plain(body), "shape": body.corners} for body in case.bodies],
         "walls_have_fluids": case.walls_have_fluids,
         "particles": dict(vars(case.particles)),
+        **({"period": case.period.width.tolist()} if case.period else {}),
     }
 
 
@@ -334,6 +335,7 @@ def case_from(record: Mapping[str, Any]) -> Case:
         walls=[Wall(**wall) for wall in record["walls"]],
         grading=None if grading is None else Grading(**grading),
         bodies=[Body(**body) for body in record.get("bodies", [])],
+        period=record.get("period"),
     )
     case.walls_have_fluids = record["walls_have_fluids"]
     return case

@@ -178,6 +178,9 @@ class ResultsFolder:
     def write_case(self, case: Case) -> None:
         """Write case.json."""
         position = case.particles.position[case.particles.wall]
+        if case.period:
+            ends = np.where(case.period.width > 0, case.period.width, position.max(axis=0))
+            position = np.stack([np.where(case.period.width > 0, 0.0, position.min(axis=0)), ends])
         self._case = {
             "format": 1,
             "title": case.title,
@@ -191,6 +194,7 @@ class ResultsFolder:
             "gravity": np.asarray(case.gravity).tolist(),
             "interface": case.interface,
             "free_surface": case.free_surface,
+            **({"period": case.period.width.tolist()} if case.period else {}),
             "bodies": [
                 {"name": b.name, "corners": b.corners.tolist(), "reference": b.reference.tolist()} for b in case.bodies
             ],
@@ -238,18 +242,21 @@ class ResultsFolder:
         """
         if self._case:
             self._widen_case(particles.position)
-        # Where interfaces run along edges, every cell has its fluid, too.
+        # Where interfaces run along edges, every cell has its fluid, too. Cells across periodic sides have copies of
+        # particles.
+        whole, node = mesh.unrolled
+        of_node: Array | slice = node if mesh.period else slice(None)
         state = FieldState(
             step,
             time,
-            particles.position,
-            particles.velocity,
-            particles.pressure,
-            particles.fluid,
-            density,
-            particles.wall,
-            mesh.cells,
-            mesh.fluid,
+            whole.position,
+            particles.velocity[of_node],
+            particles.pressure[of_node],
+            particles.fluid[of_node],
+            density[of_node],
+            particles.wall[of_node],
+            whole.cells,
+            whole.fluid,
             np.flatnonzero(mesh.surface.loose),
         )
         name = _field_file(step)

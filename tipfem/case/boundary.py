@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import itertools
+import math
 from collections.abc import Iterable, Sequence
 from functools import partial
 
@@ -14,6 +15,7 @@ from tipfem.arguments import is_number, numbers
 from tipfem.case.curves import Curve
 from tipfem.case.domain import Domain
 from tipfem.case.particles import Particles
+from tipfem.case.period import Period, no_period
 from tipfem.case.walls import Motion, Pose, Wall, rates
 from tipfem.errors import SimulationError
 from tipfem.typing import Array
@@ -36,6 +38,7 @@ class Boundary:
         walls: all walls that slip, slide or move.
         motion: rigid motion of the whole tank, or None.
         closed: whether the fluids fill the tank, so that moving walls must keep its volume.
+        period: of the domain; none by default. Then there are no sides across its periodic axes.
 
     Attributes:
         domain: that bounds the fluids, of a `tipfem.case.domain_boundary.DomainBoundary`; None for the convex hull of
@@ -49,6 +52,7 @@ class Boundary:
         sliding: (W,) number of the wall whose velocity the particle takes; -1 for none.
         pieces: rows of particles along a side, ends included, that are kept evenly spaced (2-D). Each row comes with
             the particles' coordinates along it, 0 at one end and 1 at the other, or None where the wall slips.
+        endless: rows of particles along a whole side that slips, along a periodic axis.
         slides: (K,) positions in `index` of the particles that slide.
         still: (N,) mask of the wall particles that do not slide.
         stays: (N,) mask of the wall particles that neither slide nor are relocated along the wall.
@@ -75,11 +79,14 @@ class Boundary:
         motion: Motion | None,
         *,
         closed: bool = True,
+        period: Period | None = None,
     ) -> None:
+        self.period = period or no_period(particles.dimension)
         self.curves: list[Curve] = []
         self.walls, self.motion, self.dimension, self.closed = tuple(walls), motion, particles.dimension, closed
         self.active = bool(self.walls) or motion is not None
         self.pieces: list[tuple[Array, Array | None]] = []
+        self.endless: list[Array] = []
         self.stays: Array = particles.wall.copy()
         self.still: Array = particles.wall.copy()
         self.index = np.flatnonzero(particles.wall)
@@ -118,6 +125,8 @@ class Boundary:
             n = np.where(np.abs(facet[:-1]) < 1e-12, 0.0, -facet[:-1])
             height = (self._y - centre) @ n - facet[-1] * self._h
             mask = np.abs(height) < ON_LINE * self._h
+            if n[self.period.axes].any():
+                continue
             known = [n @ m > 1 - 1e-10 and (mask & other).any() for m, other in zip(normals, masks, strict=True)]
             if mask.any() and not any(known):
                 normals.append(n)
@@ -204,13 +213,15 @@ class Boundary:
         self.pinned = pinned = np.asarray(self.normal[:, 1].any(axis=1))
         self.mover = np.full(len(self.offset), -1)
         for number, side, found in self.members:
-            inner = found[1:-1] if d == 2 else found
+            # A wall along all of a periodic side has no ends.
+            endless = bool(self.period) and len(found) == self.on_side[:, side].sum()
+            inner = found[1:-1] if d == 2 and not endless else found
             if (owner[inner, side] >= 0).any() or (self.walls[number].motion is not None and self.mover[side] >= 0):
                 other = max(int(owner[inner, side].max()), int(self.mover[side]))
                 names = [self.walls[k].name for k in (other, number)]
                 raise ValueError(f"Case: walls {names} overlap; every wall particle belongs to one wall")
             owner[inner, side] = number
-            if d == 2:
+            if d == 2 and not endless:
                 pinned[found[[0, -1]]] = True
             if self.walls[number].motion is not None:
                 self.mover[side] = number
@@ -234,6 +245,12 @@ class Boundary:
         if d == 2:
             self._find_pieces(pinned, slips, owner)
 
+    @property
+    def frictionless(self) -> bool:
+        """Whether the domain is periodic between walls that all slip without friction."""
+        friction = any(wall.slip_length is not None or not wall.slips for wall in self.walls)
+        return bool(self.period) and not self.still.any() and not friction
+
     def _turn(self) -> None:
         """Let the corners of arcs turn with their walls; there are none here."""
 
@@ -248,6 +265,9 @@ class Boundary:
             row = np.flatnonzero(self.on_side[:, side])
             row = row[np.argsort(self._y[row] @ self._tangent(side))]
             stops = np.flatnonzero(pinned[row])
+            if not len(stops) and slips[owner[row, side]].all():
+                self.endless.append(self.index[row])
+                self.stays[self.index[row]] = False
             for first, last in itertools.pairwise(stops):
                 piece = row[first : last + 1]
                 at_ends: Array = np.asarray(self.on_side[piece[[0, -1]]].any(axis=0))
@@ -365,7 +385,7 @@ class Boundary:
                 slack = ON_SIDE * particles.spacing
                 found = found[(along[found] > ends[0] - slack) & (along[found] < ends[1] + slack)]
             new.members.append((number, side, found[np.argsort(along[found])]))
-        new.pieces = []
+        new.pieces, new.endless = [], []
         new.still, new.stays = particles.wall.copy(), particles.wall.copy()
         new._assign()
         return new
@@ -420,6 +440,8 @@ class Boundary:
             raise SimulationError(message)
 
     def _volume_at(self, time: float) -> float:
+        if self.period:  # there are no corners, and no walls that move along their normals
+            return math.nan
         displacement = np.array([0.0 if m < 0 else float(self.walls[m].displacement(time)) for m in self.mover])
         corner = self.normal[:, -1].any(axis=1)
         return float(ConvexHull(self.held(self._y, displacement)[corner]).volume)

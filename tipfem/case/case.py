@@ -17,6 +17,7 @@ from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import Numerics
 from tipfem.case.particles import Particles
+from tipfem.case.period import Period, no_period
 from tipfem.case.place import places
 from tipfem.case.shapes import Shape
 from tipfem.case.tank import Tank
@@ -60,6 +61,8 @@ class Case:
         shape: of the region that the walls enclose, for particles given as arrays in 2-D, as of `tipfem.tank`; None for
             their convex hull. There must be a wall particle at each of its corners; for a round wall give the polygon
             of the wall particles.
+        period: (d,) width of the domain along each periodic axis [m], 0 along others, for particles given as arrays;
+            only the first axis, in 2-D, may be periodic. A tank has its own.
 
     Attributes:
         particles: the initial state, sampled from the tank if one was given.
@@ -69,6 +72,7 @@ class Case:
         walls: list of the walls that slip, slide or move.
         boundary: the walls on the particles.
         domain: the polygon that bounds the fluids, of a tank with a shape; None for the convex hull of the particles.
+        period: of the positions.
         bodies: list of the bodies.
         body_label: (N,) number of the body that each particle is on, -1 for none.
         tank: the tank that the particles were sampled from; None for particles given as arrays.
@@ -96,6 +100,7 @@ class Case:
         grading: Grading | None = None,
         bodies: Sequence[Body] = (),
         shape: Any = None,
+        period: Sequence[float] | None = None,
     ) -> None:
         self.fluids = _checked_fluids(fluids)
         self.free_surface = free_surface
@@ -117,6 +122,8 @@ class Case:
         self.domain: Domain | None = None
         if isinstance(particles, Tank):
             self.tank = tank = particles
+            if tank.period:
+                self._check_periodic()
             particles = tank.sample(
                 self.fluids, fitted=self.interface == "sharp", empty=self.free_surface, grading=self.grading
             )
@@ -133,6 +140,7 @@ class Case:
         if self.tank is not None:
             self.walls_have_fluids, self.filled = True, self.tank.holds
             self.walls = [*self.tank.walls(particles), *self.walls]
+        self.period = self._checked_period(period)
         self.gravity = self._checked_gravity(gravity)
         self.bodies = self._checked_bodies(bodies)
         self.body_label = self._labelled(particles)
@@ -140,7 +148,7 @@ class Case:
             self.domain = around_bodies(particles.position, [body.corners for body in self.bodies])
         self._check_particles(particles)
         self.boundary = (
-            Boundary(particles, self.walls, self.tank_motion, closed=self.closed)
+            Boundary(particles, self.walls, self.tank_motion, closed=self.closed, period=self.period)
             if self.domain is None
             else DomainBoundary(particles, self.walls, self.tank_motion, self.domain, closed=self.closed)
         )
@@ -172,6 +180,48 @@ class Case:
                 f"Case: with Numerics(pressure='two-sided'), interface must be 'sharp', without a free surface; "
                 f"interface is {self.interface!r} and free_surface is {self.free_surface}"
             )
+
+    def _checked_period(self, given: Sequence[float] | None) -> Period:
+        """The period of the positions, that of the tank if there is one; see the class for errors."""
+        position = self.particles.position
+        if self.tank is not None:
+            if given is not None:
+                raise ValueError(f"Case: period is {given!r} beside a tank; say tank(..., periodic='x')")
+            period = self.tank.period
+        elif given is None:
+            return no_period(self.particles.dimension)
+        else:
+            width = numbers(given)
+            if position.shape[1] != 2 or width.shape != (2,) or not (0 < width[0] < np.inf) or width[1] != 0:
+                raise ValueError(
+                    f"Case: period is {given!r}; it must be (width, 0), in metres, for particles in 2-D: only the "
+                    "first axis may be periodic"
+                )
+            if (position[:, 0] < 0).any() or (position[:, 0] >= width[0]).any():
+                i = int(np.argmax((position[:, 0] < 0) | (position[:, 0] >= width[0])))
+                raise ValueError(
+                    f"Case: particle {i} at {position[i].tolist()} is outside the period, 0 <= x < {width[0]:g} m"
+                )
+            period = Period(width)
+        if period:
+            self._check_periodic()
+        return period
+
+    def _check_periodic(self) -> None:
+        """Raise ValueError for what cannot be combined with periodic sides."""
+        refused = {
+            "free_surface is True": self.free_surface,
+            "a grading is given": self.grading is not None,
+            "tank_motion is given": self.tank_motion is not None,
+            "shape is given": self.domain is not None,
+            "there are bodies": self.tank is not None and bool(self.tank.bodies),
+            "a wall has a motion": any(wall.motion is not None for wall in self.walls),
+            "a wall has the law 'layer'": any(wall.law == "layer" for wall in self.walls),
+            "a wall is part of a side (between)": any(wall.between is not None for wall in self.walls),
+        }
+        for what, given in refused.items():
+            if given:
+                raise ValueError(f"Case: {what}, which cannot be combined with periodic sides; leave one of them out")
 
     def _checked_gravity(self, gravity: Sequence[float] | Array) -> Array:
         d, given = self.particles.dimension, numbers(gravity)
@@ -258,7 +308,9 @@ class Case:
         # Facets of one straight wall have the same equation up to round-off; one of them is enough.
         facets = facets[np.unique(facets.round(12), axis=0, return_index=True)[1]]
         depth = np.full(len(particles), np.inf)  # below the nearest facet [spacings]
-        for facet in facets:  # one by one: all at once would take facets x particles of memory
+        for facet in facets[
+            ~facets[:, self.period.axes].any(axis=1)
+        ]:  # one by one: all at once would take facets x particles of memory
             depth = np.minimum(depth, -(centred @ facet[:-1] + facet[-1]))
         outside = ~particles.wall & (depth < 1e-9)
         if outside.any():

@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterable
 
 import numpy as np
 
+from tipfem.case.period import Period
 from tipfem.typing import Array
 
 # Bisections of an edge between two parts, down to round-off.
@@ -94,7 +95,12 @@ def faces_of_part(
 
 
 def heaviest_beside(
-    position: Array, size: Array, spacing: float, fluid: Callable[[Array], Array], rank: Array
+    position: Array,
+    size: Array,
+    spacing: float,
+    fluid: Callable[[Array], Array],
+    rank: Array,
+    period: Period | None = None,
 ) -> Array:
     """The heaviest fluid (K,) that touches each of the points (K, 2).
 
@@ -104,11 +110,13 @@ def heaviest_beside(
         spacing: of its particles [m].
         fluid: function of positions (K, 2) [m] to fluids (K,).
         rank: of the fluids from the lightest to the heaviest.
+        period: of the tank; none by default.
     """
     best = fluid(position)
     for x in (-1, 1):
         for y in (-1, 1):
-            near = np.clip(position + BESIDE * spacing * np.array([x, y]), 0.0, size)
+            near = position + BESIDE * spacing * np.array([x, y])
+            near = np.clip(period.wrapped(near) if period else near, 0.0, size)
             other = fluid(near)
             best = np.where(rank[other] > rank[best], other, best)
     return best

@@ -349,6 +349,7 @@ def tank(
     shape: Any = None,
     jitter: float = 0.0,
     seed: int = 0,
+    periodic: str | None = None,
 ) -> Tank:
     """A closed tank to be filled: ``tank((1, 1), 0.05).fill(air).fill(water, box=((0, 0), (1, 0.5)))``.
 
@@ -359,6 +360,8 @@ def tank(
             shapely, with holes or without.
         jitter: random displacement of the particles off the walls [spacings]; needed in 3-D.
         seed: of the random displacement.
+        periodic: "x" for a box in 2-D without walls on the left and right, where what leaves on one side enters on the
+            other: channels, shear layers, waves without side walls.
 
     Raises:
         ValueError: an argument is missing or out of range, see `Tank` and `ShapedTank`.
@@ -366,5 +369,7 @@ def tank(
     if (size is None) == (shape is None):
         raise ValueError("tank: give either its size, for a box, or its shape")
     if size is not None:
-        return Tank(size, spacing, jitter, seed)
+        return Tank(size, spacing, jitter, seed, periodic)
+    if periodic is not None:
+        raise ValueError(f"tank: periodic is {periodic!r}; a tank with a shape has walls all around")
     return ShapedTank(Shape.of(shape), spacing, jitter, seed)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,79 +15,15 @@ from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading, thinned
 from tipfem.case.lattice import faces_of_part, heaviest_beside, snap_to_faces
 from tipfem.case.particles import Particles
+from tipfem.case.period import Period, no_period
+from tipfem.case.region import Region, name_of
 from tipfem.case.shapes import Shape, rectangle
 from tipfem.case.walls import Wall
 from tipfem.typing import Array
 
 # The walls of a tank by their names: axis, and whether it is the one at the upper end.
 SIDES = {name: (k // 2, k % 2 == 1) for k, name in enumerate(["left", "right", "bottom", "top", "back", "front"])}
-
-
-@dataclass
-class Region:
-    """A filled part of the tank.
-
-    Attributes:
-        fluid: that fills it.
-        part: its description in messages.
-        contains: function of positions (K, d) [m] to a mask (K,) of those in the region.
-        box: (2, d) lower and upper corner of a box [m]; None for other shapes.
-        given: the argument of `Tank.fill` for the region, "box", "disc", "where" or "shape", with its value; empty
-            for the whole tank.
-        velocity: at the start: (d,) [m/s], or function of positions (K, d) [m] to velocities (K, d) [m/s]; None at
-            rest.
-    """
-
-    fluid: Fluid
-    part: str
-    contains: Callable[[Array], Array]
-    box: Array | None = None
-    given: dict[str, Any] = field(default_factory=dict)
-    velocity: Callable[[Array], Array] | Array | None = None
-
-    def mask(self, x: Array) -> Array:
-        """Mask (K,) of the points (K, d) [m] in the region.
-
-        Raises:
-            ValueError: a user's function raised, or did not return a mask.
-        """
-        here = f"fill {self.fluid.name!r}: {self.part}"
-        try:
-            inside = np.asarray(self.contains(x.copy()))  # a copy: a user's function may work in place
-        except Exception as error:
-            raise ValueError(
-                f"{here} raised {type(error).__name__} for positions of shape {x.shape}: {error}"
-            ) from error
-        if inside.shape != (len(x),) or inside.dtype != bool:
-            raise ValueError(
-                f"{here} gave {inside.dtype} of shape {inside.shape}; it must be a mask, bool of shape {(len(x),)}"
-            )
-        return inside
-
-    def initial_velocity(self, x: Array) -> Array:
-        """Velocities (K, d) [m/s] at the points (K, d) [m] of the region.
-
-        Raises:
-            ValueError: a user's function raised, or did not return finite velocities.
-        """
-        if self.velocity is None or not len(x):
-            return np.zeros_like(x)
-        if not callable(self.velocity):
-            return np.broadcast_to(self.velocity, x.shape)
-        here = f"fill {self.fluid.name!r}: velocity={_name(self.velocity)}"
-        try:
-            result = np.asarray(self.velocity(x.copy()), dtype=float)
-        except Exception as error:
-            raise ValueError(
-                f"{here} raised {type(error).__name__} for positions of shape {x.shape}: {error}"
-            ) from error
-        if result.shape != x.shape:
-            raise ValueError(f"{here} gave shape {result.shape}; it must be velocities of shape {x.shape}")
-        bad = ~np.isfinite(result).all(axis=1)
-        if bad.any():
-            i = int(np.argmax(bad))
-            raise ValueError(f"{here} gave {result[i].tolist()} at {x[i].tolist()}; it must be finite")
-        return result
+LEAST_WIDTH = 8  # of a periodic tank [spacings]: no cell may reach around a quarter of it
 
 
 class Tank:
@@ -107,23 +42,28 @@ class Tank:
             Delaunay mesh, and would be cut into simplices without volume. With a `wall` described,
             the wall particles in 3-D are displaced too, along their walls.
         seed: of the random displacement.
+        periodic: "x": what leaves on the left enters on the right, and there are no walls on these sides; in 2-D. None
+            for walls all around.
 
     Attributes:
         size: (d,) array [m].
         lower, upper: (d,) corners of its bounding box [m].
         sides: names of its walls.
         domain: the polygon that bounds it; None for a box.
+        period: of its positions.
 
     The other arguments are attributes too.
 
     Raises:
-        ValueError: a size or the spacing is not a positive number, the spacing exceeds half an edge, or
-            the jitter is out of range.
+        ValueError: a size or the spacing is not a positive number, the spacing exceeds half an edge, the jitter is out
+            of range, ``periodic`` is neither "x" nor None, or a periodic tank is in 3-D or too narrow.
     """
 
     SLACK = 1e-9  # of boxes, in sizes of the tank
 
-    def __init__(self, size: Sequence[float], spacing: float, jitter: float = 0.0, seed: int = 0) -> None:
+    def __init__(
+        self, size: Sequence[float], spacing: float, jitter: float = 0.0, seed: int = 0, periodic: str | None = None
+    ) -> None:
         self.size = numbers(size)
         self.lower, self.upper = np.zeros_like(self.size), self.size
         self.sides: tuple[str, ...] = tuple(name for name, (axis, _) in SIDES.items() if axis < self.size.size)
@@ -148,6 +88,23 @@ class Tank:
             np.random.default_rng(seed)
         except (TypeError, ValueError):
             raise ValueError(f"tank: seed is {seed!r}; it must be a whole number >= 0") from None
+        self.periodic, self.period = periodic, no_period(len(self.size))
+        if periodic is not None:
+            self._make_periodic(periodic)
+
+    def _make_periodic(self, periodic: str) -> None:
+        """Leave out the walls on the left and right; see the class for errors."""
+        if periodic != "x":
+            raise ValueError(f"tank: periodic is {periodic!r}; it must be 'x', or left out for walls all around")
+        if len(self.size) != 2:
+            raise ValueError(f"tank: periodic is 'x' and size {self.size.tolist()} m; only tanks in 2-D are periodic")
+        if self.size[0] < LEAST_WIDTH * self.spacing * (1 - 1e-9):
+            raise ValueError(
+                f"tank: periodic is 'x' and the tank {self.size[0]:g} m wide; with a spacing of {self.spacing:g} m it "
+                f"must be {LEAST_WIDTH * self.spacing:g} m or more, {LEAST_WIDTH} spacings"
+            )
+        self.period = Period(np.array([self.size[0], 0.0]))
+        self.sides = tuple(name for name in self.sides if SIDES[name][0] != 0)
 
     def seal(self) -> None:
         """Refuse further changes: a case has taken its particles and walls from the tank."""
@@ -238,7 +195,7 @@ class Tank:
         elif where is not None:
             if not callable(where):
                 raise ValueError(f"fill {fluid.name!r}: where is {where!r}; it must be a function of positions")
-            self._regions.append(Region(fluid, f"where={_name(where)}", where, given={"where": where}))
+            self._regions.append(Region(fluid, f"where={name_of(where)}", where, given={"where": where}))
         elif shape is not None:
             self._regions.append(self._shaped(fluid, shape))
         else:
@@ -386,7 +343,9 @@ class Tank:
             else:
                 lines.append(lattice.lines(axis, length, self.spacing, faces, ends))
         position = np.stack([x.ravel() for x in np.meshgrid(*lines, indexing="ij")], axis=1)
-        wall = ((position == 0.0) | (position == size)).any(axis=1)
+        at_end = (position == 0.0) | (position == size)
+        at_end[:, self.period.axes] = False
+        wall = at_end.any(axis=1)
         fluid = np.full(len(position), -1, dtype=np.int32)
         for region, number in zip(self._regions, numbers_of, strict=True):
             fluid[self._mask(region, position, wall)] = number
@@ -396,7 +355,9 @@ class Tank:
             part = fluid_at if fitted else is_empty
             position, on_face = snap_to_faces(position, (len(lines[0]), len(lines[1])), size, part)
             rank = np.append(ranks(fluids), -1)
-            fluid[on_face] = heaviest_beside(position[on_face], size, self.spacing, fluid_at, rank)
+            if self.period:  # faces between the two ends, too
+                on_face |= position[:, 0] == 0.0
+            fluid[on_face] = heaviest_beside(position[on_face], size, self.spacing, fluid_at, rank, self.period)
             free &= ~on_face
         if self.jitter:
             shift = np.random.default_rng(self.seed).uniform(-1, 1, position.shape) * self.jitter * self.spacing
@@ -405,6 +366,9 @@ class Tank:
             held = (position == 0.0) | (position == size) if len(size) == 3 and self._walls else ~free[:, None]
             position += np.where(held, 0.0, shift)
         kept = wall | (fluid >= 0)
+        if self.period:  # the last column is the image of the first
+            kept &= np.arange(len(position)) < len(position) - len(lines[1])
+            position = self.period.wrapped(position)
         if grading:
             kept = thinned(grading, position, (len(lines[0]), len(lines[1])), fluid, fluids, self.spacing)
         velocity = self._initial_velocity(position[kept])
@@ -443,7 +407,7 @@ class Tank:
             inside = region.mask(position)
             velocity[inside] = region.initial_velocity(position[inside])
         for name, (axis, upper) in SIDES.items():
-            if axis >= len(self.size):
+            if axis >= len(self.size) or axis in self.period.axes:
                 continue
             here = position[:, axis] == (self.size[axis] if upper else 0.0)
             options = self._walls.get(name, {})
@@ -486,10 +450,6 @@ class Tank:
         """Coordinates of the faces of filled boxes along one axis [m]."""
         boxes = [region.box for region in self._regions if region.box is not None]
         return {float(x) for box in boxes for x in box[:, axis]}
-
-
-def _name(function: Callable[[Array], Array]) -> str:
-    return str(getattr(function, "__name__", type(function).__name__))
 
 
 def _in_box(x: Array, corners: Array, slack: Array) -> Array:

@@ -164,6 +164,8 @@ class Parts:
                 given = "has neither size nor shape" if tank.size is None else "has both size and shape"
                 self.report(("tank",), f"{given}; give a box its size, or a tank in 2-D its shape")
                 return None, dimension
+            if tank.shape is not None and tank.periodic is not None:
+                self.report(("tank", "periodic"), "is given with a shape, which has walls all around; leave it out")
             if tank.shape is not None:
                 self._shape = self._made(("tank", "shape"), tank.shape.shape)
                 if self._shape is None:
@@ -188,7 +190,7 @@ class Parts:
         tank = self.sections["tank"]
         if self._shape is not None:
             return ShapedTank(self._shape, tank.spacing, tank.jitter, tank.seed)
-        return Tank(tank.size, tank.spacing, tank.jitter, tank.seed)
+        return Tank(tank.size, tank.spacing, tank.jitter, tank.seed, tank.periodic)
 
     def _new_tank(self) -> Tank:
         """The tank, filled; see `_fill` for what is refused."""

@@ -15,8 +15,9 @@ from tipfem.case.case import Case
 from tipfem.case.mesh_file import MeshTank
 from tipfem.case.numerics import Numerics
 from tipfem.case.particles import Particles
+from tipfem.case.region import Region
 from tipfem.case.shaped_tank import ShapedTank
-from tipfem.case.tank import Region, Tank
+from tipfem.case.tank import Tank
 from tipfem.case.walls import Wall
 from tipfem.casefile.bodies import body_content
 from tipfem.casefile.building import RULES
@@ -227,7 +228,8 @@ class _Writer:
             given["shape"] = shape_content(tank.shape)
         else:
             given = {"size": numbers(tank.size).tolist(), **given}
-        self.table(("tank",), {**given, "jitter": float(tank.jitter) or None, "seed": seed or None})
+        more = {"jitter": float(tank.jitter) or None, "seed": seed or None, "periodic": tank.periodic}
+        self.table(("tank",), {**given, **more})
         for k, region in enumerate(tank.regions):
             part = f"fill[{k}]"
             velocity: Any = region.velocity

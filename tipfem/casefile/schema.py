@@ -48,6 +48,9 @@ class TankTable(Model):
         le=0.4,
     )
     seed: int = quantity("seed of the random displacement", default=0, ge=0)
+    periodic: Literal["x"] | None = quantity(
+        "x: no walls on the left and right of a box in 2-D, what leaves there enters on the other side", default=None
+    )
 
 
 class ParticlesTable(Model):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
+from tipfem.case.period import Period, no_period
 from tipfem.errors import TriangulationError
 from tipfem.mesh.constrained import cells_inside
 from tipfem.mesh.mesh import Mesh, simplex_measure
@@ -17,6 +18,8 @@ SLIVER = 1e-6
 QUICK = "Qbb Qc Qz Q12 Q0"
 # Closer than this to a circle through three others, relative to the circle's size, a particle is on it.
 TIE = 1e-9
+# Displacements that break the ties between cocircular particles of periodic domains [spacings].
+TIE_BREAK = 1e-7
 
 
 def delaunay(position: Array, spacing: float, wall: Array | None = None) -> tuple[Array, Array, Array]:
@@ -84,7 +87,9 @@ def _is_unique(position: Array, cells: Array, measure: Array, neighbours: Array,
     return not fluid.any() and bool((inside[close] < TIE * square[:, close].max(axis=0) ** 2).all())
 
 
-def triangulate(position: Array, wall: Array, spacing: float, boundary: Array | None = None) -> Mesh:
+def triangulate(
+    position: Array, wall: Array, spacing: float, boundary: Array | None = None, period: Period | None = None
+) -> Mesh:
     """Delaunay mesh of all particles.
 
     Args:
@@ -93,6 +98,7 @@ def triangulate(position: Array, wall: Array, spacing: float, boundary: Array | 
         spacing: target distance h between particles [m], the scale of what counts as flat.
         boundary: (E, 2) the edges that bound the fluids, with the fluids on their left, in 2-D; by default they fill
             the convex hull. The mesh has these edges, and is Delaunay otherwise.
+        period: of the positions, none by default; with one, in 2-D, there is no ``boundary``.
 
     Returns:
         The mesh without slivers along straight walls; cells are positively oriented and sorted by their lowest
@@ -101,7 +107,12 @@ def triangulate(position: Array, wall: Array, spacing: float, boundary: Array | 
     Raises:
         TriangulationError: Qhull failed or left out a particle, or a flat simplex has a particle off the walls.
     """
-    cells, measure, _ = delaunay(position, spacing) if boundary is None else inside(position, wall, spacing, boundary)
+    if period:
+        cells, measure = delaunay_periodic(position, wall, spacing, period)
+    elif boundary is None:
+        cells, measure, _ = delaunay(position, spacing)
+    else:
+        cells, measure, _ = inside(position, wall, spacing, boundary)
     flat = (measure < SLIVER) & wall[cells].all(axis=1) & (boundary is None)
     cells = cells[~flat]
     if (measure[~flat] <= 1e-14).any():
@@ -113,7 +124,46 @@ def triangulate(position: Array, wall: Array, spacing: float, boundary: Array | 
         i = int(np.argmin(used))
         raise TriangulationError(f"particle {i} at {position[i].tolist()} is in no simplex of the mesh")
     # Sorted, neighbouring cells are close in memory, which halves the time of loops over them.
-    return Mesh(position, cells[np.argsort(cells.min(axis=1), kind="stable")])
+    order = np.argsort(cells.min(axis=1), kind="stable")
+    return Mesh(position, np.ascontiguousarray(cells[order]), period=period or no_period(position.shape[1]))
+
+
+def delaunay_periodic(position: Array, wall: Array, spacing: float, period: Period) -> tuple[Array, Array]:
+    """Delaunay triangles of a domain whose first axis is periodic, flat ones along walls included.
+
+    They are those of the particles and of their images on either side; of the images of a triangle, the one that has
+    its lowest particle inside the domain is kept. The images must have one triangulation: so ties between cocircular
+    particles are broken by displacements that are the same for all images of a particle.
+
+    Args:
+        position: (N, 2) [m], inside the domain.
+        wall: (N,) mask of the wall particles, on lines along the first axis.
+        spacing: h [m], the unit of the measures returned.
+        period: of the positions.
+
+    Returns:
+        Triangles (M, 3), positively oriented, int32, and their measures (M,) [h^2].
+
+    Raises:
+        TriangulationError: Qhull failed, or the triangles do not fill the domain once.
+    """
+    count, width = len(position), period.width[0]
+    left = position[:, 0] < 0.5 * width
+    owner = np.concatenate([np.arange(count), np.flatnonzero(left), np.flatnonzero(~left)])
+    points = position[owner]
+    points[count:, 0] += np.where(left[owner[count:]], width, -width)
+    apart = TIE_BREAK * spacing * np.random.default_rng(0).uniform(-1.0, 1.0, position.shape)
+    apart[wall, 1] = 0.0
+    cells, measure, _ = delaunay(points + apart[owner], spacing)
+    lowest = np.take_along_axis(cells, np.argmin(owner[cells], axis=1)[:, None], axis=1)[:, 0]
+    once = lowest < count
+    cells, measure = cells[once], measure[once]
+    domain = width * np.ptp(position[:, 1]) / spacing**2
+    if abs(measure.sum() - domain) > 1e-6 * domain:
+        raise TriangulationError(
+            f"the triangles of a periodic domain of {domain:g} spacings squared have an area of {measure.sum():g}"
+        )
+    return owner[cells].astype(np.int32), measure
 
 
 def inside(position: Array, wall: Array, spacing: float, boundary: Array) -> tuple[Array, Array, Array]:

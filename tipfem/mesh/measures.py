@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -64,11 +65,12 @@ def depth(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
     Raises:
         ValueError: the line does not cross the mesh.
     """
-    left, right = float(mesh.position[:, 0].min()), float(mesh.position[:, 0].max())
+    left, right = _ends(mesh)
     if not left <= place <= right:
         raise ValueError(f"depth: the line x = {place:g} m does not cross the mesh of {left:g} to {right:g} m")
     # A line along the left wall would be in no element's interior.
     line = max(place, left + 1e-9 * (right - left))
+    mesh, fluid = _around(mesh, fluid, line)
     x, y = mesh.position[:, 0] - line, mesh.position[:, 1]
     before = (x < 0).take(mesh.cells.T)
     crossed = np.flatnonzero(before.any(axis=0) & ~before.all(axis=0))
@@ -91,10 +93,11 @@ def surface_height(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
     Raises:
         ValueError: the line does not cross the mesh.
     """
-    left, right = float(mesh.position[:, 0].min()), float(mesh.position[:, 0].max())
+    left, right = _ends(mesh)
     if not left <= place <= right:
         raise ValueError(f"height: the line x = {place:g} m does not cross the mesh of {left:g} to {right:g} m")
     line = max(place, left + 1e-9 * (right - left))  # as in `depth`
+    mesh, fluid = _around(mesh, fluid, line)
     x, y = mesh.position[:, 0] - line, mesh.position[:, 1]
     before = (x < 0).take(mesh.cells.T)
     crossed = np.flatnonzero(before.any(axis=0) & ~before.all(axis=0))
@@ -108,6 +111,26 @@ def surface_height(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
         py = np.stack([y[a] / 2 + y[b] / 2 for a, b in triangle], axis=1)[label == index]
         highest = float(np.fmax(highest, _highest(px, py)))
     return highest
+
+
+def _ends(mesh: Mesh) -> tuple[float, float]:
+    """The least and the largest x of a mesh [m]; with a periodic first axis, of its domain."""
+    if mesh.period:
+        return 0.0, float(mesh.period.width[0])
+    return float(mesh.position[:, 0].min()), float(mesh.position[:, 0].max())
+
+
+def _around(mesh: Mesh, fluid: Array, line: float) -> tuple[Mesh, Array]:
+    """The mesh, and the fluid of its nodes; with a periodic first axis, one that has the line x = ``line`` inside."""
+    if not mesh.period:
+        return mesh, fluid
+    position = mesh.position.copy()
+    position[:, 0] = line + mesh.period.shortest(position[:, 0] - line, 0)
+    middle = 0.5 * mesh.period.width[0]
+    position[:, 0] += middle - line
+    unrolled, owner = replace(mesh, position=mesh.period.wrapped(position)).unrolled
+    unrolled.position[:, 0] += line - middle
+    return unrolled, fluid[owner]
 
 
 def _highest(x: Array, y: Array) -> float:

@@ -154,6 +154,31 @@ class Mesh:
         """(K, d) vectors from the particles ``one`` (K,) to the particles ``other`` (K,) beside them [m]."""
         return self.period.shortest(self.position[other] - self.position[one])
 
+    @cached_property
+    def unrolled(self) -> tuple[Mesh, Array]:
+        """A mesh that is not periodic with the same cells, for pictures and probes; and the particle of each node.
+
+        Cells that reach across a periodic side have copies of the particles there, behind all others. The middle of
+        every cell is inside the domain.
+        """
+        if not self.period:
+            return self, np.arange(len(self.position))
+        corner = self.corners()
+        middle = corner.mean(axis=1)
+        corner = corner + (self.period.wrapped(middle) - middle)[:, None]
+        away = np.abs(corner - self.position[self.cells]).max(axis=2) > 1e-6 * self.period.width.max()
+        cell, k = np.nonzero(away)
+        # One copy of a particle on either side at most.
+        place = np.round((corner[cell, k] - self.position[self.cells[cell, k]]) @ _signs(self.period)).astype(np.int64)
+        _, first, number = np.unique(
+            np.stack([self.cells[cell, k], place], axis=1), axis=0, return_index=True, return_inverse=True
+        )
+        cells, count = self.cells.copy(), len(self.position)
+        cells[cell, k] = count + number.ravel()
+        position = np.concatenate([self.position, corner[cell, k][first]])
+        owner = np.concatenate([np.arange(count), self.cells[cell, k][first]])
+        return Mesh(position, cells, self.fluid), owner
+
     def with_(
         self, *, measure: Array | None = None, neighbours: Array | None = None, components: Components | None = None
     ) -> Mesh:
@@ -247,6 +272,14 @@ def simplex_measure(position: Array, cells: Array, period: Period | None = None)
         sides = [[period.shortest(side, k) for k, side in enumerate(of_corner)] for of_corner in sides]
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = sides
     return np.asarray((ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)) / 6.0)
+
+
+def _signs(period: Period) -> Array:
+    """(d,) factors by which a shift of one period along an axis becomes a number of its own."""
+    result = np.zeros(len(period.width))
+    for n, k in enumerate(period.axes):
+        result[k] = 4.0**n / period.width[k]
+    return result
 
 
 def volume_gradient(mesh: Mesh, near: Array) -> Array:

@@ -31,6 +31,8 @@ class WaveGauge(Probe):
         self._fluid(case, self.fluid)
         require_plane(self, case)
         lower, upper = case.particles.position[:, 0].min(), case.particles.position[:, 0].max()
+        if case.period:
+            lower, upper = 0.0, case.period.width[0]
         if not (is_number(self.x) and lower <= self.x <= upper):
             raise ValueError(f"{self}: x is {self.x!r} m; it must lie between {lower:g} and {upper:g} m")
         return [("height", "m"), ("depth", "m")]

@@ -54,7 +54,12 @@ class WallPressure(Probe):
         wall = wall_of(self, case, self.wall)
         a, b, _, _ = wall.faces(simulation)
         y = tank_pose(simulation).origin(particles.position)
-        found = wall.locate(np.asarray(self.at, dtype=float), y[a], y[b], particles.spacing) if len(a) else None
+        at, period = np.asarray(self.at, dtype=float), simulation.mesh.period
+        one, other = y[a], y[b]
+        if period:  # the images beside the place
+            one = at + period.shortest(one - at)
+            other = one + simulation.mesh.sides(a, b)
+        found = wall.locate(at, one, other, particles.spacing) if len(a) else None
         if found is None:
             return [0.0 if case.free_surface else math.nan]
         face, weight = found
@@ -94,7 +99,8 @@ class WallForce(Probe):
         """Force and moment at the present time."""
         case, particles, mesh = simulation.case, simulation.particles, simulation.mesh
         a, b, cell, normal = wall_of(self, case, self.wall).faces(simulation)
-        x, p = particles.position, particles.pressure
+        p, start = particles.pressure, particles.position[a]
+        end = start + mesh.sides(a, b) if mesh.period else particles.position[b]
         share = np.ones((len(a), 2))  # of each half of a face: whether it counts
         if self.fluid is not None:
             index = case.fluid_index(self.fluid)
@@ -102,9 +108,9 @@ class WallForce(Probe):
                 share[:] = (mesh.fluid[cell] == index)[:, None]
             else:
                 share = np.stack([particles.fluid[a] == index, particles.fluid[b] == index], axis=1).astype(float)
-        middle_x, middle_p = 0.5 * (x[a] + x[b]), 0.5 * (p[a] + p[b])
+        middle_x, middle_p = 0.5 * (start + end), 0.5 * (p[a] + p[b])
         force, moment = np.zeros(2), 0.0
-        for half, (x0, p0) in enumerate(((x[a], p[a]), (x[b], p[b]))):
+        for half, (x0, p0) in enumerate(((start, p[a]), (end, p[b]))):
             weight = 0.5 * share[:, half]
             force += ((weight * 0.5 * (p0 + middle_p))[:, None] * normal).sum(axis=0)
             arm = (2 * p0 + middle_p)[:, None] * x0 + (p0 + 2 * middle_p)[:, None] * middle_x
@@ -185,7 +191,7 @@ class WallLine:
             on &= np.abs(height + displacement) < slack
             if self.wall is not None:  # a part of a side may be a wall of its own
                 on &= (along > -slack) & (along < self.length + slack)
-        return _with_normals(particles, a[on], b[on], cell[on])
+        return _with_normals(simulation.mesh, a[on], b[on], cell[on])
 
 
 @dataclass(frozen=True)
@@ -236,7 +242,7 @@ class WallSide:
         nearest = np.argmin(distance, axis=1)
         slack = np.where(self.domain.curve[nearest] >= 0, ON_ARC, ON_WALL) * particles.spacing
         on = np.isin(nearest, self.edges) & (distance[np.arange(len(a)), nearest] < slack)  # the others are on bodies
-        return _with_normals(particles, a[on], b[on], cell[on])
+        return _with_normals(simulation.mesh, a[on], b[on], cell[on])
 
 
 def _wall_faces(simulation: Sampled) -> tuple[Array, Array, Array]:
@@ -248,9 +254,9 @@ def _wall_faces(simulation: Sampled) -> tuple[Array, Array, Array]:
     return a[on], b[on], cell[on]
 
 
-def _with_normals(particles: Particles, a: Array, b: Array, cell: Array) -> tuple[Array, Array, Array, Array]:
+def _with_normals(mesh: Mesh, a: Array, b: Array, cell: Array) -> tuple[Array, Array, Array, Array]:
     """Faces with the outward normal times the length (K, 2) [m]."""
-    edge = particles.position[b] - particles.position[a]
+    edge = mesh.sides(a, b)
     return a, b, cell, np.stack([edge[:, 1], -edge[:, 0]], axis=1)  # cells are positively oriented
 
 
@@ -294,9 +300,14 @@ def wall_line(probe: Probe, case: Case, name: str) -> WallLine:
                 mine = position[np.asarray(wall.particles)]
                 far = mine[np.argmax(((mine - mine.mean(axis=0)) ** 2).sum(axis=1))]
                 start, end = far, mine[np.argmax(((mine - far) ** 2).sum(axis=1))]
+            if case.period:  # a whole side
+                start, end = np.array([0.0, start[1]]), np.array([case.period.width[0], start[1]])
             return _line(start, end, centre, wall)
     lower, upper = position[of_walls].min(axis=0), position[of_walls].max(axis=0)
-    if name in SIDES:
+    sides: tuple[str, ...] = SIDES
+    if case.period:
+        lower[0], upper[0], sides = 0.0, case.period.width[0], ("bottom", "top")
+    if name in sides:
         corner = {
             "left": (lower, (lower[0], upper[1])),
             "right": ((upper[0], lower[1]), upper),
@@ -304,7 +315,7 @@ def wall_line(probe: Probe, case: Case, name: str) -> WallLine:
             "top": ((lower[0], upper[1]), upper),
         }[name]
         return _line(np.asarray(corner[0]), np.asarray(corner[1]), centre, None)
-    names = [*SIDES, *(wall.name for wall in case.walls if wall.name not in SIDES)]
+    names = [*sides, *(wall.name for wall in case.walls if wall.name not in sides)]
     raise ValueError(f"{probe}: there is no wall {name!r} in this case; it has {names}")
 
 
@@ -321,7 +332,7 @@ def _viscous_stress(case: Case, particles: Particles, mesh: Mesh, cell: Array) -
     """(K, 2, 2) mu (grad v + grad v^T) in the cells ``cell`` (K,) [Pa]."""
     viscosity = np.array([fluid.viscosity for fluid in case.fluids])
     corners = mesh.cells[cell]
-    x, v = particles.position[corners], particles.velocity[corners]
+    x, v = mesh.corners(cell), particles.velocity[corners]
     sides, change = x[:, 1:] - x[:, :1], v[:, 1:] - v[:, :1]
     gradient = np.linalg.solve(sides, change).transpose(0, 2, 1)  # d v_i / d x_j
     mu = viscosity[mesh.fluid[cell]] if mesh.fluid is not None else viscosity[particles.fluid[corners]].mean(axis=1)

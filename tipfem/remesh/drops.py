@@ -29,6 +29,12 @@ def place(at: Array) -> str:
     return f"({', '.join(f'{x:.4g}' for x in at)})"
 
 
+def require_walls(mesh: Mesh) -> None:
+    """Raise ValueError where sides are periodic: there no drop can be added yet."""
+    if mesh.period:
+        raise ValueError("drop: a drop cannot be added to a tank with periodic sides")
+
+
 def is_inside(mesh: Mesh, at: Array) -> bool:
     """Whether a point (d,) [m] is in a cell of a mesh."""
     return bool((barycentric(mesh, np.arange(len(mesh.cells)), at[None])[0] > -1e-9).all(axis=1).any())

@@ -107,7 +107,7 @@ def repair(
         slides[: len(held)] = (slippery > 0) & ~held & ~relocated[: len(held)]
     with timer("volumes"):
         new = restore_volumes(new, mesh, moved, relocated, total, 0.05 * particles.spacing, len(density), slides)
-    position = new.position
+    position = new.period.wrapped(new.position)
     if not (flips or broken or relocated.any() or (position != particles.position).any()):
         return Repaired(particles, mesh.moved(particles.position), relocated)
     renumbered = None

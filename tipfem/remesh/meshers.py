@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.free_surface import SurfaceMesher
@@ -16,12 +17,12 @@ from tipfem.typing import Array
 class Mesher(Protocol):
     """Makes Delaunay meshes of particles."""
 
-    def start(self, particles: Particles, edges: Array | None = None) -> Mesh:
+    def start(self, particles: Particles, boundary: Boundary) -> Mesh:
         """The first mesh; see `Remesher.start` for errors.
 
         Args:
             particles: the initial ones.
-            edges: (E, 2) the particles along the boundary of the domain, see `Boundary.edges`.
+            boundary: of the case.
         """
 
     def remesh(self, solved: Solved, particles: Particles, moves: Array) -> tuple[Mesh, bool]:
@@ -45,9 +46,9 @@ class TankMesher:
     def __init__(self, *, repairs: bool) -> None:
         self.repairs = repairs
 
-    def start(self, particles: Particles, edges: Array | None = None) -> Mesh:
+    def start(self, particles: Particles, boundary: Boundary) -> Mesh:
         """See `Mesher.start`."""
-        return triangulate(particles.position, particles.wall, particles.spacing, edges)
+        return self._anew(particles, boundary, 0.0)
 
     def remesh(self, solved: Solved, particles: Particles, moves: Array) -> tuple[Mesh, bool]:
         """See `Mesher.remesh`."""
@@ -55,8 +56,12 @@ class TankMesher:
         found = repaired(old, moved, particles.position, moves) if self.repairs else None
         if found:
             return found, False
-        edges = solved.before.boundary.edges(particles, solved.time)
-        return triangulate(particles.position, particles.wall, particles.spacing, edges), True
+        return self._anew(particles, solved.before.boundary, solved.time), True
+
+    @staticmethod
+    def _anew(particles: Particles, boundary: Boundary, time: float) -> Mesh:
+        edges = boundary.edges(particles, time)
+        return triangulate(particles.position, particles.wall, particles.spacing, edges, boundary.period)
 
 
 class FreeSurfaceMesher:
@@ -69,9 +74,9 @@ class FreeSurfaceMesher:
     def __init__(self, mesher: SurfaceMesher) -> None:
         self.mesher = mesher
 
-    def start(self, particles: Particles, edges: Array | None = None) -> Mesh:
+    def start(self, particles: Particles, boundary: Boundary) -> Mesh:
         """See `Mesher.start`."""
-        return self.mesher.start(particles, edges)
+        return self.mesher.start(particles, boundary.edges(particles, 0.0))
 
     def remesh(self, solved: Solved, particles: Particles, moves: Array) -> tuple[Mesh, bool]:
         """See `Mesher.remesh`; nothing is repaired here."""

@@ -13,10 +13,39 @@ import numpy as np
 
 from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Mesh
+from tipfem.state import Solved
 from tipfem.typing import Array
 
 # Smallest relative increase of a particle's density for which momentum is transferred.
 SMALLEST_INCREASE = 0.01
+
+
+def conserve_along_period(solved: Solved, particles: Particles, mass: Array) -> Particles:
+    """Remeshed particles with the momentum and the rate of momentum that a step must leave along periodic axes.
+
+    Between walls that slip without friction only gravity and body forces change it:
+
+        sum m (v + (1/2 - alpha_f) dt a) grows by dt sum m b, and sum m a_alpha is sum m b.
+
+    What Newton's tolerance and the changes of the mesh have left over is given to all particles as one velocity and
+    one acceleration. Elsewhere the particles are returned as they are.
+
+    Args:
+        solved: the step.
+        particles: after remeshing.
+        mass: (N,) their lumped masses [kg].
+    """
+    boundary, scheme, old, before = solved.before.boundary, solved.scheme, solved.before.particles, solved.before.mass
+    if not boundary.frictionless:
+        return particles
+    changed, shift = particles.copy(), (0.5 - scheme.alpha_f) * scheme.dt
+    for k in boundary.period.axes:
+        force = (before * solved.force[:, k]).sum()
+        rate = (force - scheme.alpha_m * (before * old.acceleration[:, k]).sum()) / (1 - scheme.alpha_m)
+        momentum = (before * (old.velocity[:, k] + shift * old.acceleration[:, k])).sum() + scheme.dt * force
+        for values, wanted in ((changed.acceleration, rate), (changed.velocity, momentum - shift * rate)):
+            values[:, k] += (wanted - (mass * values[:, k]).sum()) / mass.sum()
+    return changed
 
 
 def nodal_density(mass: Array, volume: Array) -> Array:

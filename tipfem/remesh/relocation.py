@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from tipfem.case.numerics import RelocationRule
 from tipfem.case.particles import Particles
+from tipfem.case.period import Period
 from tipfem.case.place import places
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
@@ -53,6 +54,13 @@ class InsertionSites:
         w = self.weight.reshape((-1,) + (1,) * (values.ndim - 1))
         return np.asarray((1 - w) * values[self.start] + w * values[self.end])
 
+    def points(self, position: Array, period: Period) -> Array:
+        """The sites (K, d) [m], of particles at ``position`` (N, d) [m]."""
+        if not period:
+            return self.interpolate(position)
+        edge = period.shortest(position[self.end] - position[self.start])
+        return period.wrapped(position[self.start] + self.weight[:, None] * edge)
+
     def __getitem__(self, index: Array) -> InsertionSites:
         return InsertionSites(self.start[index], self.end[index], self.weight[index], self.length[index])
 
@@ -77,7 +85,7 @@ def cells_on_walls(mesh: Mesh, wall: Array) -> tuple[Array, Array]:
         number = np.unique(number * len(wall) + column, return_inverse=True)[1].ravel()
     face = (np.bincount(number)[number] == 1) & ~wall[opposite]
     facet, cell = mesh.position[facet[face]], cell[face]
-    side = facet[:, 1:] - facet[:, :1]
+    side = mesh.period.shortest(facet[:, 1:] - facet[:, :1])
     if d == 2:
         area = np.linalg.norm(side[:, 0], axis=1)
     else:
@@ -95,9 +103,9 @@ def measured_edges(mesh: Mesh, wall: Array, on_wall: Array, height: Array) -> Ed
     """The edges of a mesh; cells ``on_wall`` (K,) and their ``height`` (K,) are those of `cells_on_walls`."""
     i, j = np.ascontiguousarray(mesh.edges.T)
     square = np.zeros(len(i))
-    for axis in mesh.position.T:
+    for k, axis in enumerate(mesh.position.T):
         x = np.ascontiguousarray(axis)
-        square += (x[i] - x[j]) ** 2
+        square += mesh.period.shortest(x[i] - x[j], k) ** 2
     result = np.full(len(i), np.inf)
     joins = np.flatnonzero(wall[i] != wall[j])
     n, apex = len(mesh.position), apex_of(mesh, wall, on_wall).astype(np.int64)
@@ -135,7 +143,13 @@ def insertion_sites(
 
 
 def sites_with_room(
-    sites: InsertionSites, position: Array, tree: cKDTree, taken: Array, rule: RelocationRule, h: float
+    sites: InsertionSites,
+    position: Array,
+    tree: cKDTree,
+    taken: Array,
+    rule: RelocationRule,
+    h: float,
+    period: Period,
 ) -> InsertionSites:
     """Those of the sites that are far enough from all particles, from ``taken`` positions (K, d), and from each other.
 
@@ -143,16 +157,18 @@ def sites_with_room(
     """
     if not len(sites.start):
         return sites
-    point = sites.interpolate(position)
+    point = sites.points(position, period)
     # An urgent particle may be inserted half a spacing from the ends of its edge, which its edge determines.
     reach = np.minimum(rule.too_close * h, np.minimum(sites.weight, 1 - sites.weight) * sites.length)
     free = tree.query(point)[0] >= (1 - 1e-9) * reach
     if len(taken):
-        free &= cKDTree(taken).query(point)[0] >= rule.too_close * h
+        free &= cKDTree(taken, boxsize=period.tree_box).query(point)[0] >= rule.too_close * h
     sites, point = sites[np.flatnonzero(free)], point[free]
     if not len(point):
         return sites
-    first, second = np.sort(cKDTree(point).query_pairs(rule.too_close * h, output_type="ndarray"), axis=1).T
+    first, second = np.sort(
+        cKDTree(point, boxsize=period.tree_box).query_pairs(rule.too_close * h, output_type="ndarray"), axis=1
+    ).T
     undecided, chosen = np.ones(len(point), dtype=bool), np.zeros(len(point), dtype=bool)
     while undecided.any():
         # A site is chosen when no undecided site before it is too close; then those too close to it are rejected.
@@ -190,7 +206,7 @@ def relocate(particles: Particles, mesh: Mesh, rule: RelocationRule) -> tuple[Pa
         crowded = np.isfinite(crowd)
         if not crowded.any():
             break
-        moved, now = _move(particles, moved, crowd, relocated, long, rule)
+        moved, now = _move(particles, moved, crowd, relocated, long, rule, mesh.period)
         moves = np.concatenate([moves, now])
         stuck |= crowded
         stuck[now[:, 0]] = False
@@ -200,7 +216,13 @@ def relocate(particles: Particles, mesh: Mesh, rule: RelocationRule) -> tuple[Pa
 
 
 def _move(
-    particles: Particles, moved: Particles, crowd: Array, relocated: Array, edges: Edges, rule: RelocationRule
+    particles: Particles,
+    moved: Particles,
+    crowd: Array,
+    relocated: Array,
+    edges: Edges,
+    rule: RelocationRule,
+    period: Period,
 ) -> tuple[Particles, Array]:
     """Move crowded particles to sites of their own fluid, the most crowded into the longest edges.
 
@@ -211,6 +233,7 @@ def _move(
         relocated: (N,) mask of these.
         edges: of the mesh before relocation, those longer than a spacing.
         rule: the lengths that decide.
+        period: of the positions.
 
     Returns:
         The new state, and the moves of this call (K, 3), as for `relocate`.
@@ -219,7 +242,9 @@ def _move(
     crowded = np.isfinite(crowd)
     moved, relocated = moved.copy(), relocated.copy()
     moves = [np.zeros((0, 3), dtype=np.int64)]
-    tree = cKDTree(particles.position, compact_nodes=False, balanced_tree=False)  # for few queries
+    tree = cKDTree(  # for few queries
+        particles.position, compact_nodes=False, balanced_tree=False, boxsize=period.tree_box
+    )
     for fluid in np.unique(particles.fluid[crowded]):
         own = np.flatnonzero(crowded & (particles.fluid == fluid))
         own = own[np.argsort(crowd[own], kind="stable")]
@@ -236,6 +261,7 @@ def _move(
                 moved.position[relocated],
                 rule,
                 h,
+                period,
             )
             if len(sites.start) >= len(own) or few >= len(every.start):
                 break
@@ -243,7 +269,8 @@ def _move(
         k = min(len(own), len(sites.start))
         keep = (sites.length[:k] > rule.long_edge * h) | urgent[:k]
         own, sites = own[:k][keep], sites[np.flatnonzero(keep)]
-        for name in ("position", "velocity", "acceleration", "pressure"):
+        moved.position[own] = sites.points(particles.position, period)
+        for name in ("velocity", "acceleration", "pressure"):
             getattr(moved, name)[own] = sites.interpolate(getattr(particles, name))
         relocated[own] = True
         moves.append(np.stack([own, sites.start, sites.end], axis=1))

@@ -32,7 +32,7 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.remesh import drops
 from tipfem.remesh.fitted import hull_corners, particle_fluid, repair, with_fluids
 from tipfem.remesh.meshers import FreeSurfaceMesher, Mesher, TankMesher
-from tipfem.remesh.momentum_transfer import nodal_density, transfer_momentum
+from tipfem.remesh.momentum_transfer import conserve_along_period, nodal_density, transfer_momentum
 from tipfem.remesh.relocation import relocate
 from tipfem.remesh.sizing import limit_gradation
 from tipfem.remesh.surface_volumes import carried_through, kept_inside, restore_volumes, with_momenta
@@ -147,7 +147,7 @@ class DelaunayRemesher(Remesher):
 
     def start(self, particles: Particles, boundary: Boundary, reference: int) -> State:
         """See `Remesher.start`."""
-        mesh = self.mesher.start(particles, boundary.edges(particles, 0.0))
+        mesh = self.mesher.start(particles, boundary)
         particles = self._labelled(particles, mesh)
         nowhere = np.zeros(len(particles), dtype=bool)
         return self._state(
@@ -190,7 +190,7 @@ class DelaunayRemesher(Remesher):
             around = np.where(relocated, np.nan, before.material.nodal_density)
             particles = transfer_momentum(particles, mesh, around, material.nodal_density, before.boundary.still)
         return self._state(
-            walls.imposed(particles),
+            conserve_along_period(solved, walls.imposed(particles), mass),
             mesh,
             material,
             mass,
@@ -211,6 +211,7 @@ class DelaunayRemesher(Remesher):
     def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
         """See `Remesher.with_drop`: particles change their fluid, or in empty space are added."""
         particles, mesh, names = state.particles, state.mesh, [f.name for f in self.fluids]
+        drops.require_walls(mesh)
         if drops.is_inside(mesh, at):
             near = drops.within(particles, at, radius)
             if mesh.surface.front[near].any():
@@ -305,7 +306,7 @@ class FittedRemesher(Remesher):
         """See `Remesher.start`; a triangle belongs to the lightest fluid among its particles'."""
         if self._first is None:
             edges = boundary.edges(particles, 0.0)
-            mesh = triangulate(particles.position, particles.wall, particles.spacing, edges)
+            mesh = triangulate(particles.position, particles.wall, particles.spacing, edges, boundary.period)
         else:
             mesh = Mesh(particles.position, self._first[0])
         if not self._walls_have_fluids:
@@ -371,10 +372,12 @@ class FittedRemesher(Remesher):
         if bodies is not None:
             bodies = bodies.remeshed(self._bodies, particles, renumbered, relocated)
             particles = bodies.imposed(particles)
+        material, mass = self._material(mesh)
         return self._state(
-            particles,
+            conserve_along_period(solved, particles, mass),
             mesh,
-            *self._material(mesh),
+            material,
+            mass,
             time=solved.time,
             step=before.step + 1,
             boundary=boundary,
@@ -392,6 +395,7 @@ class FittedRemesher(Remesher):
     def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
         """See `Remesher.with_drop`: cells change their fluid, and the drop's outline is moved onto its circle."""
         particles, mesh = state.particles, state.mesh
+        drops.require_walls(mesh)
         if not drops.is_inside(mesh, at):
             raise ValueError(f"drop: at is {drops.place(at)} m, outside the tank")
         near = drops.within(particles, at, radius)
@@ -402,7 +406,8 @@ class FittedRemesher(Remesher):
         drops.require_room(particles, near, there, at, radius, fluid, self._names)
         inside = drops.cells_in_circle(mesh, at, radius)
         particles = drops.rounded(particles, mesh, inside, at, radius)
-        changed = Mesh(particles.position, mesh.cells, np.where(inside, fluid, of_cells).astype(of_cells.dtype))
+        given = np.where(inside, fluid, of_cells).astype(of_cells.dtype)
+        changed = Mesh(particles.position, mesh.cells, given, period=mesh.period)
         mesh = with_components(changed.with_(neighbours=mesh.neighbours), len(self.density))
         particles = particles.shallow_copy(fluid=particle_fluid(mesh, len(particles), self.rank))
         return self._changed(state, particles, mesh, *self._material(mesh))

@@ -144,7 +144,7 @@ class FlowProblem:
         self._force, free = body_force, mesh.surface
         # The grid moves with the tank, in whose frame the Laplacian is the same.
         frame = walls.frame
-        self.box = covering_box(frame, particles.spacing, box)
+        self.box = covering_box(frame, particles.spacing, box, mesh.period)
         extremes = (properties.density.min(initial=np.inf), properties.density.max(initial=0.0))
         with timer("preconditioner"):
             self.system = system(
@@ -156,7 +156,7 @@ class FlowProblem:
                 put("held", np.stack([walls.fixed | free.loose, free.pinned], axis=1)[of_node]),
                 self._scale,
                 scheme,
-                workspace.multigrid(self.box, particles.spacing),
+                workspace.multigrid(self.box, particles.spacing, periodic=bool(mesh.period)),
                 solved.position if frame is mesh.position else frame[of_node],
                 particles.spacing,
                 buffers,

@@ -10,6 +10,7 @@ from scipy import sparse
 from tipfem.backend.arrays import Buffers, download
 from tipfem.backend.launch import launch
 from tipfem.backend.runtime import require_short_loops
+from tipfem.case.period import Period
 from tipfem.fem import jacobian, schur
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg import sparsity
@@ -55,16 +56,19 @@ class Topology(NamedTuple):
     corners: Any
 
 
-def covering_box(position: Array, spacing: float, last: Array | None = None) -> Array:
+def covering_box(position: Array, spacing: float, last: Array | None = None, period: Period | None = None) -> Array:
     """Lowest and highest coordinates (2, d) that the multigrid's grids cover [m].
 
     Args:
         position: (N, d) of the particles, in the frame of the grids [m].
         spacing: of the particles [m].
         last: (2, d) the box of the step before; it is kept until the particles leave it or half of it. NaN for none.
+        period: of the positions, all of which the box covers; none by default.
     """
     # NumPy takes many times as long for all axes at once.
     lower, upper = (np.array([find(x) for x in position.T]) for find in (np.min, np.max))
+    if period:
+        lower, upper = np.where(period.width > 0, 0.0, lower), np.where(period.width > 0, period.width, upper)
     if last is not None and np.isfinite(last).all():
         old_lower, old_upper = last
         slack = 1e-6 * spacing  # round-off of a tank that moves
@@ -94,14 +98,16 @@ class Workspace:
         self._multigrid: BackgroundMultigrid | None = None
         self._box: Array = np.zeros((2, 0))
 
-    def multigrid(self, box: Array, spacing: float) -> BackgroundMultigrid:
-        """The hierarchy over a box (2, d) [m] for particles of a ``spacing`` [m].
+    def multigrid(self, box: Array, spacing: float, *, periodic: bool = False) -> BackgroundMultigrid:
+        """The hierarchy over a box (2, d) [m] for particles of a ``spacing`` [m], along ``periodic`` sides or not.
 
         It is that of the last step if the box is the same. One workspace serves particles of one spacing.
         """
         if self._multigrid is None or not np.array_equal(self._box, box):
             lower, upper = box
-            self._multigrid = BackgroundMultigrid(lower, upper, GRID_SPACING * spacing, self.buffers, self._particles)
+            self._multigrid = BackgroundMultigrid(
+                lower, upper, GRID_SPACING * spacing, self.buffers, self._particles, periodic=periodic
+            )
             self._box = box
         return self._multigrid
 

@@ -158,6 +158,7 @@ class StepSolver:
             pressure -= pressure[state.reference]
         particles = walls.finish(before, displacement, scheme.advance(before, displacement, pressure))
         particles = mesh.surface.landed(before, particles, force, dt)
+        particles = particles.shallow_copy(position=mesh.period.wrapped(particles.position))
         return Solved(
             before=state,
             time=state.time + dt if math.isnan(end) else end,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tipfem.case.particles import Particles
+from tipfem.case.period import Period
 from tipfem.mesh.mesh import Surface
 from tipfem.typing import Array
 
@@ -32,6 +33,27 @@ def space_sliding(particles: Particles, piece: Array, surface: Surface) -> int:
         for name in FIELDS:
             values = getattr(particles, name)
             values[i] = 0.5 * (values[left] + values[right])
+    return len(moves)
+
+
+def space_endless(particles: Particles, row: Array, period: Period) -> int:
+    """`space_sliding` of a whole side along a periodic axis, the first.
+
+    Args:
+        particles: the state on N particles, changed in place.
+        row: (K,) those on the side.
+        period: of the positions.
+    """
+    count, order = len(particles), row[np.argsort(particles.position[row, 0])]
+    # The first particle, which stays, and its image are the ends.
+    position = np.concatenate([particles.position, particles.position[order[:1]] + period.width])
+    moves = crowded_moves(position, np.append(order, count))
+    for i, left, right in moves:
+        position[i] = 0.5 * (position[left] + position[right])
+        ends = [order[0] if end == count else end for end in (left, right)]
+        for values in (particles.velocity, particles.acceleration, particles.pressure):
+            values[i] = 0.5 * (values[ends[0]] + values[ends[1]])
+    particles.position[order] = period.wrapped(position[order])
     return len(moves)
 
 

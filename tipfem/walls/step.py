@@ -18,7 +18,7 @@ from tipfem.typing import Array
 from tipfem.walls.curve_step import CurveStep
 from tipfem.walls.layers import LAYER, LayerFaces, Layers, advance
 from tipfem.walls.motion import WallMotion
-from tipfem.walls.spacing import space_back, space_sliding
+from tipfem.walls.spacing import space_back, space_endless, space_sliding
 
 
 @dataclass(frozen=True)
@@ -317,7 +317,7 @@ class WallStep(Walls):
             cell = np.flatnonzero(on_wall.sum(axis=1) == d)
             face = mesh.cells[cell][on_wall[cell]].reshape(-1, d)
             n = self._rotation @ b.side_normal[side]
-            edge = mesh.position[face[:, 1:]] - mesh.position[face[:, :1]]
+            edge = mesh.period.shortest(mesh.position[face[:, 1:]] - mesh.position[face[:, :1]])
             measure = n[0] * edge[:, 0, 1] - n[1] * edge[:, 0, 0] if d == 2 else np.cross(edge[:, 0], edge[:, 1]) @ n
             face[measure < 0, :2] = face[measure < 0, 1::-1]
             direction = self._direction(side)
@@ -356,7 +356,7 @@ class WallStep(Walls):
         if not nodes:
             return Faces.none(d, len(self.sliding))
         face, mu = np.concatenate(nodes), np.concatenate(coefficient)
-        edge = mesh.position[face[:, 1:]] - mesh.position[face[:, :1]]
+        edge = mesh.period.shortest(mesh.position[face[:, 1:]] - mesh.position[face[:, :1]])
         measure = np.linalg.norm(edge[:, 0] if d == 2 else 0.5 * np.cross(edge[:, 0], edge[:, 1]), axis=1)
         share = np.repeat(self.scheme.cv * mu * measure / d, d)
         friction = np.bincount(face.ravel(), share, minlength=len(mesh.position))[self.sliding]
@@ -417,15 +417,18 @@ class WallStep(Walls):
         slides = self.boundary.sliding >= 0
         if self._curves is not None:
             particles = self._curves.on_curves(particles)
-        if not self.boundary.pieces and not slides.any():
+        if not self.boundary.pieces and not slides.any() and not self.boundary.period:
             return particles, 0
         spaced, count = particles.copy(), 0
+        for row in self.boundary.endless:
+            count += space_endless(spaced, row, self.boundary.period)
         for piece, coordinates in self.boundary.pieces:
             if coordinates is None:
                 count += space_sliding(spaced, piece, surface)
             else:
                 space_back(spaced, piece, coordinates)
-        if particles.dimension == 3 or self.boundary.domain is not None:  # corners of arcs are in no row
+        # Corners of arcs are in no row.
+        if particles.dimension == 3 or self.boundary.domain is not None or self.boundary.period:
             spaced = self.set_back(spaced)
         dry = surface.dry(particles.wall)  # these stay where they are
         spaced.velocity[dry] = self._after.pose.rigid_velocity(spaced.position[dry])

@@ -14,6 +14,7 @@ import taichi as ti
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel, part_of
 from tipfem.linalg.multigrid.grid_hierarchy import (
+    PERIOD,
     RESIDUAL,
     SHAPE,
     SIZE,
@@ -22,9 +23,12 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     cell_number,
     cell_of,
     corners,
+    is_periodic,
     line_at,
+    line_shift,
     line_start,
     lines,
+    nearest_image,
     weight,
 )
 from tipfem.linalg.sparsity import insertion_sort, post_increment
@@ -40,12 +44,18 @@ def point_of(coordinates: Template, i, dim: Template):
 
 
 @ti.func
+def edge_between(coordinates: Template, grid: Template, i, j, dim: Template):
+    """Coordinates of node ``j`` less those of node ``i`` (dim,)."""
+    return nearest_image(grid, point_of(coordinates, j, dim) - point_of(coordinates, i, dim), dim)
+
+
+@ti.func
 def spring_count(coordinates: Template, grid: Template, i, j, dim: Template):
     """Number of springs of the edge between two nodes: 1 if their grid cells are adjacent or the same."""
-    shift = ti.abs(cell_of(coordinates, grid, j, dim) - cell_of(coordinates, grid, i, dim))
+    shift = ti.abs(nearest_image(grid, cell_of(coordinates, grid, j, dim) - cell_of(coordinates, grid, i, dim), dim))
     number = 1
     if shift.max() > 1:
-        edge = point_of(coordinates, j, dim) - point_of(coordinates, i, dim)
+        edge = edge_between(coordinates, grid, i, j, dim)
         # Slightly more than the length, so that no spring spans a whole grid cell, whatever the round-off.
         number = ti.max(2, ti.cast(ti.ceil(ti.abs(edge).max() + 1e-9), ti.i32))
     return number
@@ -57,7 +67,9 @@ def add_hat(rows: Template, row, value, point, coordinates: Template, grid: Temp
     cell = cell_of(coordinates, grid, row, dim)
     at, inside = ti.Vector.zero(ti.i32, dim), ti.Vector.zero(float, dim)
     for k in ti.static(range(dim)):
-        index = ti.max(ti.min(ti.cast(ti.floor(point[k]), ti.i32), grid[0, SHAPE + 3 - dim + k] - 2), 0)
+        index = ti.cast(ti.floor(point[k]), ti.i32)
+        if is_periodic(grid, k, dim) == 0:
+            index = ti.max(ti.min(index, grid[0, SHAPE + 3 - dim + k] - 2), 0)
         at[k], inside[k] = index - cell[k], point[k] - index
     for corner in ti.static(corners(dim)):
         entry = 0
@@ -147,9 +159,11 @@ def place_links(
             if j > i and values[s] < 0.0:
                 m = spring_count(coordinates, grid, i, j, dim)
                 start = point_of(coordinates, i, dim)
-                piece = (point_of(coordinates, j, dim) - start) / m
+                piece = edge_between(coordinates, grid, i, j, dim) / m
                 for n in range(1, m):
                     here = start + n * piece
+                    if grid[0, PERIOD] > 0:
+                        here[dim - 2] -= grid[0, PERIOD] * ti.floor(here[dim - 2] / grid[0, PERIOD])
                     for k in ti.static(range(dim)):
                         coordinates[link, k] = here[k]
                     vectors[RESIDUAL * nodes + link] = 0.0
@@ -225,7 +239,7 @@ def _add_cell(
         if ti.static(dim == 3):
             at[k] = line_at(grid, 0, one + corner[0], two + corner[1], dim) + j + corner[2]
         else:
-            at[k] = line_at(grid, 0, one, two + corner[0], dim) + j + corner[1]
+            at[k] = line_at(grid, 0, one, two, dim) + line_shift(grid, 0, two, corner[0]) + j + corner[1]
     for q in range(ti.static(4 ** (dim - 1))):
         # Row q of the 4^d grid nodes around the grid cell.
         total = ti.Matrix.zero(float, corner_count, 4)
@@ -278,13 +292,14 @@ def assemble_finest(
             m = spring_count(coordinates, grid, i, j, dim)
             if m == 1:
                 cell = cell_of(coordinates, grid, j, dim)
+                shift = nearest_image(grid, cell - own_cell, dim)
                 for corner in ti.static(corners(dim)):
                     entry = 0
                     for k in ti.static(range(dim)):
-                        entry = entry * 4 + cell[k] - own_cell[k] + 1 + corner[k]
+                        entry = entry * 4 + shift[k] + 1 + corner[k]
                     rows[i, entry] = rows[i, entry] + values[s] * weight(coordinates, cell, j, corner, dim)
             elif values[s] < 0.0:
-                piece = (point_of(coordinates, j, dim) - own) / m
+                piece = edge_between(coordinates, grid, i, j, dim) / m
                 add_hat(rows, i, m * values[s], own + piece, coordinates, grid, dim)
                 add_hat(rows, i, (1 - m) * values[s], own, coordinates, grid, dim)
             else:

@@ -11,7 +11,7 @@ either side (J. E. Dendy, J. Comput. Phys. 48, 1982, for one axis). So the
 coarse grid represents a bubble of a light fluid wherever it is between the grid lines.
 
 All grids share one flat array of reals, ``levels``: five vectors of all grids one after the other (right-hand side,
-solution, damped inverse diagonal, interpolation weights, residual), then the stencils. The integers ``grid`` (G, 14)
+solution, damped inverse diagonal, interpolation weights, residual), then the stencils. The integers ``grid`` (G, 15)
 locate the grids in it. The rows are the levels first, then the grids between them; the columns are:
 
 - `RHS`, `SOLUTION`, `DIAGONAL`, `WEIGHTS`, `RESIDUAL`: first entry of the grid's part of each vector;
@@ -20,7 +20,10 @@ locate the grids in it. The rows are the levels first, then the grids between th
 - `STRIDE` (2 columns): entries between neighbours along all axes but the last, 0 for a missing one;
 - `STENCIL`: first entry of the stencil;
 - `NEXT`: number of the grid that is coarser along the next axis;
-- `LEVELS`: number of levels, the same in all rows.
+- `LEVELS`: number of levels, the same in all rows;
+- `PERIOD`: number of lines after which they repeat, where the first axis of a 2-D grid is periodic; else 0. Such a grid
+  has no node on its upper end, which is its lower end, and an even number of lines on all levels but the coarsest.
+  Of the rim only the image of the first line beyond the last is used, and only the solution there.
 
 The cycle's vectors on the N mesh nodes are in an array ``vectors`` of their own, in the same order; each begins at N
 times its number. In place of weights it holds `ENERGY`, see `tipfem.linalg.multigrid.deflation`; the residual is
@@ -41,8 +44,8 @@ STENCIL_WIDTH = 2 * REACH + 1  # of a stencil along an axis
 RHS, SOLUTION, DIAGONAL, WEIGHTS, RESIDUAL = range(5)
 VECTORS = 5
 ENERGY = WEIGHTS  # on the mesh, instead of weights
-SIZE, SHAPE, STRIDE, STENCIL, NEXT, LEVELS = 5, 6, 9, 11, 12, 13
-COLUMNS = 14
+SIZE, SHAPE, STRIDE, STENCIL, NEXT, LEVELS, PERIOD = 5, 6, 9, 11, 12, 13, 14
+COLUMNS = 15
 
 GRID_NODE = 40.0  # nanoseconds of one thread for a grid node of the finest level in `coarsen_all_levels`
 
@@ -75,9 +78,29 @@ def line_at(grid: Template, level, i, j, dim: Template):
 
 
 @ti.func
-def row_shift(grid: Template, level, row, dim: Template):
-    """Distance in entries to row number ``row`` of a stencil; a row has `STENCIL_WIDTH` offsets."""
+def line_shift(grid: Template, level, line, shift):
+    """Distance in entries from a line to that ``shift`` lines further along the axis before the last."""
+    to = line + shift
+    if grid[level, PERIOD] > 0:
+        to = (to + 4 * grid[level, PERIOD]) % grid[level, PERIOD]
+    return (to - line) * grid[level, STRIDE + 1]
+
+
+@ti.func
+def row_shift(grid: Template, level, line, row, dim: Template, wraps: Template):
+    """Distance in entries from a line to row number ``row`` of its stencils; a row has `STENCIL_WIDTH` offsets.
+
+    Args:
+        grid: the layout.
+        level: number of the level.
+        line: of the level.
+        row: of the stencil.
+        dim: number of dimensions.
+        wraps: whether the level may be periodic.
+    """
     shift = (row - REACH) * grid[level, STRIDE + 1]
+    if ti.static(wraps and dim == 2):
+        shift = line_shift(grid, level, line, row - REACH)
     if ti.static(dim == 3):
         shift = (row // STENCIL_WIDTH - REACH) * grid[level, STRIDE]
         shift += (row % STENCIL_WIDTH - REACH) * grid[level, STRIDE + 1]
@@ -101,7 +124,29 @@ def cell_index(coordinates: Template, grid: Template, i, axis: Template, dim: Te
     upper boundary the last cell counts.
     """
     index = ti.cast(ti.floor(coordinates[i, axis]), ti.i32)
-    return ti.max(ti.min(index, grid[0, SHAPE + 3 - dim + axis] - 2), 0)
+    return ti.max(ti.min(index, grid[0, SHAPE + 3 - dim + axis] - 2 + is_periodic(grid, axis, dim)), 0)
+
+
+@ti.func
+def is_periodic(grid: Template, axis: Template, dim: Template):
+    """1 for an axis that is periodic, else 0."""
+    result = 0
+    if ti.static(axis == dim - 2):
+        result = ti.min(grid[0, PERIOD], 1)
+    return result
+
+
+@ti.func
+def nearest_image(grid: Template, shift, dim: Template):
+    """The shift (dim,) between two nodes or cells of the finest level, or points, to the nearest image."""
+    result = shift
+    n = grid[0, PERIOD]
+    if n > 0:
+        if 2 * shift[dim - 2] > n:
+            result[dim - 2] = shift[dim - 2] - n
+        if 2 * shift[dim - 2] < -n:
+            result[dim - 2] = shift[dim - 2] + n
+    return result
 
 
 @ti.func
@@ -207,6 +252,11 @@ def _galerkin_product(levels: Template, grid: Template, fine, coarse, line, axis
     step = 2 if axis == dim - 1 else 1
     stride = axis_stride(grid, fine, axis, dim)
     apart = offset_stride(axis, dim)
+    two = line % grid[coarse, SHAPE + 1] * (2 if axis == dim - 2 else 1)
+    # Distances in entries to the rows and columns up to three away along the axis.
+    moves = ti.Vector.zero(ti.i32, 7)
+    for k in ti.static(range(7)):
+        moves[k] = line_shift(grid, fine, two, k - 3) if axis == dim - 2 else (k - 3) * stride
     for others in range(ti.static(STENCIL_WIDTH ** (dim - 1))):
         # ``others`` counts the offsets along the other axes; that along the axis is zero here.
         base = others // apart * (apart * STENCIL_WIDTH) + others % apart
@@ -214,23 +264,27 @@ def _galerkin_product(levels: Template, grid: Template, fine, coarse, line, axis
         remainder = others
         for k in ti.static(range(dim - 1, -1, -1)):
             if k != axis:
-                shift += (remainder % STENCIL_WIDTH - REACH) * axis_stride(grid, fine, k, dim)
+                away = remainder % STENCIL_WIDTH - REACH
+                if ti.static(k == dim - 2):
+                    shift += line_shift(grid, fine, two, away)
+                else:
+                    shift += away * axis_stride(grid, fine, k, dim)
                 remainder = remainder // STENCIL_WIDTH
         target, source = to + base * to_size, at + base * from_size
         for j in range(grid[coarse, SHAPE + 2]):
             for offset in ti.static(range(STENCIL_WIDTH)):
                 total = 0.0
                 for near, fine_offset, column, side in ti.static(parents(offset)):
-                    row = near * stride + step * j
+                    row = moves[ti.static(near + 3)] + step * j
                     value = levels[source + fine_offset * apart * from_size + row]
                     if ti.static(near == -1):
                         value *= 1.0 - levels[weights + row]
                     if ti.static(near == 1):
                         value *= levels[weights + row]
                     if ti.static(side == -1):
-                        value *= levels[weights + shift + column * stride + step * j]
+                        value *= levels[weights + shift + moves[ti.static(column + 3)] + step * j]
                     if ti.static(side == 1):
-                        value *= 1.0 - levels[weights + shift + column * stride + step * j]
+                        value *= 1.0 - levels[weights + shift + moves[ti.static(column + 3)] + step * j]
                     total += value
                 levels[target + offset * apart * to_size + j] = total
 

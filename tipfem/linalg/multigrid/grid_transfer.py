@@ -11,6 +11,7 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     DIAGONAL,
     LEVELS,
     NEXT,
+    PERIOD,
     REACH,
     RESIDUAL,
     RHS,
@@ -19,10 +20,12 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     SOLUTION,
     STENCIL,
     STENCIL_WIDTH,
+    STRIDE,
     WEIGHTS,
     axis_stride,
     fine_start,
     line_at,
+    line_shift,
     line_start,
     lines,
     row_shift,
@@ -30,6 +33,15 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
 
 LANES = 64  # grid nodes that `residual_line` processes together
 COARSEST_SWEEPS = 20  # of Gauss-Seidel's method
+
+
+@ti.func
+def copy_to_image(levels: Template, grid: Template, level, dim: Template):
+    """Copy the solution on a level's first line to its image beyond the last, where the mesh's nodes read it."""
+    first = grid[level, SOLUTION] + line_start(grid, level, 0, dim)
+    image = first + grid[level, PERIOD] * grid[level, STRIDE + 1]
+    for j in range(grid[level, SHAPE + 2]):
+        levels[image + j] = levels[first + j]
 
 
 @ti.func
@@ -42,13 +54,15 @@ def smooth_line(levels: Template, grid: Template, level, line, rhs: Template, fr
     x, r, diagonal = grid[level, SOLUTION] + inside, grid[level, rhs] + inside, grid[level, DIAGONAL] + inside
     for j in range(grid[level, SHAPE + 2]):
         levels[x + j] = (0.0 if ti.static(from_zero) else levels[x + j]) + levels[diagonal + j] * levels[r + j]
+    if grid[level, PERIOD] > 0 and line == 0:
+        copy_to_image(levels, grid, level, dim)
 
 
 @ti.func
 def residual_line(levels: Template, grid: Template, level, line, dim: Template):
     """A line of the residual r = b - A x."""
     size, n = grid[level, SIZE], grid[level, SHAPE + 2]
-    inside = line_start(grid, level, line, dim)
+    inside, across = line_start(grid, level, line, dim), line % grid[level, SHAPE + 1]
     # Block by block in local memory: loops that write to arrays are not vectorised. The loop over the stencil is not
     # unrolled: that saves a third of the time, but costs half a second of compilation at every start.
     for block in range((n + LANES - 1) // LANES):
@@ -58,7 +72,8 @@ def residual_line(levels: Template, grid: Template, level, line, dim: Template):
         total = ti.Vector.zero(float, LANES)
         for offset in range(ti.static(STENCIL_WIDTH**dim)):
             entries = grid[level, STENCIL] + offset * size + entry
-            near = x + row_shift(grid, level, offset // STENCIL_WIDTH, dim) + offset % STENCIL_WIDTH - REACH
+            shift = row_shift(grid, level, across, offset // STENCIL_WIDTH, dim, True)
+            near = x + shift + offset % STENCIL_WIDTH - REACH
             for j in range(width):
                 total[j] = total[j] + levels[entries + j] * levels[near + j]
         b, r = grid[level, RHS] + entry, grid[level, RESIDUAL] + entry
@@ -78,9 +93,13 @@ def restrict_line(levels: Template, grid: Template, fine, coarse, line, axis: Te
     r, weights = grid[fine, source] + inside, grid[fine, WEIGHTS] + inside
     step = ti.static(2 if axis == dim - 1 else 1)
     stride = axis_stride(grid, fine, axis, dim)
+    to_lower, to_upper = -stride, stride
+    if ti.static(axis == dim - 2):
+        two = 2 * (line % grid[coarse, SHAPE + 1])
+        to_lower, to_upper = line_shift(grid, fine, two, -1), line_shift(grid, fine, two, 1)
     for j in range(grid[coarse, SHAPE + 2]):
         own = step * j
-        lower, upper = own - stride, own + stride
+        lower, upper = own + to_lower, own + to_upper
         levels[to + j] = (
             levels[r + own]
             + (1.0 - levels[weights + lower]) * levels[r + lower]
@@ -113,6 +132,8 @@ def prolong_line(levels: Template, grid: Template, fine, coarse, line, axis: Tem
             one = one // 2
         x = grid[coarse, SOLUTION] + line_at(grid, coarse, one, two, dim)
         upper = x + axis_stride(grid, coarse, axis, dim)
+        if ti.static(axis == dim - 2):
+            upper = x + line_shift(grid, coarse, two, 1)
         if odd == 1:
             for j in range(n):
                 w = levels[weights + j]
@@ -123,14 +144,11 @@ def prolong_line(levels: Template, grid: Template, fine, coarse, line, axis: Tem
 
 
 @ti.func
-def solve_coarsest(levels: Template, grid: Template, dim: Template):
-    """The coarsest level's equations by symmetric Gauss-Seidel sweeps."""
+def _sweep_coarsest(levels: Template, grid: Template, wraps: Template, dim: Template):
+    """`COARSEST_SWEEPS` symmetric sweeps of Gauss-Seidel's method on the coarsest level, periodic if ``wraps``."""
     last = grid[0, LEVELS] - 1
     x, b, diagonal = grid[last, SOLUTION], grid[last, RHS], grid[last, DIAGONAL]
-    size = grid[last, SIZE]
-    for t in range(size):
-        levels[x + t] = 0.0
-    n, width = lines(grid, last), grid[last, SHAPE + 2]
+    size, n, width = grid[last, SIZE], lines(grid, last), grid[last, SHAPE + 2]
     for step in range(COARSEST_SWEEPS * n * width):
         g = step % (n * width)
         if step // (n * width) % 2 == 1:
@@ -138,11 +156,26 @@ def solve_coarsest(levels: Template, grid: Template, dim: Template):
         inside = line_start(grid, last, g // width, dim) + g % width
         residual = levels[b + inside]
         for row in range(ti.static(STENCIL_WIDTH ** (dim - 1))):
-            near = x + inside + row_shift(grid, last, row, dim) - REACH
+            # The two are compiled apart, so that sums on levels that are not periodic are as they would be alone.
+            shift = row_shift(grid, last, g // width, row, dim, wraps)
+            near = x + inside + shift - REACH
             entries = grid[last, STENCIL] + row * STENCIL_WIDTH * size + inside
             for k in ti.static(range(STENCIL_WIDTH)):
                 residual -= levels[entries + k * size] * levels[near + k]
         levels[x + inside] = levels[x + inside] + levels[diagonal + inside] * residual
+
+
+@ti.func
+def solve_coarsest(levels: Template, grid: Template, dim: Template):
+    """The coarsest level's equations by symmetric Gauss-Seidel sweeps."""
+    last = grid[0, LEVELS] - 1
+    for t in range(grid[last, SIZE]):
+        levels[grid[last, SOLUTION] + t] = 0.0
+    if grid[last, PERIOD] > 0:
+        _sweep_coarsest(levels, grid, True, dim)
+        copy_to_image(levels, grid, last, dim)
+    else:
+        _sweep_coarsest(levels, grid, False, dim)
 
 
 @ti.func

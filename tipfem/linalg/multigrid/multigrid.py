@@ -30,6 +30,7 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     GRID_NODE,
     LEVELS,
     NEXT,
+    PERIOD,
     REACH,
     SHAPE,
     SIZE,
@@ -59,30 +60,44 @@ class BackgroundMultigrid:
         buffers: that hold the arrays between steps.
         particles: about how many there are; with few, the grid is coarser along the longest axes. By default as many
             as the grid may have.
+        periodic: whether the first axis, in 2-D, is periodic; the box is then as wide as the period.
 
     Attributes:
         dimension, lower: as given.
         spacing: (d,) of the finest grid along the axes [m].
         shapes: (L, d) numbers of grid nodes of the levels along the axes.
-        layout: (G, 14) memory layout of the grids, see `grid_hierarchy`.
+        layout: (G, 15) memory layout of the grids, see `grid_hierarchy`.
         fused: whether a cycle is one launch; it is on CPUs.
         grid, levels: device arrays of the grids, see `grid_hierarchy`.
         vectors, coordinates, cell_lists, ties: device arrays of the mesh nodes, see `mesh_transfer`; set by `build`.
     """
 
     def __init__(
-        self, lower: Array, upper: Array, spacing: float, buffers: Buffers, particles: int | None = None
+        self,
+        lower: Array,
+        upper: Array,
+        spacing: float,
+        buffers: Buffers,
+        particles: int | None = None,
+        *,
+        periodic: bool = False,
     ) -> None:
         self.dimension = len(lower)
         self.lower = np.asarray(lower, dtype=float)
         self.buffers = buffers
-        self.spacing, cells = grid_cells(np.asarray(upper) - self.lower, float(spacing), particles)
-        shapes = [cells + 1]
-        while shapes[-1].max() > 5:
-            shapes.append((shapes[-1] - 1 + 1) // 2 + 1)
+        size = np.asarray(upper) - self.lower
+        self.spacing, cells = grid_cells(size, float(spacing), particles)
+        if periodic:
+            cells[0] = periodic_cells(int(cells[0]), int(cells[1]))
+            self.spacing[0] = size[0] / cells[0]
+        end = np.ones(self.dimension, dtype=int)  # 0 along a periodic axis, whose ends are one
+        end[0] = int(not periodic)
+        shapes = [cells + end]
+        while shapes[-1].max() > 5 and not (periodic and shapes[-1][0] % 2):
+            shapes.append((shapes[-1] - end + 1) // 2 + end)
         self.shapes = np.array(shapes, dtype=np.int32)
         self._cells = int(self.shapes[0].prod())
-        self.layout, self._passes, entries = _layout(self.shapes)
+        self.layout, self._passes, entries = _layout(self.shapes, periodic=periodic)
         self.grid = buffers.upload("multigrid.grid", self.layout)
         # Rims stay zero: no kernel writes there.
         self.levels = buffers.upload("multigrid.levels", np.zeros(entries))
@@ -207,11 +222,25 @@ def grid_cells(size: Array, spacing: float, particles: int | None) -> tuple[Arra
         sides[np.argmax(cells)] *= 2
 
 
-def _layout(shapes: Array) -> tuple[Array, list[tuple[int, int]], int]:
+def periodic_cells(wanted: int, across: int) -> int:
+    """How many cells to take along a periodic axis, about as many as ``wanted``, so that they can be halved often.
+
+    Args:
+        wanted: number of cells.
+        across: number of cells along the other axis, which are halved as often.
+    """
+    halvings = 0
+    while across + 1 > 5:
+        across, halvings = (across + 1) // 2, halvings + 1
+    found = [m << k for k in range(1, 24) for m in (2, 3, 5) if k >= halvings or m == 2]
+    return min(found, key=lambda n: abs(np.log(n / wanted)))
+
+
+def _layout(shapes: Array, *, periodic: bool = False) -> tuple[Array, list[tuple[int, int]], int]:
     """Memory layout of grids whose levels have ``shapes`` (L, d), see `grid_hierarchy`.
 
     Returns:
-        The rows of ``grid`` (G, 14); the passes that coarsen the levels, as (grid, axis) from a grid to the one that is
+        The rows of ``grid`` (G, 15); the passes that coarsen the levels, as (grid, axis) from a grid to the one that is
         coarser along an axis; the number of entries of ``levels``.
     """
     count, dim = shapes.shape
@@ -238,6 +267,7 @@ def _layout(shapes: Array) -> tuple[Array, list[tuple[int, int]], int]:
         size += (24 - size) % 512
         row[:VECTORS], row[SIZE], row[STENCIL] = start, size, stencil
         row[SHAPE : SHAPE + 3] = [1] * (3 - dim) + shape
+        row[PERIOD] = shape[0] if periodic else 0
         row[STRIDE : STRIDE + 2] = [0] * (3 - dim) + [int(np.prod(with_rim[k + 1 :])) for k in range(dim - 1)]
         start += size
         stencil += size * STENCIL_WIDTH**dim

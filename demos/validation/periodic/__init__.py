@@ -1,0 +1,1 @@
+"""Flows between periodic sides, against closed forms and linear stability theory."""
