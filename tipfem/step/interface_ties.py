@@ -103,7 +103,7 @@ class InterfaceTies:
         cell, corner = np.nonzero((group[cut.owner] >= 0).take(mesh.cells))
         particle = cut.owner[mesh.cells[cell, corner]]
         after, last = (mesh.position[mesh.cells[cell, (corner + k) % 3]] for k in (1, 2))
-        side = last - after
+        side = mesh.period.shortest(last - after)
         # d V / d x of a triangle by a corner is half the opposite side, turned by a right angle; a third for each node.
         slope = np.stack([-side[:, 1], side[:, 0]], axis=1) / 6
         if len(walls.sliding):

@@ -7,7 +7,7 @@ of N) applies to its momentum rows and to its displacement.
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
+from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.fem.element import row
 from tipfem.fem.residual import displacement_of
@@ -147,6 +147,7 @@ def slip_residual(
     coefficient: Reals1,
     normal: Reals2,
     wall_velocity: Reals2,
+    period: Periods,
     motion: Reals2,
     x: Reals1,
     scale: Reals1,
@@ -172,6 +173,8 @@ def slip_residual(
             corner = row(motion, faces[f, a], dim) + cf * displacement_of(x, faces[f, a], dim)
             for k in ti.static(range(dim)):
                 side[a - 1, k] = corner[k] - first[k]
+                if ti.static(len(period.shape) == 2):
+                    side[a - 1, k] -= period[0, k] * ti.floor(side[a - 1, k] * period[1, k] + 0.5)
                 record[f, 1 + dim * dim + (a - 1) * dim + k] = side[a - 1, k]
         measure = face_measure(side, n)
         record[f, 0] = measure

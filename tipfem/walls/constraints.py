@@ -31,6 +31,7 @@ class WallRows:
         if not self._count:
             return
         put = buffers.upload
+        self._period = walls.boundary.period.array
         self._index = put("walls.index", walls.sliding)
         self._rows, self._columns = put("walls.rows", walls.rows), put("walls.columns", walls.columns)
         launch(
@@ -66,6 +67,7 @@ class WallRows:
                 self._coefficient,
                 self._normal,
                 self._velocity,
+                self._period,
                 motion,
                 x,
                 scale,
