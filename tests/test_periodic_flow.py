@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem.mesh import probes
+from tipfem.mesh import measures
 
 WATER = tp.Fluid("water", density=1000.0, viscosity=1.0)
 OIL = tp.Fluid("oil", density=800.0, viscosity=2.0)
@@ -93,12 +93,12 @@ def test_probes_see_across_the_ends():
     for _ in range(5):
         simulation.step()
     for x in (0.0, 0.001, 0.5, 0.999, 1.0):
-        depth = probes.depth(simulation.mesh, simulation.particles.fluid, 0, x)
+        depth = measures.depth(simulation.mesh, simulation.particles.fluid, 0, x)
         assert depth == pytest.approx(0.25, abs=0.05)
-        height = probes.surface_height(simulation.mesh, simulation.particles.fluid, 0, x)
+        height = measures.surface_height(simulation.mesh, simulation.particles.fluid, 0, x)
         assert height == pytest.approx(depth, abs=1e-9)
-    assert probes.depth(simulation.mesh, simulation.particles.fluid, 0, 0.0) == pytest.approx(
-        probes.depth(simulation.mesh, simulation.particles.fluid, 0, 1.0), abs=1e-6
+    assert measures.depth(simulation.mesh, simulation.particles.fluid, 0, 0.0) == pytest.approx(
+        measures.depth(simulation.mesh, simulation.particles.fluid, 0, 1.0), abs=1e-6
     )
 
 
