@@ -164,16 +164,15 @@ class Parts:
                 given = "has neither size nor shape" if tank.size is None else "has both size and shape"
                 self.report(("tank",), f"{given}; give a box its size, or a tank in 2-D its shape")
                 return None, dimension
-            if tank.shape is not None and tank.periodic is not None:
-                self.report(("tank", "periodic"), "is given with a shape, which has walls all around; leave it out")
             if tank.shape is not None:
+                if tank.periodic is not None:
+                    self.report(("tank", "periodic"), "is given with a shape, which has walls all around; leave it out")
                 self._shape = self._made(("tank", "shape"), tank.shape.shape)
                 if self._shape is None:
                     return None, dimension
         if gravity and dimension and len(gravity) != dimension:
-            self.report(
-                ("gravity",), f"is {gravity} m/s^2; it must be {dimension} numbers, for the case is {dimension}-D"
-            )
+            why = f"is {gravity} m/s^2; it must be {dimension} numbers, for the case is {dimension}-D"
+            self.report(("gravity",), why)
         if tank is not None:
             size = tank.size if self._shape is None else np.ptp(self._shape.box, axis=0).tolist()
             count = math.prod(edge / tank.spacing + 1 for edge in size)
