@@ -62,7 +62,9 @@ TURNS = 10
 HEAVING = 6.6
 
 Figures = dict[str, float]
-Curve = tuple[Array, Array, float | Array]  # times [s], values, and the value or values to be compared with
+Curve = tuple[
+    Array, Array, float | Array
+]  # times [s] or as in `TIMES`, values, and the value or values to be compared with
 
 
 def draught(across: int, short: bool) -> tuple[Figures, Curve]:
@@ -178,9 +180,11 @@ STUDIES: dict[str, tuple[Callable[[int, bool], tuple[Figures, Curve]], str]] = {
     "falling": (falling, "speed / Faxen"),
     "oscillating": (oscillating, "force on the cylinder [N/m]"),
     "stirring": (stirring, "moment on the paddle [N]"),
-    "heaving": (heaving, "heave / start, over t / (a/g)^1/2"),
+    "heaving": (heaving, "heave / that at the start"),
     "wavemaker": (wavemaker, "elevation / theory's, kh = 1.5"),
 }
+
+TIMES = {"heaving": "t (g / a)$^{1/2}$", "wavemaker": "t / T"}  # where times are not in seconds
 
 
 def column(simulation: tp.Simulation, name: str) -> Array:
@@ -211,7 +215,7 @@ def plot(path: Path, curves: Mapping[str, Mapping[int, Curve]]) -> None:
                 axes.plot(time, known, color="black", linewidth=0.8, linestyle="--")
             else:
                 axes.axhline(float(known), color="black", linewidth=0.8, linestyle="--")
-        axes.set_xlabel("t [s]")
+        axes.set_xlabel(TIMES.get(flow, "t [s]"))
         axes.set_ylabel(STUDIES[flow][1], fontsize=8)
         axes.grid(alpha=0.3)
         axes.legend(fontsize=7)
