@@ -316,7 +316,15 @@ def test_a_run_writes_the_whole_folder(tmp_path, water, air):
     assert names[0] == "fields/step_000000.vtu"
     assert names[-1] == f"fields/step_{steps:06d}.vtu"
     checkpoints = {f"checkpoints/{file_name(step)}" for step in (0, steps)}
-    assert files(tmp_path) == {"case.json", "summary.json", "history.csv", "fields.pvd", *checkpoints, *names}
+    assert files(tmp_path) == {
+        "case.json",
+        "case.toml",
+        "summary.json",
+        "history.csv",
+        "fields.pvd",
+        *checkpoints,
+        *names,
+    }
     np.testing.assert_array_equal(meshio.read(tmp_path / names[-1]).points[:, :2], simulation.particles.position)
     with open(tmp_path / "history.csv", newline="") as source:
         rows = list(csv.DictReader(source))

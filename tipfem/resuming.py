@@ -145,13 +145,13 @@ def keep_case(simulation: Resumable, until: float) -> None:
     Raises:
         SimulationError: the file cannot be written.
     """
-    results = simulation.results
-    if results is None or (results.path / CASE_FILE).exists():
+    results, names = simulation.results, (CASE_FILE, "case.npz")
+    if results is None or any((results.path / name).exists() for name in names):  # of this run, or the user's own
         return
     from tipfem.casefile.describing import write_case  # here, for its import takes a while
 
     with writing(simulation.time):
-        for name in (CASE_FILE, "case.npz"):
+        for name in names:
             results.list_file(name)
         write_case(
             results.path / CASE_FILE,
