@@ -182,17 +182,17 @@ def free_drop(spacing, velocity, steps, time_step, **numerics):
     return simulation
 
 
-def test_a_rotating_drop_keeps_its_volume_and_momentum():
-    """Half a radian of rigid rotation, with tight tolerances, until instability shapes the surface anew."""
+@pytest.mark.parametrize("tight", [{}, {"newton_tolerance": 1e-12, "acceleration_tolerance": 1e-10}])
+def test_a_rotating_drop_keeps_its_volume_and_momentum(tight):
+    """Half a radian of rigid rotation, whatever the tolerances, until instability shapes the surface anew."""
 
     def rigid(x):
         return np.stack([0.5 - x[:, 1], x[:, 0] - 0.5], axis=1)
 
-    tight = {"newton_tolerance": 1e-12, "acceleration_tolerance": 1e-10}
     simulation = free_drop(0.05, rigid, 25, 0.02, **tight)
     history = simulation.history
     start = simulation.state.start_volume[0]
-    assert abs(simulation.volume("water") / start - 1) < 1e-9
+    assert abs(simulation.volume("water") / start - 1) < 1e-13
     momentum = np.array([[row["momentum_x"], row["momentum_y"]] for row in history[1:]])
     scale = WATER.density * start * 0.25
     assert np.abs(np.diff(momentum, axis=0)).max() < 1e-9 * scale

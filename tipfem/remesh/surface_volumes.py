@@ -143,7 +143,9 @@ def carried_through(solved: Solved, start: Particles, mesh: Mesh, relocated: Arr
     """
     before = solved.before
     leaves = (relocated & ~mesh.surface.loose) | mesh.surface.dry(start.wall)
-    return carried(solved.mesh, before.material.density * before.mesh.measure, before.mass, start, leaves)
+    # The volumes that the cells are to have: what the solve's tolerance has left of those is restored, too.
+    moved = solved.mesh.with_(measure=before.mesh.measure * (1 + solved.growth))
+    return carried(moved, before.material.density * before.mesh.measure, before.mass, start, leaves)
 
 
 def with_momenta(
