@@ -134,7 +134,7 @@ class RunCheckpoints:
 
 
 def keep_case(simulation: Resumable, until: float) -> None:
-    """Write the whole case into the results folder, as a case file, unless there is one.
+    """Write the whole case into the results folder, as a case file, unless there is one or the run has no end.
 
     Parts that no file keeps, functions of Python's, are named in it.
 
@@ -146,7 +146,9 @@ def keep_case(simulation: Resumable, until: float) -> None:
         SimulationError: the file cannot be written.
     """
     results, names = simulation.results, (CASE_FILE, "case.npz")
-    if results is None or any((results.path / name).exists() for name in names):  # of this run, or the user's own
+    if results is None or until == math.inf:
+        return
+    if any((results.path / name).exists() for name in names):  # of this run, or the user's own
         return
     from tipfem.casefile.describing import write_case  # here, for its import takes a while
 
