@@ -34,6 +34,7 @@ from tipfem.remesh.fitted import hull_corners, particle_fluid, repair, with_flui
 from tipfem.remesh.meshers import FreeSurfaceMesher, Mesher, TankMesher
 from tipfem.remesh.momentum_transfer import conserve_along_period, nodal_density, transfer_momentum
 from tipfem.remesh.relocation import relocate
+from tipfem.remesh.side_pressures import pressures_on_sides
 from tipfem.remesh.sizing import limit_gradation
 from tipfem.remesh.surface_volumes import carried_through, kept_inside, restore_volumes, with_momenta
 from tipfem.remesh.volumes import with_components
@@ -360,13 +361,24 @@ class FittedRemesher(Remesher):
             graded=self._grading is not None,
         )
         fixed, reference, jump = before.fixed, before.reference, solved.pressure_jump
-        if jump is not None:
-            jump = _renumbered(jump, renumbered, relocated)
         if renumbered is not None:
             reference = int(renumbered[reference])
             fixed = np.zeros(len(particles), dtype=bool)
             fixed[renumbered[before.fixed]] = True
         particles = particles.shallow_copy(fluid=particle_fluid(mesh, len(particles), self.rank))
+        if jump is not None:
+            assert before.mesh.components is not None
+            known = _renumbered(before.mesh.components.at_particle >= 0, renumbered, relocated)
+            pressure, jump = pressures_on_sides(
+                particles.pressure,
+                _renumbered(jump, renumbered, relocated),
+                known,
+                mesh,
+                particles.fluid,
+                self.density,
+                solved.force.mean(axis=0) - particles.acceleration,
+            )
+            particles = particles.shallow_copy(pressure=pressure)
         particles, boundary = solved.walls.reassign(particles)
         bodies = solved.bodies
         if bodies is not None:
@@ -439,13 +451,13 @@ class FittedRemesher(Remesher):
 
 def _renumbered(values: Array, renumbered: Array | None, relocated: Array) -> Array:
     """Values (F, N) of particles as (F, N') of those after a repair, see `Repaired`; 0 for those ``relocated`` (N')."""
-    result = np.zeros((len(values), len(relocated)))
+    result = np.zeros((len(values), len(relocated)), dtype=values.dtype)
     if renumbered is None:
         result[:] = values
     else:
         kept = renumbered >= 0
         result[:, renumbered[kept]] = values[:, kept]
-    result[:, relocated] = 0.0
+    result[:, relocated] = 0
     return result
 
 

@@ -1,0 +1,69 @@
+"""Pressures on the sides of interfaces after remeshing, for particles that came to a fluid or left one.
+
+Each fluid at a particle has a pressure of its own. The solve of a step finds all of them, so that these values are its
+first guess, and what is stored. A light fluid needs a good one: in air, ten pascals over a spacing of 5 mm accelerate
+by 1 700 m/s^2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tipfem.mesh.mesh import Mesh
+from tipfem.typing import Array
+
+SWEEPS = 3  # a particle that has no neighbour with a pressure in its fluid takes one in the next sweep
+
+
+def pressures_on_sides(
+    pressure: Array,
+    jump: Array,
+    known: Array,
+    mesh: Mesh,
+    fluid: Array,
+    density: Array,
+    acceleration: Array,
+) -> tuple[Array, Array]:
+    """Pressures of the particles and of the other fluids there, after remeshing.
+
+    Where a fluid had none at a particle it is the mean, over the cells of the fluid there, of p_j + rho (b - a_j) . (x -
+    x_j) at their other corners j: the pressure of a fluid that goes on with its acceleration a under the body force b.
+
+    Args:
+        pressure: (N,) carried from before [Pa].
+        jump: (F, N) of each fluid less ``pressure`` [Pa].
+        known: (F, N) mask of the pairs for which these are of that fluid.
+        mesh: after remeshing, with its components.
+        fluid: (N,) the heaviest at each particle.
+        density: (F,) [kg/m^3].
+        acceleration: (N, d) b - a [m/s^2].
+
+    Returns:
+        The pressures (N,) of the heaviest fluids, and those (F, N) of each fluid less that one, 0 where it is not.
+    """
+    assert mesh.components is not None
+    there = mesh.components.at_particle >= 0
+    side = pressure + jump
+    known = known & there
+    for _ in range(SWEEPS):
+        missing = there & ~known
+        if not missing.any():
+            break
+        near = np.flatnonzero(missing.any(axis=0)[mesh.cells].any(axis=1))
+        cells, of = mesh.cells[near], np.asarray(mesh.fluid)[near, None]
+        to, there_known = missing[of, cells], known[of, cells]
+        total, count = np.zeros(known.shape), np.zeros(known.shape)
+        for i in range(cells.shape[1]):
+            for j in range(cells.shape[1]):
+                k = np.flatnonzero(to[:, i] & there_known[:, j])
+                if i == j or not len(k):
+                    continue
+                a, b, f = cells[k, i], cells[k, j], of[k, 0]
+                rise = np.einsum("kd,kd->k", mesh.sides(b, a), acceleration[b])
+                np.add.at(total, (f, a), side[f, b] + density[f] * rise)
+                np.add.at(count, (f, a), 1.0)
+        found = count > 0
+        side[found] = total[found] / count[found]
+        known |= found
+    carried = np.where(known.any(axis=0), side[fluid, np.arange(len(pressure))], pressure)
+    return carried, np.where(there, side - carried, 0.0)
