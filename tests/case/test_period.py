@@ -86,7 +86,7 @@ def test_what_cannot_be_combined_is_refused_before_the_run(options, walls, messa
 
 def test_bodies_are_refused():
     tank = tp.tank((1.0, 1.0), 0.05, periodic="x").fill(WATER)
-    tank.add(tp.Body("box", tp.shapes.rectangle((0.4, 0.4), (0.6, 0.6))))
+    tank.add(tp.Body(tp.shapes.rectangle((0.4, 0.4), (0.6, 0.6))))
     with pytest.raises(ValueError, match="there are bodies"):
         tp.Case(tank, [WATER], (0, 0))
 

@@ -40,7 +40,7 @@ time.end = 0.002
 [[runs]]
 name = "fails"
 time.end = 0.002
-gravity = [0, -1e14]
+gravity = [0, -1e30]
 
 [[runs]]
 name = "last"

@@ -32,7 +32,7 @@ name = "killed"
 
 [[runs]]
 name = "fails"
-gravity = [0, -1e14]
+gravity = [0, -1e30]
 
 [[runs]]
 name = "thick"
