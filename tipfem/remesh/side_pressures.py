@@ -1,4 +1,4 @@
-"""Pressures on the sides of interfaces after remeshing, for particles that came to a fluid or left one.
+"""Pressures on the sides of interfaces after remeshing, where a fluid came to a particle or left it.
 
 Each fluid at a particle has a pressure of its own. The solve of a step finds all of them, so that these values are its
 first guess, and what is stored. A light fluid needs a good one: in air, ten pascals over a spacing of 5 mm accelerate
@@ -26,8 +26,8 @@ def pressures_on_sides(
 ) -> tuple[Array, Array]:
     """Pressures of the particles and of the other fluids there, after remeshing.
 
-    Where a fluid had none at a particle it is the mean, over the cells of the fluid there, of p_j + rho (b - a_j) . (x -
-    x_j) at their other corners j: the pressure of a fluid that goes on with its acceleration a under the body force b.
+    Where a fluid had none at a particle it is the mean of p_j + rho (b - a_j) . (x - x_j) at the other corners j of the
+    fluid's cells there: the pressure of a fluid that goes on with its acceleration a under the body force b.
 
     Args:
         pressure: (N,) carried from before [Pa].
