@@ -49,7 +49,8 @@ def pressures_on_sides(
         missing = there & ~known
         if not missing.any():
             break
-        near = np.flatnonzero(missing.any(axis=0)[mesh.cells].any(axis=1))
+        at = np.asarray(missing.any(axis=0))
+        near = np.flatnonzero(at[mesh.cells].any(axis=1))
         cells, of = mesh.cells[near], np.asarray(mesh.fluid)[near, None]
         to, there_known = missing[of, cells], known[of, cells]
         total, count = np.zeros(known.shape), np.zeros(known.shape)
