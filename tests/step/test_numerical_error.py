@@ -48,6 +48,15 @@ def test_fluids_at_rest_and_runs_without_steps_have_figures_too():
     assert numerical_error([], [WATER, AIR], np.array([0.5, 0.5])) == {}
 
 
+def test_round_off_of_fluids_at_rest_is_no_error(water):
+    """Two rows that differ by round-off, in energies of 100 J: a part of what is nothing would be anything."""
+    rest = {"kinetic_energy": 1e-20, "potential_energy": 100.0, "numerical_dissipation": 1e-13}
+    errors = numerical_error(
+        [row(**rest), row(**{**rest, "potential_energy": 100.0 + 2e-14})], [water], np.array([2.0])
+    )
+    assert errors["energy"] == errors["momentum"] == 0.0
+
+
 def test_the_line_names_what_is_above_one_per_cent():
     small = {"energy": 0.004, "momentum": 0.001, "volume_water": -0.002}
     assert summary_line(small) == (

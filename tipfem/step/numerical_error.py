@@ -12,6 +12,7 @@ from tipfem.step.budget import AXES
 from tipfem.typing import Array
 
 LARGE = 0.01  # from here on a figure is a warning
+AT_REST = 1e-10  # of the potential energy: energies below it are round-off of fluids at rest
 
 
 def numerical_error(
@@ -29,7 +30,8 @@ def numerical_error(
         ``energy``: numerical dissipation less the residual of Newton's method, over the larger of the largest kinetic
         energy and the range of the potential energy; ``momentum``: what remeshing and the residual took, over
         sqrt(2 m E) with the mass m of the fluids and the largest kinetic energy E; ``volume_<fluid>``: part of each
-        fluid's volume, where it is largest in the run. Empty without steps; 0 where the flow has nothing of its own.
+        fluid's volume, where it is largest in the run. Empty without steps; 0 where the flow has nothing of its own but
+        round-off.
     """
     if not history:
         return {}
@@ -40,7 +42,12 @@ def numerical_error(
     def relative(part: float, whole: float) -> float:
         return part / whole if whole > 0 else 0.0
 
-    kinetic, potential = column("kinetic_energy").max(), column("potential_energy")
+    potential = column("potential_energy")
+    kinetic, fallen, least = (
+        float(column("kinetic_energy").max()),
+        float(np.ptp(potential)),
+        AT_REST * abs(potential).max(),
+    )
     energy = float((column("numerical_dissipation") - column("energy_residual")).sum())
     axes = [axis for axis in AXES if f"momentum_{axis}" in history[0]]
     momentum = math.hypot(
@@ -49,8 +56,8 @@ def numerical_error(
     volumes = np.broadcast_to(start_volume, (len(history), len(fluids)))
     mass = sum(f.density * float(volume) for f, volume in zip(fluids, volumes[-1], strict=True))
     result = {
-        "energy": relative(energy, max(float(kinetic), float(np.ptp(potential)))),
-        "momentum": relative(momentum, math.sqrt(2 * mass * float(kinetic))),
+        "energy": relative(energy, max(kinetic, fallen)) if max(kinetic, fallen) > least else 0.0,
+        "momentum": relative(momentum, math.sqrt(2 * mass * kinetic)) if kinetic > least else 0.0,
     }
     for f, volume in zip(fluids, volumes.T, strict=True):
         taken = volume - column(f"volume_{f.name}")
