@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
 
@@ -46,6 +47,20 @@ def table(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+def has_gone_on(run: Path) -> bool:
+    """Whether it has a checkpoint besides that of the start."""
+    return len(list((run / "checkpoints").glob("*.h5"))) > 1
+
+
+def wait(reached: Callable[[], bool], process: subprocess.Popen[str]) -> None:
+    """Until something is reached, while the process lives, for 200 s at most."""
+    end = time.monotonic() + 200
+    while not reached():
+        assert process.poll() is None, process.communicate()[0]
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
 @pytest.fixture(scope="module")
 def swept(tmp_path_factory):
     """The folder, the exit code and what the command printed; the first run's process was killed once."""
@@ -62,11 +77,7 @@ def swept(tmp_path_factory):
     )
     try:
         run = folder / "out" / "killed"
-        end = time.monotonic() + 200
-        while len(list((run / "checkpoints").glob("*.h5"))) < 2:  # that of the start, and a later one
-            assert process.poll() is None, process.communicate()[0]
-            assert time.monotonic() < end
-            time.sleep(0.005)
+        wait(lambda: has_gone_on(run), process)
         os.kill(json.loads((run / ".lock").read_text())["process"], signal.SIGKILL)
         said = process.communicate(timeout=200)[0]
     finally:
@@ -177,11 +188,7 @@ def test_ctrl_c_keeps_what_is_done_and_the_same_command_goes_on(tmp_path):
     process = subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     out = tmp_path / "out"
     try:
-        end = time.monotonic() + 200
-        while len(list((out / "running" / "checkpoints").glob("*.h5"))) < 2:  # that of the start, and a later one
-            assert process.poll() is None, process.communicate()[0]
-            assert time.monotonic() < end
-            time.sleep(0.005)
+        wait(lambda: has_gone_on(out / "running"), process)
         process.send_signal(signal.SIGINT)
         said = process.communicate(timeout=100)[0]
     finally:
@@ -216,11 +223,7 @@ def test_a_second_ctrl_c_kills_the_runs(tmp_path):
     process = subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     run = tmp_path / "out" / "finished"
     try:
-        end = time.monotonic() + 200
-        while not (run / "checkpoints" / "step_000000000.h5").exists():
-            assert process.poll() is None, process.communicate()[0]
-            assert time.monotonic() < end
-            time.sleep(0.005)
+        wait((run / "checkpoints" / "step_000000000.h5").exists, process)
         worker = json.loads((run / ".lock").read_text())["process"]
         process.send_signal(signal.SIGINT)
         time.sleep(0.02)
