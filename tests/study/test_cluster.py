@@ -9,10 +9,10 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
+from test_sweep import wait
 
 from tipfem.commands import app
 from tipfem.folder_lock import FolderLock
@@ -72,14 +72,6 @@ def start(cluster, folder):
         stderr=subprocess.STDOUT,
         text=True,
     )
-
-
-def wait(condition, process):
-    end = time.monotonic() + 200
-    while not condition():
-        assert process.poll() is None, process.communicate()[0]
-        assert time.monotonic() < end
-        time.sleep(0.02)
 
 
 def parent_of(process):
