@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import Array
-from .shapes import TRIANGLES_A_DOT, TRIANGLES_A_LINE, dot_triangles, line_triangles
+from .shapes import TRIANGLES_A_LINE, dot_triangles, line_triangles, triangles_in_dot
 
 
 class Drawing:
@@ -53,7 +53,7 @@ class Drawing:
         """
         colours = np.asarray(colours, np.float32)
         if colours.ndim == 2:
-            colours = np.repeat(colours, TRIANGLES_A_DOT, axis=0)
+            colours = np.repeat(colours, triangles_in_dot(radius), axis=0)
         self.triangles(dot_triangles(centres, radius), colours)
 
     def arrays(self) -> tuple[Array, Array]:

@@ -1,5 +1,7 @@
 """Layers over the fluids: contours, streamlines, arrows, tails of tracers; and the frame of a window."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from . import colours, flow
@@ -94,6 +96,32 @@ def mask_outside(drawing: Drawing, scene: Scene, layout: Layout) -> None:
     corners = np.array([[left, bottom], [left, top], [right, top], [right, bottom]])
     sides = np.array([[0, 1], [3, 0], [2, 3], [1, 2]])[[not at for at in at_walls]]
     drawing.lines(corners[sides], 1.4 * layout.unit, colours.rgb(colours.SUBTLE), cap=0.7 * layout.unit)
+
+
+def cover_ends(drawing: Drawing, scene: Scene, layout: Layout, background: Sequence[float]) -> None:
+    """Cover what lies beyond the periodic sides of a scene, which end in a thin line.
+
+    Args:
+        drawing: to which the cover is added.
+        scene: what is drawn.
+        layout: of the picture.
+        background: red, green and blue, 0 to 1.
+    """
+    assert scene.period is not None, "only periodic scenes have ends"
+    far = 2.0 + float(max(layout.size))
+    for k in np.flatnonzero(scene.period > 0):
+        for end, outward in ((0.0, -1.0), (float(scene.period[k]), 1.0)):
+            point = np.zeros(2)
+            point[k] = end
+            place = float(layout.pixels(point)[k])
+            beyond = far * (outward if k == 0 else -outward)  # pixels count downward
+            along, across = np.array([[-far, far], [place, place + beyond]])
+            corners = np.stack([across[[0, 0, 1, 1]], along[[0, 1, 1, 0]]], axis=1)[:, :: 1 if k == 0 else -1]
+            drawing.triangles(corners[[[0, 1, 2], [0, 2, 3]]], np.array(background))
+            side = np.stack([np.full(2, place), [layout.box[1], layout.box[3]]], axis=1)
+            if k == 1:
+                side = np.stack([[layout.box[0], layout.box[2]], np.full(2, place)], axis=1)
+            drawing.lines(side[None], 1.4 * layout.unit, colours.rgb(colours.SUBTLE), cap=0.7 * layout.unit)
 
 
 def _outlined(drawing: Drawing, segments: Array, width: float, unit: float) -> None:

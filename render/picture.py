@@ -7,7 +7,7 @@ from .arrays import Array
 from .bodies import draw_bodies
 from .drawing import Drawing
 from .interface import edge_means, particle_fluids
-from .layers import WALL_THICKNESS, draw_layers, mask_outside
+from .layers import WALL_THICKNESS, cover_ends, draw_layers, mask_outside
 from .layout import Layout
 from .scales import colour_map_of
 from .scene import Scene
@@ -139,6 +139,8 @@ def draw_scene(
     drawing.dots(beads, radius, dark)
     draw_bodies(drawing, scene.bodies, layout)
     notes = draw_layers(drawing, scene, cells, layout, view, field is not None and view.fill)
+    if scene.period is not None:
+        cover_ends(drawing, scene, layout, scheme.background)
     if (view.window is not None or view.follow is not None) and not bare:
         mask_outside(drawing, scene, layout)
     return drawing, notes

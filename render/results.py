@@ -45,6 +45,7 @@ class Results:
         lower: (2,) lower corner of the domain [m].
         upper: (2,) upper corner of the domain [m].
         spacing: of the particles [m].
+        period: (2,) width of the domain along the axes that are periodic, 0 for others [m]; None if none is.
         title: of the case.
 
     Raises:
@@ -83,6 +84,8 @@ class Results:
             self.lower = np.asarray(case["lower"], float)[:2]
             self.upper = np.asarray(case["upper"], float)[:2]
             self.spacing = float(case["spacing"])
+            period = case.get("period")
+            self.period = None if period is None else np.asarray(period, float)[:2]
             self._bodies = BodyTracks(case.get("bodies", ()), self.folder / "history.csv")
         except KeyError as error:
             raise ResultsError(f"{self.folder / 'case.json'}: the entry {error} is missing") from None
@@ -154,6 +157,7 @@ class Results:
                 spacing=self.spacing,
                 title=self.title,
                 bodies=self._bodies.at(self.times[i]),
+                period=self.period,
             )
         except ValueError as error:
             raise ResultsError(f"{path}: {error}") from None

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from .arrays import Array
 from .bodies import PlacedBody
 from .geometry import Geometry
+from .periodic import with_images
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +39,8 @@ class Scene:
         title: a line above the picture.
         trails: (P, K, 2) paths of tracers up to this time [m], the oldest point first; None for none.
         bodies: rigid bodies in the fluids.
+        period: (2,) width of the domain along the axes that are periodic, 0 for others [m], for a domain that begins
+            at 0 there. Particles and cells have images then, see `tipfem.render.periodic.with_images`.
 
     Raises:
         ValueError: a shape or a value is wrong; the message names the argument.
@@ -59,6 +62,7 @@ class Scene:
     title: str = ""
     trails: Array | None = None
     bodies: tuple[PlacedBody, ...] = ()
+    period: Array | None = None
 
     def __post_init__(self) -> None:
         position = np.asarray(self.position, np.float64)
@@ -113,6 +117,17 @@ class Scene:
         if trails is not None and (trails.ndim != 3 or trails.shape[1:] != (trails.shape[1], 2)):
             raise ValueError(f"trails: shape {trails.shape}, expected (P, K, 2)")
 
+        period = None if self.period is None else np.asarray(self.period, np.float64)
+        if period is not None:
+            if period.shape != (2,) or not (np.isfinite(period).all() and (period >= 0).all() and period.any()):
+                raise ValueError(f"period: {period}, expected two widths, one of them above 0 m")
+            position, cells, particle, cell = with_images(position, cells, period, spacing)
+            fluid, wall = fluid[particle], wall[particle]
+            cell_fluid = None if cell_fluid is None else cell_fluid[cell]
+            fields = {name: values[particle] for name, values in fields.items()}
+            cell_fields = {name: values[cell] for name, values in cell_fields.items()}
+            lower, upper = np.where(period > 0, 0.0, lower), np.where(period > 0, period, upper)
+
         checked: dict[str, Any] = dict(
             position=position,
             cells=cells,
@@ -127,6 +142,7 @@ class Scene:
             cell_fluid=cell_fluid,
             spacing=spacing,
             trails=trails,
+            period=period,
         )
         for name, value in checked.items():
             object.__setattr__(self, name, value)

@@ -6,12 +6,18 @@ from numpy.typing import ArrayLike
 from .arrays import Array
 from .runtime import ensure_runtime, ti
 
-# A hexagon as a fan of four triangles.
-_ANGLES = np.deg2rad(60 * np.arange(6))
-_HEXAGON = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)
-_FAN = _HEXAGON[np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]])]
 TRIANGLES_A_LINE = 2
-TRIANGLES_A_DOT = len(_FAN)
+LARGE_DOT = 2.5  # [px] radius above which a hexagon no longer looks round
+
+
+def _fan(corners: int) -> Array:
+    """A regular polygon of radius 1 as a fan of triangles (corners - 2, 3, 2)."""
+    angles = 2 * np.pi / corners * np.arange(corners)
+    polygon = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return np.stack([polygon[[0, k, k + 1]] for k in range(1, corners - 1)])
+
+
+_HEXAGON, _ROUND = _fan(6), _fan(16)
 
 
 @ti.kernel
@@ -53,13 +59,13 @@ def _fan_out(
     radius: ti.f64,
     out: ti.types.ndarray(dtype=ti.f32, ndim=4),
 ):
-    """The triangles of a hexagon for each dot.
+    """The triangles of a polygon for each dot.
 
     Args:
         centres: (N, 2) [px].
-        fan: (4, 3, 2) of radius 1.
+        fan: (F, 3, 2) of radius 1.
         radius: [px].
-        out: (N, 4, 3, 2), written.
+        out: (N, F, 3, 2), written.
     """
     for n in range(centres.shape[0]):
         for t in range(fan.shape[0]):
@@ -83,16 +89,26 @@ def line_triangles(segments: ArrayLike, width: float, cap: float) -> Array:
     return out
 
 
+def triangles_in_dot(radius: float) -> int:
+    """Number of triangles of a dot of a radius [px]."""
+    return len(_polygon(radius))
+
+
+def _polygon(radius: float) -> Array:
+    return _HEXAGON if radius <= LARGE_DOT else _ROUND
+
+
 def dot_triangles(centres: ArrayLike, radius: float) -> Array:
-    """Triangles (4 N, 3, 2) [px] of dots, float32.
+    """Triangles (F N, 3, 2) [px] of dots, float32, F of `triangles_in_dot`.
 
     Args:
         centres: (N, 2) [px].
         radius: [px].
     """
     given = np.ascontiguousarray(centres, np.float64)
-    out = np.empty((len(given), TRIANGLES_A_DOT, 3, 2), np.float32)
+    fan = _polygon(radius)
+    out = np.empty((len(given), len(fan), 3, 2), np.float32)
     if len(given):
         ensure_runtime()
-        _fan_out(given, _FAN, radius, out)
+        _fan_out(given, fan, radius, out)
     return out.reshape(-1, 3, 2)

@@ -148,22 +148,23 @@ def test_scenes_are_those_of_the_plain_rasteriser(field, sharp):
     assert (found != expected).mean() < 0.03  # means just between two levels, by another round-off
 
 
-def test_lines_and_dots_are_the_triangles_that_numpy_gives():
+@pytest.mark.parametrize(("radius", "count"), [(2.0, 6), (4.0, 16)])
+def test_lines_and_dots_are_the_triangles_that_numpy_gives(radius, count):
     random = np.random.default_rng(5)
     segments, centres = random.uniform(-50, 900, (40, 2, 2)), random.uniform(0, 900, (30, 2))
     segments[3, 1] = segments[3, 0]  # of no length
     drawing = Drawing()
     drawing.lines(segments, 3.0, RED, cap=1.5)
-    drawing.dots(centres, 4.0, BLUE)
+    drawing.dots(centres, radius, BLUE)
     start, end = segments[:, 0], segments[:, 1]
     along = (end - start) / np.maximum(np.linalg.norm(end - start, axis=1, keepdims=True), 1e-12)
     aside = 1.5 * np.stack([-along[:, 1], along[:, 0]], axis=1)
     start, end = start - 1.5 * along, end + 1.5 * along
     corners = np.stack([start - aside, end - aside, end + aside, start + aside], axis=1)
     lines = corners[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 2)
-    angles = np.deg2rad(60 * np.arange(6))
-    ring = centres[:, None] + 4.0 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    dots = ring[:, [0, 1, 2, 0, 2, 3, 0, 3, 4, 0, 4, 5]].reshape(-1, 3, 2)
+    angles = 2 * np.pi / count * np.arange(count)
+    ring = centres[:, None] + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    dots = ring[:, [[0, k, k + 1] for k in range(1, count - 1)]].reshape(-1, 3, 2)
     vertices, colours = drawing.arrays()
     np.testing.assert_allclose(vertices, np.concatenate([lines, dots]), rtol=1e-6, atol=1e-4)
     assert (colours[:80] == RED).all()

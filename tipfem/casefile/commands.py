@@ -119,6 +119,7 @@ def draw_state(simulation: Simulation, path: Path) -> None:
         spacing=particles.spacing,
         title=case.title,
         bodies=tuple(body_at_start(body.corners) for body in case.bodies),
+        period=case.period.width if case.period else None,
     )
     image = render_frame(scene, mesh=len(particles) < 5000, backend="raster")
     try:

@@ -376,6 +376,7 @@ def describe(simulation: Shown) -> dict[str, Any]:
         "spacing": float(case.particles.spacing),
         "lower": np.asarray(walls.min(axis=0)).tolist(),
         "upper": np.asarray(walls.max(axis=0)).tolist(),
+        "period": case.period.width.tolist() if case.period else None,
         "limits": limits(case),
         "bodies": [{"corners": body.corners.tolist(), "reference": body.reference.tolist()} for body in case.bodies],
     }

@@ -72,6 +72,7 @@ class LiveSource:
         self.spacing = float(facts["spacing"])
         self.limits: Mapping[str, float] = dict(facts["limits"])
         self._lower, self._upper = np.array(facts["lower"]), np.array(facts["upper"])
+        self._period = None if facts["period"] is None else np.array(facts["period"])
         self._bodies = [BodyOutline(body) for body in facts["bodies"]]
         self._feed, self._send, self._messages = feed, send, messages
         self._seen: tuple[Any, ...] = ()
@@ -149,6 +150,7 @@ class LiveSource:
                     body.placed(*(float(value) for value in pose))
                     for body, pose in zip(self._bodies, latest.bodies, strict=True)
                 ),
+                period=self._period,
             )
             self._shown = latest, scene
         return self._shown[1]
