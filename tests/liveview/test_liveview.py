@@ -250,6 +250,22 @@ def test_bodies_are_drawn_where_the_run_has_them(tmp_path):
         assert abs(picture[round(400 - y) + 15, round(x)].astype(int) - fill).max() <= 1
 
 
+def test_a_periodic_domain_is_drawn_to_its_ends(tmp_path):
+    water = tp.Fluid("water", density=1000.0, viscosity=1.0)
+    tank = tp.tank((1.0, 0.5), 0.1, periodic="x").fill(water, velocity=lambda x: np.tile([0.5, 0.0], (len(x), 1)))
+    simulation = tp.Simulation(tp.Case(tank, [water], (0.0, -9.81)), tmp_path / "out", time_step=0.01)
+    simulation.run(0.05, progress=False)
+    live = LiveSource(describe(simulation), OneState(snapshot_of(simulation, 1.0)), lambda *_: None).scene(0)
+    stored = Results(tmp_path / "out").scene(-1)
+    for scene in (live, stored):
+        x = scene.position[scene.cells][..., 0]
+        assert np.ptp(x, axis=1).max() < 0.2  # no cell reaches across the domain
+        assert x.min() <= 0
+        assert x.max() >= 1
+        assert (scene.lower[0], scene.upper[0]) == (0.0, 1.0)
+    assert len(live.cells) == len(stored.cells)
+
+
 def test_while_nobody_looks_nothing_is_copied():
     simulation = tp.Simulation(layers(), time_step=0.01)
     control, _ = shown(simulation)
