@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem.mesh.free_surface import SurfaceMesher, loose_volumes
+from tipfem.mesh.free_surface import SurfaceMesher, spray_volumes
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh.relocation import relocate
 from tipfem.step.volume_source import VolumeControl
@@ -188,8 +188,8 @@ def test_the_volume_of_what_flies_counts_for_its_fluid():
     assert mesh.surface.loose[-2:].all()
     fluid = p.fluid.copy()
     fluid[-1] = 1
-    np.testing.assert_allclose(loose_volumes(mesh, fluid, 2), [0.01, 0.01])
-    assert not loose_volumes(Mesh(mesh.position, mesh.cells), fluid, 2).any()
+    np.testing.assert_allclose(spray_volumes(mesh, fluid, 2), [0.01, 0.01])
+    assert not spray_volumes(Mesh(mesh.position, mesh.cells), fluid, 2).any()
 
 
 def test_a_block_in_three_dimensions():

@@ -201,8 +201,8 @@ def _with_volume(mesh: Mesh, own: Array) -> Mesh:
     return Mesh(mesh.position, mesh.cells, surface=Surface(s.front, s.pinned, s.loose, own, s.deficit))
 
 
-def loose_volumes(mesh: Mesh, fluid: Array, count: int) -> Array:
-    """Volumes of the loose particles of each fluid.
+def spray_volumes(mesh: Mesh, fluid: Array, count: int) -> Array:
+    """Volumes of each fluid that particles carry outside the cells, see `Surface.spray`.
 
     Args:
         mesh: of the particles.
@@ -212,4 +212,4 @@ def loose_volumes(mesh: Mesh, fluid: Array, count: int) -> Array:
     Returns:
         (F,) [m^2, or m^3 in 3-D].
     """
-    return np.bincount(fluid, weights=mesh.surface.volume, minlength=count)
+    return np.bincount(fluid, weights=mesh.surface.spray, minlength=count)

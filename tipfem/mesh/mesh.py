@@ -26,8 +26,9 @@ class Surface:
             and no traction the natural condition of the momentum equation, so that continuity holds there too.
         loose: (N,) mask of the particles off the walls that are in no simplex; they move in free flight.
         volume: (N,) volume of fluid that each loose particle carries, zero for all others [m^2, or m^3 in 3-D].
-        deficit: (N,) volume by which the cells are smaller than the fluid in them, in equal parts on the particles of
-            each connected component; restored as soon as that is possible [m^2, or m^3 in 3-D].
+        deficit: (N,) volume by which the cells are smaller than the fluid in them, the same part of all cells of a
+            connected component; restored as soon as that is possible [m^2, or m^3 in 3-D]. Where it is positive,
+            particles that have just landed carry it, beside their cells, as spray does.
     """
 
     front: Array
@@ -45,6 +46,14 @@ class Surface:
     def used(self) -> Array:
         """(N,) mask of the particles in simplices."""
         return np.asarray(~self.pinned | self.front)
+
+    @property
+    def spray(self) -> Array:
+        """(N,) volume of fluid that each particle carries outside the cells [m^2, or m^3 in 3-D].
+
+        That of the loose particles, and what the cells of particles that have just landed have no room for yet.
+        """
+        return np.asarray(self.volume + np.maximum(self.deficit, 0.0))
 
     def dry(self, wall: Array) -> Array:
         """(N,) mask of the wall particles, given by the mask ``wall`` (N,), that are in no simplex."""

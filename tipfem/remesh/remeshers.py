@@ -26,7 +26,7 @@ from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.delaunay import triangulate, wall_fluid
-from tipfem.mesh.free_surface import SurfaceMesher, loose_volumes
+from tipfem.mesh.free_surface import SurfaceMesher, spray_volumes
 from tipfem.mesh.interface import InterfaceRule, InterpolatedInterface, SharpInterface
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh import drops
@@ -36,7 +36,7 @@ from tipfem.remesh.momentum_transfer import conserve_along_period, nodal_density
 from tipfem.remesh.relocation import relocate
 from tipfem.remesh.side_pressures import pressures_on_sides
 from tipfem.remesh.sizing import limit_gradation
-from tipfem.remesh.surface_volumes import carried_through, kept_inside, restore_volumes, with_momenta
+from tipfem.remesh.surface_volumes import carried_through, kept_inside, mass_factor, restore_volumes, with_momenta
 from tipfem.remesh.volumes import with_components
 from tipfem.state import InterpolatedMaterial, Material, SharpMaterial, Solved, State, lumped
 from tipfem.timers import timer
@@ -107,7 +107,7 @@ class Remesher(ABC):
 
     def _state(self, particles: Particles, mesh: Mesh, material: Material, mass: Array, **others: Any) -> State:
         """A state from the lumped ``mass`` (N,) of its elements; ``others`` are further attributes."""
-        volume = material.volumes(mesh.measure) + loose_volumes(mesh, particles.fluid, len(self.fluids))
+        volume = material.volumes(mesh.measure) + spray_volumes(mesh, particles.fluid, len(self.fluids))
         if mesh.surface.loose.any():
             mass = mass + self.density[particles.fluid] * mesh.surface.volume
         others = {"start_volume": volume, "grid_box": np.full((2, mesh.dimension), np.nan), **others}
@@ -253,6 +253,10 @@ class DelaunayRemesher(Remesher):
         mass = lumped(mesh, density)
         around = nodal_density(mass, lumped(mesh, np.ones(len(density))))
         fraction = self.interface.fluid_fraction(mesh, particles.fluid, len(self.fluids))
+        factor = mass_factor(mesh)
+        if factor is not None:
+            density = factor * density
+            mass = lumped(mesh, density)
         return InterpolatedMaterial(density, viscosity, fraction, around), mass
 
 

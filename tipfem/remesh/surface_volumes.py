@@ -20,7 +20,9 @@ from tipfem.mesh.mesh import Mesh, Surface, volume_gradient
 from tipfem.state import Solved
 from tipfem.typing import Array
 
-ROUNDS = 4  # of Newton's method in `restore_volumes`
+ROUNDS = 4  # of Newton's method in `restore_volumes` for cells that are too small
+ROUNDS_OF_EXCESS = 12  # the same for cells that are too large
+ROUND_OFF = 1e-12  # of a component's volume: a smaller deficit is none
 LARGEST_SHIFT = 0.05  # of a particle in a round [spacings]
 IN_FRONT = 0.05  # distance from a wall of a particle that has passed through it [spacings]
 ON_PLANE = 1e-3  # distance of wall particles from the plane of their wall [spacings]
@@ -191,7 +193,8 @@ def restore_volumes(mesh: Mesh, wall: Array, volume: Array, spacing: float) -> M
     """The mesh with its surface moved so that its components have the volumes of their particles.
 
     Particles on the surface and off the walls are displaced along the gradient of the component's volume, in a few
-    rounds. What cannot be restored so is the mesh's `Surface.deficit`.
+    rounds. What cannot be restored so is the mesh's `Surface.deficit`. Cells that are too large hold fluid that there
+    is not: they have more rounds than those that are too small, whose particles carry the rest as spray does.
 
     Args:
         mesh: after a step.
@@ -206,8 +209,10 @@ def restore_volumes(mesh: Mesh, wall: Array, volume: Array, spacing: float) -> M
     of_cell = label[mesh.cells[:, 0]]
     movable, limit = s.front & ~wall & used, LARGEST_SHIFT * spacing
     x, measure = mesh.position, mesh.measure
-    for _ in range(ROUNDS):
+    for number in range(ROUNDS_OF_EXCESS):
         missing = wanted - np.bincount(of_cell, measure, count)
+        if number >= ROUNDS:
+            missing = np.minimum(missing, 0.0)
         if np.abs(missing).max(initial=0.0) <= 1e-14 * wanted.sum():
             break
         gradient = volume_gradient(mesh.moved(x), movable)
@@ -228,13 +233,30 @@ def restore_volumes(mesh: Mesh, wall: Array, volume: Array, spacing: float) -> M
             break
         x, measure = x + shift, trial
     missing = wanted - np.bincount(of_cell, measure, count)
-    inner = used & ~wall
-    inside = np.bincount(label[inner], minlength=count)
-    share = np.divide(missing, inside, out=np.zeros(count), where=inside > 0)
-    deficit = np.zeros(len(x))
-    deficit[inner] = share[label[inner]]
+    # In proportion to what they have of the cells: so none carries less than nothing.
+    held, width = np.bincount(of_cell, measure, count), mesh.cells.shape[1]
+    lacking = np.divide(missing, held, out=np.zeros(count), where=held > 0)
+    deficit = np.bincount(mesh.cells.ravel(), np.repeat(lacking[of_cell] * measure / width, width), len(x))
     own = np.where(s.loose, volume, 0.0)
     return Mesh(x, mesh.cells, surface=Surface(s.front, s.pinned, s.loose, own, deficit))
+
+
+def mass_factor(mesh: Mesh) -> Array | None:
+    """Mass of the fluid in the cells of each component, over that of their own volume, (M,); None where all are 1.
+
+    Cells of particles that have just landed are smaller than the fluid that the particles carry. With its mass they are
+    heavier, so that no momentum appears or vanishes with the volume.
+
+    Args:
+        mesh: with its `Surface.deficit`, the same part of all M cells of a component.
+    """
+    deficit, cells = mesh.surface.deficit, mesh.cells
+    if not deficit.any():
+        return None
+    width = cells.shape[1]
+    held = np.bincount(cells.ravel(), np.repeat(mesh.measure / width, width), len(deficit))
+    lacking = (deficit / np.maximum(held, 1e-300))[cells[:, 0]]
+    return np.where(np.abs(lacking) > ROUND_OFF, 1 + lacking, 1.0)
 
 
 def return_momenta(

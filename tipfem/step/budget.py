@@ -20,7 +20,7 @@ from tipfem.backend.arrays import partials
 from tipfem.backend.launch import launch
 from tipfem.case.case import Case
 from tipfem.fem import work as work_kernels
-from tipfem.mesh.free_surface import loose_volumes
+from tipfem.mesh.free_surface import spray_volumes
 from tipfem.state import Solved, State
 from tipfem.step.body_budget import BodyBalance, body_balance
 from tipfem.timers import timer
@@ -128,7 +128,8 @@ class Budget:
         zeros, none = np.zeros(len(self._gravity)), np.zeros(len(self._names))
         nothing = Totals(0.0, 0.0, zeros, none)
         balance = SolveBalance(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, none)
-        self.columns = tuple(self._row(nothing, balance, nothing))
+        self._open = not case.closed
+        self.columns = tuple(self._row(nothing, balance, nothing, none))
         self._last: tuple[State, Totals] | None = None
 
     def totals(self, state: State) -> Totals:
@@ -148,7 +149,8 @@ class Budget:
             state: the next state, remeshed.
         """
         before = self.totals(solved.before)
-        return self._row(before, self._balance(solved, before), self.totals(state))
+        spray = spray_volumes(state.mesh, state.particles.fluid, len(self._names))
+        return self._row(before, self._balance(solved, before), self.totals(state), spray)
 
     def _balance(self, solved: Solved, before: Totals) -> SolveBalance:
         """The balance of a solve from a state with the totals ``before``."""
@@ -179,7 +181,7 @@ class Budget:
             work=(len(mass), work_kernels.SUM),
         )
         count = len(self._names)
-        volume = start.material.volumes(solved.mesh.measure) + loose_volumes(start.mesh, old.fluid, count)
+        volume = start.material.volumes(solved.mesh.measure) + spray_volumes(start.mesh, old.fluid, count)
         after = Totals.summed(sums[2 + 2 * d :], self._gravity, volume)
         inertia, external, change, weight = float(sums[0]), float(sums[1]), sums[2 : 2 + d], sums[2 + d : 2 + 2 * d]
         growth = solved.growth
@@ -198,8 +200,11 @@ class Budget:
             bodies=body_balance(self._bodies, self._gravity, solved) if self._floats else BodyBalance(),
         )
 
-    def _row(self, before: Totals, step: SolveBalance, now: Totals) -> dict[str, float]:
-        """Columns of the history, from the totals before the step, of its solve, and of the next state."""
+    def _row(self, before: Totals, step: SolveBalance, now: Totals, spray: Array) -> dict[str, float]:
+        """Columns of the history, from the totals before the step, of its solve, and of the next state.
+
+        Of the next state also the volume (F,) of each fluid that flies as ``spray``, for flows with a free surface.
+        """
         remeshing = step.after.energy - now.energy
         bodies = step.bodies
         time = step.time + bodies.numerical
@@ -237,6 +242,7 @@ class Budget:
             ("solve_volume", step.after.volume - before.volume),
             ("source_volume", step.source_volume),
             ("remeshing_volume", now.volume - step.after.volume),
+            *([("spray_volume", spray)] if self._open else []),
         ):
             row.update({f"{name}_{fluid}": float(v) for fluid, v in zip(self._names, volumes, strict=True)})
         return row

@@ -54,6 +54,5 @@ def column_height(simulation: tp.Simulation) -> float:
 
 
 def spray(simulation: tp.Simulation) -> float:
-    """Volume of the water that flies as single particles [m^2], with a free surface."""
-    surface = simulation.mesh.surface
-    return float(surface.volume.sum()) if surface else 0.0
+    """Volume of the water that particles carry outside the cells [m^2], with a free surface."""
+    return float(simulation.mesh.surface.spray.sum())
