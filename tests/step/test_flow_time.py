@@ -1,6 +1,8 @@
-"""The time T in the stabilisation's tau: what it is, and that the pressure does not depend on shorter steps."""
+"""The time T in the stabilisation's tau: what it is, and convergence in dt at fixed spacing."""
 
 from __future__ import annotations
+
+import itertools
 
 import numpy as np
 import pytest
@@ -23,18 +25,26 @@ def test_it_is_the_step_that_the_flow_asks_for():
     assert flow_time(moving, tp.Simulation(moving).state) == pytest.approx(OF_FLOW * 0.1 / 5.0)
 
 
-def roughness(time_step, cells=10, end=0.012):
-    """RMS of a particle's pressure less the linear fit to its neighbours', in a vortex with U = 1 m/s, density 1."""
-    vortex, fluid = Vortex(viscosity=0.01), tp.Fluid("fluid", density=1.0, viscosity=0.01)
+def simulated(vortex, time_step, cells, end):
+    """A vortex of density 1 after some time, from its exact state at t = 0; and which particles kept their places."""
+    fluid = tp.Fluid("fluid", density=1.0, viscosity=vortex.viscosity)
     particles = tp.tank((1, 1), 1 / cells, jitter=0.2).fill(fluid).sample([fluid])
     free = ~particles.wall[:, None]
     particles.velocity = free * vortex.velocity(particles.position, 0.0)
     particles.acceleration = free * vortex.acceleration(particles.position, 0.0)
     case = tp.Case(particles, [fluid], (0, 0), body_force=vortex.body_force)
     simulation = tp.Simulation(case, time_step=time_step)
+    kept = np.ones(len(particles), dtype=bool)
     while simulation.time < end - 1e-12:
         simulation.step(end)
-    x, p, rest = simulation.particles.position, simulation.particles.pressure, []
+        kept &= ~simulation.state.relocated
+    return simulation, kept
+
+
+def roughness(simulation):
+    """RMS of a particle's pressure less the linear fit to its neighbours'."""
+    particles, rest = simulation.particles, []
+    x, p = particles.position, particles.pressure
     i, j = simulation.mesh.edges.T
     for a in np.flatnonzero(~particles.wall):
         around = np.concatenate([j[i == a], i[j == a]])
@@ -44,8 +54,21 @@ def roughness(time_step, cells=10, end=0.012):
 
 
 def test_the_pressure_of_short_steps_is_as_smooth_as_that_of_long_ones():
-    """Eight times as many steps; with tau = c dt^2 it would be twice as rough and more."""
-    assert roughness(5e-4) < 1.15 * roughness(4e-3)
+    """T is 4.6 ms here. With tau = c dt^2 roughness would triple from 8 to 1 ms."""
+    rough = [roughness(simulated(Vortex(viscosity=0.01), dt, 20, 0.032)[0]) for dt in (8e-3, 4e-3, 1e-3)]
+    assert max(rough) < 1.15 * min(rough)
+
+
+def test_velocities_are_of_second_order_in_dt_with_remeshing():
+    """Default settings, a vortex to and fro; with tau = c dt^2 the changes would stay as they are."""
+    rate = np.pi / 0.064
+    vortex = Vortex(0.01, lambda t: 0.5 * (1 - np.cos(rate * t)), lambda t: 0.5 * rate * np.sin(rate * t))
+    runs = [simulated(vortex, dt, 20, 0.128) for dt in (8e-3, 4e-3, 2e-3)]
+    assert [len(run.history) for run, _ in runs] == [16, 32, 64]
+    kept = np.all([places for _, places in runs], axis=0)
+    velocity = [run.particles.velocity for run, _ in runs]
+    change = [np.sqrt(np.mean((a - b)[kept] ** 2)) for a, b in itertools.pairwise(velocity)]
+    assert min(np.log2(np.array(change[:-1]) / change[1:])) > 1.6, change
 
 
 def test_steps_in_which_gravity_is_lost_are_refused():

@@ -153,7 +153,7 @@ class Numerics:
 
     Attributes:
         rho_inf: spectral radius at infinity of generalized-alpha, 0 to 1.
-        stabilisation: c in tau = c dt max(dt, T) of the PSPG term, > 0; T is the length of step that the flow itself
+        stabilisation: c in tau = c dt T of the PSPG term, > 0; T is the length of step that the flow itself
             asks for (see `tipfem.step.solve.flow_time`).
         volume_correction: rate at which the source in J - 1 = s restores the lost volume of a fluid, in
             units of sqrt(|b| / h) with the largest acceleration b by gravity and body force at the start, or

@@ -220,7 +220,7 @@ class NumericsTable(Model):
     """The numbers of the method; see tipfem.Numerics."""
 
     rho_inf: float = quantity("spectral radius of generalized-alpha", default=0.0, ge=0.0, le=1.0)
-    stabilisation: float = quantity("c in tau = c dt max(dt, T) of the PSPG term", default=0.25, ge=1e-6, le=10.0)
+    stabilisation: float = quantity("c in tau = c dt T of the PSPG term", default=0.25, ge=1e-6, le=10.0)
     volume_correction: float = quantity(
         "rate at which lost volume is given back, in sqrt(|b| / h); 0: not", default=1.0, ge=0.0, le=100.0
     )

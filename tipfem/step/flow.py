@@ -80,14 +80,14 @@ class FlowProblem:
         properties: of the elements.
         scheme: generalized-alpha with the step's length.
         body_force: (N, d) acceleration by gravity and the like [m/s^2], at the step's intermediate time.
-        stabilisation: c in tau = c dt T, with the flow's own time T or, if that is shorter, the step's.
+        stabilisation: c in tau = c dt T, with the flow's own time T, which is taken as half a step if it is shorter.
         workspace: arrays and grids that steps reuse.
         walls: their constraints in the step; by default all are fixed and no-slip.
         jacobian: "rows" or "matrix-free", see `tipfem.Numerics`.
         box: (2, d) that the multigrid's grids covered in the last step, see `covering_box`.
         pressure_jump: (F, N) first guess of the pressure of each fluid at each particle less that of the particle
             [Pa]; None for a pressure that is continuous, see `tipfem.Numerics`.
-        flow_time: T [s], see `tipfem.step.solve.flow_time`.
+        flow_time: T [s], see `tipfem.step.solve.flow_time`; 0 for the length of the step.
     """
 
     @timer("set-up")
@@ -110,7 +110,8 @@ class FlowProblem:
         self.mesh, self.particles, self.scheme, self.properties = mesh, particles, scheme, properties
         self.walls = walls = walls or FixedWalls(Boundary(particles, (), None), mesh, particles, scheme)
         # c T / dt: what the kernels take for c.
-        self.stabilisation = stabilisation * max(1.0, flow_time / scheme.dt)
+        time = max(flow_time, LEAST_TIME * scheme.dt) if flow_time > 0 else scheme.dt
+        self.stabilisation = stabilisation * time / scheme.dt
         floor = stabilisation * scheme.dt * max(0.0, flow_time - scheme.dt)
         self.dimension = d = mesh.dimension
         self.buffers = buffers = workspace.buffers
@@ -430,6 +431,7 @@ class FlowProblem:
 
 
 MAX_KRYLOV_ITERATIONS = 80
+LEAST_TIME = 0.5  # T in the stabilisation's tau, in steps: with less, linear systems take more iterations
 GUESSED = 0.3  # first residual above which pressures are corrected before displacements [spacings]
 DAMPED = 0.2  # J that a correction leaves to every element
 SMALLEST_PART = 1e-3  # of the displacements of a correction

@@ -49,12 +49,13 @@ OF_GRAVITY, OF_FLOW = 0.05, 0.35
 
 
 def flow_time(case: Case, state: State) -> float:
-    """The time T in tau = c dt max(dt, T) of the stabilisation [s]: the length of step that the flow itself asks for.
+    """The time T in tau = c dt T of the stabilisation [s]: the length of step that the flow itself asks for.
 
     It is the shorter of 0.05 sqrt(h / b) with the acceleration b by gravity and body force, and of 0.35 h / v with the
     speed v of the fastest particle relative to the tank. Steps that are shorter, for an output or because others were
-    refused, have the stabilisation of a step of that length. If it faded with dt, so would what it does for the
-    pressure. Where an interpolated interface divides fluids that fill their tank, T is 0: a stronger stabilisation
+    refused, and steps that are longer have the stabilisation of a step of that length: were tau to dt^2, there would be
+    another problem in space for each dt, and no convergence in dt. T is 0, for steps' own lengths, in a flow without
+    forces at rest, and where an interpolated interface divides fluids that fill their tank: a stronger stabilisation
     moves more volume between them.
     """
     if case.interface == "interpolated" and not case.free_surface:
