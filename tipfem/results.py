@@ -88,6 +88,21 @@ class RunResults:
         """Content of summary.json: settings, versions, status and figures; empty before the run has ended."""
         return self._json("summary.json") or {}
 
+    def remeshing_sums(self) -> dict[str, dict[str, dict[str, float]]]:
+        """What each kind of repair of the mesh added to energy and momentum: by fluid, kind and quantity [J, N s].
+
+        Empty for a run without ``Numerics(budget="detailed")``.
+        """
+        from tipfem.step.remeshing_table import remeshing_sums
+
+        return remeshing_sums({name: float(values.sum()) for name, values in self.history.items()})
+
+    def remeshing_table(self) -> str:
+        """The same as a text in columns, to be printed."""
+        from tipfem.step.remeshing_table import remeshing_table
+
+        return remeshing_table(self.remeshing_sums())
+
     @property
     def status(self) -> str:
         """Of the run: "running", "complete", "interrupted" and others from the summary, or "no summary"."""

@@ -38,6 +38,7 @@ from tipfem.state import Solved, State, state_with_held_bodies
 from tipfem.steering import Command, Record, RunControl, Steering
 from tipfem.step.budget import Budget
 from tipfem.step.numerical_error import numerical_error
+from tipfem.step.remeshing_table import Sums, remeshing_sums
 from tipfem.step.solve import StepSolver
 from tipfem.step.volume_source import VolumeControl
 from tipfem.timers import Timings, timer
@@ -115,7 +116,9 @@ class Simulation:
         self.control = StepControl(largest, target=case.numerics.largest_move)
         self.solver = StepSolver(case, self.control.reach)
         self.remesher, self.budget = remesher_for(case), Budget(case)
-        self.columns = own_columns(columns or {}, (*self.budget.columns, *body_columns(case.bodies, None)))
+        account = self.remesher.account
+        kept = (*self.budget.columns, *(account.columns if account else ()), *body_columns(case.bodies, None))
+        self.columns = own_columns(columns or {}, kept)
         self.until, self.notes = math.nan, list[str]()
         self.started = clock.perf_counter()
         try:
@@ -215,6 +218,8 @@ class Simulation:
                     self._refuse(dt, reason)
                     refused += 1
             balance = self.budget.account(solved, state)
+            if self.remesher.account:
+                balance |= self.remesher.account.row()
             self.control.accept(dt)
             self.volume_control.observe(state.volume, dt)
             self.state = state
@@ -300,6 +305,15 @@ class Simulation:
         """What numerics took from the run so far, relative to the flow's own; see `tipfem.step.numerical_error`."""
         return numerical_error(self.history, self.case.fluids, self.steering.wanted_volumes(self))
 
+    def remeshing_sums(self) -> Sums:
+        """What each kind of repair of the mesh added to energy and momentum so far: by fluid, kind and quantity.
+
+        Empty without ``Numerics(budget="detailed")``; see docs/theory/energy.md.
+        """
+        account = self.remesher.account
+        names = account.columns if account else ()
+        return remeshing_sums({name: sum(row[name] for row in self.history) for name in names})
+
     def _repr_html_(self) -> str:
         """For notebooks."""
         return facts(
@@ -332,6 +346,7 @@ class Simulation:
                 "numerics": dataclasses.asdict(self.case.numerics),
                 "fluids": [vars(f) for f in self.case.fluids],
                 "numerical_error": self.numerical_error(),
+                **({"remeshing": self.remeshing_sums()} if self.remesher.account else {}),
                 **(content or {}),
             }
         )

@@ -183,6 +183,8 @@ class Numerics:
         smallest_jacobian: limit of J; a step in which an element's J falls below it is refused.
         triangulation: with the interpolated interface in 2-D and without free surface: "repair" flips edges of the
             last mesh, and removes and inserts relocated particles, where possible; "rebuild" calls Qhull in every step.
+        budget: what the history has of energy and momentum: "total"; or "detailed", also what each kind of repair of the
+            mesh adds to those of each fluid, see docs/theory/energy.md. No step depends on it.
         relocation: when and where to particles are relocated with the interpolated interface.
         fitting: when the triangulation is changed, with the sharp interface.
         surface: which simplices are fluid, with a free surface.
@@ -203,6 +205,7 @@ class Numerics:
     largest_move: float = 0.35
     smallest_jacobian: float = 0.05
     triangulation: str = "repair"
+    budget: str = "total"
     relocation: RelocationRule = field(default_factory=RelocationRule)
     fitting: FittedRule = field(default_factory=FittedRule)
     surface: SurfaceRule = field(default_factory=SurfaceRule)
@@ -225,6 +228,8 @@ class Numerics:
             raise ValueError(f"Numerics: newton_iterations is {self.newton_iterations!r}; it must be a whole number")
         if self.triangulation not in ("repair", "rebuild"):
             raise ValueError(f"Numerics: triangulation is {self.triangulation!r}; it must be 'repair' or 'rebuild'")
+        if self.budget not in ("total", "detailed"):
+            raise ValueError(f"Numerics: budget is {self.budget!r}; it must be 'total' or 'detailed'")
         if self.jacobian not in ("rows", "matrix-free"):
             raise ValueError(f"Numerics: jacobian is {self.jacobian!r}; it must be 'rows' or 'matrix-free'")
         if self.pressure not in ("auto", "continuous", "two-sided"):

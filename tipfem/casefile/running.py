@@ -242,6 +242,7 @@ def run_to(
 ) -> int:
     """Run a simulation to a time [s], say how it went, and return the exit code."""
     from tipfem.errors import SimulationError
+    from tipfem.step.remeshing_table import remeshing_table
 
     try:
         simulation.run(end, progress=progress, control=control)
@@ -259,6 +260,8 @@ def run_to(
         print(f"note: the run ended before step {record.step}, at which the next command was to be repeated")
     row = simulation.history[-1]
     print(f"{row['step']} steps to t = {row['time']:g} s in {row['wall_seconds']:.0f} s; results: {folder}")
+    if sums := simulation.remeshing_sums():
+        print(remeshing_table(sums))
     return 0
 
 

@@ -244,6 +244,9 @@ class NumericsTable(Model):
     triangulation: Literal["repair", "rebuild"] = quantity(
         "of the interpolated interface in 2-D: repair the last mesh, or rebuild it every time", default="repair"
     )
+    budget: Literal["total", "detailed"] = quantity(
+        "detailed: the history also has what each kind of repair of the mesh adds to each fluid", default="total"
+    )
     fitting: FittingTable = Field(default_factory=FittingTable, description="rule of the sharp interface")
     relocation: RelocationTable = Field(
         default_factory=RelocationTable, description="rule of the interpolated interface"

@@ -15,6 +15,8 @@ from tipfem.case.numerics import FittedRule
 from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
 from tipfem.mesh.mesh import Mesh
+from tipfem.remesh.edges.edge_operations import VELOCITY
+from tipfem.remesh.repair_account import RepairAccount
 from tipfem.remesh.triangulation import Crowding, Triangulation
 from tipfem.remesh.volumes import restore_volumes, with_components
 from tipfem.timers import timer
@@ -58,6 +60,7 @@ def repair(
     slippery: Array | None = None,
     total: Array | None = None,
     graded: bool = False,
+    account: RepairAccount | None = None,
 ) -> Repaired:
     """Remesh particles that have moved.
 
@@ -73,6 +76,7 @@ def repair(
             by the solve stay, and only those by remeshing are undone.
         graded: whether the number of particles follows the targets. Otherwise N is kept: particles that crowd others
             are relocated.
+        account: of what each kind of repair adds to energy and momentum; none by default.
 
     Raises:
         TriangulationError: the repair did not terminate, or left a triangle without area.
@@ -83,6 +87,8 @@ def repair(
     held = fixed.astype(bool)
     with timer("flips"):
         t = Triangulation.of(particles, mesh, density, moved, rule.flip_tolerance)
+        if account:
+            t.observer = account.add_triangulation
         flips = t.make_delaunay(rule.flip_tolerance, stale_only=True)
     sticks = held if slippery is None else held | (slippery > 0)
     with timer("interface repair"):
@@ -107,6 +113,8 @@ def repair(
         slides[: len(held)] = (slippery > 0) & ~held & ~relocated[: len(held)]
     with timer("volumes"):
         new = restore_volumes(new, mesh, moved, relocated, total, 0.05 * particles.spacing, len(density), slides)
+    if account:
+        account.add_mesh("volumes", new, np.ascontiguousarray(t.state[:, VELOCITY : VELOCITY + 2]))
     position = new.period.wrapped(new.position)
     if not (flips or broken or relocated.any() or (position != particles.position).any()):
         return Repaired(particles, mesh.moved(particles.position), relocated)

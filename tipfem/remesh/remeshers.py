@@ -34,7 +34,8 @@ from tipfem.remesh.fitted import hull_corners, particle_fluid, repair, with_flui
 from tipfem.remesh.meshers import FreeSurfaceMesher, Mesher, TankMesher
 from tipfem.remesh.momentum_transfer import conserve_along_period, nodal_density, transfer_momentum
 from tipfem.remesh.relocation import relocate
-from tipfem.remesh.side_pressures import pressures_on_sides
+from tipfem.remesh.repair_account import INTERPOLATED, SHARP, RepairAccount
+from tipfem.remesh.side_pressures import of_renumbered, pressures_on_sides
 from tipfem.remesh.sizing import limit_gradation
 from tipfem.remesh.surface_volumes import carried_through, kept_inside, mass_factor, restore_volumes, with_momenta
 from tipfem.remesh.volumes import with_components
@@ -52,10 +53,14 @@ class Remesher(ABC):
     Attributes:
         interface: the rule for the properties of elements between fluids.
         keeps_volumes: whether remeshing restores the volumes of the fluids, so that no source is needed.
+        repairs: kinds of repair, see `RepairAccount`.
+        account: of what each of them adds in the last remeshing; None without a detailed budget.
     """
 
     interface: InterfaceRule
     keeps_volumes: bool
+    repairs: tuple[str, ...]
+    account: RepairAccount | None = None
 
     def __init__(self, fluids: Sequence[Fluid]) -> None:
         self.fluids = list(fluids)
@@ -105,6 +110,13 @@ class Remesher(ABC):
         new = self._state(particles, mesh, *of_cells, **{**kept, **others})
         return dataclasses.replace(new, start_volume=state.start_volume + new.volume - state.volume)
 
+    def _ended(self, *values: Any, **others: Any) -> State:
+        """The `_state` after a remeshing, with which its account ends."""
+        state = self._state(*values, **others)
+        if self.account:
+            self.account.end(state)
+        return state
+
     def _state(self, particles: Particles, mesh: Mesh, material: Material, mass: Array, **others: Any) -> State:
         """A state from the lumped ``mass`` (N,) of its elements; ``others`` are further attributes."""
         volume = material.volumes(mesh.measure) + spray_volumes(mesh, particles.fluid, len(self.fluids))
@@ -126,6 +138,7 @@ class DelaunayRemesher(Remesher):
 
     interface = InterpolatedInterface()
     keeps_volumes = False
+    repairs = INTERPOLATED
 
     def __init__(
         self, fluids: Sequence[Fluid], rule: RelocationRule, mesher: Mesher, *, momentum_transfer: bool = True
@@ -166,7 +179,9 @@ class DelaunayRemesher(Remesher):
     @timer("remeshing")
     def remesh(self, solved: Solved) -> State:
         """See `Remesher.remesh`."""
-        before, walls = solved.before, solved.walls
+        before, walls, account = solved.before, solved.walls, self.account
+        if account:
+            account.start(solved)
         convex = before.boundary.domain is None
         start = kept_inside(solved.particles) if convex and before.mesh.surface.exists else solved.particles
         with timer("relocation"):
@@ -175,6 +190,9 @@ class DelaunayRemesher(Remesher):
             particles, of_walls = walls.space(particles, before.mesh.surface)
         with timer("triangulation"):
             mesh, rebuilt = self.mesher.remesh(solved, particles, moves)
+        if account:
+            labelled = self._labelled(particles, mesh)
+            account.add("triangulation", labelled, mesh, self._material(labelled, mesh)[0])
         relocated = (particles.position != start.position).any(axis=1)
         kept = None
         if before.mesh.surface.exists or mesh.surface.exists:
@@ -186,11 +204,15 @@ class DelaunayRemesher(Remesher):
         material, mass = self._material(particles, mesh)
         if kept is not None:
             particles = with_momenta(solved, kept, particles, mesh, material.density, mass)
+        if account:
+            account.add("volumes", particles, mesh, material)
         if self.momentum_transfer:
             assert isinstance(before.material, InterpolatedMaterial)
             around = np.where(relocated, np.nan, before.material.nodal_density)
             particles = transfer_momentum(particles, mesh, around, material.nodal_density, before.boundary.still)
-        return self._state(
+            if account:
+                account.add("transfer", particles, mesh, material)
+        return self._ended(
             conserve_along_period(solved, walls.imposed(particles), mass),
             mesh,
             material,
@@ -276,6 +298,7 @@ class FittedRemesher(Remesher):
 
     interface = SharpInterface()
     keeps_volumes = True
+    repairs = SHARP
 
     def __init__(
         self,
@@ -349,6 +372,8 @@ class FittedRemesher(Remesher):
     def remesh(self, solved: Solved) -> State:
         """See `Remesher.remesh`."""
         before = solved.before
+        if self.account:
+            self.account.start(solved)
         particles = self._graded(solved.walls.set_back(solved.particles), before.mesh)
         boundary, fixed = before.boundary, before.fixed.copy()
         fixed[boundary.index[boundary.pinned]] = True
@@ -363,6 +388,7 @@ class FittedRemesher(Remesher):
             slippery=slippery,
             total=before.start_volume if self._keep else None,
             graded=self._grading is not None,
+            account=self.account,
         )
         fixed, reference, jump = before.fixed, before.reference, solved.pressure_jump
         if renumbered is not None:
@@ -372,10 +398,10 @@ class FittedRemesher(Remesher):
         particles = particles.shallow_copy(fluid=particle_fluid(mesh, len(particles), self.rank))
         if jump is not None:
             assert before.mesh.components is not None
-            known = _renumbered(before.mesh.components.at_particle >= 0, renumbered, relocated)
+            known = of_renumbered(before.mesh.components.at_particle >= 0, renumbered, relocated)
             pressure, jump = pressures_on_sides(
                 particles.pressure,
-                _renumbered(jump, renumbered, relocated),
+                of_renumbered(jump, renumbered, relocated),
                 known,
                 mesh,
                 particles.fluid,
@@ -389,7 +415,7 @@ class FittedRemesher(Remesher):
             bodies = bodies.remeshed(self._bodies, particles, renumbered, relocated)
             particles = bodies.imposed(particles)
         material, mass = self._material(mesh)
-        return self._state(
+        return self._ended(
             conserve_along_period(solved, particles, mass),
             mesh,
             material,
@@ -453,18 +479,6 @@ class FittedRemesher(Remesher):
         return target
 
 
-def _renumbered(values: Array, renumbered: Array | None, relocated: Array) -> Array:
-    """Values (F, N) of particles as (F, N') of those after a repair, see `Repaired`; 0 for those ``relocated`` (N')."""
-    result = np.zeros((len(values), len(relocated)), dtype=values.dtype)
-    if renumbered is None:
-        result[:] = values
-    else:
-        kept = renumbered >= 0
-        result[:, renumbered[kept]] = values[:, kept]
-    result[:, relocated] = 0
-    return result
-
-
 REMESHERS: dict[str, type[DelaunayRemesher] | type[FittedRemesher]] = {
     "interpolated": DelaunayRemesher,
     "sharp": FittedRemesher,
@@ -473,4 +487,7 @@ REMESHERS: dict[str, type[DelaunayRemesher] | type[FittedRemesher]] = {
 
 def remesher_for(case: Case) -> Remesher:
     """The remesher of a case's interface rule."""
-    return REMESHERS[case.interface].of(case)
+    remesher: Remesher = REMESHERS[case.interface].of(case)
+    if case.numerics.budget == "detailed":
+        remesher.account = RepairAccount(case, remesher.repairs)
+    return remesher

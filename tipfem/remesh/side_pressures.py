@@ -68,3 +68,15 @@ def pressures_on_sides(
         known |= found
     carried = np.where(known.any(axis=0), side[fluid, np.arange(len(pressure))], pressure)
     return carried, np.where(there, side - carried, 0.0)
+
+
+def of_renumbered(values: Array, renumbered: Array | None, relocated: Array) -> Array:
+    """Values (F, N) of particles as (F, N') of those after a repair, see `Repaired`; 0 for those ``relocated`` (N')."""
+    result = np.zeros((len(values), len(relocated)), dtype=values.dtype)
+    if renumbered is None:
+        result[:] = values
+    else:
+        kept = renumbered >= 0
+        result[:, renumbered[kept]] = values[:, kept]
+    result[:, relocated] = 0
+    return result

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -54,6 +55,7 @@ class Triangulation:
         density: (F,) of the fluids [kg/m^3].
         period: of the positions.
         removed: free list: the particles that were removed and have not been inserted again.
+        observer: told after each kind of repair that changed something, by its name; or None.
     """
 
     state: Array
@@ -65,6 +67,7 @@ class Triangulation:
     density: Array
     period: Period = field(default_factory=lambda: no_period(2))
     removed: Array = field(default_factory=lambda: np.zeros(0, dtype=np.int32))
+    observer: Callable[[str, Triangulation], None] | None = None
     _stale: Array = field(init=False)  # (M,) int8, see `edge_operations.TriangleArrays`
     _marks: Array | None = field(init=False, default=None)  # valid through flips and motion, reset by other changes
 
@@ -170,7 +173,12 @@ class Triangulation:
             if counters[flips.ENDLESS]:
                 raise TriangulationError(f"flipping edges does not terminate ({count} flips)")
             if not counters[flips.QUEUE_FULL]:
+                self._observed("flips", count)
                 return count
+
+    def _observed(self, kind: str, changes: int) -> None:
+        if self.observer and changes:
+            self.observer(kind, self)
 
     def marks(self) -> Array:
         """(N,) of the particles, see `tipfem.mesh.components.Components.mark`."""
@@ -280,9 +288,8 @@ class Triangulation:
         fixed, displacement = held.astype(np.int32), np.ascontiguousarray(displacement)
         most = max(3 * elements, len(self.state))
         keys, names = np.empty((most, 2)), np.empty(most, dtype=np.int32)
-        broken, before, slide = 0, -1, 1
-        while counters[films_contacts.ABSORBED] != before:  # the parts of an edge may be long, too
-            before = int(counters[films_contacts.ABSORBED])
+
+        def repair(slide: int, limits: Array) -> None:
             launch(
                 films_contacts.repair_interfaces,
                 self.state,
@@ -305,11 +312,23 @@ class Triangulation:
                 slide,
                 work=(elements, films_contacts.CELL),
             )
+
+        broken, before, slide = 0, -1, 1
+        if self.observer:  # contacts alone, with the same results
+            repair(slide, np.where(np.arange(films_contacts.LIMITS) < films_contacts.FILM, limits, 0.0))
+            self.observer("contacts", self)
+            slide = 0
+        while counters[films_contacts.ABSORBED] != before:  # the parts of an edge may be long, too
+            before = int(counters[films_contacts.ABSORBED])
+            repair(slide, limits)
             slide, limits[films_contacts.FILM] = 0, 0.0
             if counters[films_contacts.BROKEN]:
                 broken, before = int(counters[films_contacts.BROKEN]), -1
                 counters[films_contacts.BROKEN] = 0
                 self._changed(broken, of_fluids=True)
+                self._observed("films", broken)
+            else:
+                self._observed("slivers", int(counters[films_contacts.ABSORBED]) - before)
         absorbed = int(counters[films_contacts.ABSORBED])
         self._changed(absorbed, of_fluids=True)
         return broken, absorbed
@@ -357,6 +376,7 @@ class Triangulation:
         )
         self.removed = np.concatenate([self.removed, removed[: counters[REMOVED]]])
         self._changed(counters[REMOVED])
+        self._observed("collapses", counters[REMOVED])
         return _sorted(edges, keys, int(counters[STORED])), int(counters[NEEDED])
 
     def provide(self, count: int) -> None:
@@ -439,6 +459,7 @@ class Triangulation:
         inserted = int(counters[refining.INSERTED])
         self.removed = self.removed[inserted:]
         self._changed(inserted)
+        self._observed("splits", inserted)
 
 
 def _sorted(edges: Array, keys: Array, count: int) -> Array:

@@ -1,0 +1,50 @@
+"""The kernel that sums energy and momentum over the cells of a mesh, fluid by fluid."""
+
+import taichi as ti
+
+from tipfem.backend.array_types import Ints2, Reals1, Reals2, Template
+from tipfem.backend.launch import kernel, part_of
+from tipfem.fem.element import row
+
+
+@kernel
+def cell_sums(
+    position: Reals2,
+    velocity: Reals2,
+    cells: Ints2,
+    mass: Reals2,
+    gravity: Reals1,
+    partial: Reals2,
+    result: Reals1,
+    dim: Template,
+    parts: ti.i32,
+    stride: Template,
+):
+    """Sums over the cells, for each fluid in turn 2 + d of them added to result (F (2 + d),).
+
+    mass (M, F) of each cell by fluid [kg], a (d + 1)-th part of it at each of the cell's particles. The sums are
+    m v . v / 2 and -m x . gravity [J], and m v in each direction [N s].
+    """
+    for t in range(parts * stride):
+        width = 2 + dim
+        if t % stride == 0:
+            for k in range(mass.shape[1] * width):
+                partial[t // stride, k] = 0.0
+        first, last = part_of(t, parts, stride, cells.shape[0])
+        for c in range(first, last):
+            energy, height, momentum = 0.0, 0.0, ti.Vector.zero(float, dim)
+            for a in ti.static(range(dim + 1)):
+                x, v = row(position, cells[c, a], dim), row(velocity, cells[c, a], dim)
+                energy += 0.5 * v.dot(v) / (dim + 1)
+                momentum += v / (dim + 1)
+                for k in ti.static(range(dim)):
+                    height -= gravity[k] * x[k] / (dim + 1)
+            for f in range(mass.shape[1]):
+                partial[t // stride, f * width] += mass[c, f] * energy
+                partial[t // stride, f * width + 1] += mass[c, f] * height
+                for k in ti.static(range(dim)):
+                    partial[t // stride, f * width + 2 + k] += mass[c, f] * momentum[k]
+    ti.loop_config(serialize=True)
+    for c in range(parts):
+        for k in range(result.shape[0]):
+            result[k] = result[k] + partial[c, k]

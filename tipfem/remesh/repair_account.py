@@ -1,0 +1,129 @@
+"""What each kind of repair adds to the energy and the momentum of each fluid, in a step's remeshing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tipfem.backend.arrays import partials
+from tipfem.backend.launch import launch
+from tipfem.case.case import Case
+from tipfem.case.particles import Particles
+from tipfem.mesh.mesh import Mesh, simplex_measure
+from tipfem.remesh.account_kernels import cell_sums
+from tipfem.remesh.edges.edge_operations import ACCELERATION, VELOCITY
+from tipfem.remesh.triangulation import Triangulation
+from tipfem.state import InterpolatedMaterial, Material, Solved, State
+from tipfem.timers import timer
+from tipfem.typing import Array
+
+# Kinds of repair in their order, by what remeshes; docs/theory/energy.md says what each is.
+SHARP = ("areas", "flips", "contacts", "films", "slivers", "collapses", "splits", "volumes", "walls")
+INTERPOLATED = ("areas", "triangulation", "volumes", "transfer", "walls")
+AXES = "xyz"
+
+
+class RepairAccount:
+    """Sums of energy and momentum before and after each repair of a step: a diagnostic, on which no step depends.
+
+    What all kinds add is what remeshing adds in the `tipfem.step.budget.Budget` of the step, to round-off.
+
+    Args:
+        case: its fluids, and gravity.
+        kinds: of repair.
+
+    Attributes:
+        columns: names of the columns of `row`.
+    """
+
+    def __init__(self, case: Case, kinds: Sequence[str]) -> None:
+        # Along a periodic side gravity has no potential, see `tipfem.step.budget.Budget`.
+        self._gravity = np.where(case.period.width > 0, 0.0, np.asarray(case.gravity, dtype=float))
+        self._density, self._d = np.array([f.density for f in case.fluids]), len(self._gravity)
+        self._number = {kind: number for number, kind in enumerate(kinds)}
+        self._quantities = ("kinetic_energy", "potential_energy", *(f"momentum_{axis}" for axis in AXES[: self._d]))
+        self.columns = tuple(
+            f"remeshing_{kind}_{quantity}_{f.name}"
+            for kind in kinds
+            for f in case.fluids
+            for quantity in self._quantities
+        )
+        self._added = np.zeros((len(kinds), len(case.fluids), len(self._quantities)))
+        self._last = np.zeros(self._added.shape[1:])
+
+    @timer("repair account")
+    def start(self, solved: Solved) -> None:
+        """Begin with a solved step, whose cells have the masses it was solved with.
+
+        ``areas`` is then what it adds that these become their areas at the new positions, times density.
+        """
+        state = solved.before
+        self._added[:] = 0.0
+        self._last = self._of_state(solved.particles, state.mesh, state.material, state.mesh.measure)
+        self._add("areas", self._of_state(solved.particles, state.mesh, state.material, solved.mesh.measure))
+
+    @timer("repair account")
+    def add(self, kind: str, particles: Particles, mesh: Mesh, material: Material) -> None:
+        """Add to a kind what has changed since the last call, up to a mesh and its material."""
+        self._add(kind, self._of_state(particles, mesh, material, mesh.measure))
+
+    @timer("repair account")
+    def add_triangulation(self, kind: str, t: Triangulation) -> None:
+        """Add to a kind what has changed since the last call, up to a triangulation."""
+        there = np.flatnonzero(t.fluid >= 0)
+        cells, fluid = t.cells.take(there, axis=0), t.fluid.take(there)
+        position, velocity = np.ascontiguousarray(t.state[:, :VELOCITY]), t.state[:, VELOCITY:ACCELERATION]
+        self._add(kind, self._of_cells(position, velocity, cells, fluid, simplex_measure(position, cells, t.period)))
+
+    @timer("repair account")
+    def add_mesh(self, kind: str, mesh: Mesh, velocity: Array) -> None:
+        """The same up to a mesh whose cells have fluids, with velocities (N, 2) of its particles."""
+        assert mesh.fluid is not None
+        self._add(kind, self._of_cells(mesh.position, velocity, mesh.cells, mesh.fluid, mesh.measure))
+
+    def end(self, state: State) -> None:
+        """End with the next state; what has changed since the last call is due to walls."""
+        self.add("walls", state.particles, state.mesh, state.material)
+
+    def row(self) -> dict[str, float]:
+        """Columns of the history: what each kind has added in the last remeshing [J; N s; per metre of depth in 2-D]."""
+        return dict(zip(self.columns, self._added.ravel().tolist(), strict=True))
+
+    def _add(self, kind: str, now: Array) -> None:
+        self._added[self._number[kind]] += now - self._last
+        self._last = now
+
+    def _of_cells(self, position: Array, velocity: Array, cells: Array, fluid: Array, measure: Array) -> Array:
+        """Sums (F, 2 + d), as of `cell_sums`, of cells of one fluid each."""
+        mass = np.zeros((len(cells), len(self._density)))
+        mass[np.arange(len(cells)), fluid] = self._density[fluid] * measure
+        return self._sums(position, velocity, cells, mass)
+
+    def _of_state(self, particles: Particles, mesh: Mesh, material: Material, measure: Array) -> Array:
+        """The same of cells of ``measure`` (M,) with their material, and of the particles in none."""
+        part = material.fraction
+        if isinstance(material, InterpolatedMaterial):  # the density of a cell is the mean of its particles'
+            at_corner = particles.fluid[mesh.cells]
+            part = np.stack([(at_corner == f).mean(axis=1) for f in range(len(self._density))], axis=1)
+        mass = part * self._density * measure[:, None]
+        sums = self._sums(particles.position, particles.velocity, mesh.cells, mass)
+        loose = np.flatnonzero(mesh.surface.loose)
+        if len(loose):
+            fluid = particles.fluid[loose]
+            m, v = self._density[fluid] * mesh.surface.volume[loose], particles.velocity[loose]
+            own = np.column_stack([0.5 * (v**2).sum(axis=1), -particles.position[loose] @ self._gravity, v])
+            np.add.at(sums, fluid, m[:, None] * own)
+        return sums
+
+    def _sums(self, position: Array, velocity: Array, cells: Array, mass: Array) -> Array:
+        sums = np.zeros(self._last.size)
+        launch(
+            cell_sums,
+            *map(np.ascontiguousarray, (position, velocity, cells, mass)),
+            self._gravity,
+            partials(len(sums)),
+            sums,
+            self._d,
+        )
+        return sums.reshape(self._last.shape)
