@@ -87,7 +87,7 @@ class RepairAccount:
         self.add("walls", state.particles, state.mesh, state.material)
 
     def row(self) -> dict[str, float]:
-        """Columns of the history: what each kind has added in the last remeshing [J; N s; per metre of depth in 2-D]."""
+        """Columns of the history: what each kind has added in the last remeshing [J; N s; in 2-D per metre]."""
         return dict(zip(self.columns, self._added.ravel().tolist(), strict=True))
 
     def _add(self, kind: str, now: Array) -> None:
@@ -126,4 +126,4 @@ class RepairAccount:
             sums,
             self._d,
         )
-        return sums.reshape(self._last.shape)
+        return np.asarray(sums.reshape(self._last.shape))
