@@ -27,6 +27,7 @@ WHAT = {
     "viewer": "results and runs in a browser",
     "results": "results read back",
     "fields": "states in files",
+    "remeshing_table": "what repairs of the mesh add",
     "tables": "tables of columns",
     "notebook": "what notebooks show",
     "state": "particles, mesh and material at one time",

@@ -17,6 +17,7 @@ from tipfem.fields.field_state import VTK_CELLS, three_components
 from tipfem.folder_lock import FolderLock
 from tipfem.notebook import Movie, facts
 from tipfem.output import MANIFEST
+from tipfem.remeshing_table import Sums, remeshing_sums, remeshing_table
 from tipfem.tables import Table, package
 from tipfem.typing import Array
 
@@ -88,19 +89,15 @@ class RunResults:
         """Content of summary.json: settings, versions, status and figures; empty before the run has ended."""
         return self._json("summary.json") or {}
 
-    def remeshing_sums(self) -> dict[str, dict[str, dict[str, float]]]:
+    def remeshing_sums(self) -> Sums:
         """What each kind of repair of the mesh added to energy and momentum: by fluid, kind and quantity [J, N s].
 
         Empty for a run without ``Numerics(budget="detailed")``.
         """
-        from tipfem.step.remeshing_table import remeshing_sums
-
         return remeshing_sums({name: float(values.sum()) for name, values in self.history.items()})
 
     def remeshing_table(self) -> str:
         """The same as a text in columns, to be printed."""
-        from tipfem.step.remeshing_table import remeshing_table
-
         return remeshing_table(self.remeshing_sums())
 
     @property

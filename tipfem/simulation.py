@@ -31,6 +31,7 @@ from tipfem.notebook import facts
 from tipfem.output import ResultsFolder, fill_columns, own_columns
 from tipfem.probes import Probe, ProbeRecorder
 from tipfem.remesh.remeshers import remesher_for
+from tipfem.remeshing_table import Sums, remeshing_sums
 from tipfem.resuming import RunCheckpoints, keep_case, resumed
 from tipfem.run import require_intervals, require_later, writing
 from tipfem.run import run as run_to
@@ -38,7 +39,6 @@ from tipfem.state import Solved, State, state_with_held_bodies
 from tipfem.steering import Command, Record, RunControl, Steering
 from tipfem.step.budget import Budget
 from tipfem.step.numerical_error import numerical_error
-from tipfem.step.remeshing_table import Sums, remeshing_sums
 from tipfem.step.solve import StepSolver
 from tipfem.step.volume_source import VolumeControl
 from tipfem.timers import Timings, timer

@@ -20,6 +20,7 @@ from tipfem.casefile.problems import CaseFileError
 from tipfem.logs import log_json, log_lines
 from tipfem.output import CASE_FILE
 from tipfem.progress import on_terminal
+from tipfem.remeshing_table import remeshing_table
 
 if TYPE_CHECKING:
     from tipfem.case.case import Case
@@ -242,7 +243,6 @@ def run_to(
 ) -> int:
     """Run a simulation to a time [s], say how it went, and return the exit code."""
     from tipfem.errors import SimulationError
-    from tipfem.step.remeshing_table import remeshing_table
 
     try:
         simulation.run(end, progress=progress, control=control)
