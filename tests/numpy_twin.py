@@ -55,7 +55,8 @@ class Step:
     """All that one time step's residual depends on besides the unknowns u (N, d) and p (N,).
 
     position, velocity, acceleration, body_force (N, d); cells (M, d + 1); wall (N,);
-    density, viscosity, source (M,); stabilisation is c in tau = c dt^2.
+    density, viscosity, source (M,); stabilisation is c in tau = c dt^2; consistent is the part of the mass matrix
+    that is int rho phi_a phi_b, the rest is lumped.
     """
 
     position: np.ndarray
@@ -70,6 +71,7 @@ class Step:
     alpha: Alpha
     stabilisation: float
     spacing: float
+    consistent: float = 0.0
 
     @property
     def dimension(self):
@@ -118,7 +120,10 @@ def parts(step, u, p):
     sigma = 2 * step.viscosity[:, None, None] * strain_rate - mean_p[:, None, None] * np.eye(d)
     stress = (area * jacobian)[:, None, None] * np.einsum("mij,maj->mai", sigma, g)
     relative = (a_alpha - step.body_force)[cells]
-    inertia = (area * step.density / (d + 1))[:, None, None] * relative
+    # int phi_a phi_b = A d! / (d + 2)! (1 + delta_ab), times the d! in A
+    shared = (relative + relative.sum(axis=1, keepdims=True)) / ((d + 1) * (d + 2))
+    shared = step.consistent * shared + (1 - step.consistent) * relative / (d + 1)
+    inertia = (area * step.density)[:, None, None] * shared
     volume = np.repeat((area * (j_next - 1 - step.source) / (d + 1))[:, None], d + 1, axis=1)
     q = relative.mean(axis=1) + (jacobian / step.density)[:, None] * np.einsum("ma,mai->mi", p[cells], g)
     stabilisation = (area * tau(step, area))[:, None] * np.einsum("mai,mi->ma", g, q)

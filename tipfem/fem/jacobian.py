@@ -33,6 +33,7 @@ def gather_rows(
     offsets: Ints1,
     corners: Ints1,
     density: Reals1,
+    lumping: Reals1,
     record: Reals2,
     scale: Reals1,
     row_offsets: Ints1,
@@ -50,18 +51,18 @@ def gather_rows(
     contributes for its nodes a, b
 
     momentum by displacement: w {mu [(g_a . g_b) M + g_b (x) M^T g_a] + cf [s_a (x) g_b - s_b (x) g_a]}
-        + delta_ab rho A / (d + 1) cm I
+        + rho A / (d + 1) cm (lambda delta_ab + (1 - lambda) / (d + 1)) I
     momentum by pressure: -w g_a / (d + 1)
     continuity by displacement: A / (d + 1) c_b
         + A tau {cm / (d + 1) g_a + cf [(g_a . f) g_b - (g_a . g_b) f - (g_b . q) g_a]}
     continuity by pressure: A tau J / rho g_a . g_b
 
-    ``slots`` as in `sparsity.find_neighbours`.
+    with the part lambda of the mass that is lumped, ``lumping`` (M,). ``slots`` as in `sparsity.find_neighbours`.
     """
     for i in range(nodes):
         first, last = row_offsets[i], row_offsets[i + 1]
         # The diagonal block is accumulated in registers. Gradients sum to zero, and so do the blocks of an element,
-        # except for its mass and the inertia in the stabilisation.
+        # except for its mass, which sums to that of lumping, and the inertia in the stabilisation.
         own_uu, own_pp = ti.Matrix.zero(float, dim, dim), 0.0
         own_up, own_pu = ti.Vector.zero(float, dim), ti.Vector.zero(float, dim)
         scale_u, scale_p = ti.Vector.zero(float, dim), scale[i * (dim + 1) + dim]
@@ -82,8 +83,10 @@ def gather_rows(
             f, q, by_pressure = stabilisation * cf * f, stabilisation * cf * q, stabilisation * tail[3]
             a_f, inertia = g_a.dot(f), stabilisation * cm / (dim + 1) * g_a
             pressure = -w / (dim + 1) * scale_u * g_a
+            mass = density[e] * area / (dim + 1) * cm
+            shared = mass * (1.0 - lumping[e]) / (dim + 1)
             for k in ti.static(range(dim)):
-                own_uu[k, k] += scale_u[k] * (density[e] * area / (dim + 1) * cm)
+                own_uu[k, k] += scale_u[k] * mass  # of which the others' parts are subtracted below
             own_up += pressure
             own_pu += (dim + 1) * scale_p * inertia
             for other in ti.static(range(1, dim + 1)):
@@ -95,6 +98,8 @@ def gather_rows(
                 growth = scale_p * (growth + inertia + a_f * g_b - both * f - g_b.dot(q) * g_a)
                 value = scale_p * by_pressure * both
                 s = first + slots[c * dim + other - 1]
+                for k in ti.static(range(dim)):
+                    block[k, k] += shared
                 for k in ti.static(range(dim)):
                     for m in ti.static(range(dim)):
                         entry = scale_u[k] * block[k, m]

@@ -22,6 +22,7 @@ def jacobian_product(
     offsets: Ints1,
     corners: Ints1,
     density: Reals1,
+    lumping: Reals1,
     record: Reals2,
     scale: Reals1,
     x: Reals1,
@@ -62,10 +63,11 @@ def jacobian_product(
         stress += big_l.trace() * sigma - sigma @ big_l.transpose()
         dq = cm * mean_u + big_l.trace() * pressure_force + tail[3] * grad_p
         dq -= big_l.transpose() @ pressure_force + big_l @ q
-        mass = density[e] * area / (dim + 1) * cm
+        mass, lumped = density[e] * area / (dim + 1) * cm, lumping[e]
         for a in ti.static(range(dim + 1)):
             g = gradient(g_now, a)
-            force = w * (stress @ g) + mass * displacement_of(x, cells[e, a], dim)
+            force = w * (stress @ g)
+            force += mass * (lumped * displacement_of(x, cells[e, a], dim) + (1.0 - lumped) * mean_u)
             for k in ti.static(range(dim)):
                 local[e * (dim + 1) + a, k] = force[k]
             local[e * (dim + 1) + a, dim] = area / (dim + 1) * growth + tail[2] * g.dot(dq)

@@ -112,6 +112,7 @@ def residual(
     density: Reals1,
     viscosity: Reals1,
     source: Reals1,
+    lumping: Reals1,
     x: Reals1,
     scale: Reals1,
     record: Reals2,
@@ -131,8 +132,10 @@ def residual(
     motion (N, 3 d): positions at the start, and the parts of v_alpha and of a_alpha - b that do not depend on the
     step's displacement u; v_alpha = cv u + motion[:, d : 2 d], a_alpha - b = cm u + motion[:, 2 d :].
     source (M,): prescribed volume growth s in J - 1 = s. local (M (d + 1), d + 1) is scratch.
+    lumping (M,): part lambda of the mass matrix that is lumped, see `tipfem.fem.mass`.
 
-    Momentum, node a:   w sigma g_a + rho A / (d + 1) (a_alpha,a - b_a),  w = A J at the intermediate positions
+    Momentum, node a:   w sigma g_a + rho A / (d + 1) (lambda (a_alpha,a - b_a) + (1 - lambda) mean(a_alpha - b)),
+                        w = A J at the intermediate positions
     Continuity, node a: A (J_{n+1} - 1 - s) / (d + 1) + A tau g_a . q,  q = mean(a_alpha - b) + J / rho grad p
     (Carvalho & Sanches, eqs. 5 and 6; in eq. 6 both terms must carry the same sign.)
     """
@@ -158,7 +161,7 @@ def residual(
             inertia += acting / (dim + 1)
             grad_p += p * g
             mean_p += p / (dim + 1)
-        mu, rho, prescribed = viscosity[e], density[e], source[e]
+        mu, rho, prescribed, lumped = viscosity[e], density[e], source[e], lumping[e]
         unit = ti.Matrix.identity(float, dim)
         f_inverse = (unit + cf * h).inverse()
         jacobian = 1.0 + volume_change(cf * h)
@@ -176,7 +179,8 @@ def residual(
             g = gradient(g_now, a)
             force = w * (sigma @ g)
             for k in ti.static(range(dim)):
-                local[e * (dim + 1) + a, k] = force[k] + mass * accelerations[a, k]
+                acting = lumped * accelerations[a, k] + (1.0 - lumped) * inertia[k]
+                local[e * (dim + 1) + a, k] = force[k] + mass * acting
             local[e * (dim + 1) + a, dim] = growth + area * tau * g.dot(q)
         # (M^T with rows c_b = J_{n+1} grad_{n+1} phi_b)
         put_matrix(record, e, 0, g_now)

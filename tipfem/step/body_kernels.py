@@ -147,6 +147,7 @@ def rotation_terms(
     body_corners: Ints1,
     slots: Ints1,
     density: Reals1,
+    lumping: Reals1,
     record: Reals2,
     arm: Reals2,
     own: Reals2,
@@ -182,7 +183,8 @@ def rotation_terms(
                     mean += a / 3.0
                     if corner == c:
                         a_own = a
-            force += tail[0] * tail[4] * ((change + change.transpose()) @ g_a) + density[cell] * tail[1] / 3.0 * a_own
+            acting = lumping[cell] * a_own + (1.0 - lumping[cell]) * mean
+            force += tail[0] * tail[4] * ((change + change.transpose()) @ g_a) + density[cell] * tail[1] / 3.0 * acting
             growth += tail[2] * g_a.dot(mean)
         terms[e, 0], terms[e, 1], terms[e, 2] = force[0], force[1], growth
 

@@ -36,7 +36,7 @@ class BodyRows:
         walls: of the step, with bodies.
         mesh: of the equations: P nodes on N particles.
         owner: (P,) particle of each node, None where they are the same.
-        properties: (M,) density [kg/m^3] and viscosity [Pa s] of the elements.
+        properties: (M,) density [kg/m^3] and viscosity [Pa s] of the elements, and part of their mass that is lumped.
         force: (N, 2) acceleration by gravity and the like [m/s^2].
         pinned: (P,) mask of the nodes whose pressure is prescribed.
         system: of the step, whose grids and scales are set.
@@ -53,7 +53,7 @@ class BodyRows:
         walls: BodyWalls,
         mesh: Mesh,
         owner: Array | None,
-        properties: tuple[Array, Array],
+        properties: tuple[Array, Array, Array],
         force: Array,
         pinned: Array,
         system: LinearSystem,
@@ -166,11 +166,11 @@ class BodyRows:
         self._pair_count, self._ring_count = len(pair), len(ring)
 
     def _build(
-        self, mesh: Mesh, r: Array, properties: tuple[Array, Array], pinned: Array, system: LinearSystem
+        self, mesh: Mesh, r: Array, properties: tuple[Array, Array, Array], pinned: Array, system: LinearSystem
     ) -> None:
         """Scales of the bodies' rows, and the preconditioner."""
         s, count, put = self._scheme, self._count, self._buffers.upload
-        density, viscosity = properties
+        density, viscosity, lumping = properties
         cell, body, on = self._ring_cell, self._ring_body, self._ring_on
         corners = mesh.cells[cell]
         x = mesh.position[corners]
@@ -193,7 +193,10 @@ class BodyRows:
         shear = np.einsum("qaik,qaj->qkij", along, gradient)
         both = shear + shear.transpose(0, 1, 3, 2)
         own = (viscosity[cell] * area * s.cv)[:, None, None] * np.einsum("qkij,qmij->qkm", shear, both)
-        own += (density[cell] * area / 3 * s.cm)[:, None, None] * np.einsum("qaik,qaim->qkm", along, along)
+        share, total = lumping[cell][:, None, None], along.sum(axis=1)
+        mass = share * np.einsum("qaik,qaim->qkm", along, along)
+        mass += (1 - share) / 3 * np.einsum("qik,qim->qkm", total, total)
+        own += (density[cell] * area / 3 * s.cm)[:, None, None] * mass
         matrix = np.zeros((count, 3, 3))
         np.add.at(matrix, body, own)
         k = kernels
@@ -298,7 +301,7 @@ class BodyRows:
             self._count,
         )
 
-    def linearise(self, density: Any, record: Any) -> None:
+    def linearise(self, density: Any, lumping: Any, record: Any) -> None:
         """Compute the derivatives by the angles that do not follow from displacements, at the last residual."""
         launch(
             kernels.rotation_terms,
@@ -308,6 +311,7 @@ class BodyRows:
             self._bits,
             self._slots,
             density,
+            lumping,
             record,
             self._arm,
             self._own,

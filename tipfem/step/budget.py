@@ -19,6 +19,7 @@ import numpy as np
 from tipfem.backend.arrays import partials
 from tipfem.backend.launch import launch
 from tipfem.case.case import Case
+from tipfem.fem import mass as mass_kernels
 from tipfem.fem import work as work_kernels
 from tipfem.mesh.free_surface import spray_volumes
 from tipfem.state import Solved, State
@@ -34,7 +35,7 @@ class Totals:
     """Totals over all particles.
 
     Attributes:
-        kinetic: sum m v^2 / 2 [J, per metre of depth in 2-D, as all that follows].
+        kinetic: v^T M v / 2 with the mass matrix M [J, per metre of depth in 2-D, as all that follows].
         potential: -sum m x . gravity [J].
         momentum: (d,) sum m v [N s].
         volume: (F,) of each fluid [m^3].
@@ -51,8 +52,8 @@ class Totals:
         return self.kinetic + self.potential
 
     @staticmethod
-    def of(state: State, gravity: Array) -> Totals:
-        """Totals of a state, with ``gravity`` (d,) [m/s^2]."""
+    def of(state: State, gravity: Array, lumping: float) -> Totals:
+        """Totals of a state, with ``gravity`` (d,) [m/s^2], and the part of the mass matrix that is lumped."""
         d, mass, particles = len(gravity), state.mass, state.particles
         sums = np.zeros(1 + 2 * d)
         launch(
@@ -65,13 +66,41 @@ class Totals:
             d,
             work=(len(mass), work_kernels.SUM),
         )
+        sums[0] -= deviation(state, particles.velocity, particles.velocity, lumping)
         return Totals.summed(sums, gravity, state.volume)
 
     @staticmethod
     def summed(sums: Array, gravity: Array, volume: Array) -> Totals:
-        """From the sums (1 + 2 d,) of `work.state_sums`, and the volumes (F,) of the fluids."""
+        """From v^T M v, sum m x and sum m v (1 + 2 d,), and the volumes (F,) of the fluids."""
         d = len(gravity)
         return Totals(0.5 * float(sums[0]), -float((sums[1 : 1 + d] * gravity).sum()), sums[1 + d :], volume)
+
+
+def deviation(state: State, a: Array, b: Array, lumping: float) -> float:
+    """sum_i m_i a_i . b_i - a^T M b for fields a and b (N, d) and the mass matrix M of a state's elements.
+
+    Args:
+        state: on whose mesh.
+        a: (N, d).
+        b: (N, d).
+        lumping: part of the mass matrix that is lumped, see `tipfem.fem.mass`.
+    """
+    result = np.zeros(1)
+    if lumping < 1:
+        mesh, fields = state.mesh, (np.ascontiguousarray(a), np.ascontiguousarray(b))
+        launch(
+            mass_kernels.deviation,
+            np.ascontiguousarray(mesh.cells),
+            state.material.density,
+            mesh.measure,
+            *fields,
+            partials(1),
+            result,
+            lumping,
+            mesh.dimension,
+            work=(len(mesh.cells), mass_kernels.ELEMENT),
+        )
+    return float(result[0])
 
 
 @dataclass(frozen=True)
@@ -123,6 +152,7 @@ class Budget:
         self._names = [f.name for f in case.fluids]
         # Along a periodic side gravity has no potential: it is a body force there, whose work is external.
         self._gravity = np.where(case.period.width > 0, 0.0, case.gravity)
+        self._lumping = mass_kernels.lumped_part(case.numerics.mass, len(case.gravity))
         self._bodies = case.bodies
         self._floats = any(body.floats for body in case.bodies)
         zeros, none = np.zeros(len(self._gravity)), np.zeros(len(self._names))
@@ -135,7 +165,7 @@ class Budget:
     def totals(self, state: State) -> Totals:
         """Totals of a state; those of the last one are kept."""
         if self._last is None or self._last[0] is not state:
-            self._last = state, Totals.of(state, self._gravity)
+            self._last = state, Totals.of(state, self._gravity, self._lumping)
         return self._last[1]
 
     @timer("budget")
@@ -180,6 +210,12 @@ class Budget:
             d,
             work=(len(mass), work_kernels.SUM),
         )
+        for k, (one, other) in {
+            0: (solved.acceleration, solved.displacement),
+            1: (solved.force - self._gravity, solved.displacement),
+            2 + 2 * d: (end.velocity, end.velocity),
+        }.items():
+            sums[k] -= deviation(start, one, other, self._lumping)
         count = len(self._names)
         volume = start.material.volumes(solved.mesh.measure) + spray_volumes(start.mesh, old.fluid, count)
         after = Totals.summed(sums[2 + 2 * d :], self._gravity, volume)

@@ -40,11 +40,13 @@ class ElementProperties:
         density: (M,) [kg/m^3].
         viscosity: (M,) [Pa s].
         source: (M,) relative growth of volume in the step, s in J - 1 = s.
+        lumping: (M,) part of the mass matrix that is lumped; None for all, see `tipfem.fem.mass`.
     """
 
     density: Array
     viscosity: Array
     source: Array
+    lumping: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,8 @@ class FlowProblem:
         self._density = put("density", properties.density)
         self._viscosity = put("viscosity", properties.viscosity)
         self._source = put("source", properties.source)
+        lumping = np.ones(self.elements) if properties.lumping is None else properties.lumping
+        self._lumping = put("lumping", lumping)
         velocity, acceleration = walls.histories(*scheme.history(particles))
         acceleration -= body_force
         self._motion = put("motion", np.hstack([mesh.position, velocity, acceleration])[of_node])
@@ -152,7 +156,7 @@ class FlowProblem:
                 self._topology,
                 solved,
                 self._motion,
-                (self._density, self._viscosity),
+                (self._density, self._viscosity, self._lumping),
                 extremes,
                 put("held", np.stack([walls.fixed | free.loose, free.pinned], axis=1)[of_node]),
                 self._scale,
@@ -172,7 +176,7 @@ class FlowProblem:
         if floating:
             assert isinstance(walls, BodyWalls)
             with timer("bodies"):
-                material = properties.density, properties.viscosity
+                material = properties.density, properties.viscosity, lumping
                 pinned, owner = free.pinned[of_node], self._owner
                 self._bodies = BodyRows(
                     walls, solved, owner, material, body_force, pinned, self.system, self._scale, buffers
@@ -263,6 +267,7 @@ class FlowProblem:
             self._density,
             self._viscosity,
             self._source,
+            self._lumping,
             x,
             self._scale,
             self._record,
@@ -290,7 +295,7 @@ class FlowProblem:
         """Gather the Jacobian at the last `residual`."""
         self.system.gather(self._record)
         if self._bodies:
-            self._bodies.linearise(self._density, self._record)
+            self._bodies.linearise(self._density, self._lumping, self._record)
         self._linearised = True
 
     def acceleration(self, displacement: Array) -> Array:

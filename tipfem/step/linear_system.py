@@ -129,7 +129,8 @@ class LinearSystem:
         topology: of the mesh.
         mesh: M simplices on N particles.
         position: (N, d) device array [m].
-        material: device arrays of the elements' density [kg/m^3] and viscosity [Pa s], (M,) both.
+        material: device arrays (M,) of the elements' density [kg/m^3], viscosity [Pa s], and part of the mass matrix
+            that is lumped, see `tipfem.fem.mass`.
         extremes: lowest and highest of the densities.
         held: device array (N, 2), see `schur.scale_and_laplacian`: whether displacement and pressure are prescribed.
         scale: device array (N (d + 1),) that takes the rows' scales, see `schur.scale_and_laplacian`.
@@ -160,7 +161,7 @@ class LinearSystem:
         topology: Topology,
         mesh: Mesh,
         position: Any,
-        material: tuple[Any, Any],
+        material: tuple[Any, Any, Any],
         extremes: tuple[float, float],
         held: Any,
         scale: Any,
@@ -174,7 +175,8 @@ class LinearSystem:
         floor: float = 0.0,
     ) -> None:
         self._ties, self.bodies = ties, None
-        self._topology, self._density, self._scale, self._scheme = topology, material[0], scale, scheme
+        self._topology, self._scale, self._scheme = topology, scale, scheme
+        self._density, _, self._lumping = material
         self._nodes, self._elements, self._dimension = len(mesh.position), len(mesh.cells), mesh.dimension
         self._buffers = buffers
         n, d = self._nodes, self._dimension
@@ -194,7 +196,7 @@ class LinearSystem:
             *topology,
             position,
             mesh.period.array,
-            *material,
+            *material[:2],
             held,
             padded,
             self._slots,
@@ -249,6 +251,7 @@ class LinearSystem:
             jacobian.gather_rows,
             *self._topology,
             self._density,
+            self._lumping,
             record,
             self._scale,
             self.rows.row_offsets,

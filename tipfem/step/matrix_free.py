@@ -34,6 +34,7 @@ class MatrixFreeSystem(LinearSystem):
             matrix_free.jacobian_product,
             *self._topology,
             self._density,
+            self._lumping,
             self._record,
             self._scale,
             v,

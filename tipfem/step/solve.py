@@ -13,6 +13,7 @@ from tipfem.case.case import Case
 from tipfem.case.forces import Forces
 from tipfem.case.particles import Particles
 from tipfem.errors import StepRefused
+from tipfem.fem.mass import lumped_part
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg.newton import newton
 from tipfem.state import Solved, State
@@ -103,7 +104,8 @@ class StepSolver:
         varies = self.forces.vary(case, state.time)
         position = before.position + scheme.cf * scheme.predict(before) if varies else before.position
         force = self.forces.acceleration(case, position, state.time + scheme.cf * dt, state.time)
-        material = ElementProperties(state.material.density, state.material.viscosity, growth)
+        lumping = np.full(len(growth), lumped_part(numerics.mass, mesh.dimension))
+        material = ElementProperties(state.material.density, state.material.viscosity, growth, lumping)
         walls = walls_in_step(
             state.boundary, mesh, before, material.viscosity, scheme, state.time, material.density, state.layers
         )
