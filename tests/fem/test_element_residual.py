@@ -9,7 +9,7 @@ from residuals import residual_vector
 
 import tipfem as tp
 from tipfem.backend.arrays import download
-from tipfem.fem.mass import lumped_part
+from tipfem.fem.mass import consistent_part
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
@@ -62,7 +62,7 @@ class Setting:
     @property
     def lumping(self):
         """(M,) part of the mass matrix that is lumped."""
-        least = lumped_part("consistent", self.dimension)
+        least = consistent_part(self.dimension)
         return np.full(len(self.mesh.cells), 1 - self.consistent * (1 - least))
 
     @property

@@ -36,14 +36,16 @@ class _Stop(Exception):
 
 
 @pytest.mark.parametrize("jacobian", ["rows", "matrix-free"])
-@pytest.mark.parametrize("pressure", ["continuous", "two-sided"])
+@pytest.mark.parametrize(
+    ("pressure", "mass"), [("continuous", "lumped"), ("two-sided", "lumped"), ("two-sided", "consistent")]
+)
 @pytest.mark.parametrize("hinge", [None, (0.45, 0.6)])
-def test_the_jacobian_is_exact(monkeypatch, jacobian, pressure, hinge):
+def test_the_jacobian_is_exact(monkeypatch, jacobian, pressure, mass, hinge):
     """The body turns by 0.04 rad in the step; its springs, dampers and weight have their parts in the derivative."""
     moving = {"hinge": hinge} if hinge else {"velocity": (1.0, -0.5)}
     more = {"angular_velocity": 8.0, "stiffness": (1e3, 2e3, 50.0), "damping": (30.0, 40.0, 5.0)}
     body = tp.Body(box(), density=500.0, **moving, **more)
-    numerics = tp.Numerics(rho_inf=0.5, jacobian=jacobian, pressure=pressure)
+    numerics = tp.Numerics(rho_inf=0.5, jacobian=jacobian, pressure=pressure, mass=mass)
     simulation = tp.Simulation(half_full(body, fluids=(AIR, SYRUP), numerics=numerics), time_step=5e-3)
     simulation.step()
     checked = []
@@ -93,13 +95,14 @@ def energies(row):
     return sum(row[f"{name}_energy"] for name in ("kinetic", "potential", "body_kinetic", "body_potential"))
 
 
-def test_energy_and_volumes_are_accounted_for():
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_energy_and_volumes_are_accounted_for(mass):
     springs = {"stiffness": (100.0, 200.0, 5.0), "damping": (3.0, 4.0, 0.5)}
     bodies = [
         tp.Body(box((0.3, 0.55), size=(0.2, 0.15)), density=500.0, name="box", **springs),
         tp.Body(tp.shapes.circle((0.72, 0.35), 0.1), density=700.0, name="log", angular_velocity=3.0),
     ]
-    numerics = tp.Numerics(newton_tolerance=1e-10)
+    numerics = tp.Numerics(newton_tolerance=1e-10, mass=mass)
     simulation = tp.Simulation(half_full(*bodies, spacing=0.05, numerics=numerics))
     simulation.step()
     start = energies(simulation.history[0])

@@ -44,11 +44,13 @@ def column(simulation, name):
     return np.array([row[name] for row in simulation.history])
 
 
-@pytest.mark.parametrize("rho_inf", [0.0, 0.8])
+@pytest.mark.parametrize(
+    ("rho_inf", "mass"), [(0.0, "lumped"), (0.8, "lumped"), (0.0, "consistent")], ids=["0", "0.8", "consistent"]
+)
 @pytest.mark.parametrize("interface", ["interpolated", "sharp"])
-def test_energy_closes_in_the_dam_break(water, air, rho_inf, interface):
+def test_energy_closes_in_the_dam_break(water, air, rho_inf, interface, mass):
     """What is left is a millionth of what is dissipated, through remeshing, relocation and transfer of momentum."""
-    simulation = dam_break(water, air, rho_inf=rho_inf, interface=interface, newton_tolerance=2e-7)
+    simulation = dam_break(water, air, rho_inf=rho_inf, interface=interface, newton_tolerance=2e-7, mass=mass)
     before = sum(simulation.energy())
     while simulation.time < 0.1:
         simulation.step()

@@ -11,6 +11,7 @@ import tipfem as tp
 from tipfem.backend import launch as launching
 from tipfem.backend.arrays import download
 from tipfem.case.fluid import ranks
+from tipfem.fem.mass import consistent_part
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.cut import cut_along_interfaces
 from tipfem.mesh.delaunay import triangulate
@@ -43,7 +44,7 @@ def sample():
 class Setting:
     """A problem with three fluids, unknowns at random, and its twin in NumPy."""
 
-    def __init__(self, jacobian="rows"):
+    def __init__(self, jacobian="rows", consistent=0.0):
         self.particles, self.mesh = sample()
         rng = np.random.default_rng(5)
         n = len(self.particles)
@@ -51,10 +52,11 @@ class Setting:
         force = np.tile([0.4, -9.81], (n, 1))
         nothing = np.zeros(len(self.mesh.cells))
         jump = rng.uniform(-300, 300, (3, n))
+        lumping = 1 - consistent * (1 - consistent_part(2))
         self.problem = FlowProblem(
             self.mesh,
             self.particles,
-            ElementProperties(density, viscosity, nothing),
+            ElementProperties(density, viscosity, nothing, nothing + lumping),
             GeneralizedAlpha(RHO_INF, DT),
             force,
             STABILISATION,
@@ -77,6 +79,7 @@ class Setting:
             twin.Alpha(RHO_INF, DT),
             STABILISATION,
             SPACING,
+            consistent,
         )
         self.u = rng.uniform(-0.2, 0.2, (n, 2)) * ~self.particles.wall[:, None] * SPACING
         p = rng.uniform(-500, 500, n)
@@ -118,8 +121,9 @@ def test_the_residual_is_that_of_the_cut_mesh_with_momentum_summed(setting):
 
 
 @pytest.mark.parametrize("jacobian", ["rows", "matrix-free"])
-def test_products_are_its_derivative(jacobian):
-    setting = Setting(jacobian)
+@pytest.mark.parametrize("consistent", [0.0, 1.0])
+def test_products_are_its_derivative(jacobian, consistent):
+    setting = Setting(jacobian, consistent)
     rng = np.random.default_rng(2)
     du = rng.standard_normal(setting.u.shape) * ~setting.particles.wall[:, None] * SPACING
     dp = rng.standard_normal(len(setting.p)) * 500

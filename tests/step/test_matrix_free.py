@@ -10,7 +10,7 @@ from tipfem.mesh.delaunay import triangulate
 from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
 
 
-def problem_of(size, jacobian):
+def problem_of(size, jacobian, lumping=1.0):
     """A step of two fluids from a state at random, linearised, and the particles."""
     water, air = tp.Fluid("water", density=998.0, viscosity=0.5), tp.Fluid("air", density=1.2, viscosity=0.1)
     tank = tp.tank(size, 0.1 if len(size) == 2 else 0.25, jitter=0.2, seed=3).fill(water)
@@ -25,7 +25,9 @@ def problem_of(size, jacobian):
     problem = FlowProblem(
         mesh,
         particles,
-        ElementProperties(np.where(light, 1.2, 998.0), np.where(light, 0.1, 0.5), np.zeros(len(mesh.cells))),
+        ElementProperties(
+            np.where(light, 1.2, 998.0), np.where(light, 0.1, 0.5), *np.tile([[0.0], [lumping]], len(light))
+        ),
         GeneralizedAlpha(0.3, 2e-3),
         np.tile([0.0, -9.81, 0.0][: len(size)], (len(particles), 1)),
         0.25,
@@ -39,8 +41,9 @@ def problem_of(size, jacobian):
 
 
 @pytest.mark.parametrize("size", [(1.0, 0.8), (1.0, 1.0, 0.75)], ids=["2-D", "3-D"])
-def test_products_and_preconditioner_are_those_of_the_rows(size):
-    rows, free = (problem_of(size, jacobian) for jacobian in ("rows", "matrix-free"))
+@pytest.mark.parametrize("lumping", [1.0, 0.25])
+def test_products_and_preconditioner_are_those_of_the_rows(size, lumping):
+    rows, free = (problem_of(size, jacobian, lumping) for jacobian in ("rows", "matrix-free"))
     assert rows.system.stores_rows
     assert not free.system.stores_rows
     assert not any(name == "blocks" and len(a.to_numpy()) > 16 for name, a in free.buffers._arrays.items())

@@ -177,9 +177,9 @@ class Numerics:
             for each connected component of a fluid there, so that the solve keeps the volume of each component.
             Results have the heaviest fluid's. "continuous": one a particle, so that the fluids on both sides share its
             equation of continuity. "auto": two-sided with the sharp interface, continuous otherwise.
-        mass: how the acceleration of a particle counts in the momentum of its neighbours. "lumped": not, each particle
-            has d + 1 parts of the mass of its cells. "consistent": as the linear velocity in the cells has it, see
-            docs/theory/method.md.
+        mass: the mass matrix of the elements. "lumped": each particle has an equal part of the mass of its cells.
+            "consistent": that of velocities that are linear in the cells. "interfaces": consistent in cells that touch
+            an interface between fluids, lumped elsewhere. See docs/theory/method.md.
         largest_move: target of the step control for the displacement of the fastest particle, in spacings; more than
             0.5 only if J of no element falls below its limit (see `StepControl`). A step in which a particle moves
             0.15 spacings more than this is refused.
@@ -238,8 +238,8 @@ class Numerics:
             raise ValueError(f"Numerics: jacobian is {self.jacobian!r}; it must be 'rows' or 'matrix-free'")
         if self.pressure not in ("auto", "continuous", "two-sided"):
             raise ValueError(f"Numerics: pressure is {self.pressure!r}; it must be 'auto', 'continuous' or 'two-sided'")
-        if self.mass not in ("lumped", "consistent"):
-            raise ValueError(f"Numerics: mass is {self.mass!r}; it must be 'lumped' or 'consistent'")
+        if self.mass not in ("lumped", "consistent", "interfaces"):
+            raise ValueError(f"Numerics: mass is {self.mass!r}; it must be 'lumped', 'consistent' or 'interfaces'")
         for name, kind in (("relocation", RelocationRule), ("fitting", FittedRule), ("surface", SurfaceRule)):
             if not isinstance(getattr(self, name), kind):
                 raise ValueError(f"Numerics: {name} is {getattr(self, name)!r}; it must be a {kind.__name__}")

@@ -239,8 +239,8 @@ class NumericsTable(Model):
         "on interfaces: one for all fluids, or one for each, with the sharp interface only; auto: there, for each",
         default="auto",
     )
-    mass: Literal["lumped", "consistent"] = quantity(
-        "lumped: a mass for each particle; consistent: the mass matrix of linear velocities", default="lumped"
+    mass: Literal["lumped", "consistent", "interfaces"] = quantity(
+        "matrix: lumped, consistent, or consistent in cells at interfaces between fluids only", default="lumped"
     )
     largest_move: float = quantity("displacement that a step aims at", "spacings", 0.35, ge=0.01, le=0.8)
     smallest_jacobian: float = quantity("below it a step is refused", default=0.05, ge=0.0, le=0.9)

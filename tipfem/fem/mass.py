@@ -6,25 +6,48 @@ An element of density rho and measure A has the masses
 
 with the part lambda that is lumped. With lambda = 1 each particle has an equal part of the element; with
 lambda = 1 / (d + 2) the matrix is consistent, M_ab = int rho phi_a phi_b: rho A / 12 (1 + delta_ab) in 2-D and
-rho V / 20 (1 + delta_ab) in 3-D (O. C. Zienkiewicz, R. L. Taylor, The Finite Element Method, volume 1, 5th ed., section
-17.2). Rows sum to rho A / (d + 1) with any lambda, and so momentum, weight, and the force of gravity on each particle of
-a fluid at rest are those of the lumped masses m. For other fields
+rho V / 20 (1 + delta_ab) in 3-D (O. C. Zienkiewicz, R. L. Taylor, The Finite Element Method, volume 1, 5th ed., 2000,
+section 17.2). Rows sum to rho A / (d + 1) with any lambda, and so momentum, weight, and the force of gravity on each
+particle of a fluid at rest are those of the lumped masses m. For other fields
 
     a^T M b = sum_i m_i a_i . b_i - sum_e (1 - lambda) rho A / (d + 1) sum_a (a_a - mean a) . (b_a - mean b).
 """
 
+import numpy as np
 import taichi as ti
 
 from tipfem.backend.array_types import Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel, part_of
 from tipfem.fem.element import row
+from tipfem.typing import Array
 
 ELEMENT = 10.0  # nanoseconds of one thread for an element in `deviation`
 
 
-def lumped_part(mass: str, dimension: int) -> float:
-    """lambda for a kind of mass matrix, "lumped" or "consistent", see `tipfem.Numerics`."""
-    return 1.0 if mass == "lumped" else 1 / (dimension + 2)
+def consistent_part(dimension: int) -> float:
+    """lambda of a consistent mass matrix: the part of it that is lumped."""
+    return 1 / (dimension + 2)
+
+
+def lumped_part(kind: str, cells: Array, fraction: Array, count: int) -> Array:
+    """lambda (M,) of the elements for a kind of mass matrix.
+
+    Args:
+        kind: "lumped", "consistent", or "interfaces", which is consistent in the cells that touch an interface between
+            fluids, and lumped elsewhere; see `tipfem.Numerics`.
+        cells: (M, d + 1).
+        fraction: (M, F) part of each cell that each fluid fills.
+        count: of particles.
+    """
+    consistent = consistent_part(cells.shape[1] - 1)
+    if kind != "interfaces":
+        return np.full(len(cells), 1.0 if kind == "lumped" else consistent)
+    fluids = np.zeros(count, dtype=np.int8)
+    for part in fraction.T:
+        there = np.zeros(count, dtype=bool)
+        there[cells[part > 0]] = True
+        fluids += there
+    return np.where((fluids > 1)[cells].any(axis=1), consistent, 1.0)
 
 
 @kernel
@@ -34,9 +57,9 @@ def deviation(
     measure: Reals1,
     a: Reals2,
     b: Reals2,
+    lumping: Reals1,
     partial: Reals2,
     result: Reals1,
-    lumping: float,
     dim: Template,
     parts: ti.i32,
     stride: Template,
@@ -44,7 +67,7 @@ def deviation(
 ):
     """Add sum_i m_i a_i . b_i - a^T M b to result (1,), for fields a and b (N, d); see above.
 
-    density, measure (M,); lumping is lambda.
+    density, measure, and lumping, lambda: (M,).
     """
     ti.loop_config(serialize=serial)
     for t in range(parts * stride):
@@ -58,9 +81,9 @@ def deviation(
             product = 0.0
             for k in ti.static(range(dim + 1)):
                 product += (row(a, cells[e, k], dim) - mean_a).dot(row(b, cells[e, k], dim) - mean_b)
-            total += density[e] * measure[e] * product
+            total += (1.0 - lumping[e]) * density[e] * measure[e] / (dim + 1) * product
         if t % stride == 0:
-            partial[t // stride, 0] = total * (1.0 - lumping) / (dim + 1)
+            partial[t // stride, 0] = total
     ti.loop_config(serialize=True)
     for c in range(parts):
         result[0] = result[0] + partial[c, 0]

@@ -12,6 +12,7 @@ Every term is computed from its own definition; the residual is the error that N
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -52,8 +53,8 @@ class Totals:
         return self.kinetic + self.potential
 
     @staticmethod
-    def of(state: State, gravity: Array, lumping: float) -> Totals:
-        """Totals of a state, with ``gravity`` (d,) [m/s^2], and the part of the mass matrix that is lumped."""
+    def of(state: State, gravity: Array, kind: str = "lumped") -> Totals:
+        """Totals of a state, with ``gravity`` (d,) [m/s^2] and a kind of mass matrix, see `tipfem.Numerics`."""
         d, mass, particles = len(gravity), state.mass, state.particles
         sums = np.zeros(1 + 2 * d)
         launch(
@@ -66,7 +67,7 @@ class Totals:
             d,
             work=(len(mass), work_kernels.SUM),
         )
-        sums[0] -= deviation(state, particles.velocity, particles.velocity, lumping)
+        sums[0] -= deviations(state, kind, [(particles.velocity, particles.velocity)])[0]
         return Totals.summed(sums, gravity, state.volume)
 
     @staticmethod
@@ -76,31 +77,35 @@ class Totals:
         return Totals(0.5 * float(sums[0]), -float((sums[1 : 1 + d] * gravity).sum()), sums[1 + d :], volume)
 
 
-def deviation(state: State, a: Array, b: Array, lumping: float) -> float:
-    """sum_i m_i a_i . b_i - a^T M b for fields a and b (N, d) and the mass matrix M of a state's elements.
+def deviations(state: State, kind: str, fields: Sequence[tuple[Array, Array]]) -> Array:
+    """sum_i m_i a_i . b_i - a^T M b for pairs of fields a and b (N, d), and the mass matrix M of a state's elements.
 
     Args:
         state: on whose mesh.
-        a: (N, d).
-        b: (N, d).
-        lumping: part of the mass matrix that is lumped, see `tipfem.fem.mass`.
+        kind: of the mass matrix, see `tipfem.Numerics`.
+        fields: the pairs.
     """
-    result = np.zeros(1)
-    if lumping < 1:
-        mesh, fields = state.mesh, (np.ascontiguousarray(a), np.ascontiguousarray(b))
+    results = np.zeros((len(fields), 1))
+    if kind == "lumped":
+        return results[:, 0]
+    mesh, material = state.mesh, state.material
+    cells = np.ascontiguousarray(mesh.cells)
+    lumping = mass_kernels.lumped_part(kind, cells, material.fraction, len(mesh.position))
+    for result, (a, b) in zip(results, fields, strict=True):
         launch(
             mass_kernels.deviation,
-            np.ascontiguousarray(mesh.cells),
-            state.material.density,
+            cells,
+            material.density,
             mesh.measure,
-            *fields,
+            np.ascontiguousarray(a),
+            np.ascontiguousarray(b),
+            lumping,
             partials(1),
             result,
-            lumping,
             mesh.dimension,
-            work=(len(mesh.cells), mass_kernels.ELEMENT),
+            work=(len(cells), mass_kernels.ELEMENT),
         )
-    return float(result[0])
+    return results[:, 0]
 
 
 @dataclass(frozen=True)
@@ -152,7 +157,7 @@ class Budget:
         self._names = [f.name for f in case.fluids]
         # Along a periodic side gravity has no potential: it is a body force there, whose work is external.
         self._gravity = np.where(case.period.width > 0, 0.0, case.gravity)
-        self._lumping = mass_kernels.lumped_part(case.numerics.mass, len(case.gravity))
+        self._kind = case.numerics.mass
         self._bodies = case.bodies
         self._floats = any(body.floats for body in case.bodies)
         zeros, none = np.zeros(len(self._gravity)), np.zeros(len(self._names))
@@ -165,7 +170,7 @@ class Budget:
     def totals(self, state: State) -> Totals:
         """Totals of a state; those of the last one are kept."""
         if self._last is None or self._last[0] is not state:
-            self._last = state, Totals.of(state, self._gravity, self._lumping)
+            self._last = state, Totals.of(state, self._gravity, self._kind)
         return self._last[1]
 
     @timer("budget")
@@ -210,12 +215,9 @@ class Budget:
             d,
             work=(len(mass), work_kernels.SUM),
         )
-        for k, (one, other) in {
-            0: (solved.acceleration, solved.displacement),
-            1: (solved.force - self._gravity, solved.displacement),
-            2 + 2 * d: (end.velocity, end.velocity),
-        }.items():
-            sums[k] -= deviation(start, one, other, self._lumping)
+        u = solved.displacement
+        fields = [(solved.acceleration, u), (solved.force - self._gravity, u), (end.velocity, end.velocity)]
+        sums[[0, 1, 2 + 2 * d]] -= deviations(start, self._kind, fields)
         count = len(self._names)
         volume = start.material.volumes(solved.mesh.measure) + spray_volumes(start.mesh, old.fluid, count)
         after = Totals.summed(sums[2 + 2 * d :], self._gravity, volume)

@@ -104,7 +104,7 @@ class StepSolver:
         varies = self.forces.vary(case, state.time)
         position = before.position + scheme.cf * scheme.predict(before) if varies else before.position
         force = self.forces.acceleration(case, position, state.time + scheme.cf * dt, state.time)
-        lumping = np.full(len(growth), lumped_part(numerics.mass, mesh.dimension))
+        lumping = lumped_part(numerics.mass, mesh.cells, state.material.fraction, len(before))
         material = ElementProperties(state.material.density, state.material.viscosity, growth, lumping)
         walls = walls_in_step(
             state.boundary, mesh, before, material.viscosity, scheme, state.time, material.density, state.layers
