@@ -19,6 +19,7 @@ TAICHI = (
     "backend/*",
     "fem/element.py",
     "fem/jacobian.py",
+    "fem/mass.py",
     "fem/matrix_free.py",
     "fem/residual.py",
     "fem/schur.py",

@@ -327,6 +327,11 @@ def test_auto_is_two_sided_where_interfaces_are_sharp(water, air):
     assert not tp.Case(tank, [water], (0, -9.81), numerics=auto).two_sided
 
 
+def test_other_masses_are_refused():
+    with pytest.raises(ValueError, match=r"mass is 'full'; it must be 'lumped', 'consistent' or 'interfaces'"):
+        tp.Numerics(mass="full")
+
+
 def test_other_pressures_are_refused(water, air):
     with pytest.raises(ValueError, match=r"pressure is 'both'; it must be 'auto', 'continuous' or 'two-sided'"):
         tp.Numerics(pressure="both")
