@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 import tipfem as tp
+from tipfem.backend import launch
 from tipfem.backend.arrays import download
+from tipfem.linalg import fgmres
+from tipfem.step import body_layout as layout
 from tipfem.step import solve
 from tipfem.walls.contacts import find_contacts
 
@@ -70,8 +73,10 @@ def test_the_jacobian_is_exact(monkeypatch, jacobian, pressure, mass, hinge):
         if hinge:
             v[-3:-1] = 0.0
         along = v.copy()
-        arm = download(problem._bodies._arm, len(problem._bodies._index))
-        index, turn = problem._bodies._index, v[-1] / problem._bodies.lengths[0]
+        header, index = download(problem._bodies.arrays[0], layout.HEADER), problem._bodies._index
+        first, width = header[layout.ARM], layout.ARM_WIDTH
+        arm = download(problem._bodies.arrays[1], first + width * len(index))[first:].reshape(-1, width)
+        turn = v[-1] / problem._bodies.lengths[0]
         along[3 * index], along[3 * index + 1] = v[-3] - turn * arm[:, 3], v[-2] + turn * arm[:, 2]
         out = problem.buffers.get("test.out", size)
         problem.product(problem.buffers.upload("test.v", along), out)
@@ -81,6 +86,11 @@ def test_the_jacobian_is_exact(monkeypatch, jacobian, pressure, mass, hinge):
             sides.append(download(problem._r, size).copy())
         difference = (sides[0] - sides[1]) / 2e-6
         assert np.abs(product[-1]) > 0.1
+        if problem._ties:
+            copied = np.arange(problem.nodes)[problem._cut.copied]
+            assert np.isin(problem._cut.owner[copied], held, invert=True).any()
+            assert not product[3 * copied].any()
+            assert not product[3 * copied + 1].any()
         np.testing.assert_allclose(product, difference, atol=2e-8 * np.abs(product).max())
         checked.append(True)
         raise _Stop
@@ -89,6 +99,45 @@ def test_the_jacobian_is_exact(monkeypatch, jacobian, pressure, mass, hinge):
     with pytest.raises(_Stop):
         simulation.step()
     assert checked
+
+
+@pytest.mark.parametrize("pressure", ["continuous", "two-sided"])
+def test_all_threads_one_thread_and_staged_kernels_solve_alike(monkeypatch, pressure):
+    """With two bodies, of which one is a circle, and more iterations than the basis first has room for. Bits do not
+    depend on the number of threads; staged kernels are compiled in other surroundings."""
+    bodies = [
+        tp.Body(box((0.3, 0.5), size=(0.2, 0.15)), density=500.0, angular_velocity=8.0),
+        tp.Body(tp.shapes.circle((0.72, 0.45), 0.1), density=20.0, name="log"),
+    ]
+    case = half_full(*bodies, spacing=0.05, numerics=tp.Numerics(pressure=pressure))
+    simulation, found = tp.Simulation(case, time_step=2e-3), []
+    simulation.step()
+
+    def examine(problem, x, **_options):
+        start = x.to_numpy().copy()
+        for single, fused in ((False, True), (True, True), (False, False)):
+            monkeypatch.setattr(launch, "is_serial", lambda count, cost, single=single: single)
+            problem.system.multigrid.fused = fused
+            assert (problem.system.iteration is not None) is fused
+            x.from_numpy(start)
+            problem._corrected = True
+            problem.residual(x)
+            problem.linearise()
+            z = problem.buffers.get("test.z", problem.size)
+            problem.precondition(problem._r, z)
+            preconditioned = download(z, problem.size)
+            result = problem.correct(x, 1e-13)
+            assert result.iterations > fgmres.ROOM
+            found.append([preconditioned, download(x, problem.size), np.array([result.iterations])])
+        problem.system.multigrid.fused = True
+        raise _Stop
+
+    monkeypatch.setattr(solve, "newton", examine)
+    with pytest.raises(_Stop):
+        simulation.step()
+    for all_threads, one, staged in zip(*found, strict=True):
+        np.testing.assert_array_equal(all_threads, one)
+        np.testing.assert_allclose(all_threads, staged, atol=1e-11 * abs(staged).max())
 
 
 def energies(row):

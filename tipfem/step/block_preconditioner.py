@@ -86,10 +86,3 @@ def correct(
     """z = (r_u + G z_p, z_p), z_p the solution in ``vectors``, which is 0 where pressure is prescribed."""
     for i in range(nodes):
         correct_row(row_offsets, columns, blocks, vectors, r, 0, z, 0, i, nodes, dim)
-
-
-@kernel
-def set_rhs(rhs: Reals1, vectors: Reals1, nodes: ti.i32):
-    """Copy a right-hand side into ``vectors``."""
-    for i in range(nodes):
-        vectors[RHS * nodes + i] = rhs[i]

@@ -23,10 +23,16 @@ import numpy as np
 from tipfem.backend.arrays import Buffers, download
 from tipfem.backend.launch import launch
 from tipfem.mesh.mesh import Mesh
+from tipfem.step import body_coupling as coupling
 from tipfem.step import body_kernels as kernels
+from tipfem.step import body_layout as layout
 from tipfem.step.linear_system import LinearSystem, Topology
 from tipfem.typing import Array
 from tipfem.walls.bodies import BodyWalls, turned
+
+# Below this fraction of a body's largest volume swept, in the mean square, a freedom sweeps next to none, as the angle
+# of a circle: the square is what it adds to the mobility, and no cycle is spent on it.
+SWEEPS = 0.05
 
 
 class BodyRows:
@@ -46,6 +52,7 @@ class BodyRows:
     Attributes:
         numbers: (B,) of the bodies that float, among those of the case.
         lengths: (B,) by which angles are multiplied to unknowns [m].
+        arrays: device arrays ``bodies`` and ``data``, see `tipfem.step.body_layout`.
     """
 
     def __init__(
@@ -75,22 +82,10 @@ class BodyRows:
         far = np.zeros(self._count)
         np.maximum.at(far, self._body, np.linalg.norm(r, axis=1))
         self.lengths = far
-        put = buffers.upload
-        arm = np.zeros((len(r), kernels.ARM))
-        arm[:, :2] = arm[:, 2:4] = arm[:, 4:] = r
-        self._index_d, self._offsets_d = put("bodies.index", self._index), put("bodies.offsets", self._offsets)
-        self._arm = put("bodies.arm", arm)
-        particle = self._index if owner is None else owner[self._index]
-        self._force = put("bodies.force", force[particle])
         self._table = self._constants(force, walls.states.label)
-        self._constants_d = put("bodies.body", self._table)
-        s = walls.scheme
-        rates = np.array([s.cm, s.cv, s.cf, s.alpha_m, s.gamma / (s.beta * s.dt), 1 / (s.beta * s.dt**2)])
-        self._rates = put("bodies.scheme", rates)
-        self._own = put("bodies.own", np.zeros((self._count, kernels.OWN)))
-        self._start = buffers.get("bodies.start", 3 * self._count)
+        particle = self._index if owner is None else owner[self._index]
         self._find_ring(mesh)
-        self._build(mesh, r, properties, pinned, system)
+        self._build(mesh, r, properties, pinned, force[particle])
 
     def _find_nodes(self, owner: Array | None) -> None:
         """The nodes on bodies that float, in the order of the bodies."""
@@ -109,9 +104,9 @@ class BodyRows:
         self._rank = node_rank
 
     def _constants(self, force: Array, label: Array) -> Array:
-        """(B, BODY) of the bodies, see `body_kernels`."""
-        s, states, k = self._scheme, self._walls.states, kernels
-        table = np.zeros((self._count, k.BODY))
+        """(B, BODY_WIDTH) of the bodies, see `body_layout`."""
+        s, states, k = self._scheme, self._walls.states, layout
+        table = np.zeros((self._count, k.BODY_WIDTH))
         by_v, by_a = -1 / (s.beta * s.dt), 1 - 0.5 / s.beta
         for row, b, length in zip(table, self.numbers.tolist(), self.lengths, strict=True):
             body, free = self._walls.bodies[b], self._walls.free[b]
@@ -155,21 +150,15 @@ class BodyRows:
         ring, start = np.unique(pair_node, return_index=True)
         put = self._buffers.upload
         part = order // 3
-        self._pairs = put("bodies.pairs", pair_body.astype(np.int32))
         self._parts = put("bodies.parts", np.append(first, len(order)).astype(np.int32))
         self._corners = put("bodies.corners", corner[order].astype(np.int32))
         self._bits = put("bodies.bits", bits[part].astype(np.int32))
         self._slots = put("bodies.slots", slots[part].ravel().astype(np.int32))
-        self._ring = put("bodies.ring", ring.astype(np.int32))
-        self._ring_starts = put("bodies.ring_starts", np.append(start, len(pair)).astype(np.int32))
-        self._terms = self._buffers.get("bodies.terms", max(len(pair), 1), 3)
-        self._pair_count, self._ring_count = len(pair), len(ring)
+        self._pairs, self._ring, self._ring_starts = pair_body, ring, np.append(start, len(pair))
 
-    def _build(
-        self, mesh: Mesh, r: Array, properties: tuple[Array, Array, Array], pinned: Array, system: LinearSystem
-    ) -> None:
-        """Scales of the bodies' rows, and the preconditioner."""
-        s, count, put = self._scheme, self._count, self._buffers.upload
+    def _build(self, mesh: Mesh, r: Array, properties: tuple[Array, Array, Array], pinned: Array, force: Array) -> None:
+        """The data on the device, and from them the preconditioner and the scales of the bodies' rows."""
+        s, count = self._scheme, self._count
         density, viscosity, lumping = properties
         cell, body, on = self._ring_cell, self._ring_body, self._ring_on
         corners = mesh.cells[cell]
@@ -199,7 +188,7 @@ class BodyRows:
         own += (density[cell] * area / 3 * s.cm)[:, None, None] * mass
         matrix = np.zeros((count, 3, 3))
         np.add.at(matrix, body, own)
-        k = kernels
+        k = layout
         inertia = self._table[:, [k.MASS, k.MASS, k.INERTIA]] * s.cm
         inertia += (
             self._table[:, k.DAMPING : k.DAMPING + 3] * s.cv + self._table[:, k.STIFFNESS : k.STIFFNESS + 3] * s.cf
@@ -209,47 +198,86 @@ class BodyRows:
         matrix[:, range(3), range(3)] += np.where(is_free, inertia * unit**2, 1.0)
         inverse = np.linalg.inv(matrix)
         inverse *= is_free[:, :, None] * is_free[:, None, :]
-        self._inverse = put("bodies.inverse", inverse.reshape(count, 9))
         # W, by pairs of a body and a node.
         node, of = corners.ravel().astype(np.int64), np.repeat(body, 3)
         pair, where = np.unique(of * self._nodes + node, return_inverse=True)
         weight = np.stack([np.bincount(where, np.repeat(w, 3), minlength=len(pair)) for w in swept.T], axis=1)
-        row_node, row_body = pair % self._nodes, pair // self._nodes
-        weight[pinned[row_node]] = 0.0
-        self._row_nodes = put("bodies.row_nodes", row_node.astype(np.int32))
-        starts = np.append(0, np.cumsum(np.bincount(row_body, minlength=count)))
-        self._row_starts = put("bodies.row_starts", starts.astype(np.int32))
-        self._weights = put("bodies.weights", weight)
-        response, added = np.zeros((3 * count, self._nodes)), np.zeros((3 * count, 3 * count))
-        for column in range(3 * count):
-            b, f = divmod(column, 3)
-            if is_free[b, f]:
-                rhs = np.zeros(self._nodes)
-                mine = row_body == b
-                rhs[row_node[mine]] = weight[mine, f]
-                response[column] = system.pressure_of(rhs)
-        for b in range(count):
-            mine = row_body == b
-            added[3 * b : 3 * b + 3] = weight[mine].T @ response[:, row_node[mine]].T
-        full = added.copy()
+        swept_node, swept_body = pair % self._nodes, pair // self._nodes
+        weight[pinned[swept_node]] = 0.0
+        square = np.stack([np.bincount(swept_body, w, minlength=count) for w in (weight**2).T], axis=1)
+        sweeps = square > SWEEPS**2 * square.max(axis=1, keepdims=True)
+        weight *= sweeps[swept_body]
+        rates = np.array([s.cm, s.cv, s.cf, s.alpha_m, s.gamma / (s.beta * s.dt), 1 / (s.beta * s.dt**2)])
+        lists = {
+            k.INDEX: self._index,
+            k.OFFSETS: self._offsets,
+            k.RING_NODES: self._ring,
+            k.RING_STARTS: self._ring_starts,
+            k.PAIRS: self._pairs,
+            k.SWEPT_STARTS: np.append(0, np.cumsum(np.bincount(swept_body, minlength=count))),
+            k.SWEPT: swept_node,
+        }
+        tables = {
+            k.BODY: self._table,
+            k.INVERSE: inverse,
+            k.SCHEME: rates,
+            k.ARM: np.tile(r, k.ARM_WIDTH // 2),
+            k.FORCE: force,
+            k.WEIGHTS: weight,
+        }
+        rooms = {
+            k.MOBILITY: 9 * count**2,
+            k.REACTION: 6 * count,
+            k.FIRST: 3 * count,
+            k.OWN: k.OWN_WIDTH * count,
+            k.TERMS: 3 * len(self._pairs),
+            k.RESPONSE: 3 * count * self._nodes,
+        }
+        integers, reals, room = layout.pack(lists, tables, rooms)
+        self._buffers.get("bodies.data", room)
+        self.arrays = self._buffers.upload("bodies.lists", integers), self._buffers.upload("bodies.data", reals)
+        self._set_scales(self._respond(matrix, sweeps), is_free)
+
+    def _respond(self, matrix: Array, sweeps: Array) -> Array:
+        """Set the pressure's response to the bodies' motions, and the inverse of the bodies' mobility.
+
+        Args:
+            matrix: (B, 3, 3) the bodies' own matrices.
+            sweeps: (B, 3) mask of the freedoms that sweep volume.
+
+        Returns:
+            (3 B, 3 B) the bodies' own matrices and the added mass.
+        """
+        count, nodes, vectors = self._count, self._nodes, self._system.multigrid.vectors
+        for column, solved in enumerate(sweeps.ravel().tolist()):
+            if solved:
+                launch(coupling.set_swept_volume, *self.arrays, vectors, column, nodes)
+                self._system.solve_pressure_without_bodies()
+            launch(coupling.store_response, *self.arrays, vectors, column, int(solved), nodes)
+        full = download(self.arrays[1], 9 * count**2).astype(float).reshape(3 * count, 3 * count)
         for b in range(count):
             full[3 * b : 3 * b + 3, 3 * b : 3 * b + 3] += matrix[b]
-        self._response = put("bodies.response", response.ravel())
-        self._mobility = put("bodies.mobility", np.linalg.inv(full))
-        self._reaction = self._buffers.get("bodies.reaction", 6 * count)
-        # A residual is the increment that would remove it, with the mass that the body and the fluids have together.
-        total = np.diag(full).reshape(count, 3)
-        scales = np.where(is_free, 1 / total, 0.0)
-        particle = np.repeat((np.diff(self._offsets) / np.maximum(total[:, 0], total[:, 1])), np.diff(self._offsets))
+        self._buffers.upload("bodies.data", np.linalg.inv(full).ravel())
+        return full
+
+    def _set_scales(self, full: Array, is_free: Array) -> None:
+        """A residual is the increment that would remove it, with the mass that the body and the fluids have together.
+
+        Args:
+            full: (3 B, 3 B) see `_respond`.
+            is_free: (B, 3) mask of the freedoms.
+        """
+        total = np.diag(full).reshape(self._count, 3)
+        each = np.diff(self._offsets)
+        particle = np.repeat(each / np.maximum(total[:, 0], total[:, 1]), each)
         launch(
             kernels.set_scales,
-            self._index_d,
-            put("bodies.particle_scale", particle),
-            put("bodies.scale", scales.ravel()),
+            self.arrays[0],
+            self._buffers.upload("bodies.particle_scale", particle),
+            self._buffers.upload("bodies.scale", np.where(is_free, 1 / total, 0.0).ravel()),
             self._scale,
             self._base,
             len(self._index),
-            3 * count,
         )
 
     def vector(self, increment: Array) -> Array:
@@ -269,127 +297,40 @@ class BodyRows:
 
     def place(self, x: Any, motion: Any) -> None:
         """Displace the bodies' particles by the bodies' increments in ``x``, and set their rates in ``motion``."""
-        launch(
-            kernels.place,
-            self._index_d,
-            self._offsets_d,
-            self._constants_d,
-            self._rates,
-            self._force,
-            self._arm,
-            motion,
-            x,
-            self._own,
-            self._base,
-            self._count,
-        )
+        launch(kernels.place, *self.arrays, motion, x, self._base)
 
     def residual(self, x: Any, r: Any) -> None:
         """Put the bodies' equations in place of their particles' momentum in the residual ``r`` at ``x``."""
-        launch(
-            kernels.collect_residual,
-            self._index_d,
-            self._offsets_d,
-            self._constants_d,
-            self._rates,
-            self._arm,
-            x,
-            self._scale,
-            r,
-            self._own,
-            self._base,
-            self._count,
-        )
+        launch(kernels.collect_residual, *self.arrays, self._scale, x, r, self._base)
 
     def linearise(self, density: Any, lumping: Any, record: Any) -> None:
         """Compute the derivatives by the angles that do not follow from displacements, at the last residual."""
-        launch(
-            kernels.rotation_terms,
-            self._pairs,
-            self._parts,
-            self._corners,
-            self._bits,
-            self._slots,
-            density,
-            lumping,
-            record,
-            self._arm,
-            self._own,
-            self._terms,
-            self._pair_count,
-        )
+        lists = self._parts, self._corners, self._bits, self._slots
+        launch(kernels.rotation_terms, *self.arrays, *lists, density, lumping, record, len(self._pairs))
+
+    def add_rotations(self, v: Any, out: Any) -> None:
+        """Add to out = K v what rotations change in it beyond displacements."""
+        launch(coupling.add_rotations, *self.arrays, self._scale, v, out, self._base)
 
     def product(self, v: Any, out: Any) -> None:
         """Put the bodies' rows in place of their particles' in out = K v."""
-        launch(
-            kernels.collect_product,
-            self._index_d,
-            self._offsets_d,
-            self._arm,
-            self._constants_d,
-            self._own,
-            self._ring,
-            self._ring_starts,
-            self._pairs,
-            self._terms,
-            self._scale,
-            v,
-            out,
-            self._base,
-            self._ring_count,
-            self._count,
-        )
+        launch(coupling.collect_product, *self.arrays, self._scale, v, out, self._base)
 
     def begin(self, r: Any) -> None:
         """Give the bodies' particles in a residual the increments that the bodies' own matrices give."""
-        launch(
-            kernels.begin_precondition,
-            self._index_d,
-            self._offsets_d,
-            self._arm,
-            self._constants_d,
-            self._inverse,
-            self._scale,
-            r,
-            self._start,
-            self._base,
-            self._count,
-        )
+        launch(coupling.begin_precondition, *self.arrays, self._scale, r, self._base)
 
     def clear(self, r: Any) -> None:
         """Undo `begin`."""
-        launch(kernels.clear, self._index_d, r, len(self._index))
+        launch(coupling.clear, self.arrays[0], r)
 
     def correct_pressure(self, vectors: Any) -> None:
         """Correct the multigrid's solution for the mobility of the bodies."""
-        launch(
-            kernels.add_bodies_mobility,
-            self._row_starts,
-            self._row_nodes,
-            self._weights,
-            self._response,
-            self._mobility,
-            vectors,
-            self._reaction,
-            self._nodes,
-            self._count,
-        )
+        launch(coupling.add_mobility, *self.arrays, vectors, self._nodes)
 
     def end(self, z: Any) -> None:
         """Set the bodies' increments in a correction, and displace their particles by them."""
-        launch(
-            kernels.end_precondition,
-            self._index_d,
-            self._offsets_d,
-            self._arm,
-            self._constants_d,
-            self._inverse,
-            self._start,
-            self._scale,
-            z,
-            self._base,
-            self._count,
-        )
+        launch(coupling.end_precondition, *self.arrays, self._scale, z, self._base)
 
 
 def measure_forces(walls: BodyWalls, topology: Topology, owner: Array | None, local: Any, buffers: Buffers) -> None:

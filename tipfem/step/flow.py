@@ -346,8 +346,6 @@ class FlowProblem:
         self._rows.product(v, self._scale, out)
         if self._bodies:
             self._bodies.product(v, out)
-            if self._ties:
-                self._ties.collect(out)  # what bodies that turn add to the momentum of copies beside them
 
     def precondition(self, r: Any, z: Any) -> None:
         """z ~ K^-1 r, see `LinearSystem`."""

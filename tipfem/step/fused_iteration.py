@@ -17,6 +17,17 @@ from tipfem.linalg.multigrid.grid_hierarchy import RHS
 from tipfem.linalg.multigrid.mesh_transfer import pre_smooth_node
 from tipfem.linalg.vector_kernels import partial_dots, subtract_projections, sum_dots
 from tipfem.step.block_preconditioner import correct_row, schur_rhs_row
+from tipfem.step.body_coupling import (
+    add_rotation,
+    begin_body,
+    clear_body_node,
+    collect_body,
+    correct_pressure_at,
+    end_body,
+    respond,
+    set_reaction,
+)
+from tipfem.step.body_layout import BODIES, NODES, RING
 from tipfem.step.tie_kernels import clear_tie, collect_tie, spread_tie
 
 ITERATION = 400.0  # nanoseconds of one thread for a particle in `precondition` and `iterate`
@@ -38,6 +49,8 @@ def _precondition(
     grid: Template,
     subdomains: Template,
     ties: Template,
+    bodies: Template,
+    data: Template,
     r: Template,
     r_start,
     z: Template,
@@ -47,8 +60,14 @@ def _precondition(
     thread,
     threads,
     dim: Template,
+    floating: Template,
 ):
     """z = M r, see `LinearSystem.precondition`; r and z begin at ``r_start`` and ``z_start`` in their arrays."""
+    if ti.static(floating):
+        for b in range(bodies[BODIES]):
+            if b % threads == thread:
+                begin_body(bodies, data, scale, r, r_start, b, 3 * nodes)
+        synchronise(barrier, threads)
     tied_from, tied_to = share(thread, threads, ties[0])
     if ties[0] > 0:
         for t in range(tied_from, tied_to):
@@ -61,6 +80,10 @@ def _precondition(
     synchronise(barrier, threads)
     for t in range(tied_from, tied_to):
         clear_tie(ties, t, r, r_start, dim)
+    if ti.static(floating):
+        begin, end = share(thread, threads, bodies[NODES])
+        for s in range(begin, end):
+            clear_body_node(bodies, r, r_start, s)
     cycle(
         near_offsets,
         near,
@@ -81,13 +104,42 @@ def _precondition(
         if thread == 0:
             deflate(near_offsets, near, laplacian, vectors, subdomains, nodes)
         synchronise(barrier, threads)
+    if ti.static(floating):
+        _add_mobility(bodies, data, vectors, nodes, barrier, thread, threads)
     for i in range(first, last):
         correct_row(row_offsets, columns, blocks, vectors, r, r_start, z, z_start, i, nodes, dim)
     if ties[0] > 0:
         synchronise(barrier, threads)
         for t in range(tied_from, tied_to):
             collect_tie(ties, t, z, z_start, dim)
-            spread_tie(ties, t, z, z_start, dim)
+            if ti.static(not floating):
+                spread_tie(ties, t, z, z_start, dim)
+    if ti.static(floating):
+        synchronise(barrier, threads)
+        for b in range(bodies[BODIES]):
+            if b % threads == thread:
+                end_body(bodies, data, scale, z, z_start, b, 3 * nodes)
+        if ties[0] > 0:
+            synchronise(barrier, threads)
+            for t in range(tied_from, tied_to):
+                spread_tie(ties, t, z, z_start, dim)
+
+
+@ti.func
+def _add_mobility(bodies: Template, data: Template, vectors: Template, nodes, barrier: Template, thread, threads):
+    """Correct the pressure in ``vectors`` for the bodies' motion, see `body_coupling.add_mobility`."""
+    for b in range(bodies[BODIES]):
+        if b % threads == thread:
+            set_reaction(bodies, data, vectors, b, nodes)
+    synchronise(barrier, threads)
+    if thread == 0:
+        for k in range(3 * bodies[BODIES]):
+            respond(bodies, data, k)
+    synchronise(barrier, threads)
+    first, last = share(thread, threads, nodes)
+    for i in range(first, last):
+        correct_pressure_at(bodies, data, vectors, i, nodes)
+    synchronise(barrier, threads)
 
 
 @kernel
@@ -106,10 +158,13 @@ def precondition(
     grid: Ints2,
     subdomains: Ints1,
     ties: Ints1,
+    bodies: Ints1,
+    data: Reals1,
     r: Reals1,
     z: Reals1,
     nodes: ti.i32,
     dim: Template,
+    floating: Template,
     stride: Template,
     serial: Template,
     threads: ti.i32,
@@ -134,6 +189,8 @@ def precondition(
                 grid,
                 subdomains,
                 ties,
+                bodies,
+                data,
                 r,
                 0,
                 z,
@@ -143,6 +200,7 @@ def precondition(
                 t // stride,
                 threads,
                 dim,
+                floating,
             )
 
 
@@ -162,12 +220,15 @@ def iterate(
     grid: Ints2,
     subdomains: Ints1,
     ties: Ints1,
+    bodies: Ints1,
+    data: Reals1,
     krylov: Reals1,
     partial: Reals1,
     k: ti.i32,
     nodes: ti.i32,
     cancelled: float,
     dim: Template,
+    floating: Template,
     parts: ti.i32,
     stride: Template,
     serial: Template,
@@ -177,7 +238,8 @@ def iterate(
     """z_k = M v_k; w = K z_k; one pass of Gram-Schmidt as by `vector_kernels.orthogonalise`.
 
     The matrix K is given by ``row_offsets``, ``columns`` and ``blocks``, the preconditioner M by these, ``scale`` and
-    all from ``near_offsets`` to ``ties``. The pressure Laplacian is given by ``near_offsets``, ``near``, its columns,
+    all from ``near_offsets`` to ``data``; ``bodies`` and ``data``, see `tipfem.step.body_layout`, are used if there are
+    bodies that float. The pressure Laplacian is given by ``near_offsets``, ``near``, its columns,
     and ``laplacian``, its values. The Krylov vectors are laid out as in `tipfem.linalg.vector_kernels`.
     """
     ti.loop_config(serialize=serial)
@@ -185,6 +247,8 @@ def iterate(
         if t % stride == 0:
             thread = t // stride
             size = nodes * (dim + 1)
+            if ti.static(floating):
+                size += 3 * bodies[BODIES]
             v = 2 * k * size
             z, w = v + size, v + 2 * size
             _precondition(
@@ -202,6 +266,8 @@ def iterate(
                 grid,
                 subdomains,
                 ties,
+                bodies,
+                data,
                 krylov,
                 v,
                 krylov,
@@ -211,16 +277,27 @@ def iterate(
                 thread,
                 threads,
                 dim,
+                floating,
             )
             synchronise(barrier, threads)
             begin, end = share(thread, threads, nodes)
             for i in range(begin, end):
                 row_product(row_offsets, columns, blocks, krylov, z, krylov, w, i, dim)
             synchronise(barrier, threads)
+            if ti.static(floating):
+                ring_from, ring_to = share(thread, threads, bodies[RING])
+                for n in range(ring_from, ring_to):
+                    add_rotation(bodies, data, scale, krylov, z, krylov, w, n, 3 * nodes)
+                synchronise(barrier, threads)
             if ties[0] > 0:
                 tied_from, tied_to = share(thread, threads, ties[0])
                 for tie in range(tied_from, tied_to):
                     collect_tie(ties, tie, krylov, w, dim)
+                synchronise(barrier, threads)
+            if ti.static(floating):
+                for b in range(bodies[BODIES]):
+                    if b % threads == thread:
+                        collect_body(bodies, data, scale, krylov, z, krylov, w, b, 3 * nodes)
                 synchronise(barrier, threads)
             first, last = share(thread, threads, parts)
             for part in range(first, last):

@@ -16,7 +16,6 @@ from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg import sparsity
 from tipfem.linalg.fgmres import Iteration
 from tipfem.linalg.multigrid.deflation import SubdomainDeflation
-from tipfem.linalg.multigrid.grid_hierarchy import SOLUTION
 from tipfem.linalg.multigrid.multigrid import BackgroundMultigrid
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.mesh import Mesh
@@ -34,6 +33,11 @@ SCHUR_SCALE = 1.3
 
 class BodyCoupling(Protocol):
     """The interface of the preconditioner to bodies that float; see `tipfem.step.body_rows.BodyRows`."""
+
+    arrays: tuple[Any, Any]
+
+    def add_rotations(self, v: Any, out: Any) -> None:
+        """Add to out = K v what rotations change in it beyond displacements."""
 
     def begin(self, r: Any) -> None:
         """Give the bodies' particles in a residual the increments that the bodies' own matrices give."""
@@ -175,6 +179,7 @@ class LinearSystem:
         floor: float = 0.0,
     ) -> None:
         self._ties, self.bodies = ties, None
+        self._no_bodies = buffers.get("no_bodies.lists", 1, integer=True), buffers.get("no_bodies.data", 1)
         self._topology, self._scale, self._scheme = topology, scale, scheme
         self._density, _, self._lumping = material
         self._nodes, self._elements, self._dimension = len(mesh.position), len(mesh.cells), mesh.dimension
@@ -275,6 +280,12 @@ class LinearSystem:
             self._dimension,
             work=(self._nodes, jacobian.ROW),
         )
+        self._complete(v, out)
+
+    def _complete(self, v: Any, out: Any) -> None:
+        """Add to the product of the elements what rotations of bodies change, and join the rows of tied particles."""
+        if self.bodies:
+            self.bodies.add_rotations(v, out)
         if self._ties:
             self._ties.collect(out)
 
@@ -286,7 +297,7 @@ class LinearSystem:
         n, d, grid = self._nodes, self._dimension, self.multigrid
         if self.fused:
             work = (n, fused_iteration.ITERATION)
-            launch(fused_iteration.precondition, *self._operators(), r, z, n, d, work=work)
+            launch(fused_iteration.precondition, *self._operators(), r, z, n, d, self.bodies is not None, work=work)
             return
         if self.bodies:
             self.bodies.begin(r)
@@ -306,23 +317,19 @@ class LinearSystem:
 
     def _solve_pressure(self) -> None:
         """One cycle for the Schur complement, from the right-hand side to the solution in the grid's vectors."""
-        self.multigrid.cycle()
-        self.deflation.correct()
+        self.solve_pressure_without_bodies()
         if self.bodies:
             self.bodies.correct_pressure(self.multigrid.vectors)
 
-    def pressure_of(self, rhs: Array) -> Array:
-        """The preconditioner's solution (P,) of the pressure Laplacian for a right-hand side (P,), without bodies."""
-        vectors, n = self.multigrid.vectors, self._nodes
-        launch(block_preconditioner.set_rhs, self._buffers.upload("rhs", rhs), vectors, n)
+    def solve_pressure_without_bodies(self) -> None:
+        """One cycle for the pressure Laplacian, from the right-hand side to the solution in the grid's vectors."""
         self.multigrid.cycle()
         self.deflation.correct()
-        return np.asarray(download(vectors, (SOLUTION + 1) * n)[SOLUTION * n :], dtype=np.float64)
 
     @property
     def fused(self) -> bool:
         """Whether an iteration is one launch."""
-        return self.multigrid.fused and not self.bodies
+        return self.multigrid.fused
 
     @property
     def iteration(self) -> Iteration | None:
@@ -340,6 +347,7 @@ class LinearSystem:
             n,
             cancelled,
             self._dimension,
+            self.bodies is not None,
             work=(n, fused_iteration.ITERATION),
         )
 
@@ -357,6 +365,7 @@ class LinearSystem:
             grid.grid,
             self.deflation.subdomains,
             grid.ties,
+            *(self.bodies.arrays if self.bodies else self._no_bodies),
         )
 
     def matrix(self) -> sparse.csr_matrix:

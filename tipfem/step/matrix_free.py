@@ -29,6 +29,11 @@ class MatrixFreeSystem(LinearSystem):
 
     def product(self, v: Any, out: Any) -> None:
         """out = K v, the derivative of the scaled residual along ``v``; both (N (d + 1),) on the device."""
+        self._multiply(v, out)
+        self._complete(v, out)
+
+    def _multiply(self, v: Any, out: Any) -> None:
+        """The part of `product` that the elements give."""
         s, d = self._scheme, self._dimension
         launch(
             matrix_free.jacobian_product,
@@ -47,8 +52,6 @@ class MatrixFreeSystem(LinearSystem):
             self._nodes,
             d,
         )
-        if self._ties:
-            self._ties.collect(out)
 
     def precondition(self, r: Any, z: Any) -> None:
         """z ~ K^-1 r, as `LinearSystem.precondition`; r and z are (N (d + 1),) on the device."""
@@ -60,14 +63,16 @@ class MatrixFreeSystem(LinearSystem):
         launch(matrix_free.copy_displacements, r, half, n, d, work=work)
         if self._ties:
             self._ties.spread(half)
-        self.product(half, product)
+        self._multiply(half, product)
         vectors = self.multigrid.vectors
         launch(matrix_free.schur_rhs, r, product, self._scale, vectors, n, d, work=work)
         if self.bodies:
             self.bodies.clear(r)
         self._solve_pressure()
         launch(matrix_free.copy_pressures, vectors, half, n, d, work=work)
-        self.product(half, product)
+        self._multiply(half, product)
+        if self._ties:
+            self._ties.collect(product)
         launch(matrix_free.block_correction, r, product, vectors, z, n, d, work=work)
         if self.bodies:
             self.bodies.end(z)
