@@ -307,49 +307,73 @@ def whole(tmp_path_factory):
     return out
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.35, 1.1])
-def test_killed_at_any_moment_it_goes_on_to_the_bit(tmp_path, whole, delay):
-    """By SIGKILL, at another number of threads; no file under its own name is truncated."""
-    process = start(tmp_path)
+def go_on(out, delay, *words, threads=1):
+    """A run, from its last checkpoint or from the start, some time after it has written a checkpoint [s]."""
+    before = {path.name for path in out.glob("checkpoints/*.h5")}
+    process = start(out, *words, threads=threads)
     process.stdout.readline()
-    while not list(tmp_path.glob("checkpoints/*.h5")):
-        assert process.poll() is None
+    while {path.name for path in out.glob("checkpoints/*.h5")} <= before:
+        assert process.poll() is None, process.stderr.read()
         clock.sleep(0.01)
     clock.sleep(delay)
+    return process
+
+
+def kill(process, out):
+    """By SIGKILL: no file under its own name is truncated."""
     process.kill()
     process.wait()
-    for path in tmp_path.glob("checkpoints/*.h5"):
+    assert (out / ".lock").exists()
+    for path in out.glob("checkpoints/*.h5"):
         checkpoint.read_file(path, None)
-    for path in tmp_path.glob("fields/*.vtu"):
+    for path in out.glob("fields/*.vtu"):
         meshio.read(path)
-    again = start(tmp_path, "resume", threads=min(2, len(os.sched_getaffinity(0))))
-    assert again.wait(300) == 0, again.stderr.read()
-    assert tidy(tmp_path / "history.csv") == tidy(whole / "history.csv")
-    assert (tmp_path / "fields.pvd").read_text() == (whole / "fields.pvd").read_text()
 
 
-@pytest.mark.parametrize(
-    ("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, -signal.SIGINT), (signal.SIGHUP, 129)]
-)
-def test_a_signal_ends_the_run_with_a_checkpoint(tmp_path, whole, number, status):
-    process = start(tmp_path)
-    process.stdout.readline()
-    while not list(tmp_path.glob("checkpoints/*.h5")):
-        clock.sleep(0.01)
-    clock.sleep(0.5)
+def end(process, out, number, status):
+    """By a signal: the run ends with a checkpoint."""
     process.send_signal(number)
     code = process.wait(60)
     error = process.stderr.read()
     assert code == status or (number == signal.SIGINT and code == 1 and "KeyboardInterrupt" in error), (code, error)
-    summary = json.loads((tmp_path / "summary.json").read_text())
-    steps = len(tidy(tmp_path / "history.csv")) - 1
+    summary = json.loads((out / "summary.json").read_text())
+    steps = len(tidy(out / "history.csv")) - 1
     assert summary["steps"] == steps
     assert summary["status"] != "complete"
-    assert (tmp_path / "checkpoints" / checkpoint.file_name(steps)).exists()
-    assert not (tmp_path / ".lock").exists()
-    again = start(tmp_path, "resume")
-    assert again.wait(300) == 0, again.stderr.read()
-    assert tidy(tmp_path / "history.csv") == tidy(whole / "history.csv")
+    assert (out / "checkpoints" / checkpoint.file_name(steps)).exists()
+    assert not (out / ".lock").exists()
+
+
+def is_in_use(process, out, case):
+    """While a run lives no other takes its folder; what it leaves when it is killed is asked for."""
+    with pytest.raises(ValueError, match=f"is in use by process {process.pid} on "):
+        tp.Simulation(case, out)
+
+
+def is_left(out, case):
+    """The folder of a run that was killed: its lock is stale, and its results are not overwritten unasked."""
+    with pytest.raises(ValueError, match=r"holds the results of a run of 0:00:\d+; name another folder"):
+        tp.Simulation(case, out, overwrite=False)
+    tp.Simulation(case, out).results.close()
+    assert not list(out.glob("checkpoints/*.h5"))
+    assert not (out / ".lock").exists()
+
+
+def test_killed_and_ended_by_signals_it_goes_on_to_the_bit(tmp_path, whole, water, air):
+    """A run that is killed twice and ended by three signals, resumed each time, at other numbers of threads."""
+    out, two = tmp_path / "run", min(2, len(os.sched_getaffinity(0)))
+    process = go_on(out, 0.0)
+    is_in_use(process, out, dam_break(water, air, 0.04))
+    kill(process, out)
+    is_left(shutil.copytree(out, tmp_path / "copy"), dam_break(water, air, 0.04))
+    end(go_on(out, 0.2, "resume", threads=two), out, signal.SIGTERM, 143)
+    kill(go_on(out, 0.3, "resume"), out)
+    end(go_on(out, 0.1, "resume", threads=two), out, signal.SIGINT, -signal.SIGINT)
+    end(go_on(out, 0.0, "resume"), out, signal.SIGHUP, 129)
+    last = start(out, "resume", threads=two)
+    assert last.wait(300) == 0, last.stderr.read()
+    assert tidy(out / "history.csv") == tidy(whole / "history.csv")
+    assert (out / "fields.pvd").read_text() == (whole / "fields.pvd").read_text()
 
 
 def test_the_kth_write_fails_and_nothing_that_was_readable_is_lost(tmp_path, water, air, monkeypatch):
@@ -392,20 +416,3 @@ def test_the_kth_write_fails_and_nothing_that_was_readable_is_lost(tmp_path, wat
     assert len(messages) > 8
     assert all("No space left on device" in message for message in messages)
     assert tidy(tmp_path / str(len(messages)) / "history.csv") == tidy(out / "history.csv")
-
-
-def test_two_runs_do_not_share_a_folder(tmp_path, water, air):
-    process = start(tmp_path)
-    process.stdout.readline()
-    while not (tmp_path / "history.csv").exists():
-        clock.sleep(0.01)
-    with pytest.raises(ValueError, match=f"is in use by process {process.pid} on "):
-        tp.Simulation(dam_break(water, air, 0.04), tmp_path)
-    process.kill()
-    process.wait()
-    assert (tmp_path / ".lock").exists()
-    with pytest.raises(ValueError, match=r"holds the results of a run of 0:00:\d+; name another folder"):
-        tp.Simulation(dam_break(water, air, 0.04), tmp_path, overwrite=False)
-    tp.Simulation(dam_break(water, air, 0.04), tmp_path).results.close()  # the lock was stale
-    assert not list(tmp_path.glob("checkpoints/*.h5"))
-    assert not (tmp_path / ".lock").exists()

@@ -109,7 +109,9 @@ def test_a_run_that_cannot_go_on_exits_with_1(tmp_path, capsys, monkeypatch):
     assert "the run stops" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+@pytest.mark.parametrize(
+    ("number", "code"), [pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow), (signal.SIGINT, 130)]
+)
 def test_signals_end_a_run_with_its_last_state_written(number, code, tmp_path):
     out = tmp_path / "out"
     words = ["run", CASE, "--set", "tank.spacing=0.01", "--until", "100", "--out", str(out)]

@@ -178,7 +178,9 @@ def test_keys_tilt_push_and_drop_too(browser, run):
     assert process.wait(60) == 0
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize(
+    "name", ["SIGTERM", pytest.param("SIGINT", marks=pytest.mark.slow), pytest.param("SIGHUP", marks=pytest.mark.slow)]
+)
 def test_a_signal_ends_the_run_and_its_page(browser, run, name):
     process, address, out = run
     shown = ShownPage(browser, address, DOMAIN)
