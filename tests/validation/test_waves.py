@@ -19,9 +19,9 @@ TIGHT = tp.Numerics(pressure="two-sided", newton_tolerance=1e-10, acceleration_t
 @pytest.mark.parametrize(("flow", "amplitude"), [("syrup", 0.01), ("water", 0.001)])
 def test_the_tolerance_follows_a_slow_flow(flow, amplitude):
     """A damped wave, and one that accelerates at 0.5 % of gravity: within 0.5 %, its energy closed to 0.1 %."""
-    found, _ = waves.measure(flow, 16, 1.1, amplitude=amplitude)
-    tight, _ = waves.measure(flow, 16, 1.1, amplitude=amplitude, numerics=TIGHT)
-    assert len(found["peaks"]) == 2
+    found, _ = waves.measure(flow, 16, 0.6, amplitude=amplitude)
+    tight, _ = waves.measure(flow, 16, 0.6, amplitude=amplitude, numerics=TIGHT)
+    assert len(found["peaks"]) == 1
     np.testing.assert_allclose(found["peaks"], tight["peaks"], rtol=5e-3)
     assert abs(found["residual"]) < 1e-3
     assert found["krylov_iterations"] < 0.6 * tight["krylov_iterations"]

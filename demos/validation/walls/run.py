@@ -43,11 +43,11 @@ FINE = {
 SHORT = {
     "vortex": (12, 24),
     "long": 10,
-    "driven": {100: 20},
-    "dam": 0.02,
-    "sloshed": 16,
-    "rolled": (12, 24),
-    "pistons": 8,
+    "driven": {100: 14},
+    "dam": 0.584 / 24,
+    "sloshed": 12,
+    "rolled": (9, 18),
+    "pistons": 7,
 }
 DRIVEN_END = {100: 10.0, 400: 20.0}  # [s], by which the flow is steady; --short goes a third of the way
 DAM_END = 0.24  # [s]; T = 2.8
