@@ -34,7 +34,7 @@ TAICHI = (
     "linalg/multigrid/grid_transfer.py",
     "linalg/multigrid/mesh_transfer.py",
     "linalg/multigrid/v_cycle.py",
-    "remesh/account_kernels.py",
+    "remesh/energy_kernels.py",
     "remesh/edges/*",
     "remesh/insertion_kernels.py",
     "remesh/sizing.py",

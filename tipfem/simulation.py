@@ -116,8 +116,7 @@ class Simulation:
         self.control = StepControl(largest, target=case.numerics.largest_move)
         self.solver = StepSolver(case, self.control.reach)
         self.remesher, self.budget = remesher_for(case), Budget(case)
-        account = self.remesher.account
-        kept = (*self.budget.columns, *(account.columns if account else ()), *body_columns(case.bodies, None))
+        kept = (*self.budget.columns, *self.remesher.account.columns, *body_columns(case.bodies, None))
         self.columns = own_columns(columns or {}, kept)
         self.until, self.notes = math.nan, list[str]()
         self.started = clock.perf_counter()
@@ -217,9 +216,7 @@ class Simulation:
                 except (StepRefused, TriangulationError, FloatingPointError) as reason:
                     self._refuse(dt, reason)
                     refused += 1
-            balance = self.budget.account(solved, state)
-            if self.remesher.account:
-                balance |= self.remesher.account.row()
+            balance = self.budget.account(solved, state) | self.remesher.account.row()
             self.control.accept(dt)
             self.volume_control.observe(state.volume, dt)
             self.state = state
@@ -310,8 +307,7 @@ class Simulation:
 
         Empty without ``Numerics(budget="detailed")``; see docs/theory/energy.md.
         """
-        account = self.remesher.account
-        names = account.columns if account else ()
+        names = self.remesher.account.columns
         return remeshing_sums({name: sum(row[name] for row in self.history) for name in names})
 
     def _repr_html_(self) -> str:
@@ -346,7 +342,7 @@ class Simulation:
                 "numerics": dataclasses.asdict(self.case.numerics),
                 "fluids": [vars(f) for f in self.case.fluids],
                 "numerical_error": self.numerical_error(),
-                **({"remeshing": self.remeshing_sums()} if self.remesher.account else {}),
+                **({"remeshing": self.remeshing_sums()} if self.remesher.account.columns else {}),
                 **(content or {}),
             }
         )

@@ -155,3 +155,24 @@ def test_a_contact_goes_at_most_twice_as_far_as_the_interface_above_it_went(path
     t, contact = upright(0.3)
     slide(t, np.zeros(len(t.state), dtype=np.int32), path=path)
     np.testing.assert_allclose(t.state[contact, 0], 3.3 - 2 * path, atol=1e-14)
+
+
+@pytest.mark.parametrize("slips", [False, True])
+def test_what_a_broken_film_becomes_moves_with_the_water(slips):
+    """Water that takes the place of fast air along a wall has the speed of the water beside it, if the wall slips."""
+    x, cells = grid(np.arange(9), np.array([0, 1, 2, 2.2]))
+    t = of(x, cells, (x[cells, 1].mean(axis=1) > 2).astype(int), density=[1000.0, 1.0])
+    film = x[:, 1] == 2.2
+    t.wall[:] = film
+    for column, slow, fast in ((VELOCITY, 2.0, 40.0), (ACCELERATION, 3.0, 60.0)):
+        t.state[:, column] = np.where(film, fast, slow)
+    mass = t.state[:, MASS].copy()
+    held, still = np.ones(len(x), dtype=np.int32), t.wall * (not slips)
+    limits = {"reach": 0.0, "gap": 0.35, "least_area": 0.02, "film": 0.3, "sliver": 0.0}
+    assert t.repair_interfaces(held, np.zeros_like(x), still.astype(np.int32), **limits) == (16, 0)
+    gained = t.state[film, MASS] - mass[film]
+    assert (gained > 100 * mass[film]).all()
+    for column, slow, fast in ((VELOCITY, 2.0, 40.0), (ACCELERATION, 3.0, 60.0)):
+        np.testing.assert_allclose(t.state[~film, column], slow, rtol=1e-14)
+        expected = (fast * mass[film] + slow * gained) / t.state[film, MASS] if slips else fast
+        np.testing.assert_allclose(t.state[film, column], expected, rtol=1e-12)

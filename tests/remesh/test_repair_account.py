@@ -88,7 +88,7 @@ def test_the_table_at_the_end(water, air, tmp_path):
     assert list(read) == ["water", "air"]
     assert read["water"]["flips"] == pytest.approx(sums["water"]["flips"], rel=1e-6, abs=1e-12)
     text = remeshing_table(sums)
-    assert results.remeshing_table().count("\n") == text.count("\n") == 2 * 11 - 1
+    assert results.remeshing_table().count("\n") == text.count("\n") == 2 * 12 - 1
     assert f"{sums['air']['collapses']['kinetic_energy']:.4g}" in text
 
 

@@ -156,6 +156,11 @@ class Case:
             self.tank.seal()
 
     @property
+    def potential_gravity(self) -> Array:
+        """(d,) gravity where it has a potential [m/s^2]; along periodic sides its work is external."""
+        return np.where(self.period.width > 0, 0.0, np.asarray(self.gravity, dtype=float))
+
+    @property
     def two_sided(self) -> bool:
         """Whether each fluid has a pressure of its own on interfaces, see `tipfem.Numerics`."""
         chosen = self.numerics.pressure

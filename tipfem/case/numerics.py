@@ -186,6 +186,8 @@ class Numerics:
         smallest_jacobian: limit of J; a step in which an element's J falls below it is refused.
         triangulation: with the interpolated interface in 2-D and without free surface: "repair" flips edges of the
             last mesh, and removes and inserts relocated particles, where possible; "rebuild" calls Qhull in every step.
+        energy_limit: with the sharp interface, whether kinetic and potential energy that remeshing adds in a step is
+            taken back, see docs/theory/energy.md.
         budget: what the history has of energy and momentum: "total"; or "detailed", also what each kind of repair of
             the mesh adds to those of each fluid, see docs/theory/energy.md. No step depends on it.
         relocation: when and where to particles are relocated with the interpolated interface.
@@ -209,6 +211,7 @@ class Numerics:
     largest_move: float = 0.35
     smallest_jacobian: float = 0.05
     triangulation: str = "repair"
+    energy_limit: bool = False
     budget: str = "total"
     relocation: RelocationRule = field(default_factory=RelocationRule)
     fitting: FittedRule = field(default_factory=FittedRule)
@@ -243,8 +246,9 @@ class Numerics:
         for name, kind in (("relocation", RelocationRule), ("fitting", FittedRule), ("surface", SurfaceRule)):
             if not isinstance(getattr(self, name), kind):
                 raise ValueError(f"Numerics: {name} is {getattr(self, name)!r}; it must be a {kind.__name__}")
-        if not isinstance(self.momentum_transfer, bool):
-            raise ValueError(f"Numerics: momentum_transfer is {self.momentum_transfer!r}; it must be True or False")
+        for name in ("momentum_transfer", "energy_limit"):
+            if not isinstance(getattr(self, name), bool):
+                raise ValueError(f"Numerics: {name} is {getattr(self, name)!r}; it must be True or False")
 
     def tolerance(self, force: Array, acceleration: float, cm: float, spacing: float, smallest: float) -> float:
         """Tolerance of the largest scaled residual [spacings].

@@ -15,8 +15,8 @@ from tipfem.case.numerics import FittedRule
 from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
 from tipfem.mesh.mesh import Mesh
-from tipfem.remesh.edges.edge_operations import VELOCITY
-from tipfem.remesh.repair_account import RepairAccount
+from tipfem.remesh.edges.edge_operations import ACCELERATION, VELOCITY
+from tipfem.remesh.repair_account import NoAccount
 from tipfem.remesh.triangulation import Crowding, Triangulation
 from tipfem.remesh.volumes import restore_volumes, with_components
 from tipfem.timers import timer
@@ -60,7 +60,7 @@ def repair(
     slippery: Array | None = None,
     total: Array | None = None,
     graded: bool = False,
-    account: RepairAccount | None = None,
+    account: NoAccount | None = None,
 ) -> Repaired:
     """Remesh particles that have moved.
 
@@ -87,14 +87,15 @@ def repair(
     held = fixed.astype(bool)
     with timer("flips"):
         t = Triangulation.of(particles, mesh, density, moved, rule.flip_tolerance)
-        if account:
-            t.observer = account.add_triangulation
+        account = account or NoAccount()
+        account.observe(t)
         flips = t.make_delaunay(rule.flip_tolerance, stale_only=True)
     sticks = held if slippery is None else held | (slippery > 0)
     with timer("interface repair"):
         broken, taken = t.repair_interfaces(
             sticks,
             mesh.period.shortest(particles.position - mesh.position),
+            None if slippery is None else t.wall * (slippery == 0),
             reach=rule.contact_reach,
             gap=GAP,
             least_area=LEAST,
@@ -113,8 +114,7 @@ def repair(
         slides[: len(held)] = (slippery > 0) & ~held & ~relocated[: len(held)]
     with timer("volumes"):
         new = restore_volumes(new, mesh, moved, relocated, total, 0.05 * particles.spacing, len(density), slides)
-    if account:
-        account.add_mesh("volumes", new, np.ascontiguousarray(t.state[:, VELOCITY : VELOCITY + 2]))
+    account.add_mesh("volumes", new, t.state[:, VELOCITY:ACCELERATION])
     position = new.period.wrapped(new.position)
     if not (flips or broken or relocated.any() or (position != particles.position).any()):
         return Repaired(particles, mesh.moved(particles.position), relocated)

@@ -30,11 +30,12 @@ from tipfem.mesh.free_surface import SurfaceMesher, spray_volumes
 from tipfem.mesh.interface import InterfaceRule, InterpolatedInterface, SharpInterface
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh import drops
+from tipfem.remesh.energy_limit import Change, without_gain
 from tipfem.remesh.fitted import hull_corners, particle_fluid, repair, with_fluids
 from tipfem.remesh.meshers import FreeSurfaceMesher, Mesher, TankMesher
 from tipfem.remesh.momentum_transfer import conserve_along_period, nodal_density, transfer_momentum
 from tipfem.remesh.relocation import relocate
-from tipfem.remesh.repair_account import INTERPOLATED, SHARP, RepairAccount
+from tipfem.remesh.repair_account import INTERPOLATED, SHARP, NoAccount, RepairAccount
 from tipfem.remesh.side_pressures import of_renumbered, pressures_on_sides
 from tipfem.remesh.sizing import limit_gradation
 from tipfem.remesh.surface_volumes import carried_through, kept_inside, mass_factor, restore_volumes, with_momenta
@@ -54,16 +55,16 @@ class Remesher(ABC):
         interface: the rule for the properties of elements between fluids.
         keeps_volumes: whether remeshing restores the volumes of the fluids, so that no source is needed.
         repairs: kinds of repair, see `RepairAccount`.
-        account: of what each of them adds in the last remeshing; None without a detailed budget.
+        account: of what each of them adds in the last remeshing, with a detailed budget.
     """
 
     interface: InterfaceRule
     keeps_volumes: bool
     repairs: tuple[str, ...]
-    account: RepairAccount | None = None
+    account: NoAccount
 
     def __init__(self, fluids: Sequence[Fluid]) -> None:
-        self.fluids = list(fluids)
+        self.fluids, self.account = list(fluids), NoAccount()
         self.density, self.rank = np.array([f.density for f in fluids], dtype=float), ranks(fluids)
 
     @abstractmethod
@@ -113,8 +114,7 @@ class Remesher(ABC):
     def _ended(self, *values: Any, **others: Any) -> State:
         """The `_state` after a remeshing, with which its account ends."""
         state = self._state(*values, **others)
-        if self.account:
-            self.account.end(state)
+        self.account.add(self.repairs[-1], state.particles, state.mesh, state.material)
         return state
 
     def _state(self, particles: Particles, mesh: Mesh, material: Material, mass: Array, **others: Any) -> State:
@@ -180,8 +180,7 @@ class DelaunayRemesher(Remesher):
     def remesh(self, solved: Solved) -> State:
         """See `Remesher.remesh`."""
         before, walls, account = solved.before, solved.walls, self.account
-        if account:
-            account.start(solved)
+        account.start(solved)
         convex = before.boundary.domain is None
         start = kept_inside(solved.particles) if convex and before.mesh.surface.exists else solved.particles
         with timer("relocation"):
@@ -190,7 +189,7 @@ class DelaunayRemesher(Remesher):
             particles, of_walls = walls.space(particles, before.mesh.surface)
         with timer("triangulation"):
             mesh, rebuilt = self.mesher.remesh(solved, particles, moves)
-        if account:
+        if account.columns:
             labelled = self._labelled(particles, mesh)
             account.add("triangulation", labelled, mesh, self._material(labelled, mesh)[0])
         relocated = (particles.position != start.position).any(axis=1)
@@ -204,14 +203,12 @@ class DelaunayRemesher(Remesher):
         material, mass = self._material(particles, mesh)
         if kept is not None:
             particles = with_momenta(solved, kept, particles, mesh, material.density, mass)
-        if account:
-            account.add("volumes", particles, mesh, material)
+        account.add("volumes", particles, mesh, material)
         if self.momentum_transfer:
             assert isinstance(before.material, InterpolatedMaterial)
             around = np.where(relocated, np.nan, before.material.nodal_density)
             particles = transfer_momentum(particles, mesh, around, material.nodal_density, before.boundary.still)
-            if account:
-                account.add("transfer", particles, mesh, material)
+            account.add("transfer", particles, mesh, material)
         return self._ended(
             conserve_along_period(solved, walls.imposed(particles), mass),
             mesh,
@@ -294,6 +291,7 @@ class FittedRemesher(Remesher):
         grading: of the target spacings; None for the same spacing everywhere and a constant number of particles.
         first: cells and fluids of the first mesh; None for a Delaunay mesh of the particles.
         bodies: in the fluids.
+        limit: (2,) gravity [m/s^2], if no remeshing is to raise the energy; None to let it.
     """
 
     interface = SharpInterface()
@@ -310,9 +308,10 @@ class FittedRemesher(Remesher):
         grading: Grading | None = None,
         first: tuple[Array, Array] | None = None,
         bodies: Sequence[Body] = (),
+        limit: Array | None = None,
     ) -> None:
         super().__init__(fluids)
-        self.rule, self._bodies = rule, bodies
+        self.rule, self._bodies, self._limit = rule, bodies, limit
         self._names = [f.name for f in fluids]
         self._first = first
         self._keep, self._walls_have_fluids, self._grading = keep, walls_have_fluids, grading
@@ -328,6 +327,7 @@ class FittedRemesher(Remesher):
             grading=case.grading,
             first=case.tank.first_cells(case.fluids) if isinstance(case.tank, MeshTank) else None,
             bodies=case.bodies,
+            limit=case.potential_gravity if case.numerics.energy_limit else None,
         )
 
     def start(self, particles: Particles, boundary: Boundary, reference: int) -> State:
@@ -372,9 +372,8 @@ class FittedRemesher(Remesher):
     def remesh(self, solved: Solved) -> State:
         """See `Remesher.remesh`."""
         before = solved.before
-        if self.account:
-            self.account.start(solved)
-        particles = self._graded(solved.walls.set_back(solved.particles), before.mesh)
+        self.account.start(solved)
+        particles = moved = self._graded(solved.walls.set_back(solved.particles), before.mesh)
         boundary, fixed = before.boundary, before.fixed.copy()
         fixed[boundary.index[boundary.pinned]] = True
         slippery = np.zeros(len(fixed), dtype=np.int32)
@@ -415,8 +414,13 @@ class FittedRemesher(Remesher):
             bodies = bodies.remeshed(self._bodies, particles, renumbered, relocated)
             particles = bodies.imposed(particles)
         material, mass = self._material(mesh)
+        particles, owed = conserve_along_period(solved, particles, mass), 0.0
+        self.account.add("walls", particles, mesh, material)
+        if self._limit is not None:
+            change = Change(moved, before.mesh, renumbered, relocated)
+            particles, owed = without_gain(change, particles, mesh, mass, self.density, self._limit, before.owed)
         return self._ended(
-            conserve_along_period(solved, particles, mass),
+            particles,
             mesh,
             material,
             mass,
@@ -432,6 +436,7 @@ class FittedRemesher(Remesher):
             pressure_jump=jump,
             layers=solved.walls.layers,
             bodies=bodies,
+            owed=owed,
         )
 
     def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:

@@ -11,20 +11,46 @@ from tipfem.backend.launch import launch
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Mesh, simplex_measure
-from tipfem.remesh.account_kernels import cell_sums
 from tipfem.remesh.edges.edge_operations import ACCELERATION, VELOCITY
+from tipfem.remesh.energy_kernels import cell_sums
 from tipfem.remesh.triangulation import Triangulation
-from tipfem.state import InterpolatedMaterial, Material, Solved, State
+from tipfem.state import InterpolatedMaterial, Material, Solved
 from tipfem.timers import timer
 from tipfem.typing import Array
 
 # Kinds of repair in their order, by what remeshes; docs/theory/energy.md says what each is.
-SHARP = ("areas", "flips", "contacts", "films", "slivers", "collapses", "splits", "volumes", "walls")
+SHARP = ("areas", "flips", "contacts", "films", "slivers", "collapses", "splits", "volumes", "walls", "limit")
 INTERPOLATED = ("areas", "triangulation", "volumes", "transfer", "walls")
 AXES = "xyz"
 
 
-class RepairAccount:
+class NoAccount:
+    """A `RepairAccount` of nothing.
+
+    Attributes:
+        columns: names of the columns of `row`.
+    """
+
+    columns: tuple[str, ...] = ()
+
+    def start(self, solved: Solved) -> None:
+        """See `RepairAccount.start`."""
+
+    def add(self, kind: str, particles: Particles, mesh: Mesh, material: Material) -> None:
+        """See `RepairAccount.add`."""
+
+    def add_mesh(self, kind: str, mesh: Mesh, velocity: Array) -> None:
+        """See `RepairAccount.add_mesh`."""
+
+    def observe(self, t: Triangulation) -> None:
+        """See `RepairAccount.observe`."""
+
+    def row(self) -> dict[str, float]:
+        """See `RepairAccount.row`."""
+        return {}
+
+
+class RepairAccount(NoAccount):
     """Sums of energy and momentum before and after each repair of a step: a diagnostic, on which no step depends.
 
     What all kinds add is what remeshing adds in the `tipfem.step.budget.Budget` of the step, to round-off.
@@ -38,8 +64,7 @@ class RepairAccount:
     """
 
     def __init__(self, case: Case, kinds: Sequence[str]) -> None:
-        # Along a periodic side gravity has no potential, see `tipfem.step.budget.Budget`.
-        self._gravity = np.where(case.period.width > 0, 0.0, np.asarray(case.gravity, dtype=float))
+        self._gravity = case.potential_gravity
         self._density, self._d = np.array([f.density for f in case.fluids]), len(self._gravity)
         self._number = {kind: number for number, kind in enumerate(kinds)}
         self._quantities = ("kinetic_energy", "potential_energy", *(f"momentum_{axis}" for axis in AXES[: self._d]))
@@ -68,13 +93,9 @@ class RepairAccount:
         """Add to a kind what has changed since the last call, up to a mesh and its material."""
         self._add(kind, self._of_state(particles, mesh, material, mesh.measure))
 
-    @timer("repair account")
-    def add_triangulation(self, kind: str, t: Triangulation) -> None:
-        """Add to a kind what has changed since the last call, up to a triangulation."""
-        there = np.flatnonzero(t.fluid >= 0)
-        cells, fluid = t.cells.take(there, axis=0), t.fluid.take(there)
-        position, velocity = np.ascontiguousarray(t.state[:, :VELOCITY]), t.state[:, VELOCITY:ACCELERATION]
-        self._add(kind, self._of_cells(position, velocity, cells, fluid, simplex_measure(position, cells, t.period)))
+    def observe(self, t: Triangulation) -> None:
+        """Let a triangulation tell what its repairs change."""
+        t.observer = self._add_triangulation
 
     @timer("repair account")
     def add_mesh(self, kind: str, mesh: Mesh, velocity: Array) -> None:
@@ -82,13 +103,17 @@ class RepairAccount:
         assert mesh.fluid is not None
         self._add(kind, self._of_cells(mesh.position, velocity, mesh.cells, mesh.fluid, mesh.measure))
 
-    def end(self, state: State) -> None:
-        """End with the next state; what has changed since the last call is due to walls."""
-        self.add("walls", state.particles, state.mesh, state.material)
-
     def row(self) -> dict[str, float]:
         """Columns of the history: what each kind has added in the last remeshing [J; N s; in 2-D per metre]."""
         return dict(zip(self.columns, self._added.ravel().tolist(), strict=True))
+
+    @timer("repair account")
+    def _add_triangulation(self, kind: str, t: Triangulation) -> None:
+        """Add to a kind what has changed since the last call, up to a triangulation."""
+        there = np.flatnonzero(t.fluid >= 0)
+        cells, fluid = t.cells.take(there, axis=0), t.fluid.take(there)
+        position, velocity = np.ascontiguousarray(t.state[:, :VELOCITY]), t.state[:, VELOCITY:ACCELERATION]
+        self._add(kind, self._of_cells(position, velocity, cells, fluid, simplex_measure(position, cells, t.period)))
 
     def _add(self, kind: str, now: Array) -> None:
         self._added[self._number[kind]] += now - self._last

@@ -261,6 +261,7 @@ class Triangulation:
         self,
         held: Array,
         displacement: Array,
+        still: Array | None = None,
         *,
         reach: float,
         gap: float,
@@ -273,6 +274,7 @@ class Triangulation:
         Args:
             held: (N,) mask of contacts that do not slide along their wall.
             displacement: (N, 2) of the particles in the step [m].
+            still: (N,) 1 for particles whose velocity walls prescribe; by default all wall particles.
             reach: largest displacement of a contact; this and the other limits as in `films_contacts`.
             gap: distance of a contact to the next particles on its wall.
             least_area: twice the area that every cell must keep.
@@ -286,6 +288,7 @@ class Triangulation:
         flag, counters = np.empty(elements, dtype=np.int32), np.zeros(films_contacts.COUNTERS, dtype=np.int32)
         limits = np.array([reach, gap, least_area, film, sliver, 1.0])
         fixed, displacement = held.astype(np.int32), np.ascontiguousarray(displacement)
+        still = self.wall if still is None else still
         most = max(3 * elements, len(self.state))
         keys, names = np.empty((most, 2)), np.empty(most, dtype=np.int32)
 
@@ -298,6 +301,7 @@ class Triangulation:
                 self.fluid,
                 self.period.array,
                 self.corner,
+                still,
                 self.density,
                 self._stale,
                 fixed,

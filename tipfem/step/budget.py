@@ -155,8 +155,7 @@ class Budget:
 
     def __init__(self, case: Case) -> None:
         self._names = [f.name for f in case.fluids]
-        # Along a periodic side gravity has no potential: it is a body force there, whose work is external.
-        self._gravity = np.where(case.period.width > 0, 0.0, case.gravity)
+        self._gravity = case.potential_gravity
         self._kind = case.numerics.mass
         self._bodies = case.bodies
         self._floats = any(body.floats for body in case.bodies)

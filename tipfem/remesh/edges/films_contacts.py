@@ -10,8 +10,10 @@ from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Re
 from tipfem.backend.launch import kernel
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE
 from tipfem.remesh.edges.edge_operations import (
+    MASS,
     STAR,
     TARGET,
+    VELOCITY,
     Segment,
     TriangleArrays,
     add_mass,
@@ -159,10 +161,27 @@ def film_flags(mesh: Template, mark: Template, film, t):
 
 
 @ti.func
-def change_fluid(mesh: Template, t, fluid):
-    """Give cell t, and its mass, to another fluid."""
+def change_fluid(mesh: Template, t, beyond):
+    """Give cell t, and its mass, to the fluid of the cell ``beyond``.
+
+    Mass that its particles gain belonged to that fluid elsewhere, so it moves as the cell beyond does. A thin film of
+    air leaves the gap between water and a wall at many times the water's speed; with that speed, as much water would
+    have a multiple of the energy. Particles of ``mesh.wall`` keep their state.
+    """
+    x = ti.static(mesh.state)
+    share = (mesh.density[mesh.fluid[beyond]] - mesh.density[mesh.fluid[t]]) * double_cell_area(mesh, t) / 6.0
+    if share > 0.0:
+        rates = ti.Vector.zero(ti.f64, 4)  # velocity and acceleration
+        for k in ti.static(range(3)):
+            for c in ti.static(range(4)):
+                rates[c] += x[mesh.cells[beyond, k], VELOCITY + c] / 3.0
+        for k in ti.static(range(3)):
+            i = mesh.cells[t, k]
+            if mesh.wall[i] == 0:
+                for c in ti.static(range(4)):
+                    x[i, VELOCITY + c] += share / (x[i, MASS] + share) * (rates[c] - x[i, VELOCITY + c])
     add_mass(mesh, t, -1)
-    mesh.fluid[t] = fluid
+    mesh.fluid[t] = mesh.fluid[beyond]
     add_mass(mesh, t, 1)
 
 
@@ -220,7 +239,7 @@ def break_film(mesh: Template, flag: Template, t):
         fluid = mesh.fluid[beyond]
         single, within = with_walls(mesh, t, fluid, interface, shared, hull)
         if single > within:
-            change_fluid(mesh, t, fluid)
+            change_fluid(mesh, t, beyond)
             changed = 1
         elif flag[beside] & IN_FILM > 0:
             one, _, inside, _, wall = longest_sides(mesh, t, beside)
@@ -231,8 +250,8 @@ def break_film(mesh: Template, flag: Template, t):
             inside = ti.max(inside, inside_too)
             double, within_both = with_walls(mesh, t, fluid, ti.max(one, other), inside, ti.max(wall, wall_too))
             if same and double > within_both:
-                change_fluid(mesh, t, fluid)
-                change_fluid(mesh, beside, fluid)
+                change_fluid(mesh, t, beyond)
+                change_fluid(mesh, beside, beyond)
                 flag[beside] = flag[beside] & ~IN_FILM
                 changed = 2
     return changed
@@ -270,7 +289,7 @@ def absorb_sliver(mesh: Template, mark: Template, flag: Template, limits: Templa
             if length > longest:
                 longest, corner = length, i
     if corner >= 0:
-        change_fluid(mesh, t, mesh.fluid[mesh.neighbours[t, corner]])
+        change_fluid(mesh, t, mesh.neighbours[t, corner])
         mark[mesh.cells[t, corner]] = ON_INTERFACE
         for k in ti.static(range(3)):
             o = mesh.neighbours[t, k]
@@ -296,6 +315,7 @@ def repair_interfaces(
     fluid: Ints1,
     period: Periods,
     corner: Ints1,
+    still: Ints1,
     density: Reals1,
     stale: Flags1,
     fixed: Ints1,
@@ -320,7 +340,8 @@ def repair_interfaces(
 
     Films go to the fluid beside them: cells without a particle inside their fluid, lower than [FILM]. At such a thin
     film, two surfaces are about to coalesce, or a filament to break. Its cells go to the fluid beyond their longest
-    edge at an interface, see `break_film`. counters: [BROKEN] cells.
+    edge at an interface, see `break_film`. counters: [BROKEN] cells. still (N,): 1 for particles whose velocity walls
+    prescribe.
 
     Slivers are absorbed if no film breaks, which would change the marks: a cell lower than [SLIVER] over an interface's
     edge longer than [LONG_EDGE] goes to the fluid beyond the edge, if its third particle is neither on an interface nor
@@ -330,7 +351,7 @@ def repair_interfaces(
     Contacts are taken in the order of their places, films and slivers in that of their heights. scratch (SCRATCH,),
     flag (M,), keys (S, 2) and names (S,), S >= max(3 M, N), are for this kernel's use.
     """
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, None, density, stale))
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, still, density, stale))
     star, other_star, queue = ti.static(Segment(scratch, 0), Segment(scratch, STAR + 1), Queue(keys, names))
     size = 0
     ti.loop_config(serialize=True)

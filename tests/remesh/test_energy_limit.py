@@ -1,0 +1,117 @@
+"""tipfem/remesh/energy_limit.py: what remeshing adds to the energy is taken back, and nothing else changes."""
+
+import numpy as np
+import pytest
+from triangulations import cloud, delaunay
+
+import tipfem as tp
+from tipfem.mesh.mesh import Mesh
+from tipfem.remesh.energy_limit import Change, damping, without_gain
+
+DENSITY, GRAVITY = np.array([1000.0, 1.0]), np.array([0.0, -9.81])
+
+
+def energy(x, v, mesh) -> float:
+    """Of the velocity that is linear in each triangle, by its values at the middles of the edges, and potential [J]."""
+    mass = DENSITY[mesh.fluid] * mesh.measure
+    middle = 0.5 * (v[mesh.cells] + v[mesh.cells[:, (1, 2, 0)]])
+    return float((mass * ((middle**2).sum(axis=2).sum(axis=1) / 6 - x[mesh.cells].mean(axis=1) @ GRAVITY)).sum())
+
+
+def flow(seed=0):
+    """Particles in two fluids with a rough velocity, their mesh and lumped masses."""
+    rng, x = np.random.default_rng(seed), cloud("walls", seed)
+    cells = delaunay(x)
+    mesh = Mesh(x, cells, (x[cells, 0].mean(axis=1) > np.median(x[:, 0])).astype(np.int32))
+    wall = (x == x.min(axis=0)).any(axis=1) | (x == x.max(axis=0)).any(axis=1)
+    particles = tp.Particles(
+        position=x, fluid=np.zeros(len(x), dtype=np.int32), wall=wall, spacing=0.1, velocity=rng.normal(size=x.shape)
+    )
+    mass = np.zeros(len(x))
+    np.add.at(mass, cells, (DENSITY[mesh.fluid] * mesh.measure / 3)[:, None])
+    return particles, mesh, mass
+
+
+def changed(particles, where, factor):
+    """The particles with a part of their velocities multiplied by a factor, and the change of that."""
+    velocity = particles.velocity.copy()
+    velocity[where] *= factor
+    nothing = np.zeros(len(velocity), dtype=bool)
+    return particles.shallow_copy(velocity=velocity), lambda mesh: Change(particles, mesh, None, nothing)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_gain_is_taken_back_where_it_arose(seed):
+    """The energy is that before; momentum, angular momentum, walls, and what is far from the change are kept."""
+    particles, mesh, mass = flow(seed)
+    where = ~particles.wall & (np.linalg.norm(mesh.position - mesh.position.mean(axis=0), axis=1) < 0.3)
+    after, change = changed(particles, where, 1.03)
+    before, gained = energy(mesh.position, particles.velocity, mesh), energy(mesh.position, after.velocity, mesh)
+    assert gained > before
+    result, owed = without_gain(change(mesh), after, mesh, mass, DENSITY, GRAVITY, 0.0)
+    assert owed == pytest.approx(0.0, abs=1e-12 * gained)
+    assert energy(mesh.position, result.velocity, mesh) == pytest.approx(before, rel=1e-12)
+    momentum = mass[:, None] * (result.velocity - after.velocity)
+    np.testing.assert_allclose(momentum.sum(axis=0), 0.0, atol=1e-12 * np.abs(momentum).sum())
+    turned = mesh.position[:, 0] * momentum[:, 1] - mesh.position[:, 1] * momentum[:, 0]
+    assert turned.sum() == pytest.approx(0.0, abs=1e-12 * np.abs(turned).sum())
+    np.testing.assert_array_equal(result.velocity[particles.wall], after.velocity[particles.wall])
+    near = where.copy()
+    near[mesh.cells[where[mesh.cells].any(axis=1)]] = True
+    np.testing.assert_array_equal(result.velocity[~near], after.velocity[~near])
+    assert (result.velocity[where] != after.velocity[where]).any()
+
+
+def test_without_a_gain_nothing_changes():
+    particles, mesh, mass = flow()
+    after, change = changed(particles, ~particles.wall, 0.9)
+    result, owed = without_gain(change(mesh), after, mesh, mass, DENSITY, GRAVITY, 0.0)
+    assert result is after
+    assert owed == 0.0
+    result, owed = without_gain(change(mesh), particles, mesh, mass, DENSITY, GRAVITY, 0.0)
+    assert result is particles
+
+
+def test_what_cannot_be_paid_is_owed_and_paid_later():
+    """A fluid in rigid motion has nothing to pay with; what is owed is paid out of later losses, and no more."""
+    particles, mesh, mass = flow()
+    x = mesh.position
+    rigid = particles.shallow_copy(velocity=np.stack([2 - 3 * x[:, 1], 1 + 3 * x[:, 0]], axis=1))
+    rate = damping(rigid, mesh, DENSITY[mesh.fluid] * mesh.measure, mass, np.arange(len(mesh.cells)))
+    np.testing.assert_allclose(rate, 0.0, atol=1e-13)
+    owes, change = changed(rigid, slice(None), 1.01)
+    result, owed = without_gain(change(mesh), owes, mesh, mass, DENSITY, GRAVITY, 0.0)
+    gain = energy(x, owes.velocity, mesh) - energy(x, rigid.velocity, mesh)
+    assert owed == pytest.approx(gain, rel=1e-9)
+    np.testing.assert_allclose(result.velocity, owes.velocity, rtol=1e-12)
+    less, change = changed(rigid, slice(None), 0.999)
+    lost = energy(x, rigid.velocity, mesh) - energy(x, less.velocity, mesh)
+    _, still_owed = without_gain(change(mesh), less, mesh, mass, DENSITY, GRAVITY, owed)
+    assert still_owed == pytest.approx(owed - lost, rel=1e-9)
+    assert without_gain(change(mesh), less, mesh, mass, DENSITY, GRAVITY, 0.5 * lost)[1] == 0.0
+
+
+def test_an_inviscid_flow_gains_no_energy_by_remeshing():
+    """A dam break without viscosity between walls that slip: no step's remeshing adds to the energy of the field."""
+    fluids = [tp.Fluid("water", density=1000.0, viscosity=0.0), tp.Fluid("air", density=1.0, viscosity=0.0)]
+    largest = {}
+    for limited in (False, True):
+        tank = tp.tank((0.584, 0.584), 0.0292).fill(fluids[1]).fill(fluids[0], box=((0, 0), (0.146, 0.292)))
+        for side in ("left", "right", "bottom", "top"):
+            tank.wall(side, slip=True)
+        case = tp.Case(tank, fluids, (0, -9.81), numerics=tp.Numerics(energy_limit=limited, largest_move=0.8))
+        simulation, rises = tp.Simulation(case, time_step=2e-3), []
+        remesh = simulation.remesher.remesh
+
+        def watched(solved, remesh=remesh, rises=rises):
+            moved, state = solved.mesh, remesh(solved)
+            was = energy(moved.position, solved.particles.velocity, moved)
+            rises.append(energy(state.mesh.position, state.particles.velocity, state.mesh) - was - state.owed)
+            rises[-1] += solved.before.owed
+            return state
+
+        simulation.remesher.remesh = watched
+        simulation.run(0.2, progress=False)
+        largest[limited] = max(rises) / simulation.history[0]["potential_energy"]
+    assert largest[False] > 1e-6
+    assert largest[True] < 1e-12
