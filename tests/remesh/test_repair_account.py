@@ -9,13 +9,13 @@ from tipfem.remeshing_table import remeshing_sums, remeshing_table
 QUANTITIES = ("kinetic_energy", "potential_energy", "momentum_x", "momentum_y")
 
 
-def dam_break(fluids, *, budget="detailed", steps=60, out=None, **options):
+def dam_break(fluids, *, budget="detailed", steps=60, out=None, mass="lumped", **options):
     """A coarse dam break after some steps."""
     tank = tp.tank((0.584, 0.584), 0.0292)
     for fluid in fluids[1:]:
         tank.fill(fluid)
     tank.fill(fluids[0], box=((0, 0), (0.146, 0.292)))
-    case = tp.Case(tank, fluids, (0, -9.81), numerics=tp.Numerics(budget=budget), **options)
+    case = tp.Case(tank, fluids, (0, -9.81), numerics=tp.Numerics(budget=budget, mass=mass), **options)
     simulation = tp.Simulation(case, out, time_step=3e-3)
     simulation.run(steps * 3e-3, progress=False)
     return simulation
@@ -32,7 +32,14 @@ def by_fluid(state, fluid, density):
 
 
 @pytest.mark.parametrize(
-    "options", [{"interface": "sharp"}, {"interface": "interpolated"}, {"free_surface": True}], ids=str
+    "options",
+    [
+        {"interface": "sharp"},
+        {"interface": "sharp", "mass": "interfaces"},
+        {"interface": "interpolated", "mass": "consistent"},
+        {"free_surface": True},
+    ],
+    ids=str,
 )
 def test_the_parts_add_up(water, air, options):
     """For every step, kinds and fluids together give the columns of the budget; the run is the same without them."""

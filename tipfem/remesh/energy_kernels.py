@@ -13,6 +13,7 @@ def cell_sums(
     velocity: Reals2,
     cells: Ints2,
     mass: Reals2,
+    lumping: Reals1,
     gravity: Reals1,
     partial: Reals2,
     result: Reals1,
@@ -22,8 +23,8 @@ def cell_sums(
 ):
     """Sums over the cells, for each fluid in turn 2 + d of them added to result (F (2 + d),).
 
-    mass (M, F) of each cell by fluid [kg], a (d + 1)-th part of it at each of the cell's particles. The sums are
-    m v . v / 2 and -m x . gravity [J], and m v in each direction [N s].
+    mass (M, F) of each cell by fluid [kg]; lumping (M,), see `tipfem.fem.mass.lumped_part`. The sums are the kinetic
+    energy and -m x . gravity [J], and m v in each direction [N s].
     """
     for t in range(parts * stride):
         width = 2 + dim
@@ -39,6 +40,9 @@ def cell_sums(
                 momentum += v / (dim + 1)
                 for k in ti.static(range(dim)):
                     height -= gravity[k] * x[k] / (dim + 1)
+            for a in ti.static(range(dim + 1)):
+                apart = row(velocity, cells[c, a], dim) - momentum
+                energy -= (1.0 - lumping[c]) * 0.5 * apart.dot(apart) / (dim + 1)
             for f in range(mass.shape[1]):
                 partial[t // stride, f * width] += mass[c, f] * energy
                 partial[t // stride, f * width + 1] += mass[c, f] * height

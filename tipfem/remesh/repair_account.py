@@ -10,6 +10,7 @@ from tipfem.backend.arrays import partials
 from tipfem.backend.launch import launch
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
+from tipfem.fem.mass import lumped_part
 from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.remesh.edges.edge_operations import ACCELERATION, VELOCITY
 from tipfem.remesh.energy_kernels import cell_sums
@@ -64,7 +65,7 @@ class RepairAccount(NoAccount):
     """
 
     def __init__(self, case: Case, kinds: Sequence[str]) -> None:
-        self._gravity = case.potential_gravity
+        self._gravity, self._mass = case.potential_gravity, case.numerics.mass
         self._density, self._d = np.array([f.density for f in case.fluids]), len(self._gravity)
         self._number = {kind: number for number, kind in enumerate(kinds)}
         self._quantities = ("kinetic_energy", "potential_energy", *(f"momentum_{axis}" for axis in AXES[: self._d]))
@@ -142,10 +143,10 @@ class RepairAccount(NoAccount):
         return sums
 
     def _sums(self, position: Array, velocity: Array, cells: Array, mass: Array) -> Array:
-        sums = np.zeros(self._last.size)
+        sums, lumping = np.zeros(self._last.size), lumped_part(self._mass, cells, mass, len(position))
         launch(
             cell_sums,
-            *map(np.ascontiguousarray, (position, velocity, cells, mass)),
+            *map(np.ascontiguousarray, (position, velocity, cells, mass, lumping)),
             self._gravity,
             partials(len(sums)),
             sums,
