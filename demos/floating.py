@@ -17,7 +17,7 @@ options = harness.options(
     time_step=2e-3,  # the largest; it adapts below [s]
     end_time=3.0,  # [s]
     frames_per_second=50.0,
-    interface=None,  # bodies need the sharp one
+    interface=None,  # the sharp one
     out="out/floating",
 )
 

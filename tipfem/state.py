@@ -258,7 +258,7 @@ def state_with_held_bodies(bodies: Sequence[Body], state: State) -> State:
     """
     if state.bodies is None:
         return state
-    states = hold_contacts(bodies, state.bodies, state.particles, state.mesh, state.time)
+    states = hold_contacts(bodies, state.bodies, state.particles, state.mesh, state.boundary, state.time)
     if states is state.bodies:
         return state
     return replace(state, bodies=states, particles=states.imposed(state.particles))

@@ -260,8 +260,6 @@ def test_a_contact_stops_the_run_or_holds_the_body():
         (lambda: half_full(tp.Body(box((0.1, 0.5)), density=1.0)), "body 'body' must be inside the tank"),
         (lambda: half_full(tp.Body(box((0.25, 0.5), turn=0), density=1.0), spacing=0.05), "gap between two walls"),
         (lambda: half_full(tp.Body(box()), tp.Body(box((0.7, 0.2)))), "there is a body 'body' already"),
-        (lambda: half_full(tp.Body(box()), free_surface=True), "need the sharp interface"),
-        (lambda: half_full(tp.Body(box()), interface="interpolated"), "need the sharp interface"),
     ],
 )
 def test_errors_before_the_run(made, message):

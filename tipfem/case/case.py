@@ -150,7 +150,14 @@ class Case:
         self.boundary = (
             Boundary(particles, self.walls, self.tank_motion, closed=self.closed, period=self.period)
             if self.domain is None
-            else DomainBoundary(particles, self.walls, self.tank_motion, self.domain, closed=self.closed)
+            else DomainBoundary(
+                particles,
+                self.walls,
+                self.tank_motion,
+                self.domain,
+                closed=self.closed,
+                bodies=len(self.bodies),
+            )
         )
         if self.tank is not None:
             self.tank.seal()
@@ -244,11 +251,8 @@ class Case:
         names = [body.name for body in result]
         if len(set(names)) < len(names):
             raise ValueError(f"Case: bodies are named {names}; every body needs a name of its own")
-        if result and (self.interface != "sharp" or self.particles.dimension != 2):
-            raise ValueError(
-                f"Case: there are bodies ({', '.join(names)}), which need the sharp interface, in 2-D and without a "
-                f"free surface; interface is {self.interface!r} and free_surface is {self.free_surface}"
-            )
+        if result and self.particles.dimension != 2:
+            raise ValueError(f"Case: there are bodies ({', '.join(names)}), which are for 2-D only")
         return result
 
     def _labelled(self, particles: Particles) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -176,6 +177,16 @@ class Domain:
             pairs.append(np.stack([row[:-1], row[1:]], axis=1))
             edges.append(np.full(len(row) - 1, k))
         return np.concatenate(pairs), np.concatenate(edges)
+
+    def first_loops(self, count: int) -> Domain:
+        """The domain with its first ``count`` loops only."""
+        result = copy.copy(self)
+        kept = self.loop < count
+        for name in ("start", "end", "loop", "side", "curve", "centre", "following"):
+            setattr(result, name, getattr(self, name)[kept])
+        for name in ("length", "direction", "normal", "turn"):
+            result.__dict__.pop(name, None)
+        return result
 
     def edges_of(self, particles: Particles) -> Array:
         """(E, 2) the wall particles along the boundary, two and two, with the fluid on the left."""

@@ -10,7 +10,7 @@ import numpy as np
 from tipfem.arguments import is_number
 from tipfem.case.boundary import ON_LINE, ON_SIDE, Boundary, frames
 from tipfem.case.curves import curve_of, runs_of
-from tipfem.case.domain import Domain
+from tipfem.case.domain import ON_BOUNDARY, Domain
 from tipfem.case.particles import Particles
 from tipfem.case.walls import Motion, Pose, Wall
 from tipfem.typing import Array
@@ -30,8 +30,11 @@ class DomainBoundary(Boundary):
         motion: rigid motion of the whole tank, or None.
         domain: that bounds the fluids.
         closed: whether the fluids fill the tank.
+        bodies: number of loops of the domain, the last ones, that are outlines of bodies at t = 0.
 
     Attributes:
+        tank: the domain without bodies.
+        body_edges: (E, 2) the edges of a mesh along the bodies, as long as their particles are the initial ones.
         tangent: (W, 2) direction in which the wall of each particle slides, anticlockwise about what its outline
             encloses.
         curvature: (W, 2) vector to the centre of the arc that it is on over the square of the radius [1/m].
@@ -49,8 +52,15 @@ class DomainBoundary(Boundary):
         domain: Domain,
         *,
         closed: bool = True,
+        bodies: int = 0,
     ) -> None:
-        self.domain = domain
+        loops = int(domain.loop.max()) + 1 - bodies
+        self.domain, self.tank = domain, domain.first_loops(loops) if bodies else domain
+        self.body_edges = np.zeros((0, 2), dtype=np.int64)
+        if bodies:
+            index = np.flatnonzero(particles.wall)
+            pairs, edge = domain.boundary_edges(particles.position[index], ON_BOUNDARY * particles.spacing)
+            self.body_edges = index[pairs[domain.loop[edge] >= loops]]
         super().__init__(particles, walls, motion, closed=closed)
 
     def _find_sides(self, particles: Particles) -> None:
@@ -186,11 +196,11 @@ class DomainBoundary(Boundary):
             (E, 2) numbers of particles, with the fluid on the left.
         """
         if not self.active:
-            return self.domain.edges_of(particles)
+            return np.concatenate([self.tank.edges_of(particles), self.body_edges])
         y = self.pose(time, 1e-6).origin(particles.position[self.index])
         pairs = []
         on_curves = np.array([edge for curve in self.curves for edge in curve.edges], dtype=np.int64)
-        for side in np.setdiff1d(np.arange(len(self.domain)), on_curves).tolist():
+        for side in np.setdiff1d(np.arange(len(self.tank)), on_curves).tolist():
             row = np.flatnonzero(self.on_side[:, side])
             row = row[np.argsort((y[row] - self.domain.start[side]) @ self.domain.direction[side])]
             pairs.append(np.stack([row[:-1], row[1:]], axis=1))
@@ -204,7 +214,7 @@ class DomainBoundary(Boundary):
                 row = row[np.argsort(curve.along(y[row]))]
                 row = np.append(row, row[0])
             pairs.append(np.stack([row[:-1], row[1:]], axis=1))
-        return np.asarray(self.index[np.concatenate(pairs)])
+        return np.concatenate([self.index[np.concatenate(pairs)], self.body_edges])
 
     def stopped(self, particles: Particles, loose: Array, time: float) -> Particles:
         """The particles, with loose ones that have passed a wall of the domain put back in front of it.
@@ -218,26 +228,37 @@ class DomainBoundary(Boundary):
             return particles
         pose, index = self.pose(time, 1e-6), np.flatnonzero(loose)
         y = pose.origin(particles.position[index])
-        out = np.flatnonzero(~self.domain.contains(y))
+        out = np.flatnonzero(~self.tank.contains(y))
         if not len(out):
             return particles
-        distance, part = self.domain.distances(y[out])
-        edge = np.argmin(distance, axis=1)
-        foot = (
-            self.domain.start[edge]
-            + part[np.arange(len(out)), edge, None] * (self.domain.end - self.domain.start)[edge]
-        )
-        normal = self.domain.normal[edge] @ pose.rotation.T
-        position, velocity = particles.position.copy(), particles.velocity.copy()
-        position[index[out]] = pose.place(foot) + OFF_WALL * particles.spacing * normal
-        relative = velocity[index[out]] - pose.rigid_velocity(position[index[out]])
-        velocity[index[out]] -= np.minimum((relative * normal).sum(axis=1), 0.0)[:, None] * normal
-        return particles.shallow_copy(position=position, velocity=velocity)
+        return put_before(particles, index[out], y[out], self.tank, pose, 1.0)
 
     def _volume_at(self, time: float) -> float:
         """That of the domain: no wall moves along its normal."""
         del time
         return self.domain.area
+
+
+def put_before(particles: Particles, index: Array, y: Array, domain: Domain, pose: Pose, side: float) -> Particles:
+    """The particles, with some that have passed the boundary of a domain put back in front of it.
+
+    Args:
+        particles: the state.
+        index: (K,) those that have passed it.
+        y: (K, 2) where they are in the frame of the domain [m].
+        domain: of a tank, or the outline of a body.
+        pose: of the domain's frame.
+        side: 1 where particles belong inside the domain, -1 where they belong outside.
+    """
+    distance, part = domain.distances(y)
+    edge = np.argmin(distance, axis=1)
+    foot = domain.start[edge] + part[np.arange(len(y)), edge, None] * (domain.end - domain.start)[edge]
+    normal = side * domain.normal[edge] @ pose.rotation.T
+    position, velocity = particles.position.copy(), particles.velocity.copy()
+    position[index] = pose.place(foot) + OFF_WALL * particles.spacing * normal
+    relative = velocity[index] - pose.rigid_velocity(position[index])
+    velocity[index] -= np.minimum((relative * normal).sum(axis=1), 0.0)[:, None] * normal
+    return particles.shallow_copy(position=position, velocity=velocity)
 
 
 def _smooth_joints(domain: Domain, on_side: Array) -> Array:

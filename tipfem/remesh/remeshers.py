@@ -43,6 +43,7 @@ from tipfem.remesh.volumes import with_components
 from tipfem.state import InterpolatedMaterial, Material, SharpMaterial, Solved, State, lumped
 from tipfem.timers import timer
 from tipfem.typing import Array
+from tipfem.walls.bodies import stopped_by_bodies
 
 
 class Remesher(ABC):
@@ -134,6 +135,7 @@ class DelaunayRemesher(Remesher):
         rule: of relocation.
         mesher: of the whole tank, or of the fluids below a free surface.
         momentum_transfer: whether momentum is transferred to particles that became heavier.
+        bodies: in the fluids.
     """
 
     interface = InterpolatedInterface()
@@ -141,9 +143,16 @@ class DelaunayRemesher(Remesher):
     repairs = INTERPOLATED
 
     def __init__(
-        self, fluids: Sequence[Fluid], rule: RelocationRule, mesher: Mesher, *, momentum_transfer: bool = True
+        self,
+        fluids: Sequence[Fluid],
+        rule: RelocationRule,
+        mesher: Mesher,
+        *,
+        momentum_transfer: bool = True,
+        bodies: Sequence[Body] = (),
     ) -> None:
         super().__init__(fluids)
+        self._bodies = bodies
         # Of one fluid with a free surface; what two of them exchange is left to the source.
         self.keeps_volumes = isinstance(mesher, FreeSurfaceMesher) and len(fluids) == 1
         self.rule, self.mesher, self.momentum_transfer = rule, mesher, momentum_transfer
@@ -157,7 +166,13 @@ class DelaunayRemesher(Remesher):
             mesher: Mesher = TankMesher(repairs=repairs)
         else:
             mesher = FreeSurfaceMesher(SurfaceMesher(numerics.surface, case.filled))
-        return DelaunayRemesher(case.fluids, numerics.relocation, mesher, momentum_transfer=numerics.momentum_transfer)
+        return DelaunayRemesher(
+            case.fluids,
+            numerics.relocation,
+            mesher,
+            momentum_transfer=numerics.momentum_transfer,
+            bodies=case.bodies,
+        )
 
     def start(self, particles: Particles, boundary: Boundary, reference: int) -> State:
         """See `Remesher.start`."""
@@ -185,6 +200,8 @@ class DelaunayRemesher(Remesher):
         start = kept_inside(solved.particles) if convex and before.mesh.surface.exists else solved.particles
         with timer("relocation"):
             stopped = before.boundary.stopped(start, before.mesh.surface.loose, solved.time)
+            if solved.bodies is not None:
+                stopped = stopped_by_bodies(self._bodies, solved.bodies, stopped, before.mesh.surface.loose)
             particles, moves = relocate(stopped, before.mesh, self.rule)
             particles, of_walls = walls.space(particles, before.mesh.surface)
         with timer("triangulation"):

@@ -13,7 +13,10 @@ import numpy as np
 
 from tipfem.case.body import FREEDOMS, Body
 from tipfem.case.boundary import Boundary
+from tipfem.case.domain import Domain
+from tipfem.case.domain_boundary import put_before
 from tipfem.case.particles import Particles
+from tipfem.case.walls import Pose
 from tipfem.mesh.mesh import Surface
 from tipfem.typing import Array
 from tipfem.walls.step import Walls
@@ -122,6 +125,57 @@ class BodyStates:
                 on = body.distance(at_start + body.reference) < ON_BODY * particles.spacing
                 label[moved[on & particles.wall[moved]]] = b
         return self if label is self.label else replace(self, label=label)
+
+
+def body_pose(body: Body, states: BodyStates, number: int) -> Pose:
+    """The motion of a body from where it is at t = 0.
+
+    Args:
+        body: of the case.
+        states: of the bodies.
+        number: of the body.
+    """
+    (x, y, angle), (u, v, w), (a, b, c) = (
+        of[number].tolist() for of in (states.position, states.velocity, states.acceleration)
+    )
+    cosine, sine = np.cos(angle), np.sin(angle)
+    across = np.array([[0.0, -1.0], [1.0, 0.0]])
+    return Pose(
+        np.asarray(body.reference, dtype=float),
+        np.array([x, y]),
+        np.array([[cosine, -sine], [sine, cosine]]),
+        w * across,
+        c * across,
+        np.array([u, v]),
+        np.array([a, b]),
+    )
+
+
+def outline_of(body: Body) -> Domain:
+    """The region that a body covers at t = 0."""
+    count = len(body.corners)
+    return Domain([body.corners], [[body.name] * count], [[-1] * count])
+
+
+def stopped_by_bodies(bodies: Sequence[Body], states: BodyStates, particles: Particles, loose: Array) -> Particles:
+    """The particles, with loose ones that have flown into a body put back in front of it.
+
+    Args:
+        bodies: of the case.
+        states: of the bodies.
+        particles: at the same time.
+        loose: (N,) mask of the particles in free flight.
+    """
+    for number, body in enumerate(bodies):
+        index = np.flatnonzero(loose)
+        if not len(index):
+            break
+        pose, outline = body_pose(body, states, number), outline_of(body)
+        y = pose.origin(particles.position[index])
+        inside = outline.contains(y)
+        if inside.any():
+            particles = put_before(particles, index[inside], y[inside], outline, pose, -1.0)
+    return particles
 
 
 def body_columns(bodies: Sequence[Body], states: BodyStates | None) -> dict[str, float]:

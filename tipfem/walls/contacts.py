@@ -1,4 +1,7 @@
-"""Contacts of bodies with walls and with each other, found in the mesh between them."""
+"""Contacts of bodies with walls and with each other.
+
+They are found in the mesh between them, or where a free surface leaves gaps without a mesh, by their outlines.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from tipfem.case.body import Body
+from tipfem.case.boundary import Boundary
+from tipfem.case.domain_boundary import DomainBoundary
 from tipfem.case.particles import Particles
 from tipfem.errors import SimulationError
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
-from tipfem.walls.bodies import BodyStates
+from tipfem.walls.bodies import BodyStates, body_pose, outline_of
 
 CONTACT = 0.5  # gap below which bodies and walls are in contact [spacings]
 
@@ -70,8 +75,46 @@ def find_contacts(particles: Particles, mesh: Mesh, label: Array) -> list[Contac
     return [found[pair] for pair in sorted(found)]
 
 
+def contacts_of_outlines(
+    bodies: Sequence[Body], states: BodyStates, particles: Particles, boundary: Boundary, time: float
+) -> list[Contact]:
+    """The contacts of bodies, one for each pair, whether there is a mesh between them or not.
+
+    Args:
+        bodies: of the case.
+        states: of the bodies.
+        particles: at the same time.
+        boundary: the walls.
+        time: [s].
+    """
+    assert isinstance(boundary, DomainBoundary)
+    limit, tank = CONTACT * particles.spacing, boundary.pose(time, 1e-6)
+    poses = [body_pose(body, states, b) for b, body in enumerate(bodies)]
+    outlines = [outline_of(body) for body in bodies]
+    corners = [pose.place(outline.start) for pose, outline in zip(poses, outlines, strict=True)]
+    found = []
+    for b in range(len(bodies)):
+        for other in range(-1, b):
+            domain, pose, ends = (
+                (boundary.tank, tank, tank.place(boundary.tank.start))
+                if other < 0
+                else (outlines[other], poses[other], corners[other])
+            )
+            # Corners of one over edges of the other.
+            gaps = np.concatenate(
+                [
+                    domain.distances(pose.origin(corners[b]))[0].min(axis=1),
+                    outlines[b].distances(poses[b].origin(ends))[0].min(axis=1),
+                ]
+            )
+            nearest = int(np.argmin(gaps))
+            if gaps[nearest] < limit:
+                found.append(Contact(b, other, np.concatenate([corners[b], ends])[nearest], float(gaps[nearest])))
+    return found
+
+
 def hold_contacts(
-    bodies: Sequence[Body], states: BodyStates, particles: Particles, mesh: Mesh, time: float
+    bodies: Sequence[Body], states: BodyStates, particles: Particles, mesh: Mesh, boundary: Boundary, time: float
 ) -> BodyStates:
     """The bodies, those that are in contact held where they are.
 
@@ -80,13 +123,19 @@ def hold_contacts(
         states: of the bodies.
         particles: at the same time.
         mesh: of the particles.
+        boundary: the walls.
         time: [s], for messages.
 
     Raises:
         SimulationError: a body that stops the run is in contact.
     """
     held = states.held.copy()
-    for body, other, place, gap in find_contacts(particles, mesh, states.label):
+    contacts = (
+        contacts_of_outlines(bodies, states, particles, boundary, time)
+        if mesh.surface.exists
+        else find_contacts(particles, mesh, states.label)
+    )
+    for body, other, place, gap in contacts:
         touching = [b for b in (body, other) if b >= 0]
         moving = [b for b in touching if not states.held[b] and (bodies[b].floats or bodies[b].motion is not None)]
         stops = [b for b in moving if bodies[b].contact == "stop"]
