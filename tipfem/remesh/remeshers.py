@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.backend.launch import launch
 from tipfem.case.body import Body
 from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
@@ -24,7 +23,6 @@ from tipfem.case.mesh_file import MeshTank
 from tipfem.case.numerics import FittedRule, RelocationRule
 from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
-from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.delaunay import triangulate, wall_fluid
 from tipfem.mesh.free_surface import SurfaceMesher, spray_volumes
 from tipfem.mesh.interface import InterfaceRule, InterpolatedInterface, SharpInterface
@@ -37,8 +35,8 @@ from tipfem.remesh.momentum_transfer import conserve_along_period, nodal_density
 from tipfem.remesh.relocation import relocate
 from tipfem.remesh.repair_account import INTERPOLATED, SHARP, NoAccount, RepairAccount
 from tipfem.remesh.side_pressures import of_renumbered, pressures_on_sides
-from tipfem.remesh.sizing import limit_gradation
 from tipfem.remesh.surface_volumes import carried_through, kept_inside, mass_factor, restore_volumes, with_momenta
+from tipfem.remesh.target_spacing import graded
 from tipfem.remesh.volumes import with_components
 from tipfem.state import InterpolatedMaterial, Material, SharpMaterial, Solved, State, lumped
 from tipfem.timers import timer
@@ -483,22 +481,7 @@ class FittedRemesher(Remesher):
         return SharpMaterial(density, viscosity, fluid, len(self.fluids)), lumped(mesh, density)
 
     def _graded(self, particles: Particles, mesh: Mesh) -> Particles:
-        """The particles with their target spacings, where there is a grading; they moved with ``mesh``."""
-        if self._grading is None:
-            return particles
-        with timer("grading"):
-            return particles.shallow_copy(target=self._targets(particles, mesh, self._grading))
-
-    def _targets(self, particles: Particles, mesh: Mesh, grading: Grading) -> Array:
-        """(N,) target spacings of the particles, which moved with a mesh [m]."""
-        largest = grading.of_fluids(self._names, particles.spacing)
-        components = with_components(mesh, len(self.density)).components
-        assert components is not None
-        at_interface = components.mark & ON_INTERFACE > 0
-        target = grading.sizing(particles.position, particles.fluid, at_interface, largest, particles.spacing)
-        lowered = np.zeros(len(target), dtype=np.int32)
-        launch(limit_gradation, particles.position, mesh.cells, mesh.period.array, target, lowered, grading.growth)
-        return target
+        return graded(particles, mesh, self._names, self._grading)
 
 
 REMESHERS: dict[str, type[DelaunayRemesher] | type[FittedRemesher]] = {
