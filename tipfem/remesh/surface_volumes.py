@@ -22,6 +22,7 @@ from tipfem.typing import Array
 
 ROUNDS = 4  # of Newton's method in `restore_volumes` for cells that are too small
 ROUNDS_OF_EXCESS = 12  # the same for cells that are too large
+LARGEST_EXCESS = 1e-3  # of a component's cells, beyond its fluid, above which its particles are spray
 ROUND_OFF = 1e-12  # of a component's volume: a smaller deficit is none
 LARGEST_SHIFT = 0.05  # of a particle in a round [spacings]
 IN_FRONT = 0.05  # distance from a wall of a particle that has passed through it [spacings]
@@ -194,7 +195,8 @@ def restore_volumes(mesh: Mesh, wall: Array, volume: Array, spacing: float) -> M
 
     Particles on the surface and off the walls are displaced along the gradient of the component's volume, in a few
     rounds. What cannot be restored so is the mesh's `Surface.deficit`. Cells that are too large hold fluid that there
-    is not: they have more rounds than those that are too small, whose particles carry the rest as spray does.
+    is not: they have more rounds than those that are too small, whose particles carry the rest as spray does. Where
+    they stay too large even so, and no particle is below their surface, the component's particles go on as spray.
 
     Args:
         mesh: after a step.
@@ -238,7 +240,30 @@ def restore_volumes(mesh: Mesh, wall: Array, volume: Array, spacing: float) -> M
     lacking = np.divide(missing, held, out=np.zeros(count), where=held > 0)
     deficit = np.bincount(mesh.cells.ravel(), np.repeat(lacking[of_cell] * measure / width, width), len(x))
     own = np.where(s.loose, volume, 0.0)
-    return Mesh(x, mesh.cells, surface=Surface(s.front, s.pinned, s.loose, own, deficit))
+    restored = Mesh(x, mesh.cells, surface=Surface(s.front, s.pinned, s.loose, own, deficit))
+    too_large = (lacking < -LARGEST_EXCESS) & (np.bincount(label[used & ~wall], minlength=count) > 0)
+    too_large[label[used & ~s.front & ~wall]] = False
+    return _without(restored, mesh.position, wall, volume, too_large, label) if too_large.any() else restored
+
+
+def _without(mesh: Mesh, start: Array, wall: Array, volume: Array, given_up: Array, label: Array) -> Mesh:
+    """A mesh without the components ``given_up`` (K,), whose particles fly on with the volume of them all.
+
+    They were at ``start`` (N, d); the ``volume`` (N,) of their wall particles goes to those off the walls.
+    """
+    s, of = mesh.surface, label[mesh.cells[:, 0]]
+    leaves = np.zeros(len(label), dtype=bool)
+    leaves[label >= 0] = given_up[label[label >= 0]]
+    flies = leaves & ~wall
+    total, count, flying = (
+        np.bincount(label[some], values[some], len(given_up))
+        for some, values in ((leaves, volume), (flies, np.ones(len(wall))), (flies, volume))
+    )
+    own = s.volume.copy()
+    own[flies] = volume[flies] + ((total - flying) / np.maximum(count, 1))[label[flies]]
+    x = np.where(leaves[:, None], start, mesh.position)
+    surface = Surface(s.front & ~leaves, s.pinned | leaves, s.loose | flies, own, np.where(leaves, 0.0, s.deficit))
+    return Mesh(x, np.ascontiguousarray(mesh.cells[~given_up[of]]), surface=surface)
 
 
 def mass_factor(mesh: Mesh) -> Array | None:
