@@ -36,6 +36,18 @@ def test_the_wave_of_water_is_not_fed():
     assert found["gain"] < 1e-4
 
 
+@pytest.mark.parametrize(("mass", "thickness", "inertia"), [("lumped", 0.5, 1 / 6), ("consistent", 0.289, 0.0)])
+def test_the_period_between_liquids_is_that_of_a_vortex_sheet_with_a_thickness(mass, thickness, inertia):
+    """Velocities are continuous, so the jump along the interface takes some cells: see docs/theory/method.md."""
+    across = 16
+    found, _ = waves.measure("liquids", across, 0.55, numerics=tp.Numerics(mass=mass))
+    lower, upper = waves.FLOWS["liquids"][0].density, waves.UPPER["liquids"].density
+    k, h = math.pi / waves.LENGTH, waves.LENGTH / across
+    sheet = 2 * k * thickness * h * lower * upper / (lower + upper) ** 2 / math.tanh(0.5 * k * waves.LENGTH)
+    assert found["period"] - 1 == pytest.approx(sheet + inertia * (k * h) ** 2, abs=3e-3)
+    assert abs(found["residual"]) < 1e-3
+
+
 def test_theory_conserves_the_energy_of_a_wave_and_knows_small_ones():
     """Peaks of a wave of 2.5 % of the tank in its first period, and one so small that it is linear."""
     wave = StandingWave(0.2, 0.1, 9.81)
