@@ -76,6 +76,46 @@ def test_energy_closes_in_the_dam_break(water, air, rho_inf, interface, mass):
         assert column(simulation, f"{part}_dissipation").sum() > 0
 
 
+@pytest.mark.parametrize(
+    ("kind", "mass"),
+    [
+        ("periodic", "interfaces"),
+        ("free surface", "consistent"),
+        ("moving walls", "consistent"),
+        ("3-D", "consistent"),
+        ("3-D", "interfaces"),
+    ],
+)
+def test_energy_closes_with_a_consistent_mass(water, air, kind, mass):
+    """Wherever lumped masses work; the kinetic energy is less than that of lumped masses."""
+    numerics, options = tp.Numerics(mass=mass, **TIGHT), {}
+    if kind == "3-D":
+        filled = tp.tank((0.4, 0.4, 0.4), 0.1, jitter=0.1).fill(air).fill(water, box=((0, 0, 0), (0.2, 0.2, 0.4)))
+        options["interface"] = "interpolated"
+    else:
+        filled = tp.tank((0.4, 0.3), 0.02, periodic="x" if kind == "periodic" else None)
+    if kind in ("periodic", "moving walls"):
+        filled.fill(air).fill(water, where=lambda x: x[:, 1] < 0.15 + 0.03 * np.cos(5 * PI * x[:, 0]))
+    if kind == "free surface":
+        filled.fill(water, box=((0, 0), (0.2, 0.2)))
+        options["free_surface"] = True
+    if kind == "moving walls":
+        for side, sign in (("left", 1), ("right", -1)):
+            filled.wall(side, slip=True, motion=lambda t, sign=sign: sign * 0.005 * (1 - np.cos(30 * t)))
+    gravity = (0, -9.81, 0) if kind == "3-D" else (0, -9.81)
+    simulation = tp.Simulation(
+        tp.Case(filled, [water, *([air] if kind != "free surface" else [])], gravity, numerics=numerics, **options),
+        time_step=2e-3,
+    )
+    for _ in range(8):
+        simulation.step()
+        row = simulation.history[-1]
+        assert abs(row["energy_residual"]) < 1e-8 * max(row["kinetic_energy"], 1e-3)
+    lumped = 0.5 * simulation.state.mass @ (simulation.particles.velocity**2).sum(axis=1)
+    assert row["kinetic_energy"] > 1e-3
+    assert 0.5 * lumped < row["kinetic_energy"] < (1 - 1e-4) * lumped
+
+
 def test_the_residual_of_energy_follows_the_newton_tolerance(water, air):
     """It is what Newton's method left, and nothing else."""
     left = []
