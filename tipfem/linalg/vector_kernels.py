@@ -199,14 +199,6 @@ def store_direction(z: Reals1, w: Reals1, krylov: Reals1, k: ti.i32, n: ti.i32, 
 
 
 @kernel
-def add(x: Reals1, y: Reals1, factor: float, n: ti.i32, serial: Template):
-    """y += factor x over the first ``n`` entries."""
-    ti.loop_config(serialize=serial)
-    for i in range(n):
-        y[i] = y[i] + factor * x[i]
-
-
-@kernel
 def largest(x: Reals1, partial: Reals1, out: Reals1, n: ti.i32, parts: ti.i32, stride: Template, serial: Template):
     """out (2,): largest |x_i| of the first n entries, and the number of NaN among them; ``out`` starts at zero.
 
