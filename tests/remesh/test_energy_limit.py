@@ -6,7 +6,7 @@ from triangulations import cloud, delaunay
 
 import tipfem as tp
 from tipfem.mesh.mesh import Mesh
-from tipfem.remesh.energy_limit import Change, damping, without_gain
+from tipfem.remesh.energy_limit import Change, changed_cells, damping, without_gain
 
 DENSITY, GRAVITY = np.array([1000.0, 1.0]), np.array([0.0, -9.81])
 
@@ -60,6 +60,21 @@ def test_a_gain_is_taken_back_where_it_arose(seed):
     near[mesh.cells[where[mesh.cells].any(axis=1)]] = True
     np.testing.assert_array_equal(result.velocity[~near], after.velocity[~near])
     assert (result.velocity[where] != after.velocity[where]).any()
+
+
+def test_changed_cells_are_found_in_any_order():
+    """Cells that stand in other rows, or begin with another corner, have not changed."""
+    particles, mesh, _ = flow()
+    order = np.random.default_rng(1).permutation(len(mesh.cells))
+    cells, fluid = mesh.cells[order][:, (1, 2, 0)].copy(), mesh.fluid[order].copy()
+    nothing = np.zeros(len(particles), dtype=bool)
+    change = Change(particles, Mesh(mesh.position, cells, fluid), None, nothing)
+    assert not changed_cells(change, particles, mesh).any()
+    fluid[3] = 1 - fluid[3]
+    change = Change(particles, Mesh(mesh.position, cells[1:], fluid[1:]), None, nothing)
+    assert set(np.flatnonzero(changed_cells(change, particles, mesh))) == {order[0], order[3]}
+    moved, change = changed(particles, 7, 2.0)
+    np.testing.assert_array_equal(changed_cells(change(mesh), moved, mesh), (mesh.cells == 7).any(axis=1))
 
 
 def test_without_a_gain_nothing_changes():

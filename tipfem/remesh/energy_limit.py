@@ -106,9 +106,15 @@ def changed_cells(change: Change, particles: Particles, mesh: Mesh) -> Array:
         kept, cells = change.renumbered >= 0, change.renumbered.take(cells)
         number = change.renumbered[kept]
         other[number] |= (before[kept] != particles.velocity[number]).any(axis=1)
-    result, both = np.ones(len(mesh.cells), dtype=bool), min(len(cells), len(mesh.cells))
+    both = min(len(cells), len(mesh.cells))
     same = (cells[:both] == mesh.cells[:both]).all(axis=1) & (change.mesh.fluid[:both] == mesh.fluid[:both])
-    result[:both] = ~same
+    result = np.append(~same, np.ones(len(mesh.cells) - both, dtype=bool))
+    # Some rows hold a cell that another row held before.
+    gone, new = np.append(~same, np.ones(len(cells) - both, dtype=bool)), np.flatnonzero(result)
+    old = np.column_stack([np.sort(cells[gone], axis=1), change.mesh.fluid[gone]])
+    rows = np.concatenate([old, np.column_stack([np.sort(mesh.cells[new], axis=1), mesh.fluid[new]])])
+    number = np.unique(rows, axis=0, return_inverse=True)[1].ravel()
+    result[new] = ~np.isin(number[len(old) :], number[: len(old)])
     return np.asarray(result | other.take(mesh.cells).any(axis=1))
 
 
