@@ -34,7 +34,7 @@ play: $(VENV)/.installed-view
 	$(RUN) demos/play.py $(ARGS)
 
 test: $(VENV)/.installed-plot,test
-	$(RUN) -m pytest -n $(WORKERS) --dist loadfile $(ARGS)
+	$(RUN) -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder $(ARGS)
 
 test-slow: $(VENV)/.installed-plot,test
 	$(RUN) -m pytest -m slow $(ARGS)

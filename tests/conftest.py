@@ -8,6 +8,34 @@ import pytest
 
 import tipfem as tp
 
+# Files that take longest, of those that take more than about 20 s. With them first, no worker waits for another at the
+# end: run `pytest -n 2 --dist loadfile --no-loadscope-reorder`.
+LONGEST_FIRST = (
+    "test_checkpoint.py",
+    "test_viewer_live_page.py",
+    "test_wall_study.py",
+    "test_free_surface_demos.py",
+    "test_sweep.py",
+    "test_waves.py",
+    "test_multigrid.py",
+    "test_runtimes.py",
+    "test_dam_break.py",
+    "test_taichi_patches.py",
+    "test_play.py",
+    "test_resume.py",
+    "test_notebook.py",
+    "test_code_blocks.py",
+    "test_interface_study.py",
+    "test_surface_flow.py",
+    "test_case_commands.py",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The files that take longest first; otherwise in the order of their names."""
+    rank = {name: number for number, name in enumerate(LONGEST_FIRST)}
+    items.sort(key=lambda item: rank.get(item.path.name, len(rank)))
+
 
 @pytest.fixture(scope="session", autouse=True)
 def taichi_runtime():

@@ -7,7 +7,7 @@ from argparse import Namespace
 import imageio.v3 as iio
 import numpy as np
 import pytest
-from demo_runs import typed
+from demo_runs import called, typed
 from tipfem.demos import harness
 from tipfem.demos.validation.layers.check import END_TIME, sunk
 from tipfem.demos.validation.layers.profiles import PressureWatch
@@ -16,10 +16,10 @@ import tipfem as tp
 
 
 def test_the_command_leaves_what_it_promises(tmp_path):
-    """Coarse, to 2 s, as a user types it: history, summary, pressure, movie and strip; the volumes are kept."""
+    """Coarse, to 2 s: history, summary, pressure, movie and strip; the volumes are kept."""
     out = tmp_path / "results"
     words = ["--spacing", "0.01", "--end-time", "2", "--time-step", "0.02", "--interface", "sharp"]
-    figures = typed("layer_inversion.py", out, *words)["validation"]
+    figures = called("layer_inversion", out, *words)["validation"]
     assert figures["volume_error"] < 1e-6
     assert figures["sunk_volume"] > 0.4
     assert len(list((out / "frames").glob("*.png"))) == 9
