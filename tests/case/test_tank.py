@@ -422,6 +422,8 @@ def test_fluids_start_with_the_velocities_that_they_are_given(water, air):
 
 def test_walls_that_slip_let_fluids_start_along_them(water):
     tank = tp.tank((1, 1), 0.1).fill(water, velocity=lambda x: x * [1, -1]).wall("bottom", slip=True)
+    for side in ("left", "right", "top"):
+        tank.wall(side, law="no-slip")
     simulation = tp.Simulation(tp.Case(tank, [water], (0, 0)), time_step=1e-3)
     p = simulation.particles
     bottom = p.wall & (p.position[:, 1] == 0) & (p.position[:, 0] > 0) & (p.position[:, 0] < 1)

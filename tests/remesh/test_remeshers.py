@@ -118,6 +118,8 @@ def walled(kind: str, water) -> tp.Simulation:
         motion = tp.Motion(angle=turn, pivot=(L / 2, 0))
     else:
         tank.wall("left", motion=push).wall("right", motion=lambda t: -push(t))
+    for name in set(tank.sides) - set(tank.wall_options):
+        tank.wall(name, law="no-slip")
     case = tp.Case(tank, [water, oil], gravity, interface="sharp", tank_motion=motion)
     return tp.Simulation(case, time_step=4e-3)
 

@@ -12,6 +12,8 @@ QUANTITIES = ("kinetic_energy", "potential_energy", "momentum_x", "momentum_y")
 def dam_break(fluids, *, budget="detailed", steps=60, out=None, mass="lumped", **options):
     """A coarse dam break after some steps."""
     tank = tp.tank((0.584, 0.584), 0.0292)
+    for side in ("left", "right", "bottom", "top"):
+        tank.wall(side, law="no-slip")
     for fluid in fluids[1:]:
         tank.fill(fluid)
     tank.fill(fluids[0], box=((0, 0), (0.146, 0.292)))

@@ -18,6 +18,8 @@ TIGHT = {"newton_tolerance": 1e-13, "acceleration_tolerance": 1e-12, "newton_ite
 def dam_break(water, air, spacing=0.02, interface="interpolated", **numerics):
     """A coarse dam break, by default with the interface rule that has a part for every kind of loss."""
     filled = tp.tank((0.584, 0.584), spacing).fill(air).fill(water, box=((0, 0), (0.146, 0.292)))
+    for side in ("left", "right", "bottom", "top"):
+        filled.wall(side, law="no-slip")
     case = tp.Case(filled, [water, air], (0, -9.81), interface=interface, numerics=tp.Numerics(**numerics))
     return tp.Simulation(case, time_step=1e-3)
 

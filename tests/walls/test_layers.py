@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 import tipfem as tp
 from tipfem.case.boundary import Boundary
-from tipfem.walls.layers import DRY, RESOLVED, LayerFaces, Layers, advance
+from tipfem.walls.layers import DRY, RESOLVED, LayerFaces, Layers, advance, begin
 
 NU, H = 1e-6, 0.005
 
@@ -26,7 +27,7 @@ def faces_of(layers, speed, fluid=0, viscosity=NU):
     count = len(middle)
     velocity = np.tile([float(speed), 0.0], (count, 1))
     return LayerFaces(
-        0, middle, velocity, np.full(count, viscosity), np.broadcast_to(fluid, (count,)), np.full(count, H)
+        0, middle, velocity, velocity, np.full(count, viscosity), np.broadcast_to(fluid, (count,)), np.full(count, H)
     )
 
 
@@ -35,7 +36,7 @@ def friction(layers, speed_at, end, steps):
     dt, length = end / steps, np.zeros(0)
     for n in range(steps):
         speed = speed_at((n + 0.5) * dt)
-        layers, length = advance(layers, faces_of(layers, speed), dt)
+        layers, length, _ = advance(layers, faces_of(layers, speed), dt)
     # The row of particles at the wall slips by less than the flow outside: U (1 - 2 delta / h).
     thickness = np.linalg.norm(layers.history, axis=1) ** 0.5 / abs(speed)
     slip = speed * (1 - 2 * thickness[:-1] / H)
@@ -58,7 +59,7 @@ def test_the_oscillating_layer_does_not_grow():
     layers, largest = plate(), []
     for period in range(10):
         for n in range(100):
-            layers, _ = advance(layers, faces_of(layers, np.sin(2 * np.pi * (n + 0.5) / 100)), 0.01)
+            layers, _, _ = advance(layers, faces_of(layers, np.sin(2 * np.pi * (n + 0.5) / 100)), 0.01)
             largest.append(np.abs(layers.history).max())
         assert max(largest[-100:]) == pytest.approx(max(largest[:100]), rel=1e-2), period
 
@@ -67,15 +68,15 @@ def test_another_fluid_begins_a_layer_and_a_dry_wall_has_none():
     _, layers = friction(plate(), lambda t: 1.0, 0.1, 10)
     assert (layers.history[:, 0] > 0).all()
     assert (layers.fluid == 0).all()
-    after, _ = advance(layers, faces_of(layers, 1.0, fluid=[0, 0, 1]), 0.01)
+    after, _, _ = advance(layers, faces_of(layers, 1.0, fluid=[0, 0, 1]), 0.01)
     assert list(after.fluid) == [0, 0, 0, 1]  # the third point is as far from either face: it takes the first
     assert after.history[3, 0] == pytest.approx(4 * NU / np.pi * 0.01)
     assert after.history[0, 0] > layers.history[0, 0]
     none = faces_of(layers, 1.0)
     far = LayerFaces(
-        0, none.middle + [0.0, 1.0], *(vars(none)[k] for k in ("velocity", "viscosity", "fluid", "spacing"))
+        0, none.middle + [0.0, 1.0], *(vars(none)[k] for k in ("velocity", "slip", "viscosity", "fluid", "spacing"))
     )
-    dry, _ = advance(layers, far, 0.01)
+    dry, _, _ = advance(layers, far, 0.01)
     assert (dry.fluid == DRY).all()
     assert not dry.history.any()
 
@@ -84,10 +85,10 @@ def test_a_resolved_layer_is_a_no_slip_wall():
     """From delta = h / 2 on; and at rest."""
     steady = plate()
     for _ in range(200):
-        steady, length = advance(steady, faces_of(steady, 1.0, viscosity=1e-3), 0.01)
+        steady, length, _ = advance(steady, faces_of(steady, 1.0, viscosity=1e-3), 0.01)
     np.testing.assert_allclose(length, RESOLVED * H)
     assert np.linalg.norm(steady.history, axis=1).max() <= H**2 * (1 + 1e-12)
-    _, length = advance(plate(), faces_of(plate(), 0.0), 0.01)
+    _, length, _ = advance(plate(), faces_of(plate(), 0.0), 0.01)
     np.testing.assert_allclose(length, RESOLVED * H)
 
 
@@ -181,3 +182,57 @@ def test_layers_in_3d():
     assert (layers.fluid == 0).all()
     assert np.linalg.norm(layers.history, axis=1).max() > 0
     assert simulation.history[-1]["friction_dissipation"] > 0
+
+
+def test_a_flow_begins_with_the_layers_of_its_profile():
+    """A profile that is zero at the wall is resolved, a uniform flow has no layer yet."""
+    uniform = faces_of(plate(), 2.0)
+    for slip, thickness in ((1.0, 0.0), (0.5, H / 4), (0.0, H / 2), (-1.0, H / 2), (3.0, 0.0)):
+        layers = begin(plate(), dataclasses.replace(uniform, slip=slip * uniform.velocity))
+        np.testing.assert_allclose(layers.history, np.tile([thickness**2 * 4.0, 0.0], (4, 1)), rtol=1e-12)
+        assert (layers.fluid == 0).all()
+    _, length, _ = advance(begin(plate(), dataclasses.replace(uniform, slip=0 * uniform.velocity)), uniform, 1e-6)
+    np.testing.assert_allclose(length, RESOLVED * H)
+
+
+SQUARE = [(0.3, 0.3), (0.7, 0.3), (0.7, 0.7), (0.3, 0.7)]
+
+
+@pytest.mark.parametrize(
+    ("tank", "options", "layered"),
+    [
+        ({}, {}, ["left", "right", "bottom", "top"]),
+        ({}, {"interface": "interpolated"}, []),
+        ({}, {"free_surface": True}, []),
+        ({}, {"walls": [tp.Wall("floor", between=((0, 0), (1, 0)), slip=True)]}, []),
+        ({"periodic": "x"}, {}, []),
+        ({"body": True}, {}, []),
+        ({"shape": [(0, 0), (1, 0), (1, 1), (0, 1)]}, {}, []),
+    ],
+)
+def test_which_walls_have_the_law_by_default(water, tank, options, layered):
+    size = {} if "shape" in tank else {"size": (1, 1)}
+    filled = tp.tank(spacing=0.05, **size, **{k: v for k, v in tank.items() if k != "body"}).fill(water)
+    if "body" in tank:
+        filled.add(tp.Body(SQUARE, "block", density=1000.0))
+    case = tp.Case(filled, [water], (0, -9.81), **options)
+    assert [wall.name for wall in case.walls if wall.law == "layer"] == layered
+
+
+def test_what_is_said_of_a_wall_holds(water):
+    tank = tp.tank((1, 1), 0.1).fill(water).wall("top", velocity=(1.0, 0.0)).wall("left", law="no-slip")
+    case = tp.Case(tank.wall("bottom", slip=True), [water], (0, 0))
+    assert {wall.name: wall.law for wall in case.walls} == {"top": None, "bottom": None, "right": "layer"}
+
+
+@pytest.mark.parametrize("viscosity", [1e-6, 1.0])
+def test_contacts_are_those_of_a_no_slip_wall_where_layers_are_resolved(viscosity):
+    fluid = tp.Fluid("fluid", density=1.0, viscosity=viscosity)
+    tank = tp.tank((1, 1), 0.1, jitter=0.1).fill(fluid, velocity=lambda x: x[:, ::-1] * [-1, 1] + [0.5, -0.5])
+    simulation = tp.Simulation(tp.Case(tank, [fluid], (0, 0)), time_step=1e-2)
+    simulation.step()
+    solved = simulation.solve(simulation.state, 1e-2)
+    slides = simulation.boundary.index[simulation.boundary.slides]
+    assert len(slides) == 36
+    stuck = solved.walls.stuck[slides].mean()
+    assert stuck > 0.8 if viscosity == 1.0 else stuck < 0.2  # but for those beside corners, which do not slip

@@ -105,6 +105,8 @@ def test_velocities_of_walls_are_given_by_the_walls_alone(water):
 
 def test_by_name_by_ends_and_by_particles_find_the_same_wall(case, water):
     tank = tp.tank((1, 0.6), 0.1)
+    for side in ("left", "right", "top"):
+        tank.wall(side, law="no-slip")
     named = case(tank=tank.wall("bottom", slip=True)).boundary
     ends = case([floor(slip=True)]).boundary
     particles = tp.tank((1, 0.6), 0.1).fill(water).sample([water])

@@ -124,6 +124,7 @@ class Case:
             self.tank = tank = particles
             if tank.period:
                 self._check_periodic()
+            tank.choose_law(sharp=self.interface == "sharp" and not self.walls)
             particles = tank.sample(
                 self.fluids, fitted=self.interface == "sharp", empty=self.free_surface, grading=self.grading
             )

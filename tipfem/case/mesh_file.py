@@ -80,6 +80,9 @@ class MeshTank(Tank):
         del part
         raise ValueError(f"fill {fluid.name!r}: the surfaces of the mesh are filled with the fluids of their names")
 
+    def choose_law(self, *, sharp: bool) -> None:
+        """See `Tank.choose_law`: walls of meshes that are not described are no-slip walls."""
+
     def walls(self, particles: Particles) -> list[Wall]:
         """The walls described by `wall`, by their sides."""
         return [Wall(name, side=name, **what) for name, what in self.wall_options.items()]

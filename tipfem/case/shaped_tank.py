@@ -63,6 +63,9 @@ class ShapedTank(Tank):
         self.domain = domain_of(shape, spacing)
         self.domain.require_resolved(spacing)
 
+    def choose_law(self, *, sharp: bool) -> None:
+        """See `Tank.choose_law`: walls of shapes that are not described are no-slip walls."""
+
     def walls(self, particles: Particles) -> list[Wall]:
         """The walls described by `wall`, by their sides."""
         return [Wall(name, side=name, **what) for name, what in self.wall_options.items()]

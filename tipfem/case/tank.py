@@ -71,6 +71,7 @@ class Tank:
         self._regions: list[Region] = []
         self.bodies: list[Body] = []
         self._walls: dict[str, dict[str, Any]] = {}
+        self._law: str | None = None  # of the walls that are not described
         self._sealed = False
         self.domain: Domain | None = None
         if self.size.ndim != 1 or len(self.size) not in (2, 3) or not ((self.size > 0) & (self.size < np.inf)).all():
@@ -105,6 +106,23 @@ class Tank:
             )
         self.period = Period(np.array([self.size[0], 0.0]))
         self.sides = tuple(name for name in self.sides if SIDES[name][0] != 0)
+
+    def choose_law(self, *, sharp: bool) -> None:
+        """Choose the law of the walls that `wall` does not describe, for a case.
+
+        It is "layer" in a rectangle with the sharp interface, and "no-slip" otherwise: with an interpolated interface
+        or a free surface, in 3-D, in a tank with a shape, with bodies or with periodic sides.
+
+        Args:
+            sharp: whether the case has the sharp interface, and no walls of its own.
+        """
+        self._law = "layer" if sharp and len(self.size) == 2 and not self.bodies and not self.period else None
+
+    def _options(self, side: str) -> dict[str, Any]:
+        """What is said of a side, or its law where nothing is; empty for a fixed no-slip wall."""
+        options = self._walls.get(side) or {"law": self._law}
+        given = {name: value for name, value in options.items() if value is not None and value is not False}
+        return {} if not given or given == {"law": "no-slip"} else given
 
     def seal(self) -> None:
         """Refuse further changes: a case has taken its particles and walls from the tank."""
@@ -246,6 +264,9 @@ class Tank:
     def wall(self, side: str, **what: Any) -> Tank:
         """Let a wall slip, slide or move: ``wall("top", velocity=(1, 0))``, ``wall("left", slip=True)``.
 
+        Walls that are not described have the law "layer" in a rectangle in 2-D with the sharp interface, without
+        periodic sides and bodies, and are no-slip walls otherwise; so are walls that only slide or move.
+
         Args:
             side: left, right, bottom or top; back or front (low and high z) too in 3-D. The name of a side, where the
                 tank has another shape.
@@ -277,14 +298,17 @@ class Tank:
 
     @property
     def wall_options(self) -> dict[str, dict[str, Any]]:
-        """The arguments of `wall`, by the wall's name."""
-        return {name: dict(what) for name, what in self._walls.items()}
+        """The arguments of `wall`, by the wall's name; with the law of the others, once a case has chosen one."""
+        others = {name: {"law": self._law} for name in self.sides if self._law and name not in self._walls}
+        return {**{name: dict(what) for name, what in self._walls.items()}, **others}
 
     def walls(self, particles: Particles) -> list[Wall]:
-        """The walls described by `wall`, on the tank's own particles as `sample` gives them."""
+        """The walls that are not fixed and no-slip, on the tank's own particles as `sample` gives them."""
         result = []
-        for name, what in self._walls.items():
-            axis, upper = SIDES[name]
+        for name in [*self._walls, *(side for side in self.sides if side not in self._walls)]:
+            what, (axis, upper) = self._options(name), SIDES[name]
+            if not what:
+                continue
             coordinate = float(self.size[axis]) if upper else 0.0
             on_wall = particles.wall & (particles.position[:, axis] == coordinate)
             result.append(Wall(name, particles=on_wall, **what))
@@ -410,8 +434,7 @@ class Tank:
             if axis >= len(self.size) or axis in self.period.axes:
                 continue
             here = position[:, axis] == (self.size[axis] if upper else 0.0)
-            options = self._walls.get(name, {})
-            if options.get("slip") or options.get("slip_length") is not None or options.get("law") == "layer":
+            if Wall(name, particles=[], **self._options(name)).slips:
                 velocity[here, axis] = 0.0
             else:
                 velocity[here] = 0.0

@@ -393,6 +393,8 @@ class FittedRemesher(Remesher):
         fixed[boundary.index[boundary.pinned]] = True
         slippery = np.zeros(len(fixed), dtype=np.int32)
         slippery[boundary.index[boundary.slides]] = 1
+        if solved.walls.stuck is not None:
+            slippery[solved.walls.stuck] = 0
         particles, mesh, relocated, renumbered = repair(
             particles,
             before.mesh,

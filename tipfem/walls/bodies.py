@@ -232,6 +232,7 @@ class BodyWalls(Walls):
         self.boundary, self.scheme, self.fixed = walls.boundary, walls.scheme, walls.fixed
         self.sliding, self.frame, self.tank_moves = walls.sliding, walls.frame, walls.tank_moves
         self.rows, self.columns, self.faces, self.layers = walls.rows, walls.columns, walls.faces, walls.layers
+        self.stuck = walls.stuck
         dt = walls.scheme.dt
         self.index, self.of, self.arm = states.arms(particles.position)
         self.floating = np.array([body.floats for body in bodies]) & ~states.held

@@ -21,6 +21,11 @@ mu U sqrt(3 / (pi nu t)), where the exact one is mu U sqrt(4 / (pi nu t)).
 The row of particles at the wall stands for half a spacing h of fluid, and has lost the layer's momentum: its slip
 velocity is U (1 - 2 delta / h). So the slip length for that velocity is l (1 - 2 delta / h), and once the layer is as
 thick as half a spacing, the mesh resolves it: the wall is a no-slip wall.
+
+A flow that moves at the start has a history that the walls do not know. Its velocities tell the layer: particles at the
+wall that slip by V, where the next row has U, have a layer with delta = h / 2 (1 - V / U). So a profile that is zero at
+the wall, that of a channel for instance, begins resolved, and a uniform flow as if the wall were set off at that
+moment.
 """
 
 from __future__ import annotations
@@ -37,6 +42,8 @@ LAYER = "layer"  # the law's name
 # Slip length where the layer is resolved, in target spacings: the friction keeps the slip below a thousandth of the
 # velocity in the next row.
 RESOLVED = 1e-3
+# Part of the wall's rms velocity below which the flow at a point is too slow for its layer to be called resolved.
+FLOWS = 0.3
 REACH = 1.5  # distance within which a face acts on a point of the wall, in target spacings
 DRY = -1  # the fluid at a point of the wall that none wets
 
@@ -82,6 +89,7 @@ class LayerFaces:
         middle: (F, d) in the tank's frame [m].
         velocity: (F, d) of the fluid in the next row relative to the wall, along it, in the tank's frame, in the middle
             of the step [m/s].
+        slip: (F, d) the same of the particles at the wall, at the start of the step [m/s].
         viscosity: (F,) kinematic [m^2/s].
         fluid: (F,) of the faces' cells.
         spacing: (F,) target spacing of the particles [m].
@@ -90,12 +98,35 @@ class LayerFaces:
     number: int
     middle: Array
     velocity: Array
+    slip: Array
     viscosity: Array
     fluid: Array
     spacing: Array
 
 
-def advance(layers: Layers, faces: LayerFaces, dt: float) -> tuple[Layers, Array]:
+def begin(layers: Layers, faces: LayerFaces) -> Layers:
+    """The layers of a wall at the start of a run, from the velocities there; those of other walls as they are.
+
+    Args:
+        layers: none yet, see `Layers.on`.
+        faces: of the wall.
+    """
+    mine = np.flatnonzero(layers.wall == faces.number)
+    if not len(faces.middle):
+        return layers
+    distance, face = cKDTree(faces.middle).query(layers.place[mine])
+    u, v, h = faces.velocity[face], faces.slip[face], faces.spacing[face]
+    square = (u * u).sum(axis=1)
+    part = 1 - np.divide((u * v).sum(axis=1), square, out=np.ones_like(square), where=square > 0)
+    thickness = 0.5 * h * np.clip(part, 0.0, 1.0)
+    wet = distance < REACH * h
+    fluid, history = layers.fluid.copy(), layers.history.copy()
+    fluid[mine] = np.where(wet, faces.fluid[face], DRY)
+    history[mine] = np.where(wet, thickness**2 * np.sqrt(square), 0.0)[:, None] * u
+    return replace(layers, fluid=fluid, history=history)
+
+
+def advance(layers: Layers, faces: LayerFaces, dt: float) -> tuple[Layers, Array, Array]:
     """Advance the layers of a wall by a step.
 
     Args:
@@ -104,14 +135,14 @@ def advance(layers: Layers, faces: LayerFaces, dt: float) -> tuple[Layers, Array
         dt: length of the step [s].
 
     Returns:
-        The layers at its end, those of other walls as they are; and the mean slip length in the step at each face (F,)
-        [m].
+        The layers at its end, those of other walls as they are; the mean slip length in the step at each face (F,) [m];
+        and a mask (F,) of the faces at which the layer is resolved.
     """
     mine = np.flatnonzero(layers.wall == faces.number)
     fluid, history = layers.fluid.copy(), layers.history.copy()
     if not len(faces.middle):
         fluid[mine], history[mine] = DRY, 0.0
-        return replace(layers, fluid=fluid, history=history), np.zeros(0)
+        return replace(layers, fluid=fluid, history=history), np.zeros(0), np.zeros(0, dtype=bool)
     distance, face = cKDTree(faces.middle).query(layers.place[mine])
     here = np.where(distance < REACH * faces.spacing[face], faces.fluid[face], DRY)
     old = np.where((here == layers.fluid[mine])[:, None], layers.history[mine], 0.0)
@@ -130,11 +161,20 @@ def advance(layers: Layers, faces: LayerFaces, dt: float) -> tuple[Layers, Array
     # Where several fluids meet, a face takes the nearest point of its own.
     _, point = cKDTree(layers.place[mine]).query(faces.middle)
     mean = np.where(here[point] == faces.fluid, flux[point], 0.0)
-    return replace(layers, fluid=fluid, history=history), slip_length(mean, faces)
+    length = slip_length(thickness_of(mean, faces), faces.spacing)
+    # Where the flow stops or turns round, u delta is that of before, and tells nothing about delta.
+    speed = np.linalg.norm(faces.velocity, axis=1)
+    usual = np.sqrt((speed**2).mean())
+    resolved = np.asarray((mean > 0) & (mean >= 0.5 * faces.spacing * np.maximum(speed, FLOWS * usual)))
+    return replace(layers, fluid=fluid, history=history), length, resolved
 
 
-def slip_length(flux: Array, faces: LayerFaces) -> Array:
-    """Slip lengths (F,) [m] of layers with |U delta| = ``flux`` (F,) [m^2/s]; see the module's text."""
+def thickness_of(flux: Array, faces: LayerFaces) -> Array:
+    """Displacement thickness (F,) [m] of layers with |U delta| = ``flux`` (F,) [m^2/s], at most half a spacing."""
     speed, h = np.linalg.norm(faces.velocity, axis=1), faces.spacing
-    thickness = np.divide(flux, speed, out=0.5 * h, where=flux < 0.5 * h * speed)
-    return np.asarray(np.maximum(0.5 * np.pi * thickness * (1 - 2 * thickness / h), RESOLVED * h))
+    return np.asarray(np.divide(flux, speed, out=0.5 * h, where=flux < 0.5 * h * speed))
+
+
+def slip_length(thickness: Array, spacing: Array) -> Array:
+    """Slip lengths (F,) [m] of layers of a ``thickness`` (F,), with a ``spacing`` (F,) [m]; see the module's text."""
+    return np.asarray(np.maximum(0.5 * np.pi * thickness * (1 - 2 * thickness / spacing), RESOLVED * spacing))

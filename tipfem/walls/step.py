@@ -16,7 +16,7 @@ from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.mesh import Mesh, Surface
 from tipfem.typing import Array
 from tipfem.walls.curve_step import CurveStep
-from tipfem.walls.layers import LAYER, LayerFaces, Layers, advance
+from tipfem.walls.layers import LAYER, LayerFaces, Layers, advance, begin
 from tipfem.walls.motion import WallMotion
 from tipfem.walls.spacing import space_back, space_endless, space_sliding
 
@@ -62,6 +62,8 @@ class Walls(ABC):
         faces: those with friction.
         layers: the boundary layers at the end of the step on walls with that law; None without such walls.
         pressed: (E, 2) the faces of curved walls that slip, two particles each with the fluid on the left.
+        stuck: (N,) mask of the particles that slide, but next to nothing, for the layer there is resolved; None for no
+            particle.
     """
 
     boundary: Boundary
@@ -75,6 +77,7 @@ class Walls(ABC):
     faces: Faces
     layers: Layers | None = None
     pressed: Array = np.zeros((0, 2), dtype=np.int32)
+    stuck: Array | None = None
 
     @abstractmethod
     def constrain(self, u: Array) -> Array:
@@ -252,7 +255,7 @@ class WallStep(Walls):
             here = np.flatnonzero(boundary.on_curve[slides] >= 0)
             self.rows[here] = self.columns[here]
             self.pressed = self._curves.pressed
-        self.layers = layers or Layers.on(boundary, self.frame[index])
+        self.layers, self._begins = layers or Layers.on(boundary, self.frame[index]), layers is None
         self.faces = self._find_faces(mesh, viscosity, particles, density)
 
     def _slid(self, y: Array) -> Array:
@@ -273,8 +276,10 @@ class WallStep(Walls):
 
     def _slip_lengths(
         self, number: int, side: int, mesh: Mesh, cell: Array, face: Array, particles: Particles, viscosity: Array
-    ) -> Array:
-        """Advance the layers of wall ``number`` by the step; the slip length (F,) at each of its faces [m].
+    ) -> tuple[Array, Array]:
+        """Advance the layers of wall ``number`` by the step.
+
+        Returns the slip length (F,) at each of its faces [m], and a mask (F,) of those where the layer is resolved.
 
         Args:
             number: of the wall.
@@ -292,15 +297,19 @@ class WallStep(Walls):
         direction = self._direction(side)
         along = 0.5 * (self._before.along(number, x, direction) + self._after.along(number, x, direction))
         pose, n = self._before.pose, self.boundary.side_normal[side]
-        slip = (v - along) @ pose.rotation
+        u = (v - along) @ pose.rotation
+        u -= (u @ n)[:, None] * n
+        wall = self._before.along(number, particles.position[face].reshape(-1, mesh.dimension), direction)
+        slip = (particles.velocity[face] - wall.reshape(particles.velocity[face].shape)).mean(axis=1) @ pose.rotation
         slip -= (slip @ n)[:, None] * n
         fluid = particles.fluid[face[:, 0]] if mesh.fluid is None else mesh.fluid[cell]
         middle, spacing = self.frame[face].mean(axis=1), particles.target[face].mean(axis=1)
         assert self.layers is not None
-        self.layers, length = advance(
-            self.layers, LayerFaces(number, middle, slip, viscosity, fluid, spacing), self.scheme.dt
-        )
-        return length
+        faces = LayerFaces(number, middle, u, slip, viscosity, fluid, spacing)
+        if self._begins:
+            self.layers = begin(self.layers, faces)
+        self.layers, length, resolved = advance(self.layers, faces, self.scheme.dt)
+        return length, resolved
 
     def _find_faces(self, mesh: Mesh, viscosity: Array, particles: Particles, density: Array | None) -> Faces:
         """The faces of walls that slip with friction."""
@@ -326,7 +335,13 @@ class WallStep(Walls):
             length: float | Array = wall.slip_length or 0.0
             if wall.law == LAYER:
                 assert density is not None
-                length = self._slip_lengths(number, side, mesh, cell, face, particles, viscosity[cell] / density[cell])
+                kinematic = viscosity[cell] / density[cell]
+                length, resolved = self._slip_lengths(number, side, mesh, cell, face, particles, kinematic)
+                # Where fluids meet, the more viscous one decides.
+                count, weight = len(mesh.position), np.repeat(viscosity[cell], d)
+                sticks = np.bincount(face.ravel(), weight * np.repeat(resolved, d), count)
+                stuck = sticks > 0.5 * np.bincount(face.ravel(), weight, count)
+                self.stuck = stuck if self.stuck is None else self.stuck | stuck
             nodes.append(face)
             coefficient.append(viscosity[cell] / length)
             normal.append(np.tile(n, (len(face), 1)))

@@ -28,17 +28,18 @@ GRAVITY = 9.81  # [m/s^2]
 GAUGE = 0.15 * COLUMN[0]
 
 
-def build(spacing: float = SPACING, *, slip: bool = False, **options: Any) -> tp.Case:
+def build(spacing: float = SPACING, *, slip: bool = False, law: str | None = None, **options: Any) -> tp.Case:
     """The case.
 
     Args:
         spacing: distance between particles [m].
         slip: whether all walls slip freely.
+        law: of all walls, see `tipfem.Wall`; by default that of tanks.
         options: further ones of `tipfem.Case`.
     """
     tank = tp.tank(size=TANK, spacing=spacing).fill(AIR).fill(WATER, box=((0, 0), COLUMN))
-    for side in ("left", "right", "bottom", "top") if slip else ():
-        tank.wall(side, slip=True)
+    for side in ("left", "right", "bottom", "top") if slip or law else ():
+        tank.wall(side, slip=slip, law=law)
     options.setdefault("numerics", tp.Numerics(largest_move=LARGEST_MOVE))
     return tp.Case(tank, fluids=[WATER, AIR], gravity=(0, -GRAVITY), title="Dam break of water in air", **options)
 

@@ -64,7 +64,9 @@ def measure(
         ValueError: an argument is out of range.
         SimulationError: the run cannot go on.
     """
-    case = dam_break.build(spacing, interface=interface, numerics=tp.Numerics(rho_inf=rho_inf, **numerics))
+    case = dam_break.build(
+        spacing, law="no-slip", interface=interface, numerics=tp.Numerics(rho_inf=rho_inf, **numerics)
+    )
     simulation = tp.Simulation(case, out, time_step=time_step)
     start = simulation.energy()
     simulation.run(end_time)
