@@ -31,7 +31,9 @@ BOX = (0.3, 0.2)
 LEVEL = 0.5
 
 
-def floating_box(across: int, density: float, lift: float, damping: float = 0.0, water: tp.Fluid = WATER) -> tp.Case:
+def floating_box(
+    across: int, density: float, lift: float, damping: float = 0.0, water: tp.Fluid = WATER, *, air: bool = True
+) -> tp.Case:
     """A box that floats on water.
 
     Args:
@@ -40,20 +42,28 @@ def floating_box(across: int, density: float, lift: float, damping: float = 0.0,
         lift: of its centre above the level of the water around it at the start [m].
         damping: of a damper in y [N s/m per metre of depth].
         water: the fluid that it floats on.
+        air: whether there is air above it; a free surface otherwise.
     """
     shape = rectangle((0.5, LEVEL + lift), *BOX)
     body = tp.Body(shape, name="box", density=density, damping=(0.0, damping, 0.0))
-    tank = tp.tank((1.0, 1.0), 1.0 / across).fill(AIR).fill(water, box=((0, 0), (1, LEVEL))).add(body)
-    return tp.Case(tank, [AIR, water], (0, -GRAVITY), title="A box floats")
+    tank = tp.tank((1.0, 1.0), 1.0 / across).add(body)
+    if air:
+        tank.fill(AIR)
+    tank.fill(water, box=((0, 0), (1, LEVEL)))
+    fluids = [AIR, water] if air else [water]
+    return tp.Case(tank, fluids, (0, -GRAVITY), free_surface=not air, title="A box floats")
 
 
 def draught(simulation: tp.Simulation) -> float:
-    """Depth of the lowest corner of the box below the interface at the sides of the tank [m]."""
+    """Depth of the lowest corner of the box below the surface of the water at the sides of the tank [m]."""
     states, x = simulation.state.bodies, simulation.particles.position
     assert states is not None
     mesh = simulation.mesh
-    assert mesh.components is not None
-    surface = x[mesh.components.mark == 1]  # on the interface, off the walls
+    if mesh.surface.exists:
+        surface = x[mesh.surface.front & ~simulation.particles.wall]
+    else:
+        assert mesh.components is not None
+        surface = x[mesh.components.mark == 1]  # on the interface, off the walls
     far = np.abs(surface[:, 0] - 0.5) > 0.3
     y, angle = states.position[0, 1:]
     return float(surface[far, 1].mean() - rectangle((0.0, y), *BOX, angle)[:, 1].min())
