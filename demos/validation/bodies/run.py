@@ -36,7 +36,7 @@ FINE: dict[str, tuple[int, ...]] = {
     "draught": (25, 50),
     "surface": (25, 50),
     "light": (25, 50),
-    "rolling": (5, 8),
+    "rolling": (8, 12),
     "falling": (8, 16),
     "oscillating": (16, 32),
     "stirring": (30,),
