@@ -40,7 +40,8 @@ class _Stop(Exception):
 
 @pytest.mark.parametrize("jacobian", ["rows", "matrix-free"])
 @pytest.mark.parametrize(
-    ("pressure", "mass"), [("continuous", "lumped"), ("two-sided", "lumped"), ("two-sided", "consistent")]
+    ("pressure", "mass"),
+    [("continuous", "lumped"), ("two-sided", "lumped"), ("two-sided", "consistent"), ("free surface", "lumped")],
 )
 @pytest.mark.parametrize("hinge", [None, (0.45, 0.6)])
 def test_the_jacobian_is_exact(monkeypatch, jacobian, pressure, mass, hinge):
@@ -48,8 +49,14 @@ def test_the_jacobian_is_exact(monkeypatch, jacobian, pressure, mass, hinge):
     moving = {"hinge": hinge} if hinge else {"velocity": (1.0, -0.5)}
     more = {"angular_velocity": 8.0, "stiffness": (1e3, 2e3, 50.0), "damping": (30.0, 40.0, 5.0)}
     body = tp.Body(box(), density=500.0, **moving, **more)
-    numerics = tp.Numerics(rho_inf=0.5, jacobian=jacobian, pressure=pressure, mass=mass)
-    simulation = tp.Simulation(half_full(body, fluids=(AIR, SYRUP), numerics=numerics), time_step=5e-3)
+    if pressure == "free surface":
+        tank = tp.tank((1.0, 1.0), 0.1).fill(SYRUP, box=((0, 0), (1, 0.5))).add(body)
+        numerics = tp.Numerics(rho_inf=0.5, jacobian=jacobian, mass=mass)
+        case = tp.Case(tank, [SYRUP], GRAVITY, free_surface=True, numerics=numerics)
+    else:
+        numerics = tp.Numerics(rho_inf=0.5, jacobian=jacobian, pressure=pressure, mass=mass)
+        case = half_full(body, fluids=(AIR, SYRUP), numerics=numerics)
+    simulation = tp.Simulation(case, time_step=5e-3)
     simulation.step()
     checked = []
 
@@ -67,6 +74,10 @@ def test_the_jacobian_is_exact(monkeypatch, jacobian, pressure, mass, hinge):
         owner = np.arange(len(problem.particles)) if problem._cut is None else problem._cut.owner
         nodes = np.flatnonzero(np.isin(owner, held))
         v[3 * nodes] = v[3 * nodes + 1] = 0.0
+        if pressure == "free surface":
+            dry = np.flatnonzero(problem.mesh.surface.pinned)
+            assert (case.body_label[dry] == 0).any()
+            v[3 * dry + 2] = 0.0
         if problem._ties:  # copies move with their particles
             v[0 : width * problem.nodes : 3] = v[3 * owner]
             v[1 : width * problem.nodes : 3] = v[3 * owner + 1]
