@@ -32,6 +32,19 @@ def test_free_fall_is_exact_from_the_first_step_on(rho_inf):
         np.testing.assert_allclose(particles.velocity[wet, 1], -9.81 * t, rtol=1e-6)
 
 
+def test_gravity_is_felt_in_the_shortest_of_steps():
+    """Steps to times close to each other are far below the tolerance of Newton's method; accelerations are kept."""
+    simulation = falling_drop(2e-3)
+    wet = ~simulation.particles.wall
+    for n in range(3):
+        simulation.step(1e-12 * (n + 1))
+    np.testing.assert_allclose(simulation.particles.velocity[wet, 1], -9.81 * 3e-12, rtol=1e-6)
+    for _ in range(5):
+        simulation.step()
+    assert simulation.step_number == 8
+    np.testing.assert_allclose(simulation.particles.velocity[wet, 1], -9.81 * simulation.time, rtol=1e-6)
+
+
 def wave_at(dt, rho_inf):
     """Relative amplitude of a small wave of syrup under air at an eighth and at a quarter of its period.
 
