@@ -32,7 +32,7 @@ def largest_step(spacing: float) -> float:
 def make_state(path: str | Path, spacing: float) -> None:
     """Run the dam break to `STATE_TIME` with particles ``spacing`` [m] apart, and keep the state in a file."""
     tp.init()
-    simulation = tp.Simulation(dam_break.build(spacing), time_step=largest_step(spacing))
+    simulation = tp.Simulation(dam_break.build(spacing, law="no-slip"), time_step=largest_step(spacing))
     simulation.run(STATE_TIME, progress=False)
     p, mesh = simulation.particles, simulation.mesh
     assert mesh.fluid is not None
