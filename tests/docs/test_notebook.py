@@ -13,7 +13,7 @@ NOTEBOOK = Path(__file__).resolve().parents[2] / "docs" / "tutorial.ipynb"
 # Added to the notebook: while this cell waits, the kernel goes on with the run of the live view.
 WAITED = """
 import asyncio
-while touched.time < 0.1:
+while touched.time < 0.1 or tp.read_results("out/touched").status == "running":
     await asyncio.sleep(0.05)
 tp.read_results("out/touched").status
 """
