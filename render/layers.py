@@ -91,8 +91,7 @@ def mask_outside(drawing: Drawing, scene: Scene, layout: Layout) -> None:
         (far[0], far[1], far[2], outer[1]),
         (far[0], outer[3], far[2], far[3]),
     ):
-        corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
-        drawing.triangles(corners[[[0, 1, 2], [0, 2, 3]]], np.array(colours.BACKGROUND))
+        _rectangle(drawing, x0, y0, x1, y1, colours.BACKGROUND)
     corners = np.array([[left, bottom], [left, top], [right, top], [right, bottom]])
     sides = np.array([[0, 1], [3, 0], [2, 3], [1, 2]])[[not at for at in at_walls]]
     drawing.lines(corners[sides], 1.4 * layout.unit, colours.rgb(colours.SUBTLE), cap=0.7 * layout.unit)
@@ -108,20 +107,25 @@ def cover_ends(drawing: Drawing, scene: Scene, layout: Layout, background: Seque
         background: red, green and blue, 0 to 1.
     """
     assert scene.period is not None, "only periodic scenes have ends"
+    (left, bottom), (right, top) = layout.pixels(np.stack([np.zeros(2), scene.period]))
     far = 2.0 + float(max(layout.size))
-    for k in np.flatnonzero(scene.period > 0):
-        for end, outward in ((0.0, -1.0), (float(scene.period[k]), 1.0)):
-            point = np.zeros(2)
-            point[k] = end
-            place = float(layout.pixels(point)[k])
-            beyond = far * (outward if k == 0 else -outward)  # pixels count downward
-            along, across = np.array([[-far, far], [place, place + beyond]])
-            corners = np.stack([across[[0, 0, 1, 1]], along[[0, 1, 1, 0]]], axis=1)[:, :: 1 if k == 0 else -1]
-            drawing.triangles(corners[[[0, 1, 2], [0, 2, 3]]], np.array(background))
-            side = np.stack([np.full(2, place), [layout.box[1], layout.box[3]]], axis=1)
-            if k == 1:
-                side = np.stack([[layout.box[0], layout.box[2]], np.full(2, place)], axis=1)
-            drawing.lines(side[None], 1.4 * layout.unit, colours.rgb(colours.SUBTLE), cap=0.7 * layout.unit)
+    x0, y0, x1, y1 = layout.box
+    sides = []
+    if scene.period[0] > 0:
+        for end, beyond in ((left, -far), (right, far)):
+            _rectangle(drawing, beyond, -far, end, far, background)
+            sides.append([[end, y0], [end, y1]])
+    if scene.period[1] > 0:
+        for end, beyond in ((top, -far), (bottom, far)):
+            _rectangle(drawing, -far, beyond, far, end, background)
+            sides.append([[x0, end], [x1, end]])
+    drawing.lines(np.array(sides), 1.4 * layout.unit, colours.rgb(colours.SUBTLE), cap=0.7 * layout.unit)
+
+
+def _rectangle(drawing: Drawing, x0: float, y0: float, x1: float, y1: float, colour: Sequence[float]) -> None:
+    """A rectangle between two corners [px]."""
+    corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+    drawing.triangles(corners[[[0, 1, 2], [0, 2, 3]]], np.array(colour))
 
 
 def _outlined(drawing: Drawing, segments: Array, width: float, unit: float) -> None:
