@@ -172,7 +172,8 @@ class StepWork:
         stabilisation: loss by the stabilisation of pressure.
         source: work of pressure on the prescribed growth.
         walls: work of the walls' forces on the fluids.
-        friction: dissipation by friction along walls that slip.
+        friction_dissipation: by friction along walls that slip.
+        friction: work against that friction, relative to the walls.
         wall_force: (d,) resultant of the walls' forces on the fluids [N].
     """
 
@@ -182,6 +183,7 @@ class StepWork:
     stabilisation: float
     source: float
     walls: float
+    friction_dissipation: float
     friction: float
     wall_force: Array
 

@@ -25,6 +25,27 @@ def test_it_is_the_step_that_the_flow_asks_for():
     assert flow_time(moving, tp.Simulation(moving).state) == pytest.approx(OF_FLOW * 0.1 / 5.0)
 
 
+def test_a_tank_that_begins_to_turn_has_the_energy_of_the_potential_flow():
+    """Without gravity, from rest, a turn so slow that h / v is 500 s.
+
+    The moment of inertia of a fluid in a rectangle is that of the rectangle less the torsion constant of its section.
+    """
+    a, b, rate = 1.0, 0.5, 1e-3
+    tank = tp.tank((a, b), 0.05, jitter=0.2).fill(WATER)
+    for side in tank.sides:
+        tank.wall(side, slip=True)
+    turn = tp.Motion(angle=lambda t: rate * t**3, pivot=(a / 2, b / 2))
+    simulation = tp.Simulation(tp.Case(tank, [WATER], (0, 0), tank_motion=turn), time_step=4e-3)
+    for _ in range(40):
+        simulation.step()
+    assert flow_time(simulation.case, simulation.state) < 0.2
+    n = np.arange(1, 20, 2)
+    torsion = a * b**3 / 3 * (1 - 192 / np.pi**5 * b / a * (np.tanh(n * np.pi * a / (2 * b)) / n**5).sum())
+    inertia = WATER.density * (a * b * (a**2 + b**2) / 12 - torsion)
+    exact = 0.5 * inertia * (3 * rate * simulation.time**2) ** 2
+    assert simulation.energy().kinetic == pytest.approx(exact, rel=0.02)
+
+
 def simulated(vortex, time_step, cells, end):
     """A vortex of density 1 after some time, from its exact state at t = 0; and which particles kept their places."""
     fluid = tp.Fluid("fluid", density=1.0, viscosity=vortex.viscosity)

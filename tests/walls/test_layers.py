@@ -143,6 +143,18 @@ def test_a_layer_from_unresolved_to_resolved_takes_the_work_of_stokes_first_prob
     assert held[0] > 1.8
 
 
+def test_still_walls_do_no_work(water, air):
+    """What their friction takes is dissipation, also where the flow begins."""
+    tank = tp.tank((0.584, 0.584), 0.04).fill(air).fill(water, box=((0, 0), (0.146, 0.292)))
+    numerics = tp.Numerics(newton_tolerance=1e-12)
+    simulation = tp.Simulation(tp.Case(tank, [water, air], (0, -9.81), numerics=numerics), time_step=2e-3)
+    for _ in range(10):
+        simulation.step()
+        row = simulation.history[-1]
+        assert abs(row["external_work"]) < 1e-6 * row["friction_dissipation"]
+        assert abs(row["energy_residual"]) < 1e-6 * row["friction_dissipation"]
+
+
 @pytest.mark.parametrize("free_surface", [False, True])
 def test_walls_with_layers_take_less_from_a_dam_break(water, air, free_surface):
     """Than no-slip walls at 20 mm, by remeshing: less than a third of the energy; the free surface takes more."""

@@ -117,7 +117,7 @@ class SolveBalance:
         viscous: viscous dissipation, dt int 2 mu d : d.
         friction: dissipation by friction along walls that slip.
         time: of the time integration: work of inertia less the change of kinetic energy, and work against the
-            viscous stress with u less that with dt v_alpha.
+            viscous stress and against friction with u less that with dt v_alpha.
         geometry: work of pressure on volume that changes between the intermediate and the last positions.
         stabilisation: of the stabilisation of pressure.
         source: of the volume source; a gain or a loss.
@@ -222,11 +222,12 @@ class Budget:
         after = Totals.summed(sums[2 + 2 * d :], self._gravity, volume)
         inertia, external, change, weight = float(sums[0]), float(sums[1]), sums[2 : 2 + d], sums[2 + d : 2 + 2 * d]
         growth = solved.growth
+        rest = work.viscous - work.viscous_dissipation + work.friction - work.friction_dissipation
         return SolveBalance(
             after=after,
             viscous=work.viscous_dissipation,
-            friction=work.friction,
-            time=inertia - (after.kinetic - before.kinetic) + work.viscous - work.viscous_dissipation,
+            friction=work.friction_dissipation,
+            time=inertia - (after.kinetic - before.kinetic) + rest,
             geometry=-work.geometry,
             stabilisation=work.stabilisation,
             source=-work.source,

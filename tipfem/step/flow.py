@@ -337,8 +337,8 @@ class FlowProblem:
             self.dimension,
         )
         viscous_dissipation, viscous, geometry, stabilisation, source, walls, *force = result.tolist()
-        friction, terms = self._rows.dissipation(), (viscous, geometry, stabilisation, source, walls)
-        return StepWork(viscous_dissipation, *terms, friction, np.array(force))
+        terms = viscous, geometry, stabilisation, source, walls, *self._rows.friction(self.split(x)[0])
+        return StepWork(viscous_dissipation, *terms, np.array(force))
 
     def product(self, v: Any, out: Any) -> None:
         """out = K v, the derivative of the scaled residual at the last `linearise` along ``v``."""

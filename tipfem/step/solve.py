@@ -55,15 +55,23 @@ def flow_time(case: Case, state: State) -> float:
     It is the shorter of 0.05 sqrt(h / b) with the acceleration b by gravity and body force, and of 0.35 h / v with the
     speed v of the fastest particle relative to the tank. Steps that are shorter, for an output or because others were
     refused, and steps that are longer have the stabilisation of a step of that length: were tau to dt^2, there would be
-    another problem in space for each dt, and no convergence in dt. T is 0, for steps' own lengths, in a flow without
-    forces at rest, and where an interpolated interface divides fluids that fill their tank: a stronger stabilisation
-    moves more volume between them.
+    another problem in space for each dt, and no convergence in dt.
+
+    Without gravity and body force, T is no longer than the time v / a in which the flow's acceleration a would give it
+    that speed. Where the flow's own inertia drives the pressure, a is about v^2 / L, and this is longer than h / v.
+    Where walls set a fluid in motion from rest, it is the time since then; where viscosity stops it, the time of the
+    decay. h / v alone would have no bound there.
+
+    T is 0, for steps' own lengths, in a flow without forces at rest, and where an interpolated interface divides fluids
+    that fill their tank: a stronger stabilisation moves more volume between them.
     """
     if case.interface == "interpolated" and not case.free_surface:
         return 0.0
     frequency = case.natural_frequency()
     speed = state.boundary.speed_over_spacing(state.particles, state.time, 1e-3 / max(frequency, 1e-3))
     times = [part / rate for part, rate in ((OF_GRAVITY, frequency), (OF_FLOW, speed)) if rate > 0]
+    if not frequency and speed and state.mean_acceleration:
+        times.append(speed * case.particles.spacing / state.mean_acceleration)
     return min(times, default=0.0)
 
 

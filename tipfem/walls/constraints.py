@@ -8,6 +8,7 @@ import numpy as np
 
 from tipfem.backend.arrays import Buffers, download
 from tipfem.backend.launch import launch
+from tipfem.typing import Array
 from tipfem.walls import constraint_kernels
 from tipfem.walls.step import Walls
 
@@ -42,7 +43,8 @@ class WallRows:
             self._count,
             dimension,
         )
-        self._normals, self._coefficients = faces.normal, faces.coefficient
+        self._normals, self._coefficients, self._particles = faces.normal, faces.coefficient, faces.nodes
+        self._wall_velocity = faces.wall_velocity
         self._free = ~walls.fixed[faces.nodes]  # friction does not act on particles in corners
         if self._faces:
             self._nodes, self._coefficient = put("walls.nodes", faces.nodes), put("walls.mu", faces.coefficient)
@@ -124,15 +126,27 @@ class WallRows:
         if self._count:
             launch(constraint_kernels.project, self._index, self._rows, out, self._count, self._dimension)
 
-    def dissipation(self) -> float:
-        """Work of friction on the slip at the last `residual` [J, per metre of depth in 2-D]."""
+    def friction(self, displacement: Array) -> tuple[float, float]:
+        """Dissipation by friction at the last `residual`, and the work done against it.
+
+        The first is that of the slip at the intermediate time, dt k s^2. The second is tested with the displacements,
+        as all other work is, k s . (u - dt v_wall): where walls are still it is what their friction takes, and where
+        the velocity changes in the step, another one than the first.
+
+        Args:
+            displacement: (N, d) in the step [m].
+
+        Returns:
+            Both in J, per metre of depth in 2-D.
+        """
         if not self._faces:
-            return 0.0
+            return 0.0, 0.0
         d, record = self._dimension, download(self._record, self._faces).astype(float)
         slip = record[:, 1 : 1 + d * d].reshape(-1, d, d)
-        across = np.einsum("fak,fk->fa", slip, self._normals)
-        square = (self._free * ((slip**2).sum(axis=2) - across**2)).sum(axis=1)
-        return float(self._scheme.dt / d * (record[:, 0] * self._coefficients * square).sum())
+        slip -= np.einsum("fak,fk->fa", slip, self._normals)[:, :, None] * self._normals[:, None]
+        moved = displacement[self._particles] - self._scheme.dt * self._wall_velocity.reshape(-1, d, d)
+        force = (record[:, 0] * self._coefficients / d)[:, None, None] * slip * self._free[:, :, None]
+        return float(self._scheme.dt * (force * slip).sum()), float((force * moved).sum())
 
     def project(self, z: Any) -> None:
         """Project the displacements of a correction."""
