@@ -59,7 +59,8 @@ def cut_along_interfaces(mesh: Mesh, density: Array) -> CutMesh:
     if components is None:
         raise ValueError("cut_along_interfaces: the components of this mesh are not labelled")
     n = len(mesh.position)
-    cell, corner = np.nonzero(((components.mark & ON_INTERFACE) > 0).take(mesh.cells))
+    on_interface = (components.mark & ON_INTERFACE) > 0
+    cell, corner = np.divmod(np.flatnonzero(on_interface.take(mesh.cells)), mesh.cells.shape[1])
     at = mesh.cells[cell, corner]
     there = np.unique(at)
     rank = np.zeros(n, dtype=np.int64)

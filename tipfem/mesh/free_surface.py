@@ -17,7 +17,7 @@ from tipfem.case.numerics import SurfaceRule
 from tipfem.case.particles import Particles
 from tipfem.mesh.alpha_shape import Shapes, covered, hanging
 from tipfem.mesh.delaunay import SLIVER, delaunay, inside
-from tipfem.mesh.mesh import Mesh, Surface
+from tipfem.mesh.mesh import Mesh, Surface, corners_among
 from tipfem.typing import Array
 
 FLAT = 1e-12  # measure in h^d below which a simplex has no gradients
@@ -49,8 +49,8 @@ class SurfaceMesher:
         dry = particles.fluid < 0
         particles.fluid = np.where(dry, 0, particles.fluid).astype(np.int32)
         cells, measure, neighbours = _triangles(particles, boundary)
-        may = (measure > FLAT) & ~dry[cells].any(axis=1)
-        candidate = np.flatnonzero(may & ~wall[cells].all(axis=1))
+        may = (measure > FLAT) & (corners_among(dry, cells) == 0)
+        candidate = np.flatnonzero(may & (corners_among(wall, cells) <= x.shape[1]))
         shapes = Shapes.of(x, cells[candidate], particles.spacing)
         if self.filled is None:
             fluid = shapes.radius < rule.first * rule.alpha
@@ -78,14 +78,13 @@ class SurfaceMesher:
         old = before.surface
         used = before.used
         below = used & ~old.front & ~relocated
-        inner = below[cells]
-        solid: Array = np.asarray(wall[cells].all(axis=1))
-        keep = (measure > FLAT) & ~solid & inner.all(axis=1)
+        solid = corners_among(wall, cells) == cells.shape[1]
+        keep = (measure > FLAT) & ~solid & (corners_among(below, cells) == cells.shape[1])
         undecided = np.flatnonzero((measure > FLAT) & ~solid & ~keep)
         keep[undecided[self._fluid(particles, cells[undecided], before, below, old, used)]] = True
         deep = below & ~wall
         released = hanging(before, particles.pressure, deep) & ~relocated
-        keep &= ~released[cells].any(axis=1) | deep[cells].any(axis=1)
+        keep &= (corners_among(released, cells) == 0) | (corners_among(deep, cells) > 0)
         return self._finish(x, wall, cells, measure, neighbours, keep, h, measure > FLAT)
 
     def _fluid(
@@ -94,8 +93,8 @@ class SurfaceMesher:
         """Mask (K,) of the fluid ones among simplices (K, d + 1) with a particle that was not below the surface."""
         rule, wall, d = self.rule, particles.wall, particles.dimension
         shapes = Shapes.of(particles.position, cells, particles.spacing)
-        at_wall = wall[cells].sum(axis=1) == d
-        deep = (below & ~wall)[cells].any(axis=1)
+        at_wall = corners_among(wall, cells) == d
+        deep = corners_among(below & ~wall, cells) > 0
         inside = deep.copy()
         # Larger ones are not fluid, inside or outside.
         near = np.flatnonzero(~deep & (at_wall | (shapes.radius < max(rule.alpha, rule.join))))
@@ -155,7 +154,7 @@ class SurfaceMesher:
         start: bool = False,
     ) -> Mesh:
         """The mesh of the simplices kept and those in corners of walls, with its surface; volumes are still zero."""
-        solid: Array = np.asarray(wall[cells].all(axis=1))
+        solid = corners_among(wall, cells) == cells.shape[1]
         corner = np.flatnonzero(may & solid & (measure > SLIVER) & _beside(keep, neighbours))
         keep[corner[Shapes.of(position, cells[corner], h).radius < self.rule.alpha]] = True
         out = keep[:, None] & ~((neighbours >= 0) & keep[neighbours])

@@ -266,6 +266,18 @@ class Mesh:
         return columns.indptr.astype(np.int32, copy=False), columns.data
 
 
+def corners_among(mask: Array, cells: Array) -> Array:
+    """Number (M,) of the corners of each of the ``cells`` (M, d + 1) that are among the particles of a ``mask`` (N,).
+
+    Corner by corner: NumPy's reductions over a short axis take several times as long.
+    """
+    corner = mask.view(np.uint8).take(cells).T
+    count = corner[0] + corner[1]
+    for other in corner[2:]:
+        count += other
+    return np.asarray(count)
+
+
 def simplex_measure(position: Array, cells: Array, period: Period | None = None) -> Array:
     """Signed areas or volumes (M,) of simplices ``cells`` (M, d + 1) at ``position`` (N, d), with a period or none."""
     if position.shape[1] == 2:  # complex numbers: both coordinates at once, and corner by corner

@@ -14,7 +14,7 @@ from tipfem.case.numerics import RelocationRule
 from tipfem.case.particles import Particles
 from tipfem.case.period import Period
 from tipfem.case.place import places
-from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.mesh import Mesh, corners_among
 from tipfem.typing import Array
 
 
@@ -71,7 +71,7 @@ def cells_on_walls(mesh: Mesh, wall: Array) -> tuple[Array, Array]:
     A face of wall particles that two cells share is inside the fluid (in a corner) and not part of a wall.
     """
     d = mesh.dimension
-    near = np.flatnonzero(wall[mesh.cells].sum(axis=1) >= d)
+    near = np.flatnonzero(corners_among(wall, mesh.cells) >= d)
     if not len(near):
         return near, np.zeros(0)
     corners = mesh.cells[near]

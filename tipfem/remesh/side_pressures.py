@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.mesh import Mesh, corners_among
 from tipfem.typing import Array
 
 SWEEPS = 3  # a particle that has no neighbour with a pressure in its fluid takes one in the next sweep
@@ -50,7 +50,7 @@ def pressures_on_sides(
         if not missing.any():
             break
         at = np.asarray(missing.any(axis=0))
-        near = np.flatnonzero(at[mesh.cells].any(axis=1))
+        near = np.flatnonzero(corners_among(at, mesh.cells))
         cells, of = mesh.cells[near], np.asarray(mesh.fluid)[near, None]
         to, there_known = missing[of, cells], known[of, cells]
         total, count = np.zeros(known.shape), np.zeros(known.shape)

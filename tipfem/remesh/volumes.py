@@ -12,7 +12,7 @@ import numpy as np
 from tipfem.backend.launch import launch
 from tipfem.case.period import Period, no_period
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE, Components
-from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.mesh import Mesh, corners_among
 from tipfem.remesh import volume_kernels as kernels
 from tipfem.typing import Array
 
@@ -181,7 +181,7 @@ def sliding_contacts(mesh: Mesh, slides: Array) -> tuple[Array, Array, Array]:
     contact = slides & (mesh.components.mark == (ON_INTERFACE | ON_HULL))
     if not contact.any():
         return np.zeros(0, dtype=np.int32), np.zeros((0, 2)), np.zeros(0, dtype=np.int32)
-    near = np.flatnonzero(contact.take(mesh.cells).any(axis=1)).astype(np.int32)
+    near = np.flatnonzero(corners_among(contact, mesh.cells)).astype(np.int32)
     row, i = np.nonzero(mesh.neighbours[near] < 0)
     cell = near[row]
     before, after = mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]

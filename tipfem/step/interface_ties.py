@@ -100,7 +100,7 @@ class InterfaceTies:
         cut, d, walls, mesh = self._cut, self._dimension, self._walls, self._cut.mesh
         group = np.full(cut.particles, -1)
         group[self._tied] = np.arange(self.count)
-        cell, corner = np.nonzero((group[cut.owner] >= 0).take(mesh.cells))
+        cell, corner = np.divmod(np.flatnonzero((group[cut.owner] >= 0).take(mesh.cells)), mesh.cells.shape[1])
         particle = cut.owner[mesh.cells[cell, corner]]
         after, last = (mesh.position[mesh.cells[cell, (corner + k) % 3]] for k in (1, 2))
         side = mesh.period.shortest(last - after)

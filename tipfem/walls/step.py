@@ -13,7 +13,7 @@ import numpy as np
 from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import GeneralizedAlpha
-from tipfem.mesh.mesh import Mesh, Surface
+from tipfem.mesh.mesh import Mesh, Surface, corners_among
 from tipfem.typing import Array
 from tipfem.walls.curve_step import CurveStep
 from tipfem.walls.layers import LAYER, LayerFaces, Layers, advance, begin
@@ -315,16 +315,20 @@ class WallStep(Walls):
         """The faces of walls that slip with friction."""
         b, d = self.boundary, mesh.dimension
         nodes, coefficient, normal, wall_velocity = [], [], [], []
+        mask = np.zeros(len(mesh.position), dtype=bool)
+        mask[b.index] = True
+        beside = np.flatnonzero(corners_among(mask, mesh.cells) >= d)  # the cells that may have a face on a wall
+        corners = mesh.cells[beside]
         for number, side, members in b.members:
             wall = b.walls[number]
             if wall.slip_length is None and wall.law != LAYER:
                 continue
-            mask = np.zeros(len(mesh.position), dtype=bool)
+            mask[:] = False
             mask[b.index[members]] = True
-            on_wall = mask[mesh.cells]
             # A cell has one face on a straight wall: with all of its corners there it would have no volume.
-            cell = np.flatnonzero(on_wall.sum(axis=1) == d)
-            face = mesh.cells[cell][on_wall[cell]].reshape(-1, d)
+            one_face = np.flatnonzero(corners_among(mask, corners) == d)
+            cell = beside[one_face]
+            face = corners[one_face][mask[corners[one_face]]].reshape(-1, d)
             n = self._rotation @ b.side_normal[side]
             edge = mesh.period.shortest(mesh.position[face[:, 1:]] - mesh.position[face[:, :1]])
             measure = n[0] * edge[:, 0, 1] - n[1] * edge[:, 0, 0] if d == 2 else np.cross(edge[:, 0], edge[:, 1]) @ n
