@@ -8,10 +8,12 @@ import pytest
 from residuals import residual_vector
 
 import tipfem as tp
+from tipfem.backend import launch as launching
 from tipfem.backend.arrays import download
 from tipfem.case.boundary import Boundary
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.delaunay import triangulate
+from tipfem.step import solve
 from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
 from tipfem.walls.motion import set_off
 from tipfem.walls.step import WallStep
@@ -21,6 +23,10 @@ SCHEMES = pytest.mark.parametrize("rho_inf", [0.0, 0.5, 1.0])
 SIZES = {2: ((1.0, 0.8), 0.1), 3: ((1.0, 1.0, 0.75), 0.25)}
 THICK = tp.Fluid("glycerin", density=1261.0, viscosity=1.412)
 LENGTH = 0.03
+
+
+class _Stop(Exception):
+    """Ends a step when a test has seen enough."""
 
 
 class Setting:
@@ -86,6 +92,53 @@ def test_product_is_the_derivative_of_the_residual(dimension, rho_inf, moving):
     # Where the walls are, by themselves: they must not hide behind larger rows.
     assert abs(difference - got)[walls.sliding].max() < 1e-6 * abs(got[walls.sliding]).max()
     assert abs(got[walls.sliding, :dimension]).max() > 0
+
+
+@pytest.mark.parametrize("rolls", [False, True])
+@pytest.mark.parametrize("pressure", ["continuous", "two-sided"])
+def test_all_threads_one_thread_and_staged_kernels_and_matrix_free_products_solve_alike(
+    pressure, rolls, monkeypatch, water
+):
+    """With an interface between walls that slip; on a curved wall in a tank at rest, and in a tank that rolls."""
+    points = [(-0.5, 0.0), tp.shapes.arc((0, 0)), (0.5, 0.0), (0.5, 0.3), (-0.5, 0.3)]
+    bowl = tp.shapes.polygon(points, names=["bowl", "right", "top", "left"])
+    air, found = tp.Fluid("air", 1.2, 1.8e-5), []
+
+    motion = tp.Motion(angle=lambda t: 2.0 * t**2)
+
+    def examine(problem, x, **_options):
+        assert len(problem.walls.sliding) >= 10
+        assert len(problem.walls.faces.nodes) > 5
+        fused = problem.system.iteration is not None
+        start = x.to_numpy().copy()
+        for single, whole in ((False, True), (True, True), (False, False)) if fused else ((False, False),):
+            monkeypatch.setattr(launching, "is_serial", lambda count, cost, single=single: single)
+            problem.system.multigrid.fused = whole
+            x.from_numpy(start)
+            problem._corrected = True
+            problem.residual(x)
+            result = problem.correct(x, 1e-11)
+            assert result.iterations > 10
+            found.append(download(x, problem.size))
+        raise _Stop
+
+    for jacobian in ("rows", "matrix-free"):
+        tank = tp.tank(shape=bowl, spacing=0.05, jitter=0.1).fill(water).fill(air, box=((-1, -0.2), (1, 1)))
+        tank.wall("right" if rolls else "bowl", slip_length=0.02).wall("left", slip=True)
+        numerics = tp.Numerics(pressure=pressure, jacobian=jacobian)
+        case = tp.Case(tank, [water, air], (0, -9.81), numerics=numerics, tank_motion=motion if rolls else None)
+        simulation = tp.Simulation(case, time_step=2e-3)
+        simulation.step()
+        with monkeypatch.context() as inner:
+            inner.setattr(solve, "newton", examine)
+            with pytest.raises(_Stop):
+                simulation.step()
+    all_threads, one, staged, matrix_free = found
+    np.testing.assert_array_equal(all_threads, one)
+    for solution in found:  # the tank is full, which leaves the level of the pressure open
+        solution[2::3] -= solution[2]
+    for other in (staged, matrix_free):
+        np.testing.assert_allclose(all_threads, other, atol=1e-9 * abs(staged).max())
 
 
 @DIMENSIONS

@@ -13,6 +13,7 @@ from tipfem.fem.element import gradient
 from tipfem.linalg.sparsity import corner_after
 
 LAPLACIAN_ROW = 80.0  # nanoseconds of one thread for a particle in `scale_and_laplacian`
+GROUND = 10.0  # and in `add_grounds`
 # Columns of ``held`` (N, 2), which is not zero where an unknown is prescribed.
 DISPLACEMENT, PRESSURE = 0, 1
 
@@ -116,12 +117,14 @@ def add_grounds(
     schur: float,
     count: ti.i32,
     dim: Template,
+    serial: Template,
 ):
     """Add to the diagonal of the Laplacian what the free surface does to the pressure of its particles.
 
     There the particles' displacements change the volume of the fluid, by V' = ``gradient`` (K, d) of the particles
     (K,), and pressure one displacement: V' diag(A)^-1 V' / s, a spring between the pressure and that outside.
     """
+    ti.loop_config(serialize=serial)
     for n in range(count):
         i = particles[n]
         stiffness = 0.0

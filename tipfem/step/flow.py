@@ -169,7 +169,7 @@ class FlowProblem:
                 self._surface_volume() if free.exists else None,
                 floor,
             )
-        self._rows = WallRows(walls, d, self._scale, buffers)
+        self._rows = self.system.walls = WallRows(walls, d, self._scale, buffers, self._owner)
         if self._ties:
             self._ties.spread(self._scale)  # which friction of walls has changed
         self._bodies: BodyRows | None = None
@@ -284,7 +284,7 @@ class FlowProblem:
         )
         if self._ties:
             self._ties.collect(self._r)
-        self._rows.residual(self._motion, x, self._scale, self._r)
+        self._rows.residual(self._motion, x, self._r)
         if self._bodies:
             self._bodies.residual(x, self._r)
         self._norm = fgmres.largest(self._r, self.size, self.buffers) / self.particles.spacing
@@ -343,16 +343,10 @@ class FlowProblem:
     def product(self, v: Any, out: Any) -> None:
         """out = K v, the derivative of the scaled residual at the last `linearise` along ``v``."""
         self.system.product(v, out)
-        self._rows.product(v, self._scale, out)
-        if self._bodies:
-            self._bodies.product(v, out)
 
     def precondition(self, r: Any, z: Any) -> None:
         """z ~ K^-1 r, see `LinearSystem`."""
         self.system.precondition(r, z)
-        self._rows.project(z)
-        if self._ties:
-            self._ties.spread(z)
 
     def correct(self, x: Any, tolerance: float) -> fgmres.KrylovResult:
         """Solve K dx = -r, linearised at the last `residual`, by preconditioned FGMRES and add dx to ``x``.
@@ -375,7 +369,7 @@ class FlowProblem:
                 tolerance=tolerance,
                 max_iterations=MAX_KRYLOV_ITERATIONS,
                 buffers=self.buffers,
-                iteration=None if self._rows.active else self.system.iteration,
+                iteration=self.system.iteration,
             )
         if not result.converged:
             raise StepRefused(

@@ -29,8 +29,9 @@ from tipfem.step.body_coupling import (
 )
 from tipfem.step.body_layout import BODIES, NODES, RING
 from tipfem.step.tie_kernels import clear_tie, collect_tie, spread_tie
+from tipfem.walls.constraint_kernels import COLUMNS, ROWS, project_node
 
-ITERATION = 400.0  # nanoseconds of one thread for a particle in `precondition` and `iterate`
+ITERATION = 400.0  # nanoseconds of one thread for a particle in `iterate`
 
 
 @ti.func
@@ -49,6 +50,8 @@ def _precondition(
     grid: Template,
     subdomains: Template,
     ties: Template,
+    sliding: Template,
+    projector: Template,
     bodies: Template,
     data: Template,
     r: Template,
@@ -108,21 +111,24 @@ def _precondition(
         _add_mobility(bodies, data, vectors, nodes, barrier, thread, threads)
     for i in range(first, last):
         correct_row(row_offsets, columns, blocks, vectors, r, r_start, z, z_start, i, nodes, dim)
-    if ties[0] > 0:
+    if ties[0] > 0 or sliding[0] > 0 or ti.static(floating):
         synchronise(barrier, threads)
-        for t in range(tied_from, tied_to):
-            collect_tie(ties, t, z, z_start, dim)
-            if ti.static(not floating):
-                spread_tie(ties, t, z, z_start, dim)
+    for t in range(tied_from, tied_to):
+        collect_tie(ties, t, z, z_start, dim)
+    if sliding[0] > 0:
+        synchronise(barrier, threads)
+        begin, end = share(thread, threads, sliding[0])
+        for s in range(begin, end):
+            project_node(sliding, projector, s, COLUMNS, z, z_start, dim)
     if ti.static(floating):
         synchronise(barrier, threads)
         for b in range(bodies[BODIES]):
             if b % threads == thread:
                 end_body(bodies, data, scale, z, z_start, b, 3 * nodes)
-        if ties[0] > 0:
-            synchronise(barrier, threads)
-            for t in range(tied_from, tied_to):
-                spread_tie(ties, t, z, z_start, dim)
+    if ties[0] > 0 and (sliding[0] > 0 or ti.static(floating)):
+        synchronise(barrier, threads)
+    for t in range(tied_from, tied_to):
+        spread_tie(ties, t, z, z_start, dim)
 
 
 @ti.func
@@ -143,68 +149,6 @@ def _add_mobility(bodies: Template, data: Template, vectors: Template, nodes, ba
 
 
 @kernel
-def precondition(
-    row_offsets: Ints1,
-    columns: Ints1,
-    blocks: Reals1,
-    scale: Reals1,
-    near_offsets: Ints1,
-    near: Ints1,
-    laplacian: Reals1,
-    vectors: Reals1,
-    coordinates: Reals2,
-    cell_lists: Ints1,
-    levels: Reals1,
-    grid: Ints2,
-    subdomains: Ints1,
-    ties: Ints1,
-    bodies: Ints1,
-    data: Reals1,
-    r: Reals1,
-    z: Reals1,
-    nodes: ti.i32,
-    dim: Template,
-    floating: Template,
-    stride: Template,
-    serial: Template,
-    threads: ti.i32,
-    barrier: Ints1,
-):
-    """z = M r, the preconditioner M as in `LinearSystem.precondition`."""
-    ti.loop_config(serialize=serial)
-    for t in range(threads * stride):
-        if t % stride == 0:
-            _precondition(
-                row_offsets,
-                columns,
-                blocks,
-                scale,
-                near_offsets,
-                near,
-                laplacian,
-                vectors,
-                coordinates,
-                cell_lists,
-                levels,
-                grid,
-                subdomains,
-                ties,
-                bodies,
-                data,
-                r,
-                0,
-                z,
-                0,
-                nodes,
-                barrier,
-                t // stride,
-                threads,
-                dim,
-                floating,
-            )
-
-
-@kernel
 def iterate(
     row_offsets: Ints1,
     columns: Ints1,
@@ -220,6 +164,8 @@ def iterate(
     grid: Ints2,
     subdomains: Ints1,
     ties: Ints1,
+    sliding: Ints1,
+    projector: Reals2,
     bodies: Ints1,
     data: Reals1,
     krylov: Reals1,
@@ -238,7 +184,8 @@ def iterate(
     """z_k = M v_k; w = K z_k; one pass of Gram-Schmidt as by `vector_kernels.orthogonalise`.
 
     The matrix K is given by ``row_offsets``, ``columns`` and ``blocks``, the preconditioner M by these, ``scale`` and
-    all from ``near_offsets`` to ``data``; ``bodies`` and ``data``, see `tipfem.step.body_layout`, are used if there are
+    all from ``near_offsets`` to ``data``; ``sliding`` and ``projector`` as in `tipfem.walls.constraint_kernels`;
+    ``bodies`` and ``data``, see `tipfem.step.body_layout`, are used if there are
     bodies that float. The pressure Laplacian is given by ``near_offsets``, ``near``, its columns,
     and ``laplacian``, its values. The Krylov vectors are laid out as in `tipfem.linalg.vector_kernels`.
     """
@@ -266,6 +213,8 @@ def iterate(
                 grid,
                 subdomains,
                 ties,
+                sliding,
+                projector,
                 bodies,
                 data,
                 krylov,
@@ -295,6 +244,11 @@ def iterate(
                     collect_tie(ties, tie, krylov, w, dim)
                 synchronise(barrier, threads)
             if ti.static(floating):
+                if sliding[0] > 0:  # of what rotations change
+                    low, high = share(thread, threads, sliding[0])
+                    for n in range(low, high):
+                        project_node(sliding, projector, n, ROWS, krylov, w, dim)
+                    synchronise(barrier, threads)
                 for b in range(bodies[BODIES]):
                     if b % threads == thread:
                         collect_body(bodies, data, scale, krylov, z, krylov, w, b, 3 * nodes)

@@ -39,6 +39,9 @@ class BodyCoupling(Protocol):
     def add_rotations(self, v: Any, out: Any) -> None:
         """Add to out = K v what rotations change in it beyond displacements."""
 
+    def product(self, v: Any, out: Any) -> None:
+        """Put the bodies' rows in place of their particles' in out = K v."""
+
     def begin(self, r: Any) -> None:
         """Give the bodies' particles in a residual the increments that the bodies' own matrices give."""
 
@@ -50,6 +53,24 @@ class BodyCoupling(Protocol):
 
     def end(self, z: Any) -> None:
         """Set the bodies' increments in a correction, and displace their particles by them."""
+
+
+class WallCoupling(Protocol):
+    """The interface of the linear system to walls that slip; see `tipfem.walls.constraints.WallRows`."""
+
+    arrays: tuple[Any, Any]
+
+    def add_to(self, matrix: Csr) -> None:
+        """Add the derivative of friction at the last residual to a Jacobian's rows, and project them."""
+
+    def product(self, v: Any, out: Any) -> None:
+        """Add the same to the product of the elements' Jacobian with ``v``, and project it."""
+
+    def project_rows(self, out: Any) -> None:
+        """Project the momentum rows of a vector."""
+
+    def project(self, z: Any) -> None:
+        """Project the displacements of a correction."""
 
 
 class Topology(NamedTuple):
@@ -151,6 +172,7 @@ class LinearSystem:
     Attributes:
         stores_rows: whether the Jacobian is kept in rows.
         multigrid: as given, with the pressure's operators of this step.
+        walls: those that slip; to be set when the system has been made.
         bodies: bodies that float, None without any; to be set when the system has been made.
         deflation: the piecewise-constant coarse space.
         rows: the Jacobian K on the device, blocks as in `tipfem.fem.jacobian`; set by `gather`.
@@ -158,6 +180,7 @@ class LinearSystem:
     """
 
     stores_rows = True
+    walls: WallCoupling
     bodies: BodyCoupling | None
 
     def __init__(
@@ -228,6 +251,7 @@ class LinearSystem:
                 SCHUR_SCALE,
                 len(surface[0]),
                 d,
+                work=(len(surface[0]), schur.GROUND),
             )
         if ties:
             ties.join_scales(scale)
@@ -268,6 +292,7 @@ class LinearSystem:
             self._nodes,
             self._dimension,
         )
+        self.walls.add_to(self.rows)
 
     def product(self, v: Any, out: Any) -> None:
         """out = K v, the derivative of the scaled residual along ``v``; both (N (d + 1),) on the device."""
@@ -281,6 +306,9 @@ class LinearSystem:
             work=(self._nodes, jacobian.ROW),
         )
         self._complete(v, out)
+        if self.bodies:
+            self.walls.project_rows(out)
+            self.bodies.product(v, out)
 
     def _complete(self, v: Any, out: Any) -> None:
         """Add to the product of the elements what rotations of bodies change, and join the rows of tied particles."""
@@ -295,10 +323,6 @@ class LinearSystem:
         See `tipfem.step.block_preconditioner`; r and z are (N (d + 1),) on the device.
         """
         n, d, grid = self._nodes, self._dimension, self.multigrid
-        if self.fused:
-            work = (n, fused_iteration.ITERATION)
-            launch(fused_iteration.precondition, *self._operators(), r, z, n, d, self.bodies is not None, work=work)
-            return
         if self.bodies:
             self.bodies.begin(r)
         if self._ties:
@@ -312,8 +336,15 @@ class LinearSystem:
         launch(block_preconditioner.correct, *self.rows, grid.vectors, r, z, n, d)
         if self._ties:
             self._ties.collect(z)
+        self._constrain(z)
+
+    def _constrain(self, z: Any) -> None:
+        """Let the displacements of a correction follow walls and bodies, and those of copies their particles."""
+        self.walls.project(z)
         if self.bodies:
             self.bodies.end(z)
+        if self._ties:
+            self._ties.spread(z)
 
     def _solve_pressure(self) -> None:
         """One cycle for the Schur complement, from the right-hand side to the solution in the grid's vectors."""
@@ -365,6 +396,7 @@ class LinearSystem:
             grid.grid,
             self.deflation.subdomains,
             grid.ties,
+            *self.walls.arrays,
             *(self.bodies.arrays if self.bodies else self._no_bodies),
         )
 

@@ -31,6 +31,9 @@ class MatrixFreeSystem(LinearSystem):
         """out = K v, the derivative of the scaled residual along ``v``; both (N (d + 1),) on the device."""
         self._multiply(v, out)
         self._complete(v, out)
+        self.walls.product(v, out)
+        if self.bodies:
+            self.bodies.product(v, out)
 
     def _multiply(self, v: Any, out: Any) -> None:
         """The part of `product` that the elements give."""
@@ -74,8 +77,7 @@ class MatrixFreeSystem(LinearSystem):
         if self._ties:
             self._ties.collect(product)
         launch(matrix_free.block_correction, r, product, vectors, z, n, d, work=work)
-        if self.bodies:
-            self.bodies.end(z)
+        self._constrain(z)
 
     @property
     def iteration(self) -> Iteration | None:

@@ -2,7 +2,9 @@
 
 They modify the results of `tipfem.fem.residual` and `tipfem.fem.schur` for the particles of these walls; vectors of
 unknowns are laid out as there. The projector P = I - N^+ N of a wall particle (with its walls' normals in the rows
-of N) applies to its momentum rows and to its displacement.
+of N) applies to its momentum rows and to its displacement; where the tank turns, N is that of the intermediate time for
+the rows, and that of the end of the step for the displacement. ``sliding`` (S + 1,) holds the number of sliding
+particles and the particles, ``projector`` (2 S, d * d) the projectors of their rows, and then of their displacements.
 """
 
 import taichi as ti
@@ -11,6 +13,10 @@ from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Te
 from tipfem.backend.launch import kernel
 from tipfem.fem.element import row
 from tipfem.fem.residual import displacement_of
+
+ROWS, COLUMNS = 0, 1  # the projectors of momentum rows and of displacements
+SLIDING = 10.0  # nanoseconds of one thread for a sliding particle in `project` and `slip_scale`
+SLIDING_ROW = 100.0  # and for a node in `project_rows`
 
 
 def face_record_width(dim: int) -> int:
@@ -46,39 +52,80 @@ def measure_change(side, change, n):
     return result
 
 
+@ti.func
+def project_node(sliding: Template, projector: Template, s, which: Template, x: Template, start, dim: Template):
+    """x_i = P_i x_i for the displacement of sliding particle number ``s`` in a vector that begins at ``start``.
+
+    ``which`` is ROWS or COLUMNS.
+    """
+    at, p = start + sliding[1 + s] * (dim + 1), which * sliding[0] + s
+    u = ti.Vector([x[at + k] for k in ti.static(range(dim))])
+    for k in ti.static(range(dim)):
+        total = 0.0
+        for j in ti.static(range(dim)):
+            total += projector[p, k * dim + j] * u[j]
+        x[at + k] = total
+
+
 @kernel
-def project(
-    index: Ints1,
+def project(sliding: Ints1, projector: Reals2, x: Reals1, which: Template, dim: Template, serial: Template):
+    """`project_node` of all sliding particles."""
+    ti.loop_config(serialize=serial)
+    for s in range(sliding[0]):
+        project_node(sliding, projector, s, which, x, 0, dim)
+
+
+@kernel
+def project_rows(
+    nodes: Ints1,
     projector: Reals2,
-    x: Reals1,
+    of: Ints1,
+    row_offsets: Ints1,
+    blocks: Reals1,
     count: ti.i32,
     dim: Template,
+    serial: Template,
 ):
-    """x_i = P_i x_i for the displacements of ``count`` particles; projector (count, d * d)."""
-    for s in range(count):
-        i = index[s]
-        u = displacement_of(x, i, dim)
-        for k in ti.static(range(dim)):
-            total = 0.0
-            for j in ti.static(range(dim)):
-                total += projector[s, k * dim + j] * u[j]
-            x[i * (dim + 1) + k] = total
+    """P times the momentum rows of ``count`` nodes in the blocks of the Jacobian; P is row ``of`` of ``projector``."""
+    ti.loop_config(serialize=serial)
+    for n in range(count):
+        for s in range(row_offsets[nodes[n]], row_offsets[nodes[n] + 1]):
+            at = s * (dim + 1) ** 2
+            for m in ti.static(range(dim + 1)):
+                column = ti.Vector([blocks[at + k * (dim + 1) + m] for k in ti.static(range(dim))])
+                for k in ti.static(range(dim)):
+                    total = 0.0
+                    for j in ti.static(range(dim)):
+                        total += projector[of[n], k * dim + j] * column[j]
+                    blocks[at + k * (dim + 1) + m] = total
+
+
+@ti.func
+def block_of(row_offsets: Template, columns: Template, i, j, dim: Template):
+    """Where the block of row ``i`` and column ``j`` begins, which are on a face together."""
+    found = row_offsets[i]
+    for s in range(row_offsets[i], row_offsets[i + 1]):
+        if columns[s] == j:
+            found = s
+    return found * (dim + 1) ** 2
 
 
 @kernel
 def slip_scale(
-    index: Ints1,
+    sliding: Ints1,
     friction: Reals1,
     scale: Reals1,
     count: ti.i32,
     dim: Template,
+    serial: Template,
 ):
     """One scale for all momentum rows of a sliding particle, so that scaling commutes with the projection.
 
     friction (count,) is the contribution of the wall to diag(A).
     """
+    ti.loop_config(serialize=serial)
     for s in range(count):
-        i = index[s]
+        i = sliding[1 + s]
         diagonal = friction[s]
         if scale[i * (dim + 1)] > 0.0:  # particles in no element have none
             for k in ti.static(range(dim)):
@@ -139,6 +186,33 @@ def pressure_product(
             n = record[f, 2 + k]
             out[a * 3 + k] += scale[a * 3 + k] * ((one / 3.0 + other / 6.0) * n + record[f, 0] * turned[k])
             out[b * 3 + k] += scale[b * 3 + k] * ((one / 6.0 + other / 3.0) * n + record[f, 1] * turned[k])
+
+
+@kernel
+def add_pressures(
+    faces: Ints2,
+    record: Reals2,
+    scale: Reals1,
+    row_offsets: Ints1,
+    columns: Ints1,
+    blocks: Reals1,
+    cf: float,
+    count: ti.i32,
+):
+    """Add the derivative of `pressure_residual`, from its ``record``, to the blocks of the Jacobian."""
+    ti.loop_config(serialize=True)
+    for f in range(count):
+        for one in ti.static(range(2)):
+            i = faces[f, one]
+            for other in ti.static(range(2)):
+                at = block_of(row_offsets, columns, i, faces[f, other], 2)
+                part = ti.static(1.0 / 3.0 if one == other else 1.0 / 6.0)
+                # e = x_b - x_a, turned: (e_y, -e_x)
+                turn = ti.static(1.0 if other == 1 else -1.0) * cf * record[f, one]
+                blocks[at + 1] += scale[i * 3] * turn
+                blocks[at + 3] -= scale[i * 3 + 1] * turn
+                for k in ti.static(range(2)):
+                    blocks[at + k * 3 + 2] += scale[i * 3 + k] * part * record[f, 2 + k]
 
 
 @kernel
@@ -220,3 +294,46 @@ def slip_product(
                 r = i * (dim + 1) + k
                 force = growth * record[f, 1 + a * dim + k] + record[f, 0] * cv * x[r]
                 out[r] += scale[r] * force / dim * coefficient[f]
+
+
+@kernel
+def add_friction(
+    faces: Ints2,
+    coefficient: Reals1,
+    normal: Reals2,
+    record: Reals2,
+    scale: Reals1,
+    row_offsets: Ints1,
+    columns: Ints1,
+    blocks: Reals1,
+    cv: float,
+    cf: float,
+    count: ti.i32,
+    dim: Template,
+):
+    """Add the derivative of `slip_residual`, from the faces' linearisation, to the blocks of the Jacobian."""
+    ti.loop_config(serialize=True)
+    for f in range(count):
+        n = row(normal, f, dim)
+        side = ti.Matrix.zero(float, dim - 1, dim)
+        for a in ti.static(range(dim - 1)):
+            for k in ti.static(range(dim)):
+                side[a, k] = record[f, 1 + dim * dim + a * dim + k]
+        for other in ti.static(range(dim)):
+            for m in ti.static(range(dim)):
+                # The corner's displacement changes the sides from the first corner.
+                change = ti.Matrix.zero(float, dim - 1, dim)
+                for a in ti.static(range(dim - 1)):
+                    if ti.static(other == 0):
+                        change[a, m] = -cf
+                    elif ti.static(other == a + 1):
+                        change[a, m] = cf
+                growth = measure_change(side, change, n)
+                for one in ti.static(range(dim)):
+                    i = faces[f, one]
+                    at = block_of(row_offsets, columns, i, faces[f, other], dim)
+                    for k in ti.static(range(dim)):
+                        force = growth * record[f, 1 + one * dim + k]
+                        if ti.static(one == other and k == m):
+                            force += record[f, 0] * cv
+                        blocks[at + k * (dim + 1) + m] += scale[i * (dim + 1) + k] * force / dim * coefficient[f]

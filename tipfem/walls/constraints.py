@@ -8,8 +8,10 @@ import numpy as np
 
 from tipfem.backend.arrays import Buffers, download
 from tipfem.backend.launch import launch
+from tipfem.linalg.sparsity import Csr
 from tipfem.typing import Array
 from tipfem.walls import constraint_kernels
+from tipfem.walls.constraint_kernels import COLUMNS, ROWS, SLIDING, SLIDING_ROW
 from tipfem.walls.step import Walls
 
 
@@ -21,28 +23,35 @@ class WallRows:
         dimension: d.
         scale: scaling of the rows, which friction and projection change.
         buffers: that hold the arrays.
+        owner: (P,) particle of each node; None where they are the same.
+
+    Attributes:
+        arrays: the sliding particles and their projectors, on the device.
     """
 
-    def __init__(self, walls: Walls, dimension: int, scale: Any, buffers: Buffers) -> None:
+    def __init__(self, walls: Walls, dimension: int, scale: Any, buffers: Buffers, owner: Array | None = None) -> None:
         faces = walls.faces
-        self._dimension, self._scheme = dimension, walls.scheme
-        self._count, self._active = len(walls.sliding), walls.boundary.active
-        self._faces = len(faces.nodes) if self._count else 0
-        self._pressed = len(walls.pressed) if self._count else 0
-        if not self._count:
-            return
+        self._dimension, self._scheme, self._scale = dimension, walls.scheme, scale
+        self._count = count = len(walls.sliding)
+        self._faces = len(faces.nodes) if count else 0
+        self._pressed = len(walls.pressed) if count else 0
         put = buffers.upload
-        self._period = walls.boundary.period.array
-        self._index = put("walls.index", walls.sliding)
-        self._rows, self._columns = put("walls.rows", walls.rows), put("walls.columns", walls.columns)
-        launch(
-            constraint_kernels.slip_scale,
-            self._index,
-            put("walls.friction", faces.friction),
-            scale,
-            self._count,
-            dimension,
+        self.arrays = (
+            put("walls.sliding", np.append(count, walls.sliding).astype(np.int32)),
+            put("walls.projector", np.concatenate([walls.rows, walls.columns, np.zeros((1, dimension**2))])),
         )
+        if not count:
+            return
+        self._period = walls.boundary.period.array
+        friction = put("walls.friction", faces.friction)
+        work = (count, SLIDING)
+        launch(constraint_kernels.slip_scale, self.arrays[0], friction, scale, count, dimension, work=work)
+        number = np.full(len(walls.fixed), -1)
+        number[walls.sliding] = np.arange(count)
+        of = number if owner is None else number[owner]
+        nodes = np.flatnonzero(of >= 0)
+        self._nodes_sliding = len(nodes)
+        self._sliding = put("walls.nodes_sliding", nodes), put("walls.of_nodes", of[nodes])
         self._normals, self._coefficients, self._particles = faces.normal, faces.coefficient, faces.nodes
         self._wall_velocity = faces.wall_velocity
         self._free = ~walls.fixed[faces.nodes]  # friction does not act on particles in corners
@@ -55,12 +64,7 @@ class WallRows:
             self._curved = put("walls.curved", walls.pressed)
             self._pressures = buffers.get("walls.pressures", self._pressed, 4)
 
-    @property
-    def active(self) -> bool:
-        """Whether walls slip, slide or move; constraints are then applied between the launches of an iteration."""
-        return self._active
-
-    def residual(self, motion: Any, x: Any, scale: Any, out: Any) -> None:
+    def residual(self, motion: Any, x: Any, out: Any) -> None:
         """Add friction at ``x`` to the scaled residual ``out``, and project its momentum rows."""
         if self._faces:
             launch(
@@ -72,7 +76,7 @@ class WallRows:
                 self._period,
                 motion,
                 x,
-                scale,
+                self._scale,
                 self._record,
                 out,
                 self._scheme.cv,
@@ -86,17 +90,55 @@ class WallRows:
                 self._curved,
                 motion,
                 x,
-                scale,
+                self._scale,
                 self._pressures,
                 out,
                 self._scheme.cf,
                 self._pressed,
             )
-        if self._count:
-            launch(constraint_kernels.project, self._index, self._rows, out, self._count, self._dimension)
+        self.project_rows(out)
 
-    def product(self, v: Any, scale: Any, out: Any) -> None:
-        """The same for the derivative along ``v``."""
+    def add_to(self, matrix: Csr) -> None:
+        """Add the derivative of friction at the last `residual` to a Jacobian's rows, and project them."""
+        if self._faces:
+            launch(
+                constraint_kernels.add_friction,
+                self._nodes,
+                self._coefficient,
+                self._normal,
+                self._record,
+                self._scale,
+                *matrix,
+                self._scheme.cv,
+                self._scheme.cf,
+                self._faces,
+                self._dimension,
+            )
+        if self._pressed:
+            launch(
+                constraint_kernels.add_pressures,
+                self._curved,
+                self._pressures,
+                self._scale,
+                *matrix,
+                self._scheme.cf,
+                self._pressed,
+            )
+        if self._count:
+            launch(
+                constraint_kernels.project_rows,
+                self._sliding[0],
+                self.arrays[1],
+                self._sliding[1],
+                matrix.row_offsets,
+                matrix.values,
+                self._nodes_sliding,
+                self._dimension,
+                work=(self._nodes_sliding, SLIDING_ROW),
+            )
+
+    def product(self, v: Any, out: Any) -> None:
+        """Add the same to the product of the elements' Jacobian with ``v``, and project it."""
         if self._faces:
             launch(
                 constraint_kernels.slip_product,
@@ -104,7 +146,7 @@ class WallRows:
                 self._coefficient,
                 self._normal,
                 self._record,
-                scale,
+                self._scale,
                 v,
                 out,
                 self._scheme.cv,
@@ -117,14 +159,17 @@ class WallRows:
                 constraint_kernels.pressure_product,
                 self._curved,
                 self._pressures,
-                scale,
+                self._scale,
                 v,
                 out,
                 self._scheme.cf,
                 self._pressed,
             )
-        if self._count:
-            launch(constraint_kernels.project, self._index, self._rows, out, self._count, self._dimension)
+        self.project_rows(out)
+
+    def project_rows(self, out: Any) -> None:
+        """Project the momentum rows of a vector."""
+        self._project(out, ROWS)
 
     def friction(self, displacement: Array) -> tuple[float, float]:
         """Dissipation by friction at the last `residual`, and the work done against it.
@@ -150,5 +195,9 @@ class WallRows:
 
     def project(self, z: Any) -> None:
         """Project the displacements of a correction."""
+        self._project(z, COLUMNS)
+
+    def _project(self, x: Any, which: int) -> None:
         if self._count:
-            launch(constraint_kernels.project, self._index, self._columns, z, self._count, self._dimension)
+            work = (self._count, SLIDING)
+            launch(constraint_kernels.project, *self.arrays, x, which, self._dimension, work=work)

@@ -30,6 +30,7 @@ from tipfem.typing import Array
 DENSITY_RATIO = 10.0
 # Components of more particles than this are left to the coarse grids.
 LARGEST = 2000
+MEMBER = 30.0  # nanoseconds of one thread for a particle in `set_energies`
 
 
 @kernel
@@ -79,12 +80,14 @@ def set_energies(
     vectors: Reals1,
     count: ti.i32,
     nodes: ti.i32,
+    serial: Template,
 ):
     """Diagonal entries of the coarse operator: the sum of the matrix's entries between the particles of a bubble.
 
     As the vector `ENERGY` at each particle of the ``count`` bubbles; 0 at those of prescribed pressure,
     which have no equation. ``label`` as from `label_light_components`.
     """
+    ti.loop_config(serialize=serial)
     for k in range(count):
         total = 0.0
         for m in range(subdomains[k], subdomains[k + 1]):
@@ -169,7 +172,9 @@ class SubdomainDeflation:
         self.count = int(lists[0]) - 1
         self.subdomains = buffers.upload("deflation.subdomains", lists)
         if self.count:
-            launch(set_energies, *matrix, labels, self.subdomains, vectors, self.count, nodes)
+            launch(
+                set_energies, *matrix, labels, self.subdomains, vectors, self.count, nodes, work=(len(lists), MEMBER)
+            )
 
     def correct(self) -> None:
         """Add a constant to the solution in each bubble, so that the sum of its equations holds."""
