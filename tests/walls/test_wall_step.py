@@ -94,8 +94,7 @@ def test_product_is_the_derivative_of_the_residual(dimension, rho_inf, moving):
     assert abs(got[walls.sliding, :dimension]).max() > 0
 
 
-@pytest.mark.parametrize("rolls", [False, True])
-@pytest.mark.parametrize("pressure", ["continuous", "two-sided"])
+@pytest.mark.parametrize(("pressure", "rolls"), [("two-sided", False), ("continuous", True)])
 def test_all_threads_one_thread_and_staged_kernels_and_matrix_free_products_solve_alike(
     pressure, rolls, monkeypatch, water
 ):
