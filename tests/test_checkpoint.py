@@ -182,7 +182,7 @@ def test_a_resumed_run_is_the_uninterrupted_one_to_the_bit(tmp_path, water, air,
 
     def simulation(out):
         probe = tp.PointProbe(name="gauge", at=(0.05, 0.05), interval=0.007)
-        force = tp.WallForce(name="force", wall="left")
+        force = tp.WallForce(name="force", wall="left", interval=0.004, impulse=True, time_constant=0.005)
         return tp.Simulation(
             CASES[name](water, air),
             out,

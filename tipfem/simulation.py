@@ -42,6 +42,7 @@ from tipfem.step.numerical_error import numerical_error
 from tipfem.step.solve import StepSolver
 from tipfem.step.volume_source import VolumeControl
 from tipfem.timers import Timings, timer
+from tipfem.typing import Array
 from tipfem.walls.bodies import BodyStates, body_columns
 from tipfem.walls.motion import set_off
 
@@ -159,6 +160,11 @@ class Simulation:
     def mesh(self) -> Mesh:
         """Simplices on the present positions."""
         return self.state.mesh
+
+    @property
+    def pressure_jump(self) -> Array | None:
+        """(F, N) pressure of each fluid at each particle less that of the particle [Pa]; see `tipfem.state.State`."""
+        return self.state.pressure_jump
 
     @property
     def boundary(self) -> Boundary:

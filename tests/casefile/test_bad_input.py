@@ -282,6 +282,18 @@ MISTAKES = {
         "probes[1]",
         "no wall 'lid'",
     ),
+    "filter without a time": (
+        "[checkpoint]",
+        '[[probes]]\ntype = "wall force"\nname = "f"\nwall = "left"\ntime_constant = 0\n[checkpoint]',
+        "probes[1].time_constant",
+        "> 0 in s",
+    ),
+    "impulse of no load": (
+        "[checkpoint]",
+        '[[probes]]\ntype = "energy"\nname = "e"\nimpulse = true\n[checkpoint]',
+        "probes[1].impulse",
+        "no key of the probe type 'energy'",
+    ),
     "probe of an unknown quantity": (
         "[checkpoint]",
         '[[probes]]\ntype = "point"\nname = "p"\nat = [0.1, 0.1]\nquantities = ["speed"]\n[checkpoint]',

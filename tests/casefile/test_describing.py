@@ -187,7 +187,7 @@ def test_a_constant_function_is_one_of_the_forms():
 def test_probes_and_checkpoints_are_kept(tmp_path):
     probes = [
         tp.PointProbe(name="point", at=(0.05, 0.05), quantities=("pressure", "velocity_x"), interval=0.01),
-        tp.WallForce(name="force", wall="right", fluid="water"),
+        tp.WallForce(name="force", wall="right", fluid="water", impulse=True, time_constant=2e-3),
         tp.EnergyProbe(name="energy"),
     ]
     options = {"checkpoint_interval": 0.5, "checkpoint_wall_interval": None, "probes": probes}

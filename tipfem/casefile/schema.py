@@ -314,6 +314,16 @@ class ProbeTable(Model):
     wall: str | None = quantity("name of a wall: left, right, bottom, top, or one of the table walls", default=None)
     fluid: str | None = quantity("name of a fluid", default=None)
     about: Point | None = quantity("point about which a wall force has its moment; by default the origin", "m", None)
+    impulse: bool | None = quantity(
+        "of a wall pressure or force: further columns with the integrals over time; by default none", default=None
+    )
+    time_constant: float | None = quantity(
+        "of a wall pressure or force: further columns with the values of a first-order low-pass filter of this time "
+        "constant; by default none",
+        "s",
+        None,
+        gt=0,
+    )
     x: float | None = quantity("place of a wave gauge", "m", None)
     axis: int | None = quantity("of a front: 0 for x, 1 for y, 2 for z; by default 0", default=None, ge=0, le=2)
 

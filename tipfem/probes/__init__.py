@@ -5,6 +5,7 @@ shape functions, as in the solution; of a fluid at rest the pressure is exact.
 """
 
 from tipfem.probes.fluids import EnergyProbe, FrontProbe, VolumeProbe, WaveGauge
+from tipfem.probes.impulses import LoadProbe
 from tipfem.probes.points import LineProbe, PointProbe
 from tipfem.probes.probe import Probe
 from tipfem.probes.recorder import ProbeRecorder
@@ -16,6 +17,7 @@ __all__ = [
     "EnergyProbe",
     "FrontProbe",
     "LineProbe",
+    "LoadProbe",
     "PointProbe",
     "Probe",
     "ProbeRecorder",

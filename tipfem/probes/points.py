@@ -9,7 +9,7 @@ import numpy as np
 
 from tipfem.case.case import Case
 from tipfem.mesh.mesh import Mesh
-from tipfem.probes.probe import FRAMES, Probe, Sampled, floats, in_laboratory, require_inside
+from tipfem.probes.probe import FRAMES, Probe, Sampled, floats, in_laboratory, pressure_in, require_inside
 from tipfem.typing import Array
 
 QUANTITIES = {"pressure": "Pa", "velocity_x": "m/s", "velocity_y": "m/s", "velocity_z": "m/s", "density": "kg/m3"}
@@ -100,7 +100,9 @@ def values_at(simulation: Sampled, places: Array, quantities: Sequence[str]) -> 
         if name == "density":
             values = density[particles.fluid]
         elif name == "pressure":
-            values = particles.pressure
+            sides = np.broadcast_to(cell[found][:, None], corners.shape)
+            result[found, k] = (pressure_in(simulation, corners, sides) * weights[found]).sum(axis=1)
+            continue
         else:
             values = particles.velocity[:, "xyz".index(name[-1])]
         result[found, k] = (values[corners] * weights[found]).sum(axis=1)

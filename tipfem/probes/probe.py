@@ -38,6 +38,10 @@ class Sampled(Protocol):
     def mesh(self) -> Mesh:
         """Cells on the present positions."""
 
+    @property
+    def pressure_jump(self) -> Array | None:
+        """(F, N) pressure of each fluid at each particle less that of the particle [Pa]; None where it has one."""
+
     def volume(self, name: str) -> float:
         """Volume of a fluid."""
 
@@ -99,6 +103,18 @@ def floats(value: Any) -> Array:
         return np.asarray(numbers(value), dtype=float)
     except (TypeError, ValueError):
         return np.zeros(0)
+
+
+def pressure_in(simulation: Sampled, particle: Array, cell: Array) -> Array:
+    """Pressures (K,) of particles (K,) on the side of the cells (K,) that they are corners of [Pa].
+
+    A particle on an interface has a pressure of each fluid there. Those of the fluids beyond the interface are not
+    continued: at a wall that water has just wetted at one particle, that would be a force on the dry face above.
+    """
+    pressure, jump, mesh = simulation.particles.pressure[particle], simulation.pressure_jump, simulation.mesh
+    if jump is None or mesh.fluid is None:
+        return np.asarray(pressure)
+    return np.asarray(pressure + jump[mesh.fluid[cell], particle])
 
 
 def tank_pose(simulation: Sampled) -> Pose:

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from tipfem.case.case import Case
+from tipfem.probes.impulses import LoadProbe, means_of
 from tipfem.probes.probe import Probe, Sampled
 from tipfem.typing import Array
 
@@ -49,6 +50,7 @@ class ProbeRecorder:
         self.columns = {probe.name: [("time", "s"), *probe.columns(case)] for probe in probes}
         self.rows: dict[str, list[list[float]]] = {name: [] for name in self.probes}
         self._due = dict.fromkeys(self.probes, 0)
+        self._means = {name: means for name, probe in self.probes.items() if (means := means_of(probe, case))}
         self._results: Results | None = None
 
     def __getitem__(self, name: str) -> dict[str, Array]:
@@ -63,18 +65,25 @@ class ProbeRecorder:
         return dict(zip(columns, np.array(self.rows[name], dtype=float).reshape(-1, len(columns)).T, strict=True))
 
     def record(self, simulation: Sampled) -> None:
-        """Sample the probes that are due at the present time, and write their values.
+        """Sample the probes that are due at the present time, and write their values; to be called after every step.
 
         Raises:
             OSError: a file cannot be written.
         """
         for name, probe in self.probes.items():
+            means = self._means.get(name)
+            values = None
+            if means is not None:
+                values = probe.sample(simulation)
+                means.add(simulation.time, values)
             if probe.interval is not None:
                 count = math.floor(simulation.time / probe.interval * (1 + 1e-12) + 1e-9)
                 if count < self._due[name]:
                     continue
                 self._due[name] = count + 1
-            row = [simulation.time, *probe.sample(simulation)]
+            row = [simulation.time, *(probe.sample(simulation) if values is None else values)]
+            if means is not None and isinstance(probe, LoadProbe):
+                row += probe.averaged(means)
             self.rows[name].append(row)
             if self._results is not None:
                 self._results.append_rows(_file(name), self._header(name), [row])
@@ -91,13 +100,20 @@ class ProbeRecorder:
                 results.replace_rows(_file(name), self._header(name), rows)
 
     def content(self) -> dict[str, Any]:
-        """All samples so far, for a checkpoint."""
-        return {name: {"due": self._due[name], "rows": np.array(rows)} for name, rows in self.rows.items()}
+        """All samples so far, and what the next ones depend on, for a checkpoint."""
+        content: dict[str, Any] = {}
+        for name, rows in self.rows.items():
+            content[name] = {"due": self._due[name], "rows": np.array(rows)}
+            if name in self._means:
+                content[name]["means"] = self._means[name].content()
+        return content
 
     def go_on(self, content: Mapping[str, Any]) -> None:
         """Take over the samples of a checkpoint, see `content`."""
         for name, probe in content.items():
             self.rows[name], self._due[name] = probe["rows"].tolist(), probe["due"]
+            if name in self._means:
+                self._means[name].go_on(probe["means"])
 
     def _header(self, name: str) -> list[str]:
         return [f"{column} [{unit}]" for column, unit in self.columns[name]]

@@ -15,7 +15,8 @@ from tipfem.case.particles import Particles
 from tipfem.case.shaped_tank import ShapedTank
 from tipfem.case.walls import Wall
 from tipfem.mesh.mesh import Mesh
-from tipfem.probes.probe import Probe, Sampled, require_plane, tank_pose
+from tipfem.probes.impulses import LoadProbe
+from tipfem.probes.probe import Probe, Sampled, pressure_in, require_plane, tank_pose
 from tipfem.typing import Array
 
 SIDES = ("left", "right", "bottom", "top")  # of a rectangle of walls
@@ -26,8 +27,10 @@ ON_ARC = 0.1  # the same for an arc, whose particles may be anywhere on it
 
 
 @dataclass(frozen=True, kw_only=True)
-class WallPressure(Probe):
+class WallPressure(LoadProbe):
     """Pressure at a point of a wall, linear between the wall's particles; 2-D. The point moves with the wall.
+
+    Further columns and their attributes are those of `LoadProbe`.
 
     Attributes:
         wall: name of a `tipfem.Wall`, of a side of the tank's shape or of its holes, or left, right, bottom or top of
@@ -41,8 +44,8 @@ class WallPressure(Probe):
     wall: str
     at: Sequence[float]
 
-    def columns(self, case: Case) -> list[tuple[str, str]]:
-        """Names and units of the values; raises ValueError if the probe does not fit the case."""
+    def loads(self, case: Case) -> list[tuple[str, str]]:
+        """Names and units of what is measured; raises ValueError if the probe does not fit the case."""
         wall, place = wall_of(self, case, self.wall), self._point(case, "at", self.at)
         if not wall.holds(place, case.particles.spacing):
             raise ValueError(f"{self}: at {place.tolist()} is not on the wall {self.wall!r}, {wall.describe()}")
@@ -52,7 +55,7 @@ class WallPressure(Probe):
         """The pressure at the present time; zero where there is no fluid, as at a free surface."""
         case, particles = simulation.case, simulation.particles
         wall = wall_of(self, case, self.wall)
-        a, b, _, _ = wall.faces(simulation)
+        a, b, cell, _ = wall.faces(simulation)
         y = tank_pose(simulation).origin(particles.position)
         at, period = np.asarray(self.at, dtype=float), simulation.mesh.period
         one, other = y[a], y[b]
@@ -63,15 +66,16 @@ class WallPressure(Probe):
         if found is None:
             return [0.0 if case.free_surface else math.nan]
         face, weight = found
-        return [float((1 - weight) * particles.pressure[a[face]] + weight * particles.pressure[b[face]])]
+        start, end = (pressure_in(simulation, node[[face]], cell[[face]])[0] for node in (a, b))
+        return [float((1 - weight) * start + weight * end)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class WallForce(Probe):
+class WallForce(LoadProbe):
     """Force and moment of the fluids on a wall, pressure and viscous stress apart; 2-D, per metre of depth.
 
     The force on the wall is the integral of p n - mu (grad v + grad v^T) n over its faces, n out of the fluid; its
-    pressure, linear on each face, is integrated exactly.
+    pressure, linear on each face, is integrated exactly. Further columns and their attributes are those of `LoadProbe`.
 
     Attributes:
         wall: see `WallPressure`.
@@ -86,8 +90,8 @@ class WallForce(Probe):
     fluid: str | None = None
     about: Sequence[float] = (0.0, 0.0)
 
-    def columns(self, case: Case) -> list[tuple[str, str]]:
-        """Names and units of the values; raises ValueError if the probe does not fit the case."""
+    def loads(self, case: Case) -> list[tuple[str, str]]:
+        """Names and units of what is measured; raises ValueError if the probe does not fit the case."""
         wall_of(self, case, self.wall)
         self._point(case, "about", self.about)
         if self.fluid is not None:
@@ -99,7 +103,8 @@ class WallForce(Probe):
         """Force and moment at the present time."""
         case, particles, mesh = simulation.case, simulation.particles, simulation.mesh
         a, b, cell, normal = wall_of(self, case, self.wall).faces(simulation)
-        p, start = particles.pressure, particles.position[a]
+        p_a, p_b = (pressure_in(simulation, node, cell) for node in (a, b))
+        start = particles.position[a]
         end = start + mesh.sides(a, b) if mesh.period else particles.position[b]
         share = np.ones((len(a), 2))  # of each half of a face: whether it counts
         if self.fluid is not None:
@@ -108,9 +113,9 @@ class WallForce(Probe):
                 share[:] = (mesh.fluid[cell] == index)[:, None]
             else:
                 share = np.stack([particles.fluid[a] == index, particles.fluid[b] == index], axis=1).astype(float)
-        middle_x, middle_p = 0.5 * (start + end), 0.5 * (p[a] + p[b])
+        middle_x, middle_p = 0.5 * (start + end), 0.5 * (p_a + p_b)
         force, moment = np.zeros(2), 0.0
-        for half, (x0, p0) in enumerate(((start, p[a]), (end, p[b]))):
+        for half, (x0, p0) in enumerate(((start, p_a), (end, p_b))):
             weight = 0.5 * share[:, half]
             force += ((weight * 0.5 * (p0 + middle_p))[:, None] * normal).sum(axis=0)
             arm = (2 * p0 + middle_p)[:, None] * x0 + (p0 + 2 * middle_p)[:, None] * middle_x
