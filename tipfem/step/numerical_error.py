@@ -74,4 +74,8 @@ def summary_line(errors: Mapping[str, float]) -> str:
         texts[name] = f"{verb} {abs(value):.2g} of the {label}"
     large = [name.replace("volume_", "volume of ") for name, value in errors.items() if not abs(value) <= LARGE]
     line = f"numerics {', '.join(texts.values())}"
-    return f"warning: {line}; above 1 %: {', '.join(large)}" if large else line
+    return (
+        f"warning: {line}; above 1 %: {', '.join(large)} (the documentation's page on warnings says what helps)"
+        if large
+        else line
+    )
