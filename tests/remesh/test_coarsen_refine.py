@@ -6,7 +6,7 @@ from triangulations import areas, as_set, border, check, cloud, delaunay, grid, 
 
 from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.remesh import fitted
-from tipfem.remesh.edges.edge_operations import ACCELERATION, MASS, VELOCITY
+from tipfem.remesh.edges.edge_operations import ACCELERATION, HELD, MASS, OFF_WALLS, SLIDES, VELOCITY
 from tipfem.remesh.triangulation import Crowding, Triangulation
 
 
@@ -189,6 +189,30 @@ def test_an_interface_that_comes_close_to_a_wall_meets_it(height, goes):
     np.testing.assert_array_equal(t.state[held, :2], x[held])
 
 
+@pytest.mark.parametrize("slips", [True, False])
+def test_water_that_meets_a_wall_slides_on_with_its_own_speed(slips):
+    """A tip of water meets a wall in air at rest: the mass that the wall's particle gains keeps its velocity there."""
+    x, cells = grid(np.arange(9), np.arange(7))
+    t = of(x, cells, (x[cells, 1].mean(axis=1) > 1).astype(int), density=[1.0, 1000.0])
+    tip, foot = at(t, 4, 1), at(t, 4, 0)
+    t.state[tip, 1] = 0.25
+    t.state[:, MASS] = masses(t)
+    t.state[x[:, 1] > 0, VELOCITY] = 3.0
+    held = t.wall.astype(bool)
+    t.wall[held] = SLIDES if slips else HELD
+    before, had = t.state.copy(), momentum(t)[0]
+    assert coarsened(t, 0.1, 0.1, 0.05, held, film=0.3).tolist() == [tip]
+    if slips:
+        assert t.state[foot, MASS] > 100 * before[foot, MASS]
+        assert t.state[foot, VELOCITY] == pytest.approx(3.0, rel=0.02)
+        # What the water gains in volume moves as the particles around it did on average.
+        gained = masses(t).sum() - before[:, MASS].sum()
+        assert momentum(t)[0] - had == pytest.approx(3.0 * gained, rel=0.02)
+        np.testing.assert_allclose(t.state[t.corner >= 0, VELOCITY + 1], 0.0, atol=1e-15)
+    else:
+        np.testing.assert_array_equal(t.state[:, VELOCITY:MASS], before[:, VELOCITY:MASS])
+
+
 def refined(t: Triangulation, new: int) -> int:
     """Put ``new`` particles on the longest edges; how many found room."""
     t.provide(new)
@@ -213,7 +237,19 @@ def test_splits_change_no_momentum(seed):
     np.testing.assert_allclose(areas(t), had, rtol=1e-13)
     hull = np.zeros(len(t.state), dtype=bool)
     hull[border(t, hull=True)] = True
-    np.testing.assert_array_equal(t.wall[: n + placed] == 1, hull[: n + placed])
+    np.testing.assert_array_equal(t.wall[: n + placed] == HELD, hull[: n + placed])
+
+
+def test_a_particle_inserted_beside_one_that_slides_slides_too():
+    t = rough(0, wall=True)
+    n = len(t.state)
+    right = t.state[:, 0].max()
+    t.wall[t.state[:, 0] == right] = SLIDES
+    placed = refined(t, 30)
+    x, wall = t.state[n : n + placed, 0], t.wall[n : n + placed]
+    assert (wall[np.isclose(x, right)] == SLIDES).all()
+    assert (wall[x < 0.5 * right] != SLIDES).all()
+    assert set(wall) == {OFF_WALLS, HELD, SLIDES}
 
 
 def test_the_longest_edges_come_first_and_long_borders_before_them():

@@ -15,7 +15,10 @@ from tipfem.remesh.edges import refining
 from tipfem.remesh.edges.coarsen_refine import LIMITS, NEAR_BORDER, NEAR_HULL, NEAR_PARTICLE, SCRATCH
 from tipfem.remesh.edges.edge_operations import (
     ACCELERATION,
+    HELD,
     MASS,
+    OFF_WALLS,
+    SLIDES,
     TARGET,
     VELOCITY,
     Segment,
@@ -205,13 +208,14 @@ def collapse_one(
     p: ti.i32,
     q: ti.i32,
     a: ti.i32,
+    closes: ti.i32,
 ):
     mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale))
     room = ti.static(functions.room_in(scratch))
     ti.loop_config(serialize=True)
     for _ in range(1):
         count, closed = collect_star(mesh, room.star, p)
-        functions.collapse_conserving_momentum(mesh, room, count, closed, p, q, a, 1e-9)
+        functions.collapse_conserving_momentum(mesh, room, count, closed, p, q, a, closes != 0, 1e-9)
 
 
 def test_a_collapse_keeps_mass_and_momentum_and_marks_what_changed():
@@ -225,7 +229,7 @@ def test_a_collapse_keeps_mass_and_momentum_and_marks_what_changed():
             t = rough(seed, walls=False)
             t._stale[:] = 0
             before, scale = momentum(t), momentum_scale(t)
-            launch(collapse_one, *arrays(t), np.empty(SCRATCH, dtype=np.int32), p, q, -1)
+            launch(collapse_one, *arrays(t), np.empty(SCRATCH, dtype=np.int32), p, q, -1, 0)
             np.testing.assert_allclose(momentum(t), before, atol=1e-12 * scale)
             np.testing.assert_allclose(t.state[:, MASS], masses(t), atol=1e-12 * masses(t).sum())
             np.testing.assert_array_equal(t.state[:, :2], first.state[:, :2])
@@ -247,7 +251,7 @@ def test_a_collapse_along_an_interface_keeps_the_area_on_either_side():
     p, q, a = middle[2], middle[3], middle[1]
     assert {tuple(sorted(e)) for e in border(t).tolist()} == set(itertools.pairwise(middle.tolist()))
     has = np.bincount(t.fluid, weights=simplex_measure(x, t.cells))
-    launch(collapse_one, *arrays(t), np.empty(SCRATCH, dtype=np.int32), p, q, a)
+    launch(collapse_one, *arrays(t), np.empty(SCRATCH, dtype=np.int32), p, q, a, 0)
     t.compact()
     y = np.ascontiguousarray(t.state[:, :2])
     np.testing.assert_allclose(np.bincount(t.fluid, weights=simplex_measure(y, t.cells)), has, rtol=1e-14)
@@ -270,6 +274,7 @@ def masses_and_momentum(
     stale: Array1,
     group: Array1,
     lost: Array1,
+    limit: ti.f64,
     change: Array2,
 ):
     mesh, particles = ti.static(
@@ -282,16 +287,17 @@ def masses_and_momentum(
             change[t, k] = gain[k]
     ti.loop_config(serialize=True)
     for _ in range(1):
-        distribute_momentum(mesh, particles, group.shape[0] - 1, ti.Vector([lost[0], lost[1]]))
+        distribute_momentum(mesh, particles, group.shape[0] - 1, ti.Vector([lost[0], lost[1]]), limit)
 
 
-@pytest.mark.parametrize("beside_wall", [False, True])
-def test_masses_are_thirds_and_lost_momentum_is_given_to_a_group_without_walls(beside_wall):
+@pytest.mark.parametrize(("wall", "part"), [(OFF_WALLS, 1.0), (SLIDES, 1.0), (OFF_WALLS, 0.25), (HELD, 0.0)])
+def test_masses_are_thirds_and_lost_momentum_is_given_to_a_group_that_no_wall_holds(wall, part):
     t = rough(3, walls=False)
     t.state[:, MASS], velocity = 0.0, t.state[:, VELOCITY:ACCELERATION].copy()
     group, change = np.array([-1, 5, 6, 9], dtype=np.int32), np.empty((len(t.cells), 3))
-    t.wall[6] = beside_wall
-    launch(masses_and_momentum, *arrays(t), group, np.array([0.3, -0.2]), change)
+    t.wall[6] = wall
+    limit = (part or 1.0) * np.hypot(0.3, 0.2) / masses(t)[group[1:]].sum()
+    launch(masses_and_momentum, *arrays(t), group, np.array([0.3, -0.2]), limit * (1 + 1e-15), change)
     np.testing.assert_allclose(t.state[:, MASS], masses(t), rtol=1e-13)
     mass = t.density[t.fluid] * simplex_measure(np.ascontiguousarray(t.state[:, :2]), t.cells)
     np.testing.assert_allclose(change[:, 2], mass, rtol=1e-10, atol=1e-15)
@@ -299,7 +305,7 @@ def test_masses_are_thirds_and_lost_momentum_is_given_to_a_group_without_walls(b
     gain = t.state[:, VELOCITY:ACCELERATION] - velocity
     assert (gain[np.setdiff1d(np.arange(len(gain)), group[1:])] == 0).all()
     total = t.state[group[1:], MASS].sum()
-    expected = np.zeros(2) if beside_wall else np.array([0.3, -0.2]) / total
+    expected = part * np.array([0.3, -0.2]) / total
     np.testing.assert_allclose(gain[group[1:]], np.tile(expected, (3, 1)), atol=1e-15 + 1e-12 / total)
 
 

@@ -5,7 +5,7 @@ import pytest
 from triangulations import areas, border, check, cloud, delaunay, grid, masses, of
 
 from tipfem.mesh.mesh import simplex_measure
-from tipfem.remesh.edges.edge_operations import ACCELERATION, MASS, VELOCITY
+from tipfem.remesh.edges.edge_operations import ACCELERATION, HELD, MASS, SLIDES, VELOCITY
 from tipfem.remesh.triangulation import Triangulation
 
 
@@ -163,13 +163,13 @@ def test_what_a_broken_film_becomes_moves_with_the_water(slips):
     x, cells = grid(np.arange(9), np.array([0, 1, 2, 2.2]))
     t = of(x, cells, (x[cells, 1].mean(axis=1) > 2).astype(int), density=[1000.0, 1.0])
     film = x[:, 1] == 2.2
-    t.wall[:] = film
+    t.wall[:] = film * (SLIDES if slips else HELD)
     for column, slow, fast in ((VELOCITY, 2.0, 40.0), (ACCELERATION, 3.0, 60.0)):
         t.state[:, column] = np.where(film, fast, slow)
     mass = t.state[:, MASS].copy()
-    held, still = np.ones(len(x), dtype=np.int32), t.wall * (not slips)
+    held = np.ones(len(x), dtype=np.int32)
     limits = {"reach": 0.0, "gap": 0.35, "least_area": 0.02, "film": 0.3, "sliver": 0.0}
-    assert t.repair_interfaces(held, np.zeros_like(x), still.astype(np.int32), **limits) == (16, 0)
+    assert t.repair_interfaces(held, np.zeros_like(x), **limits) == (16, 0)
     gained = t.state[film, MASS] - mass[film]
     assert (gained > 100 * mass[film]).all()
     for column, slow, fast in ((VELOCITY, 2.0, 40.0), (ACCELERATION, 3.0, 60.0)):

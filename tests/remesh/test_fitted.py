@@ -211,6 +211,24 @@ def test_a_broken_film_leaves_the_volumes_as_they_were():
     np.testing.assert_allclose(np.bincount(result.fluid, weights=result.measure), volume, rtol=1e-12)
 
 
+def test_what_a_repair_changes_of_volumes_it_restores_nearby():
+    """The tip of a long surface meets a wall; the surface far from it stays."""
+    x, cells = grid(np.arange(41), np.arange(5))
+    x[np.flatnonzero((x[:, 0] == 20) & (x[:, 1] == 1)), 1] = 0.2
+    fluid = (x[cells, 1].max(axis=1) > 1).astype(np.int32)
+    wall = (x[:, 0] % 40 == 0) | (x[:, 1] % 4 == 0)
+    particles = tp.Particles(x, np.zeros(len(x)), wall, spacing=1.0)
+    mesh = Mesh(x, cells.astype(np.int32), fluid)
+    repaired = fitted.repair(particles, mesh, DENSITY, wall.astype(np.int32), RULE)
+    assert repaired.relocated.sum() == 1
+    volume = [np.bincount(m.fluid, weights=m.measure) for m in (mesh, repaired.mesh)]
+    np.testing.assert_allclose(*volume, rtol=1e-9)
+    kept = ~repaired.relocated
+    shift = np.linalg.norm(repaired.particles.position - x, axis=1) * kept
+    assert shift.max() > 1e-3
+    assert shift[np.abs(x[:, 0] - 20) > 6].max() < 1e-10
+
+
 def test_a_body_that_cannot_move_costs_its_fluid_no_volume():
     """A triangle in a corner of the tank, all of whose particles are on walls, beside a layer of the same fluid."""
     x, cells = grid(np.arange(9), np.arange(9))

@@ -373,6 +373,25 @@ def test_a_small_shift_is_the_gradients_times_the_factors():
     np.testing.assert_allclose(shift, (factor @ gradient).reshape(-1, 2), atol=1e-14)
 
 
+def test_what_is_lost_at_a_place_is_restored_there():
+    x, mesh, label, movable = discs()
+    outside = np.argmax(np.bincount(label, weights=mesh.measure))
+    mesh = volumes.with_components(Mesh(x, mesh.cells, (label != outside).astype(np.int32)), 2)
+    volume = np.bincount(mesh.components.label, weights=mesh.measure)
+    wanted, place = volume.copy(), np.array([[0.7, 0.9]])
+    k = mesh.components.label[np.argmin(np.linalg.norm(x[mesh.cells].mean(axis=1) - [0.7, 0.7], axis=1))]
+    wanted[k] += 1e-4
+    wanted[np.argmax(volume)] -= 1e-4
+    new = volumes.move_interfaces(mesh, volume, wanted, 0.01, places=volumes.Places(place, np.full(len(x), 0.2)))
+    np.testing.assert_allclose(np.bincount(mesh.components.label, weights=new.measure), wanted, rtol=1e-9)
+    shift = np.linalg.norm(new.position - x, axis=1)
+    near = np.linalg.norm(x - place, axis=1) < 0.2
+    on = movable & (mesh.components.mark == ON_INTERFACE)
+    assert (shift[~near] == 0).all()
+    assert (shift[on & near] > 0).all()
+    assert 2 < (on & near).sum() < 0.5 * on.sum()
+
+
 @pytest.mark.parametrize("given", [False, True])
 def test_restoring_gives_components_what_they_had(given):
     """The same triangles, distorted at the interfaces: each label gets back what it had, or what is given."""

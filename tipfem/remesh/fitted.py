@@ -14,11 +14,12 @@ import numpy as np
 from tipfem.case.numerics import FittedRule
 from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
+from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import Mesh
-from tipfem.remesh.edges.edge_operations import ACCELERATION, VELOCITY
+from tipfem.remesh.edges.edge_operations import ACCELERATION, SLIDES, TARGET, VELOCITY
 from tipfem.remesh.repair_account import NoAccount
 from tipfem.remesh.triangulation import Crowding, Triangulation
-from tipfem.remesh.volumes import restore_volumes, with_components
+from tipfem.remesh.volumes import Places, restore_volumes, with_components
 from tipfem.timers import timer
 from tipfem.typing import Array
 
@@ -31,6 +32,7 @@ ROUNDS = ((0.6, 1.0), (0.6, 1.0), (0.5, 1.2), (0.4, 1.4), (0.3, 1.6))
 # Height over a long interface edge, in target spacings, below which a particle is taken to be on it.
 SLIVER = 0.05
 GAP = 0.35  # of a contact to the next particles on its wall, in target spacings
+RESTORED = 3.5  # distance within which volumes are restored first, in target spacings
 LEAST = 0.02  # twice the smallest area that a change may leave, in target spacings squared
 
 
@@ -87,15 +89,17 @@ def repair(
     held = fixed.astype(bool)
     with timer("flips"):
         t = Triangulation.of(particles, mesh, density, moved, rule.flip_tolerance)
+        if slippery is not None:
+            t.wall[slippery > 0] = SLIDES
         account = account or NoAccount()
         account.observe(t)
         flips = t.make_delaunay(rule.flip_tolerance, stale_only=True)
+    fluid = t.fluid.copy()
     sticks = held if slippery is None else held | (slippery > 0)
     with timer("interface repair"):
         broken, taken = t.repair_interfaces(
             sticks,
             mesh.period.shortest(particles.position - mesh.position),
-            None if slippery is None else t.wall * (slippery == 0),
             reach=rule.contact_reach,
             gap=GAP,
             least_area=LEAST,
@@ -104,6 +108,7 @@ def repair(
         )
         if taken:
             flips += taken + t.make_delaunay(rule.flip_tolerance, stale_only=True)
+    places = [t.middles(np.flatnonzero(t.fluid != fluid))]
     with timer("relocation"):
         relocated = _follow_targets(t, held, rule) if graded else _relocate_crowded(t, held, rule)
     t.compact()
@@ -113,7 +118,12 @@ def repair(
     if slippery is not None:
         slides[: len(held)] = (slippery > 0) & ~held & ~relocated[: len(held)]
     with timer("volumes"):
-        new = restore_volumes(new, mesh, moved, relocated, total, 0.05 * particles.spacing, len(density), slides)
+        components = with_components(mesh, len(density)).components
+        assert components is not None
+        places.append(particles.position[relocated[: len(held)] & (components.mark & ON_INTERFACE > 0)])
+        changes = Places(np.concatenate(places), RESTORED * t.state[:, TARGET])
+        limit = 0.05 * particles.spacing
+        new = restore_volumes(new, mesh, moved, relocated, total, limit, len(density), slides, changes)
     account.add_mesh("volumes", new, t.state[:, VELOCITY:ACCELERATION])
     position = new.period.wrapped(new.position)
     if not (flips or broken or relocated.any() or (position != particles.position).any()):

@@ -15,7 +15,7 @@ from tipfem.errors import TriangulationError
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh.edges import coarsen_refine, films_contacts, flips, refining
 from tipfem.remesh.edges import long_edges as edge_kernels
-from tipfem.remesh.edges.edge_operations import COLUMNS, CURRENT, STALE
+from tipfem.remesh.edges.edge_operations import COLUMNS, CURRENT, STALE, VELOCITY
 from tipfem.remesh.edges.long_edges import NEEDED, REMOVED, STORED
 from tipfem.remesh.volumes import label_components
 from tipfem.typing import Array
@@ -51,7 +51,7 @@ class Triangulation:
         state: (N, COLUMNS) position, velocity, acceleration, pressure, lumped mass and target spacing of the particles;
             see `edge_operations` for the columns.
         cells, neighbours, fluid, corner: see `edge_operations.TriangleArrays`.
-        wall: (N,) 1 for wall particles.
+        wall: (N,) see `edge_operations.TriangleArrays`; by default, walls hold all of their particles.
         density: (F,) of the fluids [kg/m^3].
         period: of the positions.
         removed: free list: the particles that were removed and have not been inserted again.
@@ -261,7 +261,6 @@ class Triangulation:
         self,
         held: Array,
         displacement: Array,
-        still: Array | None = None,
         *,
         reach: float,
         gap: float,
@@ -274,7 +273,6 @@ class Triangulation:
         Args:
             held: (N,) mask of contacts that do not slide along their wall.
             displacement: (N, 2) of the particles in the step [m].
-            still: (N,) 1 for particles whose velocity walls prescribe; by default all wall particles.
             reach: largest displacement of a contact; this and the other limits as in `films_contacts`.
             gap: distance of a contact to the next particles on its wall.
             least_area: twice the area that every cell must keep.
@@ -288,7 +286,6 @@ class Triangulation:
         flag, counters = np.empty(elements, dtype=np.int32), np.zeros(films_contacts.COUNTERS, dtype=np.int32)
         limits = np.array([reach, gap, least_area, film, sliver, 1.0])
         fixed, displacement = held.astype(np.int32), np.ascontiguousarray(displacement)
-        still = self.wall if still is None else still
         most = max(3 * elements, len(self.state))
         keys, names = np.empty((most, 2)), np.empty(most, dtype=np.int32)
 
@@ -301,7 +298,7 @@ class Triangulation:
                 self.fluid,
                 self.period.array,
                 self.corner,
-                still,
+                self.wall,
                 self.density,
                 self._stale,
                 fixed,
@@ -393,6 +390,11 @@ class Triangulation:
             self.wall = np.concatenate([self.wall, np.zeros(more, dtype=np.int32)])
             self.removed = np.concatenate([self.removed, np.arange(first, first + more, dtype=np.int32)])
             self._marks = None
+
+    def middles(self, cells: Array) -> Array:
+        """(K, 2) middles of K cells, given by their numbers."""
+        corner = self.state[self.cells[cells], :VELOCITY]
+        return np.asarray(corner[:, 0] + self.period.shortest(corner - corner[:, :1]).mean(axis=1))
 
     def drop_removed(self) -> tuple[Array, Array]:
         """Drop the particles of `removed` from all arrays and renumber the others.

@@ -7,6 +7,8 @@ every connected component is measured after each step, and restored by moving th
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from tipfem.backend.launch import launch
@@ -20,6 +22,24 @@ from tipfem.typing import Array
 STEEP = np.pi / 3
 
 ROUNDS = 4  # of Newton's method, see `move_interfaces`
+
+
+class Places(NamedTuple):
+    """Where remeshing has changed the volumes of fluids.
+
+    Attributes:
+        position: (P, 2) of the places [m].
+        reach: (N,) distance from a place within which each particle is moved to restore them [m].
+    """
+
+    position: Array
+    reach: Array
+
+    def beside(self, mesh: Mesh, particles: Array) -> Array:
+        """Those of some particles of a mesh, given by their numbers, that are within reach of a place."""
+        apart = mesh.period.shortest(mesh.position[particles][:, None] - self.position)
+        near = np.einsum("npk,npk->np", apart, apart) < self.reach[particles, None] ** 2
+        return np.asarray(particles[near.any(axis=1)])
 
 
 def label_components(
@@ -93,8 +113,12 @@ def restore_volumes(
     limit: float,
     fluids: int,
     slides: Array | None = None,
+    places: Places | None = None,
 ) -> Mesh:
     """The mesh ``new`` with its interfaces moved so that each component has its prescribed volume.
+
+    What collapses and broken films have changed is restored close to these places first, as far as particles may move:
+    the fluid that comes back there has the velocity of what was lost. The rest is restored along all interfaces.
 
     Args:
         new: the triangles after remeshing, with their fluids.
@@ -105,6 +129,7 @@ def restore_volumes(
         limit: of a particle's displacement in a round [m].
         fluids: F.
         slides: (N,) mask of the particles that may move along their walls; none by default.
+        places: where remeshing has changed the volumes of fluids; nowhere by default.
 
     Returns:
         The same triangles at the new positions, with areas and components.
@@ -116,14 +141,20 @@ def restore_volumes(
     )
     before = with_components(old, fluids).components
     assert before is not None
+    after_motion = np.bincount(old.fluid, weights=moved, minlength=fluids)
+    new = new.with_(measure=measure, components=components)
+    if places is not None and len(places.position):
+        wanted = apportion(volume, np.zeros(len(volume)), components.fluid, after_motion, components.movable)
+        new = move_interfaces(new, volume, wanted, limit, places=places)
+        volume = np.bincount(components.label, weights=new.measure, minlength=len(volume))
     if total is None:
         deficit: Array = np.zeros(len(before))
-        total = np.bincount(old.fluid, weights=moved, minlength=fluids)
+        total = after_motion
     else:
         deficit = np.bincount(before.label, weights=old.measure - moved)
     due = transfer_deficits(before.at_particle, components.at_particle, deficit, relocated, len(volume))
     wanted = apportion(volume, due, components.fluid, total, components.movable)
-    return move_interfaces(new.with_(measure=measure, components=components), volume, wanted, limit, slides)
+    return move_interfaces(new, volume, wanted, limit, slides)
 
 
 def transfer_deficits(old: Array, new: Array, deficit: Array, relocated: Array, count: int) -> Array:
@@ -222,7 +253,14 @@ def _flat(mesh: Mesh, contact: Array, direction: Array, near: Array) -> Array:
     return result
 
 
-def move_interfaces(mesh: Mesh, volume: Array, wanted: Array, limit: float, slides: Array | None = None) -> Mesh:
+def move_interfaces(
+    mesh: Mesh,
+    volume: Array,
+    wanted: Array,
+    limit: float,
+    slides: Array | None = None,
+    places: Places | None = None,
+) -> Mesh:
     """Move the interfaces of a mesh until its components have the volumes wanted.
 
     Every movable particle is displaced by sum_k lambda_k dV_k / dx, with the factors lambda that give the volumes, in
@@ -236,6 +274,7 @@ def move_interfaces(mesh: Mesh, volume: Array, wanted: Array, limit: float, slid
         wanted: (K,) volumes [m^2].
         limit: of a particle's displacement in one round [m].
         slides: (N,) mask of the particles that may move along their walls; none by default.
+        places: near which particles may move; everywhere by default.
 
     Returns:
         The same triangles at the new positions, with their areas.
@@ -245,6 +284,10 @@ def move_interfaces(mesh: Mesh, volume: Array, wanted: Array, limit: float, slid
     nodes, near, label = components.movable_particles, components.interface_cells, components.label
     if not len(nodes):
         return mesh
+    if places is not None:
+        nodes = places.beside(mesh, nodes)
+        if not len(nodes):
+            return mesh
     tangent = np.zeros((len(nodes), 2))
     if slides is not None:
         contacts, along, cells = sliding_contacts(mesh, slides)

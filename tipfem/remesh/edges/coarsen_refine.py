@@ -13,9 +13,12 @@ from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Re
 from tipfem.backend.launch import kernel
 from tipfem.backend.periodic import difference, middle
 from tipfem.remesh.edges.edge_operations import (
+    FAR,
     MASS,
+    OFF_WALLS,
     STAR,
     TARGET,
+    VELOCITY,
     Segment,
     TriangleArrays,
     add_mass,
@@ -34,6 +37,7 @@ from tipfem.remesh.edges.edge_operations import (
     momentum_of,
     ring,
     set_entry,
+    share_rates,
     square_distance,
     target,
 )
@@ -51,7 +55,6 @@ SCRATCH = 3 * (STAR + 1) + 1  # entries: two stars, and the particles of one
 MUCH_LONGER = 1.4  # factor on the limit of long edges, above which edges inside a fluid need a particle
 CELL = 15.0  # nanoseconds of one thread for a cell in `coarsen`
 ROUND_OFF = 1e-12
-FAR = 1e30
 
 
 class Room(NamedTuple):
@@ -139,7 +142,7 @@ def target_on_wall(mesh: Template, star: Template, count, p, number, first, seco
     for m in range(count):
         r = ring(mesh, star, count, p, m)
         length = distance(mesh, p, r)
-        usable = mesh.wall[r] == 1 and (number > 2 or (r != first and r != second))
+        usable = mesh.wall[r] != OFF_WALLS and (number > 2 or (r != first and r != second))
         if usable and length < gap and can_collapse(mesh, star, count, p, r, least):
             q, gap = r, length
     return q
@@ -254,7 +257,7 @@ def straighten_interface(mesh: Template, star: Template, a, p, q, least):
 
 
 @ti.func
-def collapse_conserving_momentum(mesh: Template, room: Template, count, closed, p, q, a, least):
+def collapse_conserving_momentum(mesh: Template, room: Template, count, closed, p, q, a, closes, least):
     """Move particle p into q and give the momentum that this changes to the particles around p.
 
     Args:
@@ -265,6 +268,8 @@ def collapse_conserving_momentum(mesh: Template, room: Template, count, closed, 
         p: the particle to be removed.
         q: its neighbour.
         a: the interface's particle beside p, if q is to move so that the area enclosed stays; -1 if q is to stay.
+        closes: whether the interface through p closes a gap to the wall of q. The mass that q gains then moves with p:
+            water that meets a wall slides along it, with its own speed and not with that of the air there.
         least: twice the area that every cell must keep [m^2].
     """
     star, group = ti.static(room.star, room.group)
@@ -272,17 +277,27 @@ def collapse_conserving_momentum(mesh: Template, room: Template, count, closed, 
     for m in range(around):
         set_entry(group, m, ring(mesh, star, count, p, m))
     set_entry(group, around, p)
-    total = 0.0
+    total, squares = 0.0, 0.0
     for m in range(around + 1):
-        total += mesh.state[entry(group, m), MASS]
+        i = entry(group, m)
+        total += mesh.state[i, MASS]
+        squares += mesh.state[i, MASS] * (mesh.state[i, VELOCITY] ** 2 + mesh.state[i, VELOCITY + 1] ** 2)
     mean = momentum_of(mesh.state, group, around + 1) / total
-    change = ti.Vector([0.0, 0.0, 0.0])
+    spread = ti.sqrt(ti.max(squares / total - mean.dot(mean), 0.0))
+    change, had = ti.Vector([0.0, 0.0, 0.0]), mesh.state[q, MASS]
     for m in range(count):
         change += add_mass(mesh, entry(star, m), -1)
     collapse(mesh, star, count, p, q)
     for m in range(count):
         change += add_mass(mesh, entry(star, m), 1)
     mesh.state[p, MASS] = 0.0
+    gain = mesh.state[q, MASS] - had
+    if closes and gain > 0.0:
+        x = ti.static(mesh.state)
+        before = ti.Vector([x[q, VELOCITY], x[q, VELOCITY + 1], 0.0])
+        rates = ti.Vector([x[p, VELOCITY + c] for c in ti.static(range(4))])
+        share_rates(mesh, q, gain / x[q, MASS], rates)
+        change += x[q, MASS] * (ti.Vector([x[q, VELOCITY], x[q, VELOCITY + 1], 0.0]) - before)
     if a >= 0:
         change += straighten_interface(mesh, room.other_star, a, p, q, least)
     for m in range(count):
@@ -290,7 +305,7 @@ def collapse_conserving_momentum(mesh: Template, room: Template, count, closed, 
             mark_stale(mesh, entry(star, m))
     # Mass that the triangles gain or lose has the mean velocity of the particles around.
     lost = change[2] * mean - ti.Vector([change[0], change[1]])
-    distribute_momentum(mesh, group, around, lost)
+    distribute_momentum(mesh, group, around, lost, spread)
 
 
 @ti.func
@@ -321,10 +336,11 @@ def remove_crowding(mesh: Template, limits: Template, flag: Template, fixed: Tem
     if count > 1:
         q, a, along = collapse_target(mesh, limits, flag, room.star, count, closed, p)
         if q >= 0:
-            if not along or mesh.wall[q] != 0 or fixed[q] != 0:
+            closes = closed == 1 and not along and a >= 0
+            if not along or mesh.wall[q] != OFF_WALLS or fixed[q] != 0:
                 a = -1
             least = limits[LEAST_AREA] * mesh.state[p, TARGET] ** 2
-            collapse_conserving_momentum(mesh, room, count, closed, p, q, a, least)
+            collapse_conserving_momentum(mesh, room, count, closed, p, q, a, closes, least)
             flag[q] = 0
             removed = True
     return removed

@@ -17,6 +17,9 @@ POSITION, VELOCITY, ACCELERATION, PRESSURE, MASS, TARGET, COLUMNS = 0, 2, 4, 6, 
 INTERPOLATED = MASS  # the columns before this one are interpolated linearly to a new particle
 # Values of ``stale``.
 CURRENT, STALE = 0, 1
+# Values of ``wall``: of particles off the walls, of those whose velocity a wall prescribes, and of those that slide.
+OFF_WALLS, HELD, SLIDES = 0, 1, 2
+FAR = 1e30
 
 
 class TriangleArrays(NamedTuple):
@@ -31,7 +34,7 @@ class TriangleArrays(NamedTuple):
         neighbours: (M, 3) the cell beyond the edge opposite each corner, -1 beyond the hull.
         fluid: (M,) of each cell; -1 for a removed cell.
         corner: (N,) one cell at each particle, -1 for a removed particle.
-        wall: (N,) 1 for wall particles.
+        wall: (N,) `OFF_WALLS`, or for wall particles `HELD` or `SLIDES`.
         density: (F,) of the fluids [kg/m^3].
         period: of the positions, see `tipfem.backend.periodic`.
         stale: (M,) int8 `STALE` for cells that may have an edge to flip, else `CURRENT`.
@@ -343,19 +346,31 @@ def momentum_of(x: Template, group: Template, count):
 
 
 @ti.func
-def distribute_momentum(mesh: Template, group: Template, count, lost):
-    """Give ``lost`` momentum (2,) to the first ``count`` particles of a `Segment`, by one velocity for all of them.
+def share_rates(mesh: Template, i, part, rates):
+    """Let a ``part`` of the mass of particle i have the velocity and acceleration ``rates`` (4,), the rest those it had.
 
-    No velocity changes if one of them belongs to a wall, which takes up the momentum.
+    A particle that a wall holds keeps its own.
+    """
+    if mesh.wall[i] != HELD:
+        for c in ti.static(range(4)):
+            mesh.state[i, VELOCITY + c] += part * (rates[c] - mesh.state[i, VELOCITY + c])
+
+
+@ti.func
+def distribute_momentum(mesh: Template, group: Template, count, lost, limit):
+    """Give ``lost`` momentum (2,) to the first ``count`` particles of a `Segment`, by one velocity for all of them, ``limit`` at most.
+
+    No velocity changes if a wall holds one of them, which takes up the momentum. Those that slide along a wall take
+    part; what they gain at right angles to it, the wall takes up.
     """
     mass = 0.0
-    walls = 0
+    held = 0
     for m in range(count):
-        if mesh.wall[entry(group, m)] == 0:
-            mass += mesh.state[entry(group, m), MASS]
-        else:
-            walls += 1
-    if mass > 0 and walls == 0:
+        mass += mesh.state[entry(group, m), MASS]
+        if mesh.wall[entry(group, m)] == HELD:
+            held += 1
+    if mass > 0 and held == 0:
+        part = ti.min(1.0, limit * mass / ti.max(lost.norm(), 1e-300))
         for m in range(count):
             for k in ti.static(range(2)):
-                mesh.state[entry(group, m), VELOCITY + k] += lost[k] / mass
+                mesh.state[entry(group, m), VELOCITY + k] += part * lost[k] / mass

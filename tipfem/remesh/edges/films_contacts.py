@@ -25,6 +25,7 @@ from tipfem.remesh.edges.edge_operations import (
     interface_edges,
     mark_stale,
     ring,
+    share_rates,
     side,
     target,
 )
@@ -166,20 +167,17 @@ def change_fluid(mesh: Template, t, beyond):
 
     Mass that its particles gain belonged to that fluid elsewhere, so it moves as the cell beyond does. A thin film of
     air leaves the gap between water and a wall at many times the water's speed; with that speed, as much water would
-    have a multiple of the energy. Particles of ``mesh.wall`` keep their state.
+    have a multiple of the energy. Particles that a wall holds keep their state.
     """
-    x = ti.static(mesh.state)
     share = (mesh.density[mesh.fluid[beyond]] - mesh.density[mesh.fluid[t]]) * double_cell_area(mesh, t) / 6.0
     if share > 0.0:
         rates = ti.Vector.zero(ti.f64, 4)  # velocity and acceleration
         for k in ti.static(range(3)):
             for c in ti.static(range(4)):
-                rates[c] += x[mesh.cells[beyond, k], VELOCITY + c] / 3.0
+                rates[c] += mesh.state[mesh.cells[beyond, k], VELOCITY + c] / 3.0
         for k in ti.static(range(3)):
             i = mesh.cells[t, k]
-            if mesh.wall[i] == 0:
-                for c in ti.static(range(4)):
-                    x[i, VELOCITY + c] += share / (x[i, MASS] + share) * (rates[c] - x[i, VELOCITY + c])
+            share_rates(mesh, i, share / (mesh.state[i, MASS] + share), rates)
     add_mass(mesh, t, -1)
     mesh.fluid[t] = mesh.fluid[beyond]
     add_mass(mesh, t, 1)
@@ -315,7 +313,7 @@ def repair_interfaces(
     fluid: Ints1,
     period: Periods,
     corner: Ints1,
-    still: Ints1,
+    wall: Ints1,
     density: Reals1,
     stale: Flags1,
     fixed: Ints1,
@@ -340,8 +338,7 @@ def repair_interfaces(
 
     Films go to the fluid beside them: cells without a particle inside their fluid, lower than [FILM]. At such a thin
     film, two surfaces are about to coalesce, or a filament to break. Its cells go to the fluid beyond their longest
-    edge at an interface, see `break_film`. counters: [BROKEN] cells. still (N,): 1 for particles whose velocity walls
-    prescribe.
+    edge at an interface, see `break_film`. counters: [BROKEN] cells.
 
     Slivers are absorbed if no film breaks, which would change the marks: a cell lower than [SLIVER] over an interface's
     edge longer than [LONG_EDGE] goes to the fluid beyond the edge, if its third particle is neither on an interface nor
@@ -351,7 +348,7 @@ def repair_interfaces(
     Contacts are taken in the order of their places, films and slivers in that of their heights. scratch (SCRATCH,),
     flag (M,), keys (S, 2) and names (S,), S >= max(3 M, N), are for this kernel's use.
     """
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, still, density, stale))
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density, stale))
     star, other_star, queue = ti.static(Segment(scratch, 0), Segment(scratch, STAR + 1), Queue(keys, names))
     size = 0
     ti.loop_config(serialize=True)

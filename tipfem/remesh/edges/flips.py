@@ -11,6 +11,7 @@ from tipfem.backend.launch import kernel
 from tipfem.remesh.edges.edge_operations import (
     ACCELERATION,
     CURRENT,
+    FAR,
     MASS,
     PRESSURE,
     STALE,
@@ -102,7 +103,7 @@ def flip_conserving_momentum(mesh: Template, four: Template, t, i):
     flip(mesh, t, i)
     add_mass(mesh, t, 1)
     add_mass(mesh, o, 1)
-    distribute_momentum(mesh, four, 4, before - momentum_of(mesh.state, four, 4))
+    distribute_momentum(mesh, four, 4, before - momentum_of(mesh.state, four, 4), FAR)
     mark_stale(mesh, t)
     mark_stale(mesh, o)
 

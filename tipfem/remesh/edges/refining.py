@@ -7,6 +7,7 @@ from tipfem.backend.launch import kernel
 from tipfem.backend.periodic import middle
 from tipfem.remesh.edges.edge_operations import (
     INTERPOLATED,
+    OFF_WALLS,
     TARGET,
     TriangleArrays,
     add_mass,
@@ -50,7 +51,7 @@ def insert(mesh: Template, touched: Template, t, i, n, t2, o2):
     t2 and o2: removed cells. touched (M,) is set to 1 for cells that change. Returns how many cells were used, 1 on the
     hull, where n belongs to the wall, else 2.
     """
-    o = mesh.neighbours[t, i]
+    o, b, c = mesh.neighbours[t, i], mesh.cells[t, (i + 1) % 3], mesh.cells[t, (i + 2) % 3]
     add_mass(mesh, t, -1)
     if o >= 0:
         add_mass(mesh, o, -1)
@@ -62,10 +63,10 @@ def insert(mesh: Template, touched: Template, t, i, n, t2, o2):
         add_mass(mesh, o2, 1)
     touched[t] = 1
     touched[t2] = 1
-    mesh.wall[n] = 1
+    mesh.wall[n] = ti.max(mesh.wall[b], mesh.wall[c])
     used = 1
     if o >= 0:
-        mesh.wall[n] = 0
+        mesh.wall[n] = OFF_WALLS
         touched[o] = 1
         touched[o2] = 1
         used = 2
@@ -93,7 +94,8 @@ def refine(
 
     edges (K,): names as of `long_edges`. An edge is skipped if a cell beside it was changed already or if a
     particle is closer than ``room`` target spacings to its middle. removed_cells (2 P + 1,): for the cells that are
-    created. A new particle takes the mean of the two states; on the edge of a wall it belongs to the wall. touched
+    created. A new particle takes the mean of the two states; on the edge of a wall it belongs to the wall, and slides if
+    one of the two does. touched
     (M,), zero before: cells that were changed. counters, zero before: [INSERTED] particles, the first of ``removed``,
     and [CELLS_USED] of the removed ones.
     """
