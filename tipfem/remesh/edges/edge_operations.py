@@ -17,9 +17,9 @@ POSITION, VELOCITY, ACCELERATION, PRESSURE, MASS, TARGET, COLUMNS = 0, 2, 4, 6, 
 INTERPOLATED = MASS  # the columns before this one are interpolated linearly to a new particle
 # Values of ``stale``.
 CURRENT, STALE = 0, 1
+FAR = 1e30
 # Values of ``wall``: of particles off the walls, of those whose velocity a wall prescribes, and of those that slide.
 OFF_WALLS, HELD, SLIDES = 0, 1, 2
-FAR = 1e30
 
 
 class TriangleArrays(NamedTuple):
@@ -358,9 +358,9 @@ def share_rates(mesh: Template, i, part, rates):
 
 @ti.func
 def distribute_momentum(mesh: Template, group: Template, count, lost, limit):
-    """Give ``lost`` momentum (2,) to the first ``count`` particles of a `Segment`, by one velocity for all of them, ``limit`` at most.
+    """Give ``lost`` momentum (2,) to the first ``count`` particles of a `Segment`.
 
-    No velocity changes if a wall holds one of them, which takes up the momentum. Those that slide along a wall take
+    All of them change by one velocity, ``limit`` at most. No velocity changes if a wall holds one of them, which takes up the momentum. Those that slide along a wall take
     part; what they gain at right angles to it, the wall takes up.
     """
     mass = 0.0

@@ -94,10 +94,9 @@ def refine(
 
     edges (K,): names as of `long_edges`. An edge is skipped if a cell beside it was changed already or if a
     particle is closer than ``room`` target spacings to its middle. removed_cells (2 P + 1,): for the cells that are
-    created. A new particle takes the mean of the two states; on the edge of a wall it belongs to the wall, and slides if
-    one of the two does. touched
-    (M,), zero before: cells that were changed. counters, zero before: [INSERTED] particles, the first of ``removed``,
-    and [CELLS_USED] of the removed ones.
+    created. A new particle takes the mean of the two states; on the edge of a wall it belongs to the wall, and slides
+    if one of the two does. touched (M,), zero before: cells that were changed. counters, zero before: [INSERTED]
+    particles, the first of ``removed``, and [CELLS_USED] of the removed ones.
     """
     mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, corner, wall, density))
     ti.loop_config(serialize=True)
