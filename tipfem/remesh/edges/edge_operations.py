@@ -347,7 +347,7 @@ def momentum_of(x: Template, group: Template, count):
 
 @ti.func
 def share_rates(mesh: Template, i, part, rates):
-    """Let a ``part`` of the mass of particle i have the velocity and acceleration ``rates`` (4,), the rest those it had.
+    """Let a ``part`` of the mass of particle i have velocity and acceleration ``rates`` (4,), the rest those it had.
 
     A particle that a wall holds keeps its own.
     """
@@ -360,8 +360,8 @@ def share_rates(mesh: Template, i, part, rates):
 def distribute_momentum(mesh: Template, group: Template, count, lost, limit):
     """Give ``lost`` momentum (2,) to the first ``count`` particles of a `Segment`.
 
-    All of them change by one velocity, ``limit`` at most. No velocity changes if a wall holds one of them, which takes up the momentum. Those that slide along a wall take
-    part; what they gain at right angles to it, the wall takes up.
+    All of them change by one velocity, ``limit`` at most. No velocity changes if a wall holds one of them, which takes
+    up the momentum. Those that slide along a wall take part; what they gain at right angles to it, the wall takes up.
     """
     mass = 0.0
     held = 0
