@@ -198,11 +198,18 @@ def contour_segments(position: Array, cells: Array, values: Array, levels: Array
     return np.concatenate(found)
 
 
+def _beyond(points: Array, period: Array | None) -> Array | float:
+    """How far points (P, 2) are from their images inside the domain, in whole periods (P, 2) [m]."""
+    if period is None:
+        return 0.0
+    return period * np.floor(np.divide(points, period, out=np.zeros_like(points), where=period > 0))
+
+
 class Tracers:
     """Points that move with the fluids through the stored times, and the paths behind them.
 
     Between two times a tracer moves by Heun's rule with the velocities of both. A tracer that leaves the cells
-    stays where it left them.
+    stays where it left them; one that leaves through a periodic side enters on the other, its path with it.
 
     Args:
         scene: the first time.
@@ -234,10 +241,10 @@ class Tracers:
         if scene.time != self._time:
             field, step, at = self._sampled(scene), scene.time - self._time, self._paths[-1]
             before, inside = self._field(at)
-            after, still = field(at + step * before)
-            moved = at + step / 2 * (before + after)
-            self._paths.append(np.where((inside & still)[:, None], moved, at))
-            self._paths = self._paths[-self._kept :]
+            after, still = field(at + step * before - _beyond(at + step * before, scene.period))
+            moved = np.where((inside & still)[:, None], at + step / 2 * (before + after), at)
+            beyond = _beyond(moved, scene.period)
+            self._paths = [path - beyond for path in [*self._paths[1 - self._kept :], moved]]
             self._field, self._time = field, scene.time
         return np.stack(self._paths, axis=1)
 

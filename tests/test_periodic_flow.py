@@ -3,13 +3,89 @@
 import meshio
 import numpy as np
 import pytest
+from tipfem.render import Results, render_frame
 
 import tipfem as tp
 from tipfem.mesh import measures
+from tipfem.state import lumped
 
 WATER = tp.Fluid("water", density=1000.0, viscosity=1.0)
 OIL = tp.Fluid("oil", density=800.0, viscosity=2.0)
 GRAVITY = (0.0, -9.81)
+
+
+def without_walls(interface="sharp"):
+    """A disc of water in oil in a box without walls, in motion through all of its sides."""
+    tank = tp.tank((1.0, 0.5), 0.05, periodic="xy", jitter=0.2)
+
+    def velocity(x):
+        return np.stack([0.5 + 0.2 * np.sin(4 * np.pi * x[:, 1]), -0.4 + 0.1 * np.sin(2 * np.pi * x[:, 0])], 1)
+
+    tank.fill(OIL, velocity=velocity).fill(WATER, disc=((0.5, 0.25), 0.15), velocity=velocity)
+    return tp.Case(tank, [WATER, OIL], (0, 0), interface=interface)
+
+
+@pytest.mark.parametrize("interface", ["sharp", "interpolated"])
+def test_without_walls_momentum_and_volumes_stay_to_round_off(interface):
+    simulation = tp.Simulation(without_walls(interface), time_step=0.01)
+    start, volume = simulation.state.mass @ simulation.particles.velocity, simulation.state.volume
+    for _ in range(60):
+        simulation.step()
+    np.testing.assert_allclose(simulation.state.mass @ simulation.particles.velocity, start, rtol=1e-12)
+    if interface == "sharp":
+        np.testing.assert_allclose(simulation.state.volume, volume, rtol=1e-12)
+    np.testing.assert_allclose(simulation.mesh.measure.sum(), 0.5, rtol=1e-12)
+    x, p = simulation.particles.position, simulation.particles.pressure
+    assert ((x >= 0) & (x < [1.0, 0.5])).all()
+    assert abs(p.mean()) < 0.05 * np.ptp(p)
+    rows = simulation.history
+    assert np.mean([row["krylov_iterations"] for row in rows]) < 10
+    assert abs(sum(row["energy_residual"] for row in rows)) < 1e-4 * simulation.energy().kinetic
+
+
+def test_without_walls_the_pressure_has_the_mean_zero():
+    simulation = tp.Simulation(without_walls(), time_step=0.01)
+    solved = simulation.solve(simulation.state, 0.01)
+    volume = lumped(simulation.mesh, np.ones(len(simulation.mesh.cells)))
+    p = solved.particles.pressure
+    assert abs(volume @ p) < 1e-12 * volume @ abs(p)
+
+
+def test_without_walls_it_does_not_matter_where_the_ends_are():
+    case, runs = without_walls(), []
+    for shift in ([0.0, 0.0], [1 / 3, 0.2]):
+        moved = case.particles.copy(position=case.period.wrapped(case.particles.position + shift))
+        simulation = tp.Simulation(tp.Case(moved, [WATER, OIL], (0, 0), period=(1.0, 0.5)), time_step=0.005)
+        for _ in range(3):
+            simulation.step()
+        runs.append(simulation.particles)
+    apart = case.period.shortest(runs[1].position - runs[0].position - [1 / 3, 0.2])
+    np.testing.assert_allclose(apart, 0.0, atol=1e-6)
+    np.testing.assert_allclose(runs[1].velocity, runs[0].velocity, atol=1e-4)
+
+
+def test_without_walls_a_run_goes_on_from_a_checkpoint_to_the_bit_and_has_fields(tmp_path):
+    whole = tp.Simulation(without_walls(), time_step=0.01)
+    whole.run(0.1, progress=False)
+    whole.run(0.2, progress=False)
+    part = tp.Simulation(without_walls(), tmp_path, time_step=0.01, checkpoint_interval=0.1)
+    part.run(0.1, progress=False)
+    resumed = tp.Simulation.resume(tmp_path)
+    resumed.run(0.2, progress=False)
+    for name in ("position", "velocity", "pressure"):
+        np.testing.assert_array_equal(getattr(resumed.particles, name), getattr(whole.particles, name))
+    mesh = meshio.read(sorted((tmp_path / "fields").glob("*.vtu"))[-1])
+    cells = mesh.cells_dict["triangle"]
+    assert np.ptp(mesh.points[cells], axis=1).max() < 0.2
+    results = Results(tmp_path)
+    scene = results.scene(len(results.times) - 1)
+    a, b, c = scene.position[scene.cells].transpose(1, 0, 2)
+    area = abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2
+    assert area.max() < 2 * 0.05**2  # no cell reaches across the picture
+    assert area[: len(cells)].sum() == pytest.approx(0.5, rel=1e-6)
+    assert (scene.position[scene.cells].min(axis=(0, 1)) <= 0).all()
+    assert (scene.position[scene.cells].max(axis=(0, 1)) >= [1.0, 0.5]).all()
+    assert render_frame(scene, size=(320, 240), backend="raster").shape == (240, 320, 3)
 
 
 def stirred(*, interface="sharp", slip=True, fluids=(WATER, OIL), width=1.0, **options):
@@ -140,6 +216,15 @@ def test_a_case_file_has_the_periodic_sides(tmp_path):
     )
     case = tp.load_case(path).case()
     assert case.period.width.tolist() == [1.0, 0.0]
+    text = path.read_text().replace('"x"', '"xy"').replace("0.1\n        periodic", "0.05\n        periodic")
+    path.write_text(text)
+    with pytest.raises(tp.CaseFileError, match=r"walls.top is no wall of the tank; it must be one of none"):
+        tp.load_case(path).case()
+    path.write_text(text.replace("[walls.top]\n        slip = true", ""))
+    with pytest.raises(tp.CaseFileError, match=r"gravity is .* periodic in all directions"):
+        tp.load_case(path).case()
+    case = tp.load_case(path, ["gravity=[0.0, 0.0]"]).case()
+    assert case.period.width.tolist() == [1.0, 0.5]
 
 
 @pytest.mark.parametrize("interface", ["sharp", "interpolated"])

@@ -177,19 +177,15 @@ class ResultsFolder:
 
     def write_case(self, case: Case) -> None:
         """Write case.json."""
-        position = case.particles.position[case.particles.wall]
-        if case.period:
-            ends = np.where(case.period.width > 0, case.period.width, position.max(axis=0))
-            position = np.stack([np.where(case.period.width > 0, 0.0, position.min(axis=0)), ends])
         self._case = {
             "format": 1,
             "title": case.title,
             "dimension": case.particles.dimension,
             "fluids": [vars(f) for f in case.fluids],
-            "lower": position.min(axis=0).tolist(),
-            "upper": position.max(axis=0).tolist(),
+            "lower": case.box[0].tolist(),
+            "upper": case.box[1].tolist(),
             # Of the walls at the start: lower and upper hold all places that a tank moves to.
-            "size": np.ptp(position, axis=0).tolist(),
+            "size": np.ptp(case.box, axis=0).tolist(),
             "spacing": case.particles.spacing,
             "gravity": np.asarray(case.gravity).tolist(),
             "interface": case.interface,

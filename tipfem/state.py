@@ -111,7 +111,7 @@ class State:
         particles: N particles.
         mesh: M cells on their positions.
         boundary: which particles lie on which walls.
-        reference: the particle at which the pressure of a closed tank is zero.
+        reference: the particle at which the pressure of a closed tank is zero; -1 for none, where its mean is zero.
         fixed: (N,) mask of the particles that no remeshing relocates or removes, even on walls where others slide.
         material: of the elements.
         mass: (N,) lumped mass of each particle [kg, per metre of depth in 2-D]; particles in no element have their own.

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
+from tipfem.case.forces import PokeForce
 from tipfem.case.period import Period, no_period
 
 WATER = tp.Fluid("water", density=1000.0, viscosity=1e-3)
@@ -50,7 +51,8 @@ def test_a_face_between_the_two_ends_belongs_to_the_heavier_fluid():
 @pytest.mark.parametrize(
     ("size", "spacing", "periodic", "message"),
     [
-        ((1.0, 1.0), 0.1, "y", "periodic is 'y'; it must be 'x'"),
+        ((1.0, 1.0), 0.1, "y", "periodic is 'y'; it must be 'x' or 'xy'"),
+        ((1.0, 0.7), 0.1, "xy", "0.7 m high; with a spacing of 0.1 m it must be 0.8 m or more"),
         ((1.0, 1.0, 1.0), 0.1, "x", "only tanks in 2-D are periodic"),
         ((0.7, 1.0), 0.1, "x", "it must be 0.8 m or more, 8 spacings"),
     ],
@@ -96,8 +98,47 @@ def test_particles_given_as_arrays_may_be_periodic():
     particles = tank.sample([WATER])
     case = tp.Case(particles, [WATER], (0, 0), interface="interpolated", period=(1.0, 0.0))
     assert case.period == Period(np.array([1.0, 0.0]))
-    for wrong in ((0.0, 1.0), (1.0,), (1.0, 1.0), (np.inf, 0.0)):
+    for wrong in ((0.0, 1.0), (1.0,), (1.0, -1.0), (np.inf, 0.0), (1.0, np.inf)):
         with pytest.raises(ValueError, match=r"it must be \(width, 0\)"):
             tp.Case(particles, [WATER], (0, 0), period=wrong)
     with pytest.raises(ValueError, match="is outside the period"):
         tp.Case(particles, [WATER], (0, 0), period=(0.85, 0.0))
+    with pytest.raises(
+        ValueError, match="is a wall particle; a domain that is periodic in all directions has no walls"
+    ):
+        tp.Case(particles, [WATER], (0, 0), period=(1.0, 0.6))
+
+
+def test_a_tank_that_is_periodic_in_both_directions_has_no_walls():
+    tank = tp.tank((1.0, 0.5), 0.05, periodic="xy").fill(AIR).fill(WATER, box=((0, 0), (1, 0.25)))
+    assert tank.sides == ()
+    with pytest.raises(ValueError, match="'top' is no wall of this tank; it has none"):
+        tank.wall("top", slip=True)
+    particles = tank.sample([WATER, AIR], fitted=True)
+    assert len(particles) == 20 * 10
+    assert not particles.wall.any()
+    assert (particles.position.max(axis=0) < [1.0, 0.5]).all()
+    assert (particles.fluid[particles.position[:, 1] == 0.0] == 0).all()  # the face between the two ends
+    case = tp.Case(tank, [WATER, AIR], (0, 0))
+    assert case.pressure_reference() == -1
+    np.testing.assert_array_equal(case.box, [[0.0, 0.0], [1.0, 0.5]])
+    np.testing.assert_allclose(tp.Simulation(case).state.volume, [0.25, 0.25], rtol=1e-12)
+
+
+def test_gravity_without_walls_is_refused():
+    tank = tp.tank((1.0, 1.0), 0.1, periodic="xy").fill(WATER)
+    with pytest.raises(ValueError, match=r"gravity is .* periodic in all directions; no wall holds the fluids"):
+        tp.Case(tank, [WATER], (0, -9.81))
+    case = tp.Case(tp.tank((1.0, 1.0), 0.1, periodic="xy").fill(WATER), [WATER], (0, 0))
+    simulation = tp.Simulation(case)
+    with pytest.raises(ValueError, match="gravity: the domain is periodic in all directions"):
+        simulation.steer(tp.Gravity((0.0, -1.0)))
+    simulation.steer(tp.Gravity((0.0, 0.0)))
+
+
+def test_a_poke_acts_through_the_ends():
+    force = PokeForce((0.02, 0.98), (1.0, 0.0), 0.1, 1.0)
+    period = Period(np.array([1.0, 1.0]))
+    x = np.array([[0.02, 0.98], [0.98, 0.02], [0.5, 0.5]])
+    assert (force.field(x, period)[:, 0] > [0.9, 0.1, -1.0]).all()
+    assert force.field(x, no_period(2))[1, 0] == 0.0

@@ -54,6 +54,26 @@ def test_the_mesh_does_not_depend_on_where_the_ends_are():
             np.testing.assert_allclose(other.measure.sum(), mesh.measure.sum(), rtol=1e-13)
 
 
+def test_a_mesh_on_a_torus_is_closed_and_does_not_depend_on_where_the_ends_are():
+    period = Period(np.array([1.0, 0.8]))
+    x, y = np.meshgrid(np.arange(12) / 12, np.arange(10) * 0.08, indexing="ij")
+    lattice = np.stack([x.ravel(), y.ravel()], axis=1)
+    wall = np.zeros(len(lattice), dtype=bool)
+    for seed, shaken in ((0, 0.0), (1, 0.03), (2, 0.03)):
+        position = lattice + np.random.default_rng(seed).uniform(-shaken, shaken, lattice.shape)
+        mesh = triangulate(period.wrapped(position), wall, H, period=period)
+        assert (mesh.measure > 0).all()
+        np.testing.assert_allclose(mesh.measure.sum(), 0.8, rtol=1e-13)
+        assert len(position) - len(mesh.edges) + len(mesh.cells) == 0  # Euler's formula on a torus
+        assert (mesh.neighbours >= 0).all()
+        whole, node = mesh.unrolled
+        assert np.ptp(whole.position[whole.cells], axis=1).max() < 3 * H
+        np.testing.assert_array_equal(node[whole.cells], mesh.cells)
+        if shaken:
+            other = triangulate(period.wrapped(position + [0.41, 0.77]), wall, H, period=period)
+            assert as_set(other.cells) == as_set(mesh.cells)
+
+
 def test_a_domain_that_is_not_filled_is_refused():
     position, _ = cloud(0)
     keep = (position[:, 0] < 0.2) | (position[:, 0] > 0.9)

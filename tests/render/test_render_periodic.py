@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 from tipfem.render import Scene, render_frame
+from tipfem.render.flow import Tracers
 from tipfem.render.periodic import with_images
 
 WIDTH, HEIGHT, ACROSS = 1.2, 0.6, 12
@@ -92,6 +93,32 @@ def test_interface_runs_on_through_the_ends():
     assert (abs(image[row, int(right) - 3] - water) < 3).all()
     assert (image[row, int(left) - 4] == image[row, int(right) + 4]).all()
     assert (image[row, int(left) - 4] != water).any()
+
+
+def test_tracers_go_on_through_the_ends():
+    points, cells, _, _ = channel(0.03)
+
+    def scene(time):
+        return Scene(
+            position=points,
+            cells=cells,
+            fluid=np.zeros(len(points), int),
+            fields={"velocity_x": np.full(len(points), 0.5), "velocity_y": np.zeros(len(points))},
+            lower=(0.0, 0.0),
+            upper=(WIDTH, HEIGHT),
+            spacing=SPACING,
+            period=PERIOD,
+            time=time,
+        )
+
+    tracers = Tracers(scene(0.0), 60)
+    first = tracers.advance(scene(0.0))[:, -1]
+    for k in range(1, 31):
+        paths = tracers.advance(scene(0.1 * k))
+    moved = paths[:, -1] - first
+    np.testing.assert_allclose(moved - PERIOD * np.round(moved / WIDTH), [[1.5 - WIDTH, 0.0]] * len(first), atol=1e-9)
+    assert ((paths[:, -1, 0] >= 0) & (paths[:, -1, 0] < WIDTH)).all()
+    np.testing.assert_allclose(np.diff(paths[..., 0], axis=1), 0.05, atol=1e-9)  # tails do not cross the domain
 
 
 def test_bad_period_is_named():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tipfem.demos.validation.periodic import box
 from tipfem.demos.validation.periodic import run as study
 from tipfem.demos.validation.periodic.stability import Shear, fastest
 
@@ -38,3 +39,30 @@ def test_two_fluids_roll_up_at_the_rate_of_viscous_theory():
 def test_a_vortex_that_passes_through_the_ends_is_of_second_order():
     results = {n: study.taylor_green(n) for n in study.RESOLUTIONS["taylor-green"]}
     assert study.check("taylor-green", results) == []
+
+
+def test_the_spectral_solution_is_periodic_and_loses_energy():
+    """Its values at points are periodic and those on the grid, and its energy falls."""
+    x = np.random.default_rng(0).uniform(0, box.WIDTH, (20_000, 2))
+    found, energy = box.spectral_layers()
+    moved = box.at_points(found, x[:50] + [box.WIDTH, -2 * box.WIDTH])
+    np.testing.assert_allclose(moved, box.at_points(found, x[:50]), atol=1e-9)
+    grid = np.arange(box.MODES) * box.WIDTH / box.MODES
+    points = np.stack([a.ravel() for a in np.meshgrid(grid[:8], grid[:8], indexing="ij")], axis=1)
+    on_grid = np.fft.irfft2(found, (box.MODES, box.MODES))[:, :8, :8].reshape(2, -1).T
+    np.testing.assert_allclose(box.at_points(found, points), on_grid, atol=1e-12)
+    start = 0.5 * (box.layers(x) ** 2).sum(axis=1).mean() * box.WIDTH**2
+    assert 0.7 * start < energy < start
+
+
+def test_vortices_in_a_box_without_walls_are_of_second_order():
+    results = {n: box.vortex_box(n) for n in (16, 32)}
+    assert results[16]["error"] / results[32]["error"] > 3.5
+    assert abs(results[32]["decay"]) < 5e-3
+    assert max(r["momentum"] for r in results.values()) < 1e-12
+
+
+@pytest.mark.slow
+def test_shear_layers_in_a_box_without_walls_are_of_second_order():
+    results = {n: box.layer_box(n) for n in (32, 64, 96)}
+    assert study.check("layer-box", results) == []

@@ -62,7 +62,7 @@ class Case:
             their convex hull. There must be a wall particle at each of its corners; for a round wall give the polygon
             of the wall particles.
         period: (d,) width of the domain along each periodic axis [m], 0 along others, for particles given as arrays;
-            only the first axis, in 2-D, may be periodic. A tank has its own.
+            in 2-D the first axis may be periodic, or both. A tank has its own.
 
     Attributes:
         particles: the initial state, sampled from the tank if one was given.
@@ -169,6 +169,18 @@ class Case:
         return np.where(self.period.width > 0, 0.0, np.asarray(self.gravity, dtype=float))
 
     @property
+    def box(self) -> Array:
+        """(2, d) lower and upper corner of the box around the walls at the start, or of the period [m]."""
+        position = self.particles.position[self.particles.wall | self.period.everywhere]
+        ends = np.stack([position.min(axis=0), position.max(axis=0)])
+        return np.where(self.period.width > 0, [np.zeros_like(self.period.width), self.period.width], ends)
+
+    @property
+    def extent(self) -> Array:
+        """(d,) of the particles at the start; along periodic axes the period [m]."""
+        return np.where(self.period.width > 0, self.period.width, np.ptp(self.particles.position, axis=0))
+
+    @property
     def two_sided(self) -> bool:
         """Whether each fluid has a pressure of its own on interfaces, see `tipfem.Numerics`."""
         chosen = self.numerics.pressure
@@ -199,23 +211,26 @@ class Case:
         position = self.particles.position
         if self.tank is not None:
             if given is not None:
-                raise ValueError(f"Case: period is {given!r} beside a tank; say tank(..., periodic='x')")
+                raise ValueError(f"Case: period is {given!r} beside a tank; say tank(..., periodic='x') or 'xy'")
             period = self.tank.period
         elif given is None:
             return no_period(self.particles.dimension)
         else:
             width = numbers(given)
-            if position.shape[1] != 2 or width.shape != (2,) or not (0 < width[0] < np.inf) or width[1] != 0:
+            if position.shape[1] != 2 or width.shape != (2,) or not (0 < width[0] < np.inf and 0 <= width[1] < np.inf):
                 raise ValueError(
-                    f"Case: period is {given!r}; it must be (width, 0), in metres, for particles in 2-D: only the "
-                    "first axis may be periodic"
-                )
-            if (position[:, 0] < 0).any() or (position[:, 0] >= width[0]).any():
-                i = int(np.argmax((position[:, 0] < 0) | (position[:, 0] >= width[0])))
-                raise ValueError(
-                    f"Case: particle {i} at {position[i].tolist()} is outside the period, 0 <= x < {width[0]:g} m"
+                    f"Case: period is {given!r}; it must be (width, 0) or (width, height), in metres, for particles in "
+                    "2-D: the first axis may be periodic, or both"
                 )
             period = Period(width)
+            for k in period.axes:
+                outside = (position[:, k] < 0) | (position[:, k] >= width[k])
+                if outside.any():
+                    i = int(np.argmax(outside))
+                    raise ValueError(
+                        f"Case: particle {i} at {position[i].tolist()} is outside the period, "
+                        f"0 <= {'xy'[k]} < {width[k]:g} m"
+                    )
         if period:
             self._check_periodic()
         return period
@@ -240,6 +255,11 @@ class Case:
         d, given = self.particles.dimension, numbers(gravity)
         if given.shape != (d,) or not np.isfinite(given).all():
             raise ValueError(f"Case: gravity is {gravity!r}; it must be {d} finite accelerations in m/s^2")
+        if given.any() and self.period.everywhere:
+            raise ValueError(
+                f"Case: gravity is {given.tolist()} m/s^2 in a domain that is periodic in all directions; no wall "
+                "holds the fluids there, and they would fall forever: set it to 0, or keep walls in one direction"
+            )
         return given
 
     def _checked_bodies(self, bodies: Sequence[Body]) -> list[Body]:
@@ -304,6 +324,14 @@ class Case:
         self._check_walls_surround(particles)
 
     def _check_walls_surround(self, particles: Particles) -> None:
+        if self.period.everywhere:
+            if particles.wall.any():
+                i = int(np.argmax(particles.wall))
+                raise ValueError(
+                    f"Case: particle {i} at {particles.position[i].tolist()} is a wall particle; a domain that is "
+                    "periodic in all directions has no walls"
+                )
+            return
         if self.domain is not None:
             self.domain.require_surrounds(particles)
             return
@@ -340,12 +368,11 @@ class Case:
 
     def _repr_html_(self) -> str:
         """For notebooks."""
-        size = self.particles.position.max(axis=0) - self.particles.position.min(axis=0)
         return facts(
             f"Case: {self.title or 'without a title'}",
             {
                 "fluids": ", ".join(f"{f.name} ({f.density:g} kg/m³, {f.viscosity:g} Pa s)" for f in self.fluids),
-                "size": f"{' x '.join(f'{edge:g}' for edge in size)} m",
+                "size": f"{' x '.join(f'{edge:g}' for edge in self.extent)} m",
                 "spacing": f"{self.particles.spacing:g} m",
                 "particles": f"{len(self.particles)}, {int(self.particles.wall.sum())} of them on walls",
                 "interface": f"{self.interface}{', free surface' if self.free_surface else ''}",
@@ -411,9 +438,12 @@ class Case:
     def pressure_reference(self) -> int:
         """The wall particle at which a closed tank's pressure is zero: the highest, against gravity and body force.
 
-        Of several at the same height, the first by its place (see `tipfem.case.place`).
+        Of several at the same height, the first by its place (see `tipfem.case.place`). Without walls there is none,
+        -1: then the mean of the pressure is zero.
         """
         # Corners neither slide nor are relocated; a curve all around has none, and remeshing keeps the particle there.
+        if not self.particles.wall.any():
+            return -1
         stays = self.boundary.stays
         wall = np.flatnonzero(stays if stays.any() else self.particles.wall)
         position = self.particles.position[wall]

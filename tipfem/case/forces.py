@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tipfem.case.case import Case
+from tipfem.case.period import Period
 from tipfem.typing import Array
 
 
@@ -29,9 +30,9 @@ class PokeForce:
     radius: float
     end: float
 
-    def field(self, position: Array) -> Array:
-        """Acceleration (N, d) [m/s^2] at positions (N, d) [m]."""
-        square = ((position - np.array(self.at)) ** 2).sum(axis=1) / self.radius**2
+    def field(self, position: Array, period: Period) -> Array:
+        """Acceleration (N, d) [m/s^2] at positions (N, d) [m] with a period."""
+        square = (period.shortest(position - np.array(self.at)) ** 2).sum(axis=1) / self.radius**2
         weight = np.maximum(1.0 - square, 0.0) ** 2
         return np.asarray(weight[:, None] * np.array(self.acceleration))
 
@@ -76,5 +77,5 @@ class Forces:
             force += np.array(self.gravity) - case.gravity
         if self.pokes(start):
             assert self.poke is not None
-            force += self.poke.field(position)
+            force += self.poke.field(position, case.period)
         return force

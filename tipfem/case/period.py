@@ -31,6 +31,11 @@ class Period:
         """Whether any axis is periodic."""
         return bool(self.axes)
 
+    @property
+    def everywhere(self) -> bool:
+        """Whether all axes are periodic, so that there are no walls."""
+        return len(self.axes) == len(self.width)
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Period) and np.array_equal(self.width, other.width)
 

@@ -364,7 +364,7 @@ def tank(
         jitter: random displacement of the particles off the walls [spacings]; needed in 3-D.
         seed: of the random displacement.
         periodic: "x" for a box in 2-D without walls on the left and right, where what leaves on one side enters on the
-            other: channels, shear layers, waves without side walls.
+            other: channels, shear layers, waves without side walls; "xy" for one without any walls.
 
     Raises:
         ValueError: an argument is missing or out of range, see `Tank` and `ShapedTank`.

@@ -42,8 +42,8 @@ class Tank:
             Delaunay mesh, and would be cut into simplices without volume. With a `wall` described,
             the wall particles in 3-D are displaced too, along their walls.
         seed: of the random displacement.
-        periodic: "x": what leaves on the left enters on the right, and there are no walls on these sides; in 2-D. None
-            for walls all around.
+        periodic: "x": what leaves on the left enters on the right, and there are no walls on these sides; in 2-D. "xy":
+            nor are there walls below and above. None for walls all around.
 
     Attributes:
         size: (d,) array [m].
@@ -56,7 +56,7 @@ class Tank:
 
     Raises:
         ValueError: a size or the spacing is not a positive number, the spacing exceeds half an edge, the jitter is out
-            of range, ``periodic`` is neither "x" nor None, or a periodic tank is in 3-D or too narrow.
+            of range, ``periodic`` is neither "x" nor "xy" nor None, or a periodic tank is in 3-D or too narrow.
     """
 
     SLACK = 1e-9  # of boxes, in sizes of the tank
@@ -94,18 +94,24 @@ class Tank:
             self._make_periodic(periodic)
 
     def _make_periodic(self, periodic: str) -> None:
-        """Leave out the walls on the left and right; see the class for errors."""
-        if periodic != "x":
-            raise ValueError(f"tank: periodic is {periodic!r}; it must be 'x', or left out for walls all around")
-        if len(self.size) != 2:
-            raise ValueError(f"tank: periodic is 'x' and size {self.size.tolist()} m; only tanks in 2-D are periodic")
-        if self.size[0] < LEAST_WIDTH * self.spacing * (1 - 1e-9):
+        """Leave out the walls across the periodic axes; see the class for errors."""
+        if periodic not in ("x", "xy"):
             raise ValueError(
-                f"tank: periodic is 'x' and the tank {self.size[0]:g} m wide; with a spacing of {self.spacing:g} m it "
-                f"must be {LEAST_WIDTH * self.spacing:g} m or more, {LEAST_WIDTH} spacings"
+                f"tank: periodic is {periodic!r}; it must be 'x' or 'xy', or left out for walls all around"
             )
-        self.period = Period(np.array([self.size[0], 0.0]))
-        self.sides = tuple(name for name in self.sides if SIDES[name][0] != 0)
+        if len(self.size) != 2:
+            raise ValueError(
+                f"tank: periodic is {periodic!r} and size {self.size.tolist()} m; only tanks in 2-D are periodic"
+            )
+        width = np.where(["x" in periodic, "y" in periodic], self.size, 0.0)
+        for length, name in zip(width.tolist(), ("wide", "high"), strict=True):
+            if 0 < length < LEAST_WIDTH * self.spacing * (1 - 1e-9):
+                raise ValueError(
+                    f"tank: periodic is {periodic!r} and the tank {length:g} m {name}; with a spacing of "
+                    f"{self.spacing:g} m it must be {LEAST_WIDTH * self.spacing:g} m or more, {LEAST_WIDTH} spacings"
+                )
+        self.period = Period(width)
+        self.sides = tuple(name for name in self.sides if SIDES[name][0] not in self.period.axes)
 
     def choose_law(self, *, sharp: bool) -> None:
         """Choose the law of the walls that `wall` does not describe, for a case.
@@ -281,7 +287,8 @@ class Tank:
         """
         self._require_open(f"wall {side!r}")
         if side not in self.sides:
-            raise ValueError(f"wall: {side!r} is no wall of this tank; it has {', '.join(self.sides)}")
+            has = ", ".join(self.sides) or "none, as both of its directions are periodic"
+            raise ValueError(f"wall: {side!r} is no wall of this tank; it has {has}")
         if side in self._walls:
             raise ValueError(f"wall {side!r} is described twice; give all of its properties in one call")
         options = {"law", "slip", "slip_length", "velocity", "motion"}
@@ -379,8 +386,8 @@ class Tank:
             part = fluid_at if fitted else is_empty
             position, on_face = snap_to_faces(position, (len(lines[0]), len(lines[1])), size, part)
             rank = np.append(ranks(fluids), -1)
-            if self.period:  # faces between the two ends, too
-                on_face |= position[:, 0] == 0.0
+            for k in self.period.axes:  # faces between the two ends, too
+                on_face |= position[:, k] == 0.0
             fluid[on_face] = heaviest_beside(position[on_face], size, self.spacing, fluid_at, rank, self.period)
             free &= ~on_face
         if self.jitter:
@@ -390,8 +397,9 @@ class Tank:
             held = (position == 0.0) | (position == size) if len(size) == 3 and self._walls else ~free[:, None]
             position += np.where(held, 0.0, shift)
         kept = wall | (fluid >= 0)
-        if self.period:  # the last column is the image of the first
-            kept &= np.arange(len(position)) < len(position) - len(lines[1])
+        if self.period:  # the last lines are the images of the first
+            line = np.stack(np.unravel_index(np.arange(len(position)), [len(x) for x in lines]), axis=1)
+            kept &= (line[:, self.period.axes] < [len(lines[k]) - 1 for k in self.period.axes]).all(axis=1)
             position = self.period.wrapped(position)
         if grading:
             kept = thinned(grading, position, (len(lines[0]), len(lines[1])), fluid, fluids, self.spacing)

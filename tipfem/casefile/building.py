@@ -265,24 +265,24 @@ class Parts:
         return fits
 
     def _walls(self) -> list[Wall]:
-        tables = self.sections.get("walls")
+        tables, tank = self.sections.get("walls"), self.sections.get("tank")
         walls = []
-        sides = [name for name, (axis, _) in SIDES.items() if axis < (self.dimension or 3)]
-        if self._shape is not None:
-            sides = list(self._shape.sides)
+        ends = "" if tank is None else tank.periodic or ""
+        sides = [n for n, (axis, _) in SIDES.items() if axis < (self.dimension or 3) and "xyz"[axis] not in ends]
+        sides = sides if self._shape is None else list(self._shape.sides)
         for name, table in (tables or {}).items():
             path: Path = ("walls", name)
             if table is None:
                 continue
             own = table.between is not None or table.particles is not None
-            if not own and self.sections.get("tank") is not None and name not in sides:
+            if not own and tank is not None and name not in sides:
                 self.report(
                     path,
-                    f"is no wall of the tank; it must be one of {', '.join(sides)}, or have between, "
+                    f"is no wall of the tank; it must be one of {', '.join(sides) or 'none'}, or have between, "
                     f"two points{meant(name, sides)}",
                 )
                 continue
-            if not own and self.sections.get("tank") is None:
+            if not own and tank is None:
                 if self.sections.get("particles") is not None:
                     self.report(path, "has neither between nor particles; without a tank, give the wall's place")
                 continue

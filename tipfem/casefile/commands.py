@@ -71,7 +71,7 @@ def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, 
             print(f"title       {made.title}")
         properties = [f"{fluid.name} ({fluid.density:g} kg/m^3, {fluid.viscosity:g} Pa s)" for fluid in made.fluids]
         print(f"fluids      {', '.join(properties)}")
-        extent = made.particles.position.max(axis=0) - made.particles.position.min(axis=0)
+        extent = made.extent
         print(f"size        {' x '.join(f'{edge:g}' for edge in extent)} m, spacing {made.particles.spacing:g} m")
         for line in estimate(made, file.end, table.time.largest_step, table.output.interval).lines():
             print(line)
@@ -104,7 +104,6 @@ def draw_state(simulation: Simulation, path: Path) -> None:
     from tipfem.render.bodies import body_at_start
 
     case, particles, mesh = simulation.case, simulation.particles, simulation.mesh
-    position = particles.position[particles.wall]
     scene = Scene(
         position=particles.position,
         cells=mesh.cells,
@@ -113,8 +112,8 @@ def draw_state(simulation: Simulation, path: Path) -> None:
         time=simulation.time,
         fluid_names=tuple(fluid.name for fluid in case.fluids),
         fluid_densities=tuple(fluid.density for fluid in case.fluids),
-        lower=position.min(axis=0),
-        upper=position.max(axis=0),
+        lower=case.box[0],
+        upper=case.box[1],
         cell_fluid=mesh.fluid,
         spacing=particles.spacing,
         title=case.title,

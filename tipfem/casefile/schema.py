@@ -48,8 +48,10 @@ class TankTable(Model):
         le=0.4,
     )
     seed: int = quantity("seed of the random displacement", default=0, ge=0)
-    periodic: Literal["x"] | None = quantity(
-        "x: no walls on the left and right of a box in 2-D, what leaves there enters on the other side", default=None
+    periodic: Literal["x", "xy"] | None = quantity(
+        "x: no walls on the left and right of a box in 2-D, what leaves there enters on the other side; "
+        "xy: nor below and above",
+        default=None,
     )
 
 

@@ -365,7 +365,6 @@ def snapshot_of(simulation: Shown, speed: float) -> Snapshot:
 def describe(simulation: Shown) -> dict[str, Any]:
     """What a `LiveSource` needs to know of a case, as JSON."""
     case = simulation.case
-    walls = case.particles.position[case.particles.wall]
     results = simulation.results
     return {
         "name": results.path.resolve().name if results else "run",
@@ -374,8 +373,8 @@ def describe(simulation: Shown) -> dict[str, Any]:
         "fluid_names": [fluid.name for fluid in case.fluids],
         "fluid_densities": [float(fluid.density) for fluid in case.fluids],
         "spacing": float(case.particles.spacing),
-        "lower": np.asarray(walls.min(axis=0)).tolist(),
-        "upper": np.asarray(walls.max(axis=0)).tolist(),
+        "lower": case.box[0].tolist(),
+        "upper": case.box[1].tolist(),
         "period": case.period.width.tolist() if case.period else None,
         "limits": limits(case),
         "bodies": [{"corners": body.corners.tolist(), "reference": body.reference.tolist()} for body in case.bodies],

@@ -129,15 +129,15 @@ def triangulate(
 
 
 def delaunay_periodic(position: Array, wall: Array, spacing: float, period: Period) -> tuple[Array, Array]:
-    """Delaunay triangles of a domain whose first axis is periodic, flat ones along walls included.
+    """Delaunay triangles of a domain whose first axis or both are periodic, flat ones along walls included.
 
-    They are those of the particles and of their images on either side; of the images of a triangle, the one that has
+    They are those of the particles and of their images on all sides; of the images of a triangle, the one that has
     its lowest particle inside the domain is kept. The images must have one triangulation: so ties between cocircular
     particles are broken by displacements that are the same for all images of a particle.
 
     Args:
         position: (N, 2) [m], inside the domain.
-        wall: (N,) mask of the wall particles, on lines along the first axis.
+        wall: (N,) mask of the wall particles, on lines along the first axis; none if both axes are periodic.
         spacing: h [m], the unit of the measures returned.
         period: of the positions.
 
@@ -147,18 +147,20 @@ def delaunay_periodic(position: Array, wall: Array, spacing: float, period: Peri
     Raises:
         TriangulationError: Qhull failed, or the triangles do not fill the domain once.
     """
-    count, width = len(position), period.width[0]
-    left = position[:, 0] < 0.5 * width
-    owner = np.concatenate([np.arange(count), np.flatnonzero(left), np.flatnonzero(~left)])
-    points = position[owner]
-    points[count:, 0] += np.where(left[owner[count:]], width, -width)
+    count, owner, points = len(position), np.arange(len(position)), position
+    for k in period.axes:  # images half a width beyond the ends; those along one axis have images along the other
+        left = position[owner, k] < 0.5 * period.width[k]
+        beyond = np.concatenate([np.flatnonzero(left), np.flatnonzero(~left)])
+        images = points[beyond]
+        images[:, k] += np.where(left[beyond], period.width[k], -period.width[k])
+        owner, points = np.concatenate([owner, owner[beyond]]), np.concatenate([points, images])
     apart = TIE_BREAK * spacing * np.random.default_rng(0).uniform(-1.0, 1.0, position.shape)
     apart[wall, 1] = 0.0
     cells, measure, _ = delaunay(points + apart[owner], spacing)
     lowest = np.take_along_axis(cells, np.argmin(owner[cells], axis=1)[:, None], axis=1)[:, 0]
     once = lowest < count
     cells, measure = cells[once], measure[once]
-    domain = width * np.ptp(position[:, 1]) / spacing**2
+    domain = np.where(period.width > 0, period.width, np.ptp(position, axis=0)).prod() / spacing**2
     if abs(measure.sum() - domain) > 1e-6 * domain:
         raise TriangulationError(
             f"the triangles of a periodic domain of {domain:g} spacings squared have an area of {measure.sum():g}"

@@ -308,6 +308,8 @@ def wall_line(probe: Probe, case: Case, name: str) -> WallLine:
             if case.period:  # a whole side
                 start, end = np.array([0.0, start[1]]), np.array([case.period.width[0], start[1]])
             return _line(start, end, centre, wall)
+    if not of_walls.any():
+        raise ValueError(f"{probe}: there is no wall {name!r} in this case; it has none")
     lower, upper = position[of_walls].min(axis=0), position[of_walls].max(axis=0)
     sides: tuple[str, ...] = SIDES
     if case.period:

@@ -73,7 +73,7 @@ class Remesher(ABC):
         Args:
             particles: the initial ones; they become the state's.
             boundary: of the case.
-            reference: the particle at which the pressure of a closed tank is zero.
+            reference: the particle at which the pressure of a closed tank is zero; -1 for none.
 
         Raises:
             TriangulationError: the particles cannot be meshed.
@@ -366,7 +366,7 @@ class FittedRemesher(Remesher):
             )
         fixed = hull_corners(mesh)
         fixed[boundary.index[boundary.slides]] = False  # which slide on curves
-        fixed[reference] = True
+        fixed[reference] |= reference >= 0
         particles = particles.shallow_copy(
             fluid=particle_fluid(mesh, len(particles), self.rank),
             target=np.full(len(particles), float(particles.spacing)),
@@ -408,7 +408,7 @@ class FittedRemesher(Remesher):
         )
         fixed, reference, jump = before.fixed, before.reference, solved.pressure_jump
         if renumbered is not None:
-            reference = int(renumbered[reference])
+            reference = int(renumbered[reference]) if reference >= 0 else -1
             fixed = np.zeros(len(particles), dtype=bool)
             fixed[renumbered[before.fixed]] = True
         particles = particles.shallow_copy(fluid=particle_fluid(mesh, len(particles), self.rank))

@@ -77,7 +77,7 @@ class Gravity(Command):
         value: (d,) acceleration [m/s^2].
 
     Raises:
-        ValueError: it is not finite, or larger than `LARGEST_ACCELERATION`.
+        ValueError: it is not finite, or larger than `LARGEST_ACCELERATION`; or there are no walls, see `tipfem.Case`.
     """
 
     value: tuple[float, ...]
@@ -89,6 +89,8 @@ class Gravity(Command):
     def require(self, case: Case) -> None:
         """See `Command.require`."""
         _require_dimension("gravity", self.value, case)
+        if any(self.value) and case.period.everywhere:
+            raise ValueError("gravity: the domain is periodic in all directions; no wall would hold the fluids in it")
 
 
 @dataclass(frozen=True)
@@ -276,8 +278,7 @@ def limits(case: Case) -> dict[str, float]:
         a quarter of the shortest side of the walls' box, or the least that a command takes where that is more. The
         least are ``least_poke_radius`` and ``least_drop_radius`` [m].
     """
-    position = case.particles.position[case.particles.wall]
-    side = float((position.max(axis=0) - position.min(axis=0)).min())
+    side = float(np.ptp(case.box, axis=0).min())
     h = case.particles.spacing
     return {
         "gravity": LARGEST_ACCELERATION,
@@ -297,6 +298,8 @@ def _require_dimension(what: str, value: Sequence[float], case: Case) -> None:
 def _require_in_box(what: str, at: Sequence[float], case: Case) -> None:
     position = case.particles.position
     lower, upper = position.min(axis=0), position.max(axis=0)
+    if case.period:
+        lower, upper = case.box
     if case.tank_motion is not None or any(wall.motion is not None for wall in case.walls):
         return  # walls that move may leave the box
     if (np.array(at) < lower).any() or (np.array(at) > upper).any():

@@ -161,7 +161,7 @@ class FlowProblem:
                 put("held", np.stack([walls.fixed | free.loose, free.pinned], axis=1)[of_node]),
                 self._scale,
                 scheme,
-                workspace.multigrid(self.box, particles.spacing, periodic=bool(mesh.period)),
+                workspace.multigrid(self.box, particles.spacing, periodic=mesh.period.axes),
                 solved.position if frame is mesh.position else frame[of_node],
                 particles.spacing,
                 buffers,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -123,8 +124,8 @@ class Workspace:
         self._multigrid: BackgroundMultigrid | None = None
         self._box: Array = np.zeros((2, 0))
 
-    def multigrid(self, box: Array, spacing: float, *, periodic: bool = False) -> BackgroundMultigrid:
-        """The hierarchy over a box (2, d) [m] for particles of a ``spacing`` [m], along ``periodic`` sides or not.
+    def multigrid(self, box: Array, spacing: float, *, periodic: Sequence[int] = ()) -> BackgroundMultigrid:
+        """The hierarchy over a box (2, d) [m], with ``periodic`` axes, for particles of a ``spacing`` [m].
 
         It is that of the last step if the box is the same. One workspace serves particles of one spacing.
         """

@@ -16,7 +16,8 @@ from tipfem.errors import StepRefused
 from tipfem.fem.mass import lumped_part
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg.newton import newton
-from tipfem.state import Solved, State
+from tipfem.mesh.mesh import Mesh
+from tipfem.state import Solved, State, lumped
 from tipfem.step.flow import ElementProperties, FlowProblem
 from tipfem.step.linear_system import Workspace
 from tipfem.timers import timer
@@ -43,6 +44,12 @@ def first_not_finite(particles: Particles, when: str, fields: Mapping[str, Array
             i = int(np.argmax(bad))
             return f"{name} of particle {i} at {position[i].tolist()} is {values[i].tolist()} {when}"
     return ""
+
+
+def _mean(mesh: Mesh, values: Array) -> float:
+    """Mean over a mesh's volume of values (N,) at its particles."""
+    volume = lumped(mesh, np.ones(len(mesh.cells)))
+    return float(volume @ values / volume.sum())
 
 
 # Parts of the times of gravity and of the flow in `flow_time`: those of the step control's defaults.
@@ -166,7 +173,7 @@ class StepSolver:
         result.require()
         limits.require(numerics.smallest_jacobian, self.reach)
         if not mesh.surface.front.any():
-            pressure -= pressure[state.reference]
+            pressure -= pressure[state.reference] if state.reference >= 0 else _mean(mesh, pressure)
         particles = walls.finish(before, displacement, scheme.advance(before, displacement, pressure))
         particles = mesh.surface.landed(before, particles, force, dt)
         particles = particles.shallow_copy(position=mesh.period.wrapped(particles.position))

@@ -4,9 +4,12 @@ taylor-green   decaying vortices that a mean flow carries through the periodic s
 channel        water set off between two plates by gravity along them, against the series for Poiseuille's flow
 shear          Kelvin-Helmholtz instability of two viscous fluids: rate of growth, against stability.py
 wave           a standing wave of water under air, a whole length of it: period and amplitude
+vortex-box     decaying vortices carried at an angle through a box that is periodic in both directions: order, decay
+layer-box      double shear layer in such a box: order of the error against a pseudo-spectral solution
 
 summary.json   figures of all runs
 shear.png      growth of the instability
+box.png        vorticity of the double shear layer, and errors in the boxes
 
 python -m tipfem demo validation/periodic --flow shear
 """
@@ -24,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tipfem.demos import harness
 from tipfem.demos.support.figures import COLOURS, new_figure, save
+from tipfem.demos.validation.periodic import box
 from tipfem.demos.validation.periodic.stability import Mode, Shear, fastest
 from tipfem.demos.validation.waves import run as waves
 
@@ -31,9 +35,12 @@ import tipfem as tp
 
 Array = NDArray[np.float64]
 
-# Particles along the vortex pair, across the channel, in the thickness of the shear layer, and along half the wave.
+# Particles along the vortex pair, across the channel, in the thickness of the shear layer, along half the wave, and
+# along the boxes.
 RESOLUTIONS = {"taylor-green": (16, 24, 32), "channel": (8, 16), "shear": (3, 6), "wave": (20, 40)}
+RESOLUTIONS |= {"vortex-box": (16, 32, 64), "layer-box": (32, 64, 96)}
 LEAST_ORDER = 1.8
+LARGEST_DECAY_ERROR, LARGEST_ENERGY_ERROR = 2e-3, 5e-4  # of the boxes, at the finest resolution
 LARGEST_CHANNEL_ERROR = 0.02  # of the mean velocity, at the finest resolution
 LARGEST_GROWTH_ERROR = 0.05
 DENSITIES = (1000.0, 500.0)  # of the shear layer's fluids [kg/m^3]
@@ -191,13 +198,20 @@ def wave(across: int, periods: float = 2.0) -> dict[str, Any]:
     }
 
 
+def _numbers(result: dict[str, Any]) -> dict[str, Any]:
+    """The figures of a run that are printed, without courses and fields."""
+    return {name: value for name, value in result.items() if name not in ("course", "vorticity")}
+
+
 MEASURES = {"taylor-green": taylor_green, "channel": channel, "shear": shear, "wave": wave}
+MEASURES |= {"vortex-box": box.vortex_box, "layer-box": box.layer_box}
+ORDERED = ("taylor-green", "vortex-box", "layer-box")
 
 
 def check(flow: str, results: dict[int, dict[str, Any]]) -> list[str]:
     """What the runs of a flow, by their resolutions, miss of what is expected; an empty list when all is well."""
     missed, finest = [], max(results)
-    if flow == "taylor-green":
+    if flow in ORDERED:
         errors = [results[n]["error"] for n in sorted(results)]
         order = -np.polyfit(np.log(sorted(results)), np.log(errors), 1)[0] if len(errors) > 1 else LEAST_ORDER
         if not order >= LEAST_ORDER:
@@ -208,6 +222,9 @@ def check(flow: str, results: dict[int, dict[str, Any]]) -> list[str]:
             for name in ("momentum", "volume")
             if not r[name] <= 1e-12
         ]
+    for name, largest in (("decay", LARGEST_DECAY_ERROR), ("energy", LARGEST_ENERGY_ERROR)):
+        if name in results[finest] and not abs(results[finest][name]) <= largest:
+            missed.append(f"{flow}, {finest} across: the {name} is off by {results[finest][name]:.1e}")
     if flow == "channel" and not max(results[finest]["errors"]) <= LARGEST_CHANNEL_ERROR:
         missed.append(f"{flow}: errors {results[finest]['errors']}, not {LARGEST_CHANNEL_ERROR:.0%} at most")
     if flow == "shear":
@@ -245,6 +262,32 @@ def plot(path: Path, results: dict[int, dict[str, Any]]) -> None:
     save(figure, path)
 
 
+def plot_boxes(path: Path, flows: dict[str, dict[int, dict[str, Any]]]) -> None:
+    """Draw the vorticity of the finest double shear layer, and the errors of the velocity over the spacing.
+
+    Raises:
+        ImportError: there is no matplotlib.
+    """
+    figure = new_figure(10, 4.6)
+    left, right = figure.subplots(1, 2)
+    finest = flows["layer-box"][max(flows["layer-box"])]
+    position, cells, rate = finest["vorticity"]
+    limit = float(np.abs(rate).max())
+    drawn = left.tripcolor(*position.T, cells, rate, cmap="RdBu_r", vmin=-limit, vmax=limit)
+    left.set(xlim=(0, box.WIDTH), ylim=(0, box.WIDTH), aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    left.set_title(f"vorticity of the double shear layer, t = {box.LAYER_END:g} s")
+    figure.colorbar(drawn, ax=left, label="vorticity [1/s]", shrink=0.9)
+    for number, (flow, results) in enumerate(flows.items()):
+        spacing = np.array([box.WIDTH / n for n in sorted(results)])
+        errors = [results[n]["error"] for n in sorted(results)]
+        right.loglog(spacing, errors, "os"[number % 2] + "-", color=COLOURS[number], label=flow)
+    right.loglog(spacing, errors[-1] * (spacing / spacing[-1]) ** 2, "k--", linewidth=1, label="second order")
+    right.set(xlabel="spacing [m]", ylabel="error of the velocity")
+    right.grid(alpha=0.3)
+    right.legend()
+    save(figure, path)
+
+
 def main(words: Sequence[str] | None = None) -> None:
     """Run with the given command line, or the process's."""
     parser = argparse.ArgumentParser(
@@ -265,9 +308,13 @@ def main(words: Sequence[str] | None = None) -> None:
             results = {}
             for across in given.across or RESOLUTIONS[flow]:
                 results[across] = MEASURES[flow](across)
-                print(flow, across, {name: value for name, value in results[across].items() if name != "course"})
+                print(flow, across, _numbers(results[across]))
             summary[flow] = results
             missed += check(flow, results)
+    drawn = {flow: summary[flow] for flow in ("vortex-box", "layer-box") if flow in summary}
+    if "layer-box" in drawn:
+        plot_boxes(given.out / "box.png", drawn)
+        summary["layer-box"] = {n: _numbers(result) for n, result in summary["layer-box"].items()}
     summary["check"] = missed or "passed"
     (given.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     if "shear" in summary:

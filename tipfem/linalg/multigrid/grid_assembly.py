@@ -14,6 +14,7 @@ import taichi as ti
 from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel, part_of
 from tipfem.linalg.multigrid.grid_hierarchy import (
+    LAST_PERIOD,
     PERIOD,
     RESIDUAL,
     SHAPE,
@@ -162,8 +163,9 @@ def place_links(
                 piece = edge_between(coordinates, grid, i, j, dim) / m
                 for n in range(1, m):
                     here = start + n * piece
-                    if grid[0, PERIOD] > 0:
-                        here[dim - 2] -= grid[0, PERIOD] * ti.floor(here[dim - 2] / grid[0, PERIOD])
+                    for k in ti.static(range(2)):
+                        if grid[0, PERIOD + k] > 0:
+                            here[dim - 2 + k] -= grid[0, PERIOD + k] * ti.floor(here[dim - 2 + k] / grid[0, PERIOD + k])
                     for k in ti.static(range(dim)):
                         coordinates[link, k] = here[k]
                     vectors[RESIDUAL * nodes + link] = 0.0
@@ -240,6 +242,9 @@ def _add_cell(
             at[k] = line_at(grid, 0, one + corner[0], two + corner[1], dim) + j + corner[2]
         else:
             at[k] = line_at(grid, 0, one, two, dim) + line_shift(grid, 0, two, corner[0]) + j + corner[1]
+            if ti.static(corner[1] == 1):
+                if j + 1 == grid[0, LAST_PERIOD]:
+                    at[k] -= grid[0, LAST_PERIOD]
     for q in range(ti.static(4 ** (dim - 1))):
         # Row q of the 4^d grid nodes around the grid cell.
         total = ti.Matrix.zero(float, corner_count, 4)

@@ -11,7 +11,7 @@ either side (J. E. Dendy, J. Comput. Phys. 48, 1982, for one axis). So the
 coarse grid represents a bubble of a light fluid wherever it is between the grid lines.
 
 All grids share one flat array of reals, ``levels``: five vectors of all grids one after the other (right-hand side,
-solution, damped inverse diagonal, interpolation weights, residual), then the stencils. The integers ``grid`` (G, 15)
+solution, damped inverse diagonal, interpolation weights, residual), then the stencils. The integers ``grid`` (G, 16)
 locate the grids in it. The rows are the levels first, then the grids between them; the columns are:
 
 - `RHS`, `SOLUTION`, `DIAGONAL`, `WEIGHTS`, `RESIDUAL`: first entry of the grid's part of each vector;
@@ -23,7 +23,9 @@ locate the grids in it. The rows are the levels first, then the grids between th
 - `LEVELS`: number of levels, the same in all rows;
 - `PERIOD`: number of lines after which they repeat, where the first axis of a 2-D grid is periodic; else 0. Such a grid
   has no node on its upper end, which is its lower end, and an even number of lines on all levels but the coarsest.
-  Of the rim only the image of the first line beyond the last is used, and only the solution there.
+  Of the rim only the image of the first line beyond the last is used, and only the solution there;
+- `LAST_PERIOD`: number of nodes after which a line repeats, where the last axis of a 2-D grid is periodic, too; else 0.
+  Then the rim holds images of the ends of every line, see `wrap_line`, and there are two more entries between lines.
 
 The cycle's vectors on the N mesh nodes are in an array ``vectors`` of their own, in the same order; each begins at N
 times its number. In place of weights it holds `ENERGY`, see `tipfem.linalg.multigrid.deflation`; the residual is
@@ -44,8 +46,9 @@ STENCIL_WIDTH = 2 * REACH + 1  # of a stencil along an axis
 RHS, SOLUTION, DIAGONAL, WEIGHTS, RESIDUAL = range(5)
 VECTORS = 5
 ENERGY = WEIGHTS  # on the mesh, instead of weights
-SIZE, SHAPE, STRIDE, STENCIL, NEXT, LEVELS, PERIOD = 5, 6, 9, 11, 12, 13, 14
-COLUMNS = 15
+SIZE, SHAPE, STRIDE, STENCIL, NEXT, LEVELS, PERIOD, LAST_PERIOD = 5, 6, 9, 11, 12, 13, 14, 15
+COLUMNS = 16
+IMAGES = 3  # on either side of a line whose axis is periodic: as far as Galerkin products read weights
 
 GRID_NODE = 40.0  # nanoseconds of one thread for a grid node of the finest level in `coarsen_all_levels`
 
@@ -84,6 +87,16 @@ def line_shift(grid: Template, level, line, shift):
     if grid[level, PERIOD] > 0:
         to = (to + 4 * grid[level, PERIOD]) % grid[level, PERIOD]
     return (to - line) * grid[level, STRIDE + 1]
+
+
+@ti.func
+def wrap_line(values: Template, grid: Template, level, start):
+    """Copy the ends of a line, whose first entry is ``start``, to their images where its axis is periodic."""
+    n = grid[level, LAST_PERIOD]
+    if n > 0:
+        for k in range(IMAGES):
+            values[start - 1 - k] = values[start + (IMAGES * n - 1 - k) % n]
+            values[start + n + k] = values[start + k % n]
 
 
 @ti.func
@@ -133,6 +146,8 @@ def is_periodic(grid: Template, axis: Template, dim: Template):
     result = 0
     if ti.static(axis == dim - 2):
         result = ti.min(grid[0, PERIOD], 1)
+    if ti.static(axis == dim - 1):
+        result = ti.min(grid[0, LAST_PERIOD], 1)
     return result
 
 
@@ -140,12 +155,13 @@ def is_periodic(grid: Template, axis: Template, dim: Template):
 def nearest_image(grid: Template, shift, dim: Template):
     """The shift (dim,) between two nodes or cells of the finest level, or points, to the nearest image."""
     result = shift
-    n = grid[0, PERIOD]
-    if n > 0:
-        if 2 * shift[dim - 2] > n:
-            result[dim - 2] = shift[dim - 2] - n
-        if 2 * shift[dim - 2] < -n:
-            result[dim - 2] = shift[dim - 2] + n
+    for k in ti.static(range(2)):
+        n = grid[0, PERIOD + k]
+        if n > 0:
+            if 2 * shift[dim - 2 + k] > n:
+                result[dim - 2 + k] = shift[dim - 2 + k] - n
+            if 2 * shift[dim - 2 + k] < -n:
+                result[dim - 2 + k] = shift[dim - 2 + k] + n
     return result
 
 
@@ -240,6 +256,10 @@ def _compute_weights(levels: Template, grid: Template, fine, line, axis, dim: Te
         lower, upper = ti.max(lower, 0.0), ti.max(upper, 0.0)
         both = lower + upper
         levels[weights + j] = ti.select(both > 0.0, lower / ti.max(both, 1e-300), 0.5)
+    wrap_line(levels, grid, fine, weights)
+    if axis == dim - 1 and grid[fine, LAST_PERIOD] > 0:  # the product reads the stencils of rows beyond the ends
+        for offset in range(ti.static(STENCIL_WIDTH**dim)):
+            wrap_line(levels, grid, fine, entries + offset * size)
 
 
 @ti.func

@@ -9,6 +9,7 @@ import taichi as ti
 from tipfem.backend.array_types import Template
 from tipfem.linalg.multigrid.grid_hierarchy import (
     DIAGONAL,
+    LAST_PERIOD,
     LEVELS,
     NEXT,
     PERIOD,
@@ -29,6 +30,7 @@ from tipfem.linalg.multigrid.grid_hierarchy import (
     line_start,
     lines,
     row_shift,
+    wrap_line,
 )
 
 LANES = 64  # grid nodes that `residual_line` processes together
@@ -40,7 +42,7 @@ def copy_to_image(levels: Template, grid: Template, level, dim: Template):
     """Copy the solution on a level's first line to its image beyond the last, where the mesh's nodes read it."""
     first = grid[level, SOLUTION] + line_start(grid, level, 0, dim)
     image = first + grid[level, PERIOD] * grid[level, STRIDE + 1]
-    for j in range(grid[level, SHAPE + 2]):
+    for j in range(grid[level, SHAPE + 2] + ti.min(grid[level, LAST_PERIOD], 1)):
         levels[image + j] = levels[first + j]
 
 
@@ -54,6 +56,7 @@ def smooth_line(levels: Template, grid: Template, level, line, rhs: Template, fr
     x, r, diagonal = grid[level, SOLUTION] + inside, grid[level, rhs] + inside, grid[level, DIAGONAL] + inside
     for j in range(grid[level, SHAPE + 2]):
         levels[x + j] = (0.0 if ti.static(from_zero) else levels[x + j]) + levels[diagonal + j] * levels[r + j]
+    wrap_line(levels, grid, level, x)
     if grid[level, PERIOD] > 0 and line == 0:
         copy_to_image(levels, grid, level, dim)
 
@@ -79,6 +82,7 @@ def residual_line(levels: Template, grid: Template, level, line, dim: Template):
         b, r = grid[level, RHS] + entry, grid[level, RESIDUAL] + entry
         for j in range(width):
             levels[r + j] = levels[b + j] - total[j]
+    wrap_line(levels, grid, level, grid[level, RESIDUAL] + inside)
 
 
 @ti.func
@@ -141,6 +145,7 @@ def prolong_line(levels: Template, grid: Template, fine, coarse, line, axis: Tem
         else:
             for j in range(n):
                 levels[to + j] = levels[x + j]
+    wrap_line(levels, grid, fine, to)
 
 
 @ti.func
@@ -163,6 +168,8 @@ def _sweep_coarsest(levels: Template, grid: Template, wraps: Template, dim: Temp
             for k in ti.static(range(STENCIL_WIDTH)):
                 residual -= levels[entries + k * size] * levels[near + k]
         levels[x + inside] = levels[x + inside] + levels[diagonal + inside] * residual
+        if ti.static(wraps):
+            wrap_line(levels, grid, last, x + inside - g % width)
 
 
 @ti.func

@@ -90,9 +90,9 @@ def restrict_to_line(
             inside = True
             for k in ti.static(range(dim)):
                 cell[k] = at[3 - dim + k] - ti.static(corner[k])
-                if ti.static(k == dim - 2):
+                if ti.static(k >= dim - 2):
                     if cell[k] < 0 and is_periodic(grid, k, dim) == 1:
-                        cell[k] += grid[0, SHAPE + 1]
+                        cell[k] += grid[0, SHAPE + 3 - dim + k]
                 inside = inside and cell[k] >= 0
                 number = number * grid[0, SHAPE + 3 - dim + k] + cell[k]
             if inside:

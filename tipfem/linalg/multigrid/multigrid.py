@@ -6,6 +6,7 @@ density; their stencils reach two grid nodes in every direction. Sums are gather
 operations: results are repeatable bit by bit.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -60,13 +61,13 @@ class BackgroundMultigrid:
         buffers: that hold the arrays between steps.
         particles: about how many there are; with few, the grid is coarser along the longest axes. By default as many
             as the grid may have.
-        periodic: whether the first axis, in 2-D, is periodic; the box is then as wide as the period.
+        periodic: the periodic axes, in 2-D: none, the first, or both. Along these the box is as wide as the period.
 
     Attributes:
         dimension, lower: as given.
         spacing: (d,) of the finest grid along the axes [m].
         shapes: (L, d) numbers of grid nodes of the levels along the axes.
-        layout: (G, 15) memory layout of the grids, see `grid_hierarchy`.
+        layout: (G, 16) memory layout of the grids, see `grid_hierarchy`.
         fused: whether a cycle is one launch; it is on CPUs.
         grid, levels: device arrays of the grids, see `grid_hierarchy`.
         vectors, coordinates, cell_lists, ties: device arrays of the mesh nodes, see `mesh_transfer`; set by `build`.
@@ -80,24 +81,25 @@ class BackgroundMultigrid:
         buffers: Buffers,
         particles: int | None = None,
         *,
-        periodic: bool = False,
+        periodic: Sequence[int] = (),
     ) -> None:
         self.dimension = len(lower)
         self.lower = np.asarray(lower, dtype=float)
         self.buffers = buffers
         size = np.asarray(upper) - self.lower
         self.spacing, cells = grid_cells(size, float(spacing), particles)
-        if periodic:
-            cells[0] = periodic_cells(int(cells[0]), int(cells[1]))
-            self.spacing[0] = size[0] / cells[0]
         end = np.ones(self.dimension, dtype=int)  # 0 along a periodic axis, whose ends are one
-        end[0] = int(not periodic)
+        end[list(periodic)] = 0
+        most = max(cells) if len(periodic) > 1 else cells[-1]
+        for k in periodic:
+            cells[k] = periodic_cells(int(cells[k]), int(most), int(end[-1]))
+            self.spacing[k] = size[k] / cells[k]
         shapes = [cells + end]
-        while shapes[-1].max() > 5 and not (periodic and shapes[-1][0] % 2):
+        while shapes[-1].max() > 5 and not (shapes[-1][list(periodic)] % 2).any():
             shapes.append((shapes[-1] - end + 1) // 2 + end)
         self.shapes = np.array(shapes, dtype=np.int32)
         self._cells = int(self.shapes[0].prod())
-        self.layout, self._passes, entries = _layout(self.shapes, periodic=periodic)
+        self.layout, self._passes, entries = _layout(self.shapes, periodic)
         self.grid = buffers.upload("multigrid.grid", self.layout)
         # Rims stay zero: no kernel writes there.
         self.levels = buffers.upload("multigrid.levels", np.zeros(entries))
@@ -222,25 +224,26 @@ def grid_cells(size: Array, spacing: float, particles: int | None) -> tuple[Arra
         sides[np.argmax(cells)] *= 2
 
 
-def periodic_cells(wanted: int, across: int) -> int:
+def periodic_cells(wanted: int, across: int, end: int = 1) -> int:
     """How many cells to take along a periodic axis, about as many as ``wanted``, so that they can be halved often.
 
     Args:
         wanted: number of cells.
         across: number of cells along the other axis, which are halved as often.
+        end: grid nodes that there are more than cells along that axis: 1, or 0 if it is periodic, too.
     """
     halvings = 0
-    while across + 1 > 5:
+    while across + end > 5:
         across, halvings = (across + 1) // 2, halvings + 1
     found = [m << k for k in range(1, 24) for m in (2, 3, 5) if k >= halvings or m == 2]
     return min(found, key=lambda n: abs(np.log(n / wanted)))
 
 
-def _layout(shapes: Array, *, periodic: bool = False) -> tuple[Array, list[tuple[int, int]], int]:
+def _layout(shapes: Array, periodic: Sequence[int] = ()) -> tuple[Array, list[tuple[int, int]], int]:
     """Memory layout of grids whose levels have ``shapes`` (L, d), see `grid_hierarchy`.
 
     Returns:
-        The rows of ``grid`` (G, 15); the passes that coarsen the levels, as (grid, axis) from a grid to the one that is
+        The rows of ``grid`` (G, 16); the passes that coarsen the levels, as (grid, axis) from a grid to the one that is
         coarser along an axis; the number of entries of ``levels``.
     """
     count, dim = shapes.shape
@@ -258,16 +261,20 @@ def _layout(shapes: Array, *, periodic: bool = False) -> tuple[Array, list[tuple
     grid = np.zeros((len(every), COLUMNS), dtype=np.int32)
     grid[:, LEVELS] = count
     # Loops may read, to no effect, a little beyond the rim, so also before the first grid and after the last.
-    margin = 3 * int(np.prod(shapes[0] + 2 * REACH) // (shapes[0][0] + 2 * REACH) * 2 + 1)
+    rim = np.full(dim, 2 * REACH)
+    if dim - 1 in periodic:
+        rim[-1] += 2  # so that lines share no images, see `wrap_line`
+    margin = 3 * int(np.prod(shapes[0] + rim) // (shapes[0][0] + rim[0]) * 2 + 1)
     start, stencil = margin, 0
     for row, shape in zip(grid, every, strict=True):
-        with_rim = [n + 2 * REACH for n in shape]
+        with_rim = [n + more for n, more in zip(shape, rim.tolist(), strict=True)]
         # The arrays of a stencil must not be a multiple of 4 kB apart, or they compete for the same cache lines.
         size = int(np.prod(with_rim))
         size += (24 - size) % 512
         row[:VECTORS], row[SIZE], row[STENCIL] = start, size, stencil
         row[SHAPE : SHAPE + 3] = [1] * (3 - dim) + shape
-        row[PERIOD] = shape[0] if periodic else 0
+        for k in periodic:
+            row[PERIOD + k] = shape[k]
         row[STRIDE : STRIDE + 2] = [0] * (3 - dim) + [int(np.prod(with_rim[k + 1 :])) for k in range(dim - 1)]
         start += size
         stencil += size * STENCIL_WIDTH**dim
