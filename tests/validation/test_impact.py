@@ -13,37 +13,45 @@ from tipfem.demos.validation.impact import run as study
 
 def test_the_running_mean_is_that_of_lines_between_samples():
     time = np.sort(np.random.default_rng(1).uniform(0.0, 4.0, 400))
-    np.testing.assert_allclose(study.running_mean(time, np.full(400, 3.0)), 3.0, rtol=1e-12)
+    flat = study.integral(time, np.full(400, 3.0))
+    np.testing.assert_allclose(study.running_mean(time, flat), 3.0, rtol=1e-12)
     inside = (time > 0.1) & (time < 3.9)
-    np.testing.assert_allclose(study.running_mean(time, 2 * time)[inside], 2 * time[inside], atol=0.02)
+    slope = study.integral(time, 2 * time)
+    np.testing.assert_allclose(study.running_mean(time, slope)[inside], 2 * time[inside], atol=0.02)
 
 
 def test_figures_are_found_in_a_history_made_of_them():
     time = np.linspace(0.0, 6.0, 6001)
     ripple = 0.05 * np.sin(2 * np.pi * time / 0.02)  # its mean over the length of the running mean is zero
-    found = study.figures_of(time, np.where(time > 2.5, 0.5, 0.0) + np.where(time > 2.5, ripple, 0.0))
+    pressure = np.where(time > 2.5, 0.5, 0.0) + np.where(time > 2.5, ripple, 0.0)
+    found = study.figures_of(time, pressure, study.integral(time, pressure))
     assert found["arrival"] == pytest.approx(2.5, abs=0.02)
     assert found["peak"] == pytest.approx(0.5, abs=1e-2)
+    assert found["impulse"] == pytest.approx(0.5, abs=1e-2)
     assert found["plateau"] == pytest.approx(0.5, abs=1e-3)
     assert found["noise"] == pytest.approx(0.05 / math.sqrt(2), rel=0.02)
     assert study.missed(found, {"arrival": 2.5, "plateau": 0.5}) == []
     lines = study.missed(found, {"arrival": 2.0, "plateau": 0.3})
     assert len(lines) == 2
     assert lines[0].startswith("arrival is 2.49, +25 %")
+    mean, deviation = study.spread_of([found, {**found, "plateau": 0.6}])["plateau"]
+    assert (mean, deviation) == pytest.approx((0.55, 0.1 / math.sqrt(2)), abs=1e-3)
 
 
 def test_the_experiment_is_what_buchner_measured():
-    found = study.figures_of(*study.experiment())
+    time, pressure = study.experiment()
+    found = study.figures_of(time, pressure, study.integral(time, pressure))
     assert found["arrival"] == pytest.approx(2.55, abs=0.06)
     assert found["plateau"] == pytest.approx(0.54, abs=0.01)
 
 
 def test_a_coarse_run_reaches_the_wall_and_measures_nothing_before(tmp_path, capsys):
-    study.main(["--across", "8", "--end-time", "3", "--out", str(tmp_path)])
-    time, pressure = study.scaled(study.tp.read_results(tmp_path / "8"))
-    assert np.abs(pressure[time < 2.3]).max() < 0.05
+    study.main(["--across", "10", "--end-time", "2.95", "--out", str(tmp_path)])
+    gauge = study.scaled(study.tp.read_results(tmp_path / "10"))["pressure"]
+    assert np.abs(gauge.pressure[gauge.time < 2.3]).max() < 0.05
     summary = json.loads((tmp_path / "summary.json").read_text())
-    assert summary["figures"]["H / 8"]["arrival"] == pytest.approx(summary["experiment"]["arrival"], rel=0.12)
-    assert math.isnan(summary["figures"]["H / 8"]["plateau"])
-    assert iio.imread(tmp_path / "pressure.png").std() > 5
+    assert summary["figures"]["H / 10"]["arrival"] == pytest.approx(summary["experiment"]["arrival"], rel=0.12)
+    assert math.isnan(summary["figures"]["H / 10"]["plateau"])
+    for picture in ("pressure.png", "corner.png"):
+        assert iio.imread(tmp_path / picture).std() > 5
     assert "check: " in capsys.readouterr().out
