@@ -208,7 +208,7 @@ def plot(path: Path, runs: Mapping[str, Sequence[Run]]) -> None:
             axes.plot(of.time, of.pressure, color=colour, linewidth=0.5, alpha=0.45)
             axes.plot(of.time, mean, color=colour, label=f"{label}, running mean (thin: every step)")
     axes.plot(*experiment(), "ko", markersize=3, label="Buchner (2002)")
-    axes.set(xlim=(2, END), ylim=(-0.3, 2.0), xlabel=r"$t \sqrt{g / H}$", ylabel=r"$p / (\rho g H)$")
+    axes.set(xlim=(2, END), ylim=(-0.3, 1.5), xlabel=r"$t \sqrt{g / H}$", ylabel=r"$p / (\rho g H)$")
     axes.legend(frameon=False)
     axes.grid(alpha=0.3)
     save(figure, path)
@@ -216,7 +216,7 @@ def plot(path: Path, runs: Mapping[str, Sequence[Run]]) -> None:
 
 def plot_corner(path: Path, runs: Mapping[str, Sequence[Run]]) -> None:
     """Draw what the gauge in the corner measured in the first run of each resolution: each step, filtered, impulse."""
-    figure = new_figure(7.5, 6.0)
+    figure = new_figure(7.5, 5.6)
     each, filtered, impulse = figure.subplots(3, 1, sharex=True)
     for (label, starts), colour in zip(runs.items(), COLOURS, strict=False):
         of = starts[0]["corner"]
@@ -224,8 +224,7 @@ def plot_corner(path: Path, runs: Mapping[str, Sequence[Run]]) -> None:
             axes.plot(of.time, values, color=colour, linewidth=1, label=label)
     each.set(ylabel=r"$p / (\rho g H)$", title="each step", xlim=(2.3, 3.5))
     filtered.set(ylabel=r"$p / (\rho g H)$", title=rf"filtered, time constant ${TIME_CONSTANT:g} \sqrt{{H / g}}$")
-    impulse.set(ylabel=r"$\int p \, dt / (\rho H \sqrt{g H})$", title="impulse", xlabel=r"$t \sqrt{g / H}$")
-    impulse.set_ylim(0, 2)
+    impulse.set(ylabel=r"$I / (\rho H \sqrt{g H})$", title="impulse", xlabel=r"$t \sqrt{g / H}$", ylim=(0, 1.4))
     each.legend(frameon=False)
     for axes in (each, filtered, impulse):
         axes.title.set_fontsize("medium")
