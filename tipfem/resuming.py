@@ -17,7 +17,6 @@ from tipfem.checkpoint import (
     CheckpointFolder,
     case_from,
     case_record,
-    differences,
     environment,
     file_name,
     python_functions,
@@ -25,11 +24,13 @@ from tipfem.checkpoint import (
     table_of,
     what_changed,
 )
-from tipfem.errors import CheckpointError, SimulationError
+from tipfem.errors import SimulationError
 from tipfem.fem.time_integration import StepControl
+from tipfem.fields import FieldOutput
 from tipfem.logs import log
 from tipfem.output import CASE_FILE, ResultsFolder
-from tipfem.probes import Probe, ProbeRecorder, probe_from, probe_record
+from tipfem.probes import Probe, ProbeRecorder, probe_record
+from tipfem.resume_changes import Rewritten, probes_to_go_on, take_over_samples
 from tipfem.run import writing
 from tipfem.state import State
 from tipfem.steering import Steering
@@ -155,18 +156,43 @@ def keep_case(simulation: Resumable, until: float) -> None:
     with writing(simulation.time):
         for name in names:
             results.list_file(name)
+        write_case(results.path / CASE_FILE, simulation.case, until, folder=str(results.path), **_settings(simulation))
+
+
+def keep_changes(simulation: Resumable) -> None:
+    """Write the case file of a run that goes on anew, unless it says already what the run has from now on.
+
+    Args:
+        simulation: about to go on.
+
+    Raises:
+        SimulationError: the file cannot be written.
+    """
+    from tipfem.casefile.describing import write_case  # here, for their import takes a while
+    from tipfem.casefile.loading import left_case
+
+    assert simulation.results is not None
+    out, settings = simulation.results.path, _settings(simulation)
+    file = left_case(out)
+    if file and {**file.settings(), "largest_step": settings["largest_step"]} == settings:
+        return
+    with writing(simulation.time):
         write_case(
-            results.path / CASE_FILE,
-            simulation.case,
-            until,
-            folder=str(results.path),
-            largest_step=simulation.control.largest,
-            interval=simulation.output_interval,
-            fields=results.fields,
-            checkpoint_interval=simulation.checkpoints.interval,
-            checkpoint_wall_interval=simulation.checkpoints.wall_interval,
-            probes=list(simulation.probes.probes.values()),
+            out / CASE_FILE, simulation.case, file.end if file else simulation.until, folder=str(out), **settings
         )
+
+
+def _settings(simulation: Resumable) -> dict[str, Any]:
+    """What `tipfem.describe` takes beside the case and its end."""
+    assert simulation.results is not None
+    return {
+        "largest_step": simulation.control.largest,
+        "interval": simulation.output_interval,
+        "fields": simulation.results.fields,
+        "checkpoint_interval": simulation.checkpoints.interval,
+        "checkpoint_wall_interval": simulation.checkpoints.wall_interval,
+        "probes": list(simulation.probes.probes.values()),
+    }
 
 
 def kept_case(out: Path, record: Mapping[str, Any]) -> Case:
@@ -194,10 +220,11 @@ def resumed(
     case: Case | None,
     columns: Mapping[str, Callable[[Any], float]],
     probes: Sequence[Probe] | None,
+    rewritten: Rewritten,
     *,
     allow_changes: bool,
 ) -> Run:
-    """See `Simulation.resume`; ``made`` is that class."""
+    """See `Simulation.resume`; ``made`` is that class, and ``rewritten`` what is written otherwise than before."""
     folder = CheckpointFolder(out)
     notes: list[str] = []
     newest = folder.newest()
@@ -208,12 +235,11 @@ def resumed(
     present = {**environment(), **runtime.settings()}
     notes += what_changed(content, case, list(columns), present, out, allow_changes=allow_changes)
     settings = content["settings"]
-    if probes is None:
-        probes = [probe_from(record) for record in settings["probes"].values()]
-    elif changed := differences(settings["probes"], {probe.name: probe_record(probe) for probe in probes}):
-        raise CheckpointError(f"{out}: the probes are not those of the run: {'; '.join(changed)}")
-    times = ("time_step", "output_interval", "checkpoint_interval", "checkpoint_wall_interval")
-    simulation = made(case, columns=columns, probes=probes, **{name: settings[name] for name in times})
+    probes, changes = probes_to_go_on(settings["probes"], probes, out)
+    intervals, more = rewritten.intervals(settings)
+    fields, last = rewritten.field_output(FieldOutput(**content["results"].get("fields", {})))
+    notes += [*changes, *more, *last]
+    simulation = made(case, columns=columns, probes=probes, time_step=settings["time_step"], **intervals)
     simulation.state = content["state"]
     vars(simulation.control).update(content["control"])
     simulation.volume_control.missing = content["missing"]
@@ -222,7 +248,10 @@ def resumed(
     simulation.until, simulation.notes = content["until"], notes
     simulation.started = clock.perf_counter() - content["wall_seconds"]
     simulation.results = ResultsFolder.continued(out, content["results"], simulation.history, simulation.step_number)
-    simulation.probes.go_on(content["probes"])
+    simulation.results.fields = fields
+    take_over_samples(simulation.probes, settings["probes"], content["probes"], simulation.time)
     simulation.probes.write_to(simulation.results)
     simulation.checkpoints.written(simulation.time)
+    if changes or more or last:
+        keep_changes(simulation)
     return simulation

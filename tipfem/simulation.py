@@ -32,6 +32,7 @@ from tipfem.output import ResultsFolder, fill_columns, own_columns
 from tipfem.probes import Probe, ProbeRecorder
 from tipfem.remesh.remeshers import remesher_for
 from tipfem.remeshing_table import Sums, remeshing_sums
+from tipfem.resume_changes import KEPT, Kept, Rewritten
 from tipfem.resuming import RunCheckpoints, keep_case, resumed
 from tipfem.run import require_intervals, require_later, writing
 from tipfem.run import run as run_to
@@ -416,6 +417,10 @@ class Simulation:
         *,
         columns: Mapping[str, Column] | None = None,
         probes: Sequence[Probe] | None = None,
+        output_interval: float | Kept | None = KEPT,
+        checkpoint_interval: float | Kept | None = KEPT,
+        checkpoint_wall_interval: float | Kept | None = KEPT,
+        fields: str | FieldOutput = KEPT,
         allow_changes: bool = False,
     ) -> Simulation:
         """The simulation that a run in a results folder was, at its newest checkpoint; `run` goes on from there.
@@ -428,7 +433,12 @@ class Simulation:
             case: the case of the run; needed if it has functions of Python's, which no file keeps. Those that a case
                 file describes, by forms and tables, are in the folder.
             columns: those of the run, functions which no file keeps either.
-            probes: those of the run; needed if they are not all of tipfem's own kinds, which a checkpoint keeps.
+            probes: those of the run; needed if they are not all of tipfem's own kinds, which a checkpoint keeps. Their
+                intervals may differ; further ones are measured from here on, and one that is left out no more.
+            output_interval: see `Simulation`; "kept" leaves what the run had, as in the three that follow.
+            checkpoint_interval: see `Simulation`.
+            checkpoint_wall_interval: see `Simulation`.
+            fields: see `Simulation`. The format stays that of the run; the precision of VTU files may differ.
             allow_changes: go on although numbers of the method (`Numerics`) have changed.
 
         Returns:
@@ -437,10 +447,13 @@ class Simulation:
             damaged.
 
         Raises:
-            CheckpointError: there is no checkpoint that can be read, the case has changed, or a part of it is missing.
-            ValueError: the folder cannot be written to.
+            CheckpointError: there is no checkpoint that can be read, the case has changed, or a part of it is missing;
+                or what is written cannot be changed so.
+            ValueError: the folder cannot be written to, or an interval is no length of time.
         """
-        return resumed(cls, path_of("resume: out", out), case, columns or {}, probes, allow_changes=allow_changes)
+        rewritten = Rewritten(output_interval, checkpoint_interval, checkpoint_wall_interval, fields)
+        path = path_of("resume: out", out)
+        return resumed(cls, path, case, columns or {}, probes, rewritten, allow_changes=allow_changes)
 
     def next_output(self) -> float:
         """The next time at which fields are to be written [s]."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import subprocess
 import sys
 import time
@@ -13,6 +14,7 @@ from demo_runs import DEMOS, called
 
 import tipfem as tp
 from tipfem.casefile.commands import main
+from tipfem.errors import CheckpointError
 
 CASE = str(DEMOS / "cases" / "dam_break.toml")
 COARSE = ("--set", "tank.spacing=0.04", "--no-progress")
@@ -177,3 +179,114 @@ def test_a_script_s_run_says_which_part_no_file_keeps(tmp_path, water, air, caps
     simulation = tp.Simulation.resume(tmp_path / "out", case)
     simulation.run(until=0.006)
     assert simulation.step_number == 3
+
+
+def times(out):
+    """The times of the states on disk [s]."""
+    return [round(float(time), 9) for time in re.findall(r'timestep="([^"]+)"', (out / "fields.pvd").read_text())]
+
+
+def changed(out, before, after):
+    """Replace a part of the folder's case file."""
+    text = (out / "case.toml").read_text()
+    assert before in text
+    (out / "case.toml").write_text(text.replace(before, after))
+
+
+@pytest.fixture
+def begun(tmp_path):
+    """A run to 0.012 s with a state every 0.004 s and a probe, to go on with."""
+    (tmp_path / "case.toml").write_text((DEMOS / "cases" / "dam_break.toml").read_text("utf-8") + GAUGE, "utf-8")
+    out = tmp_path / "out"
+    words = ["run", str(tmp_path / "case.toml"), *COARSE, "--set", "output.interval=0.004"]
+    assert main([*words, "--until", "0.012", "--out", str(out)]) == 0
+    return out
+
+
+GAUGE = """
+[[probes]]
+type = "energy"
+name = "energy"
+
+[[probes]]
+type = "volume"
+name = "water"
+fluid = "water"
+"""
+
+
+def test_changes_of_what_is_written_are_taken_from_the_file_and_the_command_line(begun, capsys):
+    changed(begun, "interval = 0.004", "interval = 0.002")
+    changed(begun, 'name = "energy"', 'name = "energy"\ninterval = 0.004')
+    assert main(["resume", str(begun), "--until", "0.016", "--no-progress"]) == 0
+    said = capsys.readouterr().err
+    assert "note: changed: output_interval: 0.004, now 0.002" in said
+    assert "note: changed: probe energy.interval: None, now 0.004" in said
+    assert times(begun) == [0.0, 0.004, 0.008, 0.012, 0.014, 0.016]
+    with open(begun / "probes" / "energy.csv", newline="") as file:
+        late = [float(row[0]) for row in list(csv.reader(file))[1:] if float(row[0]) > 0.0121]
+    assert late == pytest.approx([0.016])
+    words = ["resume", str(begun), "--set", "output.interval=0.001", "--set", "checkpoint.interval=0.002"]
+    assert main([*words, "--until", "0.018", "--no-progress"]) == 0
+    assert times(begun)[-2:] == [0.017, 0.018]
+    assert main(["resume", str(begun), "--until", "0.02", "--no-progress"]) == 0  # the file keeps what --set said
+    assert times(begun)[-2:] == [0.019, 0.02]
+    assert (begun / "checkpoints" / "step_000000000.h5").exists()
+
+
+def test_python_changes_what_is_written(begun):
+    added = [tp.EnergyProbe(name="energy"), tp.FrontProbe(name="front", fluid="water")]
+    simulation = tp.Simulation.resume(begun, output_interval=0.001, probes=added)
+    assert "changed: probe 'front' is added; its file begins here" in simulation.notes
+    assert "changed: probe 'water' is left out; its file ends here" in simulation.notes
+    before = (begun / "probes" / "water.csv").read_text()
+    simulation.run(0.014, progress=False)
+    assert times(begun)[-3:] == [0.012, 0.013, 0.014]
+    assert (begun / "probes" / "water.csv").read_text() == before
+    assert min(simulation.probes["front"]["time"]) > 0.012
+    assert tp.load_case(begun / "case.toml").table.output.interval == 0.001
+    with pytest.raises(CheckpointError, match=r"probes/water.csv is there from an earlier probe; give .* another name"):
+        tp.Simulation.resume(begun, probes=[*added, tp.VolumeProbe(name="water", fluid="water")])
+    with pytest.raises(CheckpointError, match=r"fields: format is 'vtkhdf'; the run has written 'vtu'"):
+        tp.Simulation.resume(begun, fields="vtkhdf")
+    with pytest.raises(ValueError, match=r"output_interval is -1 s; it must be > 0"):
+        tp.Simulation.resume(begun, output_interval=-1)
+    assert tp.Simulation.resume(begun, output_interval=None).output_interval is None
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ["--set", "fluids.water.density=3"],
+            "--set fluids.water.density=3: it changes the flow, and a run goes on with",
+        ),
+        (["--set", "time.end=1"], "--set time.end=1: the time to run to is given by --until"),
+        (["--set", "output.folder=x"], "--set output.folder=x: the results of a run stay in their folder"),
+        (["--set", "numerics.rho_inf=0.5"], "the method change the results; say --allow-changes as well"),
+        (
+            ["--set", "output.fields=vtkhdf"],
+            "--set output.fields=vtkhdf: output.fields is 'vtkhdf'; the run has written",
+        ),
+        (["--set", "output.intervall=1"], "did you mean 'interval'?"),
+    ],
+)
+def test_what_changes_the_flow_is_refused(words, message, begun, capsys):
+    history = rows(begun)
+    assert main(["resume", str(begun), *words, "--until", "0.016"]) == 2
+    assert message in capsys.readouterr().err
+    assert rows(begun) == history
+
+
+def test_a_flow_that_was_changed_in_the_file_is_refused_with_its_line(begun, capsys):
+    changed(begun, "density = 998.2", "density = 3")
+    changed(begun, "largest_step = 0.0012", "largest_step = 1e-3")
+    lines = (begun / "case.toml").read_text().splitlines()
+    assert main(["resume", str(begun), "--until", "0.016"]) == 2
+    said = capsys.readouterr().err
+    line = lines.index("density = 3") + 1
+    assert (
+        f"case.toml:{line}: fluids.water.density: 998.2, now 3.0; the flow of a run that goes on cannot change" in said
+    )
+    line = lines.index("largest_step = 1e-3") + 1
+    assert f"case.toml:{line}: time.largest_step is 0.001 s; the run has" in said

@@ -61,11 +61,12 @@ def load_case(path: str | FilePath, overrides: Sequence[str] = ()) -> CaseFile:
     return read_case(text, str(path), path.parent, overrides)
 
 
-def left_case(folder: FilePath) -> CaseFile | None:
+def left_case(folder: FilePath, overrides: Sequence[str] = ()) -> CaseFile | None:
     """The case file that a run has left in its results folder.
 
     Args:
         folder: the results folder.
+        overrides: see `load_case`.
 
     Returns:
         The case file; None if there is none, or if it lacks parts that no file keeps, see `Description.missing`.
@@ -78,7 +79,7 @@ def left_case(folder: FilePath) -> CaseFile | None:
         text = path.read_text(encoding="utf-8", errors="replace")
     except FileNotFoundError:
         return None
-    return None if f'"{NOT_KEPT}' in text else load_case(path)
+    return None if f'"{NOT_KEPT}' in text else load_case(path, overrides)
 
 
 def read_case(text: str, name: str, folder: FilePath | str = ".", overrides: Sequence[str] = ()) -> CaseFile:
@@ -163,6 +164,10 @@ class CaseFile:
         """How states are written."""
         output = self.table.output
         return FieldOutput(format=output.fields, precision=output.precision, compression=output.compression)
+
+    def problem(self, path: Path, text: str) -> Problem:
+        """A mistake at a path, with its place: the line of the file, or the override."""
+        return self._findings.problem(path, text)
 
     def case(self) -> Case:
         """The case, with its particles.

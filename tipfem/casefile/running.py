@@ -93,6 +93,7 @@ def resume(
     /,
     *,
     until: Number | None = None,
+    set: Overrides = None,
     allow_changes: bool = False,
     threads: Whole | None = None,
     arch: str | None = None,
@@ -106,6 +107,9 @@ def resume(
         The results folder.
     until
         Simulated time to run to [s]; by default that which the run was to reach.
+    set
+        What is written from now on, in place of what the folder's case.toml says: output.interval=0.005, and others of
+        output, checkpoint and probes. Can be given several times.
     allow_changes
         Go on although numbers of the method in the folder's case.toml have been changed.
     threads
@@ -118,7 +122,7 @@ def resume(
         open_log(log, shown)
         if until is not None and not (is_number(until) and until > 0):
             raise ValueError(f"--until is {until} s; it must be a number > 0 in s")
-        simulation, end = resumed(out, threads=threads, arch=arch, allow_changes=allow_changes)
+        simulation, end = resumed(out, threads=threads, arch=arch, overrides=set or (), allow_changes=allow_changes)
         end = end if until is None else until
         for note in simulation.notes:
             print(f"note: {note}", file=sys.stderr)
@@ -160,7 +164,12 @@ def open_log(stack: ExitStack, shown: Shown) -> None:
 
 
 def resumed(
-    out: Path, *, threads: int | None = None, arch: str | None = None, allow_changes: bool = False
+    out: Path,
+    *,
+    threads: int | None = None,
+    arch: str | None = None,
+    overrides: Sequence[str] = (),
+    allow_changes: bool = False,
 ) -> tuple[Simulation, float]:
     """The simulation that goes on with a run, and the time that the run was to reach [s]; starts Taichi.
 
@@ -168,14 +177,15 @@ def resumed(
         out: the results folder.
         threads: number of CPU threads, or None for as many as there are cores.
         arch: "cpu", "cuda" or "vulkan", or None for what the run had.
+        overrides: what is written from now on, in place of what the folder's case file says; see `tipfem.load_case`.
         allow_changes: see `Simulation.resume`.
 
     Raises:
-        ValueError: the folder is none of a run that can go on.
+        ValueError: the folder is none of a run that can go on, or its case file has mistakes or another flow.
         CheckpointError: see `Simulation.resume`.
     """
     from tipfem.backend import runtime
-    from tipfem.casefile.loading import left_case
+    from tipfem.casefile.changes import file_to_go_on, require_same_flow
     from tipfem.checkpoint import CheckpointFolder
 
     if not out.is_dir():
@@ -184,7 +194,7 @@ def resumed(
     if words := demo_command(out):
         raise ValueError(f"{out}: the run is that of a script; go on with it by: {' '.join(words)}")
     checkpoints = CheckpointFolder(out)
-    file = left_case(out)
+    file = file_to_go_on(out, overrides, allow_changes=allow_changes)
     if not checkpoints.files():
         if file is None:
             raise ValueError(f"{out}: it holds neither checkpoints nor {CASE_FILE}; give the results folder of a run")
@@ -192,11 +202,29 @@ def resumed(
         return started(file, file.case(), out), file.end
     from tipfem.simulation import Simulation
 
-    before = checkpoints.newest()["environment"]
+    newest = checkpoints.newest()
+    before = newest["environment"]
     runtime.init(arch or before["arch"], before["precision"], threads)
-    case = None if file is None else file.case()
-    probes = None if file is None else file.parts.probes
-    simulation = Simulation.resume(out, case, probes=probes, allow_changes=allow_changes)
+    if file is None:
+        simulation = Simulation.resume(out, allow_changes=allow_changes)
+        return simulation, simulation.until
+    require_same_flow(file, newest, allow_changes=allow_changes)
+    written = file.settings()
+    simulation = Simulation.resume(
+        out,
+        file.case(),
+        probes=file.parts.probes,
+        output_interval=written["interval"],
+        checkpoint_interval=written["checkpoint_interval"],
+        checkpoint_wall_interval=written["checkpoint_wall_interval"],
+        fields=written["fields"],
+        allow_changes=allow_changes,
+    )
+    if file.end > simulation.until:
+        simulation.notes.append(
+            f"{CASE_FILE} has time.end = {file.end:g} s, and the run is to reach {simulation.until:g} s; "
+            f"`--until {file.end:g}` goes on further"
+        )
     return simulation, simulation.until
 
 

@@ -77,7 +77,7 @@ class ProbeRecorder:
                 values = probe.sample(simulation)
                 means.add(simulation.time, values)
             if probe.interval is not None:
-                count = math.floor(simulation.time / probe.interval * (1 + 1e-12) + 1e-9)
+                count = _multiples(simulation.time, probe.interval)
                 if count < self._due[name]:
                     continue
                 self._due[name] = count + 1
@@ -115,8 +115,27 @@ class ProbeRecorder:
             if name in self._means:
                 self._means[name].go_on(probe["means"])
 
+    def begin(self, name: str, time: float, *, afresh: bool) -> None:
+        """Let a probe of a run that goes on have an interval that it did not have, or be added to it.
+
+        Args:
+            name: of the probe.
+            time: the present time [s]; the next multiple of the interval after it is the next that is sampled.
+            afresh: whether it is added, so that its integrals over time begin now.
+        """
+        interval = self.probes[name].interval
+        if interval is not None:
+            self._due[name] = _multiples(time, interval) + 1
+        if afresh and name in self._means:
+            self._means[name].time = time
+
     def _header(self, name: str) -> list[str]:
         return [f"{column} [{unit}]" for column, unit in self.columns[name]]
+
+
+def _multiples(time: float, interval: float) -> int:
+    """How many whole intervals [s] a time has [s]."""
+    return math.floor(time / interval * (1 + 1e-12) + 1e-9)
 
 
 def _file(name: str) -> str:
