@@ -20,6 +20,7 @@ WHAT = {
     "study": "many runs of one case",
     "simulation": "the step and the run",
     "resuming": "checkpoints of a run, and the way back",
+    "resume_changes": "what a run that goes on may change",
     "run": "a run to a time: outputs, checkpoints, signals",
     "checkpoint": "files to go on from",
     "liveview": "running simulations in the viewer",
