@@ -38,6 +38,12 @@ def numbers(values: Any) -> NDArray[Any]:
     return array.astype(np.float64, copy=False) if array.dtype.kind in "biuf" else np.array(math.nan)
 
 
+def rounded(values: Any) -> str:
+    """Numbers for messages, with six digits: ``[0.315, 0.2]`` of an array of 0.31499999999999995 and 0.2."""
+    array = np.asarray(values, dtype=float)
+    return f"{float(array):.6g}" if array.ndim == 0 else f"[{', '.join(rounded(value) for value in array)}]"
+
+
 def path_of(what: str, value: Any) -> Path:
     """A path that a user has given.
 

@@ -126,7 +126,7 @@ class Runnable(Protocol):
 def run(simulation: Runnable, until: float, *, progress: bool, control: RunControl | None = None) -> None:
     """See `Simulation.run`."""
     results, bar = simulation.results, RunProgress(simulation.time, until, enabled=progress)
-    status, level = "stopped", logging.ERROR
+    status, level, said = "stopped", logging.ERROR, ""
     where = {"out": str(results.path) if results else None, "until": until}
     begun = f"run from t = {simulation.time:g} s, step {simulation.step_number}, to t = {until:g} s"
     log(logging.INFO, "begin", begun, {"t": simulation.time, "step": simulation.step_number, **where})
@@ -166,7 +166,8 @@ def run(simulation: Runnable, until: float, *, progress: bool, control: RunContr
         level = logging.WARNING
         raise
     except SimulationError as error:
-        status = str(error)
+        # The error has the message, which is not to be printed twice.
+        status, said = str(error), "the run stops with an error"
         raise
     except OSError as error:
         status = f"the results cannot be written: {error}"
@@ -177,7 +178,7 @@ def run(simulation: Runnable, until: float, *, progress: bool, control: RunContr
         log(
             level,
             "end",
-            f"t = {simulation.time:.6g} s, step {simulation.step_number}: {status}",
+            f"t = {simulation.time:.6g} s, step {simulation.step_number}: {said or status}",
             {"status": status, "t": simulation.time, "step": simulation.step_number, **where},
         )
         # On a disk that is full none can be written; what stopped the run is the better message.

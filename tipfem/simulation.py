@@ -19,6 +19,7 @@ from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.fluid import Fluid
 from tipfem.case.forces import Forces
+from tipfem.case.motion_sweep import require_room
 from tipfem.case.particles import Particles
 from tipfem.errors import SimulationError, StepRefused, TriangulationError
 from tipfem.fem.time_integration import StepControl, require_felt, smallest_jacobian
@@ -289,10 +290,12 @@ class Simulation:
             view: show the run in a browser while it goes on, see `tipfem.live`, which has more options.
 
         Raises:
-            ValueError: ``until`` is no number, or the time has passed already.
+            ValueError: ``until`` is no number, or the time has passed already; or a prescribed motion takes a body or a
+                wall to another before it, see `tipfem.case.motion_sweep`.
             SimulationError: the run cannot continue, or its results cannot be written; all earlier results are on disk.
         """
         require_later("run", until, self.time)
+        require_room(self.case, self.time, until)
         keep_case(self, until)
         run_to(self, until, progress=progress, control=LiveControl(self) if view else control)
 

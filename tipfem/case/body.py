@@ -17,6 +17,7 @@ from tipfem.typing import Array
 
 FREEDOMS = ("x", "y", "angle")
 CONTACTS = ("stop", "hold")
+CONTACT = 0.5  # gap below which bodies and walls are in contact [spacings]
 ARC = 32  # edges in place of an arc of a right angle, before the body is meshed
 
 

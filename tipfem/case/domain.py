@@ -301,6 +301,24 @@ def domain_of(shape: Shape, spacing: float, part: Callable[[Array], Array] | Non
     return Domain(loops, names, curves, centres)
 
 
+def gap_between(one: Domain, other: Domain, *, outside: bool) -> tuple[float, Array, int]:
+    """The gap between two outlines [m], its place (2,) [m], and the number of the other's edge.
+
+    It is 0 where corners of the first are not on the side of the other where they belong: ``outside`` of it, or inside.
+    """
+    there, _ = other.distances(one.start)
+    back, _ = one.distances(other.start)
+    wrong = other.contains(one.start) == outside
+    if wrong.any():
+        worst = int(np.argmax(np.where(wrong, there.min(axis=1), -1.0)))
+        return 0.0, one.start[worst], int(np.argmin(there[worst]))
+    k, edge = (int(i) for i in np.unravel_index(np.argmin(there), there.shape))
+    corner = int(np.argmin(back.min(axis=1)))
+    if back.min() < there.min():
+        return float(back.min()), other.start[corner], corner
+    return float(there.min()), one.start[k], edge
+
+
 def around_bodies(position: Array, bodies: Sequence[Array]) -> Domain:
     """The convex hull of particles (N, 2), less bodies with the corners (K, 2), anticlockwise."""
     hull = ConvexHull(position - position.mean(axis=0))

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial import Delaunay
 
-from tipfem.arguments import is_number
+from tipfem.arguments import is_number, rounded
 from tipfem.case import lattice
 from tipfem.case.curves import SMOOTH
-from tipfem.case.domain import ON_BOUNDARY, Domain, domain_of
+from tipfem.case.domain import LEAST_GAP, ON_BOUNDARY, Domain, domain_of, gap_between
 from tipfem.case.domain_grading import Points, thinned_in_domain
 from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading
@@ -126,15 +126,39 @@ class ShapedTank(Tank):
                 shape = cut_out(shape, [body.outline])
             except ValueError as error:
                 raise ValueError(
-                    f"tank: body {body.name!r} must be inside the tank and off all walls and other bodies: {error}"
+                    self._crowded() or f"tank: body {body.name!r} must be inside the tank and off all walls: {error}"
                 ) from error
         domain = domain_of(shape, self.spacing, part)
         if self.bodies:
-            domain.require_resolved(self.spacing)
+            try:
+                domain.require_resolved(self.spacing)
+            except ValueError as error:
+                raise ValueError(self._crowded() or str(error)) from error
         first = len(self.shape.loops)
         loops = [domain.start[domain.loop == first + k][::-1] for k in range(len(self.bodies))]
         self.bodies = [body.meshed(loop) for body, loop in zip(self.bodies, loops, strict=True)]
         return domain
+
+    def _crowded(self) -> str:
+        """What is wrong with the first body that is too close to a wall or to another; empty where none is."""
+        tank, least = domain_of(self.shape, self.spacing), LEAST_GAP * self.spacing
+        outlines = [domain_of(body.outline, self.spacing) for body in self.bodies]
+        for b, outline in enumerate(outlines):
+            gap, place, edge = gap_between(outline, tank, outside=False)
+            other = f"the wall {tank.sides[tank.side[edge]]!r}"
+            for k in range(b):
+                found = gap_between(outline, outlines[k], outside=True)
+                if found[0] < gap:
+                    gap, place, other = found[0], found[1], f"body {self.bodies[k].name!r}"
+            if gap < least * (1 - 1e-6):
+                distance = f"{gap:.4g} m away from" if gap > 0 else "on, or on the wrong side of,"
+                return (
+                    f"tank: body {self.bodies[b].name!r} is {distance} {other} at {rounded(place)} m; it must be "
+                    f"inside the tank and {least:.4g} m or more ({LEAST_GAP:g} spacings) off all walls and other "
+                    "bodies, for fluid is between them: move it, or choose a smaller spacing. A body cannot stand on a "
+                    "wall, or close a gap"
+                )
+        return ""
 
     def _along_walls(self, x: Array, velocity: Array) -> Array:
         """The part of velocities (K, 2) at points x (K, 2) on the walls that is along those that slip."""

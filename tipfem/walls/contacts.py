@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tipfem.case.body import Body
+from tipfem.arguments import rounded
+from tipfem.case.body import CONTACT, Body
 from tipfem.case.boundary import Boundary
 from tipfem.case.domain_boundary import DomainBoundary
 from tipfem.case.particles import Particles
@@ -19,8 +20,6 @@ from tipfem.errors import SimulationError
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 from tipfem.walls.bodies import BodyStates, body_pose, outline_of
-
-CONTACT = 0.5  # gap below which bodies and walls are in contact [spacings]
 
 
 class Contact(NamedTuple):
@@ -142,7 +141,7 @@ def hold_contacts(
         if stops:
             against = f"body {bodies[other].name!r}" if other >= 0 else "a wall"
             raise SimulationError(
-                f"t = {time:.6g} s: body {bodies[body].name!r} is in contact with {against} at {place.tolist()}: the "
+                f"t = {time:.6g} s: body {bodies[body].name!r} is in contact with {against} at {rounded(place)} m: the "
                 f"gap of {gap:.3g} m is less than {CONTACT:g} spacings, which cannot be resolved. With contact='hold' "
                 f"body {bodies[stops[0]].name!r} would stay where it is from then on"
             )

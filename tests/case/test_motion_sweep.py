@@ -1,0 +1,79 @@
+"""Prescribed motions that have no room are refused before a run, with the time and the place."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+import tipfem as tp
+from tipfem.case.motion_sweep import require_room
+
+SYRUP = tp.Fluid("syrup", density=1400.0, viscosity=1.0)
+H = 0.05
+
+
+def case(*bodies, walls=(), free_surface=False, tank_motion=None):
+    tank = tp.tank((1.0, 1.0), H).fill(SYRUP, **({"box": ((0, 0), (1, 0.5))} if free_surface else {}))
+    for body in bodies:
+        tank.add(body)
+    for name, motion in walls:
+        tank.wall(name, slip=True, motion=motion)
+    return tp.Case(tank, [SYRUP], (0, -9.81), free_surface=free_surface, tank_motion=tank_motion)
+
+
+def moved(name="gate", centre=(0.5, 0.5), contact="stop", **motion):
+    box = tp.shapes.rectangle((centre[0] - 0.1, centre[1] - 0.1), (centre[0] + 0.1, centre[1] + 0.1))
+    return tp.Body(box, name=name, contact=contact, motion=tp.Motion(**motion) if motion else None)
+
+
+def test_a_body_that_reaches_a_wall_is_refused_with_the_time():
+    """Its upper side is at 0.6 + 3 t; the gap is half a spacing at t = 0.375 / 3."""
+    rising = case(moved(translation=lambda t: (0.0, 3 * t)))
+    require_room(rising, 0.0, 0.124)
+    with pytest.raises(ValueError, match=r"body 'gate': .* to the wall 'top' at t = 0.125 s, at \[0.\d+, 0.975\] m"):
+        require_room(rising, 0.0, 10.0)
+    simulation = tp.Simulation(rising)
+    with pytest.raises(ValueError, match=r"the wall 'top' at t = 0\.125 s"):
+        simulation.run(1.0, progress=False)
+    assert simulation.step_number == 0
+
+
+def test_a_body_that_jumps_out_of_the_tank_is_found_between_two_times():
+    far = case(moved(translation=lambda t: (30 * t**3, 0.0)))
+    reached = (0.375 / 30) ** (1 / 3)
+    with pytest.raises(ValueError, match=rf"to the wall 'right' at t = {reached:.4g} s"):
+        require_room(far, 0.0, 20.0)
+
+
+def test_a_turning_body_meets_another():
+    """The corner of a square of side 0.2 is 0.141 from its centre; the gap closes to half a spacing as it turns."""
+    turning = moved(centre=(0.3, 0.5), angle=lambda t: t)
+    obstacle = moved("post", (0.7, 0.5))
+    with pytest.raises(ValueError, match=r"body 'gate': its motion takes it to body 'post' at t = 0.175 s"):
+        require_room(case(moved(centre=(0.3, 0.5), translation=lambda t: (t, 0.0)), obstacle), 0.0, 0.2)
+    require_room(case(turning, obstacle), 0.0, 2 * math.pi)
+
+
+def test_what_holds_or_floats_is_left_to_the_run():
+    require_room(case(moved(contact="hold", translation=lambda t: (0.0, 3 * t))), 0.0, 10.0)
+    floating = tp.Body(tp.shapes.circle((0.5, 0.5), 0.15), density=500.0, name="ball")
+    require_room(case(floating), 0.0, 10.0)
+
+
+def test_a_tank_that_moves_over_a_body_is_found():
+    motion = tp.Motion(translation=lambda t: (0.0, -t * t))
+    with pytest.raises(ValueError, match=r"body 'gate': .* to the wall 'top' at t = 0.6124 s"):
+        require_room(case(moved(translation=lambda t: (0.0, 0.0)), tank_motion=motion), 0.0, 1.0)
+
+
+def test_walls_that_meet_are_found():
+    closing = case(walls=[("right", lambda t: t)], free_surface=True)
+    require_room(closing, 0.0, 0.8)
+    with pytest.raises(
+        ValueError, match=r"wall 'right': its motion leaves 0.1\d* m to the opposite wall at t = 0.8\d* s"
+    ):
+        require_room(closing, 0.0, 2.0)
+    late = case(walls=[("right", lambda t: 0.1 * max(t - 2.0, 0.0) ** 3)])
+    with pytest.raises(ValueError, match=r"at t = 2\.\d+ s the walls' motions change the volume of the closed tank"):
+        require_room(late, 0.0, 5.0)

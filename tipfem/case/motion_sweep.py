@@ -1,0 +1,133 @@
+"""Prescribed motions followed through the time of a run, before it starts: where they run into walls or each other."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from tipfem.arguments import rounded
+from tipfem.case.body import CONTACT, Body
+from tipfem.case.case import Case
+from tipfem.case.domain import Domain, gap_between
+from tipfem.case.domain_boundary import DomainBoundary
+from tipfem.typing import Array
+
+TIMES = 200  # at which motions are looked at
+HALVINGS = 30  # of the interval in which they fail, to tell when
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """Where a body has no room.
+
+    Attributes:
+        gap: to what it meets [m]; 0 where they overlap.
+        place: (2,) [m].
+        other: what it meets, in words.
+    """
+
+    gap: float
+    place: Array
+    other: str
+
+
+def require_room(case: Case, start: float, end: float) -> None:
+    """Check that prescribed motions of bodies and walls have room at all times of a run.
+
+    They are looked at `TIMES` times, so that a body that passes a wall and comes back in between is not found. Bodies
+    that float, and those that contact='hold' stops, are left to the run.
+
+    Args:
+        case: the case.
+        start: of the run [s].
+        end: of the run [s].
+
+    Raises:
+        ValueError: a body leaves the tank, or comes too close to a wall or to another such body; or a wall does. The
+            message has the first time, and the place.
+    """
+    if not start < end < np.inf:
+        return
+    times = np.linspace(start, end, TIMES + 1)
+    if any(wall.motion is not None for wall in case.walls):
+        case.boundary.require_room(times[1:])
+    moving = [body for body in case.bodies if body.motion is not None and body.contact == "stop"]
+    still = [body for body in case.bodies if not body.floats and body.motion is None]
+    for body in moving:
+        _follow(case, body, [other for other in (*moving, *still) if other is not body], times)
+
+
+def _follow(case: Case, body: Body, others: list[Body], times: Array) -> None:
+    """Check one body at times (K,) [s]; see `require_room` for errors."""
+    limit = CONTACT * case.particles.spacing
+
+    def meets(time: float) -> Meeting | None:
+        found = nearest_of(case, body, others, time)
+        return found if found.gap < limit else None
+
+    for before, time in pairwise(times):
+        if meets(float(time)) is None:
+            continue
+        first, meeting = _first(meets, float(before), float(time))
+        raise ValueError(
+            f"body {body.name!r}: its motion takes it to {meeting.other} at t = {first:.4g} s, at "
+            f"{rounded(meeting.place)} m, where the run would stop: the gap must not be less than {CONTACT:g} spacings "
+            f"({limit:.4g} m). Let the motion end before, or hold the body there by contact = 'hold'"
+        )
+
+
+def _first(meets: Callable[[float], Meeting | None], before: float, after: float) -> tuple[float, Meeting]:
+    """The first time between two [s] at which there is a meeting, as there is at the second, and the meeting."""
+    for _ in range(HALVINGS):
+        middle = 0.5 * (before + after)
+        before, after = (before, middle) if meets(middle) else (middle, after)
+    meeting = meets(after)
+    assert meeting is not None
+    return after, meeting
+
+
+def nearest_of(case: Case, body: Body, others: list[Body], time: float) -> Meeting:
+    """What is nearest to a body with a prescribed motion, among the walls and other such bodies.
+
+    Args:
+        case: the case.
+        body: one of its bodies.
+        others: further ones.
+        time: [s].
+    """
+    assert isinstance(case.boundary, DomainBoundary)
+    pose = case.boundary.pose(time, 1e-6)
+    outline, tank = _outline(body, time), _moved(case.boundary.tank, pose.place(case.boundary.tank.start))
+    found = gap_between(outline, tank, outside=False)
+    nearest = Meeting(found[0], found[1], f"the wall {tank.sides[tank.side[found[2]]]!r}")
+    for other in others:
+        gap, place, _ = gap_between(outline, _outline(other, time), outside=True)
+        if gap < nearest.gap:
+            nearest = Meeting(gap, place, f"body {other.name!r}")
+    return nearest
+
+
+def _outline(body: Body, time: float) -> Domain:
+    """The region that a body covers at a time [s]."""
+    corners = body.corners
+    if body.motion is not None:
+        x, y, angle = body.motion.freedoms(time)
+        # The pivot of a motion without one is the body's centre.
+        pivot = body.reference
+        turned = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        corners = (corners - pivot) @ turned + pivot + (x, y)
+    count = len(corners)
+    return Domain([corners], [[body.name] * count], [[-1] * count])
+
+
+def _moved(domain: Domain, start: Array) -> Domain:
+    """The domain with its corners elsewhere (S, 2) [m]."""
+    result = copy.copy(domain)
+    result.start, result.end = start, start[domain.following]
+    for name in ("length", "direction", "normal", "turn"):
+        result.__dict__.pop(name, None)
+    return result
