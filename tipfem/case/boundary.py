@@ -110,7 +110,7 @@ class Boundary:
         self._volume = self._volume_at(0.0)
         if any(wall.motion is not None for wall in self.walls):
             for time in (1e-3, 1e-2, 0.1, 1.0):
-                if message := self._volume_error(time):
+                if message := self.volume_error(time):
                     raise ValueError(f"Case: {message}")
 
     def _find_sides(self, particles: Particles) -> None:
@@ -436,7 +436,7 @@ class Boundary:
         Raises:
             SimulationError: they do not.
         """
-        if (self.mover >= 0).any() and (message := self._volume_error(time)):
+        if (self.mover >= 0).any() and (message := self.volume_error(time)):
             raise SimulationError(message)
 
     def _volume_at(self, time: float) -> float:
@@ -446,30 +446,8 @@ class Boundary:
         corner = self.normal[:, -1].any(axis=1)
         return float(ConvexHull(self.held(self._y, displacement)[corner]).volume)
 
-    def require_room(self, times: Array) -> None:
-        """Check that walls which move keep the volume of a closed tank, and that none comes to an opposite one.
-
-        Args:
-            times: (K,) at which this is checked [s].
-
-        Raises:
-            ValueError: they do not; the message has the first of these times.
-        """
-        across = self.side_normal @ self.side_normal.T < -1 + 1e-9
-        for time in times.tolist():
-            offset = self.offset + self.displacements(time, 1e-6)[0]
-            width = np.where(across, -(offset[:, None] + offset), np.inf)
-            if width.min(initial=np.inf) < CLOSED * self._h:
-                side, other = (int(k) for k in np.unravel_index(np.argmin(width), width.shape))
-                names = [self.walls[m].name for k in (side, other) if (m := self.mover[k]) >= 0]
-                raise ValueError(
-                    f"Case: wall {names[0]!r}: its motion leaves {width.min():.4g} m to the opposite wall at "
-                    f"t = {time:.4g} s; it must leave {CLOSED * self._h:g} m or more, {CLOSED:g} spacings"
-                )
-            if message := self._volume_error(time):
-                raise ValueError(f"Case: {message}")
-
-    def _volume_error(self, time: float) -> str:
+    def volume_error(self, time: float) -> str:
+        """What is wrong with the volume of a closed tank at a time [s]; empty if nothing is."""
         if not self.closed:
             return ""
         change = self._volume_at(time) / self._volume - 1
@@ -481,8 +459,6 @@ class Boundary:
         )
 
 
-# The least distance between walls that move towards each other [spacings].
-CLOSED = 3.0
 # After remeshing, a wall particle is on a side if it is closer to its line than this [spacings]: new positions on the
 # line have round-off.
 ON_SIDE = 1e-5

@@ -11,12 +11,14 @@ import numpy as np
 
 from tipfem.arguments import rounded
 from tipfem.case.body import CONTACT, Body
+from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.domain import Domain, gap_between
 from tipfem.case.domain_boundary import DomainBoundary
 from tipfem.typing import Array
 
 TIMES = 200  # at which motions are looked at
+CLOSED = 3.0  # the least distance between walls that move towards each other [spacings]
 HALVINGS = 30  # of the interval in which they fail, to tell when
 
 
@@ -54,11 +56,29 @@ def require_room(case: Case, start: float, end: float) -> None:
         return
     times = np.linspace(start, end, TIMES + 1)
     if any(wall.motion is not None for wall in case.walls):
-        case.boundary.require_room(times[1:])
+        _walls_keep_apart(case.boundary, case.particles.spacing, times[1:])
     moving = [body for body in case.bodies if body.motion is not None and body.contact == "stop"]
     still = [body for body in case.bodies if not body.floats and body.motion is None]
     for body in moving:
         _follow(case, body, [other for other in (*moving, *still) if other is not body], times)
+
+
+def _walls_keep_apart(boundary: Boundary, spacing: float, times: Array) -> None:
+    """Check that walls keep the volume of a closed tank, and their distance, at times (K,) [s]; see `require_room`."""
+    across = boundary.side_normal @ boundary.side_normal.T < -1 + 1e-9
+    least = CLOSED * spacing
+    for time in times.tolist():
+        offset = boundary.offset + boundary.displacements(time, 1e-6)[0]
+        width = np.where(across, -(offset[:, None] + offset), np.inf)
+        if width.min(initial=np.inf) < least:
+            sides = np.unravel_index(np.argmin(width), width.shape)
+            names = [boundary.walls[mover].name for k in sides if (mover := boundary.mover[k]) >= 0]
+            raise ValueError(
+                f"Case: wall {names[0]!r}: its motion leaves {width.min():.4g} m to the opposite wall at "
+                f"t = {time:.4g} s; it must leave {least:.4g} m or more, {CLOSED:g} spacings"
+            )
+        if message := boundary.volume_error(time):
+            raise ValueError(f"Case: {message}")
 
 
 def _follow(case: Case, body: Body, others: list[Body], times: Array) -> None:

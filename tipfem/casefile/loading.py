@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 from pydantic import TypeAdapter, ValidationError
 
 from tipfem.arguments import path_of
-from tipfem.case.motion_sweep import require_room
 from tipfem.casefile.building import Parts
 from tipfem.casefile.describing import NOT_KEPT
 from tipfem.casefile.problems import CaseFileError, Problem, Translator, child_at, meant
@@ -177,6 +176,8 @@ class CaseFile:
             CaseFileError: its parts do not fit together: a layer is thinner than the spacing allows, or a probe is
                 outside of the tank, say; or a prescribed motion takes a body to a wall before the end.
         """
+        from tipfem.case.motion_sweep import require_room  # here, for it starts Taichi
+
         made: Case = self._placed(self.parts.case)
         for probe in self.parts.probes:
             self._placed(partial(probe.columns, made))
