@@ -39,9 +39,6 @@ air = tp.Fluid("air", density=1.204, viscosity=1.825e-5)
 tank = tp.tank(size=(0.584, 0.584), spacing=options.spacing)
 tank.fill(air)
 tank.fill(water, box=((0, 0), (0.146, 0.292)))
-# The water runs over the floor for 0.3 s: its boundary layer is thinner than the distance of the particles.
-for side in ("left", "right", "bottom", "top"):
-    tank.wall(side, law="layer")
 case = tp.Case(
     tank,
     fluids=[water, air],

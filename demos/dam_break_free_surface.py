@@ -30,8 +30,6 @@ water = tp.Fluid("water", density=998.2, viscosity=1.002e-3)
 # Geometry: a column of water 0.146 m wide and twice as high; the rest of the tank stays empty.
 tank = tp.tank(size=(0.584, 0.584), spacing=options.spacing)
 tank.fill(water, box=((0, 0), (0.146, 0.292)))
-for side in ("left", "right", "bottom", "top"):
-    tank.wall(side, law="layer")  # boundary layers are thinner than the distance of the particles
 case = tp.Case(
     tank,
     fluids=[water],

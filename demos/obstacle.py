@@ -41,8 +41,6 @@ corners = [
 tank = tp.tank(shape=corners, spacing=options.spacing)
 tank.fill(air)
 tank.fill(water, box=((0, 0), (0.1461, 0.292)))
-for side in tank.sides:
-    tank.wall(side, law="layer")  # boundary layers thinner than the particles are apart
 case = tp.Case(
     tank,
     fluids=[water, air],

@@ -74,7 +74,6 @@ def test_a_shape_has_walls_all_around():
         ({"grading": tp.Grading({"water": 0.2})}, {}, "a grading is given"),
         ({"tank_motion": tp.Motion(translation=lambda t: (0.0, 0.0))}, {}, "tank_motion is given"),
         ({}, {"motion": lambda t: 0.0}, "a wall has a motion"),
-        ({}, {"law": "layer"}, "a wall has the law 'layer'"),
         ({"period": (1.0, 0.0)}, {}, r"beside a tank; say tank\(..., periodic='x'\)"),
     ],
 )

@@ -149,6 +149,7 @@ def test_check_says_what_a_run_takes_and_draws_it(tmp_path, monkeypatch, capsys)
     assert re.search(r"memory      about \d+ MB", said)
     assert "water (998.2 kg/m^3, 0.001002 Pa s), air (1.204 kg/m^3, " in said
     assert "states      101 written to disk" in said
+    assert "walls       left, right, bottom, top: layer, because boundary layers may be thinner" in said
     picture = imageio.imread(tmp_path / "dam_break.png")
     assert picture.shape == (720, 1280, 3)
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20

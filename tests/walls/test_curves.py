@@ -75,7 +75,7 @@ def test_product_is_the_derivative_of_the_residual_on_a_curve(water):
     p, dp = 1e3 * rng.standard_normal((2, n))
     scheme, m = GeneralizedAlpha(0.5, 0.01), len(state.mesh.cells)
     material = ElementProperties(*(np.full(m, value) for value in (1000.0, 50.0, 0.0)))
-    walls = WallStep(state.boundary, state.mesh, state.particles, material.viscosity, scheme, 0.0)
+    walls = WallStep(state.boundary, state.mesh, state.particles, material.viscosity, scheme, 0.0, material.density)
     assert len(walls.pressed)
     problem = FlowProblem(state.mesh, state.particles, material, scheme, np.zeros((n, 2)), 0.3, Workspace(), walls)
     problem.residual(problem.vector(u, p))
@@ -142,10 +142,26 @@ def test_points_are_put_on_arcs_and_on_polylines():
         ({"side": "floor", "slip": True}, "must be one of the sides of the shape"),
         ({"side": "bowl", "motion": lambda t: 0.0}, "cannot move along its normal"),
         ({"side": "bowl", "velocity": (1.0, 0.0)}, "is not along the wall"),
-        ({"side": "bowl", "law": "layer"}, "a wall with a law is one straight side"),
     ],
 )
 def test_walls_that_do_not_fit_are_refused(what, message, water):
     tank = tp.tank(shape=BOWL, spacing=0.2).fill(water)
     with pytest.raises(ValueError, match=message):
         tp.Case(tank, [water], (0, -9.81), walls=[tp.Wall("here", **what)])
+
+
+def test_oil_between_circles_slips_on_the_outer_one_with_the_friction_of_its_slip_length():
+    """u = A r + B / r with the inner circle's speed at r_1 and mu / l u = -mu r d(u / r) / dr at R."""
+    inner, outer, speed, length, across = 0.5, 1.0, 0.1, 0.2, 8
+    oil, spacing = tp.Fluid("oil", density=1000.0, viscosity=10.0), (outer - inner) / across
+    ring = tp.shapes.circle((0, 0), outer, name="outer", holes=[tp.shapes.circle((0, 0), inner, name="inner")])
+    tank = tp.tank(shape=ring, spacing=spacing).fill(oil).wall("inner", velocity=speed)
+    tank.wall("outer", slip_length=length)
+    simulation = tp.Simulation(tp.Case(tank, [oil], (0, 0)), time_step=0.2 * spacing / speed)
+    simulation.run(60.0, progress=False)
+    a, b = np.linalg.solve([[inner, 1 / inner], [outer, 1 / outer - 2 * length / outer**2]], [speed, 0.0])
+    x = simulation.particles.position
+    r = np.linalg.norm(x, axis=1)
+    around = (simulation.particles.velocity * np.stack([-x[:, 1], x[:, 0]], axis=1)).sum(axis=1) / r
+    assert np.abs(around - a * r - b / r).max() < 0.015 * speed
+    assert around[r > outer - 1e-3 * spacing].mean() == pytest.approx(a * outer + b / outer, rel=0.02)

@@ -248,7 +248,7 @@ class Boundary:
     @property
     def frictionless(self) -> bool:
         """Whether the domain is periodic between walls that all slip without friction."""
-        friction = any(wall.slip_length is not None or not wall.slips for wall in self.walls)
+        friction = any(not wall.slip for wall in self.walls)
         return bool(self.period) and not self.still.any() and not friction
 
     def _turn(self) -> None:

@@ -11,6 +11,7 @@ from scipy.spatial import ConvexHull, QhullError
 from tipfem.arguments import numbers
 from tipfem.case.body import Body
 from tipfem.case.boundary import Boundary
+from tipfem.case.default_laws import Setting
 from tipfem.case.domain import Domain, around_bodies, domain_of
 from tipfem.case.domain_boundary import DomainBoundary
 from tipfem.case.fluid import Fluid
@@ -124,7 +125,7 @@ class Case:
             self.tank = tank = particles
             if tank.period:
                 self._check_periodic()
-            tank.choose_law(sharp=self.interface == "sharp" and not self.walls)
+            tank.choose_laws(Setting(len(tank.size), self.interface == "sharp", self.free_surface, bool(self.walls)))
             particles = tank.sample(
                 self.fluids, fitted=self.interface == "sharp", empty=self.free_surface, grading=self.grading
             )
@@ -244,7 +245,6 @@ class Case:
             "shape is given": self.domain is not None,
             "there are bodies": self.tank is not None and bool(self.tank.bodies),
             "a wall has a motion": any(wall.motion is not None for wall in self.walls),
-            "a wall has the law 'layer'": any(wall.law == "layer" for wall in self.walls),
             "a wall is part of a side (between)": any(wall.between is not None for wall in self.walls),
         }
         for what, given in refused.items():

@@ -112,6 +112,11 @@ def runs_of(domain: Domain, side: int) -> list[Array]:
     return runs
 
 
+def has_curve(domain: Domain | None, side: str) -> bool:
+    """Whether a side of a domain, by its name, is a curve, or a part of it is; see `Curve`."""
+    return domain is not None and any(len(run) > 1 for run in runs_of(domain, domain.sides.index(side)))
+
+
 def curve_of(domain: Domain, wall: int, run: Array) -> Curve:
     """The curve of a run of edges of a domain, see `runs_of`; ``wall`` is its number."""
     closed = bool(domain.following[run[-1]] == run[0]) and abs(domain.turn[run[-1]]) <= math.radians(SMOOTH)

@@ -94,6 +94,10 @@ class Domain:
         a, b = self.direction, self.direction[self.following]
         return np.asarray(np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1)))
 
+    def sense(self, edge: int) -> float:
+        """1 where an edge runs anticlockwise about what its loop encloses, -1 where clockwise, as those of holes do."""
+        return 1.0 if self.loop[edge] == 0 else -1.0
+
     def tangents(self, x: Array, edge: Array) -> Array:
         """Unit vectors (K, 2) along the edges ``edge`` (K,) at points (K, 2) on them; along the arc where there is one.
 

@@ -84,17 +84,12 @@ class DomainBoundary(Boundary):
             sides = ", ".join(self.domain.sides)
             raise ValueError(f"{here}: side is {wall.side!r}; it must be one of the sides of the shape, {sides}")
         parts: list[Array] = []
-        before = len(self.curves)
         for run in runs_of(self.domain, self.domain.sides.index(wall.side)):
             if wall.slips and len(run) > 1:
                 self.curves.append(curve_of(self.domain, number, run))
                 self._put_on_curve(len(self.curves) - 1)
             else:
                 parts += [run[k : k + 1] for k in range(len(run))]
-        if wall.law == "layer" and (len(parts) > 1 or len(self.curves) > before):
-            raise ValueError(
-                f"{here}: law is {wall.law!r}; a wall with a law is one straight side: name each side of the shape"
-            )
         result = []
         for (side,) in parts:
             found = np.flatnonzero(self.on_side[:, side])

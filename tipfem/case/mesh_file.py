@@ -12,6 +12,7 @@ import numpy as np
 
 from tipfem.arguments import is_number
 from tipfem.case.body import Body
+from tipfem.case.curves import has_curve
 from tipfem.case.domain import Domain
 from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading
@@ -80,8 +81,9 @@ class MeshTank(Tank):
         del part
         raise ValueError(f"fill {fluid.name!r}: the surfaces of the mesh are filled with the fluids of their names")
 
-    def choose_law(self, *, sharp: bool) -> None:
-        """See `Tank.choose_law`: walls of meshes that are not described are no-slip walls."""
+    def _is_curved(self, side: str) -> bool:
+        """See `Tank._is_curved`."""
+        return has_curve(self.domain, side)
 
     def walls(self, particles: Particles) -> list[Wall]:
         """The walls described by `wall`, by their sides."""

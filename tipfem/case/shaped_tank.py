@@ -11,7 +11,7 @@ from scipy.spatial import Delaunay
 
 from tipfem.arguments import is_number, rounded
 from tipfem.case import lattice
-from tipfem.case.curves import SMOOTH
+from tipfem.case.curves import SMOOTH, has_curve
 from tipfem.case.domain import LEAST_GAP, ON_BOUNDARY, Domain, domain_of, gap_between
 from tipfem.case.domain_grading import Points, thinned_in_domain
 from tipfem.case.fluid import Fluid, ranks
@@ -63,8 +63,9 @@ class ShapedTank(Tank):
         self.domain = domain_of(shape, spacing)
         self.domain.require_resolved(spacing)
 
-    def choose_law(self, *, sharp: bool) -> None:
-        """See `Tank.choose_law`: walls of shapes that are not described are no-slip walls."""
+    def _is_curved(self, side: str) -> bool:
+        """See `Tank._is_curved`."""
+        return has_curve(self.domain, side)
 
     def walls(self, particles: Particles) -> list[Wall]:
         """The walls described by `wall`, by their sides."""

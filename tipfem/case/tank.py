@@ -10,6 +10,7 @@ import numpy as np
 from tipfem.arguments import is_number, numbers
 from tipfem.case import lattice
 from tipfem.case.body import Body
+from tipfem.case.default_laws import Rule, Setting, default_law
 from tipfem.case.domain import Domain
 from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading, thinned
@@ -49,6 +50,7 @@ class Tank:
         size: (d,) array [m].
         lower, upper: (d,) corners of its bounding box [m].
         sides: names of its walls.
+        default_laws: the laws of the walls that `wall` does not describe, and why; none before a case has chosen them.
         domain: the polygon that bounds it; None for a box.
         period: of its positions.
 
@@ -71,7 +73,7 @@ class Tank:
         self._regions: list[Region] = []
         self.bodies: list[Body] = []
         self._walls: dict[str, dict[str, Any]] = {}
-        self._law: str | None = None  # of the walls that are not described
+        self.default_laws: dict[str, Rule] = {}
         self._sealed = False
         self.domain: Domain | None = None
         if self.size.ndim != 1 or len(self.size) not in (2, 3) or not ((self.size > 0) & (self.size < np.inf)).all():
@@ -113,20 +115,20 @@ class Tank:
         self.period = Period(width)
         self.sides = tuple(name for name in self.sides if SIDES[name][0] not in self.period.axes)
 
-    def choose_law(self, *, sharp: bool) -> None:
-        """Choose the law of the walls that `wall` does not describe, for a case.
+    def choose_laws(self, setting: Setting) -> None:
+        """Choose the laws of the walls that `wall` does not describe, for a case; see `tipfem.case.default_laws`."""
+        names = [name for name in self.sides if name not in self._walls]
+        self.default_laws = {name: default_law(setting, curved=self._is_curved(name)) for name in names}
 
-        It is "layer" in a rectangle with the sharp interface, and "no-slip" otherwise: with an interpolated interface
-        or a free surface, in 3-D, in a tank with a shape, with bodies or with periodic sides.
-
-        Args:
-            sharp: whether the case has the sharp interface, and no walls of its own.
-        """
-        self._law = "layer" if sharp and len(self.size) == 2 and not self.bodies and not self.period else None
+    def _is_curved(self, side: str) -> bool:
+        """Whether a side is a curve, or has one; those of a box are straight."""
+        del side
+        return False
 
     def _options(self, side: str) -> dict[str, Any]:
         """What is said of a side, or its law where nothing is; empty for a fixed no-slip wall."""
-        options = self._walls.get(side) or {"law": self._law}
+        rule = self.default_laws.get(side)
+        options = self._walls.get(side) or {"law": rule.law if rule else None}
         given = {name: value for name, value in options.items() if value is not None and value is not False}
         return {} if not given or given == {"law": "no-slip"} else given
 
@@ -270,8 +272,8 @@ class Tank:
     def wall(self, side: str, **what: Any) -> Tank:
         """Let a wall slip, slide or move: ``wall("top", velocity=(1, 0))``, ``wall("left", slip=True)``.
 
-        Walls that are not described have the law "layer" in a rectangle in 2-D with the sharp interface, without
-        periodic sides and bodies, and are no-slip walls otherwise; so are walls that only slide or move.
+        Straight walls that are not described have the law "layer" in 2-D; for others see `tipfem.case.default_laws`.
+        Walls of which only a velocity or a motion is said are no-slip walls.
 
         Args:
             side: left, right, bottom or top; back or front (low and high z) too in 3-D. The name of a side, where the
@@ -306,8 +308,8 @@ class Tank:
     @property
     def wall_options(self) -> dict[str, dict[str, Any]]:
         """The arguments of `wall`, by the wall's name; with the law of the others, once a case has chosen one."""
-        others = {name: {"law": self._law} for name in self.sides if self._law and name not in self._walls}
-        return {**{name: dict(what) for name, what in self._walls.items()}, **others}
+        others = [name for name in self.default_laws if self._options(name)]
+        return {name: dict(what) for name, what in self._walls.items()} | {name: self._options(name) for name in others}
 
     def walls(self, particles: Particles) -> list[Wall]:
         """The walls that are not fixed and no-slip, on the tank's own particles as `sample` gives them."""
@@ -426,6 +428,7 @@ class Tank:
 
         shaped = ShapedTank(rectangle((0.0, 0.0), self.size.tolist()), self.spacing, self.jitter, self.seed)
         shaped._regions, shaped._walls, shaped.bodies = self._regions, self._walls, self.bodies
+        shaped.default_laws = self.default_laws
         particles = shaped.sample(fluids, fitted=fitted, empty=empty, grading=grading)
         self.domain, self.bodies = shaped.domain, shaped.bodies
         return particles

@@ -37,8 +37,8 @@ class Wall:
         slip_length: l [m] of Navier's condition, traction = viscosity / l (v - v_wall) along the wall; > 0.
         law: "no-slip": the fluid moves with the wall. "layer": it slips with the friction of the boundary layer where
             this is thinner than the particles' spacing, and moves with the wall elsewhere; see `tipfem.walls.layers`.
-            None: by ``slip`` and ``slip_length``, and no-slip without these. A tank has a law of its own for walls of
-            which nothing is said, see `Tank.choose_law`.
+            None: by ``slip`` and ``slip_length``, and no-slip without these. For walls of a tank of which nothing is
+            said see `tipfem.case.default_laws`.
         side: name of a side of the tank's shape, instead of ``between`` and ``particles``.
         velocity: of a wall that slides along itself, relative to the tank: (d,) [m/s], or a function of time
             [s] that returns it. The wall's particles do not move along with it. In 2-D it may be a number, the speed,

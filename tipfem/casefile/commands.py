@@ -62,6 +62,7 @@ def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, 
         Draw none, and do not make the first mesh; Taichi is not started then.
     """
     from tipfem.casefile.estimate import estimate
+    from tipfem.casefile.walls import wall_lines
 
     with bad_input() as failed:
         file, made = loaded(case, set)
@@ -73,7 +74,8 @@ def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, 
         print(f"fluids      {', '.join(properties)}")
         extent = made.extent
         print(f"size        {' x '.join(f'{edge:g}' for edge in extent)} m, spacing {made.particles.spacing:g} m")
-        for line in estimate(made, file.end, table.time.largest_step, table.output.interval).lines():
+        needed = estimate(made, file.end, table.time.largest_step, table.output.interval)
+        for line in [*wall_lines(made), *needed.lines()]:
             print(line)
         if not no_picture:
             path = picture or Path(f"{case.stem}.png")

@@ -95,7 +95,7 @@ class WallTable(Model):
     slip_length: float | None = quantity("length of Navier's slip condition", "m", None, gt=0)
     law: Literal["no-slip", "layer"] | None = quantity(
         "no-slip, or layer: slip with the friction of a boundary layer that is thinner than the spacing; "
-        "layer for walls of a rectangular tank without a table, where the interface is sharp",
+        "layer for straight walls without a table, in 2-D",
         default=None,
     )
     velocity: VectorOrFunction | None = quantity("velocity of a wall that slides along itself", "m/s", None)

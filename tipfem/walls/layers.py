@@ -36,6 +36,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tipfem.case.boundary import Boundary
+from tipfem.case.period import Period
 from tipfem.typing import Array
 
 LAYER = "layer"  # the law's name
@@ -54,13 +55,13 @@ class Layers:
 
     Attributes:
         place: (P, d) points of these walls in the tank's frame at t = 0 [m].
-        wall: (P,) number of the wall of each point.
+        part: (P,) number of the part of a wall that each point is on, see `tipfem.walls.friction.Part`.
         fluid: (P,) the fluid at each point, `DRY` for none.
         history: (P, d) Q = |U delta| U delta at each point, in the tank's frame [m^4/s^2].
     """
 
     place: Array
-    wall: Array
+    part: Array
     fluid: Array
     history: Array
 
@@ -72,20 +73,26 @@ class Layers:
             boundary: of the case at its start.
             place: (W, d) positions of its wall particles in the tank's frame [m].
         """
-        parts = [(k, found) for k, _, found in boundary.members if boundary.walls[k].law == LAYER]
+        straight = [(wall, found) for wall, _, found in boundary.members]
+        curved = [(c.wall, np.flatnonzero(boundary.on_curve == k)) for k, c in enumerate(boundary.curves)]
+        parts = [
+            (number, found)
+            for number, (wall, found) in enumerate([*straight, *curved])
+            if boundary.walls[wall].law == LAYER
+        ]
         if not parts:
             return None
-        wall = np.repeat([k for k, _ in parts], [len(found) for _, found in parts])
+        part = np.repeat([number for number, _ in parts], [len(found) for _, found in parts])
         points = np.ascontiguousarray(place[np.concatenate([found for _, found in parts])])
-        return Layers(points, wall, np.full(len(points), DRY), np.zeros_like(points))
+        return Layers(points, part, np.full(len(points), DRY), np.zeros_like(points))
 
 
 @dataclass(frozen=True)
 class LayerFaces:
-    """The F faces of one wall with the law in a step.
+    """The F faces on one part of a wall with the law in a step.
 
     Attributes:
-        number: of the wall.
+        number: of the part.
         middle: (F, d) in the tank's frame [m].
         velocity: (F, d) of the fluid in the next row relative to the wall, along it, in the tank's frame, in the middle
             of the step [m/s].
@@ -93,6 +100,7 @@ class LayerFaces:
         viscosity: (F,) kinematic [m^2/s].
         fluid: (F,) of the faces' cells.
         spacing: (F,) target spacing of the particles [m].
+        period: of the positions.
     """
 
     number: int
@@ -102,19 +110,24 @@ class LayerFaces:
     viscosity: Array
     fluid: Array
     spacing: Array
+    period: Period
+
+    def nearest(self, place: Array) -> tuple[Array, Array]:
+        """Distance (P,) [m] from points (P, d) to the middle of the nearest face, and the number (P,) of that face."""
+        return cKDTree(self.middle, boxsize=self.period.tree_box).query(place)  # type: ignore[no-any-return]
 
 
 def begin(layers: Layers, faces: LayerFaces) -> Layers:
-    """The layers of a wall at the start of a run, from the velocities there; those of other walls as they are.
+    """The layers of a part of a wall at the start of a run, from the velocities there; others as they are.
 
     Args:
         layers: none yet, see `Layers.on`.
-        faces: of the wall.
+        faces: of the part.
     """
-    mine = np.flatnonzero(layers.wall == faces.number)
+    mine = np.flatnonzero(layers.part == faces.number)
     if not len(faces.middle):
         return layers
-    distance, face = cKDTree(faces.middle).query(layers.place[mine])
+    distance, face = faces.nearest(layers.place[mine])
     u, v, h = faces.velocity[face], faces.slip[face], faces.spacing[face]
     square = (u * u).sum(axis=1)
     part = 1 - np.divide((u * v).sum(axis=1), square, out=np.ones_like(square), where=square > 0)
@@ -127,23 +140,23 @@ def begin(layers: Layers, faces: LayerFaces) -> Layers:
 
 
 def advance(layers: Layers, faces: LayerFaces, dt: float) -> tuple[Layers, Array, Array]:
-    """Advance the layers of a wall by a step.
+    """Advance the layers of a part of a wall by a step.
 
     Args:
         layers: at its start.
-        faces: of the wall.
+        faces: of the part.
         dt: length of the step [s].
 
     Returns:
-        The layers at its end, those of other walls as they are; the mean slip length in the step at each face (F,) [m];
+        The layers at its end, others as they are; the mean slip length in the step at each face (F,) [m];
         and a mask (F,) of the faces at which the layer is resolved.
     """
-    mine = np.flatnonzero(layers.wall == faces.number)
+    mine = np.flatnonzero(layers.part == faces.number)
     fluid, history = layers.fluid.copy(), layers.history.copy()
     if not len(faces.middle):
         fluid[mine], history[mine] = DRY, 0.0
         return replace(layers, fluid=fluid, history=history), np.zeros(0), np.zeros(0, dtype=bool)
-    distance, face = cKDTree(faces.middle).query(layers.place[mine])
+    distance, face = faces.nearest(layers.place[mine])
     here = np.where(distance < REACH * faces.spacing[face], faces.fluid[face], DRY)
     old = np.where((here == layers.fluid[mine])[:, None], layers.history[mine], 0.0)
     u = faces.velocity[face]
@@ -159,7 +172,7 @@ def advance(layers: Layers, faces: LayerFaces, dt: float) -> tuple[Layers, Array
     fluid[mine], history[mine] = here, np.where(wet[:, None], new, 0.0)
     flux = 0.5 * (np.linalg.norm(old, axis=1) ** 0.5 + np.linalg.norm(new, axis=1) ** 0.5)  # mean of |U delta|
     # Where several fluids meet, a face takes the nearest point of its own.
-    _, point = cKDTree(layers.place[mine]).query(faces.middle)
+    _, point = cKDTree(layers.place[mine], boxsize=faces.period.tree_box).query(faces.middle)
     mean = np.where(here[point] == faces.fluid, flux[point], 0.0)
     length = slip_length(thickness_of(mean, faces), faces.spacing)
     # Where the flow stops or turns round, u delta is that of before, and tells nothing about delta.

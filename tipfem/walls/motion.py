@@ -80,10 +80,11 @@ class WallMotion:
     def along(self, wall: int, x: Array, direction: Array | None = None) -> Array:
         """Velocity (K, d) at x (K, d) of a wall along itself, by its number.
 
-        A wall whose velocity is a number is straight there, with ``direction`` (d,), see `Boundary.tangent`.
+        A wall whose velocity is a number slides in a ``direction`` (d,), or (K, d), in the tank's frame, see
+        `Boundary.tangent`.
         """
         own = self._own[wall] if direction is None else self._own[wall] + self._speed[wall] * direction
-        return np.asarray(self.pose.rigid_velocity(x) + self.pose.rotation @ own)
+        return np.asarray(self.pose.rigid_velocity(x) + own @ self.pose.rotation.T)
 
     def imposed(self, particles: Particles) -> Particles:
         """The particles with the velocities and accelerations that the walls prescribe."""

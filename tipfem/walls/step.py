@@ -6,46 +6,19 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 
 import numpy as np
 
 from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import GeneralizedAlpha
-from tipfem.mesh.mesh import Mesh, Surface, corners_among
+from tipfem.mesh.mesh import Mesh, Surface
 from tipfem.typing import Array
 from tipfem.walls.curve_step import CurveStep
-from tipfem.walls.layers import LAYER, LayerFaces, Layers, advance, begin
+from tipfem.walls.friction import Faces, WallStart, friction_in_step
+from tipfem.walls.layers import Layers
 from tipfem.walls.motion import WallMotion
 from tipfem.walls.spacing import space_back, space_endless, space_sliding
-
-
-@dataclass(frozen=True)
-class Faces:
-    """The F faces of the walls that slip with friction.
-
-    Attributes:
-        nodes: (F, d) particles, in the order in which the measure is positive with the normal.
-        coefficient: (F,) viscosity over slip length [Pa s / m].
-        normal: (F, d) of the wall, into the fluid, at the intermediate time.
-        wall_velocity: (F, d * d) of the wall at each node, at the intermediate time [m/s].
-        friction: (K,) their contribution to diag(A) of each sliding particle [kg / s^2].
-    """
-
-    nodes: Array
-    coefficient: Array
-    normal: Array
-    wall_velocity: Array
-    friction: Array
-
-    @staticmethod
-    def none(dimension: int, sliding: int) -> Faces:
-        """No faces, of walls with a number of ``sliding`` particles."""
-        vectors = np.zeros((0, dimension))
-        return Faces(
-            vectors.astype(np.int32), np.zeros(0), vectors, np.zeros((0, dimension * dimension)), np.zeros(sliding)
-        )
 
 
 class Walls(ABC):
@@ -255,8 +228,18 @@ class WallStep(Walls):
             here = np.flatnonzero(boundary.on_curve[slides] >= 0)
             self.rows[here] = self.columns[here]
             self.pressed = self._curves.pressed
-        self.layers, self._begins = layers or Layers.on(boundary, self.frame[index]), layers is None
-        self.faces = self._find_faces(mesh, viscosity, particles, density)
+        start = WallStart(
+            boundary,
+            scheme,
+            self._before,
+            self._after,
+            self._rotation,
+            self.frame,
+            self._predicted,
+            self.sliding,
+            self._curves,
+        )
+        self.faces, self.layers, self.stuck = friction_in_step(start, mesh, particles, viscosity, density, layers)
 
     def _slid(self, y: Array) -> Array:
         """Displacements (W, d) of wall particles at y (W, d) along walls that slide, in the tank's frame [m]."""
@@ -273,120 +256,6 @@ class WallStep(Walls):
         along = slid[turns] / np.linalg.norm(slid[turns], axis=1)[:, None]
         slid[turns] = (1 - cosine) * inwards + sine * radius * along
         return np.asarray(slid)
-
-    def _slip_lengths(
-        self, number: int, side: int, mesh: Mesh, cell: Array, face: Array, particles: Particles, viscosity: Array
-    ) -> tuple[Array, Array]:
-        """Advance the layers of wall ``number`` by the step.
-
-        Returns the slip length (F,) at each of its faces [m], and a mask (F,) of those where the layer is resolved.
-
-        Args:
-            number: of the wall.
-            side: that it is on.
-            mesh: of the step.
-            cell: (F,) the faces' cells.
-            face: (F, d) their particles.
-            particles: the state at t_n.
-            viscosity: (F,) kinematic viscosity [m^2/s].
-        """
-        corners = mesh.cells[cell]
-        apex = corners.sum(axis=1) - face.sum(axis=1)
-        x = particles.position[apex]
-        v = particles.velocity[apex] + 0.5 * self.scheme.dt * particles.acceleration[apex]
-        direction = self._direction(side)
-        along = 0.5 * (self._before.along(number, x, direction) + self._after.along(number, x, direction))
-        pose, n = self._before.pose, self.boundary.side_normal[side]
-        u = (v - along) @ pose.rotation
-        u -= (u @ n)[:, None] * n
-        wall = self._before.along(number, particles.position[face].reshape(-1, mesh.dimension), direction)
-        slip = (particles.velocity[face] - wall.reshape(particles.velocity[face].shape)).mean(axis=1) @ pose.rotation
-        slip -= (slip @ n)[:, None] * n
-        fluid = particles.fluid[face[:, 0]] if mesh.fluid is None else mesh.fluid[cell]
-        middle, spacing = self.frame[face].mean(axis=1), particles.target[face].mean(axis=1)
-        assert self.layers is not None
-        faces = LayerFaces(number, middle, u, slip, viscosity, fluid, spacing)
-        if self._begins:
-            self.layers = begin(self.layers, faces)
-        self.layers, length, resolved = advance(self.layers, faces, self.scheme.dt)
-        return length, resolved
-
-    def _find_faces(self, mesh: Mesh, viscosity: Array, particles: Particles, density: Array | None) -> Faces:
-        """The faces of walls that slip with friction."""
-        b, d = self.boundary, mesh.dimension
-        nodes, coefficient, normal, wall_velocity = [], [], [], []
-        mask = np.zeros(len(mesh.position), dtype=bool)
-        mask[b.index] = True
-        beside = np.flatnonzero(corners_among(mask, mesh.cells) >= d)  # the cells that may have a face on a wall
-        corners = mesh.cells[beside]
-        for number, side, members in b.members:
-            wall = b.walls[number]
-            if wall.slip_length is None and wall.law != LAYER:
-                continue
-            mask[:] = False
-            mask[b.index[members]] = True
-            # A cell has one face on a straight wall: with all of its corners there it would have no volume.
-            one_face = np.flatnonzero(corners_among(mask, corners) == d)
-            cell = beside[one_face]
-            face = corners[one_face][mask[corners[one_face]]].reshape(-1, d)
-            n = self._rotation @ b.side_normal[side]
-            edge = mesh.period.shortest(mesh.position[face[:, 1:]] - mesh.position[face[:, :1]])
-            measure = n[0] * edge[:, 0, 1] - n[1] * edge[:, 0, 0] if d == 2 else np.cross(edge[:, 0], edge[:, 1]) @ n
-            face[measure < 0, :2] = face[measure < 0, 1::-1]
-            direction = self._direction(side)
-            now = self._before.along(number, mesh.position[face].reshape(-1, d), direction)
-            then = self._after.along(number, self._predicted[face].reshape(-1, d), direction)
-            length: float | Array = wall.slip_length or 0.0
-            if wall.law == LAYER:
-                assert density is not None
-                kinematic = viscosity[cell] / density[cell]
-                length, resolved = self._slip_lengths(number, side, mesh, cell, face, particles, kinematic)
-                # Where fluids meet, the more viscous one decides.
-                count, weight = len(mesh.position), np.repeat(viscosity[cell], d)
-                sticks = np.bincount(face.ravel(), weight * np.repeat(resolved, d), count)
-                stuck = sticks > 0.5 * np.bincount(face.ravel(), weight, count)
-                self.stuck = stuck if self.stuck is None else self.stuck | stuck
-            nodes.append(face)
-            coefficient.append(viscosity[cell] / length)
-            normal.append(np.tile(n, (len(face), 1)))
-            wall_velocity.append((self.scheme.alpha_f * now + self.scheme.cf * then).reshape(-1, d * d))
-        if self._curves is not None:
-            for number, curve in enumerate(b.curves):
-                slip_length = b.walls[curve.wall].slip_length
-                if slip_length is None:
-                    continue
-                here = np.flatnonzero(self._curves.curve == number)
-                face, cell = self._curves.pressed[here], self._curves.cell[here]
-                edge = mesh.position[face[:, 1]] - mesh.position[face[:, 0]]
-                edge /= np.linalg.norm(edge, axis=1)[:, None]
-                speed = self._before.speed(curve.wall), self._after.speed(curve.wall)
-                mean = self.scheme.alpha_f * speed[0] + self.scheme.cf * speed[1]
-                assert b.domain is not None
-                own = mean * edge * (1.0 if b.domain.loop[curve.edges[0]] == 0 else -1.0)
-                x = [
-                    motion.pose.rigid_velocity(at[face].reshape(-1, 2)).reshape(-1, 2, 2)
-                    for motion, at in ((self._before, mesh.position), (self._after, self._predicted))
-                ]
-                rigid = self.scheme.alpha_f * x[0] + self.scheme.cf * x[1]
-                nodes.append(face)
-                coefficient.append(viscosity[cell] / slip_length)
-                normal.append(np.stack([-edge[:, 1], edge[:, 0]], axis=1))
-                wall_velocity.append((rigid + own[:, None]).reshape(-1, 4))
-        if not nodes:
-            return Faces.none(d, len(self.sliding))
-        face, mu = np.concatenate(nodes), np.concatenate(coefficient)
-        edge = mesh.period.shortest(mesh.position[face[:, 1:]] - mesh.position[face[:, :1]])
-        measure = np.linalg.norm(edge[:, 0] if d == 2 else 0.5 * np.cross(edge[:, 0], edge[:, 1]), axis=1)
-        share = np.repeat(self.scheme.cv * mu * measure / d, d)
-        friction = np.bincount(face.ravel(), share, minlength=len(mesh.position))[self.sliding]
-        return Faces(face, mu, np.concatenate(normal), np.concatenate(wall_velocity), friction)
-
-    def _direction(self, side: int) -> Array | None:
-        """(d,) in which the wall on a side of a shape slides with a positive speed; None without a shape."""
-        domain = self.boundary.domain
-        if domain is None:
-            return None
-        return np.asarray(domain.direction[side] * (1.0 if domain.loop[side] == 0 else -1.0))
 
     def constrain(self, u: Array) -> Array:
         """Displacements (N, d) with their walls' constraints: w + P u."""

@@ -163,7 +163,7 @@ def measure(flow: str, across: Sequence[int]) -> tuple[dict[str, dict[str, float
         if flow == "rest":
             for bottom in BOTTOMS:
                 for slip in (False, True):
-                    text = f"rest, {bottom} bottom, {'slip' if slip else 'no-slip'}, {n} across"
+                    text = f"rest, {bottom} bottom, {'slip' if slip else 'default walls'}, {n} across"
                     figures[text] = rest(n, bottom, slip=slip)
         elif flow in ("couette", "rings"):
             figures[name], drawn[name] = couette(n, OILS[: 1 + (flow == "rings")])

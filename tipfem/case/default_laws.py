@@ -1,0 +1,68 @@
+"""The law of walls of which nothing is said, by the kind of case.
+
+There are two: "layer", see `tipfem.walls.layers`, and "no-slip". A tank's walls have the first unless a rule of `RULES`
+says otherwise; walls of particles that are given as arrays, and outlines of bodies, are no-slip walls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What decides the law.
+
+    Attributes:
+        dimension: of the tank.
+        sharp: whether the case has the sharp interface.
+        free_surface: whether the fluids end at free surfaces.
+        own_walls: whether the case is given walls of its own, beside those of the tank.
+    """
+
+    dimension: int
+    sharp: bool
+    free_surface: bool
+    own_walls: bool
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A law, and where and why it is the default.
+
+    Attributes:
+        applies: tells whether the rule is for a setting, and a wall that is curved or not.
+        law: of the walls.
+        why: the reason, which follows "because".
+    """
+
+    applies: Callable[[Setting, bool], bool]
+    law: str
+    why: str
+
+
+# The first that applies decides.
+RULES = (
+    Rule(
+        lambda case, curved: case.own_walls,
+        "no-slip",
+        "the case has walls of its own, which may lie on the same sides",
+    ),
+    Rule(
+        lambda case, curved: case.dimension == 3,
+        "no-slip",
+        "in 3-D the particles along walls that slip are not spaced",
+    ),
+    Rule(
+        lambda case, curved: curved,
+        "no-slip",
+        "the wall is curved, and pressures can lose digits where fluid slides along a whole circle",
+    ),
+    Rule(lambda case, curved: True, "layer", "boundary layers may be thinner than the particles' spacing"),
+)
+
+
+def default_law(setting: Setting, *, curved: bool) -> Rule:
+    """The rule for a wall of a tank of which nothing is said; ``curved`` tells whether the wall is."""
+    return next(rule for rule in RULES if rule.applies(setting, curved))

@@ -1,0 +1,44 @@
+"""Which condition each wall of a case has, and why."""
+
+from __future__ import annotations
+
+from tipfem.case.case import Case
+from tipfem.case.walls import Wall
+
+
+def wall_lines(case: Case) -> list[str]:
+    """Lines for people on the walls of a case; those with the same condition are in one.
+
+    Args:
+        case: the case.
+    """
+    found: dict[str, list[str]] = {}
+    chosen = case.tank.default_laws if case.tank else {}
+    walls = {wall.name: wall for wall in case.walls}
+    names = [*(case.tank.sides if case.tank else ()), *walls]
+    for name in dict.fromkeys(names):
+        rule = chosen.get(name)
+        text = f"{rule.law}, because {rule.why}" if rule else f"{_condition(walls.get(name))}, as given"
+        found.setdefault(text, []).append(name)
+    if case.tank is None:
+        found["no-slip, because nothing is said of them"] = ["all others" if names else "all"]
+    if case.bodies:
+        text = "no-slip, because the particles on outlines of bodies move with them"
+        found.setdefault(text, []).extend(body.name for body in case.bodies)
+    lines = [f"{', '.join(names)}: {text}" for text, names in found.items()]
+    return [f"{'' if number else 'walls':12s}{line}" for number, line in enumerate(lines)]
+
+
+def _condition(wall: Wall | None) -> str:
+    """What fluids do at a wall, in words; None for a wall that is fixed and no-slip."""
+    if wall is None:
+        return "no-slip"
+    if wall.slip:
+        condition = "slip"
+    elif wall.slip_length is not None:
+        condition = f"slip length {wall.slip_length:g} m"
+    else:
+        condition = wall.law or "no-slip"
+    if wall.velocity is not None:
+        condition += ", slides"
+    return condition + (", moves" if wall.motion is not None else "")

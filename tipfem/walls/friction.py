@@ -1,0 +1,236 @@
+"""Friction along walls that slip, in a step: the faces of the mesh on them, and their boundary layers.
+
+A wall has friction by a slip length of its own (Navier), or by that of the layer that the mesh does not resolve, see
+`tipfem.walls.layers`. It consists of parts: straight ones, each on a side of the domain, and curves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tipfem.case.boundary import Boundary
+from tipfem.case.particles import Particles
+from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.mesh.mesh import Mesh, corners_among
+from tipfem.typing import Array
+from tipfem.walls.curve_step import CurveStep
+from tipfem.walls.layers import LAYER, LayerFaces, Layers, advance, begin
+from tipfem.walls.motion import WallMotion
+
+
+@dataclass(frozen=True)
+class Faces:
+    """The F faces of the walls that slip with friction.
+
+    Attributes:
+        nodes: (F, d) particles, in the order in which the measure is positive with the normal.
+        coefficient: (F,) viscosity over slip length [Pa s / m].
+        normal: (F, d) of the wall, into the fluid, at the intermediate time.
+        wall_velocity: (F, d * d) of the wall at each node, at the intermediate time [m/s].
+        friction: (K,) their contribution to diag(A) of each sliding particle [kg / s^2].
+    """
+
+    nodes: Array
+    coefficient: Array
+    normal: Array
+    wall_velocity: Array
+    friction: Array
+
+    @staticmethod
+    def none(dimension: int, sliding: int) -> Faces:
+        """No faces, of walls with a number of ``sliding`` particles."""
+        vectors = np.zeros((0, dimension))
+        return Faces(
+            vectors.astype(np.int32), np.zeros(0), vectors, np.zeros((0, dimension * dimension)), np.zeros(sliding)
+        )
+
+
+@dataclass(frozen=True)
+class WallStart:
+    """What friction has to know of the walls in a step from t_n to t_n + dt; N particles, d dimensions.
+
+    Attributes:
+        boundary: of the case.
+        scheme: generalized-alpha with the step's length.
+        before, after: motion of the walls at t_n and at t_n + dt.
+        rotation: (d, d) of the tank in between.
+        frame: (N, d) the positions at t_n in the tank's own frame [m].
+        predicted: (N, d) positions of wall particles at t_n + dt, exact for the fixed ones [m].
+        sliding: (K,) the particles that slide along their walls.
+        curves: the curves in the step; None without any.
+    """
+
+    boundary: Boundary
+    scheme: GeneralizedAlpha
+    before: WallMotion
+    after: WallMotion
+    rotation: Array
+    frame: Array
+    predicted: Array
+    sliding: Array
+    curves: CurveStep | None
+
+
+@dataclass(frozen=True)
+class Part:
+    """The F faces of the mesh on a part of a wall.
+
+    Attributes:
+        number: of the part: that in `Boundary.members`, or, for a curve, after all of these.
+        wall: number of the wall.
+        nodes: (F, d) particles of each face, in the order in which the measure is positive with the normal.
+        cell: (F,) the faces' cells.
+        normal: (F, d) into the fluid, at the intermediate time.
+        inward: the same in the tank's own frame, (d,) for all or (F, d).
+        direction: (d,) or (F, 1, d) in which the wall slides with a positive speed; None for a wall without a shape.
+    """
+
+    number: int
+    wall: int
+    nodes: Array
+    cell: Array
+    normal: Array
+    inward: Array
+    direction: Array | None
+
+
+def friction_in_step(
+    start: WallStart,
+    mesh: Mesh,
+    particles: Particles,
+    viscosity: Array,
+    density: Array | None,
+    layers: Layers | None,
+) -> tuple[Faces, Layers | None, Array | None]:
+    """The friction of the walls in a step.
+
+    Args:
+        start: of the step, see `WallStart`.
+        mesh: of the step.
+        particles: the state at t_n.
+        viscosity: (M,) of the elements [Pa s].
+        density: (M,) of the elements [kg/m^3]; walls with a layer need it.
+        layers: at t_n; None before the first step.
+
+    Returns:
+        The faces; the layers at the end of the step, None without walls of that law; and a mask (N,) of the particles
+        at which layers are resolved, None without such walls.
+    """
+    boundary, scheme, d = start.boundary, start.scheme, mesh.dimension
+    begins, stuck = layers is None, None
+    layers = layers or Layers.on(boundary, start.frame[boundary.index])
+    nodes, coefficient, normal, wall_velocity = [], [], [], []
+    for part in _parts(start, mesh, particles):
+        wall = boundary.walls[part.wall]
+        length: float | Array = wall.slip_length or 0.0
+        if wall.law == LAYER:
+            assert density is not None
+            assert layers is not None
+            faces = _layer_faces(start, part, mesh, particles, viscosity[part.cell] / density[part.cell])
+            layers, length, resolved = advance(begin(layers, faces) if begins else layers, faces, scheme.dt)
+            # Where fluids meet, the more viscous one decides.
+            count, weight = len(mesh.position), np.repeat(viscosity[part.cell], d)
+            sticking = np.bincount(part.nodes.ravel(), weight * np.repeat(resolved, d), count)
+            sticks = sticking > 0.5 * np.bincount(part.nodes.ravel(), weight, count)
+            stuck = sticks if stuck is None else stuck | sticks
+        now = _velocity(part, start.before, mesh.position[part.nodes])
+        then = _velocity(part, start.after, start.predicted[part.nodes])
+        nodes.append(part.nodes)
+        coefficient.append(viscosity[part.cell] / length)
+        normal.append(part.normal)
+        wall_velocity.append((scheme.alpha_f * now + scheme.cf * then).reshape(-1, d * d))
+    if not nodes:
+        return Faces.none(d, len(start.sliding)), layers, stuck
+    face, mu = np.concatenate(nodes), np.concatenate(coefficient)
+    edge = mesh.period.shortest(mesh.position[face[:, 1:]] - mesh.position[face[:, :1]])
+    measure = np.linalg.norm(edge[:, 0] if d == 2 else 0.5 * np.cross(edge[:, 0], edge[:, 1]), axis=1)
+    share = np.repeat(scheme.cv * mu * measure / d, d)
+    # Of integers where all of these walls are dry.
+    friction = np.bincount(face.ravel(), share, minlength=len(mesh.position))[start.sliding].astype(float)
+    return Faces(face, mu, np.concatenate(normal), np.concatenate(wall_velocity), friction), layers, stuck
+
+
+def _parts(start: WallStart, mesh: Mesh, particles: Particles) -> list[Part]:
+    """The parts of walls with friction, with their faces."""
+    b, d, parts = start.boundary, mesh.dimension, []
+    mask = np.zeros(len(mesh.position), dtype=bool)
+    mask[b.index] = True
+    beside = np.flatnonzero(corners_among(mask, mesh.cells) >= d)  # the cells that may have a face on a wall
+    corners = mesh.cells[beside]
+    for number, (k, side, members) in enumerate(b.members):
+        if not _has_friction(b, k):
+            continue
+        mask[:] = False
+        mask[b.index[members]] = True
+        # A cell has one face on a straight wall: with all of its corners there it would have no volume.
+        one_face = np.flatnonzero(corners_among(mask, corners) == d)
+        cell = beside[one_face]
+        face = corners[one_face][mask[corners[one_face]]].reshape(-1, d)
+        n = start.rotation @ b.side_normal[side]
+        edge = mesh.period.shortest(mesh.position[face[:, 1:]] - mesh.position[face[:, :1]])
+        measure = n[0] * edge[:, 0, 1] - n[1] * edge[:, 0, 0] if d == 2 else np.cross(edge[:, 0], edge[:, 1]) @ n
+        face[measure < 0, :2] = face[measure < 0, 1::-1]
+        direction = None if b.domain is None else b.domain.direction[side] * b.domain.sense(side)
+        parts.append(Part(number, k, face, cell, np.tile(n, (len(face), 1)), b.side_normal[side], direction))
+    if start.curves is None:
+        return parts
+    assert b.domain is not None
+    for number, curve in enumerate(b.curves):
+        if not _has_friction(b, curve.wall):
+            continue
+        # Where the fluid ends on a curve, the face beside the last one is of its surface.
+        whole = particles.wall[start.curves.pressed].all(axis=1)
+        here = np.flatnonzero((start.curves.curve == number) & whole)
+        face, cell = start.curves.pressed[here][:, ::-1], start.curves.cell[here]  # with the fluid on the right
+        edge = mesh.position[face[:, 0]] - mesh.position[face[:, 1]]
+        edge /= np.linalg.norm(edge, axis=1)[:, None]
+        n = np.stack([-edge[:, 1], edge[:, 0]], axis=1)
+        turn = start.before.pose.rotation
+        direction = b.domain.sense(curve.edges[0]) * (edge @ turn)[:, None]
+        parts.append(Part(len(b.members) + number, curve.wall, face, cell, n, n @ turn, direction))
+    return parts
+
+
+def _has_friction(boundary: Boundary, wall: int) -> bool:
+    """Whether a wall slips with friction, by its number."""
+    return boundary.walls[wall].slip_length is not None or boundary.walls[wall].law == LAYER
+
+
+def _velocity(part: Part, motion: WallMotion, x: Array) -> Array:
+    """Velocity (F, n, d) of a wall at points x (F, n, d), n beside each face [m/s]."""
+    return motion.along(part.wall, x.reshape(-1, x.shape[-1]), _repeated(part.direction, x)).reshape(x.shape)
+
+
+def _repeated(direction: Array | None, x: Array) -> Array | None:
+    """A direction (d,) as it is, or directions (F, 1, d) for each of the points x (F, n, d), as (F n, d)."""
+    if direction is None or direction.ndim == 1:
+        return direction
+    return np.broadcast_to(direction, x.shape).reshape(-1, x.shape[-1])
+
+
+def _layer_faces(start: WallStart, part: Part, mesh: Mesh, particles: Particles, viscosity: Array) -> LayerFaces:
+    """The faces of a part of a wall as its layers see them.
+
+    Args:
+        start: of the step.
+        part: of the wall.
+        mesh: of the step.
+        particles: the state at t_n.
+        viscosity: (F,) kinematic viscosity [m^2/s].
+    """
+    face, turn = part.nodes, start.before.pose.rotation
+    apex = mesh.cells[part.cell].sum(axis=1) - face.sum(axis=1)
+    x = particles.position[apex][:, None]
+    v = particles.velocity[apex] + 0.5 * start.scheme.dt * particles.acceleration[apex]
+    along = 0.5 * (_velocity(part, start.before, x) + _velocity(part, start.after, x))[:, 0]
+    wall = _velocity(part, start.before, particles.position[face])
+    u, slip = (v - along) @ turn, (particles.velocity[face] - wall).mean(axis=1) @ turn
+    u -= (u * part.inward).sum(axis=1)[:, None] * part.inward
+    slip -= (slip * part.inward).sum(axis=1)[:, None] * part.inward
+    fluid = particles.fluid[face[:, 0]] if mesh.fluid is None else mesh.fluid[part.cell]
+    period, place = mesh.period, start.frame[face]
+    middle = period.wrapped(period.unwrapped(place).mean(axis=1))
+    spacing = particles.target[face].mean(axis=1)
+    return LayerFaces(part.number, middle, u, slip, viscosity, fluid, spacing, period)
