@@ -17,9 +17,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from .arrays import Array, Range
 from .flow import Tracers
 from .movie import MovieWriter, check_movie_name
-from .renderer import Renderer
+from .renderer import Renderer, natural_size
 from .results import Results
-from .scales import check_range, field_limits
+from .scales import check_range, contour_interval, field_limits
 from .scene import Scene
 from .view import View
 
@@ -49,7 +49,7 @@ def animate(
     movie: str | Iterable[str] | None = "animation.mp4",
     playback_rate: float = 25.0,
     *,
-    size: tuple[int, int] = (1280, 720),
+    size: tuple[int, int] | None = None,
     field_range: Range | None = None,
     mesh: bool = False,
     particles: bool = False,
@@ -57,12 +57,14 @@ def animate(
     fluid_colours: Mapping[str, str] | None = None,
     view: View | None = None,
     samples: int = 2,
+    title: str | None = None,
+    name: str | None = None,
 ) -> Animation:
     """Draw every stored time of a results folder, one picture each.
 
-    Frames go to out/frames/frame_0000.png, ..., movies to out. With a field its name is part of theirs:
-    out/frames_pressure/, animation_pressure.mp4. Frames with higher numbers than the last stored time, left by
-    an earlier and longer run, are removed.
+    Frames go to out/frames/frame_0000.png, ..., movies to out. The options that change what is seen are part of their
+    names, see `picture_name`: out/frames_pressure_mesh/, animation_pressure_mesh.mp4. Frames with higher numbers than
+    the last stored time, left by an earlier and longer run, are removed.
 
     Args:
         out: results folder.
@@ -70,7 +72,7 @@ def animate(
         frames: write PNG files.
         movie: one or more file names ending in .mp4, .gif or .webp; None or empty for none.
         playback_rate: pictures per second.
-        size: (width, height) [px], even numbers.
+        size: (width, height) [px], even numbers; None takes what the tank needs of 1280x720.
         field_range: (low, high) of the colours; None takes it from up to 24 stored times, one range for all.
         mesh: draw the edges of the cells.
         particles: draw the particles as dots.
@@ -78,14 +80,18 @@ def animate(
         fluid_colours: colours "#rrggbb" by the names of fluids.
         view: the part shown, the layers and the colour map; None for all of the scene without layers.
         samples: of the rasteriser along a side of a pixel, 1 or 2, see `Renderer`.
+        title: a line above the tank; None takes that of the case.
+        name: in place of the options in the names of what is written: out/frames_NAME/, animation_NAME.mp4.
 
     Raises:
         ValueError: an argument is invalid.
         ResultsError: the results folder cannot be read.
         OSError: a file cannot be written.
     """
+    if name is not None and not re.fullmatch(r"[\w.=+-]+", name):
+        raise ValueError(f"name {name!r}: expected letters, digits and any of . _ = + -, without spaces or folders")
     names = [movie] if isinstance(movie, str) else list(movie or [])
-    names = [check_movie_name(name) for name in names]
+    names = [check_movie_name(file) for file in names]
     if not 0 < playback_rate <= 1000:
         raise ValueError(f"playback rate {playback_rate:g}: expected pictures a second, above 0 and up to 1000")
     if not (frames or names):
@@ -95,12 +101,23 @@ def animate(
             raise ValueError("a field range is given, but no field to colour by")
         field_range = check_range(field_range)
     results = Results(out)
+    if title is not None:
+        results.title = title
+    view = View() if view is None else view
+    tail = name
+    if tail is None:
+        tail = picture_name(field, field_range, mesh, particles, view, size, fluid_colours or {})
+    tail = f"_{tail}" if tail else ""
     if field is not None:
         results.scene(0).field_values(field)
         if field_range is None:
             field_range = field_limits(_sampled(results), field)
+    if view.contours is not None and view.interval is None:
+        results.scene(0).field_values(view.contours)
+        view = replace(view, interval=contour_interval(_sampled(results), view.contours))
+    if size is None:
+        size = natural_size(results.scene(0), field, view)
 
-    tail = f"_{field}" if field else ""
     folder = results.folder / f"frames{tail}"
     written = []
     with ExitStack() as stack:
@@ -108,15 +125,15 @@ def animate(
         progress = stack.enter_context(_progress())
         writers: list[MovieWriter] = []
         tracers: Tracers | None = None
-        for name in names:
-            path = results.folder / f"{Path(name).stem}{tail}{Path(name).suffix}"
+        for file in names:
+            path = results.folder / f"{Path(file).stem}{tail}{Path(file).suffix}"
             writers.append(MovieWriter(path, renderer.size, playback_rate))
             stack.callback(writers[-1].discard)
         if frames:
             folder.mkdir(exist_ok=True)
         for i in progress.track(range(len(results)), description="drawing"):
             scene = results.scene(i)
-            if view is not None and view.tracers:
+            if view.tracers:
                 tracers = Tracers(scene, view.tracers) if tracers is None else tracers
                 scene = replace(scene, trails=tracers.advance(scene))
             image = renderer.frame(scene, field, field_range, mesh, particles, view)
@@ -129,6 +146,49 @@ def animate(
     if frames:
         _remove_beyond(folder, len(results))
     return Animation(written, movies, used, field_range)
+
+
+def picture_name(
+    field: str | None,
+    field_range: Range | None,
+    mesh: bool,
+    particles: bool,
+    view: View,
+    size: tuple[int, int] | None,
+    fluid_colours: Mapping[str, str],
+) -> str:
+    """What the names of pictures say of the options, such as "speed_streamlines_window_0_0_0.3_0.2"; "" for none.
+
+    Pictures of different options have different names, except for options that change neither what is seen nor its
+    scale: the back end, the samples, and the title.
+
+    Args:
+        field: see `animate`, like all others.
+        field_range: as it was given.
+        mesh: whether edges are drawn.
+        particles: whether dots are drawn.
+        view: as it was given.
+        size: as it was given.
+        fluid_colours: as they were given.
+    """
+
+    def numbers(values: Iterable[float]) -> str:
+        return "_".join(f"{value:.6g}" for value in values)
+
+    words = [field] if field else []
+    words += [f"range_{numbers(field_range)}"] if field_range is not None else []
+    words += [view.colour_map] if view.colour_map else []
+    words += ["mesh"] * mesh + ["particles"] * particles + ["nofill"] * (not view.fill)
+    words += ["arrows"] * view.arrows + ["streamlines"] * view.streamlines
+    words += [f"contours_{view.contours}"] if view.contours else []
+    words += [f"every_{view.interval:.6g}"] if view.contours and view.interval else []
+    words += [f"tracers_{view.tracers}"] if view.tracers else []
+    words += [f"window_{numbers(view.window)}"] if view.window is not None else []
+    words += [f"follow_{view.follow}"] if view.follow else []
+    words += [f"{size[0]}x{size[1]}"] if size is not None else []
+    words += [f"{fluid}={code.lstrip('#')}" for fluid, code in sorted(fluid_colours.items())]
+    # Names of fluids and fields may hold anything.
+    return re.sub(r"[^\w.=+-]+", "-", "_".join(words))
 
 
 def _sampled(results: Results) -> Iterator[Scene]:

@@ -10,12 +10,13 @@ from PIL import Image, ImageDraw, ImageFont
 
 from . import colours
 from .arrays import Array, Box, Point, Range
-from .layers import WALL_THICKNESS
-from .layout import Layout, LayoutKey
+from .layers import WALL_THICKNESS, Key
+from .layout import BESIDE_BAR, CLOCK, ROW, Layout, LayoutKey, rows_of
 from .scales import colour_map_of, field_label, round_ticks, tick_labels
 from .scene import Scene
 
 SMALL, NORMAL, LARGE = 16, 19, 27  # text heights in design pixels
+KEY_GROUND = "#3b7a78"  # behind light lines in the legend, a colour from the middle of the fields' tables
 
 
 @lru_cache(maxsize=32)
@@ -33,15 +34,21 @@ def text_width(text: str, height: float) -> float:
     return float(_font(height).getlength(text))
 
 
-def panel_width(scene: Scene, field: str | None) -> float:
+def panel_width(scene: Scene, field: str | None, texts: Sequence[str] = ()) -> float:
     """Width that the panel needs beside the tank [design pixels].
 
     Args:
         scene: what is drawn.
         field: name of the field shown, or None.
+        texts: of the other entries of the legend.
     """
-    names = [text_width(name, NORMAL) + 42 for name in scene.fluid_names]
+    names = [text_width(name, NORMAL) + 42 for name in (*scene.fluid_names, *texts)]
     return max([200.0, *names, text_width(field_label(field), NORMAL) if field else 0.0])
+
+
+def entry_width(text: str) -> float:
+    """Width of an entry of a legend with the space after it [design pixels]."""
+    return text_width(text, NORMAL) + 72
 
 
 class Annotator:
@@ -110,32 +117,52 @@ class Annotator:
         u, lower, upper = self.unit, self.layout.lower, self.layout.upper
         start, length = (WALL_THICKNESS + 3) * u, 6 * u
 
-        horizontal = round_ticks(lower[0], upper[0], _most(right - left, 90 * u))
-        for value, label in zip(horizontal, tick_labels(horizontal), strict=True):
+        horizontal = _with_ends(lower[0], upper[0], right - left, 90 * u)
+        for value, label in horizontal:
             x = self.layout.pixels([value, lower[1]])[0]
             self.line([(x, bottom + start), (x, bottom + start + length)])
             self.text((x, bottom + start + length + 5 * u), label, SMALL, colours.SUBTLE, "mt")
-        vertical = round_ticks(lower[1], upper[1], _most(bottom - top, 60 * u))
-        for value, label in zip(vertical, tick_labels(vertical), strict=True):
+        vertical = _with_ends(lower[1], upper[1], bottom - top, 60 * u)
+        for value, label in vertical:
             y = self.layout.pixels([lower[0], value])[1]
             self.line([(left - start, y), (left - start - length, y)])
             self.text((left - start - length - 5 * u, y), label, SMALL, colours.SUBTLE, "rm")
         below = bottom + start + length + 27 * u
         self.text(((left + right) / 2, below), "x [m]", SMALL, colours.SUBTLE, "mt")
-        self.text((left - start - length - 5 * u, top - 22 * u), "y [m]", SMALL, colours.SUBTLE, "rm")
+        widest = max(text_width(label, SMALL * u) for _, label in vertical)
+        self.upright((left - start - length - 13 * u - widest, (top + bottom) / 2), "y [m]", SMALL, colours.SUBTLE)
+
+    def upright(self, at: Point, text: str, height: float, colour: str) -> None:
+        """Write a line of text that reads upwards.
+
+        Args:
+            at: middle of its lower side, which is on the right [px].
+            text: to be written.
+            height: [design pixels].
+            colour: "#rrggbb".
+        """
+        font = _font(height * self.unit)
+        size = (round(font.getlength(text)) + 2, round(1.3 * height * self.unit))
+        mask = Image.new("L", size)
+        ImageDraw.Draw(mask).text((1, size[1] / 2), text, fill=255, font=font, anchor="lm")
+        mask = mask.transpose(Image.Transpose.ROTATE_90)
+        place = (max(0, round(at[0] - size[1])), round(at[1] - size[0] / 2))
+        self.image.paste(Image.new("RGB", mask.size, colour), place, mask)
 
     def title(self, text: str) -> None:
         """Write the title above the tank, cut at the end of the picture."""
         left, top, _, _ = self.layout.box
         room = self.layout.size[0] - left - 20 * self.unit
-        self.text((left, top - 44 * self.unit), text, 23, colours.TEXT, "lm", limit=room)
+        self.text((left, top - 34 * self.unit), text, 23, colours.TEXT, "lm", limit=room)
 
-    def panel(self, names: Sequence[str], fills: Array, field: str | None, field_range: Range | None) -> None:
-        """Draw legend and colour bar, stacked beside the tank or in a row below it; see `clock` for the time.
+    def panel(
+        self, swatches: Sequence[tuple[str, Array]], keys: Sequence[Key], field: str | None, field_range: Range | None
+    ) -> None:
+        """Draw legend and colour bar, stacked beside the tank or in rows below it; see `clock` for the time.
 
         Args:
-            names: of the fluids.
-            fills: (F, 3) colours of the fluids.
+            swatches: names of fluids and their colours (3,).
+            keys: of the lines.
             field: name of the field shown, or None.
             field_range: (low, high) of its colours.
         """
@@ -143,27 +170,36 @@ class Annotator:
         u = self.unit
         if self.layout.beside:
             y = top + 58 * u
-            if field is None or field_range is None:
-                for name, fill in zip(names, fills, strict=True):
-                    self.swatch((left, y), name, fill, right - left)
-                    y += 34 * u
-            else:
-                y = self.interface_key((left, y), len(names))
+            for name, fill in swatches:
+                self.swatch((left, y), name, fill, right - left)
+                y += ROW * u
+            for key in keys:
+                self.key((left, y), key, right - left)
+                y += ROW * u
+            if field is not None and field_range is not None:
+                y += 10 * u * (len(swatches) + len(keys) > 0)
                 self.text((left, y), field_label(field), NORMAL, limit=right - left)
                 self.upright_bar((left, y + 44 * u, left + 24 * u, bottom - 14 * u), field, field_range)
             return
         y = top + 20 * u
-        x = left + text_width("t = 000.000 s", LARGE * u) + 40 * u
+        widths = [entry_width(text) for text in (*(name for name, _ in swatches), *(key.text for key in keys))]
+        places = rows_of(widths, (right - left) / u)
+        for (row, x), (name, fill) in zip(places, swatches, strict=False):
+            self.swatch((left + x * u, y + row * ROW * u), name, fill, right - left - x * u)
+        for (row, x), key in zip(places[len(swatches) :], keys, strict=True):
+            self.key((left + x * u, y + row * ROW * u), key, right - left - x * u)
         if field is None or field_range is None:
-            for name, fill in zip(names, fills, strict=True):
-                self.swatch((x, y), name, fill, right - x)
-                x += text_width(name, NORMAL * u) + 72 * u
+            return
+        x = left + CLOCK * u
+        if sum(widths) > BESIDE_BAR:
+            x, y = left, y + (places[-1][0] + 1) * ROW * u + 4 * u
         else:
-            self.text((x, y), field_label(field), NORMAL)
-            x += text_width(field_label(field), NORMAL * u) + 40 * u
-            if self.layout.narrow:
-                x, y = left + 12 * u, y + 42 * u
-            self.level_bar((x, y, right - 12 * u, y + 20 * u), field, field_range)
+            x += sum(widths) * u
+        self.text((x, y), field_label(field), NORMAL)
+        x += text_width(field_label(field), NORMAL * u) + 40 * u
+        if self.layout.narrow:
+            x, y = left + 12 * u, y + 42 * u
+        self.level_bar((x, y, right - 12 * u, y + 20 * u), field, field_range)
 
     def swatch(self, at: Point, name: str, fill: Array, room: float) -> None:
         """Draw a fluid's colour and its name.
@@ -181,24 +217,27 @@ class Annotator:
         )
         self.text((x + side + 12 * u, y + side / 2), name, NORMAL, anchor="lm", limit=room - side - 12 * u)
 
-    def interface_key(self, at: Point, fluids: int) -> float:
-        """Draw the key of the interface over a field, if there are two fluids.
+    def key(self, at: Point, key: Key, room: float) -> None:
+        """Draw a line of the picture and what it stands for.
 
         Args:
             at: upper left corner [px].
-            fluids: their number.
-
-        Returns:
-            y below it [px].
+            key: the entry of the legend.
+            room: largest width of both [px].
         """
         (x, y), u = at, self.unit
-        if fluids < 2:
-            return y
-        self.draw.line(
-            [(x, y + 10 * u), (x + 24 * u, y + 10 * u)], fill=colours.INTERFACE, width=max(1, round(1.8 * u))
-        )
-        self.text((x + 34 * u, y + 10 * u), "interface", NORMAL, anchor="lm")
-        return y + 44 * u
+        side, middle = 24 * u, y + 11 * u
+        # A light line is seen on the ground that it is for.
+        if key.line == colours.HALO:
+            self.draw.rectangle([x, middle - 8 * u, x + side, middle + 8 * u], fill=KEY_GROUND)
+        ends = [(x + 2 * u, middle), (x + side - 2 * u, middle)]
+        for colour, width in ((key.rim, 4.0), (key.line, 2.0)):
+            self.draw.line(ends, fill=colour, width=max(1, round(width * u)))
+        if key.head:
+            tip = x + side - 3 * u
+            corners = [(tip, middle), (tip - 9 * u, middle - 4 * u), (tip - 9 * u, middle + 4 * u)]
+            self.draw.polygon(corners, fill=key.line)
+        self.text((x + side + 10 * u, middle), key.text, NORMAL, anchor="lm", limit=room - side - 10 * u)
 
     def upright_bar(self, box: Box, field: str, field_range: Range) -> None:
         """Draw a vertical colour bar; its pointed ends stand for values outside the range.
@@ -253,11 +292,11 @@ def annotate(
     image: Array,
     scene: Scene,
     layout: Layout,
-    fills: Array,
+    swatches: Sequence[tuple[str, Array]],
     field: str | None = None,
     field_range: Range | None = None,
     colour_map: str | None = None,
-    notes: Sequence[str] = (),
+    keys: Sequence[Key] = (),
 ) -> Array:
     """Write all text and scales on a picture, outside of its tank.
 
@@ -267,30 +306,29 @@ def annotate(
         image: (H, W, 3) uint8; changed.
         scene: what is drawn.
         layout: of the picture.
-        fills: (F, 3) colours of the fluids.
+        swatches: names of the fluids in the legend and their colours (3,).
         field: name of the field shown, or None.
         field_range: (low, high) of its colours.
         colour_map: of the field; None takes the usual one.
-        notes: lines of text on the scales of layers.
+        keys: of the lines in the picture.
 
     Returns:
         The image.
     """
-    shades = tuple(tuple(map(float, fill)) for fill in fills)
-    where, colour = _constant_pixels(layout.key, scene.title, scene.fluid_names, shades, field, field_range, colour_map)
+    shades = tuple((name, tuple(map(float, fill))) for name, fill in swatches)
+    where, colour = _constant_pixels(layout.key, scene.title, shades, tuple(keys), field, field_range, colour_map)
     image.reshape(-1, 3)[where] = colour
-    clock(image, scene.time, layout, notes)
+    clock(image, scene.time, layout)
     return image
 
 
-def clock(image: Array, time: float, layout: Layout, notes: Sequence[str] = ()) -> None:
-    """Write the time on a picture, and notes below it.
+def clock(image: Array, time: float, layout: Layout) -> None:
+    """Write the time on a picture.
 
     Args:
         image: (H, W, 3) uint8; changed.
         time: [s].
         layout: of the picture.
-        notes: lines of text.
     """
     left, top = layout.panel[:2]
     u, text = layout.unit, f"t = {time:.3f} s"
@@ -299,15 +337,9 @@ def clock(image: Array, time: float, layout: Layout, notes: Sequence[str] = ()) 
     # Only the part of the picture about the text is copied to Pillow and back.
     column, row = max(0, int(left) - 2), max(0, int(top) - 2)
     height, width = round(1.3 * LARGE * u) + 4, round(text_width(text, LARGE * u)) + 8
-    if notes:
-        row = max(0, row - round(20 * u))
-        height += round(20 * u)
-        width = max(width, round(text_width(", ".join(notes), SMALL * u)) + 8)
     part = image[row : row + height, column : column + width]
     annotator = Annotator(np.ascontiguousarray(part), layout)
     annotator.text((left - column, top - row), text, LARGE)
-    if notes:
-        annotator.text((left - column, 0), ", ".join(notes), SMALL, colours.SUBTLE)
     part[:] = np.asarray(annotator.image)
 
 
@@ -315,8 +347,8 @@ def clock(image: Array, time: float, layout: Layout, notes: Sequence[str] = ()) 
 def _constant_pixels(
     layout_key: LayoutKey,
     title: str,
-    names: tuple[str, ...],
-    shades: tuple[tuple[float, ...], ...],
+    shades: tuple[tuple[str, tuple[float, ...]], ...],
+    keys: tuple[Key, ...],
     field: str | None,
     field_range: Range | None,
     colour_map: str | None,
@@ -328,11 +360,30 @@ def _constant_pixels(
     annotator.axes()
     if title:
         annotator.title(title)
-    annotator.panel(names, np.array(shades), field, field_range)
+    annotator.panel([(name, np.array(fill)) for name, fill in shades], keys, field, field_range)
     pixels = np.asarray(annotator.image).reshape(-1, 3)
     red, green, blue = (pixels != 255).T
     where = np.flatnonzero(red | green | blue)  # many times faster than a reduction over the channels
     return where, pixels[where]
+
+
+def _with_ends(low: float, high: float, length: float, each: float) -> list[tuple[float, str]]:
+    """Ticks of an axis and their labels: round numbers, and the ends where there is room.
+
+    Args:
+        low: end of the axis [m].
+        high: end of it [m].
+        length: of the axis [px].
+        each: about what a label needs [px].
+    """
+    ticks = round_ticks(low, high, _most(length, each))
+    found = list(zip(ticks.tolist(), tick_labels(ticks), strict=True))
+    room = 0.5 * each / length * (high - low)
+    if len(ticks) and high - ticks[-1] > room:
+        found.append((high, f"{high:.4g}"))
+    if len(ticks) and ticks[0] - low > room:
+        found.insert(0, (low, f"{low:.4g}"))
+    return found
 
 
 def _most(length: float, each: float) -> int:

@@ -23,7 +23,8 @@ examples:
   python -m tipfem.render out --strip 0 0.1 0.2 0.3 --no-frames --no-movie
 
 It reads what OUT/fields.pvd lists when it starts, so it can also be used while a run is under way.
-One stored time is one picture; the movie shows them evenly, at the playback rate.
+One stored time is one picture; the movie shows them evenly, at the playback rate. The options are part of the names of
+what is written, so that pictures of different options stand side by side; --name sets a shorter name.
 """
 
 
@@ -80,6 +81,12 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--streamlines", action="store_true", help="draw streamlines of the velocity")
     made.add_argument("--contours", metavar="NAME", help="draw contours of a field, for example pressure")
     made.add_argument(
+        "--interval",
+        type=float,
+        metavar="VALUE",
+        help="between contours, in their field's unit (default: a round one, the same for all pictures)",
+    )
+    made.add_argument(
         "--tracers",
         nargs="?",
         type=int,
@@ -103,9 +110,8 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--size",
         type=_size,
-        default=(1280, 720),
         metavar="WIDTHxHEIGHT",
-        help="size of the pictures in pixels, even numbers (default: 1280x720)",
+        help="size of the pictures in pixels, even numbers (default: what the tank needs of 1280x720)",
     )
     made.add_argument(
         "--backend",
@@ -133,6 +139,11 @@ def parser() -> argparse.ArgumentParser:
         default=[],
         metavar="TIME",
         help="draw the fluids at these times [s] side by side, in OUT/strip.png",
+    )
+    made.add_argument("--title", help="a line above the tank (default: the title of the case)")
+    made.add_argument(
+        "--name",
+        help="in place of the options in the names of what is written: OUT/frames_NAME, OUT/animation_NAME.mp4",
     )
     made.add_argument("--no-frames", action="store_true", help="write no PNG files")
     made.add_argument(
@@ -181,10 +192,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 arrows=given.arrows,
                 streamlines=given.streamlines,
                 contours=given.contours,
+                interval=given.interval,
                 tracers=given.tracers,
                 colour_map=given.colour_map,
             ),
             samples=given.samples,
+            title=given.title,
+            name=given.name,
         )
     except (ValueError, OSError, RuntimeError) as error:
         print(f"error: {error}", file=sys.stderr)

@@ -16,6 +16,9 @@ WALL = "#3d4653"
 INTERFACE = "#0b2239"
 HALO = "#ffffff"
 TRACER = "#8a1f62"
+CONTOUR = "#e8432e"
+STREAMLINE = "#6a3d9a"  # on fluids; white over a field
+RIM = "#56606c"  # around white lines
 
 
 class Scheme(NamedTuple):

@@ -1,6 +1,4 @@
-"""Velocities between the particles: arrows, streamlines, contours, and tracers that move from time to time."""
-
-from collections.abc import Iterator
+"""Velocities between the particles: arrows, contours, and tracers that move from time to time."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,7 +8,6 @@ from .rasterizer import locate
 from .scene import Scene
 
 _MOST_GRID = 400  # points along a side of the grid that stands for the velocity
-_STEPS = 40  # of a streamline in either direction
 
 
 def grid_values(scene: Scene, values: Array, lower: Array, step: float, shape: tuple[int, int]) -> Array:
@@ -109,67 +106,6 @@ def arrows(scene: Scene, lower: Array, upper: Array, step: float) -> tuple[Array
     moving = speed > 0.04 * fastest
     half = 0.45 * step * values[moving] / fastest
     return np.stack([centres[moving] - half, centres[moving] + half], axis=1), fastest
-
-
-def streamlines(scene: Scene, lower: Array, upper: Array, apart: float) -> list[Array]:
-    """Streamlines, each (K, 2) [m] in the direction of the flow, about evenly spaced.
-
-    Lines are integrated with steps of equal length by the midpoint rule from the points of a grid, and end where
-    the fluids end, where the flow rests, or where they come close to an earlier line.
-
-    Args:
-        scene: with velocities.
-        lower: (2,) lower corner of the part shown [m].
-        upper: (2,) upper corner of it [m].
-        apart: distance between lines [m].
-    """
-    assert scene.spacing is not None, "a Scene fills in what was left out"
-    field = VelocityGrid(scene, lower, upper, scene.spacing / 2)
-    slow = 0.01 * float(np.linalg.norm(field.values, axis=2).max(initial=0.0))
-    if slow == 0:
-        return []
-    columns, rows = (max(1, int(length / apart)) for length in upper - lower)
-    i, j = np.meshgrid(np.arange(columns), np.arange(rows))
-    seeds = lower + (np.stack([i.ravel(), j.ravel()], axis=1) + 0.5) * (upper - lower) / [columns, rows]
-    seeds = seeds[np.random.default_rng(0).permutation(len(seeds))]
-    step, square = apart / 3, apart / 2
-    halves = []
-    for sign in (-1.0, 1.0):
-        at, alive, path = seeds, np.ones(len(seeds), bool), [seeds]
-        for _ in range(_STEPS * 3):
-            there, _ = _direction(field, at, slow)
-            onward, going = _direction(field, at + sign * step / 2 * there, slow)
-            at = at + sign * step * onward
-            alive &= going
-            path.append(np.where(alive[:, None], at, np.nan))
-        halves.append(np.stack(path, axis=1))
-    taken: set[tuple[int, int]] = set()
-    lines = []
-    for behind, ahead in zip(*halves, strict=True):
-        own: set[tuple[int, int]] = set()
-        past = list(_until_taken(behind, square, taken, own))
-        line = np.array([*past[:0:-1], *_until_taken(ahead, square, taken, own)])
-        if len(line) > 6:
-            lines.append(line)
-            taken.update((i + k, j + l) for i, j in own for k in (-1, 0, 1) for l in (-1, 0, 1))
-    return lines
-
-
-def _direction(field: VelocityGrid, points: Array, slow: float) -> tuple[Array, Array]:
-    """Unit vectors (P, 2) along the velocity, and whether the points are in a moving fluid, (P,) bool."""
-    values, inside = field(points)
-    speed = np.linalg.norm(values, axis=1)
-    return values / np.maximum(speed, slow)[:, None], inside & (speed > slow)
-
-
-def _until_taken(path: Array, square: float, taken: set[tuple[int, int]], own: set[tuple[int, int]]) -> Iterator[Array]:
-    """Points of a path up to one that is not finite or in a square near another line; the squares are added to own."""
-    path = path[: int(np.argmax(np.isnan(path[:, 0]))) if np.isnan(path[:, 0]).any() else len(path)]
-    for point, (i, j) in zip(path, np.floor(path / square).astype(int).tolist(), strict=True):
-        if (i, j) in taken:
-            return
-        own.add((i, j))
-        yield point
 
 
 def contour_segments(position: Array, cells: Array, values: Array, levels: ArrayLike) -> Array:

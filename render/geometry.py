@@ -13,13 +13,15 @@ class Surroundings(NamedTuple):
     """Walls and particles outside the cells.
 
     Attributes:
-        walls: (W, 2) edges of walls, pairs of particles.
+        walls: (W, 2) edges of cells along walls, pairs of particles.
+        around: (H, 2) edges around all walls where some are dry.
         inside: (T, 3) triangles that fill the space between dry walls.
         spray: (N,) mask of the particles off the walls that are in no cell.
         dry: (N,) mask of the wall particles that are in no cell.
     """
 
     walls: Array
+    around: Array
     inside: Array
     spray: Array
     dry: Array
@@ -83,7 +85,7 @@ class Geometry:
         # Dry walls are drawn around the empty space between them.
         spray, dry = loose_particles(self._cells, self._wall)
         box, inside = walls_around(self._position, self._wall & dry.any())
-        return Surroundings(np.concatenate([hull, box]), inside, spray, dry)
+        return Surroundings(hull, box, inside, spray, dry)
 
     @cached_property
     def solids(self) -> tuple[Array, Array, Array]:

@@ -1,6 +1,7 @@
 """Layers over the fluids: contours, streamlines, arrows, tails of tracers; and the frame of a window."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,19 +9,40 @@ from . import colours, flow
 from .arrays import Array
 from .drawing import Drawing
 from .layout import Layout
-from .scales import LABELS, field_limits, round_ticks
+from .scales import LABELS, contour_interval, field_ends
 from .scene import Scene
+from .streamlines import streamlines
 from .view import View
 
+INTERFACE = "interface"  # in the legend
 WALL_THICKNESS = 7.0  # in design pixels, like the widths below
 LINE_WIDTH = 1.3
+CONTOUR_WIDTH = 1.5
+HEADS_APART = 150.0  # along a streamline
 ARROWS_APART = 34.0
 STREAMLINES_APART = 26.0
-MOST_CONTOURS = 14
+MOST_LEVELS = 1000  # of contours with an interval that is far too small
+HEAD_SLOPE = 0.4  # half the width of an arrowhead by its length
 TRACER_RADIUS = 2.6
 
 
-def draw_layers(drawing: Drawing, scene: Scene, cells: Array, layout: Layout, view: View, on_field: bool) -> list[str]:
+class Key(NamedTuple):
+    """An entry of the legend: a line as it is drawn, and what it stands for.
+
+    Attributes:
+        text: what the line stands for.
+        line: "#rrggbb" of the line.
+        rim: "#rrggbb" on both sides of it.
+        head: whether it is an arrow.
+    """
+
+    text: str
+    line: str
+    rim: str
+    head: bool = False
+
+
+def draw_layers(drawing: Drawing, scene: Scene, cells: Array, layout: Layout, view: View, on_field: bool) -> list[Key]:
     """Add the layers that a view asks for.
 
     Args:
@@ -32,41 +54,66 @@ def draw_layers(drawing: Drawing, scene: Scene, cells: Array, layout: Layout, vi
         on_field: whether the cells have the colours of a field, dark ones and light ones.
 
     Returns:
-        A line of text on the scale of each layer.
+        An entry of the legend for each layer.
 
     Raises:
         ValueError: a field that a layer needs is missing.
     """
-    notes = []
+    keys = []
     unit, lower, upper = layout.unit, layout.lower, layout.upper
     if view.contours is not None:
-        low, high = field_limits([scene], view.contours)
-        levels = round_ticks(low, high, MOST_CONTOURS)
+        interval = view.interval or contour_interval([scene], view.contours)
+        low, high = field_ends(scene, view.contours)
+        levels = interval * np.arange(np.ceil(low / interval), np.floor(high / interval) + 1)
         values = scene.field_values(view.contours)
-        segments = flow.contour_segments(scene.position, cells, values, levels)
-        _outlined(drawing, layout.pixels(segments), 1.0 * unit, unit)
-        if len(levels) > 1:
-            name, measure = LABELS.get(view.contours, (view.contours.replace("_", " "), ""))
-            notes.append(f"{name} lines every {levels[1] - levels[0]:.3g} {measure}".rstrip())
+        segments = layout.pixels(flow.contour_segments(scene.position, cells, values, levels[:MOST_LEVELS]))
+        keys.append(Key(contour_text(view.contours, interval), colours.CONTOUR, colours.HALO))
+        _rimmed(drawing, segments, keys[-1], CONTOUR_WIDTH * unit, 0.5 * unit)
     if view.streamlines:
-        lines = flow.streamlines(scene, lower, upper, STREAMLINES_APART * unit / layout.scale)
-        parts = [layout.pixels(np.stack([line[:-1], line[1:]], axis=1)) for line in lines]
-        if parts:
-            _outlined(drawing, np.concatenate(parts), LINE_WIDTH * unit, unit)
-            middles = np.stack([part[len(part) // 2] for part in parts])
-            tips, along = middles[:, 1], middles[:, 1] - middles[:, 0]
-            _heads(drawing, tips, along, 11 * unit, colours.rgb(colours.HALO))
-            _heads(drawing, tips, along, 8 * unit, colours.rgb(colours.INTERFACE))
+        line, rim = (colours.HALO, colours.RIM) if on_field else (colours.STREAMLINE, colours.HALO)
+        keys.append(Key("streamlines", line, rim, True))
+        lines = [
+            layout.pixels(path) for path in streamlines(scene, lower, upper, STREAMLINES_APART * unit / layout.scale)
+        ]
+        if lines:
+            segments = np.concatenate([np.stack([path[:-1], path[1:]], axis=1) for path in lines])
+            _rimmed(drawing, segments, keys[-1], LINE_WIDTH * unit, 0.7 * unit)
+            tips, along = _heads_on(lines, HEADS_APART * unit)
+            _heads(drawing, tips, along, 10 * unit, 0.7 * unit, colours.rgb(rim))
+            _heads(drawing, tips, along, 10 * unit, 0.0, colours.rgb(line))
     if view.arrows:
         shafts, fastest = flow.arrows(scene, lower, upper, ARROWS_APART * unit / layout.scale)
         ends = layout.pixels(shafts)
         along = ends[:, 1] - ends[:, 0]
         length = np.linalg.norm(along, axis=1)
         _arrows(drawing, ends, np.minimum(9 * unit, 0.6 * length), unit, on_field)
-        notes.append(f"longest arrow {fastest:.3g} m/s")
+        line, rim = (colours.HALO, colours.INTERFACE) if on_field else (colours.INTERFACE, colours.HALO)
+        keys.append(Key(f"longest arrow {fastest:.3g} m/s", line, rim, True))
     if scene.trails is not None and scene.trails.size:
         _tails(drawing, layout.pixels(scene.trails), unit)
-    return notes
+        keys.append(Key("paths of tracers", colours.TRACER, colours.HALO))
+    return keys
+
+
+def layer_texts(scene: Scene, view: View, field: str | None) -> list[str]:
+    """The texts of the legend for the lines of a picture, at their longest.
+
+    Args:
+        scene: what is drawn.
+        view: what is shown; its contours have an interval.
+        field: name of the field shown, or None.
+    """
+    texts = [INTERFACE] if len(scene.fluid_names) > 1 and (field is not None or not view.fill) else []
+    if view.contours is not None and view.interval is not None:
+        texts.append(contour_text(view.contours, view.interval))
+    texts += ["streamlines"] * view.streamlines + ["longest arrow 0.0000 m/s"] * view.arrows
+    return texts + ["paths of tracers"] * (scene.trails is not None)
+
+
+def contour_text(field: str, interval: float) -> str:
+    """What contours of a field stand for, such as "pressure, every 200 Pa"."""
+    name, measure = LABELS.get(field, (field.replace("_", " "), ""))
+    return f"{name}, every {interval:.3g} {measure}".rstrip()
 
 
 def mask_outside(drawing: Drawing, scene: Scene, layout: Layout) -> None:
@@ -128,19 +175,40 @@ def _rectangle(drawing: Drawing, x0: float, y0: float, x1: float, y1: float, col
     drawing.triangles(corners[[[0, 1, 2], [0, 2, 3]]], np.array(colour))
 
 
-def _outlined(drawing: Drawing, segments: Array, width: float, unit: float) -> None:
-    """Dark lines with a light rim, which are visible on every colour."""
-    drawing.lines(segments, width + 1.2 * unit, colours.rgb(colours.HALO), cap=0.3 * unit)
-    drawing.lines(segments, width, colours.rgb(colours.INTERFACE), cap=0.3 * unit)
+def _rimmed(drawing: Drawing, segments: Array, key: Key, width: float, rim: float) -> None:
+    """Lines with a rim, which are visible on every colour; widths [px]."""
+    drawing.lines(segments, width + 2 * rim, colours.rgb(key.rim), cap=0.3 * width)
+    drawing.lines(segments, width, colours.rgb(key.line), cap=0.3 * width)
 
 
-def _heads(drawing: Drawing, tips: Array, along: Array, length: Array | float, colour: Array) -> None:
-    """Triangles with their tips at points (P, 2), in directions (P, 2), of a length [px]."""
-    forward = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
-    forward = forward * np.broadcast_to(np.asarray(length), (len(tips),))[:, None]
-    aside = 0.42 * np.stack([-forward[:, 1], forward[:, 0]], axis=1)
-    corners = np.stack([tips, tips - forward - aside, tips - forward + aside], axis=1)
-    drawing.triangles(corners, colour)
+def _heads_on(lines: Sequence[Array], apart: float) -> tuple[Array, Array]:
+    """Tips (P, 2) of arrowheads on lines [px], one at least on each, and the directions (P, 2) there."""
+    tips, along = [], []
+    for path in lines:
+        step = float(np.linalg.norm(path[1] - path[0])) or 1.0
+        count = max(1, round((len(path) - 1) * step / apart))
+        at = np.rint((np.arange(count) + 0.55) / count * (len(path) - 1)).astype(int)
+        at = np.clip(at, 1, len(path) - 1)
+        tips.append(path[at])
+        along.append(path[at] - path[at - 1])
+    return np.concatenate(tips), np.concatenate(along)
+
+
+def _heads(drawing: Drawing, tips: Array, along: Array, length: Array | float, rim: float, colour: Array) -> None:
+    """Barbed triangles with their tips at points (P, 2), in directions (P, 2), of a length and wider by a rim [px]."""
+    unit = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+    forward = unit * np.broadcast_to(np.asarray(length), (len(tips),))[:, None]
+    aside = HEAD_SLOPE * np.stack([-forward[:, 1], forward[:, 0]], axis=1)
+    corners = [tips, tips - forward + aside, tips - 0.72 * forward, tips - forward - aside]
+    if rim > 0:  # each corner moves along the bisector of its angle, so that all sides move by the rim
+        across = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
+        corners[0] = corners[0] + rim / np.sin(np.arctan(HEAD_SLOPE)) * unit
+        corners[1] = corners[1] + rim * (1.8 * across - 1.2 * unit)
+        corners[2] = corners[2] - rim * unit
+        corners[3] = corners[3] - rim * (1.8 * across + 1.2 * unit)
+    tip, left, notch, right = corners
+    halves = np.stack([np.stack([tip, left, notch], axis=1), np.stack([tip, notch, right], axis=1)], axis=1)
+    drawing.triangles(halves.reshape(-1, 3, 2), colour)
 
 
 def _arrows(drawing: Drawing, shafts: Array, head: Array, unit: float, light: bool) -> None:
@@ -152,9 +220,9 @@ def _arrows(drawing: Drawing, shafts: Array, head: Array, unit: float, light: bo
     forward = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
     # A shaft ends inside its head.
     short = np.stack([shafts[:, 0], shafts[:, 1] - 0.7 * head[:, None] * forward], axis=1)
-    for colour, more in ((rim, 1.1 * unit), (core, 0.0)):
+    for colour, more in ((rim, 0.8 * unit), (core, 0.0)):
         drawing.lines(short, 1.7 * unit + 2 * more, colour, cap=more)
-        _heads(drawing, shafts[:, 1] + 1.6 * more * forward, along, head + 3.4 * more, colour)
+        _heads(drawing, shafts[:, 1], along, head, more, colour)
 
 
 def _tails(drawing: Drawing, paths: Array, unit: float) -> None:

@@ -1,5 +1,6 @@
 """Layout of a picture: the tank, and a panel with time, legend and colour bar."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -17,6 +18,12 @@ LARGEST = 16384
 SMALLEST_UNIT = 0.5625  # below it the smallest text, 16 design pixels, can no longer be read
 
 _NARROW = 900  # [design pixels] below this width a panel below the tank takes two rows
+_PAD = 16  # [design pixels] around all, and room for the axes and to the right of a tank
+_AXIS_LEFT, _AXIS_BELOW, _RIGHT = 88, 58, 18
+CLOCK = 180  # [design pixels] width of the time in a panel below the tank
+ROW = 34  # [design pixels] height of a row of a legend
+BESIDE_BAR = 200  # [design pixels] width of a legend that leaves room for a colour bar in its row
+DEFAULT = (1280, 720)  # [px] that a picture fits into if no size is given
 
 
 @dataclass(frozen=True)
@@ -93,7 +100,31 @@ def check_size(size: Sequence[int]) -> tuple[int, int]:
     return width, height
 
 
-def make_layout(size: tuple[int, int], lower: ArrayLike, upper: ArrayLike, title: bool, panel_width: float) -> Layout:
+def rows_of(widths: Sequence[float], room: float) -> list[tuple[int, float]]:
+    """Places of the entries of a legend below a tank: row and x, from the left end of the panel.
+
+    Args:
+        widths: of the entries [design pixels].
+        room: width of the panel [design pixels].
+    """
+    places, row, x = [], 0, float(CLOCK)
+    for width in widths:
+        if x + width > room and x > CLOCK:
+            row, x = row + 1, float(CLOCK)
+        places.append((row, x))
+        x += width
+    return places
+
+
+def make_layout(
+    size: tuple[int, int],
+    lower: ArrayLike,
+    upper: ArrayLike,
+    title: bool,
+    panel_width: float,
+    entries: Sequence[float] = (),
+    bar: bool = False,
+) -> Layout:
     """Make the tank as large as possible, with the panel beside it or below it.
 
     Args:
@@ -102,17 +133,25 @@ def make_layout(size: tuple[int, int], lower: ArrayLike, upper: ArrayLike, title
         upper: (2,) upper corner of it.
         title: whether there is a title above the tank.
         panel_width: width that the panel needs beside the tank [design pixels].
+        entries: widths of the entries of the legend [design pixels].
+        bar: whether there is a colour bar.
     """
     width, height = size
-    unit = max(SMALLEST_UNIT, min((width * height / (1280 * 720)) ** 0.5, width / 480, height / 360))
+    of_area = (width * height / (DEFAULT[0] * DEFAULT[1])) ** 0.5
+    of_sides = max(width / DEFAULT[0], height / DEFAULT[1])
+    unit = max(SMALLEST_UNIT, min(1.25 * of_area, of_sides, width / 480, height / 360))
     extent = np.asarray(upper) - np.asarray(lower)
-    pad, axis_left, axis_below, gap = 16 * unit, 72 * unit, 58 * unit, 44 * unit
-    head = (60 if title else 30) * unit
+    pad, axis_left, axis_below, gap = _PAD * unit, _AXIS_LEFT * unit, _AXIS_BELOW * unit, 44 * unit
+    head = _head(title) * unit
     panel_width = min(panel_width * unit, 0.4 * width)
-    band = (118 if width < _NARROW * unit else 84) * unit
 
     room_beside = (width - 2 * pad - axis_left - gap - panel_width, height - 2 * pad - head - axis_below)
-    room_below = (width - 2 * pad - axis_left - 18 * unit, height - 2 * pad - head - axis_below - band)
+    wide = width - 2 * pad - axis_left - _RIGHT * unit
+    places = rows_of(entries, wide / unit)
+    rows = places[-1][0] + 1 if places and (not bar or sum(entries) > BESIDE_BAR) else 0
+    own = bar or not rows  # a row with the colour bar, or with nothing but the time
+    band = ((118 if width < _NARROW * unit else 84) * own + ROW * rows + 30 * (not own)) * unit
+    room_below = (wide, height - 2 * pad - head - axis_below - band)
     scale_beside = min(room_beside[0] / extent[0], room_beside[1] / extent[1])
     scale_below = min(room_below[0] / extent[0], room_below[1] / extent[1])
     beside = scale_beside >= scale_below
@@ -125,7 +164,7 @@ def make_layout(size: tuple[int, int], lower: ArrayLike, upper: ArrayLike, title
         top = (height - group[1]) / 2 + head
         panel = (left + tank[0] + gap, top, left + tank[0] + gap + panel_width, top + tank[1])
     else:
-        group = (axis_left + tank[0] + 18 * unit, head + tank[1] + axis_below + band)
+        group = (axis_left + tank[0] + _RIGHT * unit, head + tank[1] + axis_below + band)
         left = (width - group[0]) / 2 + axis_left
         top = (height - group[1]) / 2 + head
         panel_top = top + tank[1] + axis_below
@@ -134,3 +173,27 @@ def make_layout(size: tuple[int, int], lower: ArrayLike, upper: ArrayLike, title
     left, bottom = round(left), round(top + tank[1])
     box = (left, bottom - tank[1], left + tank[0], bottom)
     return Layout(size, unit, np.asarray(lower), np.asarray(upper), float(scale), box, beside, panel)
+
+
+def fitted_size(
+    lower: ArrayLike,
+    upper: ArrayLike,
+    title: bool,
+    panel_width: float,
+    entries: Sequence[float] = (),
+    bar: bool = False,
+) -> tuple[int, int]:
+    """The size (width, height) [px] without the empty margins of a picture of 1280x720; see `make_layout`."""
+    layout = make_layout(DEFAULT, lower, upper, title, panel_width, entries, bar)
+    left, top, right, bottom = layout.box
+    right = layout.panel[2] if layout.beside else right + _RIGHT * layout.unit
+    bottom = bottom + _AXIS_BELOW * layout.unit if layout.beside else layout.panel[3]
+    width = right - left + (_AXIS_LEFT + 2 * _PAD) * layout.unit
+    height = bottom - top + (_head(title) + 2 * _PAD) * layout.unit
+    fitted = (max(640, 2 * math.ceil(width / 2)), max(320, 2 * math.ceil(height / 2)))
+    return min(fitted[0], DEFAULT[0]), min(fitted[1], DEFAULT[1])
+
+
+def _head(title: bool) -> int:
+    """Room above the tank [design pixels]."""
+    return 52 if title else 20

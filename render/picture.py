@@ -7,14 +7,15 @@ from .arrays import Array
 from .bodies import draw_bodies
 from .drawing import Drawing
 from .interface import edge_means, particle_fluids
-from .layers import WALL_THICKNESS, cover_ends, draw_layers, mask_outside
+from .joints import draw_walls
+from .layers import INTERFACE, WALL_THICKNESS, Key, cover_ends, draw_layers, mask_outside
 from .layout import Layout
 from .scales import colour_map_of
 from .scene import Scene
 from .view import View
 
-INTERFACE_WIDTH = 1.5  # in design pixels, like the widths below
-HALO_WIDTH = 3.4
+INTERFACE_WIDTH = 2.0  # in design pixels, like the widths below
+HALO_WIDTH = 4.2
 SPRAY_RADIUS = 0.4  # in spacings
 MESH_WIDTH = 0.8
 THIN_SOLID = 2.0  # circumradius of triangles of what is filled between walls, in thicknesses of a wall
@@ -32,8 +33,8 @@ def draw_scene(
     view: View | None = None,
     scheme: colours.Scheme = colours.LIGHT,
     bare: bool = False,
-) -> tuple[Drawing, list[str]]:
-    """Drawing of one scene, and lines of text on the scales of its layers.
+) -> tuple[Drawing, list[Key]]:
+    """Drawing of one scene, and the entries of the legend for its lines.
 
     Args:
         scene: what is drawn.
@@ -55,7 +56,7 @@ def draw_scene(
     pixels = layout.pixels(scene.position)
     geometry = scene.geometry
     regions, edges = geometry.regions, geometry.edges
-    walls, inside, spray, dry = geometry.surroundings
+    walls, around, inside, spray, dry = geometry.surroundings
     thick, drop = WALL_THICKNESS * unit, max(SPRAY_RADIUS * scene.spacing * layout.scale, 0.9 * unit)
     radius = min(max(0.27 * scene.spacing * layout.scale, 0.9 * unit), 6 * unit)
 
@@ -73,7 +74,8 @@ def draw_scene(
     cells = scene.cells[seen]
 
     # Walls are stroked on both sides of the mesh's boundary; the fluids painted next hide the inner half.
-    drawing.lines(pixels[walls], 2 * thick, colours.rgb(scheme.wall), cap=thick)
+    for outline in (walls, around):
+        draw_walls(drawing, pixels, outline, thick, colours.rgb(scheme.wall))
     # Solid parts too thin for two strokes are filled.
     solids, circumradius, feet = geometry.solids
     filled = circumradius * layout.scale < THIN_SOLID * thick
@@ -138,9 +140,12 @@ def draw_scene(
     # Particles on the interface belong to both fluids and have its colour.
     drawing.dots(beads, radius, dark)
     draw_bodies(drawing, scene.bodies, layout)
-    notes = draw_layers(drawing, scene, cells, layout, view, field is not None and view.fill)
+    keys = []
+    if len(interface) and (field is not None or not view.fill):
+        keys.append(Key(INTERFACE, colours.INTERFACE, colours.HALO))
+    keys += draw_layers(drawing, scene, cells, layout, view, field is not None and view.fill)
     if scene.period is not None:
         cover_ends(drawing, scene, layout, scheme.background)
     if (view.window is not None or view.follow is not None) and not bare:
         mask_outside(drawing, scene, layout)
-    return drawing, notes
+    return drawing, keys

@@ -1,18 +1,19 @@
 """Draw scenes as pictures, with either back end."""
 
-import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Protocol
 
 from . import colours
-from .annotation import annotate, panel_width
+from .annotation import annotate, entry_width, panel_width
 from .arrays import Array, Range
 from .drawing import Drawing
 from .ggui import DriverError, GGUICanvas
-from .layout import Layout, check_size, make_layout
+from .layers import layer_texts
+from .layout import Layout, check_size, fitted_size, make_layout
 from .picture import draw_scene
 from .rasterizer import Rasterizer
-from .scales import check_range, field_limits
+from .scales import check_range, contour_interval, field_limits
 from .scene import Scene
 from .view import View
 from .vulkan import software_driver
@@ -31,7 +32,6 @@ class Canvas(Protocol):
 
 
 BACKENDS = ("auto", "ggui", "raster")
-_told = False
 
 
 class Renderer:
@@ -40,7 +40,7 @@ class Renderer:
     Args:
         size: (width, height) [px], even numbers.
         backend: "ggui" (offscreen, needs a Vulkan driver), "raster" (Taichi kernels only), or "auto": GGUI with
-            the driver of a GPU, else the rasteriser, with a line on stderr.
+            the driver of a GPU, else the rasteriser; see `backend`.
         fluid_colours: colours "#rrggbb" by the names of fluids, in place of the default colours.
         samples: of the rasteriser along a side of a pixel: 2 for smooth edges, 1 for pictures in half the time.
 
@@ -92,12 +92,14 @@ class Renderer:
             field_range = field_limits([scene], field) if field_range is None else check_range(field_range)
         fills = colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours)
         view = View() if view is None else view
-        layout = make_layout(self.size, *view.bounds(scene), bool(scene.title), panel_width(scene, field))
-        drawing, notes = draw_scene(
+        view = settled(view, scene)
+        layout = make_layout(self.size, *contents(scene, field, view))
+        drawing, keys = draw_scene(
             scene, layout, fills, field=field, field_range=field_range, mesh=mesh, particles=particles, view=view
         )
         image = self._canvas.paint(drawing, colours.BACKGROUND)
-        return annotate(image, scene, layout, fills, field, field_range, view.colour_map, notes)
+        swatches = [(name, fills[scene.fluid_names.index(name)]) for name in _named(scene, field, view)]
+        return annotate(image, scene, layout, swatches, field, field_range, view.colour_map, keys)
 
     def tank(self, scene: Scene, layout: Layout) -> Array:
         """A picture of the fluids in their tank without text, (H, W, 3) uint8.
@@ -120,9 +122,45 @@ class Renderer:
         self.close()
 
 
+def settled(view: View, scene: Scene) -> View:
+    """A view with the values that it leaves open taken from a scene.
+
+    Args:
+        view: what is shown.
+        scene: what is drawn.
+    """
+    if view.contours is not None and view.interval is None:
+        view = replace(view, interval=contour_interval([scene], view.contours))
+    return view
+
+
+def natural_size(scene: Scene, field: str | None, view: View) -> tuple[int, int]:
+    """The size (width, height) [px] of a picture without empty margins, at most 1280x720.
+
+    Args:
+        scene: what is drawn.
+        field: name of the field shown, or None.
+        view: what is shown.
+    """
+    return fitted_size(*contents(scene, field, settled(view, scene)))
+
+
+def _named(scene: Scene, field: str | None, view: View) -> list[str]:
+    """Names of the fluids with a swatch in the legend."""
+    return list(scene.fluid_names) if field is None else []
+
+
+def contents(scene: Scene, field: str | None, view: View) -> tuple[Array, Array, bool, float, list[float], bool]:
+    """What a layout depends on: corners of the part shown, title, widths of the panel and its entries, colour bar."""
+    lower, upper = view.bounds(scene)
+    texts = layer_texts(scene, view, field)
+    entries = [entry_width(text) for text in (*_named(scene, field, view), *texts)]
+    return lower, upper, bool(scene.title), panel_width(scene, field, texts), entries, field is not None
+
+
 def render_frame(
     scene: Scene,
-    size: tuple[int, int] = (1280, 720),
+    size: tuple[int, int] | None = None,
     field: str | None = None,
     field_range: Range | None = None,
     mesh: bool = False,
@@ -136,7 +174,7 @@ def render_frame(
 
     Args:
         scene: what is drawn.
-        size: (width, height) [px], even numbers.
+        size: (width, height) [px], even numbers; None takes what the tank needs of 1280x720.
         field: name of a field in `scene.fields` to colour by; None shows the fluids.
         field_range: (low, high) of the colours in the field's SI unit; None takes them from the scene.
         mesh: draw the edges of the cells.
@@ -150,6 +188,10 @@ def render_frame(
         ValueError: an argument is invalid.
         RuntimeError: the back end is "ggui" and there is no driver.
     """
+    if size is None:
+        if field is not None:
+            scene.field_values(field)
+        size = natural_size(scene, field, view or View())
     with Renderer(size, backend, fluid_colours, samples) as renderer:
         return renderer.frame(scene, field, field_range, mesh, particles, view)
 
@@ -171,9 +213,7 @@ def make_canvas(size: tuple[int, int], backend: str, samples: int) -> Canvas:
     if backend == "raster":
         return Rasterizer(size, samples)
     if backend == "auto":
-        driver = software_driver()
-        if driver is not None:
-            _tell(f"the only Vulkan driver is software ({driver}), drawing with the rasteriser")
+        if software_driver() is not None:  # `tipfem doctor` says so
             return Rasterizer(size, samples)
     try:
         return GGUICanvas(size)
@@ -183,13 +223,4 @@ def make_canvas(size: tuple[int, int], backend: str, samples: int) -> Canvas:
                 f"backend 'ggui' needs a Vulkan driver: {error}; install one (on Debian "
                 "libvulkan1 and mesa-vulkan-drivers) or choose backend 'raster'"
             ) from None
-    _tell("no Vulkan driver for GGUI, drawing with the rasteriser")
     return Rasterizer(size, samples)
-
-
-def _tell(choice: str) -> None:
-    """Say once in a process which back end was chosen and why."""
-    global _told
-    if not _told:
-        _told = True
-        print(f"tipfem.render: {choice}", file=sys.stderr)

@@ -17,6 +17,8 @@ LABELS = {
     "density": ("density", "kg/m^3"),
 }
 
+_MOST_CONTOURS = 14
+
 
 def is_signed(field: str) -> bool:
     """Whether the field has a direction, and zero is the middle of its colours."""
@@ -106,6 +108,17 @@ def round_limits(field: str, low: float, high: float) -> Range:
         return (0.0, width) if field == "speed" else (low - width, high + width)
     step = _round_step((high - low) / 10)
     return math.floor(low / step + 1e-9) * step, math.ceil(high / step - 1e-9) * step
+
+
+def contour_interval(scenes: Iterable[Scene], field: str) -> float:
+    """A round distance between the contours of a field, for at most 14 of them over the range of `field_limits`.
+
+    Args:
+        scenes: with the field.
+        field: its name.
+    """
+    low, high = field_limits(scenes, field)
+    return _round_step((high - low) / (_MOST_CONTOURS - 1))
 
 
 def check_range(field_range: Iterable[float]) -> Range:

@@ -7,6 +7,7 @@ import numpy as np
 
 from . import colours
 from .arrays import Array, Range
+from .layers import INTERFACE
 from .layout import Layout
 from .picture import draw_scene
 from .renderer import Canvas, make_canvas
@@ -93,7 +94,7 @@ class Stage:
         lower, upper, box = np.array([x0, y0]), np.array([x1, y1]), (0.0, 0.0, width, height)
         layout = Layout(self.size, unit, lower, upper, width / (x1 - x0), box, True, box)
         scheme = colours.DARK if dark else colours.LIGHT
-        drawing, notes = draw_scene(
+        drawing, keys = draw_scene(
             scene,
             layout,
             colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours),
@@ -105,7 +106,9 @@ class Stage:
             scheme=scheme,
             bare=True,
         )
-        return self._canvases[samples].paint(drawing, scheme.background), notes
+        return self._canvases[samples].paint(drawing, scheme.background), [
+            key.text for key in keys if key.text != INTERFACE
+        ]
 
     def close(self) -> None:
         """Free the back ends' windows or buffers; a later picture opens them again."""

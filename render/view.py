@@ -24,6 +24,8 @@ class View:
         arrows: draw arrows of the velocity.
         streamlines: draw streamlines of the velocity at this time.
         contours: name of a field whose contours are drawn, or None.
+        interval: between contours, in the field's SI unit; None takes a round one from the scene, and in `animate` from
+            all of them.
         tracers: number of points that move with the fluids from the first stored time on, with tails behind
             them; used by `animate`, which knows all times.
         colour_map: "viridis" or "cividis", of a lightness that grows steadily, or "blue-red", white in the middle;
@@ -39,6 +41,7 @@ class View:
     arrows: bool = False
     streamlines: bool = False
     contours: str | None = None
+    interval: float | None = None
     tracers: int = 0
     colour_map: str | None = None
 
@@ -51,6 +54,8 @@ class View:
             if not (np.isfinite([x0, y0, x1, y1]).all() and x0 < x1 and y0 < y1):
                 raise ValueError(f"window {x0:g} {y0:g} {x1:g} {y1:g}: expected x0 below x1 and y0 below y1")
             object.__setattr__(self, "window", (x0, y0, x1, y1))
+        if self.interval is not None and not (np.isfinite(self.interval) and self.interval > 0):
+            raise ValueError(f"interval {self.interval:g} between contours: expected a number above 0")
         if not 0 <= self.tracers <= 100_000:
             raise ValueError(f"tracers {self.tracers}: expected a number from 0 to 100000")
         if self.colour_map is not None and self.colour_map not in COLOUR_MAPS:

@@ -22,8 +22,8 @@ PYTHON = [page for page in PAGES if any(block.language == "python" for block in 
 SHORTER = {"README.md": {"spacing=0.005": "spacing=0.02", "until=0.4": "until=0.02"}}
 # What pages show is what their code makes: files that it must leave.
 MADE = {
-    "docs/tutorial.md": ["strip.png", "frames_pressure/frame_0002.png", "front.png"],
-    "docs/howto/pictures.md": ["last.png", "strip.png", "animation_speed.gif"],
+    "docs/tutorial.md": ["strip.png", "frames_pressure_mesh/frame_0002.png", "front.png"],
+    "docs/howto/pictures.md": ["last.png", "strip.png", "animation_speed_mesh.gif"],
     "docs/howto/results.md": ["history.csv", "fields.pvd", "summary.json", "case.json"],
 }
 SHELL = {"sh", "bash", "console"}

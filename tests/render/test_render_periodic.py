@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from scipy.spatial import Delaunay
-from tipfem.render import Scene, render_frame
+from tipfem.render import Scene, View, render_frame
 from tipfem.render.flow import Tracers
+from tipfem.render.layout import make_layout
 from tipfem.render.periodic import with_images
+from tipfem.render.renderer import contents
 
 WIDTH, HEIGHT, ACROSS = 1.2, 0.6, 12
 SPACING = WIDTH / ACROSS
@@ -83,10 +85,7 @@ def test_interface_runs_on_through_the_ends():
     np.testing.assert_allclose(x[1:, 0], x[:-1, 1], atol=1e-12)  # without a gap
     image = render_frame(scene, size=(640, 360), backend="raster").astype(int)
     # Air to the very ends of the domain, and nothing beyond them.
-    from tipfem.render.annotation import panel_width
-    from tipfem.render.layout import make_layout
-
-    left, top, right, bottom = make_layout((640, 360), scene.lower, scene.upper, False, panel_width(scene, None)).box
+    left, top, right, bottom = make_layout((640, 360), *contents(scene, None, View())).box
     row = round((top + 3 * bottom) / 4)
     water = image[row, round((left + right) / 2)]
     assert (abs(image[row, int(left) + 3] - water) < 3).all()

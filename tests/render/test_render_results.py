@@ -62,18 +62,18 @@ def test_bad_fluid_of_a_cell_is_named(tmp_path):
 
 
 def test_frames_and_mp4(out):
-    (out / "frames").mkdir()
-    (out / "frames" / "frame_0007.png").touch()
-    (out / "frames" / "notes.txt").touch()
+    (out / "frames_480x320").mkdir()
+    (out / "frames_480x320" / "frame_0007.png").touch()
+    (out / "frames_480x320" / "notes.txt").touch()
     done = animate(out, size=SIZE, backend="raster")
     assert [path.name for path in done.frames] == ["frame_0000.png", "frame_0001.png", "frame_0002.png"]
-    assert sorted(path.name for path in (out / "frames").iterdir()) == [
+    assert sorted(path.name for path in (out / "frames_480x320").iterdir()) == [
         "frame_0000.png",
         "frame_0001.png",
         "frame_0002.png",
         "notes.txt",
     ]
-    movie = imageio.imread(out / "animation.mp4", plugin="FFMPEG")
+    movie = imageio.imread(out / "animation_480x320.mp4", plugin="FFMPEG")
     assert movie.shape == (3, SIZE[1], SIZE[0], 3)
     frame = np.asarray(Image.open(done.frames[1])).astype(int)
     assert np.abs(frame - movie[1]).mean() < 3
@@ -85,7 +85,7 @@ def test_frames_and_mp4(out):
 
 def test_gif_and_webp_of_a_field(out):
     done = animate(out, "pressure", False, ["slosh.gif", "slosh.webp"], 10, size=SIZE, backend="raster")
-    assert [path.name for path in done.movies] == ["slosh_pressure.gif", "slosh_pressure.webp"]
+    assert [path.name for path in done.movies] == ["slosh_pressure_480x320.gif", "slosh_pressure_480x320.webp"]
     for path in done.movies:
         with Image.open(path) as image:
             assert image.n_frames == 3
@@ -94,7 +94,7 @@ def test_gif_and_webp_of_a_field(out):
             assert image.info["duration"] == 100
     assert done.frames == []
     assert done.field_range[0] == 0
-    assert not (out / "frames_pressure").exists()
+    assert not (out / "frames_pressure_480x320").exists()
     assert not list(out.glob(".*"))
 
 
@@ -139,8 +139,8 @@ def test_command_line(out):
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     assert "[Taichi]" not in done.stdout
-    assert len(list((out / "frames_speed").glob("frame_*.png"))) == 3
-    assert (out / "a_speed.mp4").is_file()
+    assert len(list((out / "frames_speed_range_0_0.5_mesh_particles_480x320_water=005588").glob("frame_*.png"))) == 3
+    assert (out / "a_speed_range_0_0.5_mesh_particles_480x320_water=005588.mp4").is_file()
 
 
 def test_command_line_errors_are_one_line(tmp_path):
@@ -222,6 +222,6 @@ def test_bad_requests(out, options, message):
 
 
 def test_frame_that_cannot_be_written_is_named(out):
-    (out / "frames" / "frame_0001.png").mkdir(parents=True)
+    (out / "frames_480x320" / "frame_0001.png").mkdir(parents=True)
     with pytest.raises(OSError, match=r"frame_0001\.png: the frame could not be written"):
         animate(out, size=SIZE, movie=None, backend="raster")

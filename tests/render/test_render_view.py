@@ -6,13 +6,18 @@ import sys
 
 import numpy as np
 import pytest
+from PIL import Image
 from render_results import SIDE, sharp_tank, write_results
-from tipfem.render import Renderer, Results, Scene, Stage, View, animate, flow, render_frame, renderer, vulkan
+from tipfem.render import Renderer, Results, Scene, Stage, View, animate, colours, flow, render_frame, renderer, vulkan
+from tipfem.render.animation import picture_name
 from tipfem.render.annotation import panel_width
 from tipfem.render.colours import COLOUR_MAPS, colour_table, luminance, map_values
 from tipfem.render.drawing import Drawing
 from tipfem.render.geometry import Bounds
-from tipfem.render.layout import make_layout
+from tipfem.render.joints import joints
+from tipfem.render.layout import fitted_size, make_layout
+from tipfem.render.picture import draw_scene
+from tipfem.render.streamlines import streamlines
 
 SIZE = (640, 480)
 
@@ -114,19 +119,85 @@ def test_arrows_point_along_the_flow_and_the_longest_has_the_largest_speed():
     assert fastest == pytest.approx(np.linalg.norm(middle, axis=1).max(), rel=0.01)
     still = made_scene(lambda x, y: (0 * x, 0 * y))
     assert flow.arrows(still, still.lower, still.upper, 0.05)[0].shape == (0, 2, 2)
-    assert flow.streamlines(still, still.lower, still.upper, 0.05) == []
+    assert streamlines(still, still.lower, still.upper, 0.05) == []
 
 
 def test_streamlines_of_a_vortex_are_circles_in_its_sense():
-    middle = SIDE / 2
+    middle, apart = SIDE / 2, 0.03
     scene = made_scene(lambda x, y: (y - middle, middle - x))
-    lines = flow.streamlines(scene, scene.lower, scene.upper, 0.03)
+    lines = streamlines(scene, scene.lower, scene.upper, apart)
     assert len(lines) > 4
+    closed = 0
     for line in lines:
         radius = np.linalg.norm(line - middle, axis=1)
         assert np.ptp(radius) < 0.01
         (ax, ay), (bx, by) = line[0] - middle, line[1] - middle
         assert ax * by - ay * bx < 0  # clockwise
+        angle = np.unwrap(np.arctan2(*(line - middle).T))
+        assert np.ptp(angle) < 2 * np.pi + 0.3  # once around at most
+        if np.array_equal(line[0], line[-1]):
+            closed += 1
+            assert np.ptp(angle) == pytest.approx(2 * np.pi, abs=1e-6)
+        assert radius.max() > 0.35 * apart  # no ring like a bubble
+    assert closed >= 2
+
+
+def test_streamlines_keep_their_distance_and_leave_no_large_gap():
+    """A cellular flow: lines at least half their distance apart, and each point within two distances of one."""
+    k, apart = 2 * np.pi / SIDE, 0.025
+    scene = made_scene(lambda x, y: (np.sin(k * x) * np.cos(k * y), -np.cos(k * x) * np.sin(k * y)))
+    lines = streamlines(scene, scene.lower, scene.upper, apart)
+    for n, line in enumerate(lines):
+        other = np.concatenate(lines[:n] + lines[n + 1 :])
+        assert np.linalg.norm(line[:, None] - other[None], axis=2).min() > 0.4 * apart
+    points = np.concatenate(lines)
+    x = np.linspace(0.1 * SIDE, 0.9 * SIDE, 30)
+    grid = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
+    gap = np.linalg.norm(grid[:, None] - points[None], axis=2).min(axis=1)
+    assert np.mean(gap < apart) > 0.95
+    assert gap.max() < 2 * apart
+
+
+def test_a_spiral_ends_before_it_winds_onto_itself():
+    middle, apart = SIDE / 2, 0.03
+    scene = made_scene(lambda x, y: (y - middle - 0.05 * (x - middle), middle - x - 0.05 * (y - middle)))
+    for line in streamlines(scene, scene.lower, scene.upper, apart):
+        number = np.arange(len(line))
+        gap = np.linalg.norm(line[:, None] - line[None], axis=2)[abs(number[:, None] - number) > 6]
+        assert gap.size == 0 or gap.min() > 0.49 * apart or np.array_equal(line[0], line[-1])
+
+
+def test_legend_tells_each_layer_with_the_interval_of_the_contours():
+    scene = made_scene()
+    view = View(contours="pressure", interval=50.0, streamlines=True, arrows=True)
+    layout = make_layout(SIZE, scene.lower, scene.upper, False, 200)
+    fills = colours.fluid_colours(scene.fluid_names)
+    _, keys = draw_scene(scene, layout, fills, field="velocity_x", field_range=(-1, 1), view=view)
+    texts = [key.text for key in keys]
+    assert texts[:3] == ["interface", "pressure, every 50 Pa", "streamlines"]
+    assert texts[3].startswith("longest arrow ")
+    assert len({(key.line, key.head) for key in keys}) >= 3  # no two layers of lines look alike
+    assert len({key.line for key in keys[:3]}) == 3
+    with pytest.raises(ValueError, match="interval -1"):
+        View(contours="pressure", interval=-1)
+
+
+def test_walls_are_mitred_and_ends_are_round():
+    """Strokes of a square with half width 1: with its mitres it has the area of the square with straight corners."""
+    pixels = np.array([[0, 0], [10, 0], [10, 10], [0, 10], [20, 0], [30, 0], [20.0, 1.0]])
+    square = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
+    triangles, rounds = joints(pixels, square, 1.0)
+    assert len(rounds) == 0
+    a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    area = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum() / 2
+    assert area == pytest.approx(4 * 1.0)  # a unit square at each corner
+    assert triangles.min() == pytest.approx(-1)
+    assert triangles.max() == pytest.approx(11)
+    triangles, rounds = joints(pixels, np.array([[4, 5]]), 1.0)
+    assert len(triangles) == 0
+    assert sorted(rounds.tolist()) == [[20, 0], [30, 0]]
+    _, rounds = joints(pixels, np.array([[4, 5], [5, 6]]), 1.0)  # of 6 degrees
+    assert [30, 0] in rounds.tolist()
 
 
 def test_contours_are_on_their_level():
@@ -163,18 +234,12 @@ def test_tracers_move_with_a_uniform_flow_and_stop_at_the_end_of_the_cells():
     ids=str,
 )
 @pytest.mark.parametrize("field", [None, "pressure"])
-def test_layers_change_the_tank_only(view, field):
+def test_layers_are_drawn(view, field):
     scene = made_scene()
     with Renderer(SIZE, "raster") as drawn:
         plain = drawn.frame(scene, field, view=View(window=view.window))
         image = drawn.frame(scene, field, view=view)
         assert 0.002 < (image != plain).any(axis=2).mean() < 0.7
-        layout = make_layout(SIZE, *view.bounds(scene), False, panel_width(scene, field))
-        left, top, right, bottom = (int(value) for value in layout.box)
-        outside = np.ones(SIZE[::-1], bool)
-        outside[top - 6 : bottom + 8, left - 8 : right + 8] = False
-        notes = outside & (image != plain).any(axis=2)
-        assert notes.mean() < 0.02  # the line on a layer's scale
 
 
 def test_without_fill_the_interface_stands_on_white():
@@ -215,7 +280,9 @@ def test_command_line_takes_all_layers(tmp_path):
     line = [sys.executable, "-m", "tipfem.render", str(out), *words.split(), *more.split()]
     done = subprocess.run(line, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
-    assert len(list((out / "frames").glob("*.png"))) == 2
+    folder = "frames_cividis_nofill_arrows_streamlines_contours_pressure_tracers_200_window_0_0_0.3_0.2_follow_front"
+    assert len(list((out / f"{folder}_480x320").glob("*.png"))) == 2
+    assert f"{folder}_480x320: 2 frames" in done.stdout
     line[line.index("front")] = "oil"
     done = subprocess.run(line, capture_output=True, text=True, timeout=120, env=os.environ)
     assert done.returncode == 2
@@ -252,15 +319,11 @@ def test_a_software_driver_is_one_without_a_gpu_beside_it(monkeypatch, devices, 
     assert vulkan.software_driver() == expected
 
 
-def test_software_drivers_get_the_rasteriser_and_one_line_says_so(monkeypatch, capsys):
+def test_software_drivers_get_the_rasteriser_without_a_word(monkeypatch, capsys):
     monkeypatch.setattr(renderer, "software_driver", lambda: "llvmpipe")
-    monkeypatch.setattr(renderer, "_told", False)
-    for _ in range(2):
-        with Renderer(SIZE, "auto") as drawn:
-            assert drawn.backend == "raster"
-    assert capsys.readouterr().err == (
-        "tipfem.render: the only Vulkan driver is software (llvmpipe), drawing with the rasteriser\n"
-    )
+    with Renderer(SIZE, "auto") as drawn:
+        assert drawn.backend == "raster"
+    assert capsys.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("sharp", [False, True])
@@ -295,3 +358,67 @@ def test_a_stage_shows_its_window_from_edge_to_edge(tmp_path):
     values, notes = stage.draw(scene, View(window=(0.1, 0.0, 0.3, 0.02), arrows=True), "speed", samples=2)
     assert notes
     assert not np.array_equal(values[:50], image[:50])
+
+
+def test_the_picture_is_cropped_to_its_tank():
+    """At the size that fits, everything is as large as in 1280x720, and no margin is empty."""
+    for upper in ((0.584, 0.584), (3.0, 1.0), (1.0, 0.8)):
+        for bar in (False, True):
+            contents = ((0, 0), upper, False, 200, [110.0], bar)
+            size = fitted_size(*contents)
+            whole, cropped = make_layout((1280, 720), *contents), make_layout(size, *contents)
+            assert size[0] * size[1] < 0.95 * 1280 * 720
+            assert size[0] % 2 == size[1] % 2 == 0
+            assert cropped.scale == pytest.approx(whole.scale, rel=0.02)
+            assert cropped.unit == pytest.approx(1, rel=0.02)
+    scene = made_scene()
+    image = render_frame(scene, backend="raster")
+    assert image.shape[1] < 1000
+    assert (image[:, -40:] == 255).all()
+    assert not (image[:, -300:] == 255).all()
+
+
+def test_a_name_and_a_title_of_ones_own(tmp_path):
+    out = write_results(tmp_path / "out", times=(0.0, 0.1))
+    plain = animate(out, size=SIZE, backend="raster", movie=None, name="mine")
+    assert plain.frames[0].parent.name == "frames_mine"
+    titled = animate(out, size=SIZE, backend="raster", movie="a.gif", title="A title", name="titled")
+    assert titled.movies[0].name == "a_titled.gif"
+    first, other = (np.asarray(Image.open(done.frames[0])) for done in (plain, titled))
+    assert (first != other).any()
+    with pytest.raises(ValueError, match="name 'a/b'"):
+        animate(out, name="a/b")
+
+
+def test_unlike_pictures_have_unlike_names():
+    plain = dict(field=None, field_range=None, mesh=False, particles=False, view=View(), size=None, fluid_colours={})
+    changes = [
+        {},
+        {"field": "speed"},
+        {"field": "speed", "field_range": (0, 1)},
+        {"field": "speed", "field_range": (0, 2)},
+        {"mesh": True},
+        {"particles": True},
+        {"size": (640, 480)},
+        {"fluid_colours": {"salt water": "#001122"}},
+        *(
+            {"view": View(**given)}
+            for given in (
+                {"arrows": True},
+                {"streamlines": True},
+                {"streamlines": True, "window": (0, 0, 0.3, 0.2)},
+                {"streamlines": True, "window": (0, 0, 0.3, 0.25)},
+                {"contours": "pressure"},
+                {"contours": "pressure", "interval": 100},
+                {"tracers": 10},
+                {"fill": False},
+                {"follow": "front"},
+                {"colour_map": "cividis"},
+            )
+        ),
+    ]
+    names = [picture_name(**(plain | change)) for change in changes]
+    assert len(set(names)) == len(names)
+    assert names[0] == ""
+    assert names[1] == "speed"
+    assert not any(set(name) & set(" /#") for name in names)
