@@ -76,6 +76,8 @@ class WallForce(LoadProbe):
 
     The force on the wall is the integral of p n - mu (grad v + grad v^T) n over its faces, n out of the fluid; its
     pressure, linear on each face, is integrated exactly. Further columns and their attributes are those of `LoadProbe`.
+    On walls that slip, grad v is still that in the cells: the friction by which ``slip_length`` or the law "layer"
+    stands for a thinner layer is not in it.
 
     Attributes:
         wall: see `WallPressure`.
