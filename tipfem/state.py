@@ -208,6 +208,7 @@ class Solved:
         residual: norm of the scaled residual after Newton's method [spacings].
         pressure_jump: (F, N) as of `State`.
         bodies: those at the end of the step, on the particles of ``before``; None without any.
+        uniform: whether ``force`` is the same everywhere and at all times, as gravity is.
     """
 
     before: State
@@ -226,6 +227,7 @@ class Solved:
     residual: float
     pressure_jump: Array | None = None
     bodies: BodyStates | None = None
+    uniform: bool = False
 
     @property
     def dt(self) -> float:

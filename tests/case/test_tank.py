@@ -466,3 +466,20 @@ def test_a_taylor_green_vortex_decays_as_it_should():
 def test_bad_velocities_are_named(water, velocity, message):
     with pytest.raises(ValueError, match=f"fill 'water': .*{message}"):
         tp.tank((1, 1), 0.25).fill(water, velocity=velocity).sample([water])
+
+
+@pytest.mark.parametrize("free_surface", [False, True])
+def test_particles_on_the_face_of_a_disc_move_with_it(free_surface):
+    """Although the face itself, by round-off, is inside or outside."""
+    water, air = tp.Fluid("water", density=1000.0, viscosity=1e-3), tp.Fluid("air", density=1.0, viscosity=1e-5)
+    for tank in (tp.tank((1, 1), 0.05), tp.tank(shape=[(0, 0), (1, 0), (1, 1), (0, 1)], spacing=0.05)):
+        if not free_surface:
+            tank.fill(air, velocity=(-2.0, 0.0))
+        tank.fill(water, disc=((0.5, 0.5), 0.2), velocity=lambda x: 3.0 + x)
+        particles = tank.sample([water, air], fitted=not free_surface, empty=free_surface)
+        mine = (particles.fluid == 0) & ~particles.wall
+        on_face = mine & (np.abs(np.linalg.norm(particles.position - 0.5, axis=1) - 0.2) < 1e-9)
+        assert on_face.sum() > 10
+        np.testing.assert_allclose(particles.velocity[mine], 3.0 + particles.position[mine])
+        if not free_surface:
+            assert (particles.velocity[(particles.fluid == 1) & ~particles.wall] == [-2.0, 0.0]).all()

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from tipfem.case.fluid import Fluid
+from tipfem.case.lattice import BESIDE
+from tipfem.case.period import Period
 from tipfem.typing import Array
 
 
@@ -77,6 +80,47 @@ class Region:
             i = int(np.argmax(bad))
             raise ValueError(f"{here} gave {result[i].tolist()} at {x[i].tolist()}; it must be finite")
         return result
+
+
+def initial_velocities(
+    regions: Sequence[Region], number: Sequence[int], position: Array, fluid: Array, spacing: float, period: Period
+) -> Array:
+    """Velocities (N, d) of particles at the start [m/s]: those of the last region around each.
+
+    A particle on a face has the velocity of a region beside it that is of its own fluid: the face itself, by round-off,
+    may be in any region or in none.
+
+    Args:
+        regions: in the order in which they were filled.
+        number: of the fluid of each.
+        position: (N, d) of the particles [m].
+        fluid: (N,) of the particles, -1 for none.
+        spacing: of the particles [m].
+        period: of the positions.
+
+    Raises:
+        ValueError: see `Region.mask` and `Region.initial_velocity`.
+    """
+    velocity = np.zeros_like(position)
+    if all(region.velocity is None for region in regions):
+        return velocity
+
+    def last(x: Array) -> Array:
+        found = np.full(len(x), len(regions))  # none
+        for k, region in enumerate(regions):
+            found[region.mask(x)] = k
+        return found
+
+    of, fluid_of = last(position), np.append(number, -1)
+    for side in itertools.product((-1, 1), repeat=position.shape[1]):
+        other = np.flatnonzero((fluid_of[of] != fluid) & (fluid >= 0))
+        beside = last(period.wrapped(position[other] + BESIDE * spacing * np.array(side)))
+        fits = fluid_of[beside] == fluid[other]
+        of[other[fits]] = beside[fits]
+    for k, region in enumerate(regions):
+        velocity[of == k] = region.initial_velocity(position[of == k])
+    velocity[fluid < 0] = 0.0
+    return velocity
 
 
 def name_of(function: Callable[[Array], Array]) -> str:

@@ -18,6 +18,7 @@ from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading
 from tipfem.case.lattice import BISECTIONS, heaviest_beside
 from tipfem.case.particles import Particles
+from tipfem.case.region import initial_velocities
 from tipfem.case.shapes import Shape, cut_out
 from tipfem.case.tank import Tank
 from tipfem.case.walls import Wall
@@ -110,11 +111,7 @@ class ShapedTank(Tank):
             between[wall] &= _between_parts(position[wall], domain, self.spacing, fluid_at)
             points = Points(position, np.concatenate([line, added]), wall, between, fluid)
             kept &= thinned_in_domain(grading, points, domain, fluids, self.spacing)
-        velocity = np.zeros_like(position)
-        for region in self.regions:
-            inside = region.mask(position)
-            velocity[inside] = region.initial_velocity(position[inside])
-        velocity[fluid < 0] = 0.0
+        velocity = initial_velocities(self.regions, numbers_of, position, fluid, self.spacing, self.period)
         velocity[wall] = self._along_walls(position[wall], velocity[wall])
         velocity = velocity[kept]
         return Particles(position[kept], fluid[kept], wall[kept], velocity, spacing=self.spacing)

@@ -17,7 +17,7 @@ from tipfem.case.grading import Grading, thinned
 from tipfem.case.lattice import faces_of_part, heaviest_beside, snap_to_faces
 from tipfem.case.particles import Particles
 from tipfem.case.period import Period, no_period
-from tipfem.case.region import Region, name_of
+from tipfem.case.region import Region, initial_velocities, name_of
 from tipfem.case.shapes import Shape, rectangle
 from tipfem.case.walls import Wall
 from tipfem.typing import Array
@@ -405,8 +405,7 @@ class Tank:
             position = self.period.wrapped(position)
         if grading:
             kept = thinned(grading, position, (len(lines[0]), len(lines[1])), fluid, fluids, self.spacing)
-        velocity = self._initial_velocity(position[kept])
-        velocity[fluid[kept] < 0] = 0.0
+        velocity = self._initial_velocity(position[kept], fluid[kept], numbers_of)
         return Particles(position[kept], fluid[kept], wall[kept], velocity, spacing=self.spacing)
 
     def _require_filled(self, position: Array, fluid: Array, *, empty: bool) -> None:
@@ -433,14 +432,9 @@ class Tank:
         self.domain, self.bodies = shaped.domain, shaped.bodies
         return particles
 
-    def _initial_velocity(self, position: Array) -> Array:
+    def _initial_velocity(self, position: Array, fluid: Array, numbers_of: list[int]) -> Array:
         """Velocities (N, d) [m/s] at the start: of the regions; along walls that slip, 0 at others."""
-        velocity = np.zeros_like(position)
-        if all(region.velocity is None for region in self._regions):
-            return velocity
-        for region in self._regions:
-            inside = region.mask(position)
-            velocity[inside] = region.initial_velocity(position[inside])
+        velocity = initial_velocities(self._regions, numbers_of, position, fluid, self.spacing, self.period)
         for name, (axis, upper) in SIDES.items():
             if axis >= len(self.size) or axis in self.period.axes:
                 continue

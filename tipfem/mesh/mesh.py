@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from tipfem.case.particles import Particles
 from tipfem.case.period import Period, no_period
@@ -239,6 +240,16 @@ class Mesh:
         graph.sort_indices()
         rows = np.repeat(np.arange(n, dtype=np.int32), np.diff(graph.indptr))
         return np.stack([rows, graph.indices.astype(np.int32, copy=False)], axis=1)
+
+    @cached_property
+    def connected(self) -> tuple[int, Array]:
+        """Number of connected components, and that of each particle (N,); -1 for those in no simplex."""
+        n, (i, j) = len(self.position), self.edges.T
+        graph = sparse.csr_matrix((np.ones(len(i), dtype=np.int8), (i, j)), shape=(n, n))
+        label = connected_components(graph, directed=False)[1]
+        numbers, label[self.used] = np.unique(label[self.used], return_inverse=True)
+        label[~self.used] = -1
+        return len(numbers), label
 
     @cached_property
     def used(self) -> Array:

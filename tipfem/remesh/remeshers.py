@@ -27,7 +27,7 @@ from tipfem.mesh.delaunay import triangulate, wall_fluid
 from tipfem.mesh.free_surface import SurfaceMesher, spray_volumes
 from tipfem.mesh.interface import InterfaceRule, InterpolatedInterface, SharpInterface
 from tipfem.mesh.mesh import Mesh
-from tipfem.remesh import drops
+from tipfem.remesh import drops, surface_volumes
 from tipfem.remesh.energy_limit import Change, without_gain
 from tipfem.remesh.fitted import hull_corners, particle_fluid, repair, with_fluids
 from tipfem.remesh.meshers import FreeSurfaceMesher, Mesher, TankMesher
@@ -35,7 +35,6 @@ from tipfem.remesh.momentum_transfer import conserve_along_period, nodal_density
 from tipfem.remesh.relocation import relocate
 from tipfem.remesh.repair_account import INTERPOLATED, SHARP, NoAccount, RepairAccount
 from tipfem.remesh.side_pressures import of_renumbered, pressures_on_sides
-from tipfem.remesh.surface_volumes import carried_through, kept_inside, mass_factor, restore_volumes, with_momenta
 from tipfem.remesh.target_spacing import graded
 from tipfem.remesh.volumes import with_components
 from tipfem.state import InterpolatedMaterial, Material, SharpMaterial, Solved, State, lumped
@@ -192,10 +191,11 @@ class DelaunayRemesher(Remesher):
     @timer("remeshing")
     def remesh(self, solved: Solved) -> State:
         """See `Remesher.remesh`."""
+        self.account.start(solved)
+        solved = surface_volumes.balanced(solved) if solved.before.mesh.surface.exists else solved
         before, walls, account = solved.before, solved.walls, self.account
-        account.start(solved)
-        convex = before.boundary.domain is None
-        start = kept_inside(solved.particles) if convex and before.mesh.surface.exists else solved.particles
+        convex = before.boundary.domain is None and before.mesh.surface.exists
+        start = surface_volumes.kept_inside(solved.particles) if convex else solved.particles
         with timer("relocation"):
             stopped = before.boundary.stopped(start, before.mesh.surface.loose, solved.time)
             if solved.bodies is not None:
@@ -211,13 +211,13 @@ class DelaunayRemesher(Remesher):
         kept = None
         if before.mesh.surface.exists or mesh.surface.exists:
             with timer("volumes"):
-                kept = carried_through(solved, start, mesh, relocated)
-                mesh = restore_volumes(mesh, particles.wall, kept.volume, particles.spacing)
+                kept = surface_volumes.carried_through(solved, start, mesh, relocated)
+                mesh = surface_volumes.restore_volumes(mesh, particles.wall, kept.volume, particles.spacing)
                 particles = particles.shallow_copy(position=mesh.position)
         particles = self._labelled(particles, mesh)
         material, mass = self._material(particles, mesh)
         if kept is not None:
-            particles = with_momenta(solved, kept, particles, mesh, material.density, mass)
+            particles = surface_volumes.with_momenta(solved, kept, particles, mesh, material.density, mass)
         account.add("volumes", particles, mesh, material)
         if self.momentum_transfer:
             assert isinstance(before.material, InterpolatedMaterial)
@@ -287,7 +287,7 @@ class DelaunayRemesher(Remesher):
         mass = lumped(mesh, density)
         around = nodal_density(mass, lumped(mesh, np.ones(len(density))))
         fraction = self.interface.fluid_fraction(mesh, particles.fluid, len(self.fluids))
-        factor = mass_factor(mesh)
+        factor = surface_volumes.mass_factor(mesh)
         if factor is not None:
             density = factor * density
             mass = lumped(mesh, density)

@@ -8,6 +8,7 @@ surface; and one that touches no wall their momentum and angular momentum, by a 
 
 from __future__ import annotations
 
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -167,8 +168,31 @@ def with_momenta(
     before = solved.before
     old = before.mesh.cells, before.material.density * before.mesh.measure
     velocity = solved.particles.velocity
+    given = without_spin_of_spray(given, particles.position, mesh)
+    if solved.uniform:  # also of components that have just come apart, between which no force acts any longer
+        given = given._replace(force=given.mass[:, None] * solved.force)
     particles = return_momenta(particles, velocity, old, (mesh.cells, density * mesh.measure), before.boundary.still)
     return restore_momenta(particles, mesh, mass, given)
+
+
+def without_spin_of_spray(given: Carried, position: Array, mesh: Mesh) -> Carried:
+    """What N particles carry, without the spin that particles in free flight take of the cells they had.
+
+    A particle that flies alone does not turn. Its spin stays with the component that is nearest.
+
+    Args:
+        given: what they carry.
+        position: (N, d) [m].
+        mesh: the new mesh.
+    """
+    flying, index = np.flatnonzero(mesh.surface.loose), np.flatnonzero(mesh.used)
+    if not len(flying) or not len(index):
+        return given
+    moment, own = given.moment.copy(), _cross(position[flying], given.momentum[flying])
+    nearest = index[cKDTree(position[index]).query(position[flying])[1]]
+    np.add.at(moment, nearest, moment[flying] - own)
+    moment[flying] = own
+    return given._replace(moment=moment)
 
 
 def _cross(x: Array, v: Array) -> Array:
@@ -176,18 +200,6 @@ def _cross(x: Array, v: Array) -> Array:
     if x.shape[1] == 2:
         return np.asarray((x[:, 0] * v[:, 1] - x[:, 1] * v[:, 0])[:, None])
     return np.asarray(np.cross(x, v))
-
-
-def components_of(mesh: Mesh) -> tuple[int, Array]:
-    """Number of connected components of a mesh, and that of each particle (N,); -1 for those in no cell."""
-    n = len(mesh.position)
-    i, j = mesh.edges.T
-    graph = sparse.csr_matrix((np.ones(len(i), dtype=np.int8), (i, j)), shape=(n, n))
-    label = connected_components(graph, directed=False)[1]
-    used = mesh.used
-    numbers, label[used] = np.unique(label[used], return_inverse=True)
-    label[~used] = -1
-    return len(numbers), label
 
 
 def restore_volumes(mesh: Mesh, wall: Array, volume: Array, spacing: float) -> Mesh:
@@ -205,7 +217,7 @@ def restore_volumes(mesh: Mesh, wall: Array, volume: Array, spacing: float) -> M
         spacing: of the particles [m].
     """
     s = mesh.surface
-    count, label = components_of(mesh)
+    count, label = mesh.connected
     used = label >= 0
     wanted = np.bincount(label[used], volume[used], count)
     of_cell = label[mesh.cells[:, 0]]
@@ -349,6 +361,70 @@ def particles_mass(mesh: tuple[Array, Array], n: int) -> Array:
     return np.asarray(np.bincount(cells.ravel(), np.repeat(mass / width, width), n))
 
 
+def _rotation(arm: Array, mass: Array, of: Array, moment: Array) -> Array:
+    """Velocities (K, d) of rigid rotations about centres, by which components gain angular momentum [m/s].
+
+    Args:
+        arm: (K, d) of the particles from the centre of mass of their component [m].
+        mass: (K,) [kg].
+        of: (K,) number of the component.
+        moment: (C, k) angular momentum that each component is to gain [N m s].
+    """
+    count, square = len(moment), (arm**2).sum(axis=1)
+    if arm.shape[1] == 2:
+        inertia = np.bincount(of, mass * square, count)
+        spin = np.divide(moment[:, 0], inertia, out=np.zeros(count), where=inertia > 0)[of]
+        return np.asarray(spin[:, None] * np.stack([-arm[:, 1], arm[:, 0]], axis=1))
+    tensor = mass[:, None, None] * (square[:, None, None] * np.eye(3) - np.einsum("ki,kj->kij", arm, arm))
+    inertia = np.stack([np.bincount(of, column, count) for column in tensor.reshape(-1, 9).T], axis=1)
+    inverse = np.linalg.pinv(inertia.reshape(-1, 3, 3), rcond=1e-9)
+    return np.cross(np.einsum("kij,kj->ki", inverse, moment)[of], arm)
+
+
+def balanced(solved: Solved) -> Solved:
+    """The step, after which components of the fluids that touch no wall have the momenta that they must.
+
+    Only gravity and body forces change them. Newton's tolerance leaves an error of the momentum, and the time
+    integration one of the angular momentum: it takes positions, velocities and forces at different times, so that the
+    sum of x times m v changes by a part to dt^3 in a step of a smooth flow. Each component is given one velocity and
+    one acceleration, so that
+
+        sum m (v + (1/2 - alpha_f) dt a) grows by dt sum m b,    sum m a_alpha = sum m b,
+
+    and a rigid rotation, by which its angular momentum about the centre of mass is that of before. The latter only
+    where b is uniform and steady and has no moment: otherwise the moment in the step is not known to second order.
+
+    Args:
+        solved: a step.
+    """
+    before, after, scheme = solved.before, solved.particles, solved.scheme
+    count, label = before.mesh.connected
+    held = np.zeros(count + 1, dtype=bool)
+    held[label[after.wall]] = held[-1] = True  # the last one is that of the particles in no cell, -1
+    some = np.flatnonzero(~held[label])
+    if not len(some):
+        return solved
+    of, m, shift = label[some], before.mass[some], (0.5 - scheme.alpha_f) * scheme.dt
+    weight = np.maximum(np.bincount(of, m, count), 1e-300)[:, None]
+
+    def mean(values: Array) -> Array:
+        return np.stack([np.bincount(of, m * column, count) for column in values.T], axis=1) / weight
+
+    x, v, a = (getattr(before.particles, name)[some] for name in ("position", "velocity", "acceleration"))
+    end, velocity, acceleration = after.position[some], after.velocity[some], after.acceleration[some]
+    force = mean(solved.force[some])
+    rate = (force - scheme.alpha_m * mean(a)) / (1 - scheme.alpha_m)
+    wanted = mean(v) + shift * mean(a) + scheme.dt * force - shift * rate
+    acceleration = acceleration + (rate - mean(acceleration))[of]
+    velocity = velocity + (wanted - mean(velocity))[of]
+    if solved.uniform:
+        arm, spin = end - mean(end)[of], mean(_cross(x - mean(x)[of], v - mean(v)[of]))
+        velocity = velocity + _rotation(arm, m, of, weight * (spin - mean(_cross(arm, velocity - wanted[of]))))
+    new = after.copy()
+    new.velocity[some], new.acceleration[some] = velocity, acceleration
+    return dataclasses.replace(solved, particles=new)
+
+
 def restore_momenta(particles: Particles, mesh: Mesh, mass: Array, given: Carried) -> Particles:
     """The particles, with the momenta of those components that touch no wall as ``given``.
 
@@ -358,7 +434,7 @@ def restore_momenta(particles: Particles, mesh: Mesh, mass: Array, given: Carrie
         mass: (N,) lumped on it [kg].
         given: what the particles carry.
     """
-    count, label = components_of(mesh)
+    count, label = mesh.connected
     used = label >= 0
     held = np.zeros(max(count, 1), dtype=bool)
     held[label[used & particles.wall]] = True
@@ -369,7 +445,7 @@ def restore_momenta(particles: Particles, mesh: Mesh, mass: Array, given: Carrie
     velocity[alone] = given.momentum[alone] / given.mass[alone, None]
     if not some.any():
         return particles.shallow_copy(velocity=velocity)
-    of, d = label[some], particles.dimension
+    of = label[some]
 
     def total(values: Array) -> Array:
         return np.stack([np.bincount(of, column, count) for column in values.T], axis=1)
@@ -384,15 +460,7 @@ def restore_momenta(particles: Particles, mesh: Mesh, mass: Array, given: Carrie
     arm = x - centre[of]
     moved = v + change[of]
     lost = ratio[:, None] * total(given.moment[some]) - total(m * _cross(x, moved))
-    if d == 2:
-        inertia = np.bincount(of, mass[some] * (arm**2).sum(axis=1), count)
-        spin = np.divide(lost[:, 0], inertia, out=np.zeros(count), where=inertia > 0)[of]
-        moved = moved + spin[:, None] * np.stack([-arm[:, 1], arm[:, 0]], axis=1)
-    else:
-        outer = np.einsum("ki,kj->kij", arm, arm)
-        tensor = m[:, :, None] * ((arm**2).sum(axis=1)[:, None, None] * np.eye(3) - outer)
-        inertia = total(tensor.reshape(-1, 9)).reshape(-1, 3, 3)
-        moved = moved + np.cross(np.einsum("kij,kj->ki", np.linalg.pinv(inertia, rcond=1e-9), lost)[of], arm)
+    moved = moved + _rotation(arm, mass[some], of, lost)
     a = particles.acceleration[some]
     force = (ratio[:, None] * total(given.force[some]) - total(m * a)) / whole
     velocity[some], acceleration[some] = moved, a + force[of]

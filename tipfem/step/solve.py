@@ -194,6 +194,7 @@ class StepSolver:
             residual=result.norm,
             pressure_jump=problem.pressure_jump(result.solution),
             bodies=walls.after if isinstance(walls, BodyWalls) else None,
+            uniform=not varies,
         )
 
     def consistent(self, state: State, dt: float) -> State:
