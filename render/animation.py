@@ -17,9 +17,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from .arrays import Array, Range
 from .flow import Tracers
 from .movie import MovieWriter, check_movie_name
-from .renderer import Renderer, natural_size
+from .renderer import Renderer, natural_size, settled
 from .results import Results
-from .scales import check_range, contour_interval, field_limits
+from .scales import MUTED_FIELD, check_range
 from .scene import Scene
 from .view import View
 
@@ -34,12 +34,14 @@ class Animation(NamedTuple):
         movies: movie files.
         backend: the back end used.
         field_range: (low, high) of the field's colours; None without a field.
+        muted: names of the fluids that were left uncoloured.
     """
 
     frames: list[Path]
     movies: list[Path]
     backend: str
     field_range: tuple[float, float] | None
+    muted: tuple[str, ...]
 
 
 def animate(
@@ -110,11 +112,10 @@ def animate(
     tail = f"_{tail}" if tail else ""
     if field is not None:
         results.scene(0).field_values(field)
-        if field_range is None:
-            field_range = field_limits(_sampled(results), field)
-    if view.contours is not None and view.interval is None:
+    if view.contours is not None:
         results.scene(0).field_values(view.contours)
-        view = replace(view, interval=contour_interval(_sampled(results), view.contours))
+    if field is not None or view.contours is not None:
+        view, field_range = settled(view, _Sampled(results), field, field_range)
     if size is None:
         size = natural_size(results.scene(0), field, view)
 
@@ -145,7 +146,7 @@ def animate(
         used = renderer.backend
     if frames:
         _remove_beyond(folder, len(results))
-    return Animation(written, movies, used, field_range)
+    return Animation(written, movies, used, field_range, (view.muted or ()) if field == MUTED_FIELD else ())
 
 
 def picture_name(
@@ -177,6 +178,7 @@ def picture_name(
 
     words = [field] if field else []
     words += [f"range_{numbers(field_range)}"] if field_range is not None else []
+    words += ["all"] * (view.muted == ()) + [f"without_{name}" for name in view.muted or ()]
     words += [view.colour_map] if view.colour_map else []
     words += ["mesh"] * mesh + ["particles"] * particles + ["nofill"] * (not view.fill)
     words += ["arrows"] * view.arrows + ["streamlines"] * view.streamlines
@@ -191,10 +193,15 @@ def picture_name(
     return re.sub(r"[^\w.=+-]+", "-", "_".join(words))
 
 
-def _sampled(results: Results) -> Iterator[Scene]:
-    """Scenes at evenly spaced stored times."""
-    count = min(len(results), _MOST_SAMPLED)
-    return (results.scene(int(i)) for i in np.linspace(0, len(results) - 1, count).round())
+class _Sampled:
+    """Scenes at evenly spaced stored times, read at each passage."""
+
+    def __init__(self, results: Results) -> None:
+        self._results, self._count = results, min(len(results), _MOST_SAMPLED)
+
+    def __iter__(self) -> Iterator[Scene]:
+        numbers = np.linspace(0, len(self._results) - 1, self._count).round()
+        return (self._results.scene(int(i)) for i in numbers)
 
 
 def _write_png(path: Path, image: Array) -> Path:

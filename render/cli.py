@@ -57,6 +57,11 @@ def parser() -> argparse.ArgumentParser:
         help="values at the ends of the colours, in the field's unit "
         "(default: from the results, the same for all pictures)",
     )
+    made.add_argument(
+        "--colour-all",
+        action="store_true",
+        help="colour every fluid by the pressure (default: a gas whose pressure hardly varies keeps its own)",
+    )
     made.add_argument("--mesh", action="store_true", help="draw the edges of the cells")
     made.add_argument("--particles", action="store_true", help="draw the particles as dots")
     made.add_argument(
@@ -195,6 +200,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 interval=given.interval,
                 tracers=given.tracers,
                 colour_map=given.colour_map,
+                muted=() if given.colour_all else None,
             ),
             samples=given.samples,
             title=given.title,
@@ -208,6 +214,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
     if done.field_range is not None:
         print(f"{given.field}: colours from {done.field_range[0]:g} to {done.field_range[1]:g}")
+    for fluid in done.muted:
+        print(f"{fluid}: not coloured, its pressure hardly varies; --colour-all colours it")
     if done.frames:
         print(f"{done.frames[0].parent}: {len(done.frames)} frames, drawn with {done.backend}")
     for movie in done.movies:

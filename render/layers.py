@@ -9,7 +9,7 @@ from . import colours, flow
 from .arrays import Array
 from .drawing import Drawing
 from .layout import Layout
-from .scales import LABELS, contour_interval, field_ends
+from .scales import LABELS, MUTED_FIELD, FieldSample, field_ends
 from .scene import Scene
 from .streamlines import streamlines
 from .view import View
@@ -42,13 +42,15 @@ class Key(NamedTuple):
     head: bool = False
 
 
-def draw_layers(drawing: Drawing, scene: Scene, cells: Array, layout: Layout, view: View, on_field: bool) -> list[Key]:
+def draw_layers(
+    drawing: Drawing, scene: Scene, seen: Array | slice, layout: Layout, view: View, on_field: bool
+) -> list[Key]:
     """Add the layers that a view asks for.
 
     Args:
         drawing: to which they are added.
         scene: what is drawn.
-        cells: (C, 3) those of its cells that are seen.
+        seen: numbers of its cells that are seen.
         layout: of the picture.
         view: what is shown.
         on_field: whether the cells have the colours of a field, dark ones and light ones.
@@ -59,13 +61,16 @@ def draw_layers(drawing: Drawing, scene: Scene, cells: Array, layout: Layout, vi
     Raises:
         ValueError: a field that a layer needs is missing.
     """
-    keys = []
+    keys, cells = [], scene.cells[seen]
     unit, lower, upper = layout.unit, layout.lower, layout.upper
     if view.contours is not None:
-        interval = view.interval or contour_interval([scene], view.contours)
+        interval = view.interval or FieldSample([scene], view.contours).interval()
         low, high = field_ends(scene, view.contours)
         levels = interval * np.arange(np.ceil(low / interval), np.floor(high / interval) + 1)
         values = scene.field_values(view.contours)
+        if view.muted and view.contours == MUTED_FIELD and scene.cell_fluid is not None:
+            # The light fluid is at about zero, and so is its interface: the contour of zero would be noise.
+            cells, levels = cells[~is_muted(scene, view, interval)[seen]], levels[levels != 0]
         segments = layout.pixels(flow.contour_segments(scene.position, cells, values, levels[:MOST_LEVELS]))
         keys.append(Key(contour_text(view.contours, interval), colours.CONTOUR, colours.HALO))
         _rimmed(drawing, segments, keys[-1], CONTOUR_WIDTH * unit, 0.5 * unit)
@@ -108,6 +113,26 @@ def layer_texts(scene: Scene, view: View, field: str | None) -> list[str]:
         texts.append(contour_text(view.contours, view.interval))
     texts += ["streamlines"] * view.streamlines + ["longest arrow 0.0000 m/s"] * view.arrows
     return texts + ["paths of tracers"] * (scene.trails is not None)
+
+
+def is_muted(scene: Scene, view: View, tolerance: float) -> Array:
+    """Mask (M,) of the cells that a view leaves uncoloured where the pressure is shown.
+
+    Args:
+        scene: what is drawn.
+        view: its muted fluids are left uncoloured, but for cells at another pressure, as in a bubble below the surface.
+        tolerance: from the median of a fluid's pressure [Pa].
+    """
+    found = np.zeros(len(scene.cells), bool)
+    if not view.muted or scene.cell_fluid is None:
+        return found
+    corners = scene.field_values(MUTED_FIELD)[scene.cells]
+    for name in view.muted:
+        own = np.flatnonzero(scene.cell_fluid == scene.fluid_names.index(name))
+        if len(own):
+            middle = np.median(corners[own])
+            found[own] = (np.abs(corners[own] - middle) <= tolerance).any(axis=1)
+    return found
 
 
 def contour_text(field: str, interval: float) -> str:

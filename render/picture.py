@@ -8,14 +8,15 @@ from .bodies import draw_bodies
 from .drawing import Drawing
 from .interface import edge_means, particle_fluids
 from .joints import draw_walls
-from .layers import INTERFACE, WALL_THICKNESS, Key, cover_ends, draw_layers, mask_outside
+from .layers import INTERFACE, WALL_THICKNESS, Key, cover_ends, draw_layers, is_muted, mask_outside
 from .layout import Layout
-from .scales import colour_map_of
+from .scales import MUTED_FIELD, MUTED_SHARE, colour_map_of
 from .scene import Scene
 from .view import View
 
 INTERFACE_WIDTH = 2.0  # in design pixels, like the widths below
 HALO_WIDTH = 4.2
+SIDE_WIDTH = 3.6  # of the stripes on both sides of an interface
 SPRAY_RADIUS = 0.4  # in spacings
 MESH_WIDTH = 0.8
 THIN_SOLID = 2.0  # circumradius of triangles of what is filled between walls, in thicknesses of a wall
@@ -102,16 +103,28 @@ def draw_scene(
         by_cell = field in scene.cell_fields
         shades = colours.map_values(scene.cell_values(field) if by_cell else values, lowest, highest, table)
         shades = shades.astype(np.float32)
+        plain = np.zeros(len(scene.cells), bool)
+        if field == MUTED_FIELD:
+            plain = is_muted(scene, view, MUTED_SHARE * (highest - lowest))
         if view.fill:
-            drawing.triangles(pixels[cells], shades[seen] if by_cell else shades[cells])
+            hidden = plain[seen]
+            drawing.triangles(pixels[cells[~hidden]], (shades[seen] if by_cell else shades[cells])[~hidden])
+            if hidden.any():
+                assert scene.cell_fluid is not None, "cells without a fluid are not muted"
+                drawing.triangles(pixels[cells[hidden]], fills[scene.cell_fluid[seen][hidden]])
         tones = 0.6 * shades
+        if plain.any():
+            tones = np.where(plain[:, None], colours.tone(fills)[scene.cell_fluid], tones[scene.cells].mean(axis=1))
+            by_cell = True
         dots = colours.dot_colours_on_field(fills)
 
     # A particle in no cell is drawn as a drop of about the volume that it carries.
     drops = np.flatnonzero(spray & near)
     tints = fills[scene.fluid[drops]]
     if field is not None:
-        tints = colours.map_values(values[drops], lowest, highest, table)
+        coloured = colours.map_values(values[drops], lowest, highest, table)
+        muted = [name in (view.muted or ()) and field == MUTED_FIELD for name in scene.fluid_names]
+        tints = np.where(np.array(muted)[scene.fluid[drops], None], tints, coloured)
     drawing.dots(pixels[drops], drop, tints)
 
     if mesh:
@@ -133,6 +146,8 @@ def draw_scene(
         interface = np.concatenate([interface, pixels[ends[~scene.wall[ends].all(axis=1)]]])
     light, dark = colours.rgb(colours.HALO), colours.rgb(colours.INTERFACE)
     if field is not None:
+        if len(scene.fluid_names) > 2 and scene.cell_fluid is not None:
+            _draw_sides(drawing, scene, layout, fills)
         # A light line under the dark one, so that it is visible on every colour of the table.
         drawing.lines(interface, HALO_WIDTH * unit, light, cap=0.5 * unit)
         drawing.dots(beads, radius + (HALO_WIDTH - INTERFACE_WIDTH) / 2 * unit, light)
@@ -140,12 +155,33 @@ def draw_scene(
     # Particles on the interface belong to both fluids and have its colour.
     drawing.dots(beads, radius, dark)
     draw_bodies(drawing, scene.bodies, layout)
+    muting = field == MUTED_FIELD and bool(view.muted)
     keys = []
     if len(interface) and (field is not None or not view.fill):
         keys.append(Key(INTERFACE, colours.INTERFACE, colours.HALO))
-    keys += draw_layers(drawing, scene, cells, layout, view, field is not None and view.fill)
+    keys += draw_layers(drawing, scene, seen, layout, view, field is not None and view.fill and not muting)
     if scene.period is not None:
         cover_ends(drawing, scene, layout, scheme.background)
     if (view.window is not None or view.follow is not None) and not bare:
         mask_outside(drawing, scene, layout)
     return drawing, keys
+
+
+def _draw_sides(drawing: Drawing, scene: Scene, layout: Layout, fills: Array) -> None:
+    """Stripes along the interfaces in the colours of the fluids on their two sides, where there are three or more."""
+    assert scene.cell_fluid is not None, "the caller has asked"
+    edges = scene.geometry.edges
+    first = edges.first[edges.shared_by == 2]
+    pairs = edges.pairs[edges.shared_by == 2]
+    cells = [edges.sides[first + k] % len(scene.cells) for k in (0, 1)]
+    differ = scene.cell_fluid[cells[0]] != scene.cell_fluid[cells[1]]
+    ends = layout.pixels(scene.position[pairs[differ]])
+    along = ends[:, 1] - ends[:, 0]
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    offset = (HALO_WIDTH + SIDE_WIDTH) / 2 * layout.unit
+    for side in cells:
+        inside = layout.pixels(scene.position[scene.cells[side[differ]]].mean(axis=1)) - ends[:, 0]
+        towards = np.where((inside * across).sum(axis=1, keepdims=True) > 0, across, -across)
+        stripe = ends + offset * towards[:, None]
+        drawing.lines(stripe, SIDE_WIDTH * layout.unit, fills[scene.cell_fluid[side[differ]]], cap=0.4 * layout.unit)

@@ -1,6 +1,6 @@
 """Draw scenes as pictures, with either back end."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -13,7 +13,7 @@ from .layers import layer_texts
 from .layout import Layout, check_size, fitted_size, make_layout
 from .picture import draw_scene
 from .rasterizer import Rasterizer
-from .scales import check_range, contour_interval, field_limits
+from .scales import MUTED_FIELD, FieldSample, check_range
 from .scene import Scene
 from .view import View
 from .vulkan import software_driver
@@ -89,16 +89,16 @@ class Renderer:
         """
         if field is not None:
             scene.field_values(field)
-            field_range = field_limits([scene], field) if field_range is None else check_range(field_range)
+            field_range = None if field_range is None else check_range(field_range)
         fills = colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours)
-        view = View() if view is None else view
-        view = settled(view, scene)
+        view, field_range = settled(View() if view is None else view, [scene], field, field_range)
         layout = make_layout(self.size, *contents(scene, field, view))
         drawing, keys = draw_scene(
             scene, layout, fills, field=field, field_range=field_range, mesh=mesh, particles=particles, view=view
         )
         image = self._canvas.paint(drawing, colours.BACKGROUND)
-        swatches = [(name, fills[scene.fluid_names.index(name)]) for name in _named(scene, field, view)]
+        named = _named(scene, field, view)
+        swatches = [(text, fills[scene.fluid_names.index(name)]) for name, text in named.items()]
         return annotate(image, scene, layout, swatches, field, field_range, view.colour_map, keys)
 
     def tank(self, scene: Scene, layout: Layout) -> Array:
@@ -122,16 +122,29 @@ class Renderer:
         self.close()
 
 
-def settled(view: View, scene: Scene) -> View:
-    """A view with the values that it leaves open taken from a scene.
+def settled(
+    view: View, scenes: Iterable[Scene], field: str | None, field_range: Range | None
+) -> tuple[View, Range | None]:
+    """A view and a range with what they leave open taken from scenes: muted fluids, interval of contours, range.
 
     Args:
         view: what is shown.
-        scene: what is drawn.
+        scenes: what is drawn, or some of many.
+        field: name of the field shown, or None.
+        field_range: of its colours; None takes it from the scenes.
     """
+    samples = {name: FieldSample(scenes, name) for name in {field, view.contours} if name is not None}
+    if view.muted is None:
+        view = replace(view, muted=samples[MUTED_FIELD].muted() if MUTED_FIELD in samples else ())
+
+    def left_out(name: str) -> tuple[str, ...]:
+        return (view.muted or ()) if name == MUTED_FIELD else ()
+
     if view.contours is not None and view.interval is None:
-        view = replace(view, interval=contour_interval([scene], view.contours))
-    return view
+        view = replace(view, interval=samples[view.contours].interval(left_out(view.contours)))
+    if field is not None and field_range is None:
+        field_range = samples[field].limits(left_out(field))
+    return view, field_range
 
 
 def natural_size(scene: Scene, field: str | None, view: View) -> tuple[int, int]:
@@ -142,19 +155,25 @@ def natural_size(scene: Scene, field: str | None, view: View) -> tuple[int, int]
         field: name of the field shown, or None.
         view: what is shown.
     """
-    return fitted_size(*contents(scene, field, settled(view, scene)))
+    return fitted_size(*contents(scene, field, settled(view, [scene], field, (0.0, 1.0))[0]))
 
 
-def _named(scene: Scene, field: str | None, view: View) -> list[str]:
-    """Names of the fluids with a swatch in the legend."""
-    return list(scene.fluid_names) if field is None else []
+def _named(scene: Scene, field: str | None, view: View) -> dict[str, str]:
+    """Texts of the fluids with a swatch in the legend, by their names."""
+    if field is None:
+        return {name: name for name in scene.fluid_names}
+    muted = (view.muted or ()) if field == MUTED_FIELD else ()
+    # With three fluids or more the interfaces have stripes of their colours.
+    names = scene.fluid_names if len(scene.fluid_names) > 2 else muted
+    return {name: f"{name} (not coloured)" if name in muted else name for name in names}
 
 
 def contents(scene: Scene, field: str | None, view: View) -> tuple[Array, Array, bool, float, list[float], bool]:
     """What a layout depends on: corners of the part shown, title, widths of the panel and its entries, colour bar."""
     lower, upper = view.bounds(scene)
     texts = layer_texts(scene, view, field)
-    entries = [entry_width(text) for text in (*_named(scene, field, view), *texts)]
+    texts = [*_named(scene, field, view).values(), *texts]
+    entries = [entry_width(text) for text in texts]
     return lower, upper, bool(scene.title), panel_width(scene, field, texts), entries, field is not None
 
 

@@ -1,7 +1,7 @@
 """Ranges and ticks: round numbers, their labels, and the units of the fields."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +17,11 @@ LABELS = {
     "density": ("density", "kg/m^3"),
 }
 
+MUTED_FIELD = "pressure"  # which hardly varies in a gas over a liquid
+MUTED_SHARE = 0.1  # of the range of the other fluids, in which its values lie then
 _MOST_CONTOURS = 14
+_ENDS = (1, 99)  # [%] of the values, at the ends of the colours
+_NEAR_ZERO = 0.05  # of a range: what it may pass zero by without going on beyond
 
 
 def is_signed(field: str) -> bool:
@@ -62,31 +66,94 @@ def tick_labels(ticks: ArrayLike) -> list[str]:
     return [f"{round(float(value), decimals) + 0.0:.{decimals}f}" for value in ticks]
 
 
+class FieldSample:
+    """Values of a field over scenes, for what all their pictures share.
+
+    Args:
+        scenes: with the field.
+        field: its name.
+
+    Attributes:
+        field: its name.
+        values: (K,) of all particles of all scenes.
+        fluid: (K,) the fluids of these particles.
+    """
+
+    def __init__(self, scenes: Iterable[Scene], field: str) -> None:
+        values, fluids = [], []
+        self._names: tuple[str, ...] = ()
+        self._densities: tuple[float, ...] | None = None
+        self._owned = True
+        for scene in scenes:
+            values.append(scene.field_values(field))
+            fluids.append(scene.fluid)
+            self._names, self._densities = scene.fluid_names, scene.fluid_densities
+            self._owned = self._owned and scene.cell_fluid is not None
+        self.field, self.values, self.fluid = field, np.concatenate(values), np.concatenate(fluids)
+
+    def muted(self) -> tuple[str, ...]:
+        """Names of the fluids that pictures of the field leave uncoloured.
+
+        These are, for the pressure, fluids of less than a fiftieth of the largest density in which 96 % of the values
+        lie in a tenth of the range of the others: air over water. Their cells at another pressure, in bubbles below the
+        surface, are coloured nevertheless.
+        """
+        if self.field != MUTED_FIELD or self._densities is None or not self._owned:
+            return ()
+        light = [k for k, density in enumerate(self._densities) if density < 0.02 * max(self._densities)]
+        heavy = self.values[~np.isin(self.fluid, light)]
+        if len(heavy) == 0:
+            return ()
+        low, high = np.percentile(heavy, _ENDS)
+        found: list[str] = []
+        for k in light:
+            own = self.values[self.fluid == k]
+            if len(own) and float(np.subtract(*np.percentile(own, [98, 2]))) < MUTED_SHARE * (high - low):
+                found.append(self._names[k])
+        return tuple(found)
+
+    def limits(self, muted: Sequence[str] = ()) -> Range:
+        """A round range for the colours, see `field_limits`.
+
+        Args:
+            muted: names of fluids whose values are left out.
+        """
+        shown = self.values[~np.isin(self.fluid, [self._names.index(name) for name in muted])]
+        low, high = np.percentile(shown if len(shown) else self.values, _ENDS)
+        return round_limits(self.field, float(low), float(high))
+
+    def interval(self, muted: Sequence[str] = ()) -> float:
+        """A round distance between contours, for at most 14 of them over the range of `limits`.
+
+        Args:
+            muted: names of fluids whose values are left out.
+        """
+        low, high = self.limits(muted)
+        return _round_step((high - low) / (_MOST_CONTOURS - 1))
+
+
 def field_limits(scenes: Iterable[Scene], field: str) -> Range:
     """A round range (low, high) for a field over scenes.
 
-    The 0.5 % at either end are left out, so that a few extreme particles do not determine the colours;
-    a signed quantity gets a range symmetric about zero, and a speed starts at zero.
+    Of all values of all scenes together 1 % at either end is left out, so that single peaks, in space or in time, do
+    not determine the colours; the pointed ends of the colour bar say that there are more. A range that passes zero by
+    little ends there. A signed quantity gets a range symmetric about zero, and a speed starts at zero.
 
     Args:
         scenes: with the field.
         field: its name.
     """
-    low, high = np.inf, -np.inf
-    for scene in scenes:
-        ends = field_ends(scene, field)
-        low, high = min(low, ends[0]), max(high, ends[1])
-    return round_limits(field, low, high)
+    return FieldSample(scenes, field).limits()
 
 
 def field_ends(scene: Scene, field: str) -> Range:
-    """The values of a field in a scene without the 0.5 % at either end.
+    """The values of a field in a scene without the 1 % at either end.
 
     Args:
         scene: with the field.
         field: its name.
     """
-    low, high = np.percentile(scene.field_values(field), [0.5, 99.5])
+    low, high = np.percentile(scene.field_values(field), _ENDS)
     return float(low), float(high)
 
 
@@ -103,22 +170,15 @@ def round_limits(field: str, low: float, high: float) -> Range:
         low = -high
     elif field == "speed":
         low = 0.0
+    elif -_NEAR_ZERO * high < low < 0:
+        low = 0.0
+    elif 0 < high < -_NEAR_ZERO * low:
+        high = 0.0
     if not high > low:  # a uniform field: a range around its value
         width = abs(high) * 0.1 or 1.0
         return (0.0, width) if field == "speed" else (low - width, high + width)
     step = _round_step((high - low) / 10)
     return math.floor(low / step + 1e-9) * step, math.ceil(high / step - 1e-9) * step
-
-
-def contour_interval(scenes: Iterable[Scene], field: str) -> float:
-    """A round distance between the contours of a field, for at most 14 of them over the range of `field_limits`.
-
-    Args:
-        scenes: with the field.
-        field: its name.
-    """
-    low, high = field_limits(scenes, field)
-    return _round_step((high - low) / (_MOST_CONTOURS - 1))
 
 
 def check_range(field_range: Iterable[float]) -> Range:

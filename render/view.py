@@ -30,6 +30,8 @@ class View:
             them; used by `animate`, which knows all times.
         colour_map: "viridis" or "cividis", of a lightness that grows steadily, or "blue-red", white in the middle;
             None takes blue-red for components of the velocity and viridis for other fields.
+        muted: names of fluids that keep their own colour, and have no contours, where the pressure is shown. None takes
+            light ones whose pressure hardly varies, see `tipfem.render.scales.FieldSample`; () takes none.
 
     Raises:
         ValueError: a value is invalid; the message names it.
@@ -44,6 +46,7 @@ class View:
     interval: float | None = None
     tracers: int = 0
     colour_map: str | None = None
+    muted: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         if self.window is not None:
@@ -58,6 +61,8 @@ class View:
             raise ValueError(f"interval {self.interval:g} between contours: expected a number above 0")
         if not 0 <= self.tracers <= 100_000:
             raise ValueError(f"tracers {self.tracers}: expected a number from 0 to 100000")
+        if self.muted is not None:
+            object.__setattr__(self, "muted", tuple(self.muted))
         if self.colour_map is not None and self.colour_map not in COLOUR_MAPS:
             raise ValueError(f"colour map {self.colour_map!r}: expected one of {', '.join(COLOUR_MAPS)}")
 

@@ -120,6 +120,17 @@ def test_ticks_are_round():
     assert tick_labels([0.0, 2.5e-5, 5e-5]) == ["0", "2.5e-05", "5e-05"]
 
 
+def test_peaks_do_not_set_the_range_and_little_below_zero_is_left_to_the_end_of_the_bar():
+    scene = made_scene()
+    values = np.linspace(-40, 1000, len(scene.position))
+    values[[3, 5]] = 1e5, -1e5  # single peaks
+    calm = made_scene(fields={"pressure": values})
+    assert field_limits([calm], "pressure") == (0, 1000)
+    impact = made_scene(fields={"pressure": values + np.where(np.arange(len(values)) % 50 == 0, 9000, 0)})
+    assert field_limits([calm] * 9 + [impact], "pressure") == (0, 1000)  # of all times together
+    assert field_limits([made_scene(fields={"pressure": -values})], "pressure") == (-1000, 0)
+
+
 def test_automatic_range():
     scene = made_scene()
     assert field_limits([scene], "pressure") == (0, 500)

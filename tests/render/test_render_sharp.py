@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 from render_results import SIDE, sharp_tank, tank
 from scipy.spatial import Delaunay
-from tipfem.render import Scene, render_frame
+from tipfem.render import Scene, View, render_frame
 from tipfem.render.annotation import panel_width
 from tipfem.render.colours import INTERFACE, colour_table, dot_colours, fluid_colours, map_values, mix, rgb, tone
+from tipfem.render.drawing import Drawing
 from tipfem.render.interface import fluid_regions, particle_fluids
 from tipfem.render.layout import make_layout
+from tipfem.render.picture import draw_scene
+from tipfem.render.scales import FieldSample
 
 SIZE = (1280, 720)
 COUNT = 16
@@ -174,3 +177,100 @@ def test_values_of_the_cells():
 def test_bad_values_of_cells_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         made_scene(**changes)
+
+
+def calm_air(**changes):
+    """Hydrostatic water below air at pressures around zero, with a bubble deep below that has the water's pressure."""
+    scene = made_scene(**changes)
+    depth = np.maximum(0.25 - scene.position[:, 1], 0)
+    return made_scene(
+        fluid_densities=tuple(DENSITIES),
+        cell_fields={},
+        fields={"pressure": 9810 * depth, "speed": 0 * depth},
+        **changes,
+    )
+
+
+def test_air_of_even_pressure_is_left_uncoloured_but_its_bubbles_are_not():
+    scene = calm_air()
+    assert FieldSample([scene], "pressure").muted() == ("air",)
+    assert FieldSample([scene], "speed").muted() == ()
+    view = View(muted=("air",))
+    drawing, keys = draw_scene(scene, layout_of(scene), FILLS, field="pressure", field_range=(0, 2500), view=view)
+    assert [key.text for key in keys] == ["interface"]
+    # The cells' triangles come with one colour where they are muted, and with the table's elsewhere.
+    above = layout_of(scene).pixels(scene.position[scene.cells].mean(axis=1))
+    muted = flat_cells(drawing, FILLS[1])
+    air = scene.cell_fluid == 1
+    high = scene.position[scene.cells][..., 1].min(axis=1) > 0.31
+    bubble = air & (scene.position[scene.cells][..., 1].max(axis=1) < 0.17)
+    assert bubble.any()
+    inside = {tuple(np.round(centre, 1)) for centre in muted}
+    assert all(tuple(np.round(centre, 1)) in inside for centre in above[air & high].astype(np.float32))
+    assert not any(tuple(np.round(centre, 1)) in inside for centre in above[bubble].astype(np.float32))
+    coloured, _ = draw_scene(
+        scene, layout_of(scene), FILLS, field="pressure", field_range=(0, 2500), view=View(muted=())
+    )
+    assert len(flat_cells(coloured, FILLS[1])) == 0
+
+
+def flat_cells(drawing: Drawing, fill):
+    """Middles of the triangles of one colour."""
+    vertices, shades = drawing.arrays()
+    return vertices[(np.abs(shades - fill) < 1e-6).all(axis=(1, 2))].mean(axis=1)
+
+
+def test_air_that_presses_is_coloured():
+    scene = calm_air()
+    values = np.where(scene.fluid == 1, 3000 * scene.position[:, 0], 9810 * (0.5 - scene.position[:, 1]))
+    pressed = made_scene(fluid_densities=tuple(DENSITIES), cell_fields={}, fields={"pressure": values})
+    assert FieldSample([pressed], "pressure").muted() == ()
+    heavy = made_scene(fluid_densities=(998.2, 900.0), cell_fields={}, fields={"pressure": scene.fields["pressure"]})
+    assert FieldSample([heavy], "pressure").muted() == ()
+
+
+def test_the_muted_picture_names_the_fluid_and_no_contour_is_in_it():
+    scene = calm_air()
+    plain = render_frame(scene, SIZE, "pressure", backend="raster", view=View(muted=()))
+    image = render_frame(scene, SIZE, "pressure", backend="raster")
+    air = (image == np.rint(255 * FILLS[1]).astype(np.uint8)).all(axis=2)
+    assert air.mean() > 0.1
+    assert not (plain == np.rint(255 * FILLS[1]).astype(np.uint8)).all(axis=2).any()
+    noisy = dict(scene.fields) | {
+        "pressure": scene.fields["pressure"] + np.where(np.arange(len(scene.fluid)) % 2, 5, -5)
+    }
+    lines = render_frame(
+        made_scene(fluid_densities=tuple(DENSITIES), fields=noisy, cell_fields={}),
+        SIZE,
+        "pressure",
+        backend="raster",
+        view=View(contours="pressure"),
+    )
+    red = (lines[..., 0] > 200) & (lines[..., 1] < 90)
+    left, top, right, bottom = layout_of(scene, "pressure").box
+    surface = round(bottom - (bottom - top) * (0.25 + 0.06) / SIDE)
+    assert red[round(top) : surface - 20, round(left) : round(right)].sum() == 0
+    assert red[surface:, round(left) : round(right)].sum() > 100
+
+
+def test_interfaces_of_three_fluids_show_which_side_is_which():
+    base = made_scene()
+    middle = base.position[base.cells].mean(axis=1)
+    cell_fluid = np.digitize(middle[:, 1], [0.17, 0.33])
+    fluid = np.digitize(base.position[:, 1], [0.17, 0.33])
+    names = ("glycerin", "water", "air")
+    scene = made_scene(cell_fluid=cell_fluid, fluid=fluid, fluid_names=names, cell_fields={})
+    image = render_frame(scene, SIZE, "pressure", backend="raster").astype(int)
+    fills = np.rint(255 * fluid_colours(names)).astype(int)
+    left, top, right, bottom = layout_of(scene, "pressure").box
+
+    def height(fill):
+        rows, _ = np.nonzero((np.abs(image[:, round(left) + 20 : round(right) - 20] - fill) < 3).all(axis=2))
+        return SIDE * (bottom - rows) / (bottom - top)
+
+    glycerin, water, air = (height(fill) for fill in fills)
+    assert np.median(glycerin) < 0.2
+    assert (np.abs(glycerin - 0.17) < 0.05).mean() > 0.95
+    assert np.abs(water - 0.17).min() < 0.03
+    assert np.abs(water - 0.33).min() < 0.03
+    assert np.abs(air - 0.33).max() < 0.06
