@@ -34,7 +34,7 @@ MOVIE = "animation.mp4"  # by default
 def parser() -> argparse.ArgumentParser:
     """The parser of the command line."""
     made = argparse.ArgumentParser(
-        prog="python -m tipfem.render",
+        prog="tipfem render",
         description="Draw the results folder of a run as pictures and a movie.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,

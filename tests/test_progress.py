@@ -14,6 +14,7 @@ import tipfem as tp
 from tipfem import progress
 from tipfem.casefile.commands import main
 from tipfem.errors import StepRefused
+from tipfem.logs import log_lines
 from tipfem.progress import RunProgress, StepReport, duration
 
 CASE = str(DEMOS / "cases" / "dam_break.toml")
@@ -39,9 +40,32 @@ def read(path):
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 
-def test_a_run_prints_nothing_where_there_is_no_terminal(simulation, capfd):
+def test_a_script_without_a_terminal_has_a_line_at_the_start_and_one_at_the_end(simulation, capfd):
     simulation.run(0.004)
+    said = capfd.readouterr()
+    first, last = said.err.splitlines()
+    assert first.startswith("81 particles of water, air; walls: ")
+    assert first.endswith("run from t = 0 s, step 0, to t = 0.004 s")
+    assert last == "2 steps to t = 0.004 s"
+    assert said.out == ""
+    simulation.run(0.006, progress=False)
     assert capfd.readouterr() == ("", "")
+    with log_lines("warning"):
+        simulation.run(0.008)
+    assert "particles of water" not in capfd.readouterr().err
+
+
+def test_the_time_left_does_not_count_the_compilation_of_the_first_steps(monkeypatch, caplog):
+    now = [0.0]
+    monkeypatch.setattr(progress.clock, "monotonic", lambda: now[0])
+    shown = RunProgress(0.0, 1.0, enabled=False)
+    with caplog.at_level(logging.DEBUG, logger="tipfem"):
+        for step, wall in enumerate([30.0, 35.0, 36.0, *(36.0 + k for k in range(1, 8))], 1):
+            now[0] = wall
+            shown.update({**ROW, "time": 0.01 * step}, 1.0, "motion", 0.0)
+    left = [record.figures["seconds_left"] for record in caplog.records if record.event == "step"]
+    assert all(math.isnan(value) for value in left[:3])
+    assert left[3:] == pytest.approx([100 - step for step in range(4, 11)])
 
 
 def test_every_step_and_what_stopped_it_is_in_the_log(simulation, tmp_path, monkeypatch):

@@ -5,11 +5,14 @@ Of these, only `path_of` raises: for the others the caller does, because it has 
 
 from __future__ import annotations
 
+import functools
+import inspect
 import math
 import os
+from collections.abc import Callable
 from numbers import Real
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +39,33 @@ def numbers(values: Any) -> NDArray[Any]:
     except ValueError:  # rows of different lengths
         return np.array(math.nan)
     return array.astype(np.float64, copy=False) if array.dtype.kind in "biuf" else np.array(math.nan)
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def explained(hint: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Let a function that is called with the wrong number of arguments say how it is called.
+
+    Args:
+        hint: how, as "say run(until=0.4)".
+    """
+
+    def decorated(function: Callable[P, R]) -> Callable[P, R]:
+        signature = inspect.signature(function)
+
+        @functools.wraps(function)
+        def called(*args: P.args, **kwargs: P.kwargs) -> R:
+            try:
+                signature.bind(*args, **kwargs)
+            except TypeError as error:
+                raise TypeError(f"{function.__name__}: {error}; {hint}") from None
+            return function(*args, **kwargs)
+
+        return called
+
+    return decorated
 
 
 def rounded(values: Any) -> str:

@@ -24,7 +24,7 @@ from tipfem.study.commands import register as register_study
 
 app = App(
     name="tipfem",
-    help="Two immiscible incompressible fluids by the position-based Particle Finite Element Method.",
+    help="Immiscible incompressible fluids, of any number, by the position-based Particle Finite Element Method.",
     version=tipfem.__version__,
 )
 register(app)
@@ -80,7 +80,7 @@ def list_demos() -> str:
     return "\n".join([*lines, "Run one by `tipfem demo NAME`; its options are listed by `tipfem demo NAME --help`."])
 
 
-@app.command(help_flags=[], version_flags=[])
+@app.command(help_flags=[], version_flags=[], help_epilogue="")
 def demo(
     name: Annotated[str, Parameter(allow_leading_hyphen=True)] = "",
     /,

@@ -44,6 +44,11 @@ def logs(level: int) -> bool:
     return LOGGER.isEnabledFor(level)
 
 
+def listened() -> bool:
+    """Whether a program has chosen what becomes of the log."""
+    return logs(logging.INFO) or any(not isinstance(handler, logging.NullHandler) for handler in LOGGER.handlers)
+
+
 class JsonLines(logging.Handler):
     """Writes each record as a line of JSON: timestamp (ISO 8601, UTC), level, event, message, and the event's figures.
 

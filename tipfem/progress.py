@@ -15,11 +15,12 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
-from tipfem.logs import log, logs
+from tipfem.logs import listened, log, logs
 from tipfem.notebook import NotebookProgress, in_notebook
 
 _REDRAWN = 0.2  # wall-clock time between pictures of the bar in a notebook [s]
 _LINES = 10.0  # wall-clock time between lines in the log [s]
+_FIRST = 3  # steps in which kernels are compiled, so that the time left is not estimated from them
 _WINDOW, _SAMPLES = 60.0, 0.5  # wall-clock time that the time left is estimated from, and between its samples [s]
 
 
@@ -80,15 +81,17 @@ class RunProgress:
     Args:
         start: time at which the bar is empty [s].
         end: time at which it is full [s].
-        enabled: show the bar; without effect unless the error output is a terminal or the
+        enabled: show the bar, or where there is neither a terminal nor a log a line at the start and at the end;
+            the bar is without effect unless the error output is a terminal or the
             process is the kernel of a notebook.
     """
 
     def __init__(self, start: float, end: float, *, enabled: bool = True) -> None:
         self._bar: Progress | None = None
         self._notebook = NotebookProgress() if enabled and in_notebook() else None
-        self._start, self._end = start, end
+        self._start, self._end, self._enabled = start, end, enabled
         self._drawn, self._logged = -math.inf, clock.monotonic()
+        self._steps = 0
         self._samples: deque[tuple[float, float]] = deque([(clock.monotonic(), start)])
         if enabled and not self._notebook and on_terminal():
             self._bar = Progress(
@@ -110,6 +113,11 @@ class RunProgress:
         if self._bar:
             self._bar.console.print(text, highlight=False, markup=False)
 
+    def announce(self, text: str) -> None:
+        """Print a line where neither a bar is shown nor a log is printed: to the error output of a script."""
+        if self._enabled and not (self._bar or self._notebook or listened()):
+            print(text, file=sys.stderr, flush=True)
+
     def update(self, row: Mapping[str, float], until: float, dt_limit: str, volume_error: float) -> None:
         """Show the state after a step, and log it.
 
@@ -124,7 +132,10 @@ class RunProgress:
             self._end = until
             if self._bar:
                 self._bar.update(self._task, total=until - self._start)
-        if now - self._samples[-1][0] >= _SAMPLES:
+        self._steps += 1
+        if self._steps <= _FIRST:
+            self._samples = deque([(now, time)])
+        elif now - self._samples[-1][0] >= _SAMPLES:
             self._samples.append((now, time))
             while now - self._samples[1][0] > _WINDOW:
                 self._samples.popleft()

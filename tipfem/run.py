@@ -13,6 +13,7 @@ from types import FrameType
 from typing import Any, Protocol
 
 from tipfem.arguments import is_number
+from tipfem.case.case import Case
 from tipfem.errors import SimulationError
 from tipfem.fem.time_integration import StepControl
 from tipfem.logs import log
@@ -85,6 +86,7 @@ class StopRequest:
 class Runnable(Protocol):
     """What a run needs of a simulation; see `tipfem.Simulation`."""
 
+    case: Case
     results: ResultsFolder | None
     history: list[dict[str, float]]
     control: StepControl
@@ -129,6 +131,7 @@ def run(simulation: Runnable, until: float, *, progress: bool, control: RunContr
     status, level, said = "stopped", logging.ERROR, ""
     where = {"out": str(results.path) if results else None, "until": until}
     begun = f"run from t = {simulation.time:g} s, step {simulation.step_number}, to t = {until:g} s"
+    bar.announce(f"{_described(simulation)}: {begun}")
     log(logging.INFO, "begin", begun, {"t": simulation.time, "step": simulation.step_number, **where})
     try:
         with StopRequest() as stop, bar, closing(results) if results else nullcontext():
@@ -153,6 +156,8 @@ def run(simulation: Runnable, until: float, *, progress: bool, control: RunContr
             if simulation.time < until:
                 simulation.write_fields()
             simulation.write_checkpoint(until)
+        path = f"; results: {results.path}" if results else ""
+        bar.announce(f"{simulation.step_number} steps to t = {simulation.time:.6g} s{path}")
         status, level = COMPLETE if simulation.time >= until else STOPPED, logging.INFO
         errors = simulation.numerical_error()
         line = summary_line(errors)
@@ -192,6 +197,14 @@ def run(simulation: Runnable, until: float, *, progress: bool, control: RunContr
             simulation.write_summary({"status": status})
 
 
+def _described(simulation: Runnable) -> str:
+    """The particles, fluids and walls of a run in a line."""
+    case = simulation.case
+    laws = {"slip" if wall.slip else wall.law or "no-slip" for wall in case.walls} or {"no-slip"}
+    fluids = ", ".join(fluid.name for fluid in case.fluids)
+    return f"{len(simulation.state.particles)} particles of {fluids}; walls: {', '.join(sorted(laws))}"
+
+
 def require_later(method: str, until: object, time: float) -> None:
     """Check the time that a method is to reach.
 
@@ -218,7 +231,7 @@ def require_intervals(
     """Check lengths of time of `Simulation`: numbers > 0 [s], or None.
 
     Raises:
-        ValueError: one is not, or the output interval is too short.
+        ValueError: one is not.
     """
     for name, value in (
         ("time step", time_step),
@@ -228,6 +241,14 @@ def require_intervals(
     ):
         if value is not None and not (is_number(value) and value > 0):
             raise ValueError(f"Simulation: {name} is {value!r} s; it must be > 0")
+
+
+def require_outputs_apart(output_interval: float | None, time_step: float | None) -> None:
+    """Check that outputs [s] are not much more frequent than the largest time steps [s].
+
+    Raises:
+        ValueError: they are.
+    """
     if output_interval is not None and time_step is not None and output_interval < 0.1 * time_step:
         raise ValueError(
             f"Simulation: output_interval is {output_interval:g} s, far below the time step of {time_step:g} s; "

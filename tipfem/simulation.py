@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.arguments import path_of
+from tipfem.arguments import explained, path_of
 from tipfem.backend import runtime
 from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.fluid import Fluid
 from tipfem.case.forces import Forces
+from tipfem.case.largest_step import DEFAULT, step_limit, too_long
 from tipfem.case.motion_sweep import require_room
 from tipfem.case.particles import Particles
 from tipfem.errors import SimulationError, StepRefused, TriangulationError
@@ -35,7 +36,7 @@ from tipfem.remesh.remeshers import remesher_for
 from tipfem.remeshing_table import Sums, remeshing_sums
 from tipfem.resume_changes import KEPT, Kept, Rewritten
 from tipfem.resuming import RunCheckpoints, keep_case, resumed
-from tipfem.run import require_intervals, require_later, writing
+from tipfem.run import require_intervals, require_later, require_outputs_apart, writing
 from tipfem.run import run as run_to
 from tipfem.state import Solved, State, state_with_held_bodies
 from tipfem.steering import Command, Record, RunControl, Steering
@@ -114,8 +115,11 @@ class Simulation:
         self.history: list[dict[str, float]] = []
         self.timings = Timings()
         self._frequency = frequency = case.natural_frequency()
-        largest = time_step or (0.05 / frequency if frequency else 1e-3)
+        largest = time_step or (DEFAULT / frequency if frequency else 1e-3)
         require_felt(largest, frequency)
+        if largest > step_limit(frequency):
+            raise ValueError(f"Simulation: time step {too_long(largest, step_limit(frequency))}")
+        require_outputs_apart(output_interval, time_step)
         self.control = StepControl(largest, target=case.numerics.largest_move)
         self.solver = StepSolver(case, self.control.reach)
         self.remesher, self.budget = remesher_for(case), Budget(case)
@@ -278,6 +282,7 @@ class Simulation:
                 f"halving the time step down to {dt:.3g} s did not help"
             ) from reason
 
+    @explained("say run(until=0.4), with the time to run to in s")
     def run(
         self, until: float, *, progress: bool = True, control: RunControl | None = None, view: bool = False
     ) -> None:

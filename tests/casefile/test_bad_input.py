@@ -91,7 +91,7 @@ MISTAKES = {
         "tank.spacing",
         "1e-07 m",
         "6e+12 particles",
-        "at most",
+        "it must be",
     ),
     "spacing too large": ("[0.3, 0.2]", "[0.3, 0.03]", "tank.spacing", "0.02 m", "at most half", "0.015 m"),
     "spacing too large for a layer": ("[0.3, 0.1]", "[0.3, 0.02]", "tank", "0.02 m is thinner than", "smaller spacing"),

@@ -260,6 +260,20 @@ def test_help_names_the_exit_codes_and_all_commands(capsys):
         assert word in said
 
 
+@pytest.mark.parametrize("command", ["view", "check", "sweep", "demo", "render"])
+def test_exit_codes_of_runs_are_not_in_the_help_of_other_commands(command):
+    done = subprocess.run([sys.executable, "-m", "tipfem", command, "--help"], capture_output=True, text=True)
+    assert done.returncode == 0
+    assert "SIGTERM" not in done.stdout
+    assert "--no-no-" not in done.stdout
+    assert "Usage: tipfem" in done.stdout or "usage: tipfem render" in done.stdout
+
+
+def test_a_command_of_another_name_is_suggested(capsys):
+    assert main(["study", "st.toml"]) == 2
+    assert "the command for that is `tipfem sweep`" in capsys.readouterr().err
+
+
 def test_render_passes_its_words_on(capsys):
     with pytest.raises(SystemExit) as end:
         main(["render", "--help"])

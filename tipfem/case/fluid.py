@@ -31,6 +31,11 @@ class Fluid:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise ValueError(f"Fluid: name is {self.name!r}; it must be a non-empty string")
+        for name in ("density", "viscosity"):
+            if isinstance(value := getattr(self, name), str):
+                raise ValueError(
+                    f"Fluid {self.name!r}: {name} is {value!r}, a text; it must be a number, without quotes"
+                )
         if not (is_number(self.density) and self.density > 0):
             raise ValueError(f"Fluid {self.name!r}: density is {self.density!r} kg/m^3; it must be > 0")
         if not (is_number(self.viscosity) and self.viscosity >= 0):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import Delaunay
 
-from tipfem.arguments import is_number, rounded
+from tipfem.arguments import explained, is_number, rounded
 from tipfem.case import lattice
 from tipfem.case.curves import SMOOTH, has_curve
 from tipfem.case.domain import LEAST_GAP, ON_BOUNDARY, Domain, domain_of, gap_between
@@ -76,6 +76,7 @@ class ShapedTank(Tank):
         self, fluids: Sequence[Fluid], *, fitted: bool = False, empty: bool = False, grading: Grading | None = None
     ) -> Particles:
         """Particles of the filled tank, walls included; see `Tank.sample`."""
+        self._require_memory(self.shape.area, grading)
         numbers_of, nothing = self._numbers(fluids), len(fluids)
 
         def fluid_at(x: Array) -> Array:
@@ -367,6 +368,7 @@ def _between_parts(x: Array, domain: Domain, spacing: float, part: Callable[[Arr
     return np.asarray(np.where(inside, label, -1).max(axis=1) > lowest)
 
 
+@explained("say tank(size=(0.584, 0.584), spacing=0.02)")
 def tank(
     size: Sequence[float] | None = None,
     spacing: Any = None,

@@ -15,6 +15,7 @@ from tipfem.case.domain import Domain
 from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading, thinned
 from tipfem.case.lattice import faces_of_part, heaviest_beside, snap_to_faces
+from tipfem.case.memory import too_many
 from tipfem.case.particles import Particles
 from tipfem.case.period import Period, no_period
 from tipfem.case.region import Region, initial_velocities, name_of
@@ -323,6 +324,11 @@ class Tank:
             result.append(Wall(name, particles=on_wall, **what))
         return result
 
+    def _require_memory(self, content: float, grading: Grading | None) -> None:
+        """Raise ValueError if the particles of a tank of an area or volume [m^2, m^3] do not fit into the memory."""
+        if wrong := too_many(content, self.spacing, len(self.size), graded=grading is not None):
+            raise ValueError(f"tank: spacing {wrong}")
+
     def sample(
         self, fluids: Sequence[Fluid], *, fitted: bool = False, empty: bool = False, grading: Grading | None = None
     ) -> Particles:
@@ -345,6 +351,7 @@ class Tank:
                 filled part holds no particle off the walls; a ``where`` raised or did not return a mask; a tank in 3-D
                 has no jitter, or is to be fitted.
         """
+        self._require_memory(float(np.prod(self.size)), grading)
         if fitted and len(self.size) == 3:
             raise ValueError(
                 "tank: the sharp interface (the default) is for 2-D only; for a 3-D tank say interface='interpolated'"

@@ -38,29 +38,33 @@ def read_bodies(
         if table is None:
             continue
         path: Path = ("bodies", k)
-        given = [key for key in SHAPES if getattr(table, key) is not None]
-        if len(given) != 1:
-            has = f"has {', '.join(given)}" if given else "has no shape"
+        shown = [key for key in SHAPES if getattr(table, key) is not None]
+        if len(shown) != 1:
+            has = f"has {', '.join(shown)}" if shown else "has no shape"
             report(path, f"{has}; give one of {', '.join(SHAPES)}")
             continue
         if table.name in [body.name for body in found]:
             report((*path, "name"), f"is {table.name!r} as that of another body; every body needs a name of its own")
             continue
         try:
-            motion = _motion(path, table, function)
+            given = {
+                key: function((*path, "motion", key), getattr(table.motion, key), n)
+                for key, n in {"translation": 2, "angle": 0}.items()
+                if table.motion is not None
+            }
+            if any(value is None and getattr(table.motion, key) is not None for key, value in given.items()):
+                continue  # its mistake has been reported
+            motion = None
+            if table.motion is not None:
+                if not any(given.values()):
+                    report((*path, "motion"), "has neither translation nor angle; give one, or leave the table out")
+                    continue
+                motion = Motion(given["translation"], given["angle"], table.motion.pivot)
             options = {key: getattr(table, key) for key in OPTIONS if key in table.model_fields_set}
             found.append(Body(_shape(table), motion=motion, **options))
         except ValueError as error:
             report(path, str(error).removeprefix(f"body {table.name!r}: "))
     return found
-
-
-def _motion(path: Path, table: BodyTable, function: Function) -> Motion | None:
-    if table.motion is None:
-        return None
-    sizes = {"translation": 2, "angle": 0}
-    given = {key: function((*path, "motion", key), getattr(table.motion, key), n) for key, n in sizes.items()}
-    return Motion(given["translation"], given["angle"], table.motion.pivot)
 
 
 def _shape(table: BodyTable) -> shapes.Shape:

@@ -15,6 +15,7 @@ from tipfem.case.body import Body
 from tipfem.case.case import DEFAULT_INTERFACE, SURFACE_INTERFACE, Case
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
+from tipfem.case.memory import too_many
 from tipfem.case.numerics import FittedRule, Numerics, RelocationRule, SurfaceRule
 from tipfem.case.particles import Particles
 from tipfem.case.shaped_tank import ShapedTank
@@ -28,9 +29,9 @@ from tipfem.casefile.probing import KIND_NAMES, read_probes
 from tipfem.casefile.problems import child_at, listed, meant
 from tipfem.casefile.schema import FillTable, MotionTable, NumericsTable, WallTable
 from tipfem.casefile.source import Path
+from tipfem.casefile.times import check_times
 
 Report = Callable[[Path, str], None]
-MOST_PARTICLES = 5e7  # of a tank: more than a quarter of a terabyte of memory
 SUBJECT = re.compile(r"^(?:step|run|init|tank|fill|wall|Case|Simulation|[A-Z]\w+)(?: '[^']*')?: ")
 RULES = {"fitting": FittedRule, "relocation": RelocationRule, "surface": SurfaceRule}
 
@@ -68,7 +69,7 @@ class Parts:
         self.numerics = self._numerics()
         self.force = self._force()
         self.probes = read_probes(sections.get("probes") or [], self.fluid_names, report)
-        self._check_times()
+        check_times(sections, report)
 
     def case(self) -> Case:
         """A new case.
@@ -120,6 +121,7 @@ class Parts:
             "Case: gravity": "gravity",
             "Case: at t": "walls",
             "out is": "output",
+            "Simulation: time step": "time",
         }.items():
             if message.startswith(subject) and self.sections.get(section) is not None:
                 return self._blamed((section,), rest)
@@ -175,13 +177,10 @@ class Parts:
             self.report(("gravity",), why)
         if tank is not None:
             size = tank.size if self._shape is None else np.ptp(self._shape.box, axis=0).tolist()
-            count = math.prod(edge / tank.spacing + 1 for edge in size)
-            if not count <= MOST_PARTICLES:
-                self.report(
-                    ("tank", "spacing"),
-                    f"is {tank.spacing} m, which makes about {count:.1g} particles of {size} m; "
-                    f"it must be so large that there are at most {MOST_PARTICLES:.0g}",
-                )
+            content = math.prod(size) if self._shape is None else self._shape.area
+            graded = self.sections.get("grading") is not None
+            if wrong := too_many(content, tank.spacing, len(size), graded=graded):
+                self.report(("tank", "spacing"), wrong)
                 return None, dimension
         return (self._made(("tank",), self._new_empty_tank) if tank else None), dimension
 
@@ -464,16 +463,6 @@ class Parts:
         tank = self.sections.get("tank")
         if tank is not None and self.dimension == 3 and tank.jitter == 0:
             self.report(("tank", "jitter"), "is 0 in 3-D; it must be > 0 there, 0.1 for instance")
-
-    def _check_times(self) -> None:
-        time, output = self.sections.get("time"), self.sections.get("output")
-        if time is None or output is None or output.interval is None:
-            return
-        if time.largest_step is not None and output.interval < 0.1 * time.largest_step:
-            self.report(
-                ("output", "interval"),
-                f"is {output.interval} s; it must be at least a tenth of time.largest_step, {time.largest_step} s",
-            )
 
     def _read_particles(self) -> Particles | None:
         table = self.sections.get("particles")

@@ -6,13 +6,14 @@ Each returns its exit code; see `EXIT_CODES`. Taichi is imported by those that n
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from tipfem.casefile.options import Overrides, Whole
+from tipfem.casefile.options import Flag, Overrides, Whole
 from tipfem.casefile.running import bad_input, loaded, resume, run, said
 
 if TYPE_CHECKING:
@@ -28,14 +29,30 @@ EXIT_CODES = {
 }
 
 
+# Words that are tried for commands, and the commands that do that.
+MEANT = {
+    "study": "sweep",
+    "start": "run",
+    "restart": "resume",
+    "continue": "resume",
+    "validate": "check",
+    "plot": "render",
+    "movie": "render",
+    "show": "view",
+}
+
+
 def register(app: App) -> None:
     """Add the commands to an application."""
-    app.help_epilogue = "Exit codes: " + "; ".join(f"{code}: {text}" for code, text in EXIT_CODES.items()) + "."
-    for command in (run, resume, check, info, convert, doctor, view, schema):
-        app.command(command)
-    app.command(render, help_flags=[], version_flags=[])
+    codes = "Exit codes: " + "; ".join(f"{code}: {text}" for code, text in EXIT_CODES.items()) + "."
+    app.help_epilogue = codes
+    app.command(run, help_epilogue=codes)
+    app.command(resume, help_epilogue=codes)
+    for command in (check, info, convert, doctor, view, schema):
+        app.command(command, help_epilogue="")
+    app.command(render, help_flags=[], version_flags=[], help_epilogue="")
 
-    @app.command
+    @app.command(help_epilogue="")
     def completion(shell: Literal["bash", "zsh", "fish"], /) -> None:
         """Print the script that completes commands and options in a shell.
 
@@ -47,7 +64,7 @@ def register(app: App) -> None:
         print(app.generate_completion(shell=shell))
 
 
-def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, no_picture: bool = False) -> int:
+def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, no_picture: Flag = False) -> int:
     """Check a case file: all its mistakes, or what a run of it will take, and a picture of its initial state.
 
     Parameters
@@ -62,6 +79,7 @@ def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, 
         Draw none, and do not make the first mesh; Taichi is not started then.
     """
     from tipfem.casefile.estimate import estimate
+    from tipfem.casefile.hints import hints, scales
     from tipfem.casefile.walls import wall_lines
 
     with bad_input() as failed:
@@ -74,9 +92,12 @@ def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, 
         print(f"fluids      {', '.join(properties)}")
         extent = made.extent
         print(f"size        {' x '.join(f'{edge:g}' for edge in extent)} m, spacing {made.particles.spacing:g} m")
+        print(f"scales      {scales(made)}")
         needed = estimate(made, file.end, table.time.largest_step, table.output.interval)
         for line in [*wall_lines(made), *needed.lines()]:
             print(line)
+        for hint in hints(made, file.end, table.output.interval):
+            print(f"note: {hint}")
         if not no_picture:
             path = picture or Path(f"{case.stem}.png")
             if path.suffix.lower() != ".png":
@@ -193,8 +214,8 @@ def view(
     /,
     *,
     port: Whole | None = None,
-    no_browser: bool = False,
-    native: bool = False,
+    no_browser: Flag = False,
+    native: Flag = False,
 ) -> int:
     """Look at a results folder in a browser, also while its run is going on; or compare two at equal times.
 
@@ -265,5 +286,8 @@ def call(app: App, words: Sequence[str] | None = None) -> int:
     try:
         result = app(words, exit_on_error=False, result_action="return_value")
     except CycloptsError:  # its message has been printed
+        given = list(sys.argv[1:] if words is None else words)
+        if given and given[0] in MEANT:
+            print(f"the command for that is `tipfem {MEANT[given[0]]}`", file=sys.stderr)
         return 2
     return result if isinstance(result, int) else 0

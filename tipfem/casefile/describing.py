@@ -181,7 +181,10 @@ class _Writer:
 
     def text(self) -> str:
         """The whole text; what is missing stands on top."""
-        top = [f"#:schema {SCHEMA_ID}"]
+        top = [
+            f"# Editors complete and check this file by `tipfem schema --out {SCHEMA_ID}` beside it, and a first line",
+            f"# #:schema {SCHEMA_ID}",
+        ]
         if self.missing:
             top += ["# A case file cannot keep these parts, and cannot be loaded without them:"]
             top += [f"#   {part}" for part in self.missing]

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from tipfem.case.case import Case
+from tipfem.case.memory import BYTES_A_PARTICLE
 
 # Measured with dam breaks of 2 000 to 220 000 particles on one core of a 2.x GHz server of 2023 (x86-64), on an idle
 # machine; 3-D with 2 500 to 17 000 particles. Splashes cost up to twice as much as the first steps.
 MICROSECONDS = {"sharp": 4.0, "interpolated": 7.0, "free surface": 13.0, "3-D": 500.0}  # a particle and step
 STEP = 2e-3  # of a step without particles [s]
 START = 8.0  # of a start, in which the kernels are compiled or loaded [s]
-BYTES_A_PARTICLE = {2: 4.5e3, 3: 16e3}
 BYTES = 200e6  # of a process without particles
 
 
@@ -41,12 +41,13 @@ class Estimate:
     def lines(self) -> list[str]:
         """For people."""
         (few, many), (short, long) = self.steps, self.seconds
+        last = f" to {duration(long)}" if duration(long) != duration(short) else ""
         return [
             f"particles   {self.particles}, {self.walls} of them on walls",
             f"memory      about {self.memory / 1e6:.0f} MB",
             f"steps       {few} to {many}" if few < many else f"steps       {few}",
             f"states      {self.states} written to disk",
-            f"time        about {duration(short)}{f' to {duration(long)}' if few < many else ''} on one core",
+            f"time        about {duration(short)}{last} on one core",
         ]
 
 
@@ -65,7 +66,7 @@ def estimate(case: Case, end: float, largest_step: float | None, interval: float
     outputs = math.ceil(end / interval) if interval else 0
     few = max(math.ceil(end / step - 1e-9), outputs)
     move = case.numerics.largest_move * particles.spacing
-    many = max(few, math.ceil(end * _largest_speed(case) / move) + outputs // 2)
+    many = max(few, math.ceil(end * largest_speed(case) / move) + outputs // 2)
     kind = "3-D" if d == 3 else "free surface" if case.free_surface else case.interface
     count = len(particles)
     a_step = STEP + 1e-6 * MICROSECONDS[kind] * count
@@ -79,7 +80,7 @@ def estimate(case: Case, end: float, largest_step: float | None, interval: float
     )
 
 
-def _largest_speed(case: Case) -> float:
+def largest_speed(case: Case) -> float:
     """The speed of a free fall through the height of the fluids, or of a wall that is faster [m/s]."""
     particles = case.particles
     gravity = float(np.linalg.norm(case.gravity))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import TypeAdapter, ValidationError
 
 from tipfem.arguments import path_of
+from tipfem.case.tank import SIDES
 from tipfem.casefile.building import Parts
 from tipfem.casefile.describing import NOT_KEPT
 from tipfem.casefile.problems import CaseFileError, Problem, Translator, child_at, meant
@@ -306,10 +307,27 @@ def _assign(data: dict[str, Any], text: str) -> Path:
         if place == len(keys):
             node[index] = value_of(value.strip())
         elif isinstance(node, dict):
+            if name not in node and (hint := _meant_name(path, list(node))):
+                raise ValueError(hint)
             node = node.setdefault(name, {})
         else:
             node = node[index]
     return path
+
+
+def _meant_name(path: Path, known: Sequence[str]) -> str:
+    """What is wrong with a name that a table of names, as of fluids, lacks; empty where it may be a new one.
+
+    Args:
+        path: of the name.
+        known: the names in the table.
+    """
+    table, name = path[:-1], str(path[-1])
+    noun = {"fluids": "fluid", "walls": "wall"}.get(str(table[0])) if len(table) == 1 else None
+    if noun is None or (noun == "wall" and name in SIDES):
+        return ""
+    hint = meant(name, known)
+    return f"there is no {noun} {name!r}{hint}" if hint else ""
 
 
 def _sections(data: Mapping[str, Any], table: CaseTable | None, wrong: Sequence[Path]) -> dict[str, Any]:

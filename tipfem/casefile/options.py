@@ -32,6 +32,7 @@ def _number(_type: Any, tokens: Sequence[Any]) -> float:
 
 Whole = Annotated[int, Parameter(converter=_whole)]
 Number = Annotated[float, Parameter(converter=_number)]
+Flag = Annotated[bool, Parameter(negative=())]  # without a form that begins with --no-
 Overrides = Annotated[list[str] | None, Parameter(name="--set", negative=())]
 
 
@@ -48,8 +49,8 @@ class Shown:
         Show the run in a browser while it goes on, and let it be steered from there.
     port
         Of 127.0.0.1, where the page of --view is served; by default 8800, or one of the next. 0 takes any.
-    browser
-        Open a browser for --view where there is a display; the address is printed in either case.
+    no_browser
+        Open no browser for --view; the address is printed in either case.
     native
         Show the run in a window of its own instead, with the same keys; needs a display.
     log_json
@@ -59,9 +60,9 @@ class Shown:
     """
 
     progress: bool = True
-    view: bool = False
+    view: Flag = False
     port: Whole | None = None
-    browser: bool = True
-    native: bool = False
+    no_browser: Flag = False
+    native: Flag = False
     log_json: Path | None = None
     log_level: LogLevel = "info"

@@ -219,6 +219,12 @@ class Translator:
                     path = (*path, "form")
                 path = self._whole_list(path)
                 found.setdefault(path, self._wrong(path))
+        for path in [path for path, text in found.items() if "is no key that is known here" in text]:
+            # A key that is missing because it is misspelt is one mistake.
+            missing = {key: (*path[:-1], key) for key in self.reader.keys(path[:-1], self.data)}
+            lacking = [key for key, place in missing.items() if found.get(place, "").startswith("is missing")]
+            if hint := meant(str(path[-1]), lacking):
+                found.pop((*path[:-1], hint.split("'")[1]))
         return found
 
     def _is_table(self, path: Path) -> bool:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tipfem.arguments import is_number
-from tipfem.casefile.options import Number, Overrides, Shown, Whole
+from tipfem.casefile.options import Flag, Number, Overrides, Shown, Whole
 from tipfem.casefile.problems import CaseFileError
 from tipfem.logs import log_json, log_lines
 from tipfem.output import CASE_FILE
@@ -43,7 +43,7 @@ def run(
     until: Number | None = None,
     threads: Whole | None = None,
     arch: str = "cpu",
-    overwrite: bool = False,
+    overwrite: Flag = False,
     steering: Path | None = None,
     shown: Shown = Shown(),  # noqa: B008 - it is frozen
 ) -> int:
@@ -69,6 +69,7 @@ def run(
         The steering.jsonl of a run: its commands are repeated at the same steps.
     """
     from tipfem.backend import runtime
+    from tipfem.casefile.hints import hints
 
     log = ExitStack()
     with bad_input() as failed:
@@ -80,6 +81,8 @@ def run(
                 f"{folder} holds results ({found[0]}); choose another folder by --out, say --overwrite, or go on with "
                 f"that run by `tipfem resume {folder}`"
             )
+        for hint in hints(made, file.end, file.table.output.interval):
+            print(f"note: {hint}", file=sys.stderr)
         open_log(log, shown)
         runtime.init(arch, threads=threads)
         simulation = started(file, made, folder, steering)
@@ -94,7 +97,7 @@ def resume(
     *,
     until: Number | None = None,
     set: Overrides = None,
-    allow_changes: bool = False,
+    allow_changes: Flag = False,
     threads: Whole | None = None,
     arch: str | None = None,
     shown: Shown = Shown(),  # noqa: B008 - it is frozen
@@ -260,7 +263,7 @@ def viewer_of(simulation: Simulation, shown: Shown) -> LiveControl | None:
     return LiveControl(
         simulation,
         port=shown.port,
-        browser=shown.browser,
+        browser=not shown.no_browser,
         native=shown.native,
         say=lambda line: print(line, flush=True),
     )

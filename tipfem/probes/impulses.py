@@ -17,7 +17,6 @@ import numpy as np
 
 from tipfem.arguments import is_number
 from tipfem.case.case import Case
-from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.probes.probe import Probe
 from tipfem.typing import Array
 
@@ -103,6 +102,8 @@ class TimeMeans:
     """
 
     def __init__(self, rho_inf: float, time_constant: float | None, count: int) -> None:
+        from tipfem.fem.time_integration import GeneralizedAlpha  # here, for it starts Taichi
+
         scheme = GeneralizedAlpha(rho_inf, 1.0)
         self._alpha_m, self._gamma, self._overshoot = scheme.alpha_m, scheme.gamma, scheme.gamma - scheme.beta
         self._time_constant = time_constant

@@ -8,14 +8,14 @@ from typing import Any
 from cyclopts import App
 
 from tipfem.casefile.describing import toml_value
-from tipfem.casefile.options import Whole
+from tipfem.casefile.options import Flag, Whole
 from tipfem.casefile.running import bad_input, said
 from tipfem.study.study import Study, load_study
 
 
 def register(app: App) -> None:
     """Add the command to an application."""
-    app.command(sweep)
+    app.command(sweep, help_epilogue="")
 
 
 def sweep(
@@ -25,8 +25,8 @@ def sweep(
     workers: Whole | None = None,
     threads: Whole = 1,
     scheduler: str | None = None,
-    dry_run: bool = False,
-    overwrite: bool = False,
+    dry_run: Flag = False,
+    overwrite: Flag = False,
 ) -> int:
     """Run a study: one case with other values, many times; go on with one that was stopped.
 

@@ -1,0 +1,62 @@
+"""Notes on what may be a mistake of units or signs, and the scales of the flow."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from demo_runs import DEMOS
+
+import tipfem as tp
+from tipfem.casefile.commands import main
+from tipfem.casefile.hints import hints, scales
+
+CASE = str(DEMOS / "cases" / "dam_break.toml")
+COARSE = ("--set", "tank.spacing=0.02")
+
+
+def made(**fluids):
+    file = tp.load_case(CASE, ["tank.spacing=0.02", *(f"fluids.{name}={value}" for name, value in fluids.items())])
+    return file.case()
+
+
+def test_a_sound_case_has_no_hints():
+    assert hints(made(), 0.4, 0.004) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["fluids.water.density=0.9982"], "water (0.9982 kg/m^3) is lighter than air (1.204) and lies below it"),
+        (
+            ["fluids.water.viscosity=1410"],
+            "kinematic viscosity of 1.4 m^2/s, outside of 1e-07 to 0.1; is it in Pa s?",
+        ),
+        (["fluids.water.density=998200"], "water has 998200 kg/m^3, not 0.01 to 20000; is the unit right?"),
+        (["gravity=[0, 9.81]"], "gravity is [0.0, 9.81] m/s^2, which is upwards; -9.81 is downwards"),
+        (["gravity=[0, -981]"], "gravity is 981 m/s^2; that of the Earth is 9.81"),
+        (["output.interval=10"], "states are to be written every 10 s, and the run is 0.4 s long"),
+    ],
+)
+def test_check_notes_what_looks_wrong(words, expected, capsys):
+    options = [option for word in words for option in ("--set", word)]
+    assert main(["check", CASE, *COARSE, *options, "--no-picture"]) == 0
+    notes = [line for line in capsys.readouterr().out.splitlines() if line.startswith("note: ")]
+    assert [line for line in notes if expected in line], notes
+    assert len(notes) <= 3
+
+
+def test_run_notes_it_too(tmp_path, capsys):
+    words = ["--set", "output.interval=10", "--until", "0.002", "--out", str(tmp_path), "--no-progress"]
+    assert main(["run", CASE, *COARSE, *words]) == 0
+    assert "note: states are to be written every 10 s" in capsys.readouterr().err
+
+
+def test_the_scales_are_those_of_the_column():
+    """Water of 0.292 m that falls: the speed is sqrt(2 g H), and the Reynolds number U H / nu."""
+    line = scales(made())
+    speed = math.sqrt(2 * 9.81 * 0.292)
+    assert f"up to {speed:.2g} m/s" in line
+    assert f"Reynolds number up to {speed * 0.292 / (1.002e-3 / 998.2):.1e}" in line
+    assert "15 spacings over 0.292 m of water, which does not resolve boundary layers" in line
+    assert "which resolves boundary layers" in scales(made(**{"water.viscosity": 100.0}))

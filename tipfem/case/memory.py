@@ -1,0 +1,53 @@
+"""Whether the particles of a tank fit into the memory, before any time is spent on them."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+
+# Measured, see docs/performance.md: of a run, and of the lattice alone that a grading thins out.
+BYTES_A_PARTICLE = {2: 4.5e3, 3: 16e3}
+BYTES_OF_LATTICE = 300.0
+MOST = 5e7  # particles, where the memory is not known
+
+
+def available_memory() -> float:
+    """Memory that this process may still take [bytes]; infinite where the system does not tell."""
+    free = math.inf
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        free = next(1024.0 * float(line.split()[1]) for line in lines if line.startswith("MemAvailable:"))
+    except (OSError, ValueError, StopIteration):
+        try:
+            free = float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+        except (AttributeError, ValueError, OSError):
+            pass
+    try:
+        group = Path("/sys/fs/cgroup")
+        limit = float((group / "memory.max").read_text(encoding="ascii"))
+        free = min(free, limit - float((group / "memory.current").read_text(encoding="ascii")))
+    except (OSError, ValueError):  # no limit: "max"
+        pass
+    return free
+
+
+def too_many(content: float, spacing: float, dimension: int, *, graded: bool = False) -> str:
+    """What is wrong with a spacing because of the memory; empty where nothing is.
+
+    Args:
+        content: area of the tank [m^2], or volume [m^3].
+        spacing: h [m].
+        dimension: d.
+        graded: whether a grading thins out the particles, whose number is known only then.
+    """
+    count = content / spacing**dimension
+    each = BYTES_OF_LATTICE if graded else BYTES_A_PARTICLE[dimension]
+    most = min(available_memory() / each, MOST)
+    if count <= most:
+        return ""
+    least = (content / most) ** (1 / dimension)
+    return (
+        f"is {spacing:g} m, which makes about {count:.2g} particles. They take about {count * each / 1e9:.3g} GB of "
+        f"memory, and there is room for {most:.2g}: it must be {float(f'{1.05 * least:.2g}'):g} m or more here"
+    )
