@@ -125,7 +125,7 @@ class State:
             is not; the next solve starts from it. None before the first step, and where pressure is continuous.
         layers: the boundary layers on walls with that law; None before the first step, and without such walls.
         bodies: the bodies in the fluids; None without any.
-        owed: energy that remeshing has added and not yet taken back, see `tipfem.remesh.energy_limit` [J].
+        owed: energy that remeshing has added and not yet taken back, see `tipfem.remesh.energy_balance` [J].
     """
 
     time: float

@@ -186,8 +186,8 @@ class Numerics:
         smallest_jacobian: limit of J; a step in which an element's J falls below it is refused.
         triangulation: with the interpolated interface in 2-D and without free surface: "repair" flips edges of the
             last mesh, and removes and inserts relocated particles, where possible; "rebuild" calls Qhull in every step.
-        energy_limit: with the sharp interface, whether kinetic and potential energy that remeshing adds in a step is
-            taken back, see docs/theory/energy.md.
+        energy_balance: with the sharp interface, whether kinetic and potential energy that remeshing adds or takes in a
+            step is taken back or given back, see docs/theory/energy.md.
         budget: what the history has of energy and momentum: "total"; or "detailed", also what each kind of repair of
             the mesh adds to those of each fluid, see docs/theory/energy.md. No step depends on it.
         relocation: when and where to particles are relocated with the interpolated interface.
@@ -211,7 +211,7 @@ class Numerics:
     largest_move: float = 0.35
     smallest_jacobian: float = 0.05
     triangulation: str = "repair"
-    energy_limit: bool = False
+    energy_balance: bool = True
     budget: str = "total"
     relocation: RelocationRule = field(default_factory=RelocationRule)
     fitting: FittedRule = field(default_factory=FittedRule)
@@ -246,7 +246,7 @@ class Numerics:
         for name, kind in (("relocation", RelocationRule), ("fitting", FittedRule), ("surface", SurfaceRule)):
             if not isinstance(getattr(self, name), kind):
                 raise ValueError(f"Numerics: {name} is {getattr(self, name)!r}; it must be a {kind.__name__}")
-        for name in ("momentum_transfer", "energy_limit"):
+        for name in ("momentum_transfer", "energy_balance"):
             if not isinstance(getattr(self, name), bool):
                 raise ValueError(f"Numerics: {name} is {getattr(self, name)!r}; it must be True or False")
 

@@ -251,8 +251,8 @@ class NumericsTable(Model):
     triangulation: Literal["repair", "rebuild"] = quantity(
         "of the interpolated interface in 2-D: repair the last mesh, or rebuild it every time", default="repair"
     )
-    energy_limit: bool = quantity(
-        "whether energy that remeshing adds is taken back, with the sharp interface", default=False
+    energy_balance: bool = quantity(
+        "whether energy that remeshing adds or takes is balanced, with the sharp interface", default=True
     )
     budget: Literal["total", "detailed"] = quantity(
         "detailed: the history also has what each kind of repair of the mesh adds to each fluid", default="total"

@@ -2,9 +2,9 @@
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
+from tipfem.backend.array_types import Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel, part_of
-from tipfem.fem.element import area_of, row
+from tipfem.fem.element import row
 
 
 @kernel
@@ -55,38 +55,39 @@ def cell_sums(
 
 
 @kernel
-def consistent_energy(
+def field_energy(
     position: Reals2,
     velocity: Reals2,
     cells: Ints2,
-    fluid: Ints1,
-    period: Periods,
-    density: Reals1,
+    mass: Reals1,
     gravity: Reals1,
+    lumping: Reals1,
     partial: Reals2,
     result: Reals1,
     parts: ti.i32,
     stride: Template,
 ):
-    """Kinetic and potential energy of triangles with fluids, added to result (2,) [J, per metre of depth].
+    """Energies of triangles of mass (M,), added to result (3,) [J, per metre of depth].
 
-    int rho |v|^2 / 2 of the velocity that is linear in each triangle, and -int rho x . gravity.
+    int rho |v|^2 / 2 of the velocity that is linear in each triangle; v^T M v / 2 with the part lumping (M,) of the
+    mass matrix lumped, see `tipfem.fem.mass`; and -m x . gravity.
     """
     for t in range(parts * stride):
-        kinetic, potential = 0.0, 0.0
+        kinetic, of_matrix, potential = 0.0, 0.0, 0.0
         first, last = part_of(t, parts, stride, cells.shape[0])
         for c in range(first, last):
-            mass = density[fluid[c]] * area_of(position, cells, period, c)
             squares, total = 0.0, ti.Vector.zero(float, 2)
             for a in ti.static(range(3)):
                 x, v = row(position, cells[c, a], 2), row(velocity, cells[c, a], 2)
                 squares += v.dot(v)
                 total += v
-                potential -= mass * (gravity[0] * x[0] + gravity[1] * x[1]) / 3.0
-            kinetic += mass * (squares + total.dot(total)) / 24.0
+                potential -= mass[c] * (gravity[0] * x[0] + gravity[1] * x[1]) / 3.0
+            mean = total.dot(total) / 3.0
+            kinetic += mass[c] * (0.25 * squares + 0.75 * mean) / 6.0
+            of_matrix += mass[c] * (lumping[c] * squares + (1.0 - lumping[c]) * mean) / 6.0
         if t % stride == 0:
-            partial[t // stride, 0], partial[t // stride, 1] = kinetic, potential
+            partial[t // stride, 0], partial[t // stride, 1], partial[t // stride, 2] = kinetic, of_matrix, potential
     ti.loop_config(serialize=True)
     for c in range(parts):
-        for k in ti.static(range(2)):
+        for k in ti.static(range(3)):
             result[k] = result[k] + partial[c, k]

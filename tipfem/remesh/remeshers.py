@@ -28,7 +28,7 @@ from tipfem.mesh.free_surface import SurfaceMesher, spray_volumes
 from tipfem.mesh.interface import InterfaceRule, InterpolatedInterface, SharpInterface
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh import drops, surface_volumes
-from tipfem.remesh.energy_limit import Change, without_gain
+from tipfem.remesh.energy_balance import Change, EnergyBalance
 from tipfem.remesh.fitted import hull_corners, particle_fluid, repair, with_fluids
 from tipfem.remesh.meshers import FreeSurfaceMesher, Mesher, TankMesher
 from tipfem.remesh.momentum_transfer import conserve_along_period, nodal_density, transfer_momentum
@@ -306,7 +306,7 @@ class FittedRemesher(Remesher):
         grading: of the target spacings; None for the same spacing everywhere and a constant number of particles.
         first: cells and fluids of the first mesh; None for a Delaunay mesh of the particles.
         bodies: in the fluids.
-        limit: (2,) gravity [m/s^2], if no remeshing is to raise the energy; None to let it.
+        balance: keeps the energy in each remeshing; None to let it change.
     """
 
     interface = SharpInterface()
@@ -323,10 +323,10 @@ class FittedRemesher(Remesher):
         grading: Grading | None = None,
         first: tuple[Array, Array] | None = None,
         bodies: Sequence[Body] = (),
-        limit: Array | None = None,
+        balance: EnergyBalance | None = None,
     ) -> None:
         super().__init__(fluids)
-        self.rule, self._bodies, self._limit = rule, bodies, limit
+        self.rule, self._bodies, self._balance = rule, bodies, balance
         self._names = [f.name for f in fluids]
         self._first = first
         self._keep, self._walls_have_fluids, self._grading = keep, walls_have_fluids, grading
@@ -342,7 +342,7 @@ class FittedRemesher(Remesher):
             grading=case.grading,
             first=case.tank.first_cells(case.fluids) if isinstance(case.tank, MeshTank) else None,
             bodies=case.bodies,
-            limit=case.potential_gravity if case.numerics.energy_limit else None,
+            balance=EnergyBalance.of(case),
         )
 
     def start(self, particles: Particles, boundary: Boundary, reference: int) -> State:
@@ -433,9 +433,9 @@ class FittedRemesher(Remesher):
         material, mass = self._material(mesh)
         particles, owed = conserve_along_period(solved, particles, mass), 0.0
         self.account.add("walls", particles, mesh, material)
-        if self._limit is not None:
+        if self._balance is not None:
             change = Change(moved, before.mesh, renumbered, relocated)
-            particles, owed = without_gain(change, particles, mesh, mass, self.density, self._limit, before.owed)
+            particles, owed = self._balance.keep(change, particles, mesh, mass, before.owed)
         return self._ended(
             particles,
             mesh,

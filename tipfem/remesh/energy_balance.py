@@ -1,0 +1,214 @@
+"""Energy that remeshing takes or adds is given back or taken back, where it changed the mesh.
+
+A repair of the mesh changes the velocity field between the particles, and an interface that moves lifts fluid. Either
+sign occurs, and without viscosity what is gained stays. The lumped energy sum m v^2 / 2 would be a bad measure of that:
+even where the velocity is linear in space, it depends on the cells, a collapse raises it and a split lowers it. So
+the energy of the field itself, int rho v^2 / 2, is kept, which no repair in a linear field changes. That of the case's
+mass matrix, which the solve conserves and the history has, is not to rise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tipfem.backend.arrays import partials
+from tipfem.backend.launch import launch
+from tipfem.case.case import Case
+from tipfem.case.particles import Particles
+from tipfem.fem.mass import consistent_part, lumped_part
+from tipfem.mesh.mesh import Mesh
+from tipfem.remesh.energy_kernels import field_energy
+from tipfem.typing import Array
+
+# Of the energies: gains and losses below it are left to the steps after, for every change of velocities costs iterations.
+LEAST_GAIN, LEAST_LOSS = 1e-7, 2e-5
+STRONGEST = 0.5  # largest factor of `damping`, with which no two particles exchange more than their difference
+WEAKEST = -0.1  # least factor, with which differences of velocities grow by a fifth at most
+RINGS = 4  # how often the cells around are added before the rest of a gain is left to the next step
+FIELD, CASE, POTENTIAL = 0, 1, 2  # energies: kinetic of the field, and by the case's mass matrix; potential
+
+
+@dataclass(frozen=True)
+class Change:
+    """A remeshing, from N particles to N'.
+
+    Attributes:
+        before, mesh: the particles that have moved, and the triangles with their fluids at the start of the step, with
+            whose masses it was solved.
+        renumbered: (N,) new number of each particle, -1 for those removed; None if no number changes.
+        relocated: (N',) mask of the particles that were relocated or are new.
+    """
+
+    before: Particles
+    mesh: Mesh
+    renumbered: Array | None
+    relocated: Array
+
+
+class EnergyBalance:
+    """Keeps the energy of remeshed particles.
+
+    Args:
+        density: (F,) of the fluids [kg/m^3].
+        gravity: (2,) [m/s^2].
+        mass: the mass matrix, see `tipfem.Numerics`.
+    """
+
+    def __init__(self, density: Sequence[float], gravity: Array, mass: str) -> None:
+        self._density, self._gravity, self._mass = np.array(density, dtype=float), gravity, mass
+
+    @staticmethod
+    def of(case: Case) -> EnergyBalance | None:
+        """That of a case; None if its numerics want none."""
+        if not case.numerics.energy_balance:
+            return None
+        return EnergyBalance([f.density for f in case.fluids], case.potential_gravity, case.numerics.mass)
+
+    def keep(
+        self, change: Change, particles: Particles, mesh: Mesh, mass: Array, owed: float
+    ) -> tuple[Particles, float]:
+        """Remeshed particles with the energy of those before.
+
+        Relative velocities of the particles of changed cells are reduced or increased, see `damping`, by the factor
+        that keeps the energy of the field, or by a larger one with which that of the case's mass matrix does not rise.
+        What this cannot balance, the cells around do. A gain that is left then is owed by the next step. So is, with
+        the opposite sign, what the field lost because the mass matrix's energy would have risen; other losses are
+        not made up for later, elsewhere.
+
+        Args:
+            change: what was remeshed.
+            particles: the N' particles after it.
+            mesh: their triangles, with fluids.
+            mass: (N',) lumped masses [kg].
+            owed: by the steps before; less than 0 if it is owed to the field [J, per metre of depth].
+
+        Returns:
+            The particles, with other velocities; and what is still owed [J].
+        """
+        lumping = self._lumping(mesh)
+        now = self._energy(particles, mesh, lumping)
+        more = now - self._energy(change.before, change.mesh, self._lumping(change.mesh))
+        gained, rise = more[FIELD] + more[POTENTIAL] + owed, more[CASE] + more[POTENTIAL]
+        scale = np.abs(now[[FIELD, POTENTIAL]]).sum()
+        if -LEAST_LOSS * scale <= gained <= LEAST_GAIN * scale and rise <= LEAST_GAIN * scale:
+            return particles, gained
+        assert mesh.fluid is not None
+        cell_mass = self._density[mesh.fluid] * mesh.measure
+        changed, particles = changed_cells(change, particles, mesh), particles.shallow_copy()
+        for _ in range(RINGS):
+            rate = damping(particles, mesh, cell_mass, mass, np.flatnonzero(changed))
+            factor, taken, lowered = _factor(particles.velocity, rate, mesh.cells, cell_mass, lumping, gained, rise)
+            particles.velocity = particles.velocity + factor * rate
+            gained, rise = gained - taken, rise - lowered
+            if WEAKEST < factor < STRONGEST:
+                return particles, gained
+            near = np.zeros(len(particles), dtype=bool)
+            near[mesh.cells[changed]] = True
+            changed = np.asarray(near.take(mesh.cells).any(axis=1))
+        return particles, max(gained, 0.0)
+
+    def _lumping(self, mesh: Mesh) -> Array:
+        """lambda (M,) of the cells, see `tipfem.fem.mass`."""
+        fluids = np.zeros((0, 0))
+        if self._mass == "interfaces":
+            assert mesh.fluid is not None
+            fluids = np.eye(len(self._density))[mesh.fluid]
+        return lumped_part(self._mass, mesh.cells, fluids, len(mesh.position))
+
+    def _energy(self, particles: Particles, mesh: Mesh, lumping: Array) -> Array:
+        """Energies (3,) `FIELD`, `CASE` and `POTENTIAL` of a mesh with particles that may have moved since [J]."""
+        result = np.zeros(3)
+        assert mesh.fluid is not None
+        launch(
+            field_energy,
+            *map(np.ascontiguousarray, (particles.position, particles.velocity, mesh.cells)),
+            self._density[mesh.fluid] * mesh.measure,
+            self._gravity,
+            lumping,
+            partials(3),
+            result,
+        )
+        return result
+
+
+def changed_cells(change: Change, particles: Particles, mesh: Mesh) -> Array:
+    """(M',) mask of the cells that are new, have another fluid, or a particle whose velocity has changed."""
+    assert mesh.fluid is not None
+    assert change.mesh.fluid is not None
+    cells, before, other = change.mesh.cells, change.before.velocity, change.relocated.copy()
+    if change.renumbered is None:
+        other |= (before != particles.velocity).any(axis=1)
+    else:
+        kept, cells = change.renumbered >= 0, change.renumbered.take(cells)
+        number = change.renumbered[kept]
+        other[number] |= (before[kept] != particles.velocity[number]).any(axis=1)
+    both = min(len(cells), len(mesh.cells))
+    same = (cells[:both] == mesh.cells[:both]).all(axis=1) & (change.mesh.fluid[:both] == mesh.fluid[:both])
+    result = np.append(~same, np.ones(len(mesh.cells) - both, dtype=bool))
+    # Some rows hold a cell that another row held before.
+    gone, new = np.append(~same, np.ones(len(cells) - both, dtype=bool)), np.flatnonzero(result)
+    old = np.column_stack([np.sort(cells[gone], axis=1), change.mesh.fluid[gone]])
+    rows = np.concatenate([old, np.column_stack([np.sort(mesh.cells[new], axis=1), mesh.fluid[new]])])
+    number = np.unique(rows, axis=0, return_inverse=True)[1].ravel()
+    result[new] = ~np.isin(number[len(old) :], number[: len(old)])
+    return np.asarray(result | other.take(mesh.cells).any(axis=1))
+
+
+def damping(particles: Particles, mesh: Mesh, cell_mass: Array, mass: Array, cells: Array) -> Array:
+    """Change (N, 2) of the velocities that reduces how fast the particles of some cells approach or leave each other.
+
+    Along each edge between two particles off the walls, they exchange the momentum of a sixth of the cell's mass with
+    the difference of their velocities in the edge's direction. So no momentum and no angular momentum is made, and a
+    rigid motion is left as it is.
+
+    Args:
+        particles: N of them.
+        mesh: their triangles.
+        cell_mass: (M,) of the triangles [kg].
+        mass: (N,) lumped, of the particles [kg].
+        cells: (K,) numbers of the triangles.
+    """
+    corners, wall = mesh.cells[cells], particles.wall
+    one, other = corners.T.ravel(), corners[:, (1, 2, 0)].T.ravel()
+    share = np.tile(cell_mass[cells] / 6, 3)
+    free = ~(wall[one] | wall[other])
+    one, other, share = one[free], other[free], share[free]
+    edge = mesh.sides(one, other)
+    along = ((particles.velocity[other] - particles.velocity[one]) * edge).sum(axis=1) / (edge**2).sum(axis=1)
+    momentum = (share * along)[:, None] * edge
+    count, result = len(wall), np.zeros((len(wall), 2))
+    for k in range(2):
+        result[:, k] = np.bincount(one, momentum[:, k], count) - np.bincount(other, momentum[:, k], count)
+    return np.asarray(result / np.maximum(mass, 1e-300)[:, None])
+
+
+def _factor(
+    velocity: Array, rate: Array, cells: Array, cell_mass: Array, lumping: Array, gained: float, rise: float
+) -> tuple[float, float, float]:
+    """The factor of a ``rate`` (N, 2) with which velocities lose ``gained`` and at least ``rise``, or its limit.
+
+    Also what they lose of the kinetic energies of the field and by the case's mass matrix [J].
+    """
+    near = np.flatnonzero(rate.any(axis=1).take(cells).any(axis=1))
+    v, u, m = velocity[cells[near]], rate[cells[near]], cell_mass[near]
+
+    def product(one: Array, two: Array, lumping: Array | float) -> float:
+        """one^T M two, with the part of M that is lumped."""
+        own, mean = (one * two).sum(axis=(1, 2)) / 3, (one.sum(axis=1) * two.sum(axis=1)).sum(axis=1) / 9
+        return float((m * (lumping * own + (1 - lumping) * mean)).sum())
+
+    field, case = ((product(v, u, part), product(u, u, part)) for part in (consistent_part(2), lumping[near]))
+    if field[0] >= 0 or case[0] >= 0:
+        return 0.0, 0.0, 0.0
+    factor = min(STRONGEST, max(WEAKEST, _root(*field, gained), _root(*case, rise)))
+    lost = [-(slope + 0.5 * curvature * factor) * factor for slope, curvature in (field, case)]
+    return factor, lost[0], lost[1]
+
+
+def _root(slope: float, curvature: float, energy: float) -> float:
+    """The factor f with slope f + curvature f^2 / 2 = -energy, or of the minimum; beyond it energy would rise again."""
+    return (-slope - math.sqrt(max(slope * slope - 2 * curvature * energy, 0.0))) / curvature
