@@ -24,7 +24,7 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.remesh.energy_kernels import field_energy
 from tipfem.typing import Array
 
-# Of the energies: gains and losses below it are left to the steps after, for every change of velocities costs iterations.
+# Of the energies: smaller gains and losses are left to later steps, for every change of velocities costs iterations.
 LEAST_GAIN, LEAST_LOSS = 1e-7, 2e-5
 STRONGEST = 0.5  # largest factor of `damping`, with which no two particles exchange more than their difference
 WEAKEST = -0.1  # least factor, with which differences of velocities grow by a fifth at most
