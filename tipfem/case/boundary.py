@@ -323,8 +323,11 @@ class Boundary:
             step: of the finite differences [s].
         """
         d = self.dimension
-        parts = [rates(partial(wall.sliding, dimension=d), time, step)[:2] for wall in self.walls]
         still = np.zeros(d)
+        parts = [
+            rates(partial(wall.sliding, dimension=d), time, step)[:2] if wall.velocity is not None else (still, still)
+            for wall in self.walls
+        ]
         return np.array([*(p[0] for p in parts), still]), np.array([*(p[1] for p in parts), still])
 
     def speeds(self, time: float, step: float) -> tuple[Array, Array]:
@@ -334,7 +337,10 @@ class Boundary:
             time: [s].
             step: of the finite differences [s].
         """
-        parts = [rates(wall.speed, time, step)[:2] for wall in self.walls]
+        none = np.array(0.0)
+        parts = [
+            rates(wall.speed, time, step)[:2] if wall.velocity is not None else (none, none) for wall in self.walls
+        ]
         return np.array([*(p[0] for p in parts), 0.0]), np.array([*(p[1] for p in parts), 0.0])
 
     def pose(self, time: float, step: float) -> Pose:
