@@ -115,7 +115,7 @@ def test_a_click_keeps_a_point_and_shows_its_history(shown):
 def test_fields_layers_and_colours_are_chosen_by_keys_too(shown):
     shown.key("f", "m", "v")
     shown.wait(lambda: "--field pressure --mesh --arrows" in shown.command, "the choices")
-    shown.read("legend", "pressure [Pa]")
+    shown.read("legend", "pressure [Pa]", "interface")
     shown.wait(shown.page.locator('[data-layer="mesh"]').is_checked, "the mesh")
     shown.part("range").select_option("given")
     shown.part("low").fill("0")

@@ -253,12 +253,15 @@ def test_a_picture_to_keep_is_that_of_the_renderer(server, page):
         field="pressure",
         field_range=(0, 2500),
         mesh=True,
-        view=View(window=(0.1, 0.1, 0.4, 0.3)),
+        size=(1280, 720),
+        view=View(window=(0.1, 0.1, 0.4, 0.3), muted=()),
         backend="raster",
     )
     assert np.array_equal(np.asarray(Image.open(io.BytesIO(data))), expected)
     page.until("status", lambda status: status["layers"]["mesh"])
-    assert page.status["command"].endswith("--field pressure --range 0 2500 --mesh --window 0.1 0.1 0.4 0.3")
+    assert page.status["command"].endswith(
+        "--field pressure --range 0 2500 --mesh --window 0.1 0.1 0.4 0.3 --colour-all"
+    )
 
 
 def test_a_movie_is_as_long_as_it_was_seen(page, tmp_path):
@@ -282,7 +285,9 @@ def test_a_movie_is_as_long_as_it_was_seen(page, tmp_path):
 def test_tracers_are_followed_from_the_first_time(page):
     page.send("layers", tracers=50)
     page.send("show", time=TIMES[5])
-    page.until("frame", lambda frame: frame["panes"][0]["index"] == 5 and frame["panes"][0]["notes"] == [])
+    page.until(
+        "frame", lambda frame: frame["panes"][0]["index"] == 5 and frame["panes"][0]["notes"] == ["paths of tracers"]
+    )
 
 
 def test_nothing_is_done_while_nothing_happens(server, page):

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from tipfem.render import View
+from tipfem.render.scales import MUTED_FIELD
 
 Window = tuple[float, float, float, float]
 _MARGIN = 0.035  # of the domain, kept free around it when all of it is shown
@@ -116,6 +117,7 @@ class Choices:
             contours=layers["contours"],
             tracers=layers["tracers"],
             colour_map=self.colour_map,
+            muted=(),
         )
 
     def command(self, out: str) -> str:
@@ -142,6 +144,8 @@ class Choices:
             words += ["--window", *(f"{value:.4g}" for value in self.window)]
         if self.follow is not None:
             words += ["--follow", shlex.quote(self.follow)]
+        if MUTED_FIELD in (self.field, self.layers["contours"]):
+            words.append("--colour-all")  # here each fluid is coloured
         return " ".join(words)
 
     def report(self) -> Mapping[str, Any]:

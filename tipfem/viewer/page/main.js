@@ -21,11 +21,11 @@ function connect() {
   socket.addEventListener("message", (event) => viewer.receive(event.data));
   socket.addEventListener("close", () => {
     if (viewer.ended) return;
-    if (!token) viewer.note("This address lacks its token: open the one that was printed, with all that follows the #.", true);
-    else if (opened) viewer.note("The connection is lost; trying again.", true);
+    if (opened) viewer.note("The connection is lost; trying again.", true);
     else viewer.note("The viewer does not answer, or the token in the address is not its own; trying again.", true);
     setTimeout(connect, 2000);
   });
 }
 
-connect();
+if (token) connect();
+else viewer.note("This address lacks its token: open the one that was printed, with all that follows the #.", true);

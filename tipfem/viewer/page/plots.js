@@ -52,7 +52,12 @@ export function colours(root) {
 }
 
 // Ticks and labels left of a box and below it; map takes metres to CSS pixels.
-export function axes(draw, box, shown, map, paint, notes) {
+// Ticks stand along the domain, its lower and upper corner, alone: there is nothing beyond it.
+export function axes(draw, box, shown, map, paint, notes, domain) {
+  const along = (axis) => {
+    const slack = 1e-6 * (domain.upper[axis] - domain.lower[axis]);
+    return ({ value }) => value > domain.lower[axis] - slack && value < domain.upper[axis] + slack;
+  };
   draw.strokeStyle = paint.line;
   draw.lineWidth = 1;
   draw.strokeRect(box.left + 0.5, box.top + 0.5, box.width - 1, box.height - 1);
@@ -60,7 +65,7 @@ export function axes(draw, box, shown, map, paint, notes) {
   draw.font = `12px ${paint.font}`;
   const bottom = box.top + box.height;
   draw.textAlign = "center";
-  for (const { value, label } of ticks(shown[0], shown[2], box.width / 80 + 1)) {
+  for (const { value, label } of ticks(shown[0], shown[2], box.width / 80 + 1).filter(along(0))) {
     const x = Math.round(map([value, 0])[0]) + 0.5;
     line(draw, x, bottom + 1, x, bottom + 6);
     draw.fillText(label, x, bottom + 15);
@@ -68,7 +73,7 @@ export function axes(draw, box, shown, map, paint, notes) {
   const room = box.width / 2 - draw.measureText(notes).width - 30;
   draw.fillText("x [m]", room > 0 ? box.left + box.width / 2 : box.left + 16, bottom + 32);
   draw.textAlign = "right";
-  for (const { value, label } of ticks(shown[1], shown[3], box.height / 56 + 1)) {
+  for (const { value, label } of ticks(shown[1], shown[3], box.height / 56 + 1).filter(along(1))) {
     const y = Math.round(map([0, value])[1]) + 0.5;
     line(draw, box.left - 6, y, box.left - 1, y);
     draw.fillText(label, box.left - 10, y);

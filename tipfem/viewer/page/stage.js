@@ -15,8 +15,9 @@ export function fit(window, width, height) {
 
 export class Stage {
   // The label stands above pictures that are compared; "" for a single one.
-  constructor(root, number, label, events) {
+  constructor(root, number, label, domain, events) {
     this.label = label;
+    this.domain = domain;
     this.root = root;
     this.number = number;
     this.events = events;
@@ -81,7 +82,7 @@ export class Stage {
     draw.drawImage(this.bitmap, left, top, right - left, bottom - top);
     this.paintMarks(draw, paint, box);
     draw.restore();
-    axes(draw, box, shown, (at) => this.toPixels(at), paint, this.frame.notes.join(", "));
+    axes(draw, box, shown, (at) => this.toPixels(at), paint, this.frame.notes.join(", "), this.domain);
     if (this.label) {
       draw.font = `600 13px ${paint.font}`;
       draw.textAlign = "left";

@@ -111,7 +111,7 @@ export class Viewer {
       push: (from, to, stage) => this.steering.push(from, to, stage), release: (stage) => this.steering.release(stage),
       drop: (at) => this.steering.drop(at),
     };
-    this.stages = hello.panes.map(({ name }, k) => new Stage(this.root, k, hello.panes.length > 1 ? name : "", events));
+    this.stages = hello.panes.map(({ name, lower, upper }, k) => new Stage(this.root, k, hello.panes.length > 1 ? name : "", { lower, upper }, events));
     const heads = this.root.querySelectorAll(".values thead th");
     (hello.panes.length > 1 ? hello.panes.map(({ name }) => name) : ["here", "particle"]).forEach((text, k) => (heads[k + 1].textContent = text));
     this.part("panes").replaceChildren(...this.stages.map((stage) => stage.element));
@@ -120,7 +120,7 @@ export class Viewer {
     this.part("field").replaceChildren(new Option("fluids", ""), ...options);
     this.part("contours").replaceChildren(new Option("none", ""), ...options.map((option) => option.cloneNode(true)));
     this.part("history-field").replaceChildren(...options.map((option) => option.cloneNode(true)));
-    this.part("map").replaceChildren(new Option("usual", ""), ...Object.keys(hello.maps).map((name) => new Option(name, name)));
+    this.part("map").replaceChildren(new Option("automatic", ""), ...Object.keys(hello.maps).map((name) => new Option(name, name)));
     const names = hello.panes[0].fluids.map(({ name }) => name);
     this.part("follow").replaceChildren(new Option("nothing", ""), new Option("the front", "front"),
       ...names.map((name) => new Option(`front of ${name}`, `front:${name}`)), ...names.map((name) => new Option(`centre of ${name}`, name)));
@@ -219,15 +219,21 @@ export class Viewer {
     const key = JSON.stringify([field, low, high, map, this.dark, legend.clientWidth]);
     if (legend.dataset.key === key) return;
     legend.dataset.key = key;
+    const fluids = this.hello.panes[0].fluids;
+    const entry = (name, drawn) => {
+      const swatch = document.createElement("span");
+      swatch.className = "swatch";
+      swatch.innerHTML = `<svg viewBox="0 0 18 18" aria-hidden="true">${drawn}</svg>`;
+      swatch.append(name);
+      return swatch;
+    };
+    const swatches = fluids.map(({ name, colour }) => {
+      const swatch = entry(name, '<rect x="1" y="1" width="16" height="16" rx="3"/>');
+      swatch.querySelector("rect").setAttribute("fill", colour);
+      return swatch;
+    });
     if (!field) {
-      legend.replaceChildren(...this.hello.panes[0].fluids.map(({ name, colour }) => {
-        const swatch = document.createElement("span");
-        swatch.className = "swatch";
-        swatch.innerHTML = '<svg viewBox="0 0 18 18" aria-hidden="true"><rect x="1" y="1" width="16" height="16" rx="3"/></svg>';
-        swatch.querySelector("rect").setAttribute("fill", colour);
-        swatch.append(name);
-        return swatch;
-      }));
+      legend.replaceChildren(...swatches);
       return;
     }
     const label = document.createElement("span"), bar = document.createElement("canvas");
@@ -235,7 +241,9 @@ export class Viewer {
     bar.className = "bar";
     bar.setAttribute("role", "img");
     bar.setAttribute("aria-label", `Colours from ${number(low)} to ${number(high)}`);
-    legend.replaceChildren(label, bar);
+    // Interfaces of three fluids have stripes of their colours.
+    const lines = fluids.length > 1 ? [entry("interface", '<path class="rim" d="M0 9h18"/><path class="line" d="M0 9h18"/>')] : [];
+    legend.replaceChildren(label, bar, ...lines, ...(fluids.length > 2 ? swatches : []));
     colourBar(bar, this.hello.maps[map], low, high, colours(this.root));
   }
 
