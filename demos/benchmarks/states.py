@@ -32,7 +32,7 @@ def largest_step(spacing: float) -> float:
 def make_state(path: str | Path, spacing: float) -> None:
     """Run the dam break to `STATE_TIME` with particles ``spacing`` [m] apart, and keep the state in a file."""
     tp.init()
-    simulation = tp.Simulation(dam_break.build(spacing, law="no-slip"), time_step=largest_step(spacing))
+    simulation = tp.Simulation(dam_break.build(spacing), time_step=largest_step(spacing))
     simulation.run(STATE_TIME, progress=False)
     p, mesh = simulation.particles, simulation.mesh
     assert mesh.fluid is not None
@@ -77,7 +77,7 @@ def refined(state: dict[str, Array]) -> dict[str, Array]:
 
 
 def simulation_of(state: dict[str, Array], numerics: Numerics | None = None) -> tp.Simulation:
-    """A dam break that goes on from a state."""
+    """A dam break that goes on from a state, between the walls of the demo."""
     fluids = [dam_break.WATER, dam_break.AIR]
     mesh = Mesh(state["position"], state["cells"], state["fluid"])
     spacing = float(state["spacing"])
@@ -92,7 +92,13 @@ def simulation_of(state: dict[str, Array], numerics: Numerics | None = None) -> 
         pressure=state["pressure"],
     )
     numerics = numerics or Numerics(largest_move=dam_break.LARGEST_MOVE)
-    case = tp.Case(particles, fluids, gravity=(0, -dam_break.GRAVITY), numerics=numerics)
+    width, height = dam_break.TANK
+    corners = ((0, 0), (width, 0), (width, height), (0, height))
+    ends = dict(
+        zip(("bottom", "right", "top", "left"), zip(corners, (*corners[1:], corners[0]), strict=True), strict=True)
+    )
+    walls = [tp.Wall(name, between=points, law="layer") for name, points in ends.items()]
+    case = tp.Case(particles, fluids, gravity=(0, -dam_break.GRAVITY), walls=walls, numerics=numerics)
     return tp.Simulation(case, time_step=largest_step(spacing))
 
 
