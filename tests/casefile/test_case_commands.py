@@ -251,7 +251,8 @@ def test_what_does_not_start_is_told_in_one_line():
     assert (found.fine, found.what) == (False, "RuntimeError: no driver")
     crashed = inspection._starts("x", "import os; os.kill(os.getpid(), 11)", "install it")
     assert (crashed.fine, crashed.what) == (False, "ended by signal 11")
-    assert inspection._starts("x", "pass", "").fine
+    assert inspection._starts("x", "print('other output')", "").what == "starts"
+    assert inspection._starts("x", "print('starts, in software alone')", "").what == "starts, in software alone"
 
 
 def test_help_names_the_exit_codes_and_all_commands(capsys):

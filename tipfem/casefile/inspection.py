@@ -137,6 +137,10 @@ def examine() -> list[Finding]:
         ),
         _starts(
             "Vulkan",
+            # Its output is what is said of it.
+            "from tipfem.render.vulkan import software_driver\n"
+            "if found := software_driver():\n"
+            "    print(f'starts, in software alone ({found}): the rasteriser draws pictures')\n"
             "from tipfem.render.ggui import GGUICanvas; GGUICanvas((64, 64)).close()",
             "optional, for GGUI's pictures; on Debian: apt-get install libvulkan1 mesa-vulkan-drivers. "
             "The rasteriser draws without it.",
@@ -181,7 +185,8 @@ def _starts(name: str, code: str, cure: str, *, needed: bool = True) -> Finding:
     except subprocess.TimeoutExpired:
         return Finding(name, False, f"does not start within {TIMEOUT:g} s", cure, needed)
     if done.returncode == 0:
-        return Finding(name, True, "starts", needed=needed)
+        said = [line for line in done.stdout.splitlines() if line.startswith("starts")]
+        return Finding(name, True, said[-1] if said else "starts", needed=needed)
     lines = [line for line in done.stderr.splitlines() if line.strip()]
     why = lines[-1].strip()[:100] if lines else f"ended by signal {-done.returncode}"
     return Finding(name, False, why, cure, needed)
