@@ -26,7 +26,18 @@ def test_the_list_has_every_demo_with_a_line(capsys):
     studies = [line.split()[0] for line in lines[second + 1 : third - 1]]
     assert studies == [
         f"validation/{name}"
-        for name in ("bodies", "dam_break", "energy", "impact", "interfaces", "periodic", "shapes", "walls", "waves")
+        for name in (
+            "bodies",
+            "dam_break",
+            "drop",
+            "energy",
+            "impact",
+            "interfaces",
+            "periodic",
+            "shapes",
+            "walls",
+            "waves",
+        )
     ]
     assert lines[third + 1].split()[0] == "benchmarks/frame_time"
     listed = [line for line in lines if line.startswith("  ")]

@@ -171,9 +171,9 @@ def test_pictures_and_movies(finished, tmp_path, only_vtkhdf):
     assert len(np.unique(np.asarray(image).reshape(-1, 3), axis=0)) > 20
     assert np.array_equal(image, tp.read_results(out).picture(END, "pressure", **options))
     movie = results.movie(name="short.gif", **options)
-    assert movie.path == results.folder / "short.gif"
+    assert movie.path == results.folder / "short_320x240.gif"
     assert movie._repr_html_().startswith('<img style="max-width: 100%" src="data:image/gif;base64,R0lG')
-    assert "short.gif" in repr(movie)
+    assert "short_320x240.gif" in repr(movie)
     assert "video/mp4;base64" in results.movie(name="short.mp4", **options)._repr_html_()
 
 

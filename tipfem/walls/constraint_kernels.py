@@ -137,6 +137,7 @@ def slip_scale(
 @kernel
 def pressure_residual(
     faces: Ints2,
+    nodes: Ints2,
     motion: Reals2,
     x: Reals1,
     scale: Reals1,
@@ -149,15 +150,15 @@ def pressure_residual(
 
     A particle that slides on a curve moves at right angles to the mean of the normals of its two faces, not to each of
     them, so that a pressure that varies along the wall has a part along it: with this term what is left of the
-    momentum row of a fluid at rest is int phi_a (grad p - rho b), which vanishes. faces (F, 2), with the fluid on the
-    left. record (F, 4): pressures for the two particles, and the normal times the length at the intermediate
-    positions.
+    momentum row of a fluid at rest is int phi_a (grad p - rho b), which vanishes. faces (F, 2): particles, with the
+    fluid on the left; nodes (F, 2) of the mesh that is solved on, which have the pressures of that fluid.
+    record (F, 4): pressures for the two particles, and the normal times the length at the intermediate positions.
     """
     ti.loop_config(serialize=True)
     for f in range(count):
         a, b = faces[f, 0], faces[f, 1]
         e = row(motion, b, 2) + cf * displacement_of(x, b, 2) - row(motion, a, 2) - cf * displacement_of(x, a, 2)
-        one, other = x[a * 3 + 2], x[b * 3 + 2]
+        one, other = x[nodes[f, 0] * 3 + 2], x[nodes[f, 1] * 3 + 2]
         record[f, 0], record[f, 1] = one / 3.0 + other / 6.0, one / 6.0 + other / 3.0
         record[f, 2], record[f, 3] = e[1], -e[0]
         for k in ti.static(range(2)):
@@ -168,6 +169,7 @@ def pressure_residual(
 @kernel
 def pressure_product(
     faces: Ints2,
+    nodes: Ints2,
     record: Reals2,
     scale: Reals1,
     x: Reals1,
@@ -181,7 +183,7 @@ def pressure_product(
         a, b = faces[f, 0], faces[f, 1]
         e = cf * (displacement_of(x, b, 2) - displacement_of(x, a, 2))
         turned = ti.Vector([e[1], -e[0]])
-        one, other = x[a * 3 + 2], x[b * 3 + 2]
+        one, other = x[nodes[f, 0] * 3 + 2], x[nodes[f, 1] * 3 + 2]
         for k in ti.static(range(2)):
             n = record[f, 2 + k]
             out[a * 3 + k] += scale[a * 3 + k] * ((one / 3.0 + other / 6.0) * n + record[f, 0] * turned[k])
@@ -199,7 +201,10 @@ def add_pressures(
     cf: float,
     count: ti.i32,
 ):
-    """Add the derivative of `pressure_residual`, from its ``record``, to the blocks of the Jacobian."""
+    """Add the derivative of `pressure_residual`, from its ``record``, to the blocks of the Jacobian.
+
+    faces (F, 2): nodes of the mesh that is solved on.
+    """
     ti.loop_config(serialize=True)
     for f in range(count):
         for one in ti.static(range(2)):
@@ -311,7 +316,10 @@ def add_friction(
     count: ti.i32,
     dim: Template,
 ):
-    """Add the derivative of `slip_residual`, from the faces' linearisation, to the blocks of the Jacobian."""
+    """Add the derivative of `slip_residual`, from the faces' linearisation, to the blocks of the Jacobian.
+
+    faces (F, d): nodes of the mesh that is solved on, whose rows and columns are those of their particles.
+    """
     ti.loop_config(serialize=True)
     for f in range(count):
         n = row(normal, f, dim)

@@ -23,13 +23,22 @@ class WallRows:
         dimension: d.
         scale: scaling of the rows, which friction and projection change.
         buffers: that hold the arrays.
+        cells: (M, d + 1) nodes of the mesh that is solved on, which may be cut along interfaces.
         owner: (P,) particle of each node; None where they are the same.
 
     Attributes:
         arrays: the sliding particles and their projectors, on the device.
     """
 
-    def __init__(self, walls: Walls, dimension: int, scale: Any, buffers: Buffers, owner: Array | None = None) -> None:
+    def __init__(
+        self,
+        walls: Walls,
+        dimension: int,
+        scale: Any,
+        buffers: Buffers,
+        cells: Array,
+        owner: Array | None = None,
+    ) -> None:
         faces = walls.faces
         self._dimension, self._scheme, self._scale = dimension, walls.scheme, scale
         self._count = count = len(walls.sliding)
@@ -57,11 +66,13 @@ class WallRows:
         self._free = ~walls.fixed[faces.nodes]  # friction does not act on particles in corners
         if self._faces:
             self._nodes, self._coefficient = put("walls.nodes", faces.nodes), put("walls.mu", faces.coefficient)
+            self._of_rows = put("walls.of_rows", _nodes_of(faces.nodes, faces.cell, cells, owner))
             self._normal, self._velocity = put("walls.normal", faces.normal), put("walls.v", faces.wall_velocity)
             self._record = buffers.get("walls.record", self._faces, constraint_kernels.face_record_width(dimension))
 
         if self._pressed:
             self._curved = put("walls.curved", walls.pressed)
+            self._of_pressures = put("walls.of_pressures", _nodes_of(walls.pressed, walls.pressed_cell, cells, owner))
             self._pressures = buffers.get("walls.pressures", self._pressed, 4)
 
     def residual(self, motion: Any, x: Any, out: Any) -> None:
@@ -88,6 +99,7 @@ class WallRows:
             launch(
                 constraint_kernels.pressure_residual,
                 self._curved,
+                self._of_pressures,
                 motion,
                 x,
                 self._scale,
@@ -103,7 +115,7 @@ class WallRows:
         if self._faces:
             launch(
                 constraint_kernels.add_friction,
-                self._nodes,
+                self._of_rows,
                 self._coefficient,
                 self._normal,
                 self._record,
@@ -117,7 +129,7 @@ class WallRows:
         if self._pressed:
             launch(
                 constraint_kernels.add_pressures,
-                self._curved,
+                self._of_pressures,
                 self._pressures,
                 self._scale,
                 *matrix,
@@ -158,6 +170,7 @@ class WallRows:
             launch(
                 constraint_kernels.pressure_product,
                 self._curved,
+                self._of_pressures,
                 self._pressures,
                 self._scale,
                 v,
@@ -201,3 +214,12 @@ class WallRows:
         if self._count:
             work = (self._count, SLIDING)
             launch(constraint_kernels.project, *self.arrays, x, which, self._dimension, work=work)
+
+
+def _nodes_of(faces: Array, cell: Array, cells: Array, owner: Array | None) -> Array:
+    """The nodes (F, d) of faces of the mesh that is solved on, from their particles (F, d) and cells (F,)."""
+    if owner is None:
+        return faces
+    corners = cells[cell]
+    corner = (owner[corners][:, None] == faces[:, :, None]).argmax(axis=2)
+    return np.take_along_axis(corners, corner, axis=1).astype(np.int32)

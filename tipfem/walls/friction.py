@@ -26,6 +26,7 @@ class Faces:
 
     Attributes:
         nodes: (F, d) particles, in the order in which the measure is positive with the normal.
+        cell: (F,) the faces' cells.
         coefficient: (F,) viscosity over slip length [Pa s / m].
         normal: (F, d) of the wall, into the fluid, at the intermediate time.
         wall_velocity: (F, d * d) of the wall at each node, at the intermediate time [m/s].
@@ -33,6 +34,7 @@ class Faces:
     """
 
     nodes: Array
+    cell: Array
     coefficient: Array
     normal: Array
     wall_velocity: Array
@@ -41,10 +43,9 @@ class Faces:
     @staticmethod
     def none(dimension: int, sliding: int) -> Faces:
         """No faces, of walls with a number of ``sliding`` particles."""
-        vectors = np.zeros((0, dimension))
-        return Faces(
-            vectors.astype(np.int32), np.zeros(0), vectors, np.zeros((0, dimension * dimension)), np.zeros(sliding)
-        )
+        vectors, numbers = np.zeros((0, dimension)), np.zeros(0, dtype=np.int32)
+        nothing = np.zeros(0), vectors, np.zeros((0, dimension * dimension)), np.zeros(sliding)
+        return Faces(vectors.astype(np.int32), numbers, *nothing)
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,7 @@ def friction_in_step(
     boundary, scheme, d = start.boundary, start.scheme, mesh.dimension
     begins, stuck = layers is None, None
     layers = layers or Layers.on(boundary, start.frame[boundary.index])
-    nodes, coefficient, normal, wall_velocity = [], [], [], []
+    nodes, cell, coefficient, normal, wall_velocity = [], [], [], [], []
     for part in _parts(start, mesh, particles):
         wall = boundary.walls[part.wall]
         length: float | Array = wall.slip_length or 0.0
@@ -138,6 +139,7 @@ def friction_in_step(
         now = _velocity(part, start.before, mesh.position[part.nodes])
         then = _velocity(part, start.after, start.predicted[part.nodes])
         nodes.append(part.nodes)
+        cell.append(part.cell)
         coefficient.append(viscosity[part.cell] / length)
         normal.append(part.normal)
         wall_velocity.append((scheme.alpha_f * now + scheme.cf * then).reshape(-1, d * d))
@@ -149,7 +151,8 @@ def friction_in_step(
     share = np.repeat(scheme.cv * mu * measure / d, d)
     # Of integers where all of these walls are dry.
     friction = np.bincount(face.ravel(), share, minlength=len(mesh.position))[start.sliding].astype(float)
-    return Faces(face, mu, np.concatenate(normal), np.concatenate(wall_velocity), friction), layers, stuck
+    rest = np.concatenate(normal), np.concatenate(wall_velocity), friction
+    return Faces(face, np.concatenate(cell), mu, *rest), layers, stuck
 
 
 def _parts(start: WallStart, mesh: Mesh, particles: Particles) -> list[Part]:

@@ -35,6 +35,7 @@ class Walls(ABC):
         faces: those with friction.
         layers: the boundary layers at the end of the step on walls with that law; None without such walls.
         pressed: (E, 2) the faces of curved walls that slip, two particles each with the fluid on the left.
+        pressed_cell: (E,) their cells.
         stuck: (N,) mask of the particles that slide, but next to nothing, for the layer there is resolved; None for no
             particle.
     """
@@ -50,6 +51,7 @@ class Walls(ABC):
     faces: Faces
     layers: Layers | None = None
     pressed: Array = np.zeros((0, 2), dtype=np.int32)
+    pressed_cell: Array = np.zeros(0, dtype=np.int32)
     stuck: Array | None = None
 
     @abstractmethod
@@ -227,7 +229,7 @@ class WallStep(Walls):
         if self._curves is not None:
             here = np.flatnonzero(boundary.on_curve[slides] >= 0)
             self.rows[here] = self.columns[here]
-            self.pressed = self._curves.pressed
+            self.pressed, self.pressed_cell = self._curves.pressed, self._curves.cell
         start = WallStart(
             boundary,
             scheme,
