@@ -298,7 +298,10 @@ def test_the_preconditioner_is_made_of_the_blocks_of_the_derivative(size):
     np.testing.assert_allclose(z[:, -1], pressure, atol=1e-11 * abs(z[:, -1]).max())
 
 
-@pytest.mark.parametrize("size", [(1.0, 0.8), (1.0, 1.0, 0.75)], ids=["2-D", "3-D"])
+@pytest.mark.parametrize(
+    "size",
+    [pytest.param((1.0, 0.8), id="2-D"), pytest.param((1.0, 1.0, 0.75), marks=pytest.mark.slow, id="3-D")],
+)
 def test_all_threads_one_thread_and_staged_kernels_solve_alike(size, monkeypatch):
     """With a bubble, and more iterations than the basis first has room for. Bits do not depend on the number of
     threads; staged kernels are compiled in other surroundings, so that their sums may be rounded otherwise."""

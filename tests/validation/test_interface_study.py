@@ -10,6 +10,7 @@ import pytest
 from tipfem.demos.validation.interfaces import run as study
 
 
+@pytest.mark.slow
 def test_the_short_version_leaves_what_it_promises(tmp_path, capsys):
     """Pictures, table and figures of both rules; the sharp one rests, and the other does not."""
     study.main(["--short", "--out", str(tmp_path)])

@@ -14,6 +14,7 @@ def run(out, *words):
     return called("validation/walls", out, *words)
 
 
+@pytest.mark.slow
 def test_the_short_version_leaves_what_it_promises(tmp_path):
     summary = run(tmp_path / "results", "--short", "--only", "moving", "dam", "driven")
     assert summary["check"] == "passed"
