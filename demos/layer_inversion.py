@@ -34,6 +34,8 @@ edge, amplitude = 0.1, 0.005  # [m]
 tank = tp.tank(size=(edge, edge), spacing=options.spacing)
 tank.fill(water)
 tank.fill(glycerin, where=lambda x: x[:, 1] > edge / 2 + amplitude * np.cos(2 * np.pi * x[:, 0] / edge))
+for side in ("left", "right", "bottom", "top"):
+    tank.wall(side, law="no-slip")  # the glycerin's layer is thick, and it has to run off the walls
 case = tp.Case(
     tank,
     fluids=[glycerin, water],
