@@ -20,7 +20,7 @@ from tipfem.backend.launch import launch
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.fem.mass import consistent_part, lumped_part
-from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.mesh import Mesh, corners_among
 from tipfem.remesh.energy_kernels import field_energy
 from tipfem.typing import Array
 
@@ -108,7 +108,7 @@ class EnergyBalance:
                 return particles, gained
             near = np.zeros(len(particles), dtype=bool)
             near[mesh.cells[changed]] = True
-            changed = np.asarray(near.take(mesh.cells).any(axis=1))
+            changed = corners_among(near, mesh.cells) > 0
         return particles, max(gained, 0.0)
 
     def _lumping(self, mesh: Mesh) -> Array:
@@ -155,7 +155,7 @@ def changed_cells(change: Change, particles: Particles, mesh: Mesh) -> Array:
     rows = np.concatenate([old, np.column_stack([np.sort(mesh.cells[new], axis=1), mesh.fluid[new]])])
     number = np.unique(rows, axis=0, return_inverse=True)[1].ravel()
     result[new] = ~np.isin(number[len(old) :], number[: len(old)])
-    return np.asarray(result | other.take(mesh.cells).any(axis=1))
+    return np.asarray(result | (corners_among(other, mesh.cells) > 0))
 
 
 def damping(particles: Particles, mesh: Mesh, cell_mass: Array, mass: Array, cells: Array) -> Array:
