@@ -87,7 +87,8 @@ def test_the_impulse_on_walls_is_the_fluid_momentum_through_jerks_and_uneven_ste
     sum_of_loads = -sum((steps * table["pressure_force_x"]).sum() for table in forces)
     momentum = simulation.history[-1]["momentum_x"]
     assert momentum == pytest.approx(6e-3 * water.density * 0.02, rel=1e-3)
-    assert impulse == pytest.approx(momentum, rel=2e-3)
+    # The walls' own particles have the prescribed acceleration at the ends of steps, which jumps in one of them.
+    assert impulse == pytest.approx(momentum, rel=8e-3)
     assert abs(sum_of_loads / momentum - 1) > 1e-2  # what a sum of loads times steps would give
 
 
@@ -133,17 +134,28 @@ def test_at_a_particle_of_the_interface_each_cell_has_the_pressure_of_its_own_fl
     jump[1, shared] -= 1000.0
     particles = state.particles.shallow_copy(pressure=pressure)
     broken_dam.state = dataclasses.replace(state, particles=particles, pressure_jump=jump)
+    # The same in the solve, whose walls then hold more.
+    solved = broken_dam.solved
+    floor = wet_floor(solved.before)
+    floor = floor[np.argsort(solved.before.particles.position[floor, 0])][-2:]  # the last but one, and that particle
+    face = np.diff((solved.before.particles.position + solved.displacement)[floor, 0])[0]
+    pressure, jump = solved.particles.pressure.copy(), solved.pressure_jump.copy()
+    pressure[floor[-1]] += 1000.0
+    jump[1, floor[-1]] -= 1000.0
+    reactions, walls = solved.reactions.copy(), np.flatnonzero(solved.before.particles.wall)
+    reactions[np.searchsorted(walls, floor), 1] += 1000.0 * face * np.array([1 / 6, 1 / 3])
+    particles = solved.particles.shallow_copy(pressure=pressure)
+    broken_dam.solved = dataclasses.replace(solved, particles=particles, pressure_jump=jump, reactions=reactions)
     for probe, before in zip(air, of_air, strict=True):
         assert probe.sample(broken_dam) == pytest.approx(before, rel=1e-9, abs=1e-9)
     # The water's face beside that particle, a spacing long, bears half of it.
-    face = np.diff(np.sort(state.particles.position[wet_floor(broken_dam), 0]))[-1]
     assert water.sample(broken_dam)[1] - of_water[1] == pytest.approx(-1000.0 * face / 2, rel=1e-9)
 
 
-def wet_floor(simulation):
+def wet_floor(state):
     """The particles of the floor that are corners of the water's cells."""
-    wet = np.unique(simulation.mesh.cells[simulation.mesh.fluid == 0])
-    return wet[simulation.particles.position[wet, 1] < 1e-9]
+    wet = np.unique(state.mesh.cells[state.mesh.fluid == 0])
+    return wet[state.particles.position[wet, 1] < 1e-9]
 
 
 @pytest.mark.parametrize(

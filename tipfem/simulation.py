@@ -79,6 +79,7 @@ class Simulation:
         history: one dict a step, as in history.csv.
         probes: what the probes have measured, by their names.
         steering: the commands given so far, and those still to be repeated.
+        solved: the solve that led to the present state; None before the first step.
         timings: wall-clock seconds by part of a step; see `tipfem.timers`.
 
     The attributes named in `CHANGES` are all that a step changes and a later step depends on: a simulation of the
@@ -113,6 +114,7 @@ class Simulation:
         self.case = case
         self.output_interval = output_interval
         self.history: list[dict[str, float]] = []
+        self.solved: Solved | None = None
         self.timings = Timings()
         self._frequency = frequency = case.natural_frequency()
         largest = time_step or (DEFAULT / frequency if frequency else 1e-3)
@@ -215,6 +217,7 @@ class Simulation:
         self.steering.repeat(self)
         with self.timings.active(), timer("step"):
             self.volume_control.rate = self._restoring_rate()
+            self.solved = None  # two states in memory are enough
             refused = 0
             while True:
                 dt = self._step_length(until)
@@ -231,7 +234,7 @@ class Simulation:
             balance = self.budget.account(solved, state) | self.remesher.account.row()
             self.control.accept(dt)
             self.volume_control.observe(state.volume, dt)
-            self.state = state
+            self.state, self.solved = state, solved
             self.record(solved, balance, refused)
             self.state = state_with_held_bodies(self.case.bodies, state)
 

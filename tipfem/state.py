@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -209,6 +209,9 @@ class Solved:
         pressure_jump: (F, N) as of `State`.
         bodies: those at the end of the step, on the particles of ``before``; None without any.
         uniform: whether ``force`` is the same everywhere and at all times, as gravity is.
+        reactions: (W, d) force of the walls and bodies on each of their particles, at the intermediate time and at the
+            level of pressure of the solve [N, per metre of depth in 2-D].
+        level: what the pressures of the particles are less than those of the solve, in a closed tank [Pa].
     """
 
     before: State
@@ -228,6 +231,8 @@ class Solved:
     pressure_jump: Array | None = None
     bodies: BodyStates | None = None
     uniform: bool = False
+    reactions: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    level: float = 0.0
 
     @property
     def dt(self) -> float:

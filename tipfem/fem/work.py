@@ -90,6 +90,23 @@ def step_work(
 
 
 @kernel
+def node_forces(
+    index: Ints1,
+    offsets: Ints1,
+    corners: Ints1,
+    local: Reals2,
+    force: Reals2,
+    count: ti.i32,
+    dim: Template,
+):
+    """force (K, d) [N, per metre of depth in 2-D] that holds each of ``count`` nodes, see `step_work`."""
+    for s in range(count):
+        i = index[s]
+        for k in ti.static(range(dim)):
+            force[s, k] = gathered(local, corners, offsets[i], offsets[i + 1], k, dim + 1)
+
+
+@kernel
 def lump(
     cells: Ints2,
     measure: Reals1,

@@ -5,12 +5,13 @@ shape functions, as in the solution; of a fluid at rest the pressure is exact.
 """
 
 from tipfem.probes.fluids import EnergyProbe, FrontProbe, VolumeProbe, WaveGauge
+from tipfem.probes.forces import WallForce
 from tipfem.probes.impulses import LoadProbe
 from tipfem.probes.points import LineProbe, PointProbe
 from tipfem.probes.probe import Probe
 from tipfem.probes.recorder import ProbeRecorder
 from tipfem.probes.records import KINDS, probe_from, probe_record
-from tipfem.probes.walls import WallForce, WallPressure
+from tipfem.probes.walls import WallPressure
 
 __all__ = [
     "KINDS",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -15,16 +15,17 @@ from tipfem.mesh import measures
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 
+if TYPE_CHECKING:
+    from tipfem.state import Solved  # which starts Taichi
+
 FRAMES = ("laboratory", "tank")
 
 
 _FILE_NAME = set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_.")
 
 
-class Sampled(Protocol):
-    """What a probe sees of a simulation."""
-
-    case: Case
+class Meshed(Protocol):
+    """Particles with the mesh on them, as a simulation has, or its state at the start of a step."""
 
     @property
     def time(self) -> float:
@@ -37,6 +38,16 @@ class Sampled(Protocol):
     @property
     def mesh(self) -> Mesh:
         """Cells on the present positions."""
+
+
+class Sampled(Meshed, Protocol):
+    """What a probe sees of a simulation."""
+
+    case: Case
+
+    @property
+    def solved(self) -> Solved | None:
+        """The solve that led to the present state; None before the first step."""
 
     @property
     def pressure_jump(self) -> Array | None:
@@ -117,17 +128,16 @@ def pressure_in(simulation: Sampled, particle: Array, cell: Array) -> Array:
     return np.asarray(pressure + jump[mesh.fluid[cell], particle])
 
 
-def tank_pose(simulation: Sampled) -> Pose:
-    """Where the tank is."""
-    case = simulation.case
+def pose_of(case: Case, time: float) -> Pose:
+    """Where the tank of a case is at a time [s]."""
     if case.tank_motion is None:
         return Pose.still(case.particles.dimension)
-    return case.tank_motion.pose(simulation.time, 1e-3, case.particles.dimension)
+    return case.tank_motion.pose(time, 1e-3, case.particles.dimension)
 
 
 def in_laboratory(simulation: Sampled, places: Array, frame: str) -> Array:
     """Where ``places`` (K, d) [m] of a frame are now, in the laboratory."""
-    return tank_pose(simulation).place(places) if frame == "tank" else places
+    return pose_of(simulation.case, simulation.time).place(places) if frame == "tank" else places
 
 
 def require_plane(probe: Probe, case: Case) -> None:

@@ -8,9 +8,10 @@ from typing import Any
 
 from tipfem.errors import CheckpointError
 from tipfem.probes.fluids import EnergyProbe, FrontProbe, VolumeProbe, WaveGauge
+from tipfem.probes.forces import WallForce
 from tipfem.probes.points import LineProbe, PointProbe
 from tipfem.probes.probe import Probe
-from tipfem.probes.walls import WallForce, WallPressure
+from tipfem.probes.walls import WallPressure
 
 # The kinds of probes, by what a case file calls them.
 KINDS: dict[str, type[Probe]] = {

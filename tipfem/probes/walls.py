@@ -1,4 +1,4 @@
-"""Pressures, forces and moments on walls: straight ones, and sides of shapes with their holes."""
+"""Pressures on walls, and the walls that probes know: straight ones, and sides of shapes with their holes."""
 
 from __future__ import annotations
 
@@ -11,12 +11,10 @@ import numpy as np
 from tipfem.arguments import numbers
 from tipfem.case.case import Case
 from tipfem.case.domain import Domain
-from tipfem.case.particles import Particles
 from tipfem.case.shaped_tank import ShapedTank
 from tipfem.case.walls import Wall
-from tipfem.mesh.mesh import Mesh
 from tipfem.probes.impulses import LoadProbe
-from tipfem.probes.probe import Probe, Sampled, pressure_in, require_plane, tank_pose
+from tipfem.probes.probe import Meshed, Probe, Sampled, pose_of, pressure_in, require_plane
 from tipfem.typing import Array
 
 SIDES = ("left", "right", "bottom", "top")  # of a rectangle of walls
@@ -55,8 +53,8 @@ class WallPressure(LoadProbe):
         """The pressure at the present time; zero where there is no fluid, as at a free surface."""
         case, particles = simulation.case, simulation.particles
         wall = wall_of(self, case, self.wall)
-        a, b, cell, _ = wall.faces(simulation)
-        y = tank_pose(simulation).origin(particles.position)
+        a, b, cell = wall.faces(case, simulation)
+        y = pose_of(case, simulation.time).origin(particles.position)
         at, period = np.asarray(self.at, dtype=float), simulation.mesh.period
         one, other = y[a], y[b]
         if period:  # the images beside the place
@@ -68,66 +66,6 @@ class WallPressure(LoadProbe):
         face, weight = found
         start, end = (pressure_in(simulation, node[[face]], cell[[face]])[0] for node in (a, b))
         return [float((1 - weight) * start + weight * end)]
-
-
-@dataclass(frozen=True, kw_only=True)
-class WallForce(LoadProbe):
-    """Force and moment of the fluids on a wall, pressure and viscous stress apart; 2-D, per metre of depth.
-
-    The force on the wall is the integral of p n - mu (grad v + grad v^T) n over its faces, n out of the fluid; its
-    pressure, linear on each face, is integrated exactly. Further columns and their attributes are those of `LoadProbe`.
-    On walls that slip, grad v is still that in the cells: the friction by which ``slip_length`` or the law "layer"
-    stands for a thinner layer is not in it.
-
-    Attributes:
-        wall: see `WallPressure`.
-        fluid: name of the fluid whose force is measured; of all together by default.
-        about: (2,) point about which the moment is taken [m].
-
-    Raises:
-        ValueError: see `Probe`; no such wall or fluid.
-    """
-
-    wall: str
-    fluid: str | None = None
-    about: Sequence[float] = (0.0, 0.0)
-
-    def loads(self, case: Case) -> list[tuple[str, str]]:
-        """Names and units of what is measured; raises ValueError if the probe does not fit the case."""
-        wall_of(self, case, self.wall)
-        self._point(case, "about", self.about)
-        if self.fluid is not None:
-            self._fluid(case, self.fluid)
-        names = ("pressure_force_x", "pressure_force_y", "viscous_force_x", "viscous_force_y")
-        return [*((name, "N/m") for name in names), ("moment", "N")]
-
-    def sample(self, simulation: Sampled) -> list[float]:
-        """Force and moment at the present time."""
-        case, particles, mesh = simulation.case, simulation.particles, simulation.mesh
-        a, b, cell, normal = wall_of(self, case, self.wall).faces(simulation)
-        p_a, p_b = (pressure_in(simulation, node, cell) for node in (a, b))
-        start = particles.position[a]
-        end = start + mesh.sides(a, b) if mesh.period else particles.position[b]
-        share = np.ones((len(a), 2))  # of each half of a face: whether it counts
-        if self.fluid is not None:
-            index = case.fluid_index(self.fluid)
-            if mesh.fluid is not None:
-                share[:] = (mesh.fluid[cell] == index)[:, None]
-            else:
-                share = np.stack([particles.fluid[a] == index, particles.fluid[b] == index], axis=1).astype(float)
-        middle_x, middle_p = 0.5 * (start + end), 0.5 * (p_a + p_b)
-        force, moment = np.zeros(2), 0.0
-        for half, (x0, p0) in enumerate(((start, p_a), (end, p_b))):
-            weight = 0.5 * share[:, half]
-            force += ((weight * 0.5 * (p0 + middle_p))[:, None] * normal).sum(axis=0)
-            arm = (2 * p0 + middle_p)[:, None] * x0 + (p0 + 2 * middle_p)[:, None] * middle_x
-            arm = weight[:, None] * (arm / 6 - (0.5 * (p0 + middle_p))[:, None] * np.asarray(self.about, dtype=float))
-            moment += float((arm[:, 0] * normal[:, 1] - arm[:, 1] * normal[:, 0]).sum())
-        stress = _viscous_stress(case, particles, mesh, cell)
-        traction = -share.mean(axis=1)[:, None] * np.einsum("kij,kj->ki", stress, normal)
-        arm = middle_x - np.asarray(self.about, dtype=float)
-        moment += float((arm[:, 0] * traction[:, 1] - arm[:, 1] * traction[:, 0]).sum())
-        return [*force.tolist(), *traction.sum(axis=0).tolist(), moment]
 
 
 @dataclass(frozen=True)
@@ -183,22 +121,32 @@ class WallLine:
         face = int(k[0])
         return face, float(np.clip((at - first[face]) / (second[face] - first[face]), 0.0, 1.0))
 
-    def faces(self, simulation: Sampled) -> tuple[Array, Array, Array, Array]:
-        """The faces of the mesh on the wall.
+    def lies_on(self, other: WallLine) -> bool:
+        """Whether it is all or a part of another straight wall."""
+        height = np.stack([self.start, self.start + self.length * self.tangent]) - other.start
+        return bool((np.abs(height @ other.outward) < 1e-6 * other.length).all())
 
-        Their two particles (K,), the cell (K,), and the outward normal times the length (K, 2) [m].
-        """
-        particles, (a, b, cell) = simulation.particles, _wall_faces(simulation)
-        y = tank_pose(simulation).origin(particles.position)
-        displacement = 0.0 if self.wall is None else float(self.wall.displacement(simulation.time))
-        slack = ON_WALL * particles.spacing
-        on = np.ones(len(a), dtype=bool)
-        for end in (a, b):
-            along, height = self.coordinates(y[end])
-            on &= np.abs(height + displacement) < slack
-            if self.wall is not None:  # a part of a side may be a wall of its own
-                on &= (along > -slack) & (along < self.length + slack)
-        return _with_normals(simulation.mesh, a[on], b[on], cell[on])
+    def faces(self, case: Case, state: Meshed) -> tuple[Array, Array, Array]:
+        """The faces of the mesh on the wall: particles (K,) and (K,), and cells (K,), in the order of the cells."""
+        a, b, cell = _wall_faces(state)
+        on = self._on(case, state, a) & self._on(case, state, b)
+        return a[on], b[on], cell[on]
+
+    def touches(self, case: Case, state: Meshed, particle: Array) -> tuple[Array, Array]:
+        """Which wall particles (K,) are on the wall, and its outward normals (K, 2) there, zero for the others."""
+        on = self._on(case, state, particle)
+        return on, on[:, None] * (pose_of(case, state.time).rotation @ self.outward)
+
+    def _on(self, case: Case, state: Meshed, particle: Array) -> Array:
+        """Which wall particles (K,) are on the wall."""
+        y = pose_of(case, state.time).origin(state.particles.position[particle])
+        slack = ON_WALL * state.particles.spacing
+        along, height = self.coordinates(y)
+        displacement = 0.0 if self.wall is None else float(self.wall.displacement(state.time))
+        on = np.abs(height + displacement) < slack
+        if self.wall is not None:  # a part of a side may be a wall of its own
+            on &= (along > -slack) & (along < self.length + slack)
+        return np.asarray(on)
 
 
 @dataclass(frozen=True)
@@ -240,31 +188,49 @@ class WallSide:
             return None
         return face, float(part[face])
 
-    def faces(self, simulation: Sampled) -> tuple[Array, Array, Array, Array]:
+    def faces(self, case: Case, state: Meshed) -> tuple[Array, Array, Array]:
         """See `WallLine.faces`."""
-        particles, (a, b, cell) = simulation.particles, _wall_faces(simulation)
-        y = tank_pose(simulation).origin(particles.position)
-        middle = 0.5 * (y[a] + y[b])
-        distance = self.domain.distances(middle)[0]
+        a, b, cell = _wall_faces(state)
+        y = pose_of(case, state.time).origin(state.particles.position)
+        distance = self.domain.distances(0.5 * (y[a] + y[b]))[0]
         nearest = np.argmin(distance, axis=1)
-        slack = np.where(self.domain.curve[nearest] >= 0, ON_ARC, ON_WALL) * particles.spacing
-        on = np.isin(nearest, self.edges) & (distance[np.arange(len(a)), nearest] < slack)  # the others are on bodies
-        return _with_normals(simulation.mesh, a[on], b[on], cell[on])
+        close = distance[np.arange(len(a)), nearest] < self._slack(nearest, state.particles.spacing)
+        on = np.isin(nearest, self.edges) & close  # the others are on bodies
+        return a[on], b[on], cell[on]
+
+    def touches(self, case: Case, state: Meshed, particle: Array) -> tuple[Array, Array]:
+        """See `WallLine.touches`."""
+        pose = pose_of(case, state.time)
+        y = pose.origin(state.particles.position[particle])
+        distance = self.domain.distances(y, self.edges)[0]
+        edge = self.edges[np.argmin(distance, axis=1)]
+        on = distance.min(axis=1) < self._slack(edge, state.particles.spacing)
+        side = self.domain.end[edge] - self.domain.start[edge]
+        normal = np.stack([side[:, 1], -side[:, 0]], axis=1) / self.domain.length[edge][:, None]
+        return on, on[:, None] * (normal @ pose.rotation.T)
+
+    def _slack(self, edge: Array, spacing: float) -> Array:
+        return np.asarray(np.where(self.domain.curve[edge] >= 0, ON_ARC, ON_WALL) * spacing)
 
 
-def _wall_faces(simulation: Sampled) -> tuple[Array, Array, Array]:
+def _wall_faces(state: Meshed) -> tuple[Array, Array, Array]:
     """The faces of the mesh between two wall particles (K,) and (K,), and their cells (K,); on bodies, too."""
-    mesh, wall = simulation.mesh, simulation.particles.wall
+    mesh, wall = state.mesh, state.particles.wall
     cell, i = np.nonzero(mesh.neighbours < 0)
     a, b = mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]
     on = wall[a] & wall[b]
     return a[on], b[on], cell[on]
 
 
-def _with_normals(mesh: Mesh, a: Array, b: Array, cell: Array) -> tuple[Array, Array, Array, Array]:
-    """Faces with the outward normal times the length (K, 2) [m]."""
-    edge = mesh.sides(a, b)
-    return a, b, cell, np.stack([edge[:, 1], -edge[:, 0]], axis=1)  # cells are positively oriented
+def side_names(case: Case) -> list[str]:
+    """The sides that together are the boundary of a 2-D case; of particles given as arrays, those of their box."""
+    if case.domain is not None and (case.tank is None or isinstance(case.tank, ShapedTank)):
+        domain = case.domain
+        of_walls = domain.loop.max() + 1 - len(case.bodies)  # the loops of the bodies are the last ones
+        return list(dict.fromkeys(domain.sides[side] for side in domain.side[domain.loop < of_walls].tolist()))
+    if not case.particles.wall.any():
+        return []
+    return ["bottom", "top"] if case.period else list(SIDES)
 
 
 def wall_of(probe: Probe, case: Case, name: str) -> WallLine | WallSide:
@@ -277,8 +243,7 @@ def wall_of(probe: Probe, case: Case, name: str) -> WallLine | WallSide:
     domain = case.domain
     if domain is None or (case.tank is not None and not isinstance(case.tank, ShapedTank)):
         return wall_line(probe, case, name)
-    of_walls = domain.loop.max() + 1 - len(case.bodies)  # the loops of the bodies are the last ones
-    sides = list(dict.fromkeys(domain.sides[side] for side in domain.side[domain.loop < of_walls].tolist()))
+    sides = side_names(case)
     given = {wall.name: wall.side for wall in case.walls}
     side = given.get(name) or name
     if side in sides:
@@ -313,9 +278,9 @@ def wall_line(probe: Probe, case: Case, name: str) -> WallLine:
     if not of_walls.any():
         raise ValueError(f"{probe}: there is no wall {name!r} in this case; it has none")
     lower, upper = position[of_walls].min(axis=0), position[of_walls].max(axis=0)
-    sides: tuple[str, ...] = SIDES
+    sides = side_names(case)
     if case.period:
-        lower[0], upper[0], sides = 0.0, case.period.width[0], ("bottom", "top")
+        lower[0], upper[0] = 0.0, case.period.width[0]
     if name in sides:
         corner = {
             "left": (lower, (lower[0], upper[1])),
@@ -335,14 +300,3 @@ def _line(start: Array, end: Array, inside: Array, wall: Wall | None) -> WallLin
     if (inside - start) @ outward > 0:
         outward = -outward
     return WallLine(start, tangent, length, outward, wall)
-
-
-def _viscous_stress(case: Case, particles: Particles, mesh: Mesh, cell: Array) -> Array:
-    """(K, 2, 2) mu (grad v + grad v^T) in the cells ``cell`` (K,) [Pa]."""
-    viscosity = np.array([fluid.viscosity for fluid in case.fluids])
-    corners = mesh.cells[cell]
-    x, v = mesh.corners(cell), particles.velocity[corners]
-    sides, change = x[:, 1:] - x[:, :1], v[:, 1:] - v[:, :1]
-    gradient = np.linalg.solve(sides, change).transpose(0, 2, 1)  # d v_i / d x_j
-    mu = viscosity[mesh.fluid[cell]] if mesh.fluid is not None else viscosity[particles.fluid[corners]].mean(axis=1)
-    return np.asarray(mu[:, None, None] * (gradient + gradient.transpose(0, 2, 1)))

@@ -190,18 +190,6 @@ def rotation_terms(
 
 
 @kernel
-def particle_forces(index: Ints1, offsets: Ints1, corners: Ints1, local: Reals2, force: Reals2, count: ti.i32):
-    """force (K, 2) [N per metre of depth] that holds each of ``count`` particles, from the last residual's elements."""
-    for s in range(count):
-        i = index[s]
-        for k in ti.static(range(2)):
-            total = 0.0
-            for c in range(offsets[i], offsets[i + 1]):
-                total += local[corners[c], k]
-            force[s, k] = total
-
-
-@kernel
 def set_scales(bodies: Ints1, particle: Reals1, body: Reals1, scale: Reals1, base: ti.i32, count: ti.i32):
     """The scales of the rows of momentum of the ``count`` nodes on bodies, and of the bodies' own rows."""
     for s in range(count):

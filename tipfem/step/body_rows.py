@@ -26,7 +26,7 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.step import body_coupling as coupling
 from tipfem.step import body_kernels as kernels
 from tipfem.step import body_layout as layout
-from tipfem.step.linear_system import LinearSystem, Topology
+from tipfem.step.linear_system import LinearSystem
 from tipfem.typing import Array
 from tipfem.walls.bodies import BodyWalls, turned
 
@@ -331,22 +331,3 @@ class BodyRows:
     def end(self, z: Any) -> None:
         """Set the bodies' increments in a correction, and displace their particles by them."""
         launch(coupling.end_precondition, *self.arrays, self._scale, z, self._base)
-
-
-def measure_forces(walls: BodyWalls, topology: Topology, owner: Array | None, local: Any, buffers: Buffers) -> None:
-    """Tell walls with bodies the forces of the fluids on them, from the elements' vectors of the last residual.
-
-    Args:
-        walls: of the step, with the bodies' solution.
-        topology: of the step's mesh, on the device.
-        owner: (P,) particle of each node of it; None where they are the same.
-        local: element vectors on the device.
-        buffers: where arrays live.
-    """
-    label = walls.states.label if owner is None else walls.states.label[owner]
-    index = np.flatnonzero(label >= 0).astype(np.int32)
-    out, count = buffers.get("bodies.forces", len(index), 2), len(index)
-    nodes = buffers.upload("bodies.all", index)
-    launch(kernels.particle_forces, nodes, topology.offsets, topology.corners, local, out, count)
-    holding = download(out, count).astype(np.float64)
-    walls.measured(index if owner is None else owner[index], -holding)

@@ -21,7 +21,7 @@ from tipfem.linalg import fgmres, vector_kernels
 from tipfem.mesh.cut import cut_along_interfaces
 from tipfem.mesh.mesh import Mesh, parabola, volume_gradient
 from tipfem.state import StepWork
-from tipfem.step.body_rows import BodyRows, measure_forces
+from tipfem.step.body_rows import BodyRows
 from tipfem.step.interface_ties import InterfaceTies
 from tipfem.step.linear_system import LinearSystem, Workspace, covering_box
 from tipfem.step.matrix_free import MatrixFreeSystem
@@ -315,7 +315,32 @@ class FlowProblem:
             index, (_, acceleration) = walls.index, walls.rates()
             u = walls.displacements(walls.increment)
             self._relative[index] = acceleration - self._force[index] - self.scheme.cm * u
-        measure_forces(walls, self._topology, self._owner, self._local, self.buffers)
+        index = self._nodes_where(walls.states.label >= 0)
+        walls.measured(index if self._owner is None else self._owner[index], -self._node_forces(index))
+
+    def reactions(self) -> Array:
+        """(W, d) force of the walls and bodies on each of their particles, where the last `residual` was.
+
+        It is what the equation of momentum of the particle's row leaves, with its inertia and weight: their sum is the
+        change of momentum of all fluids, less gravity and body force, at the intermediate time [N, per metre of depth
+        in 2-D].
+        """
+        wall = self.particles.wall
+        index, rank = self._nodes_where(wall), np.cumsum(wall) - 1
+        force, of = self._node_forces(index), rank[index if self._owner is None else self._owner[index]]
+        return np.stack([np.bincount(of, axis, minlength=int(wall.sum())) for axis in force.T], axis=1)
+
+    def _nodes_where(self, mask: Array) -> Array:
+        """The nodes (K,) of the particles in a mask (N,)."""
+        return np.flatnonzero(mask if self._owner is None else mask[self._owner]).astype(np.int32)
+
+    def _node_forces(self, index: Array) -> Array:
+        """(K, d) force that holds each of the nodes (K,), where the last `residual` was."""
+        count, d = len(index), self.dimension
+        out, nodes = self.buffers.get("held.force", count, d), self.buffers.upload("held.nodes", index)
+        offsets, corners = self._topology.offsets, self._topology.corners
+        launch(work_kernels.node_forces, nodes, offsets, corners, self._local, out, count, d)
+        return download(out, count).astype(np.float64)
 
     def work(self, x: Any) -> StepWork:
         """Work of each term at ``x``, where the last `residual` was; no `product` may come between."""

@@ -172,8 +172,10 @@ class StepSolver:
             )
         result.require()
         limits.require(numerics.smallest_jacobian, self.reach)
+        level = 0.0
         if not mesh.surface.front.any():
-            pressure -= pressure[state.reference] if state.reference >= 0 else _mean(mesh, pressure)
+            level = float(pressure[state.reference] if state.reference >= 0 else _mean(mesh, pressure))
+            pressure -= level
         particles = walls.finish(before, displacement, scheme.advance(before, displacement, pressure))
         particles = mesh.surface.landed(before, particles, force, dt)
         particles = particles.shallow_copy(position=mesh.period.wrapped(particles.position))
@@ -195,6 +197,8 @@ class StepSolver:
             pressure_jump=problem.pressure_jump(result.solution),
             bodies=walls.after if isinstance(walls, BodyWalls) else None,
             uniform=not varies,
+            reactions=problem.reactions(),
+            level=level,
         )
 
     def consistent(self, state: State, dt: float) -> State:
