@@ -114,7 +114,7 @@ def animate(
         results.scene(0).field_values(field)
     if view.contours is not None:
         results.scene(0).field_values(view.contours)
-    if field is not None or view.contours is not None:
+    if field is not None or view.contours is not None or view.arrows:
         view, field_range = settled(view, _Sampled(results), field, field_range)
     if size is None:
         size = natural_size(results.scene(0), field, view)
@@ -181,7 +181,9 @@ def picture_name(
     words += ["all"] * (view.muted == ()) + [f"without_{name}" for name in view.muted or ()]
     words += [view.colour_map] if view.colour_map else []
     words += ["mesh"] * mesh + ["particles"] * particles + ["nofill"] * (not view.fill)
-    words += ["arrows"] * view.arrows + ["streamlines"] * view.streamlines
+    words += ["arrows"] * view.arrows
+    words += [f"of_{view.arrow_speed:.6g}"] if view.arrows and view.arrow_speed else []
+    words += ["streamlines"] * view.streamlines
     words += [f"contours_{view.contours}"] if view.contours else []
     words += [f"every_{view.interval:.6g}"] if view.contours and view.interval else []
     words += [f"tracers_{view.tracers}"] if view.tracers else []

@@ -226,15 +226,16 @@ class Annotator:
             room: largest width of both [px].
         """
         (x, y), u = at, self.unit
-        side, middle = 24 * u, y + 11 * u
+        side, middle = (24 if key.length is None else key.length + 4) * u, y + 11 * u
         # A light line is seen on the ground that it is for.
         if key.line == colours.HALO:
             self.draw.rectangle([x, middle - 8 * u, x + side, middle + 8 * u], fill=KEY_GROUND)
-        ends = [(x + 2 * u, middle), (x + side - 2 * u, middle)]
+        # A shaft ends inside its head, whose tip is at the end of the length.
+        ends = [(x + 2 * u, middle), (x + side - (6 if key.head else 2) * u, middle)]
         for colour, width in ((key.rim, 4.0), (key.line, 2.0)):
             self.draw.line(ends, fill=colour, width=max(1, round(width * u)))
         if key.head:
-            tip = x + side - 3 * u
+            tip = x + side - 2 * u
             corners = [(tip, middle), (tip - 9 * u, middle - 4 * u), (tip - 9 * u, middle + 4 * u)]
             self.draw.polygon(corners, fill=key.line)
         self.text((x + side + 10 * u, middle), key.text, NORMAL, anchor="lm", limit=room - side - 10 * u)

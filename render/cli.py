@@ -22,7 +22,7 @@ examples:
   python -m tipfem.render out --window 0 0 0.3 0.2 --contours pressure --no-fill
   python -m tipfem.render out --strip 0 0.1 0.2 0.3 --no-frames --no-movie
 
-It reads what OUT/fields.pvd lists when it starts, so it can also be used while a run is under way.
+It reads the times that are stored when it starts, so it can also be used while a run is under way.
 One stored time is one picture; the movie shows them evenly, at the playback rate. The options are part of the names of
 what is written, so that pictures of different options stand side by side; --name sets a shorter name.
 """
@@ -39,7 +39,7 @@ def parser() -> argparse.ArgumentParser:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    made.add_argument("out", metavar="OUT", type=Path, help="results folder, with case.json and fields.pvd")
+    made.add_argument("out", metavar="OUT", type=Path, help="results folder of a run")
     made.add_argument(
         "--field",
         default="none",
@@ -82,7 +82,13 @@ def parser() -> argparse.ArgumentParser:
         action="store_true",
         help="leave the cells white: the interface alone, or with --particles dots by fluid",
     )
-    made.add_argument("--arrows", action="store_true", help="draw arrows of the velocity")
+    made.add_argument("--arrows", action="store_true", help="draw arrows of the velocity, to one scale in all pictures")
+    made.add_argument(
+        "--arrow-speed",
+        type=float,
+        metavar="SPEED",
+        help="of the arrow in the legend [m/s] (default: a round one, the same for all pictures)",
+    )
     made.add_argument("--streamlines", action="store_true", help="draw streamlines of the velocity")
     made.add_argument("--contours", metavar="NAME", help="draw contours of a field, for example pressure")
     made.add_argument(
@@ -143,12 +149,13 @@ def parser() -> argparse.ArgumentParser:
         type=float,
         default=[],
         metavar="TIME",
-        help="draw the fluids at these times [s] side by side, in OUT/strip.png",
+        help="draw these times [s] side by side in one picture, OUT/strip.png",
     )
     made.add_argument("--title", help="a line above the tank (default: the title of the case)")
     made.add_argument(
         "--name",
-        help="in place of the options in the names of what is written: OUT/frames_NAME, OUT/animation_NAME.mp4",
+        help="in place of the options in the names of what is written: OUT/frames_NAME, OUT/animation_NAME.mp4, "
+        "OUT/strip_NAME.png",
     )
     made.add_argument("--no-frames", action="store_true", help="write no PNG files")
     made.add_argument(
@@ -173,14 +180,41 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     given = parser().parse_args(arguments)
     movies = [] if given.no_movie else given.movie or [MOVIE]
+    field = None if given.field == "none" else given.field
     try:
+        view = View(
+            window=given.window,
+            follow=given.follow,
+            fill=not given.no_fill,
+            arrows=given.arrows,
+            arrow_speed=given.arrow_speed,
+            streamlines=given.streamlines,
+            contours=given.contours,
+            interval=given.interval,
+            tracers=given.tracers,
+            colour_map=given.colour_map,
+            muted=() if given.colour_all else None,
+        )
         if given.strip:
-            print(strip(given.out, given.strip, backend=given.backend, fluid_colours=dict(given.colour)))
+            drawn = strip(
+                given.out,
+                given.strip,
+                backend=given.backend,
+                fluid_colours=dict(given.colour),
+                field=field,
+                field_range=given.field_range,
+                mesh=given.mesh,
+                particles=given.particles,
+                view=view,
+                samples=given.samples,
+                name=given.name,
+            )
+            print(drawn)
             if given.no_frames and not movies:
                 return 0
         done = animate(
             given.out,
-            None if given.field == "none" else given.field,
+            field,
             not given.no_frames,
             movies,
             given.playback_rate,
@@ -190,18 +224,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             particles=given.particles,
             backend=given.backend,
             fluid_colours=dict(given.colour),
-            view=View(
-                window=given.window,
-                follow=given.follow,
-                fill=not given.no_fill,
-                arrows=given.arrows,
-                streamlines=given.streamlines,
-                contours=given.contours,
-                interval=given.interval,
-                tracers=given.tracers,
-                colour_map=given.colour_map,
-                muted=() if given.colour_all else None,
-            ),
+            view=view,
             samples=given.samples,
             title=given.title,
             name=given.name,

@@ -1,12 +1,17 @@
 """Velocities between the particles: arrows, contours, and tracers that move from time to time."""
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import Array
 from .rasterizer import locate
+from .scales import round_limits
 from .scene import Scene
+from .view import View
 
+ARROW_SHARE = 0.9  # of the distance between arrows: the length of the one in the legend
 _MOST_GRID = 400  # points along a side of the grid that stands for the velocity
 
 
@@ -82,30 +87,47 @@ class VelocityGrid:
         return found, self.inside[np.rint(y).astype(int), np.rint(x).astype(int)] & ~beyond.any(axis=1)
 
 
-def arrows(scene: Scene, lower: Array, upper: Array, step: float) -> tuple[Array, float]:
-    """Arrows on a regular grid.
+def arrow_speed(scenes: Iterable[Scene], view: View) -> float:
+    """A round speed [m/s] for the arrow in the legend, so that arrows have one scale in all pictures of the scenes.
+
+    Of all particles that are shown in all scenes together, at most 1 % are faster.
+
+    Args:
+        scenes: with velocities.
+        view: what is shown of them.
+    """
+    speeds = []
+    for scene in scenes:
+        lower, upper = view.bounds(scene)
+        seen = ((scene.position >= lower) & (scene.position <= upper)).all(axis=1)
+        speeds.append(np.linalg.norm(velocity(scene)[seen], axis=1))
+    found = np.concatenate(speeds)
+    return round_limits("speed", 0.0, float(np.percentile(found, 99)) if len(found) else 0.0)[1]
+
+
+def arrows(scene: Scene, lower: Array, upper: Array, step: float, speed: float) -> Array:
+    """Arrows on a regular grid, tails and tips (P, 2, 2) [m].
+
+    Those that would be shorter than a 25th of the length of the legend's are left out. Longer ones than twice that
+    length are drawn at twice of it: single fast particles do not cross the picture.
 
     Args:
         scene: with velocities.
         lower: (2,) lower corner of the part shown [m].
         upper: (2,) upper corner of it [m].
-        step: between arrows [m]; the longest one is nine tenths of it.
-
-    Returns:
-        Tails and tips (P, 2, 2) [m], the slowest left out, and the speed of the longest arrow [m/s].
+        step: between arrows [m].
+        speed: of an arrow as long as `ARROW_SHARE` of the step, which is that of the legend [m/s].
     """
     columns, rows = (max(1, int(length / step)) for length in upper - lower)
     first = lower + (upper - lower - step * np.array([columns, rows])) / 2
     values = grid_values(scene, velocity(scene), first, step, (rows, columns))
     j, i = np.nonzero(np.isfinite(values[..., 0]))
     values, centres = values[j, i], first + step * (np.stack([i, j], axis=1) + 0.5)
-    speed = np.linalg.norm(values, axis=1)
-    fastest = float(speed.max(initial=0.0))
-    if fastest == 0:
-        return np.empty((0, 2, 2)), 0.0
-    moving = speed > 0.04 * fastest
-    half = 0.45 * step * values[moving] / fastest
-    return np.stack([centres[moving] - half, centres[moving] + half], axis=1), fastest
+    size = np.linalg.norm(values, axis=1)
+    moving = size > 0.04 * speed
+    values *= np.minimum(1.0, 2 * speed / np.maximum(size, 1e-300))[:, None]
+    half = ARROW_SHARE / 2 * step * values[moving] / speed
+    return np.stack([centres[moving] - half, centres[moving] + half], axis=1)
 
 
 def contour_segments(position: Array, cells: Array, values: Array, levels: ArrayLike) -> Array:

@@ -34,12 +34,14 @@ class Key(NamedTuple):
         line: "#rrggbb" of the line.
         rim: "#rrggbb" on both sides of it.
         head: whether it is an arrow.
+        length: of an arrow that is drawn to scale [design pixels]; None for other lines.
     """
 
     text: str
     line: str
     rim: str
     head: bool = False
+    length: float | None = None
 
 
 def draw_layers(
@@ -87,13 +89,12 @@ def draw_layers(
             _heads(drawing, tips, along, 10 * unit, 0.7 * unit, colours.rgb(rim))
             _heads(drawing, tips, along, 10 * unit, 0.0, colours.rgb(line))
     if view.arrows:
-        shafts, fastest = flow.arrows(scene, lower, upper, ARROWS_APART * unit / layout.scale)
-        ends = layout.pixels(shafts)
-        along = ends[:, 1] - ends[:, 0]
-        length = np.linalg.norm(along, axis=1)
-        _arrows(drawing, ends, np.minimum(9 * unit, 0.6 * length), unit, on_field)
+        speed = view.arrow_speed or flow.arrow_speed([scene], view)
+        shafts = layout.pixels(flow.arrows(scene, lower, upper, ARROWS_APART * unit / layout.scale, speed))
+        length = np.linalg.norm(shafts[:, 1] - shafts[:, 0], axis=1)
+        _arrows(drawing, shafts, np.minimum(9 * unit, 0.6 * length), unit, on_field)
         line, rim = (colours.HALO, colours.INTERFACE) if on_field else (colours.INTERFACE, colours.HALO)
-        keys.append(Key(f"longest arrow {fastest:.3g} m/s", line, rim, True))
+        keys.append(Key(arrow_text(speed), line, rim, True, flow.ARROW_SHARE * ARROWS_APART))
     if scene.trails is not None and scene.trails.size:
         _tails(drawing, layout.pixels(scene.trails), unit)
         keys.append(Key("paths of tracers", colours.TRACER, colours.HALO))
@@ -105,13 +106,15 @@ def layer_texts(scene: Scene, view: View, field: str | None) -> list[str]:
 
     Args:
         scene: what is drawn.
-        view: what is shown; its contours have an interval.
+        view: what is shown; its contours have an interval, and its arrows a speed.
         field: name of the field shown, or None.
     """
     texts = [INTERFACE] if len(scene.fluid_names) > 1 and (field is not None or not view.fill) else []
     if view.contours is not None and view.interval is not None:
         texts.append(contour_text(view.contours, view.interval))
-    texts += ["streamlines"] * view.streamlines + ["longest arrow 0.0000 m/s"] * view.arrows
+    texts += ["streamlines"] * view.streamlines
+    if view.arrows and view.arrow_speed is not None:
+        texts.append(arrow_text(view.arrow_speed))
     return texts + ["paths of tracers"] * (scene.trails is not None)
 
 
@@ -139,6 +142,11 @@ def contour_text(field: str, interval: float) -> str:
     """What contours of a field stand for, such as "pressure, every 200 Pa"."""
     name, measure = LABELS.get(field, (field.replace("_", " "), ""))
     return f"{name}, every {interval:.3g} {measure}".rstrip()
+
+
+def arrow_text(speed: float) -> str:
+    """What the arrow in the legend stands for, such as "2 m/s"."""
+    return f"{speed:.3g} m/s"
 
 
 def mask_outside(drawing: Drawing, scene: Scene, layout: Layout) -> None:

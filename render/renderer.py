@@ -8,8 +8,9 @@ from . import colours
 from .annotation import annotate, entry_width, panel_width
 from .arrays import Array, Range
 from .drawing import Drawing
+from .flow import arrow_speed
 from .ggui import DriverError, GGUICanvas
-from .layers import layer_texts
+from .layers import Key, layer_texts
 from .layout import Layout, check_size, fitted_size, make_layout
 from .picture import draw_scene
 from .rasterizer import Rasterizer
@@ -97,19 +98,35 @@ class Renderer:
             scene, layout, fills, field=field, field_range=field_range, mesh=mesh, particles=particles, view=view
         )
         image = self._canvas.paint(drawing, colours.BACKGROUND)
-        named = _named(scene, field, view)
-        swatches = [(text, fills[scene.fluid_names.index(name)]) for name, text in named.items()]
+        swatches = swatches_of(scene, field, view, fills)
         return annotate(image, scene, layout, swatches, field, field_range, view.colour_map, keys)
 
-    def tank(self, scene: Scene, layout: Layout) -> Array:
-        """A picture of the fluids in their tank without text, (H, W, 3) uint8.
+    def tank(
+        self,
+        scene: Scene,
+        layout: Layout,
+        field: str | None = None,
+        field_range: Range | None = None,
+        mesh: bool = False,
+        particles: bool = False,
+        view: View | None = None,
+    ) -> tuple[Array, list[Key]]:
+        """A picture of a tank without text, (H, W, 3) uint8, and the entries of the legend for its lines.
 
         Args:
             scene: what is drawn.
             layout: of this renderer's size.
+            field: see `frame`.
+            field_range: of the colours of the field.
+            mesh: draw the edges of the cells.
+            particles: draw the particles as dots.
+            view: with what `settled` settles.
         """
         fills = colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours)
-        return self._canvas.paint(draw_scene(scene, layout, fills)[0], colours.BACKGROUND)
+        drawing, keys = draw_scene(
+            scene, layout, fills, field=field, field_range=field_range, mesh=mesh, particles=particles, view=view
+        )
+        return self._canvas.paint(drawing, colours.BACKGROUND), keys
 
     def close(self) -> None:
         """Free the back end's window or buffers; a later frame opens them again."""
@@ -125,7 +142,9 @@ class Renderer:
 def settled(
     view: View, scenes: Iterable[Scene], field: str | None, field_range: Range | None
 ) -> tuple[View, Range | None]:
-    """A view and a range with what they leave open taken from scenes: muted fluids, interval of contours, range.
+    """A view and a range with what they leave open taken from scenes.
+
+    That is: muted fluids, the interval of contours, the speed of the arrows in the legend, and the range.
 
     Args:
         view: what is shown.
@@ -142,6 +161,8 @@ def settled(
 
     if view.contours is not None and view.interval is None:
         view = replace(view, interval=samples[view.contours].interval(left_out(view.contours)))
+    if view.arrows and view.arrow_speed is None:
+        view = replace(view, arrow_speed=arrow_speed(scenes, view))
     if field is not None and field_range is None:
         field_range = samples[field].limits(left_out(field))
     return view, field_range
@@ -156,6 +177,18 @@ def natural_size(scene: Scene, field: str | None, view: View) -> tuple[int, int]
         view: what is shown.
     """
     return fitted_size(*contents(scene, field, settled(view, [scene], field, (0.0, 1.0))[0]))
+
+
+def swatches_of(scene: Scene, field: str | None, view: View, fills: Array) -> list[tuple[str, Array]]:
+    """Texts of the legend for the fluids that keep their own colours, with these (3,).
+
+    Args:
+        scene: what is drawn.
+        field: name of the field shown, or None.
+        view: what is shown.
+        fills: (F, 3) colours of the fluids.
+    """
+    return [(text, fills[scene.fluid_names.index(name)]) for name, text in _named(scene, field, view).items()]
 
 
 def _named(scene: Scene, field: str | None, view: View) -> dict[str, str]:

@@ -106,9 +106,12 @@ class Stage:
             scheme=scheme,
             bare=True,
         )
-        return self._canvases[samples].paint(drawing, scheme.background), [
-            key.text for key in keys if key.text != INTERFACE
+        notes = [
+            key.text if key.length is None else f"arrows: {key.length * unit / layout.scale:.2g} m long at {key.text}"
+            for key in keys
+            if key.text != INTERFACE
         ]
+        return self._canvases[samples].paint(drawing, scheme.background), notes
 
     def close(self) -> None:
         """Free the back ends' windows or buffers; a later picture opens them again."""

@@ -1,6 +1,7 @@
 """A figure of several stored times of a run, side by side in one picture."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from math import ceil
 from os import PathLike
 from pathlib import Path
@@ -9,17 +10,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import colours
+from .animation import picture_name
 from .annotation import NORMAL, Annotator, text_width
-from .arrays import Array
-from .layers import WALL_THICKNESS
+from .arrays import Array, Range
+from .layers import WALL_THICKNESS, Key
 from .layout import LARGEST, SMALLEST, Layout
-from .renderer import Renderer
+from .renderer import Renderer, settled, swatches_of
 from .results import Results
+from .scales import check_range, field_label
+from .view import View
 
 WIDTH = 1600  # [px] of a whole strip
 MOST_COLUMNS = 4  # by default
 _HEAD, _FOOT, _SIDE = 40.0, 14.0, 14.0  # around a tank, for its time and the next tank [design pixels]
-_LEGEND = 52.0
+_LEGEND, _BAR = 52.0, 56.0  # below all tanks
+_BAR_WIDTH = 640.0
 
 
 def strip(
@@ -31,18 +36,34 @@ def strip(
     width: int = WIDTH,
     backend: str = "auto",
     fluid_colours: Mapping[str, str] | None = None,
+    field: str | None = None,
+    field_range: Range | None = None,
+    mesh: bool = False,
+    particles: bool = False,
+    view: View | None = None,
+    samples: int = 2,
+    name: str | None = None,
 ) -> Path:
-    """Draw the fluids of a results folder at several times, side by side in one PNG.
+    """Draw a results folder at several times, side by side in one PNG, with one legend and one scale for all.
 
     Args:
         out: results folder.
         times: one or several [s]; the closest stored times are drawn, each once, with their times above. None may be
             later than the last one by more than the time between two.
-        path: of the picture; by default strip.png in the results folder.
+        path: of the picture; by default strip.png in the results folder, with the options that change what is seen in
+            its name, see `tipfem.render.animation.picture_name`: strip_pressure_mesh.png.
         columns: tanks in a row; at most 4 by default.
         width: of the whole picture [px].
         backend: "ggui", "raster" or "auto", see `Renderer`.
         fluid_colours: colours "#rrggbb" by the names of fluids.
+        field: name of a field to colour by; None shows the fluids.
+        field_range: (low, high) of the colours; None takes it from the times drawn.
+        mesh: draw the edges of the cells.
+        particles: draw the particles as dots.
+        view: the part shown, the layers and the colour map; None for all of the scene without layers. Tracers are not
+            drawn: they are followed from time to time.
+        samples: of the rasteriser along a side of a pixel, 1 or 2, see `Renderer`.
+        name: in place of the options in the name: strip_NAME.png.
 
     Returns:
         The path of the picture.
@@ -54,31 +75,53 @@ def strip(
     """
     results = Results(out)
     chosen = closest(results.times, times)
+    view = View() if view is None else view
+    if view.tracers:
+        raise ValueError("strip: tracers are followed from time to time, and are drawn in movies only; leave them out")
+    if field is None and field_range is not None:
+        raise ValueError("a field range is given, but no field to colour by")
     if columns is None:
         columns = ceil(len(chosen) / ceil(len(chosen) / MOST_COLUMNS))
     if columns < 1:
         raise ValueError(f"strip: columns is {columns}; it must be 1 or more")
+    if path is None:
+        tail = name or picture_name(field, field_range, mesh, particles, view, None, fluid_colours or {})
+        path = results.folder / f"strip{'_' if tail else ''}{tail}.png"
+    scenes = [results.scene(k) for k in chosen]
+    for wanted in (field, view.contours):
+        if wanted is not None:
+            scenes[0].field_values(wanted)
+    if field_range is not None:
+        field_range = check_range(field_range)
+    view, field_range = settled(view, scenes, field, field_range)
     columns = min(columns, len(chosen))
     # Even numbers of pixels, as the back ends need them.
     room = 2 * int(width // columns // 2)
-    layout = _tank_layout(room, results.lower, results.upper)
+    layout = _tank_layout(room, *view.bounds(scenes[0]))
     unit = layout.unit
     rows = ceil(len(chosen) / columns)
     height = layout.size[1]
-    sheet = np.full((rows * height + round(_LEGEND * unit), columns * room, 3), 255, np.uint8)
-    with Renderer(layout.size, backend, fluid_colours) as renderer:
-        for number, k in enumerate(chosen):
-            scene = results.scene(k)
-            annotator = Annotator(renderer.tank(scene, layout), layout)
+    foot = round((_LEGEND + (_BAR if field is not None else 0)) * unit)
+    sheet = np.full((rows * height + foot, columns * room, 3), 255, np.uint8)
+    keys: list[Key] = []
+    with Renderer(layout.size, backend, fluid_colours, samples) as renderer:
+        for number, scene in enumerate(scenes):
+            lower, upper = view.bounds(scene)  # a window may follow the flow
+            layout = replace(layout, lower=lower, upper=upper)
+            image, lines = renderer.tank(scene, layout, field, field_range, mesh, particles, view)
+            keys += [key for key in lines if key not in keys]
+            annotator = Annotator(image, layout)
             left, top, right, _ = layout.box
             at = ((left + right) / 2, top - (WALL_THICKNESS + 6) * unit)
-            annotator.text(at, label(results.times[k], results.times), NORMAL, anchor="ms")
+            annotator.text(at, label(scene.time, results.times), NORMAL, anchor="ms")
             row, column = divmod(number, columns)
             sheet[row * height : (row + 1) * height, column * room : (column + 1) * room] = np.asarray(annotator.image)
     fills = colours.fluid_colours(results.fluid_names, results.fluid_densities, fluid_colours)
-    whole = Annotator(sheet, layout)
-    _legend(whole, results.fluid_names, fills, rows * height)
-    target = results.folder / "strip.png" if path is None else Path(path)
+    whole = Annotator(sheet, layout, view.colour_map)
+    _legend(whole, swatches_of(scenes[0], field, view, fills), keys, rows * height)
+    if field is not None and field_range is not None:
+        _bar(whole, field, field_range, rows * height + _LEGEND * unit)
+    target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
     whole.image.save(target, format="png", compress_level=6)
     return target
@@ -139,11 +182,26 @@ def _tank_layout(room: int, lower: ArrayLike, upper: ArrayLike) -> Layout:
     return Layout((room, height), unit, np.asarray(lower), np.asarray(upper), float(scale), box, False, box)
 
 
-def _legend(annotator: Annotator, names: Sequence[str], fills: Array, top: float) -> None:
-    """Draw the fluids' colours and names centred below all tanks."""
+def _legend(annotator: Annotator, swatches: Sequence[tuple[str, Array]], keys: Sequence[Key], top: float) -> None:
+    """Draw the fluids' colours and names, and what lines stand for, centred below all tanks."""
     u, gap = annotator.unit, 40.0
-    lengths = [34 * u + text_width(name, NORMAL * u) for name in names]
-    x = (annotator.image.width - sum(lengths) - gap * u * (len(names) - 1)) / 2
-    for name, fill, length in zip(names, fills, lengths, strict=True):
-        annotator.swatch((x, top + 8 * u), name, fill, length + 1)
+    texts = [*(name for name, _ in swatches), *(key.text for key in keys)]
+    lengths = [(34 if k < len(swatches) else 48) * u + text_width(text, NORMAL * u) for k, text in enumerate(texts)]
+    x = (annotator.image.width - sum(lengths) - gap * u * (len(texts) - 1)) / 2
+    for k, length in enumerate(lengths):
+        at = (x, top + 8 * u)
+        if k < len(swatches):
+            annotator.swatch(at, *swatches[k], length + 1)
+        else:
+            annotator.key(at, keys[k - len(swatches)], length + 1)
         x += length + gap * u
+
+
+def _bar(annotator: Annotator, field: str, field_range: Range, top: float) -> None:
+    """Draw the colour bar of a field below all tanks."""
+    u, width = annotator.unit, annotator.image.width
+    name = field_label(field)
+    left, right = width / 2 - _BAR_WIDTH / 2 * u, width / 2 + _BAR_WIDTH / 2 * u
+    left, right = max(left, 40 * u + text_width(name, NORMAL * u)), min(right, width - 30 * u)
+    annotator.text((left - 22 * u, top + 10 * u), name, NORMAL, anchor="rm")
+    annotator.level_bar((left, top, right, top + 20 * u), field, field_range)

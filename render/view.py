@@ -21,7 +21,9 @@ class View:
             "front:NAME" with the front of the fluid of that name, and "NAME" with its centre. The window keeps its
             size, a third of the domain if none is given, and stays inside the domain.
         fill: colour the cells; without it the interface and the other layers stand alone on white.
-        arrows: draw arrows of the velocity.
+        arrows: draw arrows of the velocity, to scale.
+        arrow_speed: of the arrow in the legend [m/s]; None takes a round one from the scene, and in `animate` one from
+            all of them, so that equal arrows are equal speeds.
         streamlines: draw streamlines of the velocity at this time.
         contours: name of a field whose contours are drawn, or None.
         interval: between contours, in the field's SI unit; None takes a round one from the scene, and in `animate` from
@@ -41,6 +43,7 @@ class View:
     follow: str | None = None
     fill: bool = True
     arrows: bool = False
+    arrow_speed: float | None = None
     streamlines: bool = False
     contours: str | None = None
     interval: float | None = None
@@ -59,6 +62,8 @@ class View:
             object.__setattr__(self, "window", (x0, y0, x1, y1))
         if self.interval is not None and not (np.isfinite(self.interval) and self.interval > 0):
             raise ValueError(f"interval {self.interval:g} between contours: expected a number above 0")
+        if self.arrow_speed is not None and not (np.isfinite(self.arrow_speed) and self.arrow_speed > 0):
+            raise ValueError(f"arrow speed {self.arrow_speed:g} m/s: expected a number above 0")
         if not 0 <= self.tracers <= 100_000:
             raise ValueError(f"tracers {self.tracers}: expected a number from 0 to 100000")
         if self.muted is not None:

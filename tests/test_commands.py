@@ -100,6 +100,19 @@ def test_the_console_script_is_the_same_command():
     assert callable(commands.main)
 
 
+def test_a_source_tree_that_is_not_installed_in_place_has_pictures_and_demos():
+    """As from a clone of a tipfem that is installed elsewhere, where Python imports the clone's folder."""
+    code = (
+        "import sys; sys.meta_path = [one for one in sys.meta_path if 'editable' not in repr(one).lower()]; "
+        f"sys.path.insert(0, {str(DEMOS.parent)!r}); import tipfem.render, tipfem.demos.support; "
+        "print(tipfem.render.__file__); from tipfem.commands import demo; demo()"
+    )
+    done = python("-c", code)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[0] == str(DEMOS.parent / "render" / "__init__.py")
+    assert "dam_break" in done.stdout
+
+
 def test_a_copy_of_a_demo_runs_anywhere(tmp_path, monkeypatch, capsys):
     """Copied out of the repository and changed, a demo still runs."""
     copy = tmp_path / "mine.py"

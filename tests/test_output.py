@@ -12,6 +12,7 @@ import pytest
 
 import tipfem as tp
 from tipfem.checkpoint import file_name
+from tipfem.fields import FieldOutput
 from tipfem.folder_lock import LOCK
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
@@ -55,6 +56,8 @@ def test_columns_that_every_history_has_cannot_be_replaced():
 def test_a_new_folder_is_made_with_all_above_it_and_holds_nothing(tmp_path):
     ResultsFolder(tmp_path / "a" / "b")
     assert (tmp_path / "a" / "b" / "fields").is_dir()
+    ResultsFolder(tmp_path / "one file", fields=FieldOutput(format="vtkhdf"))
+    assert not (tmp_path / "one file" / "fields").exists()
     assert files(tmp_path) == set()
 
 

@@ -12,6 +12,7 @@ import time as clock
 
 import numpy as np
 import pytest
+from tipfem.render import View
 
 import tipfem as tp
 from tipfem.casefile import commands
@@ -82,6 +83,8 @@ def test_probes_are_tables_with_units(finished):
             np.testing.assert_array_equal(table[column], values)
     assert probes["front"].units == {"time": "s", "front": "m"}
     assert probes["force"].units["time"] == "s"
+    with pytest.raises(KeyError, match=r"there is no probe 'gauge'; there are: force, front"):
+        probes["gauge"]
 
 
 @pytest.mark.parametrize("only_vtkhdf", [False, True])
@@ -170,6 +173,11 @@ def test_pictures_and_movies(finished, tmp_path, only_vtkhdf):
     assert image.size == (320, 240)
     assert len(np.unique(np.asarray(image).reshape(-1, 3), axis=0)) > 20
     assert np.array_equal(image, tp.read_results(out).picture(END, "pressure", **options))
+    # What a View holds may be given here, too.
+    arrows = results.picture(END, "pressure", arrows=True, streamlines=True, **options)
+    viewed = results.picture(END, "pressure", view=View(arrows=True, streamlines=True), **options)
+    assert np.array_equal(arrows, viewed)
+    assert not np.array_equal(arrows, image)
     movie = results.movie(name="short.gif", **options)
     assert movie.path == results.folder / "short_320x240.gif"
     assert movie._repr_html_().startswith('<img style="max-width: 100%" src="data:image/gif;base64,R0lG')
@@ -269,7 +277,7 @@ def test_a_later_run_removes_the_file_and_its_journal(tmp_path, water, air):
     simulation = tp.Simulation(dam_break(water, air), tmp_path, time_step=1e-3, fields="vtkhdf")
     simulation.run(until=1e-3)
     assert len(tp.read_results(tmp_path)) == 2
-    assert not list((tmp_path / "fields").iterdir())
+    assert not (tmp_path / "fields").exists()
     journal_of(tmp_path / vtkhdf.NAME).write_bytes(b"")
     tp.Simulation(dam_break(water, air), tmp_path, time_step=1e-3)
     assert not (tmp_path / vtkhdf.NAME).exists()

@@ -5,6 +5,8 @@ takes most of a second.
 """
 
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -140,6 +142,12 @@ _MODULES = {
     "to_vtkhdf": "results",
     "write_case": "casefile.describing",
 }
+
+
+# In a source tree render/ and demos/ stand beside this folder. Where a command is run from the tree of a tipfem that is
+# installed elsewhere, Python imports this folder and would not find them.
+if find_spec("tipfem.render") is None:
+    __path__.append(str(Path(__file__).resolve().parents[1]))
 
 
 def __getattr__(name: str) -> Any:

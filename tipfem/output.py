@@ -88,7 +88,7 @@ class ResultsFolder:
                     f"{timedelta(seconds=round(taken))}; name another folder, resume that run, or replace it "
                     "by overwrite=True"
                 )
-            (self.path / "fields").mkdir(parents=True, exist_ok=True)
+            (self.path / "fields" if self.fields.vtu else self.path).mkdir(parents=True, exist_ok=True)
             self._lock.take()
             for name in earlier:
                 # A run that was killed may have left a .part file.

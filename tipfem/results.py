@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
@@ -82,7 +83,7 @@ class RunResults:
     @cached_property
     def probes(self) -> dict[str, Table]:
         """What the probes have measured, by their names, with units."""
-        return {path.stem: Table.read(path) for path in sorted((self.folder / "probes").glob("*.csv"))}
+        return _Probes({path.stem: Table.read(path) for path in sorted((self.folder / "probes").glob("*.csv"))})
 
     @cached_property
     def summary(self) -> dict[str, Any]:
@@ -223,7 +224,8 @@ class RunResults:
         Args:
             time: [s].
             field: to colour by: pressure, speed, density ...; the fluids by default.
-            options: see `tipfem.render.render_frame`.
+            options: see `tipfem.render.render_frame`; the attributes of its `tipfem.render.View` may be given, too:
+                ``streamlines=True``.
 
         Raises:
             ValueError: see `at`; or the state cannot be drawn.
@@ -236,7 +238,7 @@ class RunResults:
             raise ValueError(f"time is {time!r} s; it must be a number")
         drawn = Results(self.folder)
         number = int(np.argmin(np.abs(np.array(drawn.times) - time)))
-        return Image.fromarray(render_frame(drawn.scene(number), field=field, **options))
+        return Image.fromarray(render_frame(drawn.scene(number), field=field, **_with_view(options)))
 
     def movie(self, field: str | None = None, name: str = "animation.mp4", **options: Any) -> Movie:
         """A movie of all stored states, in the results folder; notebooks show it. 2-D results only.
@@ -244,7 +246,7 @@ class RunResults:
         Args:
             field: see `picture`.
             name: of the file: .mp4, .gif or .webp; the field's name is added to it.
-            options: see `tipfem.render.animate`.
+            options: see `tipfem.render.animate`, and as for `picture`.
 
         Raises:
             ValueError: see `tipfem.render.animate`.
@@ -252,7 +254,7 @@ class RunResults:
         """
         from tipfem.render import animate
 
-        return Movie(animate(self.folder, field, frames=False, movie=name, **options).movies[0])
+        return Movie(animate(self.folder, field, frames=False, movie=name, **_with_view(options)).movies[0])
 
     def __repr__(self) -> str:
         return f"RunResults({str(self.folder)!r}): " + ", ".join(f"{key} {value}" for key, value in self._facts())
@@ -304,6 +306,25 @@ class RunResults:
         if not isinstance(content, dict):
             raise ValueError(f"{path}: it must hold a JSON object; it may be of another program")
         return content
+
+
+class _Probes(dict[str, Table]):
+    """Tables by the names of probes; one that is not there is told with those that are."""
+
+    def __missing__(self, name: str) -> Table:
+        raise KeyError(f"there is no probe {name!r}; there are: {', '.join(self) or 'none'}")
+
+
+def _with_view(options: dict[str, Any]) -> dict[str, Any]:
+    """Options of pictures, those that are attributes of a `tipfem.render.View` put into one."""
+    from tipfem.render import View
+
+    names = {one.name for one in dataclasses.fields(View)} & options.keys()
+    rest = {name: value for name, value in options.items() if name not in names}
+    if names:
+        view = rest.get("view") or View()
+        rest["view"] = dataclasses.replace(view, **{name: options[name] for name in names})
+    return rest
 
 
 def _data_sets(path: Path) -> list[ElementTree.Element]:

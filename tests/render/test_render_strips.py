@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from render_results import write_results
 from tipfem.render import cli, strips
-from tipfem.render.colours import LIQUIDS, rgb
+from tipfem.render.colours import LIQUIDS, colour_table, rgb
+from tipfem.render.scales import field_limits
 
 from tipfem import render
 
@@ -91,3 +92,43 @@ def test_the_command_draws_it_alone(out, capsys):
     assert capsys.readouterr().out.strip() == str(out / "strip.png")
     assert iio.imread(out / "strip.png").std() > 5
     assert not (out / "frames").exists()
+
+
+def test_it_shows_what_pictures_show_and_is_named_after_it(out, capsys):
+    """A field with its bar, layers and a window, in a file of their own; what a strip cannot show is refused."""
+    words = (
+        "--strip 0 0.2 --field pressure --mesh --arrows --window 0 0 0.3 0.2 --no-frames --no-movie --backend raster"
+    )
+    assert cli.main([str(out), *words.split()]) == 0
+    path = out / "strip_pressure_mesh_arrows_window_0_0_0.3_0.2.png"
+    assert capsys.readouterr().out.strip() == str(path)
+    image, fluids = iio.imread(path), iio.imread(render.strip(out, [0.0, 0.2], backend="raster"))
+    assert image.shape[0] != fluids.shape[0]  # lower tanks, and the colour bar below them
+    table = np.rint(255 * colour_table("viridis")).astype(int)
+    shades = image[-130:].reshape(-1, 3)  # the bar has the whole table
+    assert all((np.abs(shades - shade).max(axis=1) <= 2).any() for shade in table[::16])
+    assert render.strip(out, [0.0], name="mine", backend="raster").name == "strip_mine.png"
+    for options, message in (
+        ({"view": render.View(tracers=10)}, "tracers are followed"),
+        ({"field_range": (0, 1)}, "no field to colour by"),
+        ({"field": "salt"}, "field 'salt' is not in the results"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            render.strip(out, [0.0], backend="raster", **options)
+
+
+def test_all_times_have_one_scale(out, tmp_path):
+    """Each time looks as it does alone at the range of both."""
+    both = iio.imread(render.strip(out, [0.0, 0.2], tmp_path / "both.png", width=800, field="speed", backend="raster"))
+    options = dict(width=400, field="speed", field_range=range_of(out), backend="raster")
+    alone = [iio.imread(render.strip(out, [time], tmp_path / "one.png", **options)) for time in (0.0, 0.2)]
+    tank = alone[0].shape[0] - 120
+    assert not np.array_equal(alone[0][:tank], alone[1][:tank])
+    for k, image in enumerate(alone):
+        assert np.array_equal(both[:tank, k * 400 : (k + 1) * 400], image[:tank])
+
+
+def range_of(out):
+    """The range of the speeds at 0 and 0.2 s."""
+    results = render.Results(out)
+    return field_limits([results.scene(0), results.scene(4)], "speed")

@@ -1,6 +1,7 @@
 """Windows, layers and colour maps: where they are, against formulas."""
 
 import os
+import re
 import subprocess
 import sys
 
@@ -15,6 +16,7 @@ from tipfem.render.colours import COLOUR_MAPS, colour_table, luminance, map_valu
 from tipfem.render.drawing import Drawing
 from tipfem.render.geometry import Bounds
 from tipfem.render.joints import joints
+from tipfem.render.layers import ARROWS_APART
 from tipfem.render.layout import fitted_size, make_layout
 from tipfem.render.picture import draw_scene
 from tipfem.render.streamlines import streamlines
@@ -108,18 +110,45 @@ def test_values_on_a_grid_are_linear_and_empty_outside():
     assert found[inside][:, 1] == pytest.approx(x[inside], rel=1e-3)
 
 
-def test_arrows_point_along_the_flow_and_the_longest_has_the_largest_speed():
+def test_arrows_point_along_the_flow_with_lengths_to_scale():
     scene = made_scene()
-    shafts, fastest = flow.arrows(scene, scene.lower, scene.upper, 0.05)
+    shafts = flow.arrows(scene, scene.lower, scene.upper, 0.05, 0.5)
     middle, along = shafts.mean(axis=1), shafts[:, 1] - shafts[:, 0]
     assert len(shafts) >= 90
     assert np.abs((along * middle).sum(axis=1)).max() < 1e-5
     assert (along[:, 0] > 0).all()
-    assert np.linalg.norm(along, axis=1).max() == pytest.approx(0.9 * 0.05)
-    assert fastest == pytest.approx(np.linalg.norm(middle, axis=1).max(), rel=0.01)
+    speed = np.linalg.norm(middle, axis=1)  # of the vortex (y, -x)
+    assert np.linalg.norm(along, axis=1) == pytest.approx(0.9 * 0.05 * speed / 0.5, rel=0.01)
+    # Twice the length of the legend's at most, and nothing where hardly anything moves.
+    fast = flow.arrows(scene, scene.lower, scene.upper, 0.05, 0.01)
+    assert np.linalg.norm(fast[:, 1] - fast[:, 0], axis=1).max() == pytest.approx(2 * 0.9 * 0.05)
+    assert len(flow.arrows(scene, scene.lower, scene.upper, 0.05, 100.0)) == 0
     still = made_scene(lambda x, y: (0 * x, 0 * y))
-    assert flow.arrows(still, still.lower, still.upper, 0.05)[0].shape == (0, 2, 2)
+    assert flow.arrows(still, still.lower, still.upper, 0.05, flow.arrow_speed([still], View())).shape == (0, 2, 2)
     assert streamlines(still, still.lower, still.upper, 0.05) == []
+
+
+def test_the_arrow_in_the_legend_has_the_same_length_and_speed_in_all_pictures(tmp_path):
+    """Of a flow that slows down, the speed is that of nearly all particles that are seen, at all times."""
+    scenes = [made_scene(lambda x, y, a=a: (a + 0 * x, 0 * y)) for a in (1.0, 0.5, 0.1)]
+    scenes[1].fields["velocity_x"][0] = 50.0  # spray
+    assert flow.arrow_speed(scenes, View()) == pytest.approx(1.0)
+    assert flow.arrow_speed(scenes[1:], View()) == pytest.approx(0.5)
+    right = made_scene(lambda x, y: (np.where(x > SIDE / 2, 2.0, 0.2), 0 * y))
+    assert flow.arrow_speed([right], View(window=(0, 0, 0.4 * SIDE, 0.4 * SIDE))) == pytest.approx(0.2)
+    view, _ = renderer.settled(View(arrows=True), scenes, None, None)
+    assert view.arrow_speed == pytest.approx(1.0)
+    layout = make_layout(SIZE, (0, 0), (SIDE, SIDE), False, 200)
+    for scene, speed in zip(scenes, (1.0, 0.5, 0.1), strict=True):
+        _, keys = draw_scene(scene, layout, colours.fluid_colours(scene.fluid_names), view=view)
+        assert [(key.text, key.head) for key in keys] == [("1 m/s", True)]
+        drawn = flow.arrows(
+            scene, scene.lower, scene.upper, ARROWS_APART * layout.unit / layout.scale, view.arrow_speed
+        )
+        lengths = np.linalg.norm(drawn[:, 1] - drawn[:, 0], axis=1) * layout.scale / layout.unit
+        assert np.median(lengths) == pytest.approx(keys[0].length * speed, rel=1e-3)
+    with pytest.raises(ValueError, match="arrow speed -1"):
+        View(arrows=True, arrow_speed=-1)
 
 
 def test_streamlines_of_a_vortex_are_circles_in_its_sense():
@@ -175,7 +204,7 @@ def test_legend_tells_each_layer_with_the_interval_of_the_contours():
     _, keys = draw_scene(scene, layout, fills, field="velocity_x", field_range=(-1, 1), view=view)
     texts = [key.text for key in keys]
     assert texts[:3] == ["interface", "pressure, every 50 Pa", "streamlines"]
-    assert texts[3].startswith("longest arrow ")
+    assert texts[3] == f"{flow.arrow_speed([scene], view):g} m/s"
     assert len({(key.line, key.head) for key in keys}) >= 3  # no two layers of lines look alike
     assert len({key.line for key in keys[:3]}) == 3
     with pytest.raises(ValueError, match="interval -1"):
@@ -356,7 +385,10 @@ def test_a_stage_shows_its_window_from_edge_to_edge(tmp_path):
     dark, _ = stage.draw(scene, View(window=(0.1, 0.0, 0.3, 0.02)), dark=True)
     assert (dark[75:] == [0x15, 0x1A, 0x21]).all()
     values, notes = stage.draw(scene, View(window=(0.1, 0.0, 0.3, 0.02), arrows=True), "speed", samples=2)
-    assert notes
+    assert len(notes) == 1
+    metres, speed = re.fullmatch(r"arrows: (.*) m long at (.*) m/s", notes[0]).groups()
+    assert float(metres) == pytest.approx(0.9 * ARROWS_APART / 1000, rel=0.06)  # 1000 pixels a metre; two digits
+    assert float(speed) > 0
     assert not np.array_equal(values[:50], image[:50])
 
 
@@ -405,6 +437,7 @@ def test_unlike_pictures_have_unlike_names():
             {"view": View(**given)}
             for given in (
                 {"arrows": True},
+                {"arrows": True, "arrow_speed": 2.0},
                 {"streamlines": True},
                 {"streamlines": True, "window": (0, 0, 0.3, 0.2)},
                 {"streamlines": True, "window": (0, 0, 0.3, 0.25)},
