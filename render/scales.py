@@ -1,7 +1,7 @@
 """Ranges and ticks: round numbers, their labels, and the units of the fields."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -98,19 +98,26 @@ class FieldSample:
         lie in a tenth of the range of the others: air over water. Their cells at another pressure, in bubbles below the
         surface, are coloured nevertheless.
         """
+        return muted_fluids(self.spans())
+
+    def spans(self) -> dict[str, Range]:
+        """Where the pressure lies in each of the fluids that may be muted, by name, and in all others together, as "".
+
+        Of the latter 98 % of the values lie there, of the former 96 %. Empty for other fields, and where cells have no
+        fluid.
+        """
         if self.field != MUTED_FIELD or self._densities is None or not self._owned:
-            return ()
+            return {}
         light = [k for k, density in enumerate(self._densities) if density < 0.02 * max(self._densities)]
-        heavy = self.values[~np.isin(self.fluid, light)]
-        if len(heavy) == 0:
-            return ()
-        low, high = np.percentile(heavy, _ENDS)
-        found: list[str] = []
-        for k in light:
-            own = self.values[self.fluid == k]
-            if len(own) and float(np.subtract(*np.percentile(own, [98, 2]))) < MUTED_SHARE * (high - low):
-                found.append(self._names[k])
-        return tuple(found)
+        found: dict[str, Range] = {}
+        for name, mask, ends in (
+            ("", ~np.isin(self.fluid, light), _ENDS),
+            *((self._names[k], self.fluid == k, (2, 98)) for k in light),
+        ):
+            if mask.any():
+                low, high = np.percentile(self.values[mask], ends)
+                found[name] = float(low), float(high)
+        return found
 
     def limits(self, muted: Sequence[str] = ()) -> Range:
         """A round range for the colours, see `field_limits`.
@@ -130,6 +137,19 @@ class FieldSample:
         """
         low, high = self.limits(muted)
         return _round_step((high - low) / (_MOST_CONTOURS - 1))
+
+
+def muted_fluids(spans: Mapping[str, Range]) -> tuple[str, ...]:
+    """Names of the fluids that pictures of the pressure leave uncoloured, see `FieldSample.muted`.
+
+    Args:
+        spans: see `FieldSample.spans`; those of several times may be joined.
+    """
+    if "" not in spans:
+        return ()
+    low, high = spans[""]
+    most = MUTED_SHARE * (high - low)
+    return tuple(name for name, (lowest, highest) in spans.items() if name and highest - lowest < most)
 
 
 def field_limits(scenes: Iterable[Scene], field: str) -> Range:

@@ -11,7 +11,7 @@ from tipfem.render.drawing import Drawing
 from tipfem.render.interface import fluid_regions, particle_fluids
 from tipfem.render.layout import make_layout
 from tipfem.render.picture import draw_scene
-from tipfem.render.scales import FieldSample
+from tipfem.render.scales import FieldSample, muted_fluids
 
 SIZE = (1280, 720)
 COUNT = 16
@@ -195,6 +195,9 @@ def test_air_of_even_pressure_is_left_uncoloured_but_its_bubbles_are_not():
     scene = calm_air()
     assert FieldSample([scene], "pressure").muted() == ("air",)
     assert FieldSample([scene], "speed").muted() == ()
+    spans = FieldSample([scene], "pressure").spans()
+    assert muted_fluids(spans) == ("air",)
+    assert muted_fluids(spans | {"air": (-2000.0, 2000.0)}) == muted_fluids({}) == ()  # at another time it presses
     view = View(muted=("air",))
     drawing, keys = draw_scene(scene, layout_of(scene), FILLS, field="pressure", field_range=(0, 2500), view=view)
     assert [key.text for key in keys] == ["interface"]

@@ -54,7 +54,7 @@ def page(server):
         ("range", {"mode": "fixed"}),
         ("window", {"window": None}),
         ("follow", {"what": None}),
-        ("layers", {"mesh": False, "tracers": 0, "fill": True, "arrows": False}),
+        ("layers", {"mesh": False, "tracers": 0, "fill": True, "arrows": False, "colour_all": False}),
     ):
         opened.send(kind, **content)
     opened.until("frame", lambda frame: not frame["moving"] and frame["panes"][0]["width"] == 480)

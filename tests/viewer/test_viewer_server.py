@@ -239,12 +239,15 @@ def test_a_history_has_the_values_at_all_times(page):
     assert {1.204, 998.2} == set(history["values"]["density"])  # the wave passes by
 
 
-def test_a_picture_to_keep_is_that_of_the_renderer(server, page):
+@pytest.mark.parametrize("colour_all", [False, True])
+def test_a_picture_to_keep_is_that_of_the_renderer(server, page, colour_all):
+    """Air of even pressure keeps its own colour in both, unless all fluids are to be coloured."""
     page.send("field", name="pressure")
     page.send("range", mode="given", low=0, high=2500)
     page.send("window", window=[0.1, 0.1, 0.4, 0.3])
-    page.send("layers", mesh=True)
+    page.send("layers", mesh=True, colour_all=colour_all)
     page.send("step", count=2)
+    page.until("frame", lambda frame: frame["panes"][0]["muted"] == ([] if colour_all else ["air"]))
     page.send("picture")
     head, data = page.until("file")
     assert (head["name"], head["mime"]) == ("wave_pressure_0.2000s.png", "image/png")
@@ -254,14 +257,13 @@ def test_a_picture_to_keep_is_that_of_the_renderer(server, page):
         field_range=(0, 2500),
         mesh=True,
         size=(1280, 720),
-        view=View(window=(0.1, 0.1, 0.4, 0.3), muted=()),
+        view=View(window=(0.1, 0.1, 0.4, 0.3), muted=() if colour_all else None),
         backend="raster",
     )
     assert np.array_equal(np.asarray(Image.open(io.BytesIO(data))), expected)
     page.until("status", lambda status: status["layers"]["mesh"])
-    assert page.status["command"].endswith(
-        "--field pressure --range 0 2500 --mesh --window 0.1 0.1 0.4 0.3 --colour-all"
-    )
+    words = "--field pressure --range 0 2500 --mesh --window 0.1 0.1 0.4 0.3" + " --colour-all" * colour_all
+    assert page.status["command"].endswith(words)
 
 
 def test_a_movie_is_as_long_as_it_was_seen(page, tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from render_results import sharp_tank, write_results
 from tipfem.render import Scene
 
 from tipfem.viewer import ResultsSource, protocol
+from tipfem.viewer.choices import Choices
 from tipfem.viewer.outbox import MOST_MESSAGES, Outbox
+from tipfem.viewer.pane import Pane
 from tipfem.viewer.session import Session
 
 
@@ -60,6 +63,19 @@ class Flow:
 
     def close(self):
         self.closed = True
+
+
+class SlowingFlow(Flow):
+    """One that is at rest at first, then fastest, then slower; its air presses at the last time only."""
+
+    live, times = False, (0.0, 0.1, 0.2)
+
+    def scene(self, index):
+        scene = super().scene(index)
+        speed = np.full(len(scene.position), (0.0, 1.0, 0.5)[index])
+        pressure = np.where((scene.fluid == 0) | (index == 2), 5000 * scene.position[:, 0], 0)
+        fields = {"pressure": pressure, "velocity_x": speed, "velocity_y": 0 * speed}
+        return replace(scene, fields=fields, time=self.times[index])
 
 
 class Screen:
@@ -224,3 +240,31 @@ def test_a_page_that_reads_nothing_is_given_up():
 def test_one_source_or_two(count):
     with pytest.raises(ValueError, match="expected one, or two"):
         Session([Flow()] * count)
+
+
+def test_arrows_keep_their_scale_from_time_to_time():
+    """It grows when a faster time is shown, stays at slower ones, and begins anew in another part of the domain."""
+    pane = Pane(SlowingFlow(), "raster")
+    choices = Choices((0.0, 0.0), (0.5, 0.5), layers=Choices((0, 0), (1, 1)).layers | {"arrows": True})
+    speeds = []
+    for index in (2, 1, 2):
+        (note,) = pane.draw(index, choices, True).notes
+        speeds.append(float(note.split(" at ")[1].removesuffix(" m/s")))
+    assert speeds == [0.5, 1.0, 1.0]
+    choices.show((0.1, 0.1, 0.2, 0.2))
+    assert pane.draw(2, choices, True).notes[0].endswith(" at 0.5 m/s")
+    pane.close()
+
+
+def test_air_is_coloured_from_the_time_on_at_which_its_pressure_varies():
+    """Until then it keeps its own colour, unless all fluids are to be coloured; back in time it stays as it is."""
+    pane = Pane(SlowingFlow(), "raster")
+    choices = Choices((0.0, 0.0), (0.5, 0.5), field="pressure")
+    assert [pane.draw(index, choices, True).muted for index in (0, 1)] == [("air",), ("air",)]
+    choices.layers["colour_all"] = True
+    assert pane.draw(0, choices, True).muted == ()
+    choices.layers["colour_all"] = False
+    assert [pane.draw(index, choices, True).muted for index in (0, 2, 0)] == [("air",), (), ()]
+    choices.field = "velocity_x"
+    assert pane.draw(0, choices, True).muted == ()
+    pane.close()

@@ -51,6 +51,7 @@ class Choices:
             "streamlines": False,
             "contours": None,
             "tracers": 0,
+            "colour_all": False,
         }
     )
     window: Window | None = None
@@ -117,7 +118,7 @@ class Choices:
             contours=layers["contours"],
             tracers=layers["tracers"],
             colour_map=self.colour_map,
-            muted=(),
+            muted=() if layers["colour_all"] else None,
         )
 
     def command(self, out: str) -> str:
@@ -144,8 +145,8 @@ class Choices:
             words += ["--window", *(f"{value:.4g}" for value in self.window)]
         if self.follow is not None:
             words += ["--follow", shlex.quote(self.follow)]
-        if MUTED_FIELD in (self.field, self.layers["contours"]):
-            words.append("--colour-all")  # here each fluid is coloured
+        if self.layers["colour_all"] and MUTED_FIELD in (self.field, self.layers["contours"]):
+            words.append("--colour-all")
         return " ".join(words)
 
     def report(self) -> Mapping[str, Any]:

@@ -222,6 +222,7 @@ class NativePage:
             Key("l", "streamlines", layer("streamlines")),
             Key("t", "tracers", lambda: self._send("layers", tracers=0 if self._status["layers"]["tracers"] else 60)),
             Key("o", "fill", layer("fill")),
+            Key("b", "colour all fluids", layer("colour_all")),
             Key("k", "values at the pointer", lambda: self._send("pick", pane=0, at=list(self._at()))),
             Key("g", "take a picture", lambda: self._send("picture")),
             Key("r", "record, end recording", lambda: self._send("record", on=not self._status["recording"])),

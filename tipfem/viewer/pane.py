@@ -5,15 +5,15 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image
 
-from tipfem.render import Renderer, Scene, Stage
+from tipfem.render import Renderer, Scene, Stage, View
 from tipfem.render.colours import colour_table, fluid_colours
-from tipfem.render.flow import Tracers
-from tipfem.render.scales import colour_map_of, field_ends, round_limits
+from tipfem.render.flow import Tracers, arrow_speed
+from tipfem.render.scales import MUTED_FIELD, FieldSample, colour_map_of, field_ends, muted_fluids, round_limits
 from tipfem.typing import Array
 from tipfem.viewer.choices import Choices, Window
 from tipfem.viewer.probe import values_at
@@ -39,6 +39,7 @@ class Picture(NamedTuple):
         window: the part shown [m].
         size: (width, height) [px].
         notes: lines of text on the scales of layers.
+        muted: names of the fluids that have their own colour, although a field is shown.
     """
 
     image: bytes
@@ -48,6 +49,7 @@ class Picture(NamedTuple):
     window: Window
     size: tuple[int, int]
     notes: list[str]
+    muted: tuple[str, ...]
 
 
 class Pane:
@@ -64,6 +66,9 @@ class Pane:
         self._stages: dict[tuple[int, int], Stage] = {}
         self._renderer: Renderer | None = None
         self._ends: dict[str, Range] = {}
+        self._spans: dict[str, Range] = {}
+        self._joined: set[int] = set()  # stored times that are in these spans
+        self._arrow_speed: tuple[Any, float] = (None, 0.0)
         self._sampled: set[int] = set()
         self._tracers: Tracers | None = None
         self._tracer_count = 0
@@ -86,6 +91,8 @@ class Pane:
             scene = self._with_trails(scene, index, choices.layers["tracers"])
         if choices.field is not None:
             self._widen(choices.field, scene)
+        if MUTED_FIELD in (choices.field, choices.layers["contours"]):
+            self._join_spans(scene, index)
         return scene
 
     def draw(self, index: int, choices: Choices, moving: bool) -> Picture:
@@ -103,7 +110,7 @@ class Pane:
         ratio = min(choices.ratio, 1.0) if moving else choices.ratio
         size = choices.pixels(ratio, MOST_PIXELS_MOVING if moving else MOST_PIXELS)
         stage = self._stage(size)
-        view = choices.view()
+        view = self._settled(choices.view(), scene, choices)
         if choices.follow is not None and choices.window is None:
             view = replace(view, window=None)
         image, notes = stage.draw(
@@ -119,7 +126,8 @@ class Pane:
         )
         if choices.layers["tracers"] and scene.trails is None:
             notes = [*notes, "tracers: following them from the first time"]
-        return Picture(*encode(image, moving), scene.time, index, stage.window(scene, view), size, notes)
+        muted = (view.muted or ()) if choices.field == MUTED_FIELD else ()
+        return Picture(*encode(image, moving), scene.time, index, stage.window(scene, view), size, notes, muted)
 
     def framed(self, index: int, choices: Choices) -> Array:
         """The picture of a stored time with axes and legend, to keep; (H, W, 3) uint8."""
@@ -133,7 +141,7 @@ class Pane:
                 self.field_range(scene, choices),
                 choices.layers["mesh"],
                 choices.layers["particles"],
-                choices.view(framed=True),
+                self._settled(choices.view(framed=True), scene, choices),
             )
         )
 
@@ -174,7 +182,12 @@ class Pane:
                 scene = self.source.scene(index)
                 for field in scene.fields:
                     self._widen(field, scene)
-                yield before != self._ends
+                if MUTED_FIELD in scene.fields:
+                    muted = muted_fluids(self._spans)
+                    self._join_spans(scene, index)
+                    yield before != self._ends or muted != muted_fluids(self._spans)
+                else:
+                    yield before != self._ends
 
     def history(self, at: tuple[float, float]) -> Iterator[tuple[list[float], dict[str, list[float | None]], float]]:
         """Values at a point at the stored times, or some of them; grows with each step.
@@ -239,6 +252,31 @@ class Pane:
     def _widen(self, field: str, scene: Scene) -> None:
         if field in scene.fields:
             self.widen(field, field_ends(scene, field))
+
+    def _join_spans(self, scene: Scene, index: int) -> None:
+        """Let the pressures that decide which fluids are muted be those of a further time, too."""
+        if index in self._joined:
+            return
+        if not self.source.live:
+            self._joined.add(index)
+        for name, (low, high) in FieldSample([scene], MUTED_FIELD).spans().items():
+            lowest, highest = self._spans.get(name, (low, high))
+            self._spans[name] = min(low, lowest), max(high, highest)
+
+    def _settled(self, view: View, scene: Scene, choices: Choices) -> View:
+        """A view with the muted fluids, and the arrows' scale, of the times that have been looked at.
+
+        The scale is that of the fastest of these times as long as the same part is shown, so that arrows can be
+        compared from time to time; in another part it begins anew.
+        """
+        if view.muted is None:
+            view = replace(view, muted=muted_fluids(self._spans))
+        if view.arrows:
+            part = (choices.window, choices.follow)
+            before = self._arrow_speed[1] if self._arrow_speed[0] == part else 0.0
+            self._arrow_speed = part, max(before, arrow_speed([scene], view))
+            view = replace(view, arrow_speed=self._arrow_speed[1])
+        return view
 
     def _with_trails(self, scene: Scene, index: int, count: int) -> Scene:
         if self.source.live:

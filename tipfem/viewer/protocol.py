@@ -53,7 +53,8 @@ it, which the viewer also sends when the page that pokes goes away |
 `map`, `layers`, `window`, `follow`, `recording`, `size`, `live`, and `runs`: of each source what \
 `Source.status` returns |
 | a frame | JSON: `type` "frame", `frame`: its number, `window` [m], `width`, `height` [px], `field`, `low`, `high`, \
-`moving`, `notes`, and `panes`: `time`, `index`, `format`, `bytes`; then the images, one after another |
+`moving`, `notes`, and `panes`: `time`, `index`, `format`, `bytes`, `muted`: names of the fluids that have their own \
+colour; then the images, one after another |
 | `picked` | `pane`, `at`, `time`, `inside`, `fluid`, `values` at the point, `particle` (`index`, `position`, `wall`, \
 `values`), the nearest one |
 | `history` | `pane`, `at`, `times`, `values`: lists by field at the point, null outside the fluids; `done`, the share |
@@ -75,7 +76,7 @@ LARGEST = 16_384  # bytes of a message from a page
 AHEAD = 2  # frames sent before the first of them is acknowledged
 WATCHERS = frozenset({"ack", "visible", "pick", "picture"})  # what is answered for every page
 SIZES = (64, 4096)  # [px], sides of a picture
-LAYERS = ("mesh", "particles", "fill", "arrows", "streamlines", "contours", "tracers")
+LAYERS = ("mesh", "particles", "fill", "arrows", "streamlines", "contours", "tracers", "colour_all")
 _FARTHEST = 1e9  # largest magnitude of a number [SI]
 
 

@@ -142,6 +142,7 @@ class Showing:
                     "format": picture.kind,
                     "bytes": len(picture.image),
                     "notes": picture.notes,
+                    "muted": picture.muted,
                 }
                 for picture in pictures
             ],

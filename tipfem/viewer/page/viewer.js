@@ -216,7 +216,8 @@ export class Viewer {
 
   showLegend() {
     const legend = this.part("legend"), { field, low, high, map } = this.frame;
-    const key = JSON.stringify([field, low, high, map, this.dark, legend.clientWidth]);
+    const muted = this.frame.panes[0].muted;
+    const key = JSON.stringify([field, low, high, map, muted, this.dark, legend.clientWidth]);
     if (legend.dataset.key === key) return;
     legend.dataset.key = key;
     const fluids = this.hello.panes[0].fluids;
@@ -227,8 +228,10 @@ export class Viewer {
       swatch.append(name);
       return swatch;
     };
-    const swatches = fluids.map(({ name, colour }) => {
-      const swatch = entry(name, '<rect x="1" y="1" width="16" height="16" rx="3"/>');
+    // Over a field: fluids that keep their own colour; and all of three, whose interfaces have stripes of their colours.
+    const named = fluids.filter(({ name }) => !field || fluids.length > 2 || muted.includes(name));
+    const swatches = named.map(({ name, colour }) => {
+      const swatch = entry(muted.includes(name) ? `${name} (not coloured)` : name, '<rect x="1" y="1" width="16" height="16" rx="3"/>');
       swatch.querySelector("rect").setAttribute("fill", colour);
       return swatch;
     });
@@ -241,9 +244,8 @@ export class Viewer {
     bar.className = "bar";
     bar.setAttribute("role", "img");
     bar.setAttribute("aria-label", `Colours from ${number(low)} to ${number(high)}`);
-    // Interfaces of three fluids have stripes of their colours.
     const lines = fluids.length > 1 ? [entry("interface", '<path class="rim" d="M0 9h18"/><path class="line" d="M0 9h18"/>')] : [];
-    legend.replaceChildren(label, bar, ...lines, ...(fluids.length > 2 ? swatches : []));
+    legend.replaceChildren(label, bar, ...lines, ...swatches);
     colourBar(bar, this.hello.maps[map], low, high, colours(this.root));
   }
 
@@ -557,6 +559,7 @@ export class Viewer {
       ["l", "streamlines", layer("streamlines")],
       ["t", "tracers", layer("tracers")],
       ["o", "fill", layer("fill")],
+      ["b", "colour all fluids", layer("colour_all")],
       ["c", "contours of the next field", () => cycle("contours", 1)],
       ["k", "keep the point in the middle", () => {
         const [x0, y0, x1, y1] = this.stages[0].shown;
