@@ -147,6 +147,8 @@ class FlowProblem:
         self._norm = self._smallest = math.nan
         self._dx = buffers.get("correction", self.size)
         self._force, free = body_force, mesh.surface
+        # Where fluids end at a surface, its particles move by what curved walls do not.
+        self._curves = None if free.exists else walls.curves
         # The grid moves with the tank, in whose frame the Laplacian is the same.
         frame = walls.frame
         self.box = covering_box(frame, particles.spacing, box, mesh.period)
@@ -259,6 +261,10 @@ class FlowProblem:
         s = self.scheme
         if self._bodies:
             self._bodies.place(x, self._motion)
+        if self._curves:
+            self._displacement = self.split(x)[0]
+            growth = self._curves.growth(self._displacement) - float(self.mesh.measure @ self.properties.source)
+            self._source = self.buffers.upload("source", self.properties.source + growth / self.mesh.measure.sum())
         launch(
             assembly.residual,
             *self._topology,
@@ -293,6 +299,9 @@ class FlowProblem:
     @timer("jacobian")
     def linearise(self) -> None:
         """Gather the Jacobian at the last `residual`."""
+        if self._curves:
+            here, rows = self.walls.on_curves
+            self._rows.turn(here, self._curves.projector_at(self._displacement)[rows])
         self.system.gather(self._record)
         if self._bodies:
             self._bodies.linearise(self._density, self._lumping, self._record)

@@ -232,7 +232,10 @@ class BodyWalls(Walls):
         self.boundary, self.scheme, self.fixed = walls.boundary, walls.scheme, walls.fixed
         self.sliding, self.frame, self.tank_moves = walls.sliding, walls.frame, walls.tank_moves
         self.rows, self.columns, self.faces, self.layers = walls.rows, walls.columns, walls.faces, walls.layers
-        self.stuck = walls.stuck
+        self.stuck, self.pressed, self.pressed_cell = walls.stuck, walls.pressed, walls.pressed_cell
+        self.curves = walls.curves
+        if walls.curves is not None:
+            self.on_curves = walls.on_curves
         dt = walls.scheme.dt
         self.index, self.of, self.arm = states.arms(particles.position)
         self.floating = np.array([body.floats for body in bodies]) & ~states.held

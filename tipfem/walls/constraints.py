@@ -45,9 +45,10 @@ class WallRows:
         self._faces = len(faces.nodes) if count else 0
         self._pressed = len(walls.pressed) if count else 0
         put = buffers.upload
+        self._put, self._projector = put, np.concatenate([walls.rows, walls.columns, np.zeros((1, dimension**2))])
         self.arrays = (
             put("walls.sliding", np.append(count, walls.sliding).astype(np.int32)),
-            put("walls.projector", np.concatenate([walls.rows, walls.columns, np.zeros((1, dimension**2))])),
+            put("walls.projector", self._projector),
         )
         if not count:
             return
@@ -74,6 +75,11 @@ class WallRows:
             self._curved = put("walls.curved", walls.pressed)
             self._of_pressures = put("walls.of_pressures", _nodes_of(walls.pressed, walls.pressed_cell, cells, owner))
             self._pressures = buffers.get("walls.pressures", self._pressed, 4)
+
+    def turn(self, which: Array, projector: Array) -> None:
+        """Set the projectors (K, d, d) of the displacements of sliding particles, by their positions in `sliding`."""
+        self._projector[self._count + which] = projector.reshape(len(which), -1)
+        self._put("walls.projector", self._projector)
 
     def residual(self, motion: Any, x: Any, out: Any) -> None:
         """Add friction at ``x`` to the scaled residual ``out``, and project its momentum rows."""

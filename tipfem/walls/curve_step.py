@@ -1,9 +1,14 @@
 """Curved walls that slip, in a time step: the directions in which particles slide, and where they are at its end.
 
-The unknowns of a particle on a curve are constrained to the direction from the particle before it to that after it,
-at the positions predicted for the middle of the step. Then the boundary encloses the same area at the end of the step
-as at its start: the area is quadratic in the positions, so that its change is that of the middle, n_i . u_i. What is
-left by the prediction is removed after the step, when the particles are put on the curve.
+The first iterate of a particle on a curve is along the direction from the particle before it to that after it, at the
+positions predicted for the middle of the step. Then the boundary encloses the same area at the end of the step as at
+its start: the area is quadratic in the positions, so that its change is that of the middle, n_i . u_i. Corrections are
+along that direction at the end of the step, to which the derivative of the area is at right angles.
+
+So the area of iterates differs from that at the start by what is quadratic in the corrections. In a closed tank no
+motion of the fluids can give or take it, and no pressure: the equations of continuity, whose sum it is, would have no
+solution, and the level of the pressure would grow without bound. There the elements grow by it, all alike. It is
+removed after the step, when the particles are put on the curve.
 """
 
 from __future__ import annotations
@@ -47,7 +52,7 @@ class CurveStep:
         after: WallMotion,
         scheme: GeneralizedAlpha,
     ) -> None:
-        self._boundary, self._after = boundary, after
+        self._boundary, self._after, self._position = boundary, after, particles.position
         self.rows = np.flatnonzero(boundary.on_curve >= 0)
         self._particles = index = boundary.index[self.rows]
         cell, i = np.nonzero(mesh.neighbours < 0)
@@ -69,6 +74,19 @@ class CurveStep:
         middle[index] += 0.5 * along * self._start
         self._middle = chain_tangents(middle, self._pairs, index)
         self.projector = self._middle[:, :, None] * self._middle[:, None, :]
+
+    def growth(self, u: Array) -> float:
+        """Change of the area that the boundary encloses by displacements u (N, 2) [m^2]."""
+        a, b = self._pairs.T
+        x = self._position + 0.5 * u
+        side = x[b] - x[a]
+        # n_i . u_i with the normals in the middle, from both faces of each particle: exact, and without cancellation.
+        return 0.5 * float((side[:, 1] * (u[a, 0] + u[b, 0]) - side[:, 0] * (u[a, 1] + u[b, 1])).sum())
+
+    def projector_at(self, u: Array) -> Array:
+        """(K, 2, 2) on the directions along which displacements from u (N, 2) [m] keep that area."""
+        along = chain_tangents(self._position + u, self._pairs, self._particles)
+        return np.asarray(along[:, :, None] * along[:, None, :])
 
     def _tangents(self, y: Array) -> Array:
         """Unit vectors (K, 2) along the curves at points y (K, 2) of their particles, in the tank's frame."""

@@ -38,6 +38,9 @@ class Walls(ABC):
         pressed_cell: (E,) their cells.
         stuck: (N,) mask of the particles that slide, but next to nothing, for the layer there is resolved; None for no
             particle.
+        curves: the curved walls that slip; None without any.
+        on_curves: (K',) those of the sliding particles that are on curves, as positions in ``sliding``, and as ones in
+            `CurveStep.rows`.
     """
 
     boundary: Boundary
@@ -53,6 +56,8 @@ class Walls(ABC):
     pressed: Array = np.zeros((0, 2), dtype=np.int32)
     pressed_cell: Array = np.zeros(0, dtype=np.int32)
     stuck: Array | None = None
+    curves: CurveStep | None = None
+    on_curves: tuple[Array, Array]
 
     @abstractmethod
     def constrain(self, u: Array) -> Array:
@@ -206,9 +211,9 @@ class WallStep(Walls):
         self._rigid = self._after.pose.place(self.frame) - x if self.tank_moves else np.zeros_like(x)
         self._home = self._after.place(self.frame[index])
         slid = self._slid(self.frame[index])
-        self._curves = CurveStep(boundary, mesh, particles, self._before, self._after, scheme) if b_curves else None
-        if self._curves is not None:
-            self._after.free[self._curves.rows] = self._curves.projector
+        self.curves = CurveStep(boundary, mesh, particles, self._before, self._after, scheme) if b_curves else None
+        if self.curves is not None:
+            self._after.free[self.curves.rows] = self.curves.projector
         w = self._after.held(self._home + slid @ self._after.pose.rotation.T - x[index])
         self.displacement = np.zeros_like(x)
         self.displacement[index] = w
@@ -226,10 +231,11 @@ class WallStep(Walls):
         self._rotation = u @ vt
         self.rows = (self._rotation @ boundary.free[slides] @ self._rotation.T).reshape(len(slides), x.shape[1] ** 2)
         self.columns = self._after.free[slides].reshape(len(slides), x.shape[1] ** 2)
-        if self._curves is not None:
+        if self.curves is not None:
             here = np.flatnonzero(boundary.on_curve[slides] >= 0)
             self.rows[here] = self.columns[here]
-            self.pressed, self.pressed_cell = self._curves.pressed, self._curves.cell
+            self.on_curves = here, np.searchsorted(self.curves.rows, slides[here])
+            self.pressed, self.pressed_cell = self.curves.pressed, self.curves.cell
         start = WallStart(
             boundary,
             scheme,
@@ -239,7 +245,7 @@ class WallStep(Walls):
             self.frame,
             self._predicted,
             self.sliding,
-            self._curves,
+            self.curves,
         )
         self.faces, self.layers, self.stuck = friction_in_step(start, mesh, particles, viscosity, density, layers)
 
@@ -274,8 +280,8 @@ class WallStep(Walls):
         s, index = self.scheme, self.boundary.index
         w = self.displacement[index]
         v, a = velocity.copy(), acceleration.copy()
-        if self._curves is not None:
-            v, a = self._curves.turned(v), self._curves.turned(a)
+        if self.curves is not None:
+            v, a = self.curves.turned(v), self.curves.turned(a)
             velocity, acceleration = v.copy(), a.copy()
         v[index] = self._after.slid(velocity[index]) + self._velocity - s.cv * w
         a[index] = self._after.slid(acceleration[index]) + self._acceleration - s.cm * w
@@ -288,25 +294,28 @@ class WallStep(Walls):
     def finish(self, before: Particles, u: Array, moved: Particles) -> Particles:
         """See `Walls.finish`."""
         index = self.boundary.index
-        if self._curves is not None:
+        if self.curves is not None:
             before = before.shallow_copy(
-                velocity=self._curves.turned(before.velocity), acceleration=self._curves.turned(before.acceleration)
+                velocity=self.curves.turned(before.velocity), acceleration=self.curves.turned(before.acceleration)
             )
         free, done = self.scheme.acceleration(u, before), moved.copy()
         # Not x + u: in single precision the solution's w is not exact.
         done.position[index] = before.position[index] + self.constrain(u)[index]
+        if self.curves is not None:  # whose directions corrections have changed
+            curved = index[self.curves.rows]
+            done.position[curved] = before.position[curved] + u[curved]
         done.acceleration[index] = free[index]
         done.velocity[index] = self.scheme.velocity(free, before)[index]
-        if self._curves is not None:
-            done, free_at_end = self._curves.finished(done)
-            self._after.free[self._curves.rows] = free_at_end
+        if self.curves is not None:
+            done, free_at_end = self.curves.finished(done)
+            self._after.free[self.curves.rows] = free_at_end
         return self._after.imposed(done)
 
     def space(self, particles: Particles, surface: Surface) -> tuple[Particles, int]:
         """See `Walls.space`."""
         slides = self.boundary.sliding >= 0
-        if self._curves is not None:
-            particles = self._curves.on_curves(particles)
+        if self.curves is not None:
+            particles = self.curves.on_curves(particles)
         if not self.boundary.pieces and not slides.any() and not self.boundary.period:
             return particles, 0
         spaced, count = particles.copy(), 0
@@ -329,8 +338,8 @@ class WallStep(Walls):
         """See `Walls.set_back`."""
         slides = self.boundary.sliding >= 0
         slides[self.boundary.slides] = False
-        if self._curves is not None:
-            particles = self._curves.on_curves(particles)
+        if self.curves is not None:
+            particles = self.curves.on_curves(particles)
         if not slides.any():
             return particles
         back = particles.copy()
