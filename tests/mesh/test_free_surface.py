@@ -166,6 +166,25 @@ def test_a_drop_at_the_ceiling_lets_go_and_one_of_its_particles_set_elsewhere_is
     assert not after.surface.front[at(p, 0.5, 0.2)]
 
 
+def test_a_large_simplex_between_particles_relocated_below_the_surface_is_fluid():
+    """They were inserted into edges with an end below the surface; taken for others, they would leave a hole."""
+    p = pool(0.5)
+    m = mesher(p)
+    first = m.start(p)
+    middle, angle = np.array([0.5, 0.23]), 2 * np.pi / 3 * np.arange(3) + 0.3
+    corners = np.array([at(p, 0.45, 0.2), at(p, 0.55, 0.2), at(p, 0.5, 0.3)])
+    moved, relocated = p.copy(), np.zeros(len(p), dtype=bool)
+    within = np.flatnonzero(np.linalg.norm(p.position - middle, axis=1) < 0.15)
+    moved.position[within] = np.column_stack([np.linspace(0.1, 0.9, len(within)), np.full(len(within), 0.8)])
+    moved.position[corners] = middle + 0.13 * np.column_stack([np.cos(angle), np.sin(angle)])
+    relocated[corners] = True
+    below, top, other_top = at(p, 0.3, 0.25), at(p, 0.5, 0.5), at(p, 0.6, 0.5)
+    for ends, fluid in (((below, top), True), ((top, other_top), False)):
+        moves = np.array([[corner, *ends] for corner in corners])
+        mesh = m.remesh(moved, first.moved(p.position), relocated, moves=moves)
+        assert (np.sort(mesh.cells, axis=1) == np.sort(corners)).all(axis=1).any() == fluid
+
+
 def test_large_simplices_at_the_surface_go_and_those_below_stay():
     p = pool(0.5)
     m = mesher(p)

@@ -28,8 +28,10 @@ def test_the_stretching_ellipse_has_the_acceleration_of_its_pressure():
 
 @pytest.mark.parametrize("flow", list(study.TURNING))
 def test_a_free_drop_becomes_the_ellipse(flow):
-    result = study.drop(8, study.TURNING[flow])
-    assert study.check(flow, {8: result}) == []
+    """At first order at least, although half of the particles are relocated within a few steps."""
+    results = {across: study.drop(across, study.TURNING[flow]) for across in (8, 16)}
+    assert study.check(flow, results) == []
+    assert results[16]["velocity"] < 0.5 * results[8]["velocity"]
 
 
 def test_the_check_names_what_is_missed():

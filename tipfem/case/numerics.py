@@ -250,7 +250,9 @@ class Numerics:
             if not isinstance(getattr(self, name), bool):
                 raise ValueError(f"Numerics: {name} is {getattr(self, name)!r}; it must be True or False")
 
-    def tolerance(self, force: Array, acceleration: float, cm: float, spacing: float, smallest: float) -> float:
+    def tolerance(
+        self, force: Array, acceleration: float, cm: float, spacing: float, smallest: float, part: float = 1.0
+    ) -> float:
         """Tolerance of the largest scaled residual [spacings].
 
         Args:
@@ -259,12 +261,16 @@ class Numerics:
             cm: d a / d u of the time integration [1/s^2].
             spacing: of the particles [m].
             smallest: residual that round-off leaves [spacings].
+            part: length of the step, relative to that which the flow asks for, at most 1. The tolerance of the
+                acceleration follows its square, as the error of the time integration does: runs with shorter and
+                shorter steps would otherwise end with errors of Newton's method, which do not fall with the step.
         """
         gravity = largest_length(force)
-        strength = min(max(acceleration, QUIET * gravity), gravity)
+        strength = min(max(acceleration, QUIET * gravity), gravity) * max(part * part, SHORT)
         by_force = self.acceleration_tolerance * strength / (cm * spacing) if strength > 0 else float("inf")
         return max(min(self.newton_tolerance, by_force), smallest)
 
 
 # A flow that accelerates less than that, relative to gravity, is solved no more accurately.
 QUIET = 1e-4
+SHORT = 1e-2  # the least factor on the tolerance of accelerations in short steps

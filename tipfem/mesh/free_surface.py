@@ -61,7 +61,14 @@ class SurfaceMesher:
         mesh = self._finish(x, wall, cells, measure, neighbours, keep, particles.spacing, may, start=True)
         return _with_volume(mesh, np.full(len(x), particles.spacing ** x.shape[1]))
 
-    def remesh(self, particles: Particles, before: Mesh, relocated: Array, boundary: Array | None = None) -> Mesh:
+    def remesh(
+        self,
+        particles: Particles,
+        before: Mesh,
+        relocated: Array,
+        boundary: Array | None = None,
+        moves: Array | None = None,
+    ) -> Mesh:
         """The mesh after a step.
 
         Args:
@@ -69,6 +76,7 @@ class SurfaceMesher:
             before: the mesh of the step, at the particles' positions after the step.
             relocated: (N,) mask of the particles that were relocated since.
             boundary: see `start`.
+            moves: (K, 3) particles that were relocated into edges of the mesh of the step, and the ends of these.
 
         Raises:
             TriangulationError: the particles cannot be triangulated.
@@ -78,6 +86,10 @@ class SurfaceMesher:
         old = before.surface
         used = before.used
         below = used & ~old.front & ~relocated
+        if moves is not None:
+            # Inside an edge with an end below the surface. Were these taken for particles on it, cells between several
+            # of them would be left out, as holes in the fluid.
+            below[moves[:, 0]] = below[moves[:, 1:]].any(axis=1)
         solid = corners_among(wall, cells) == cells.shape[1]
         keep = (measure > FLAT) & ~solid & (corners_among(below, cells) == cells.shape[1])
         undecided = np.flatnonzero((measure > FLAT) & ~solid & ~keep)

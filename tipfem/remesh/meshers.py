@@ -82,4 +82,4 @@ class FreeSurfaceMesher:
         """See `Mesher.remesh`; nothing is repaired here."""
         relocated = (particles.position != solved.particles.position).any(axis=1)
         edges = solved.before.boundary.edges(particles, solved.time)
-        return self.mesher.remesh(particles, solved.mesh, relocated, edges), False
+        return self.mesher.remesh(particles, solved.mesh, relocated, edges, moves), False

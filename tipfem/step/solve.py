@@ -129,6 +129,7 @@ class StepSolver:
         jump = state.pressure_jump
         if jump is None and case.two_sided:
             jump = np.zeros((len(case.fluids), len(before)))
+        time = flow_time(case, state)
         problem = FlowProblem(
             mesh,
             before,
@@ -141,7 +142,7 @@ class StepSolver:
             numerics.jacobian,
             state.grid_box,
             jump,
-            0.0 if fading else flow_time(case, state),
+            0.0 if fading else time,
         )
         tolerance = numerics.tolerance(
             force if varies else force[:1],
@@ -149,6 +150,7 @@ class StepSolver:
             scheme.cm,
             before.spacing,
             runtime.round_off(),
+            min(1.0, dt / time) if time > 0 else 1.0,
         )
         if state.step == 0:  # an error of pressure left by the first step would excite sloshing
             tolerance = min(tolerance, 10 * runtime.round_off())

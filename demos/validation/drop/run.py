@@ -37,7 +37,7 @@ RADIUS, DENSITY, SIDE = 0.2, 1000.0, 1.2  # of the drop [m], [kg/m^3]; of the ta
 STRAIN, END = 1.0, 1.0  # a [1/s], end of the runs [s]
 TURNING = {"stretching": 0.0, "turning": 0.5}  # w [1/s]
 RESOLUTIONS = (8, 16, 32)  # particles in the radius
-LARGEST = {"velocity": 0.015, "axis": 0.005, "energy": 0.005, "volume": 1e-12, "angular_momentum": 1e-12}
+LARGEST = {"velocity": 0.008, "axis": 0.005, "energy": 0.005, "volume": 1e-12, "angular_momentum": 1e-12}
 LARGEST |= {"momentum": 1e-12}
 
 
