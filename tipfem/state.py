@@ -187,6 +187,11 @@ class StepWork:
     friction: float
     wall_force: Array
 
+    @property
+    def dissipated(self) -> float:
+        """By viscosity and by friction along walls [J, per metre of depth in 2-D]."""
+        return self.viscous_dissipation + self.friction_dissipation
+
 
 @dataclass(frozen=True)
 class Solved:

@@ -166,7 +166,8 @@ class Numerics:
         newton_tolerance: of the largest scaled residual, expressed as a displacement in spacings.
         acceleration_tolerance: of the same residual as an acceleration, relative to that of the flow (the root mean
             square over its mass, at most gravity, at least 1e-4 of gravity); the tighter of both holds. It keeps the
-            pressure accurate for short steps and large spacings, and slow flows as accurate as fast ones. The largest
+            pressure accurate for short steps and large spacings, and slow flows as accurate as fast ones. In steps
+            shorter than the flow asks for it falls with their square, to a hundredth. The largest
             residual is that of a few particles where the mesh has just changed; the root mean square of all is about a
             fiftieth of it.
         newton_iterations: largest number of iterations, after which a step is refused.

@@ -434,7 +434,7 @@ class FittedRemesher(Remesher):
         particles, owed = conserve_along_period(solved, particles, mass), 0.0
         self.account.add("walls", particles, mesh, material)
         if self._balance is not None:
-            change = Change(moved, before.mesh, renumbered, relocated)
+            change = Change(moved, before.mesh, renumbered, relocated, solved.work.dissipated, solved.dt)
             particles, owed = self._balance.keep(change, particles, mesh, mass, before.owed)
         return self._ended(
             particles,
