@@ -91,9 +91,9 @@ class EnergyBalance:
         the opposite sign, what the field lost because the mass matrix's energy would have risen; other losses are
         not made up for later, elsewhere.
 
-        Little energy, by that of the flow or by what viscosity dissipates, is owed, too, and no velocity changed for it:
-        these changes depend on which flips come in one step, and would be the largest error of a resolved flow. In
-        each step a part of what viscosity dissipates is remitted.
+        Little energy, by that of the flow or by what viscosity dissipates, is owed too, and changes no velocity: which
+        flips fall into one step is chance, and in a resolved flow these changes would be the largest error. In each
+        step a part of what viscosity dissipates is remitted.
 
         Args:
             change: what was remeshed.
