@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 
 import pytest
 
@@ -29,6 +30,12 @@ LONGEST_FIRST = (
     "test_surface_flow.py",
     "test_case_commands.py",
 )
+
+
+def pytest_configure() -> None:
+    """Let commands that tests start be interrupted where the shell has put the tests into the background."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -147,6 +147,29 @@ def test_a_place_of_the_tank_moves_with_it(water, air):
     assert len(wall_line(force, case, "bottom").faces(case, simulation)[0]) == 20
 
 
+def test_a_wave_gauge_on_a_wall_of_a_tank_that_moves(water, air):
+    """Heights along the wall are those of the highest water particle on it, although the wall sways and rolls."""
+    tank = tp.tank((0.4, 0.4), 0.02).fill(air).fill(water, box=((0, 0), (0.4, 0.2)))
+    motion = tp.Motion(translation=lambda t: (2.0 * t**2, 0.0), angle=lambda t: t**2, pivot=(0.2, 0.0))
+    for wall in ("left", "right"):
+        tank.wall(wall, slip=True)
+    simulation = tp.Simulation(tp.Case(tank, [water, air], (0, -G), tank_motion=motion), time_step=5e-3)
+    for _ in range(30):
+        simulation.step()
+    mesh, pose = simulation.mesh, motion.pose(simulation.time, 1e-3, 2)
+    own = pose.origin(simulation.particles.position)
+    wet = np.zeros(len(own), bool)
+    wet[mesh.cells[mesh.fluid == 0]] = True
+    for x, change in ((0.0, 0.01), (0.4, -0.01)):
+        found = values(tp.WaveGauge(name="g", x=x, fluid="water", frame="tank"), simulation)
+        on_wall = wet & (abs(own[:, 0] - x) < 1e-9)
+        assert found["height"] == pytest.approx(own[on_wall, 1].max(), abs=1e-8)
+        assert found["depth"] == pytest.approx(found["height"], abs=1e-8)
+        assert (found["height"] - 0.2) * np.sign(change) > abs(change)
+    still = values(tp.WaveGauge(name="g", x=0.0, fluid="water"), simulation)
+    assert math.isnan(still["height"])  # the tank has left this place
+
+
 def test_named_walls_and_those_that_move(water, air):
     tank = tp.tank((0.4, 0.4), 0.02).fill(air).fill(water, box=((0, 0), (0.4, 0.2)))
     tank.wall("left", motion=lambda t: 0.5 * t**2, slip=True).wall("right", motion=lambda t: -0.5 * t**2, slip=True)
@@ -260,6 +283,7 @@ def test_the_recorder_samples_at_the_interval_and_writes_what_it_keeps(layers, t
         (tpp.LineProbe(name="p", start=(0, 0), end=(0.1, 0.1), count=1), "count is 1"),
         (tpp.LineProbe(name="p", start=(0, 0), end=(9, 0.1), count=3), "outside of the tank"),
         (tpp.WaveGauge(name="p", x=0.7, fluid="water"), "x is 0.7 m; it must lie between 0 and 0.4"),
+        (tpp.WaveGauge(name="p", x=0.1, fluid="water", frame="moon"), "frame is 'moon'"),
         (tpp.WaveGauge(name="p", x=0.1, fluid="oil"), "there is no fluid 'oil'"),
         (tpp.FrontProbe(name="p", fluid="water", axis=2), "axis is 2"),
         (tpp.VolumeProbe(name="p", fluid="oil"), "there is no fluid 'oil'"),

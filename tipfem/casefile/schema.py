@@ -311,7 +311,7 @@ class ProbeTable(Model):
         min_length=1,
     )
     frame: Literal["laboratory", "tank"] | None = quantity(
-        "tank: points and lines move with the tank; by default laboratory", default=None
+        "tank: points, lines and wave gauges move with the tank; by default laboratory", default=None
     )
     wall: str | None = quantity("name of a wall: left, right, bottom, top, or one of the table walls", default=None)
     fluid: str | None = quantity("name of a fluid", default=None)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tipfem.arguments import is_number
 from tipfem.case.case import Case
 from tipfem.mesh import measures
-from tipfem.probes.probe import Probe, Sampled, per_depth, require_plane
+from tipfem.probes.probe import Probe, Sampled, per_depth, pose_of, require_frame, require_plane
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,18 +18,23 @@ class WaveGauge(Probe):
     Attributes:
         x: place of the line [m].
         fluid: name of the fluid.
+        frame: "laboratory": the line stands still and is vertical; "tank": it moves and turns with the tank, and
+            heights are along it, from where y = 0 was in the tank at t = 0. A gauge on a wall of a tank that moves
+            needs this.
 
     Raises:
-        ValueError: see `Probe`; no such fluid; the line does not cross the tank at the start.
+        ValueError: see `Probe`; no such fluid; an unknown frame; the line does not cross the tank at the start.
     """
 
     x: float
     fluid: str
+    frame: str = "laboratory"
 
     def columns(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of the values; raises ValueError if the probe does not fit the case."""
         self._fluid(case, self.fluid)
         require_plane(self, case)
+        require_frame(self, self.frame)
         lower, upper = case.particles.position[:, 0].min(), case.particles.position[:, 0].max()
         if case.period:
             lower, upper = 0.0, case.period.width[0]
@@ -39,10 +44,16 @@ class WaveGauge(Probe):
 
     def sample(self, simulation: Sampled) -> list[float]:
         """Height and depth at the present time; NaN where the line has left the tank or meets none of the fluid."""
-        mesh, index = simulation.mesh, simulation.case.fluid_index(self.fluid)
+        mesh, index, x = simulation.mesh, simulation.case.fluid_index(self.fluid), self.x
+        if self.frame == "tank":
+            mesh = replace(mesh, position=pose_of(simulation.case, simulation.time).origin(mesh.position))
+            # A gauge on a wall stays within all particles of the wall in spite of round-off.
+            left, right = float(mesh.position[:, 0].min()), float(mesh.position[:, 0].max())
+            slack = 1e-9 * (right - left)
+            x = min(max(x, left + slack), right - slack) if left - slack <= x <= right + slack else x
         try:
-            depth = measures.depth(mesh, simulation.particles.fluid, index, self.x)
-            return [measures.surface_height(mesh, simulation.particles.fluid, index, self.x), depth]
+            depth = measures.depth(mesh, simulation.particles.fluid, index, x)
+            return [measures.surface_height(mesh, simulation.particles.fluid, index, x), depth]
         except ValueError:
             return [math.nan, math.nan]
 

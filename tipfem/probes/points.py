@@ -9,7 +9,7 @@ import numpy as np
 
 from tipfem.case.case import Case
 from tipfem.mesh.mesh import Mesh
-from tipfem.probes.probe import FRAMES, Probe, Sampled, floats, in_laboratory, pressure_in, require_inside
+from tipfem.probes.probe import Probe, Sampled, floats, in_laboratory, pressure_in, require_frame, require_inside
 from tipfem.typing import Array
 
 QUANTITIES = {"pressure": "Pa", "velocity_x": "m/s", "velocity_y": "m/s", "velocity_z": "m/s", "density": "kg/m3"}
@@ -136,5 +136,4 @@ def _require_quantities(probe: Probe, case: Case, quantities: Sequence[str], fra
     unknown = [name for name in quantities if name not in known] if not isinstance(quantities, str) else [quantities]
     if unknown or not quantities:
         raise ValueError(f"{probe}: quantities is {quantities!r}; it must be a list of some of {known}")
-    if frame not in FRAMES:
-        raise ValueError(f"{probe}: frame is {frame!r}; it must be one of {list(FRAMES)}")
+    require_frame(probe, frame)

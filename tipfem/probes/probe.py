@@ -140,6 +140,12 @@ def in_laboratory(simulation: Sampled, places: Array, frame: str) -> Array:
     return pose_of(simulation.case, simulation.time).place(places) if frame == "tank" else places
 
 
+def require_frame(probe: Probe, frame: str) -> None:
+    """Raise ValueError unless there is such a frame."""
+    if frame not in FRAMES:
+        raise ValueError(f"{probe}: frame is {frame!r}; it must be one of {list(FRAMES)}")
+
+
 def require_plane(probe: Probe, case: Case) -> None:
     """Raise ValueError unless the case is 2-D."""
     if case.particles.dimension != 2:
