@@ -381,7 +381,7 @@ class Boundary:
         heights = new._y @ self.side_normal.T - (self.offset + displacement)
         new.on_side = np.abs(heights) < ON_SIDE * particles.spacing
         new.normal, new.side = frames(self.side_normal, new.on_side)
-        new.inverse = np.linalg.pinv(new.normal, rcond=1e-9)
+        new.inverse = _inverses(new.normal, new.side)
         new.members = []
         for number, side, old in self.members:
             along = new._y @ self._tangent(side)
@@ -468,6 +468,14 @@ class Boundary:
 # After remeshing, a wall particle is on a side if it is closer to its line than this [spacings]: new positions on the
 # line have round-off.
 ON_SIDE = 1e-5
+
+
+def _inverses(normal: Array, side: Array) -> Array:
+    """Pseudo-inverses (W, 2, 2) of the normals (W, 2, 2) of the sides (W, 2); of those that are the same, computed once."""
+    key = (side[:, 0] * (side.max(initial=0) + 1) + side[:, 1]) * 4
+    key += 2 * normal[:, 0].any(axis=1) + normal[:, 1].any(axis=1)
+    _, first, number = np.unique(key, return_index=True, return_inverse=True)
+    return np.asarray(np.linalg.pinv(normal[first], rcond=1e-9)[number])
 
 
 def frames(normals: Array, on_side: Array) -> tuple[Array, Array]:

@@ -158,13 +158,13 @@ def changed_cells(change: Change, particles: Particles, mesh: Mesh) -> Array:
     assert change.mesh.fluid is not None
     cells, before, other = change.mesh.cells, change.before.velocity, change.relocated.copy()
     if change.renumbered is None:
-        other |= (before != particles.velocity).any(axis=1)
+        other |= _differ(before, particles.velocity)
     else:
         kept, cells = change.renumbered >= 0, change.renumbered.take(cells)
         number = change.renumbered[kept]
-        other[number] |= (before[kept] != particles.velocity[number]).any(axis=1)
+        other[number] |= _differ(before[kept], particles.velocity[number])
     both = min(len(cells), len(mesh.cells))
-    same = (cells[:both] == mesh.cells[:both]).all(axis=1) & (change.mesh.fluid[:both] == mesh.fluid[:both])
+    same = ~_differ(cells[:both], mesh.cells[:both]) & (change.mesh.fluid[:both] == mesh.fluid[:both])
     result = np.append(~same, np.ones(len(mesh.cells) - both, dtype=bool))
     # Some rows hold a cell that another row held before.
     gone, new = np.append(~same, np.ones(len(cells) - both, dtype=bool)), np.flatnonzero(result)
@@ -173,6 +173,14 @@ def changed_cells(change: Change, particles: Particles, mesh: Mesh) -> Array:
     number = np.unique(rows, axis=0, return_inverse=True)[1].ravel()
     result[new] = ~np.isin(number[len(old) :], number[: len(old)])
     return np.asarray(result | (corners_among(other, mesh.cells) > 0))
+
+
+def _differ(one: Array, other: Array) -> Array:
+    """(K,) mask of the rows in which two arrays (K, n) differ; column by column, see `corners_among`."""
+    result = np.zeros(len(one), dtype=bool)
+    for a, b in zip(one.T, other.T, strict=True):
+        result |= a != b
+    return result
 
 
 def damping(particles: Particles, mesh: Mesh, cell_mass: Array, mass: Array, cells: Array) -> Array:
@@ -210,12 +218,16 @@ def _factor(
 
     Also what they lose of the kinetic energies of the field and by the case's mass matrix [J].
     """
-    near = np.flatnonzero(rate.any(axis=1).take(cells).any(axis=1))
-    v, u, m = velocity[cells[near]], rate[cells[near]], cell_mass[near]
+    near = np.flatnonzero(corners_among(_differ(rate, np.zeros((1, 2))), cells))
+    corner, m = np.ascontiguousarray(cells[near].T), cell_mass[near]
+    # (2, 3, K): sums over short axes take NumPy several times as long
+    v, u = (np.ascontiguousarray(field.T).take(corner, axis=1) for field in (velocity, rate))
 
     def product(one: Array, two: Array, lumping: Array | float) -> float:
         """one^T M two, with the part of M that is lumped."""
-        own, mean = (one * two).sum(axis=(1, 2)) / 3, (one.sum(axis=1) * two.sum(axis=1)).sum(axis=1) / 9
+        parts = one * two
+        own = sum(parts[k, a] for a in range(3) for k in range(2)) / 3
+        mean = sum((one[k, 0] + one[k, 1] + one[k, 2]) * (two[k, 0] + two[k, 1] + two[k, 2]) for k in range(2)) / 9
         return float((m * (lumping * own + (1 - lumping) * mean)).sum())
 
     field, case = ((product(v, u, part), product(u, u, part)) for part in (consistent_part(2), lumping[near]))

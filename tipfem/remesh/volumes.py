@@ -224,9 +224,11 @@ def sliding_contacts(mesh: Mesh, slides: Array) -> tuple[Array, Array, Array]:
         np.add.at(direction, ends, along)
         np.add.at(total, ends, length)
     # Of two edges in one line the lengths add up.
-    straight = np.linalg.norm(direction, axis=1) > (1 - 1e-12) * total
-    contact &= straight & (total > 0)
-    direction[contact] /= np.linalg.norm(direction[contact], axis=1, keepdims=True)
+    nodes = np.flatnonzero(contact)
+    length, total = np.linalg.norm(direction[nodes], axis=1), total[nodes]
+    straight = (length > (1 - 1e-12) * total) & (total > 0)
+    contact[nodes] = straight
+    direction[nodes[straight]] /= length[straight, None]
     contact &= ~_flat(mesh, contact, direction, near)
     nodes = np.flatnonzero(contact).astype(np.int32)
     return nodes, direction[nodes], near

@@ -145,6 +145,7 @@ class FlowProblem:
         self._r = buffers.get("residual", self.size)
         self._linearised = self._corrected = False
         self._norm = self._smallest = math.nan
+        self._limits: StepLimits | None = None  # of the present unknowns
         self._dx = buffers.get("correction", self.size)
         self._force, free = body_force, mesh.surface
         # Where fluids end at a surface, its particles move by what curved walls do not.
@@ -213,6 +214,7 @@ class FlowProblem:
 
         Bodies that float have their present increments in ``walls``.
         """
+        self._limits = None
         x = np.empty((len(displacement), self.dimension + 1))
         x[:, :-1], x[:, -1] = self.walls.constrain(displacement), pressure
         if self.mesh.surface.exists:
@@ -437,7 +439,7 @@ class FlowProblem:
 
     def _add_part(self, x: Any, motion_factor: float, pressure_factor: float) -> None:
         size, work = self.size, (self.size, vector_kernels.ENTRY)
-        factors = motion_factor, pressure_factor
+        factors, self._limits = (motion_factor, pressure_factor), None
         launch(step_limits.add_correction, self._dx, x, *factors, self.nodes, size, self.dimension, work=work)
 
     def limits(self, x: Any) -> StepLimits:
@@ -460,7 +462,12 @@ class FlowProblem:
         if self.walls.tank_moves:
             square = (self.walls.relative(self.split(x)[0]) ** 2).sum(axis=1)
             result[1] = (square / self.particles.target**2).max()
-        return StepLimits(float(result[0]), float(np.sqrt(result[1])), result[2] == 0)
+        self._limits = StepLimits(float(result[0]), float(np.sqrt(result[1])), result[2] == 0)
+        return self._limits
+
+    def last_limits(self, x: Any) -> StepLimits:
+        """`limits` of the unknowns ``x`` of the last `vector` and `correct`, computed only if they have changed since."""
+        return self._limits or self.limits(x)
 
 
 MAX_KRYLOV_ITERATIONS = 80

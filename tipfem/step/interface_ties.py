@@ -107,9 +107,11 @@ class InterfaceTies:
         # d V / d x of a triangle by a corner is half the opposite side, turned by a right angle; a third for each node.
         slope = np.stack([-side[:, 1], side[:, 0]], axis=1) / 6
         if len(walls.sliding):
-            projector = np.tile(np.eye(d), (cut.particles, 1, 1))
-            projector[walls.sliding] = walls.columns.reshape(-1, d, d)
-            slope = np.einsum("ijk,ik->ij", projector[particle], slope)
+            number = np.full(cut.particles, -1)
+            number[walls.sliding] = np.arange(len(walls.sliding))
+            slide = np.flatnonzero(number[particle] >= 0)
+            projector = walls.columns.reshape(-1, d, d)[number[particle[slide]]]
+            slope[slide] = np.einsum("ijk,ik->ij", projector, slope[slide])
         # diag(A)^-1, 0 where displacements are prescribed
         slope *= np.sqrt(scale.reshape(-1, d + 1)[particle, :d])
         row = np.repeat((d * group[particle])[:, None] + np.arange(d), 3)

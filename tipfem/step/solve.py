@@ -56,7 +56,7 @@ def _mean(mesh: Mesh, values: Array) -> float:
 OF_GRAVITY, OF_FLOW = 0.05, 0.35
 
 
-def flow_time(case: Case, state: State) -> float:
+def flow_time(case: Case, state: State, frequency: float | None = None) -> float:
     """The time T in tau = c dt T of the stabilisation [s]: the length of step that the flow itself asks for.
 
     It is the shorter of 0.05 sqrt(h / b) with the acceleration b by gravity and body force, and of 0.35 h / v with the
@@ -71,10 +71,15 @@ def flow_time(case: Case, state: State) -> float:
 
     T is 0, for steps' own lengths, in a flow without forces at rest, and where an interpolated interface divides fluids
     that fill their tank: a stronger stabilisation moves more volume between them.
+
+    Args:
+        case: of the state.
+        state: at the start of a step.
+        frequency: the case's natural frequency [1/s], if it is known already.
     """
     if case.interface == "interpolated" and not case.free_surface:
         return 0.0
-    frequency = case.natural_frequency()
+    frequency = case.natural_frequency() if frequency is None else frequency
     speed = state.boundary.speed_over_spacing(state.particles, state.time, 1e-3 / max(frequency, 1e-3))
     times = [part / rate for part, rate in ((OF_GRAVITY, frequency), (OF_FLOW, speed)) if rate > 0]
     if not frequency and speed and state.mean_acceleration:
@@ -97,6 +102,7 @@ class StepSolver:
     def __init__(self, case: Case, reach: float) -> None:
         self.case, self.reach, self.workspace = case, reach, Workspace(len(case.particles))
         self.forces = Forces()
+        self._frequency = case.natural_frequency()
 
     @timer("solve")
     def solve(self, state: State, dt: float, growth: Array, end: float = math.nan, *, fading: bool = False) -> Solved:
@@ -119,7 +125,9 @@ class StepSolver:
         varies = self.forces.vary(case, state.time)
         position = before.position + scheme.cf * scheme.predict(before) if varies else before.position
         force = self.forces.acceleration(case, position, state.time + scheme.cf * dt, state.time)
-        lumping = lumped_part(numerics.mass, mesh.cells, state.material.fraction, len(before))
+        lumping = None
+        if numerics.mass != "lumped":
+            lumping = lumped_part(numerics.mass, mesh.cells, state.material.fraction, len(before))
         material = ElementProperties(state.material.density, state.material.viscosity, growth, lumping)
         walls = walls_in_step(
             state.boundary, mesh, before, material.viscosity, scheme, state.time, material.density, state.layers
@@ -129,7 +137,7 @@ class StepSolver:
         jump = state.pressure_jump
         if jump is None and case.two_sided:
             jump = np.zeros((len(case.fluids), len(before)))
-        time = flow_time(case, state)
+        time = flow_time(case, state, self._frequency)
         problem = FlowProblem(
             mesh,
             before,
@@ -161,7 +169,7 @@ class StepSolver:
             max_iterations=numerics.newton_iterations,
             noise=runtime.round_off(),
         )
-        limits = problem.limits(result.solution)
+        limits = problem.last_limits(result.solution)
         displacement, pressure = problem.split(result.solution)
         problem.settle_bodies(result.solution)
         if not (limits.finite and math.isfinite(result.norm)):
