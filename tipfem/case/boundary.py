@@ -471,7 +471,7 @@ ON_SIDE = 1e-5
 
 
 def _inverses(normal: Array, side: Array) -> Array:
-    """Pseudo-inverses (W, 2, 2) of the normals (W, 2, 2) of the sides (W, 2); of those that are the same, computed once."""
+    """Pseudo-inverses (W, 2, 2) of the normals (W, 2, 2) of the sides (W, 2), computed once for the same normals."""
     key = (side[:, 0] * (side.max(initial=0) + 1) + side[:, 1]) * 4
     key += 2 * normal[:, 0].any(axis=1) + normal[:, 1].any(axis=1)
     _, first, number = np.unique(key, return_index=True, return_inverse=True)

@@ -1,10 +1,12 @@
 """Kernels for the Jacobian in rows: assembled once from the elements' linearisation, then applied to many vectors.
 
 Row i couples particle i with the particles that share a cell with it, ``columns[row_offsets[i]:row_offsets[i + 1]]``,
-itself first. Each coupling is a block of (d + 1) x (d + 1) numbers, scaled as the residual is: d rows of momentum and
-one of continuity, by d columns of displacement and one of pressure. ``blocks`` (K (d + 1)^2,) holds them row by row; it
-is flat because products with an array of two axes take Taichi a quarter longer. Vectors of unknowns and element
-records are laid out as in `tipfem.fem.residual`.
+itself first. Each of these K couplings is a block of (d + 1) x (d + 1) numbers, scaled as the residual is: d rows of
+momentum and one of continuity, by d columns of displacement and one of pressure. ``blocks`` (K (d + 1)^2,) holds
+momentum by displacement of all couplings first, then momentum by pressure, continuity by displacement, and continuity
+by pressure, see `block_entry`: the preconditioner needs the second and the third alone, and would otherwise read all of
+the memory twice more. It is flat because products with an array of two axes take Taichi a quarter longer. Vectors of
+unknowns and element records are laid out as in `tipfem.fem.residual`.
 """
 
 import taichi as ti
@@ -15,6 +17,19 @@ from tipfem.fem.element import gradient
 from tipfem.fem.residual import linearisation
 
 ROW = 30.0  # nanoseconds of one thread for a particle in `multiply`
+
+
+@ti.func
+def block_entry(couplings, s, k: Template, m: Template, dim: Template):
+    """Where row ``k`` and column ``m`` of block ``s`` are in ``blocks``, of so many ``couplings``."""
+    at = s * dim * dim + k * dim + m
+    if ti.static(k < dim and m == dim):
+        at = couplings * dim * dim + s * dim + k
+    elif ti.static(k == dim and m < dim):
+        at = couplings * dim * (dim + 1) + s * dim + m
+    elif ti.static(k == dim):
+        at = couplings * dim * (dim + 2) + s
+    return at
 
 
 @ti.func
@@ -60,7 +75,7 @@ def gather_rows(
     with the part lambda of the mass that is lumped, ``lumping`` (M,). ``slots`` as in `sparsity.find_neighbours`.
     """
     for i in range(nodes):
-        first, last = row_offsets[i], row_offsets[i + 1]
+        first, last, couplings = row_offsets[i], row_offsets[i + 1], row_offsets[nodes]
         # The diagonal block is accumulated in registers. Gradients sum to zero, and so do the blocks of an element,
         # except for its mass, which sums to that of lumping, and the inertia in the stabilisation.
         own_uu, own_pp = ti.Matrix.zero(float, dim, dim), 0.0
@@ -69,8 +84,9 @@ def gather_rows(
         for k in ti.static(range(dim)):
             scale_u[k] = scale[i * (dim + 1) + k]
         for s in range(first, last):
-            for t in range(ti.static((dim + 1) ** 2)):
-                blocks[s * (dim + 1) ** 2 + t] = 0.0
+            for k in ti.static(range(dim + 1)):
+                for m in ti.static(range(dim + 1)):
+                    blocks[block_entry(couplings, s, k, m, dim)] = 0.0
         for c in range(offsets[i], offsets[i + 1]):
             e = corners[c] // (dim + 1)
             own = corners[c] - e * (dim + 1)
@@ -104,24 +120,21 @@ def gather_rows(
                     for m in ti.static(range(dim)):
                         entry = scale_u[k] * block[k, m]
                         own_uu[k, m] -= entry
-                        blocks[s * (dim + 1) ** 2 + k * (dim + 1) + m] = (
-                            blocks[s * (dim + 1) ** 2 + k * (dim + 1) + m] + entry
-                        )
-                    blocks[s * (dim + 1) ** 2 + k * (dim + 1) + dim] = (
-                        blocks[s * (dim + 1) ** 2 + k * (dim + 1) + dim] + pressure[k]
-                    )
-                    blocks[s * (dim + 1) ** 2 + dim * (dim + 1) + k] = (
-                        blocks[s * (dim + 1) ** 2 + dim * (dim + 1) + k] + growth[k]
-                    )
-                blocks[s * (dim + 1) ** 2 + dim * (dim + 2)] = blocks[s * (dim + 1) ** 2 + dim * (dim + 2)] + value
+                        at = block_entry(couplings, s, k, m, dim)
+                        blocks[at] = blocks[at] + entry
+                    up, pu = block_entry(couplings, s, k, dim, dim), block_entry(couplings, s, dim, k, dim)
+                    blocks[up] = blocks[up] + pressure[k]
+                    blocks[pu] = blocks[pu] + growth[k]
+                pp = block_entry(couplings, s, dim, dim, dim)
+                blocks[pp] = blocks[pp] + value
                 own_pu -= growth
                 own_pp -= value
         for k in ti.static(range(dim)):
             for m in ti.static(range(dim)):
-                blocks[first * (dim + 1) ** 2 + k * (dim + 1) + m] = own_uu[k, m]
-            blocks[first * (dim + 1) ** 2 + k * (dim + 1) + dim] = own_up[k]
-            blocks[first * (dim + 1) ** 2 + dim * (dim + 1) + k] = own_pu[k]
-        blocks[first * (dim + 1) ** 2 + dim * (dim + 2)] = own_pp
+                blocks[block_entry(couplings, first, k, m, dim)] = own_uu[k, m]
+            blocks[block_entry(couplings, first, k, dim, dim)] = own_up[k]
+            blocks[block_entry(couplings, first, dim, k, dim)] = own_pu[k]
+        blocks[block_entry(couplings, first, dim, dim, dim)] = own_pp
 
 
 @ti.func
@@ -134,22 +147,24 @@ def row_product(
     out: Template,
     out_start,
     i,
+    nodes,
     dim: Template,
 ):
-    """Particle i's rows of out = K x; x and out begin at ``x_start`` and ``out_start`` in their arrays."""
+    """Particle i's rows of out = K x of ``nodes``; x and out begin at ``x_start`` and ``out_start`` in their arrays."""
     force = ti.Vector.zero(float, dim)
     growth = 0.0
+    couplings = row_offsets[nodes]
     for s in range(row_offsets[i], row_offsets[i + 1]):
         at = x_start + columns[s] * (dim + 1)
         p = x[at + dim]
         for m in ti.static(range(dim)):
             u = x[at + m]
             for k in ti.static(range(dim)):
-                force[k] += blocks[s * (dim + 1) ** 2 + k * (dim + 1) + m] * u
-            growth += blocks[s * (dim + 1) ** 2 + dim * (dim + 1) + m] * u
+                force[k] += blocks[block_entry(couplings, s, k, m, dim)] * u
+            growth += blocks[block_entry(couplings, s, dim, m, dim)] * u
         for k in ti.static(range(dim)):
-            force[k] += blocks[s * (dim + 1) ** 2 + k * (dim + 1) + dim] * p
-        growth += blocks[s * (dim + 1) ** 2 + dim * (dim + 2)] * p
+            force[k] += blocks[block_entry(couplings, s, k, dim, dim)] * p
+        growth += blocks[block_entry(couplings, s, dim, dim, dim)] * p
     at = out_start + i * (dim + 1)
     for k in ti.static(range(dim)):
         out[at + k] = force[k]
@@ -170,4 +185,4 @@ def multiply(
     """out = K x."""
     ti.loop_config(serialize=serial)
     for i in range(nodes):
-        row_product(row_offsets, columns, blocks, x, 0, out, 0, i, dim)
+        row_product(row_offsets, columns, blocks, x, 0, out, 0, i, nodes, dim)

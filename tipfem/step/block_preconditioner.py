@@ -11,21 +11,30 @@ import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Reals1, Template
 from tipfem.backend.launch import kernel
+from tipfem.fem.jacobian import block_entry
 from tipfem.fem.residual import displacement_of
 from tipfem.linalg.multigrid.grid_hierarchy import RHS, SOLUTION
 
 
 @ti.func
 def schur_rhs_row(
-    row_offsets: Template, columns: Template, blocks: Template, scale: Template, r: Template, start, i, dim: Template
+    row_offsets: Template,
+    columns: Template,
+    blocks: Template,
+    scale: Template,
+    r: Template,
+    start,
+    i,
+    nodes,
+    dim: Template,
 ):
     """r_p - D r_u at particle i without the scale of the rows, from a scaled residual r that begins at ``start``."""
     row = i * (dim + 1) + dim
-    total = r[start + row]
+    total, couplings = r[start + row], row_offsets[nodes]
     for s in range(row_offsets[i], row_offsets[i + 1]):
         at = start + columns[s] * (dim + 1)
         for k in ti.static(range(dim)):
-            total -= blocks[s * (dim + 1) ** 2 + dim * (dim + 1) + k] * r[at + k]
+            total -= blocks[block_entry(couplings, s, dim, k, dim)] * r[at + k]
     # Not where pressure is prescribed.
     return ti.select(scale[row] > 0.0, total / ti.max(scale[row], 1e-300), 0.0)
 
@@ -45,11 +54,11 @@ def correct_row(
     dim: Template,
 ):
     """Particle i's entries of z = (r_u + G z_p, z_p), z_p the solution in ``vectors``."""
-    u = displacement_of(r, r_start // (dim + 1) + i, dim)
+    u, couplings = displacement_of(r, r_start // (dim + 1) + i, dim), row_offsets[nodes]
     for s in range(row_offsets[i], row_offsets[i + 1]):
         p = vectors[SOLUTION * nodes + columns[s]]
         for k in ti.static(range(dim)):
-            u[k] -= blocks[s * (dim + 1) ** 2 + k * (dim + 1) + dim] * p
+            u[k] -= blocks[block_entry(couplings, s, k, dim, dim)] * p
     at = z_start + i * (dim + 1)
     for k in ti.static(range(dim)):
         z[at + k] = u[k]
@@ -69,7 +78,7 @@ def schur_rhs(
 ):
     """The right-hand side in ``vectors``, see `tipfem.linalg.multigrid.grid_hierarchy`, from a scaled residual r."""
     for i in range(nodes):
-        vectors[RHS * nodes + i] = schur_rhs_row(row_offsets, columns, blocks, scale, r, 0, i, dim)
+        vectors[RHS * nodes + i] = schur_rhs_row(row_offsets, columns, blocks, scale, r, 0, i, nodes, dim)
 
 
 @kernel

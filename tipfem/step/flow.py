@@ -466,7 +466,7 @@ class FlowProblem:
         return self._limits
 
     def last_limits(self, x: Any) -> StepLimits:
-        """`limits` of the unknowns ``x`` of the last `vector` and `correct`, computed only if they have changed since."""
+        """`limits` of the unknowns ``x`` of the last `vector` or `correct`, computed only if they are not known."""
         return self._limits or self.limits(x)
 
 

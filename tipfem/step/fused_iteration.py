@@ -78,7 +78,7 @@ def _precondition(
         synchronise(barrier, threads)
     first, last = share(thread, threads, nodes)
     for i in range(first, last):
-        vectors[RHS * nodes + i] = schur_rhs_row(row_offsets, columns, blocks, scale, r, r_start, i, dim)
+        vectors[RHS * nodes + i] = schur_rhs_row(row_offsets, columns, blocks, scale, r, r_start, i, nodes, dim)
         pre_smooth_node(vectors, i, nodes)
     synchronise(barrier, threads)
     for t in range(tied_from, tied_to):
@@ -231,7 +231,7 @@ def iterate(
             synchronise(barrier, threads)
             begin, end = share(thread, threads, nodes)
             for i in range(begin, end):
-                row_product(row_offsets, columns, blocks, krylov, z, krylov, w, i, dim)
+                row_product(row_offsets, columns, blocks, krylov, z, krylov, w, i, nodes, dim)
             synchronise(barrier, threads)
             if ti.static(floating):
                 ring_from, ring_to = share(thread, threads, bodies[RING])

@@ -403,9 +403,13 @@ class LinearSystem:
 
     def matrix(self) -> sparse.csr_matrix:
         """K, scaled, as a SciPy matrix in CSR; unknowns interleaved as in vectors, rows of fixed unknowns empty."""
-        width = self._dimension + 1
-        row_offsets, columns, blocks = self._host(self.rows, width**2)
-        return sparse.bsr_matrix((blocks.reshape(-1, width, width), columns, row_offsets)).tocsr()
+        d, width = self._dimension, self._dimension + 1
+        row_offsets, columns, values = self._host(self.rows, width**2)
+        uu, up, pu, pp = np.split(values, len(columns) * np.array([d * d, d * width, d * (width + 1)]))
+        blocks = np.empty((len(columns), width, width))
+        blocks[:, :d, :d], blocks[:, :d, d] = uu.reshape(-1, d, d), up.reshape(-1, d)
+        blocks[:, d, :d], blocks[:, d, d] = pu.reshape(-1, d), pp
+        return sparse.bsr_matrix((blocks, columns, row_offsets)).tocsr()
 
     def laplacian(self) -> sparse.csr_matrix:
         """The pressure Laplacian of the preconditioner as a SciPy matrix in CSR."""

@@ -12,6 +12,7 @@ import taichi as ti
 from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.fem.element import row
+from tipfem.fem.jacobian import block_entry
 from tipfem.fem.residual import displacement_of
 
 ROWS, COLUMNS = 0, 1  # the projectors of momentum rows and of displacements
@@ -82,32 +83,33 @@ def project_rows(
     of: Ints1,
     row_offsets: Ints1,
     blocks: Reals1,
+    rows: ti.i32,
     count: ti.i32,
     dim: Template,
     serial: Template,
 ):
-    """P times the momentum rows of ``count`` nodes in the blocks of the Jacobian; P is row ``of`` of ``projector``."""
+    """P times the momentum rows of ``count`` of the Jacobian's ``rows`` nodes; P is row ``of`` of ``projector``."""
     ti.loop_config(serialize=serial)
     for n in range(count):
+        couplings = row_offsets[rows]
         for s in range(row_offsets[nodes[n]], row_offsets[nodes[n] + 1]):
-            at = s * (dim + 1) ** 2
             for m in ti.static(range(dim + 1)):
-                column = ti.Vector([blocks[at + k * (dim + 1) + m] for k in ti.static(range(dim))])
+                column = ti.Vector([blocks[block_entry(couplings, s, k, m, dim)] for k in ti.static(range(dim))])
                 for k in ti.static(range(dim)):
                     total = 0.0
                     for j in ti.static(range(dim)):
                         total += projector[of[n], k * dim + j] * column[j]
-                    blocks[at + k * (dim + 1) + m] = total
+                    blocks[block_entry(couplings, s, k, m, dim)] = total
 
 
 @ti.func
-def block_of(row_offsets: Template, columns: Template, i, j, dim: Template):
-    """Where the block of row ``i`` and column ``j`` begins, which are on a face together."""
+def block_of(row_offsets: Template, columns: Template, i, j):
+    """Number of the block of row ``i`` and column ``j``, which are on a face together."""
     found = row_offsets[i]
     for s in range(row_offsets[i], row_offsets[i + 1]):
         if columns[s] == j:
             found = s
-    return found * (dim + 1) ** 2
+    return found
 
 
 @kernel
@@ -199,25 +201,28 @@ def add_pressures(
     columns: Ints1,
     blocks: Reals1,
     cf: float,
+    rows: ti.i32,
     count: ti.i32,
 ):
     """Add the derivative of `pressure_residual`, from its ``record``, to the blocks of the Jacobian.
 
-    faces (F, 2): nodes of the mesh that is solved on.
+    faces (F, 2): nodes of the mesh that is solved on, which has ``rows`` nodes.
     """
     ti.loop_config(serialize=True)
     for f in range(count):
+        couplings = row_offsets[rows]
         for one in ti.static(range(2)):
             i = faces[f, one]
             for other in ti.static(range(2)):
-                at = block_of(row_offsets, columns, i, faces[f, other], 2)
+                s = block_of(row_offsets, columns, i, faces[f, other])
                 part = ti.static(1.0 / 3.0 if one == other else 1.0 / 6.0)
                 # e = x_b - x_a, turned: (e_y, -e_x)
                 turn = ti.static(1.0 if other == 1 else -1.0) * cf * record[f, one]
-                blocks[at + 1] += scale[i * 3] * turn
-                blocks[at + 3] -= scale[i * 3 + 1] * turn
+                blocks[block_entry(couplings, s, 0, 1, 2)] += scale[i * 3] * turn
+                blocks[block_entry(couplings, s, 1, 0, 2)] -= scale[i * 3 + 1] * turn
                 for k in ti.static(range(2)):
-                    blocks[at + k * 3 + 2] += scale[i * 3 + k] * part * record[f, 2 + k]
+                    up = block_entry(couplings, s, k, 2, 2)
+                    blocks[up] += scale[i * 3 + k] * part * record[f, 2 + k]
 
 
 @kernel
@@ -313,15 +318,18 @@ def add_friction(
     blocks: Reals1,
     cv: float,
     cf: float,
+    rows: ti.i32,
     count: ti.i32,
     dim: Template,
 ):
     """Add the derivative of `slip_residual`, from the faces' linearisation, to the blocks of the Jacobian.
 
-    faces (F, d): nodes of the mesh that is solved on, whose rows and columns are those of their particles.
+    faces (F, d): nodes of the mesh that is solved on, of ``rows`` nodes, whose rows and columns are those of their
+    particles.
     """
     ti.loop_config(serialize=True)
     for f in range(count):
+        couplings = row_offsets[rows]
         n = row(normal, f, dim)
         side = ti.Matrix.zero(float, dim - 1, dim)
         for a in ti.static(range(dim - 1)):
@@ -339,9 +347,10 @@ def add_friction(
                 growth = measure_change(side, change, n)
                 for one in ti.static(range(dim)):
                     i = faces[f, one]
-                    at = block_of(row_offsets, columns, i, faces[f, other], dim)
+                    s = block_of(row_offsets, columns, i, faces[f, other])
                     for k in ti.static(range(dim)):
                         force = growth * record[f, 1 + one * dim + k]
                         if ti.static(one == other and k == m):
                             force += record[f, 0] * cv
-                        blocks[at + k * (dim + 1) + m] += scale[i * (dim + 1) + k] * force / dim * coefficient[f]
+                        uu = block_entry(couplings, s, k, m, dim)
+                        blocks[uu] += scale[i * (dim + 1) + k] * force / dim * coefficient[f]

@@ -60,7 +60,7 @@ class WallRows:
         number[walls.sliding] = np.arange(count)
         of = number if owner is None else number[owner]
         nodes = np.flatnonzero(of >= 0)
-        self._nodes_sliding = len(nodes)
+        self._rows, self._nodes_sliding = len(of), len(nodes)
         self._sliding = put("walls.nodes_sliding", nodes), put("walls.of_nodes", of[nodes])
         self._normals, self._coefficients, self._particles = faces.normal, faces.coefficient, faces.nodes
         self._wall_velocity = faces.wall_velocity
@@ -129,6 +129,7 @@ class WallRows:
                 *matrix,
                 self._scheme.cv,
                 self._scheme.cf,
+                self._rows,
                 self._faces,
                 self._dimension,
             )
@@ -140,6 +141,7 @@ class WallRows:
                 self._scale,
                 *matrix,
                 self._scheme.cf,
+                self._rows,
                 self._pressed,
             )
         if self._count:
@@ -150,6 +152,7 @@ class WallRows:
                 self._sliding[1],
                 matrix.row_offsets,
                 matrix.values,
+                self._rows,
                 self._nodes_sliding,
                 self._dimension,
                 work=(self._nodes_sliding, SLIDING_ROW),
