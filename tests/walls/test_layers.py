@@ -28,7 +28,7 @@ def faces_of(layers, speed, fluid=0, viscosity=NU):
     count = len(middle)
     velocity = np.tile([float(speed), 0.0], (count, 1))
     return LayerFaces(
-        0,
+        np.zeros(count, dtype=int),
         middle,
         velocity,
         velocity,

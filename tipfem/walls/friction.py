@@ -75,26 +75,38 @@ class WallStart:
 
 
 @dataclass(frozen=True)
-class Part:
-    """The F faces of the mesh on a part of a wall.
+class WallFaces:
+    """The F faces of the mesh on walls with friction.
 
     Attributes:
-        number: of the part: that in `Boundary.members`, or, for a curve, after all of these.
-        wall: number of the wall.
+        part: (F,) number of the part of a wall that each is on: that in `Boundary.members`, or, for a curve, after all
+            of these.
+        wall: (F,) number of the wall.
         nodes: (F, d) particles of each face, in the order in which the measure is positive with the normal.
         cell: (F,) the faces' cells.
         normal: (F, d) into the fluid, at the intermediate time.
-        inward: the same in the tank's own frame, (d,) for all or (F, d).
-        direction: (d,) or (F, 1, d) in which the wall slides with a positive speed; None for a wall without a shape.
+        inward: (F, d) the same in the tank's own frame.
+        direction: (F, d) in which the wall slides with a positive speed; None for a tank without a shape.
     """
 
-    number: int
-    wall: int
+    part: Array
+    wall: Array
     nodes: Array
     cell: Array
     normal: Array
     inward: Array
     direction: Array | None
+
+    def __getitem__(self, index: Array) -> WallFaces:
+        return WallFaces(
+            self.part[index],
+            self.wall[index],
+            self.nodes[index],
+            self.cell[index],
+            self.normal[index],
+            self.inward[index],
+            None if self.direction is None else self.direction[index],
+        )
 
 
 def friction_in_step(
@@ -122,42 +134,39 @@ def friction_in_step(
     boundary, scheme, d = start.boundary, start.scheme, mesh.dimension
     begins, stuck = layers is None, None
     layers = layers or Layers.on(boundary, start.frame[boundary.index])
-    nodes, cell, coefficient, normal, wall_velocity = [], [], [], [], []
-    for part in _parts(start, mesh, particles):
-        wall = boundary.walls[part.wall]
-        length: float | Array = wall.slip_length or 0.0
-        if wall.law == LAYER:
-            assert density is not None
-            assert layers is not None
-            faces = _layer_faces(start, part, mesh, particles, viscosity[part.cell] / density[part.cell])
-            layers, length, resolved = advance(begin(layers, faces) if begins else layers, faces, scheme.dt)
-            # Where fluids meet, the more viscous one decides.
-            count, weight = len(mesh.position), np.repeat(viscosity[part.cell], d)
-            sticking = np.bincount(part.nodes.ravel(), weight * np.repeat(resolved, d), count)
-            sticks = sticking > 0.5 * np.bincount(part.nodes.ravel(), weight, count)
-            stuck = sticks if stuck is None else stuck | sticks
-        now = _velocity(part, start.before, mesh.position[part.nodes])
-        then = _velocity(part, start.after, start.predicted[part.nodes])
-        nodes.append(part.nodes)
-        cell.append(part.cell)
-        coefficient.append(viscosity[part.cell] / length)
-        normal.append(part.normal)
-        wall_velocity.append((scheme.alpha_f * now + scheme.cf * then).reshape(-1, d * d))
-    if not nodes:
+    faces = _faces_on_walls(start, mesh, particles)
+    if faces is None:
         return Faces.none(d, len(start.sliding)), layers, stuck
-    face, mu = np.concatenate(nodes), np.concatenate(coefficient)
+    length = np.array([wall.slip_length or 0.0 for wall in boundary.walls])[faces.wall]
+    if layers is not None:
+        assert density is not None
+        on = np.flatnonzero(np.array([wall.law == LAYER for wall in boundary.walls])[faces.wall])
+        layered = faces[on]
+        mu = viscosity[layered.cell]
+        seen = _layer_faces(start, layered, mesh, particles, mu / density[layered.cell])
+        layers, length[on], resolved = advance(begin(layers, seen) if begins else layers, seen, scheme.dt)
+        # Where fluids meet, the more viscous one decides.
+        count, stuck = len(mesh.position), np.zeros(len(mesh.position), dtype=bool)
+        for part in np.unique(layered.part):
+            mine = np.flatnonzero(layered.part == part)
+            node, weight = layered.nodes[mine].ravel(), np.repeat(mu[mine], d)
+            sticking = np.bincount(node, weight * np.repeat(resolved[mine], d), count)
+            stuck |= sticking > 0.5 * np.bincount(node, weight, count)
+    face, coefficient = faces.nodes, viscosity[faces.cell] / length
+    now = _velocity(faces, start.before, mesh.position[face])
+    then = _velocity(faces, start.after, start.predicted[face])
+    wall_velocity = (scheme.alpha_f * now + scheme.cf * then).reshape(-1, d * d)
     edge = mesh.period.shortest(mesh.position[face[:, 1:]] - mesh.position[face[:, :1]])
     measure = np.linalg.norm(edge[:, 0] if d == 2 else 0.5 * np.cross(edge[:, 0], edge[:, 1]), axis=1)
-    share = np.repeat(scheme.cv * mu * measure / d, d)
+    share = np.repeat(scheme.cv * coefficient * measure / d, d)
     # Of integers where all of these walls are dry.
     friction = np.bincount(face.ravel(), share, minlength=len(mesh.position))[start.sliding].astype(float)
-    rest = np.concatenate(normal), np.concatenate(wall_velocity), friction
-    return Faces(face, np.concatenate(cell), mu, *rest), layers, stuck
+    return Faces(face, faces.cell, coefficient, faces.normal, wall_velocity, friction), layers, stuck
 
 
-def _parts(start: WallStart, mesh: Mesh, particles: Particles) -> list[Part]:
-    """The parts of walls with friction, with their faces."""
-    b, d, parts = start.boundary, mesh.dimension, []
+def _faces_on_walls(start: WallStart, mesh: Mesh, particles: Particles) -> WallFaces | None:
+    """The faces on walls with friction, part by part; None without such walls."""
+    b, d, parts = start.boundary, mesh.dimension, list[tuple[Array, ...]]()
     mask = np.zeros(len(mesh.position), dtype=bool)
     mask[b.index] = True
     beside = np.flatnonzero(corners_among(mask, mesh.cells) >= d)  # the cells that may have a face on a wall
@@ -175,12 +184,12 @@ def _parts(start: WallStart, mesh: Mesh, particles: Particles) -> list[Part]:
         edge = mesh.period.shortest(mesh.position[face[:, 1:]] - mesh.position[face[:, :1]])
         measure = n[0] * edge[:, 0, 1] - n[1] * edge[:, 0, 0] if d == 2 else np.cross(edge[:, 0], edge[:, 1]) @ n
         face[measure < 0, :2] = face[measure < 0, 1::-1]
-        direction = None if b.domain is None else b.domain.direction[side] * b.domain.sense(side)
-        parts.append(Part(number, k, face, cell, np.tile(n, (len(face), 1)), b.side_normal[side], direction))
-    if start.curves is None:
-        return parts
-    assert b.domain is not None
-    for number, curve in enumerate(b.curves):
+        direction = b.side_normal[side] if b.domain is None else b.domain.direction[side] * b.domain.sense(side)
+        of_part = (np.tile(vector, (len(face), 1)) for vector in (n, b.side_normal[side], direction))
+        parts.append((np.full(len(face), number), np.full(len(face), k), face, cell, *of_part))
+    for number, curve in enumerate(b.curves if start.curves is not None else ()):
+        assert b.domain is not None
+        assert start.curves is not None
         if not _has_friction(b, curve.wall):
             continue
         # Where the fluid ends on a curve, the face beside the last one is of its surface.
@@ -191,9 +200,13 @@ def _parts(start: WallStart, mesh: Mesh, particles: Particles) -> list[Part]:
         edge /= np.linalg.norm(edge, axis=1)[:, None]
         n = np.stack([-edge[:, 1], edge[:, 0]], axis=1)
         turn = start.before.pose.rotation
-        direction = b.domain.sense(curve.edges[0]) * (edge @ turn)[:, None]
-        parts.append(Part(len(b.members) + number, curve.wall, face, cell, n, n @ turn, direction))
-    return parts
+        direction = b.domain.sense(curve.edges[0]) * (edge @ turn)
+        of_wall = np.full(len(face), len(b.members) + number), np.full(len(face), curve.wall)
+        parts.append((*of_wall, face, cell, n, n @ turn, direction))
+    if not parts:
+        return None
+    part, wall, nodes, cells, normal, inward, along = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return WallFaces(part, wall, nodes, cells, normal, inward, None if b.domain is None else along)
 
 
 def _has_friction(boundary: Boundary, wall: int) -> bool:
@@ -201,39 +214,34 @@ def _has_friction(boundary: Boundary, wall: int) -> bool:
     return boundary.walls[wall].slip_length is not None or boundary.walls[wall].law == LAYER
 
 
-def _velocity(part: Part, motion: WallMotion, x: Array) -> Array:
-    """Velocity (F, n, d) of a wall at points x (F, n, d), n beside each face [m/s]."""
-    return motion.along(part.wall, x.reshape(-1, x.shape[-1]), _repeated(part.direction, x)).reshape(x.shape)
+def _velocity(faces: WallFaces, motion: WallMotion, x: Array) -> Array:
+    """Velocities (F, n, d) of the walls at points x (F, n, d), n beside each face [m/s]."""
+    n = x.shape[1]
+    direction = None if faces.direction is None else np.repeat(faces.direction, n, axis=0)
+    return motion.along(np.repeat(faces.wall, n), x.reshape(-1, x.shape[-1]), direction).reshape(x.shape)
 
 
-def _repeated(direction: Array | None, x: Array) -> Array | None:
-    """A direction (d,) as it is, or directions (F, 1, d) for each of the points x (F, n, d), as (F n, d)."""
-    if direction is None or direction.ndim == 1:
-        return direction
-    return np.broadcast_to(direction, x.shape).reshape(-1, x.shape[-1])
-
-
-def _layer_faces(start: WallStart, part: Part, mesh: Mesh, particles: Particles, viscosity: Array) -> LayerFaces:
-    """The faces of a part of a wall as its layers see them.
+def _layer_faces(start: WallStart, faces: WallFaces, mesh: Mesh, particles: Particles, viscosity: Array) -> LayerFaces:
+    """Faces as the layers there see them.
 
     Args:
         start: of the step.
-        part: of the wall.
+        faces: F, on walls with layers.
         mesh: of the step.
         particles: the state at t_n.
         viscosity: (F,) kinematic viscosity [m^2/s].
     """
-    face, turn = part.nodes, start.before.pose.rotation
-    apex = mesh.cells[part.cell].sum(axis=1) - face.sum(axis=1)
+    face, turn = faces.nodes, start.before.pose.rotation
+    apex = mesh.cells[faces.cell].sum(axis=1) - face.sum(axis=1)
     x = particles.position[apex][:, None]
     v = particles.velocity[apex] + 0.5 * start.scheme.dt * particles.acceleration[apex]
-    along = 0.5 * (_velocity(part, start.before, x) + _velocity(part, start.after, x))[:, 0]
-    wall = _velocity(part, start.before, particles.position[face])
+    along = 0.5 * (_velocity(faces, start.before, x) + _velocity(faces, start.after, x))[:, 0]
+    wall = _velocity(faces, start.before, particles.position[face])
     u, slip = (v - along) @ turn, (particles.velocity[face] - wall).mean(axis=1) @ turn
-    u -= (u * part.inward).sum(axis=1)[:, None] * part.inward
-    slip -= (slip * part.inward).sum(axis=1)[:, None] * part.inward
-    fluid = particles.fluid[face[:, 0]] if mesh.fluid is None else mesh.fluid[part.cell]
+    u -= (u * faces.inward).sum(axis=1)[:, None] * faces.inward
+    slip -= (slip * faces.inward).sum(axis=1)[:, None] * faces.inward
+    fluid = particles.fluid[face[:, 0]] if mesh.fluid is None else mesh.fluid[faces.cell]
     period, place = mesh.period, start.frame[face]
     middle = period.wrapped(period.unwrapped(place).mean(axis=1))
     spacing = particles.target[face].mean(axis=1)
-    return LayerFaces(part.number, middle, u, slip, viscosity, fluid, spacing, period)
+    return LayerFaces(faces.part, middle, u, slip, viscosity, fluid, spacing, period)

@@ -89,10 +89,10 @@ class Layers:
 
 @dataclass(frozen=True)
 class LayerFaces:
-    """The F faces on one part of a wall with the law in a step.
+    """The F faces on the walls with the law in a step.
 
     Attributes:
-        number: of the part.
+        part: (F,) number of the part of a wall that each is on.
         middle: (F, d) in the tank's frame [m].
         velocity: (F, d) of the fluid in the next row relative to the wall, along it, in the tank's frame, in the middle
             of the step [m/s].
@@ -103,7 +103,7 @@ class LayerFaces:
         period: of the positions.
     """
 
-    number: int
+    part: Array
     middle: Array
     velocity: Array
     slip: Array
@@ -112,53 +112,62 @@ class LayerFaces:
     spacing: Array
     period: Period
 
-    def nearest(self, place: Array) -> tuple[Array, Array]:
-        """Distance (P,) [m] from points (P, d) to the middle of the nearest face, and the number (P,) of that face."""
-        return cKDTree(self.middle, boxsize=self.period.tree_box).query(place)  # type: ignore[no-any-return]
+    def nearest(self, layers: Layers) -> tuple[Array, Array]:
+        """Distance (P,) [m] of the layers' points to the nearest face of their part, see `_nearest`; and its number."""
+        return _nearest(layers.place, layers.part, self.middle, self.part, self.period)
+
+
+def _nearest(place: Array, part: Array, others: Array, part_of_others: Array, period: Period) -> tuple[Array, Array]:
+    """Distance (P,) from places (P, d) to the nearest of ``others`` (Q, d) on the same part [m], and its number (P,).
+
+    Where there is none on that part, the distance is infinite and the number 0.
+    """
+    distance, number = np.full(len(place), np.inf), np.zeros(len(place), dtype=np.int64)
+    for k in np.unique(part):
+        mine, there = np.flatnonzero(part == k), np.flatnonzero(part_of_others == k)
+        if len(there):
+            distance[mine], found = cKDTree(others[there], boxsize=period.tree_box).query(place[mine])
+            number[mine] = there[found]
+    return distance, number
 
 
 def begin(layers: Layers, faces: LayerFaces) -> Layers:
-    """The layers of a part of a wall at the start of a run, from the velocities there; others as they are.
+    """The layers at the start of a run, from the velocities there.
 
     Args:
         layers: none yet, see `Layers.on`.
-        faces: of the part.
+        faces: of all walls with the law.
     """
-    mine = np.flatnonzero(layers.part == faces.number)
     if not len(faces.middle):
         return layers
-    distance, face = faces.nearest(layers.place[mine])
+    distance, face = faces.nearest(layers)
     u, v, h = faces.velocity[face], faces.slip[face], faces.spacing[face]
     square = (u * u).sum(axis=1)
     part = 1 - np.divide((u * v).sum(axis=1), square, out=np.ones_like(square), where=square > 0)
     thickness = 0.5 * h * np.clip(part, 0.0, 1.0)
     wet = distance < REACH * h
-    fluid, history = layers.fluid.copy(), layers.history.copy()
-    fluid[mine] = np.where(wet, faces.fluid[face], DRY)
-    history[mine] = np.where(wet, thickness**2 * np.sqrt(square), 0.0)[:, None] * u
-    return replace(layers, fluid=fluid, history=history)
+    history = np.where(wet, thickness**2 * np.sqrt(square), 0.0)[:, None] * u
+    return replace(layers, fluid=np.where(wet, faces.fluid[face], DRY).astype(layers.fluid.dtype), history=history)
 
 
 def advance(layers: Layers, faces: LayerFaces, dt: float) -> tuple[Layers, Array, Array]:
-    """Advance the layers of a part of a wall by a step.
+    """Advance the layers by a step.
 
     Args:
         layers: at its start.
-        faces: of the part.
+        faces: of all walls with the law.
         dt: length of the step [s].
 
     Returns:
-        The layers at its end, others as they are; the mean slip length in the step at each face (F,) [m];
+        The layers at its end; the mean slip length in the step at each face (F,) [m];
         and a mask (F,) of the faces at which the layer is resolved.
     """
-    mine = np.flatnonzero(layers.part == faces.number)
-    fluid, history = layers.fluid.copy(), layers.history.copy()
     if not len(faces.middle):
-        fluid[mine], history[mine] = DRY, 0.0
-        return replace(layers, fluid=fluid, history=history), np.zeros(0), np.zeros(0, dtype=bool)
-    distance, face = faces.nearest(layers.place[mine])
-    here = np.where(distance < REACH * faces.spacing[face], faces.fluid[face], DRY)
-    old = np.where((here == layers.fluid[mine])[:, None], layers.history[mine], 0.0)
+        dry = replace(layers, fluid=np.full_like(layers.fluid, DRY), history=np.zeros_like(layers.history))
+        return dry, np.zeros(0), np.zeros(0, dtype=bool)
+    distance, face = faces.nearest(layers)
+    here = np.where(distance < REACH * faces.spacing[face], faces.fluid[face], DRY).astype(layers.fluid.dtype)
+    old = np.where((here == layers.fluid)[:, None], layers.history, 0.0)
     u = faces.velocity[face]
     speed = np.linalg.norm(u, axis=1)
     new = old + (4 / np.pi * dt * faces.viscosity[face] * speed)[:, None] * u
@@ -168,18 +177,20 @@ def advance(layers: Layers, faces: LayerFaces, dt: float) -> tuple[Layers, Array
     new = np.where(
         (size > most)[:, None], new * np.divide(most, size, out=np.ones_like(size), where=size > 0)[:, None], new
     )
-    wet = here != DRY
-    fluid[mine], history[mine] = here, np.where(wet[:, None], new, 0.0)
+    history = np.where((here != DRY)[:, None], new, 0.0)
     flux = 0.5 * (np.linalg.norm(old, axis=1) ** 0.5 + np.linalg.norm(new, axis=1) ** 0.5)  # mean of |U delta|
     # Where several fluids meet, a face takes the nearest point of its own.
-    _, point = cKDTree(layers.place[mine], boxsize=faces.period.tree_box).query(faces.middle)
+    _, point = _nearest(faces.middle, faces.part, layers.place, layers.part, faces.period)
     mean = np.where(here[point] == faces.fluid, flux[point], 0.0)
     length = slip_length(thickness_of(mean, faces), faces.spacing)
     # Where the flow stops or turns round, u delta is that of before, and tells nothing about delta.
     speed = np.linalg.norm(faces.velocity, axis=1)
-    usual = np.sqrt((speed**2).mean())
+    usual = np.empty(len(speed))
+    for part in np.unique(faces.part):
+        mine = faces.part == part
+        usual[mine] = np.sqrt((speed[mine] ** 2).mean())
     resolved = np.asarray((mean > 0) & (mean >= 0.5 * faces.spacing * np.maximum(speed, FLOWS * usual)))
-    return replace(layers, fluid=fluid, history=history), length, resolved
+    return replace(layers, fluid=here, history=history), length, resolved
 
 
 def thickness_of(flux: Array, faces: LayerFaces) -> Array:

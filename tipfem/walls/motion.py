@@ -77,13 +77,12 @@ class WallMotion:
         """Speed of a wall along itself, by its number, where its velocity is a number; 0 elsewhere [m/s]."""
         return float(self._speed[wall])
 
-    def along(self, wall: int, x: Array, direction: Array | None = None) -> Array:
-        """Velocity (K, d) at x (K, d) of a wall along itself, by its number.
+    def along(self, wall: Array, x: Array, direction: Array | None = None) -> Array:
+        """Velocities (K, d) of walls along themselves at x (K, d), by the numbers (K,) of the walls.
 
-        A wall whose velocity is a number slides in a ``direction`` (d,), or (K, d), in the tank's frame, see
-        `Boundary.tangent`.
+        A wall whose velocity is a number slides in a ``direction`` (K, d) in the tank's frame, see `Boundary.tangent`.
         """
-        own = self._own[wall] if direction is None else self._own[wall] + self._speed[wall] * direction
+        own = self._own[wall] if direction is None else self._own[wall] + self._speed[wall][:, None] * direction
         return np.asarray(self.pose.rigid_velocity(x) + own @ self.pose.rotation.T)
 
     def imposed(self, particles: Particles) -> Particles:
