@@ -51,6 +51,8 @@ def test_run_writes_results_and_the_whole_case(tmp_path, capsys):
     said = capsys.readouterr().out
     for word in ("Dam break of water in air", "water (998.2", "complete", "to t = 0.012 s", "taichi 1.7.4", "MB"):
         assert word in said
+    error = summary["numerical_error"]
+    assert f"numerics    energy {error['energy']:.2g}, momentum {error['momentum']:.2g}, volume_water" in said
 
 
 def test_states_go_where_and_how_the_case_file_says(tmp_path, capsys):

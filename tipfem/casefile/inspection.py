@@ -68,9 +68,13 @@ def describe_results(folder: Path) -> list[str]:
         for name, value in {**summary.get("validation", {}), "check": summary.get("check")}.items():
             if value is not None:
                 lines.append(f"figure      {name} {value if not isinstance(value, float) else f'{value:.4g}'}")
+        if errors := summary.get("numerical_error"):
+            lines.append("numerics    " + ", ".join(f"{name} {value:.2g}" for name, value in errors.items()))
         versions = summary.get("versions", {})
         lines.append("versions    " + ", ".join(f"{name} {number}" for name, number in versions.items()))
     total = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    probes = ", ".join(sorted(path.stem for path in (folder / "probes").glob("*.csv")))
+    lines += [f"probes      {probes}"] if probes else []
     return [*lines, f"states      {_states(folder)}", f"on disk     {total / 1e6:.1f} MB"]
 
 

@@ -15,7 +15,6 @@ waves of a piston at three frequencies have the height over its stroke of linear
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -25,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tipfem.demos import harness
 from tipfem.demos.support.figures import COLOURS, new_figure, save
+from tipfem.demos.support.options import study_parser
 from tipfem.demos.validation.bodies import flows, waves
 
 import tipfem as tp
@@ -261,14 +261,8 @@ def plot(path: Path, curves: Mapping[str, Mapping[int, Curve]]) -> None:
 
 def main(words: Sequence[str] | None = None) -> None:
     """Run with the given command line, or the process's."""
-    parser = argparse.ArgumentParser(
-        description=(__doc__ or "").split("\n\n")[0], formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
-    add = parser.add_argument
-    add("--flow", choices=list(STUDIES), nargs="+", default=list(STUDIES), help="which flows")
-    add("--across", type=int, nargs="+", default=None, metavar="N", help="resolutions; by default those of each flow")
-    add("--short", action="store_true", help="coarse, a few minutes")
-    add("--out", type=Path, default=Path("out/validation/bodies"), metavar="FOLDER", help="folder for the results")
+    parser = study_parser(__doc__, "bodies", STUDIES, None, "resolutions; by default those of each flow")
+    parser.add_argument("--short", action="store_true", help="coarse, a few minutes")
     given = parser.parse_args(words)
     sizes, limits = (SHORT, SHORT_LIMITS) if given.short else (FINE, LIMITS)
     given.out.mkdir(parents=True, exist_ok=True)

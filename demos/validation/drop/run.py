@@ -16,7 +16,6 @@ python -m tipfem demo validation/drop --flow stretching
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 from collections.abc import Sequence
@@ -28,6 +27,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from tipfem.demos import harness
 from tipfem.demos.support.figures import COLOURS, new_figure, save
+from tipfem.demos.support.options import study_parser
 
 import tipfem as tp
 
@@ -154,14 +154,8 @@ def plot(path: Path, summary: dict[str, dict[int, dict[str, Any]]]) -> None:
 
 def main(words: Sequence[str] | None = None) -> None:
     """Run with the given command line, or the process's."""
-    parser = argparse.ArgumentParser(
-        description=(__doc__ or "").split("\n\n")[0], formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
-    add = parser.add_argument
-    add("--flow", choices=list(TURNING), nargs="+", default=list(TURNING), help="which drops")
-    add("--across", type=int, nargs="+", default=list(RESOLUTIONS), metavar="N", help="particles in the radius")
-    add("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run")
-    add("--out", type=Path, default=Path("out/validation/drop"), metavar="FOLDER", help="folder for the results")
+    parser = study_parser(__doc__, "drop", TURNING, list(RESOLUTIONS), "particles in the radius")
+    parser.add_argument("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run")
     given = parser.parse_args(words)
     summary: dict[str, dict[int, dict[str, Any]]] = {}
     missed: list[str] = []

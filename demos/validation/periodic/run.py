@@ -16,7 +16,6 @@ python -m tipfem demo validation/periodic --flow shear
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 from collections.abc import Sequence
@@ -27,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tipfem.demos import harness
 from tipfem.demos.support.figures import COLOURS, new_figure, save
+from tipfem.demos.support.options import study_parser
 from tipfem.demos.validation.periodic import box
 from tipfem.demos.validation.periodic.stability import Mode, Shear, fastest
 from tipfem.demos.validation.waves import run as waves
@@ -290,14 +290,8 @@ def plot_boxes(path: Path, flows: dict[str, dict[int, dict[str, Any]]]) -> None:
 
 def main(words: Sequence[str] | None = None) -> None:
     """Run with the given command line, or the process's."""
-    parser = argparse.ArgumentParser(
-        description=(__doc__ or "").split("\n\n")[0], formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
-    add = parser.add_argument
-    add("--flow", choices=list(MEASURES), nargs="+", default=list(MEASURES), help="which flows")
-    add("--across", type=int, nargs="+", metavar="N", help="resolutions, of all flows; by default each has its own")
-    add("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run")
-    add("--out", type=Path, default=Path("out/validation/periodic"), metavar="FOLDER", help="folder for the results")
+    parser = study_parser(__doc__, "periodic", MEASURES, None, "resolutions, of all flows; by default each has its own")
+    parser.add_argument("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run")
     given = parser.parse_args(words)
     summary: dict[str, Any] = {}
     missed: list[str] = []
