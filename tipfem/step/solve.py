@@ -253,9 +253,9 @@ class StepSolver:
         The time integration starts from accelerations. With none, the first step counts only half of the forces, and
         all that follows lags by half a step. What a step of length dt finds consists of these accelerations and, where
         the velocities are not free of divergence or walls set off at once, of a part in proportion to 1 / dt, that a
-        step takes to correct the velocities; see `divergence_free`, which is done first. Two steps of different lengths,
-        which are not taken, tell them apart: a = 2 a(dt) - a(dt / 2). The second part is in proportion to 1 / dt only
-        if the stabilisation's tau is to dt^2.
+        step takes to correct the velocities, see `divergence_free`, which is done first. Two steps of different
+        lengths, which are not taken, tell them apart: a = 2 a(dt) - a(dt / 2). The second part is in proportion to
+        1 / dt only if the stabilisation's tau is to dt^2.
 
         Args:
             state: any; only one before the first step whose free particles have no acceleration, or none of whose
