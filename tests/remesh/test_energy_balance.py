@@ -8,7 +8,7 @@ from triangulations import cloud, delaunay
 
 import tipfem as tp
 from tipfem.mesh.mesh import Mesh
-from tipfem.remesh.energy_balance import LEAST_GAIN, WEAKEST, Change, EnergyBalance, changed_cells, damping
+from tipfem.remesh.energy_balance import LEAST_GAIN, WEAKEST, Change, EnergyBalance, changed_cells, exchange
 
 DENSITY, GRAVITY = np.array([1000.0, 1.0]), np.array([0.0, -9.81])
 BALANCE = EnergyBalance(DENSITY, GRAVITY, "consistent")
@@ -154,7 +154,7 @@ def test_what_cannot_be_paid_is_owed_and_paid_later():
     particles, mesh, mass = flow()
     x = mesh.position
     rigid = particles.shallow_copy(velocity=np.stack([2 - 3 * x[:, 1], 1 + 3 * x[:, 0]], axis=1))
-    rate = damping(rigid, mesh, DENSITY[mesh.fluid] * mesh.measure, mass, np.arange(len(mesh.cells)))
+    rate = exchange(rigid, mesh, DENSITY[mesh.fluid] * mesh.measure, mass, np.arange(len(mesh.cells)))
     np.testing.assert_allclose(rate, 0.0, atol=1e-13)
     owes, change = changed(rigid, slice(None), 1.01)
     result, owed = BALANCE.keep(change(mesh), owes, mesh, mass, 0.0)

@@ -26,7 +26,7 @@ from tipfem.typing import Array
 
 # Of the energies: smaller gains and losses are left to later steps, for every change of velocities costs iterations.
 LEAST_GAIN, LEAST_LOSS = 1e-7, 2e-5
-STRONGEST = 0.5  # largest factor of `damping`, with which no two particles exchange more than their difference
+STRONGEST = 0.5  # largest factor of `exchange`, with which no two particles exchange more than their difference
 WEAKEST = -0.1  # least factor, with which differences of velocities grow by a fifth at most
 # Of what viscosity takes: where that is so much, a hundredth of it may come and go without a balance.
 VISCOUS = 0.01
@@ -85,7 +85,7 @@ class EnergyBalance:
     ) -> tuple[Particles, float]:
         """Remeshed particles with the energy of those before.
 
-        Relative velocities of the particles of changed cells are reduced or increased, see `damping`, by the factor
+        Relative velocities of the particles of changed cells are reduced or increased, see `exchange`, by the factor
         that keeps the energy of the field, or by a larger one with which that of the case's mass matrix does not rise.
         What this cannot balance, the cells around do. A gain that is left then is owed by the next step. So is, with
         the opposite sign, what the field lost because the mass matrix's energy would have risen; other losses are
@@ -117,7 +117,7 @@ class EnergyBalance:
         cell_mass = self._density[mesh.fluid] * mesh.measure
         changed, particles = changed_cells(change, particles, mesh), particles.shallow_copy()
         for _ in range(RINGS):
-            rate = damping(particles, mesh, cell_mass, mass, np.flatnonzero(changed))
+            rate = exchange(particles, mesh, cell_mass, mass, np.flatnonzero(changed))
             factor, taken, lowered = _factor(particles.velocity, rate, mesh.cells, cell_mass, lumping, gained, rise)
             particles.velocity = particles.velocity + factor * rate
             gained, rise = gained - taken, rise - lowered
@@ -183,8 +183,10 @@ def _differ(one: Array, other: Array) -> Array:
     return result
 
 
-def damping(particles: Particles, mesh: Mesh, cell_mass: Array, mass: Array, cells: Array) -> Array:
+def exchange(particles: Particles, mesh: Mesh, cell_mass: Array, mass: Array, cells: Array) -> Array:
     """Change (N, 2) of the velocities that reduces how fast the particles of some cells approach or leave each other.
+
+    A negative multiple of it increases that.
 
     Along each edge between two particles off the walls, they exchange the momentum of a sixth of the cell's mass with
     the difference of their velocities in the edge's direction. So no momentum and no angular momentum is made, and a
