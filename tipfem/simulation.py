@@ -386,6 +386,7 @@ class Simulation:
             "krylov_iterations": solved.krylov_iterations,
             "newton_residual": solved.residual,
             "refused_steps": refused,
+            "impact": int(solved.impact),
             "relocated": self.state.relocations,
             "rebuilt": self.state.rebuilt,
             "max_speed": self.particles.max_speed,
@@ -399,7 +400,7 @@ class Simulation:
             self.history.append(row)
             if self.results:
                 self.results.append_history(row)
-            self.probes.record(self)
+            self.probes.record(self, solved.scheme)
         if failure:
             raise SimulationError(f"t = {self.time:.6g} s, step {self.step_number}: {failure}") from failure.__cause__
 

@@ -17,7 +17,7 @@ from tipfem.case.body import Body
 from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem import work
-from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.fem.time_integration import BackwardEuler, TimeScheme
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 from tipfem.walls.bodies import BodyStates
@@ -126,6 +126,7 @@ class State:
         layers: the boundary layers on walls with that law; None before the first step, and without such walls.
         bodies: the bodies in the fluids; None without any.
         owed: energy that remeshing has added and not yet taken back, see `tipfem.remesh.energy_balance` [J].
+        impact: whether velocities jumped in the last step, see `tipfem.step.impacts`.
     """
 
     time: float
@@ -147,6 +148,7 @@ class State:
     layers: Layers | None = None
     bodies: BodyStates | None = None
     owed: float = 0.0
+    impact: bool = False
 
     @property
     def mean_acceleration(self) -> float:
@@ -200,7 +202,7 @@ class Solved:
     Attributes:
         before: the state at the start of the step.
         time: at the end of the step [s].
-        scheme: generalized-alpha with the step's length.
+        scheme: time integration, with the step's length.
         particles: the particles of ``before`` at the end of the step.
         walls: what the walls prescribe in the step.
         displacement: (N, d) in the step [m].
@@ -221,7 +223,7 @@ class Solved:
 
     before: State
     time: float
-    scheme: GeneralizedAlpha
+    scheme: TimeScheme
     particles: Particles
     walls: Walls
     displacement: Array
@@ -243,6 +245,11 @@ class Solved:
     def dt(self) -> float:
         """Length of the step [s]."""
         return self.scheme.dt
+
+    @property
+    def impact(self) -> bool:
+        """Whether velocities jump in the step, so that it was taken with backward Euler's method."""
+        return isinstance(self.scheme, BackwardEuler)
 
     @property
     def acceleration(self) -> Array:

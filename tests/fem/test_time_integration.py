@@ -9,7 +9,7 @@ import numpy_twin as twin
 import pytest
 
 import tipfem as tp
-from tipfem.fem.time_integration import GeneralizedAlpha, StepControl, smallest_jacobian
+from tipfem.fem.time_integration import BackwardEuler, GeneralizedAlpha, StepControl, smallest_jacobian
 from tipfem.mesh.delaunay import triangulate
 
 SPECTRAL_RADII = pytest.mark.parametrize("rho_inf", [0.0, 0.5, 1.0])
@@ -118,6 +118,73 @@ def test_histories_are_the_intermediate_values_of_a_particle_that_stays(rho_inf)
     velocity, acceleration = scheme.history(particles)
     np.testing.assert_allclose(velocity, (1 - scheme.alpha_f) * v_next + scheme.alpha_f * v, atol=1e-13)
     np.testing.assert_allclose(acceleration, (1 - scheme.alpha_m) * a_next + scheme.alpha_m * a, atol=1e-10)
+
+
+def stopped(schemes, speed=2.0, mass=3.0):
+    """Velocities after, and forces in, steps of a free mass; in the first step a wall stops it where it is."""
+    state = tp.Particles(np.zeros((1, 2)), np.zeros(1), np.zeros(1), [[-speed, 0.0]], spacing=1.0)
+    velocities, forces = [], []
+    for scheme in schemes:
+        forces.append(mass * scheme.history(state)[1][0, 0])  # a_alpha of a mass that does not move
+        state = scheme.advance(state, np.zeros((1, 2)), state.pressure)
+        velocities.append(state.velocity[0, 0])
+    return velocities, forces
+
+
+def test_backward_euler_stops_a_mass_by_its_impulse_once_and_generalized_alpha_by_twice_and_minus_once():
+    dt, impulse = 0.01, 6.0
+    velocities, forces = stopped([BackwardEuler(dt), *[GeneralizedAlpha(0.0, dt)] * 2])
+    np.testing.assert_allclose(velocities, 0.0, atol=1e-14)
+    np.testing.assert_allclose(np.multiply(forces, dt), [impulse, 0, 0], atol=1e-12)
+    velocities, forces = stopped([GeneralizedAlpha(0.0, dt)] * 3)
+    np.testing.assert_allclose(velocities, [1.0, 0, 0], atol=1e-12)  # of -2: half of it back
+    np.testing.assert_allclose(np.multiply(forces, dt), [2 * impulse, -impulse, 0], atol=1e-12)
+
+
+def test_backward_euler_loses_the_energy_of_the_jump_and_keeps_the_acceleration_before_it():
+    rng, dt = np.random.default_rng(3), 0.02
+    v, a, u = rng.standard_normal((3, 7, 2))
+    particles = tp.Particles(rng.uniform(size=(7, 2)), np.zeros(7), np.zeros(7), v, a, spacing=0.1)
+    scheme, renewing = BackwardEuler(dt), BackwardEuler(dt, renews=True)
+    v0, a0 = scheme.history(particles)
+    after = scheme.advance(particles, u, particles.pressure)
+    force = scheme.cm * u + a0
+    np.testing.assert_allclose(scheme.cv * u + v0, after.velocity, atol=1e-13)
+    np.testing.assert_allclose(after.velocity - v, dt * force, atol=1e-12)
+    np.testing.assert_allclose(
+        (force * u).sum(), 0.5 * ((after.velocity**2).sum() - (v**2).sum() + ((after.velocity - v) ** 2).sum())
+    )
+    np.testing.assert_array_equal(after.acceleration, a)
+    np.testing.assert_allclose(renewing.advance(particles, u, particles.pressure).acceleration, force, atol=1e-9)
+    assert scheme.cf == 0.5
+    for each in (scheme, renewing):
+        assert each.mean_load(3.0, 1.0) == 3.0
+    assert (scheme.next_rate(3.0, 1.0), renewing.next_rate(3.0, 1.0)) == (1.0, 3.0)
+
+
+@pytest.mark.parametrize("rho_inf", [0.0, 0.5])
+@pytest.mark.parametrize("relaxation", [0.5, 1.5])
+def test_another_relaxation_has_the_same_equations_and_momentum_and_is_of_second_order(rho_inf, relaxation):
+    rng, dt = np.random.default_rng(4), 0.02
+    v, a, u = rng.standard_normal((3, 7, 2))
+    particles = tp.Particles(rng.uniform(size=(7, 2)), np.zeros(7), np.zeros(7), v, a, spacing=0.1)
+    usual, other = GeneralizedAlpha(rho_inf, dt), GeneralizedAlpha(rho_inf, dt, relaxation=relaxation)
+    force, same = (scheme.cm * u + scheme.history(particles)[1] for scheme in (usual, other))
+    np.testing.assert_allclose(same, force, rtol=1e-12)
+    (v1, a1), (v2, a2) = (scheme.rates(u, particles) for scheme in (usual, other))
+    shift = (0.5 - usual.alpha_f) * dt
+    np.testing.assert_allclose(v2 + shift * a2, v1 + shift * a1, atol=1e-10)
+    np.testing.assert_allclose(a2 - a, relaxation * (a1 - a), atol=1e-8)
+    np.testing.assert_allclose(other.mean_load(force, a), (v2 - v) / dt, atol=1e-8)
+    errors = []
+    for steps in (200, 400):
+        state = tp.Particles([[1.0, 0.0]], np.zeros(1), np.zeros(1), [[0.0, 0.0]], [[-9.0, 0.0]], spacing=1.0)
+        scheme = GeneralizedAlpha(rho_inf, 2.0 / steps, relaxation=relaxation)
+        for _ in range(steps):
+            step = -(scheme.history(state)[1] + 9.0 * state.position) / (scheme.cm + 9.0 * scheme.cf)
+            state = scheme.advance(state, step, state.pressure)
+        errors.append(abs(state.position[0, 0] - math.cos(6.0)) + abs(state.velocity[0, 0] + 3 * math.sin(6.0)))
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.15)
 
 
 def test_step_control_halves_and_grows_back():

@@ -1,10 +1,12 @@
-"""Generalized-alpha, and the length of the time step."""
+"""Time integration: generalized-alpha, backward Euler for impacts, and the length of the time step."""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -58,21 +60,93 @@ def smallest_jacobian(mesh: Mesh, particles: Particles, dt: float) -> float:
     return float(result[0])
 
 
+class TimeScheme(ABC):
+    """The interface of a step to its time integration, with the step's displacements u = x_{n+1} - x_n as unknowns.
+
+    Accelerations and velocities of the equations are linear in u, those at the end of the step in u and the state.
+
+    Attributes:
+        dt: time step [s].
+        alpha_m, alpha_f: (.)_alpha = (1 - alpha) (.)_{n+1} + alpha (.)_n of what is prescribed, alpha_m for
+            accelerations, alpha_f for velocities and positions.
+        gamma, beta: of velocities and displacements, see `GeneralizedAlpha`.
+    """
+
+    dt: float
+    alpha_m: float
+    alpha_f: float
+    gamma: float
+    beta: float
+
+    @property
+    @abstractmethod
+    def cm(self) -> float:
+        """d a_alpha / d u [1/s^2]."""
+
+    @property
+    @abstractmethod
+    def cv(self) -> float:
+        """d v_alpha / d u [1/s]."""
+
+    @property
+    def cf(self) -> float:
+        """d x_alpha / d u."""
+        return 1 - self.alpha_f
+
+    @abstractmethod
+    def rates(self, u: Array, particles: Particles) -> tuple[Array, Array]:
+        """v_{n+1} [m/s] and a_{n+1} [m/s^2] (N, d) for displacements ``u`` (N, d) [m]."""
+
+    @abstractmethod
+    def history(self, particles: Particles) -> tuple[Array, Array]:
+        """v_alpha and a_alpha (N, d) at u = 0."""
+
+    @abstractmethod
+    def next_rate(self, load: Any, rate: Any) -> Any:
+        """a_{n+1} where a_alpha is ``load`` and a_n is ``rate``; numbers or arrays, of accelerations or of forces."""
+
+    @abstractmethod
+    def mean_load(self, load: Any, rate: Any) -> Any:
+        """(v_{n+1} - v_n) / dt for the same arguments."""
+
+    def predict(self, particles: Particles) -> Array:
+        """Displacements (N, d) [m] at constant acceleration."""
+        return self.dt * particles.velocity + 0.5 * self.dt**2 * particles.acceleration
+
+    def advance(self, particles: Particles, u: Array, pressure: Array) -> Particles:
+        """The state at the end of the step, from displacements (N, d) and pressures (N,)."""
+        v_next, a_next = self.rates(u, particles)
+        fixed = particles.wall.nonzero()[0]
+        a_next[fixed] = 0.0
+        v_next[fixed] = 0.0
+        return particles.shallow_copy(
+            position=particles.position + u, velocity=v_next, acceleration=a_next, pressure=pressure
+        )
+
+
 @dataclass(frozen=True)
-class GeneralizedAlpha:
+class GeneralizedAlpha(TimeScheme):
     """The generalized-alpha method (Chung & Hulbert, J. Appl. Mech. 60, 1993) in displacements.
 
     With u = x_{n+1} - x_n:
     a_{n+1} = u / (beta dt^2) - v_n / (beta dt) - (1 / (2 beta) - 1) a_n,
     v_{n+1} = v_n + dt ((1 - gamma) a_n + gamma a_{n+1}), and (.)_alpha = (1 - alpha) (.)_{n+1} + alpha (.)_n.
 
+    In other words, a_{n+1} = a_n + r (a_alpha - a_n) with r = 1 / (1 - alpha_m). Other alpha_m, with gamma of second
+    order and (1 - alpha_m) / beta unchanged, have the same displacements and a_alpha in the step, and the same
+    v_{n+1} + (1/2 - alpha_f) dt a_{n+1}, which is what the method conserves of momentum. So ``relaxation`` can be
+    chosen when the step has been solved. It changes v_{n+1} by a part to dt^2 in smooth flows. With rho_inf = 0 what
+    constraints stop is damped by sqrt(abs(1 - relaxation)) a step, instead of at once.
+
     Attributes:
         rho_inf: spectral radius at infinite frequency, 0 (strongest damping) to 1 (none).
         dt: time step [s].
+        relaxation: r relative to that of Chung and Hulbert, above 0 and below 2.
     """
 
     rho_inf: float
     dt: float
+    relaxation: float = 1.0
     alpha_m: float = field(init=False)
     alpha_f: float = field(init=False)
     gamma: float = field(init=False)
@@ -81,25 +155,24 @@ class GeneralizedAlpha:
     def __post_init__(self) -> None:
         alpha_m = (2 * self.rho_inf - 1) / (self.rho_inf + 1)
         alpha_f = self.rho_inf / (self.rho_inf + 1)
+        beta = 0.25 * (1 - alpha_m + alpha_f) ** 2
+        if self.relaxation != 1.0:
+            beta /= self.relaxation
+            alpha_m = 1 - (1 - alpha_m) / self.relaxation
         object.__setattr__(self, "alpha_m", alpha_m)
         object.__setattr__(self, "alpha_f", alpha_f)
         object.__setattr__(self, "gamma", 0.5 - alpha_m + alpha_f)
-        object.__setattr__(self, "beta", 0.25 * (1 - alpha_m + alpha_f) ** 2)
+        object.__setattr__(self, "beta", beta)
 
     @property
     def cm(self) -> float:
-        """d a_alpha / d u [1/s^2]."""
+        """See `TimeScheme.cm`."""
         return (1 - self.alpha_m) / (self.beta * self.dt**2)
 
     @property
     def cv(self) -> float:
-        """d v_alpha / d u [1/s]."""
+        """See `TimeScheme.cv`."""
         return (1 - self.alpha_f) * self.gamma / (self.beta * self.dt)
-
-    @property
-    def cf(self) -> float:
-        """d x_alpha / d u."""
-        return 1 - self.alpha_f
 
     def acceleration(self, u: Array, particles: Particles) -> Array:
         """a_{n+1} (N, d) [m/s^2] for displacements ``u`` (N, d) [m]."""
@@ -113,28 +186,82 @@ class GeneralizedAlpha:
         """v_{n+1} (N, d) [m/s] for accelerations ``a_next`` (N, d)."""
         return particles.velocity + self.dt * ((1 - self.gamma) * particles.acceleration + self.gamma * a_next)
 
+    def rates(self, u: Array, particles: Particles) -> tuple[Array, Array]:
+        """See `TimeScheme.rates`."""
+        a_next = self.acceleration(u, particles)
+        return self.velocity(a_next, particles), a_next
+
     def history(self, particles: Particles) -> tuple[Array, Array]:
-        """v_alpha and a_alpha (N, d) at u = 0."""
+        """See `TimeScheme.history`."""
         v, a = particles.velocity, particles.acceleration
         by_v, by_a = -1 / (self.beta * self.dt), 1 - 0.5 / self.beta  # a_{n+1} at u = 0 is by_v v_n + by_a a_n
         share = (1 - self.alpha_f) * self.dt
         velocity = (1 + share * self.gamma * by_v) * v + share * (1 - self.gamma + self.gamma * by_a) * a
         return velocity, (1 - self.alpha_m) * by_v * v + ((1 - self.alpha_m) * by_a + self.alpha_m) * a
 
-    def predict(self, particles: Particles) -> Array:
-        """Displacements (N, d) [m] at constant acceleration."""
-        return self.dt * particles.velocity + 0.5 * self.dt**2 * particles.acceleration
+    def next_rate(self, load: Any, rate: Any) -> Any:
+        """See `TimeScheme.next_rate`."""
+        return (load - self.alpha_m * rate) / (1 - self.alpha_m)
 
-    def advance(self, particles: Particles, u: Array, pressure: Array) -> Particles:
-        """The state at the end of the step, from displacements (N, d) and pressures (N,)."""
-        a_next = self.acceleration(u, particles)
-        v_next = self.velocity(a_next, particles)
-        fixed = particles.wall.nonzero()[0]
-        a_next[fixed] = 0.0
-        v_next[fixed] = 0.0
-        return particles.shallow_copy(
-            position=particles.position + u, velocity=v_next, acceleration=a_next, pressure=pressure
-        )
+    def mean_load(self, load: Any, rate: Any) -> Any:
+        """See `TimeScheme.mean_load`."""
+        return (1 - self.gamma) * rate + self.gamma * self.next_rate(load, rate)
+
+
+@dataclass(frozen=True)
+class BackwardEuler(TimeScheme):
+    """Backward Euler's method, for steps in which velocities jump, with forces at the middle of the displacements.
+
+    v_{n+1} = u / dt and a_alpha = (v_{n+1} - v_n) / dt; velocities in the equations are u / dt, too, and forces act at
+    the positions x_n + u / 2. A mass that a wall stops takes its momentum once, and does not overshoot: the method has
+    no history. Kinetic energy falls by sum m |v_{n+1} - v_n|^2 / 2 beside the work of the forces, and pressure at the
+    middle positions does no work on elements that keep their area (2-D). That velocities that jump are integrated so,
+    and smooth ones by generalized-alpha, follows Q. Chen, V. Acary, G. Virlez, O. Bruls, Int. J. Numer. Meth. Eng. 96,
+    2013, where it is a matter of each contact; pressure makes it one of the whole step.
+
+    What generalized-alpha goes on from is the acceleration before the jump, which a_alpha is not.
+
+    Attributes:
+        dt: time step [s].
+        renews: whether a_{n+1} is a_alpha instead of a_n: in the second of two such steps, in which it has no jump any
+            more, or a_n does not hold any more.
+    """
+
+    dt: float
+    renews: bool = False
+    alpha_m: float = field(init=False, default=0.5)
+    alpha_f: float = field(init=False, default=0.5)
+    gamma: float = field(init=False, default=1.0)
+    beta: float = field(init=False, default=1.0)
+
+    @property
+    def cm(self) -> float:
+        """See `TimeScheme.cm`."""
+        return 1 / self.dt**2
+
+    @property
+    def cv(self) -> float:
+        """See `TimeScheme.cv`."""
+        return 1 / self.dt
+
+    def rates(self, u: Array, particles: Particles) -> tuple[Array, Array]:
+        """See `TimeScheme.rates`."""
+        velocity = u / self.dt
+        if self.renews:
+            return velocity, (velocity - particles.velocity) / self.dt
+        return velocity, particles.acceleration.copy()
+
+    def history(self, particles: Particles) -> tuple[Array, Array]:
+        """See `TimeScheme.history`."""
+        return np.zeros_like(particles.velocity), particles.velocity * (-1 / self.dt)
+
+    def next_rate(self, load: Any, rate: Any) -> Any:
+        """See `TimeScheme.next_rate`."""
+        return load if self.renews else rate
+
+    def mean_load(self, load: Any, rate: Any) -> Any:
+        """See `TimeScheme.mean_load`."""
+        return load
 
 
 @dataclass

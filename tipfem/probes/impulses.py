@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from tipfem.arguments import is_number
 from tipfem.case.case import Case
 from tipfem.probes.probe import Probe
 from tipfem.typing import Array
+
+if TYPE_CHECKING:
+    from tipfem.fem.time_integration import TimeScheme  # which starts Taichi
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +85,9 @@ class TimeMeans:
     load r of the step gives (1 - alpha_m) a_{n+1} + alpha_m a_n = r. The mean load of the step is what the same
     recursion gives for r, so that integrals of loads are changes of momentum, whatever the lengths of the steps. With
     the default rho_inf = 0 an impulse I within a step is a load of 2 I / dt at its end and of -I / dt in the next; the
-    velocity has changed by 1.5 I and then by I. The sum of r dt is I, too, but only while steps do not change.
+    velocity has changed by 1.5 I and then by I. The sum of r dt is I, too, but only while steps do not change. Steps in
+    which the velocities of the flow jump are taken with backward Euler's method, whose load is I / dt, and whose mean
+    load is the load.
 
     The filter is the first-order low-pass y' = (r - y) / tau, solved exactly for means that are constant in each step,
     and taken at the middle of the step, where displacements, unlike velocities, do not overshoot. It begins with the
@@ -90,7 +95,6 @@ class TimeMeans:
     a time much shorter than tau is a peak of I / tau.
 
     Args:
-        rho_inf: of the time integration.
         time_constant: tau [s]; None for no filter.
         count: K.
 
@@ -101,30 +105,25 @@ class TimeMeans:
         filtered: (K,) y at the middle of the last step.
     """
 
-    def __init__(self, rho_inf: float, time_constant: float | None, count: int) -> None:
-        from tipfem.fem.time_integration import GeneralizedAlpha  # here, for it starts Taichi
-
-        scheme = GeneralizedAlpha(rho_inf, 1.0)
-        self._alpha_m, self._gamma, self._overshoot = scheme.alpha_m, scheme.gamma, scheme.gamma - scheme.beta
+    def __init__(self, time_constant: float | None, count: int) -> None:
         self._time_constant = time_constant
         self.time = 0.0
         self.rate, self._y = np.full(count, math.nan), np.zeros(count)
         self.impulse, self.filtered = np.zeros(count), np.zeros(count)
 
-    def add(self, time: float, loads: Sequence[float]) -> None:
-        """Take in the loads (K,) of the step that ends at a time [s]."""
+    def add(self, time: float, loads: Sequence[float], scheme: TimeScheme) -> None:
+        """Take in the loads (K,) of the step that ends at a time [s], and was taken with a time integration."""
         dt, self.time = time - self.time, time
         load = np.asarray(loads, dtype=float)
         if np.isnan(self.rate).all():
             self.rate = self._y = load
-        rate = (load - self._alpha_m * self.rate) / (1 - self._alpha_m)
-        mean = (1 - self._gamma) * self.rate + self._gamma * rate
+        rate, mean = scheme.next_rate(load, self.rate), scheme.mean_load(load, self.rate)
         self.rate = rate
         self.impulse = self.impulse + dt * mean
         if self._time_constant is not None:
             part = -math.expm1(-dt / self._time_constant)
             self._y = self._y + part * (mean - self._y)
-            self.filtered = self._y - self._overshoot * part * (rate - self._y)
+            self.filtered = self._y - (scheme.gamma - scheme.beta) * part * (rate - self._y)
 
     def content(self) -> dict[str, Any]:
         """All that later values depend on, for a checkpoint."""
@@ -139,5 +138,5 @@ class TimeMeans:
 def means_of(probe: Probe, case: Case) -> TimeMeans | None:
     """The means that a probe needs from step to step; None if it needs none."""
     if isinstance(probe, LoadProbe) and probe.averages:
-        return TimeMeans(case.numerics.rho_inf, probe.time_constant, len(probe.loads(case)))
+        return TimeMeans(probe.time_constant, len(probe.loads(case)))
     return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from tipfem.case.case import Case
 from tipfem.probes.impulses import LoadProbe, means_of
 from tipfem.probes.probe import Probe, Sampled
 from tipfem.typing import Array
+
+if TYPE_CHECKING:
+    from tipfem.fem.time_integration import TimeScheme  # which starts Taichi
 
 
 class Results(Protocol):
@@ -64,8 +67,12 @@ class ProbeRecorder:
         columns = [column for column, _ in self.columns[name]]
         return dict(zip(columns, np.array(self.rows[name], dtype=float).reshape(-1, len(columns)).T, strict=True))
 
-    def record(self, simulation: Sampled) -> None:
+    def record(self, simulation: Sampled, scheme: TimeScheme) -> None:
         """Sample the probes that are due at the present time, and write their values; to be called after every step.
+
+        Args:
+            simulation: at the end of the step.
+            scheme: time integration that the step was taken with.
 
         Raises:
             OSError: a file cannot be written.
@@ -75,7 +82,7 @@ class ProbeRecorder:
             values = None
             if means is not None:
                 values = probe.sample(simulation)
-                means.add(simulation.time, values)
+                means.add(simulation.time, values, scheme)
             if probe.interval is not None:
                 count = _multiples(simulation.time, probe.interval)
                 if count < self._due[name]:

@@ -41,7 +41,7 @@ def conserve_along_period(solved: Solved, particles: Particles, mass: Array) -> 
     changed, shift = particles.copy(), (0.5 - scheme.alpha_f) * scheme.dt
     for k in boundary.period.axes:
         force = (before * solved.force[:, k]).sum()
-        rate = (force - scheme.alpha_m * (before * old.acceleration[:, k]).sum()) / (1 - scheme.alpha_m)
+        rate = scheme.next_rate(force, (before * old.acceleration[:, k]).sum())
         momentum = (before * (old.velocity[:, k] + shift * old.acceleration[:, k])).sum() + scheme.dt * force
         for values, wanted in ((changed.acceleration, rate), (changed.velocity, momentum - shift * rate)):
             values[:, k] += (wanted - (mass * values[:, k]).sum()) / mass.sum()

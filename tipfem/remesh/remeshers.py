@@ -241,6 +241,7 @@ class DelaunayRemesher(Remesher):
             rebuilt=before.rebuilt + rebuilt,
             layers=walls.layers,
             bodies=solved.bodies,
+            impact=solved.impact,
         )
 
     def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
@@ -454,6 +455,7 @@ class FittedRemesher(Remesher):
             layers=solved.walls.layers,
             bodies=bodies,
             owed=owed,
+            impact=solved.impact,
         )
 
     def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:

@@ -413,7 +413,7 @@ def balanced(solved: Solved) -> Solved:
     x, v, a = (getattr(before.particles, name)[some] for name in ("position", "velocity", "acceleration"))
     end, velocity, acceleration = after.position[some], after.velocity[some], after.acceleration[some]
     force = mean(solved.force[some])
-    rate = (force - scheme.alpha_m * mean(a)) / (1 - scheme.alpha_m)
+    rate = scheme.next_rate(force, mean(a))
     wanted = mean(v) + shift * mean(a) + scheme.dt * force - shift * rate
     acceleration = acceleration + (rate - mean(acceleration))[of]
     velocity = velocity + (wanted - mean(velocity))[of]

@@ -16,7 +16,7 @@ from tipfem.errors import StepRefused
 from tipfem.fem import residual as assembly
 from tipfem.fem import step_limits
 from tipfem.fem import work as work_kernels
-from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.fem.time_integration import TimeScheme
 from tipfem.linalg import fgmres, vector_kernels
 from tipfem.mesh.cut import cut_along_interfaces
 from tipfem.mesh.mesh import Mesh, parabola, volume_gradient
@@ -80,7 +80,7 @@ class FlowProblem:
         mesh: simplices on the positions at the step's start.
         particles: the state there.
         properties: of the elements.
-        scheme: generalized-alpha with the step's length.
+        scheme: time integration, with the step's length.
         body_force: (N, d) acceleration by gravity and the like [m/s^2], at the step's intermediate time.
         stabilisation: c in tau = c dt T, with the flow's own time T, which is taken as half a step if it is shorter.
         workspace: arrays and grids that steps reuse.
@@ -98,7 +98,7 @@ class FlowProblem:
         mesh: Mesh,
         particles: Particles,
         properties: ElementProperties,
-        scheme: GeneralizedAlpha,
+        scheme: TimeScheme,
         body_force: Array,
         stabilisation: float,
         workspace: Workspace,

@@ -13,7 +13,7 @@ from tipfem.backend.launch import launch
 from tipfem.backend.runtime import require_short_loops
 from tipfem.case.period import Period
 from tipfem.fem import jacobian, schur
-from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.fem.time_integration import TimeScheme
 from tipfem.linalg import sparsity
 from tipfem.linalg.fgmres import Iteration
 from tipfem.linalg.multigrid.deflation import SubdomainDeflation
@@ -160,7 +160,7 @@ class LinearSystem:
         extremes: lowest and highest of the densities.
         held: device array (N, 2), see `schur.scale_and_laplacian`: whether displacement and pressure are prescribed.
         scale: device array (N (d + 1),) that takes the rows' scales, see `schur.scale_and_laplacian`.
-        scheme: generalized-alpha with the step's length.
+        scheme: time integration, with the step's length.
         multigrid: over a box around ``frame``.
         frame: (N, d) positions of the particles in the frame of the grid [m].
         spacing: of the particles [m].
@@ -193,7 +193,7 @@ class LinearSystem:
         extremes: tuple[float, float],
         held: Any,
         scale: Any,
-        scheme: GeneralizedAlpha,
+        scheme: TimeScheme,
         multigrid: BackgroundMultigrid,
         frame: Array,
         spacing: float,

@@ -14,11 +14,12 @@ from tipfem.case.forces import Forces
 from tipfem.case.particles import Particles
 from tipfem.errors import StepRefused
 from tipfem.fem.mass import lumped_part
-from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.fem.time_integration import BackwardEuler, GeneralizedAlpha, TimeScheme
 from tipfem.linalg.newton import newton
 from tipfem.mesh.mesh import Mesh
 from tipfem.state import Solved, State, lumped
 from tipfem.step.flow import ElementProperties, FlowProblem
+from tipfem.step.impacts import JUMP, UNCERTAIN, velocity_jump, without_gain
 from tipfem.step.linear_system import Workspace
 from tipfem.timers import timer
 from tipfem.typing import Array
@@ -108,23 +109,62 @@ class StepSolver:
         self._frequency = case.natural_frequency()
 
     @timer("solve")
-    def solve(self, state: State, dt: float, growth: Array, end: float = math.nan, *, fading: bool = False) -> Solved:
+    def solve(self, state: State, dt: float, growth: Array, end: float = math.nan) -> Solved:
         """Solve a step of length ``dt`` [s] from a state.
+
+        With generalized-alpha, and then again with backward Euler's method if velocities jump in the step, or if the
+        time integration adds energy that cannot be taken back; see `tipfem.step.impacts`. Bodies that float have
+        generalized-alpha always.
 
         Args:
             state: at the start of the step.
             dt: length of the step [s].
             growth: (M,) relative growth of the elements that is prescribed.
             end: time at the end of the step [s]; by default the state's plus ``dt``.
-            fading: whether the stabilisation fades with the step's length, instead of keeping that of `flow_time`.
 
         Raises:
             StepRefused: Newton's method failed, an element would be inverted, or a particle would move too far.
             ValueError: a function of time of the case returns an invalid value.
             SimulationError: the walls' motions change the tank's volume.
         """
-        case, numerics, before, mesh = self.case, self.case.numerics, state.particles, state.mesh
-        scheme = GeneralizedAlpha(numerics.rho_inf, dt)
+        solved = self._solve(GeneralizedAlpha(self.case.numerics.rho_inf, dt), state, growth, end)
+        if any(body.floats for body in self.case.bodies):
+            return solved
+        jump = velocity_jump(self.case, solved)
+        if jump <= JUMP:
+            calm = without_gain(self.case, solved)
+            if calm is not None or jump <= UNCERTAIN:
+                return calm or solved
+        # The acceleration of a step is that of its end, unless it is that of an impact.
+        euler = BackwardEuler(dt, renews=state.impact or jump <= JUMP)
+        again = self._solve(euler, state, growth, end, guess=solved)
+        return dataclasses.replace(
+            again,
+            newton_iterations=solved.newton_iterations + again.newton_iterations,
+            krylov_iterations=solved.krylov_iterations + again.krylov_iterations,
+        )
+
+    def _solve(
+        self,
+        scheme: TimeScheme,
+        state: State,
+        growth: Array,
+        end: float = math.nan,
+        *,
+        fading: bool = False,
+        guess: Solved | None = None,
+    ) -> Solved:
+        """Solve a step with a time integration; see `solve`.
+
+        Args:
+            scheme: time integration, with the length of the step.
+            state: at the start of the step.
+            growth: (M,) relative growth of the elements that is prescribed.
+            end: time at the end of the step [s]; by default the state's plus that length.
+            fading: whether the stabilisation fades with the step's length, instead of keeping that of `flow_time`.
+            guess: the same step with generalized-alpha, to start from; its pressures are those of twice the impulse.
+        """
+        case, numerics, before, mesh, dt = self.case, self.case.numerics, state.particles, state.mesh, scheme.dt
         varies = self.forces.vary(case, state.time)
         position = before.position + scheme.cf * scheme.predict(before) if varies else before.position
         force = self.forces.acceleration(case, position, state.time + scheme.cf * dt, state.time)
@@ -165,9 +205,13 @@ class StepSolver:
         )
         if state.step == 0:  # an error of pressure left by the first step would excite sloshing
             tolerance = min(tolerance, 10 * runtime.round_off())
+        if guess is None:
+            first = problem.predict()
+        else:
+            first = problem.vector(guess.displacement, 0.5 * (before.pressure + guess.particles.pressure))
         result = newton(
             problem,
-            problem.predict(),
+            first,
             tolerance=tolerance,
             max_iterations=numerics.newton_iterations,
             noise=runtime.round_off(),
@@ -275,7 +319,10 @@ class StepSolver:
             state = self.divergence_free(state, dt)
             particles = state.particles
         growth = np.zeros(len(state.mesh.cells))
-        whole, half = (self.solve(state, length, growth, fading=True) for length in (dt, 0.5 * dt))
+        whole, half = (
+            self._solve(GeneralizedAlpha(self.case.numerics.rho_inf, length), state, growth, fading=True)
+            for length in (dt, 0.5 * dt)
+        )
         if not pressed:
             pressure = 2 * whole.particles.pressure - half.particles.pressure
             particles = particles.shallow_copy(pressure=pressure)

@@ -18,7 +18,7 @@ import numpy as np
 from tipfem.case.boundary import Boundary
 from tipfem.case.curves import chain_tangents, restored
 from tipfem.case.particles import Particles
-from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.fem.time_integration import TimeScheme
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 from tipfem.walls.motion import WallMotion
@@ -33,7 +33,7 @@ class CurveStep:
         particles: at its start.
         before: motion of the walls at its start.
         after: the same at its end.
-        scheme: generalized-alpha with the step's length.
+        scheme: time integration, with the step's length.
 
     Attributes:
         rows: (K,) the particles on curves, as positions in `Boundary.index`.
@@ -50,7 +50,7 @@ class CurveStep:
         particles: Particles,
         before: WallMotion,
         after: WallMotion,
-        scheme: GeneralizedAlpha,
+        scheme: TimeScheme,
     ) -> None:
         self._boundary, self._after, self._position = boundary, after, particles.position
         self.rows = np.flatnonzero(boundary.on_curve >= 0)

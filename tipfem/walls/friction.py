@@ -12,7 +12,7 @@ import numpy as np
 
 from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
-from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.fem.time_integration import TimeScheme
 from tipfem.mesh.mesh import Mesh, corners_among
 from tipfem.typing import Array
 from tipfem.walls.curve_step import CurveStep
@@ -54,7 +54,7 @@ class WallStart:
 
     Attributes:
         boundary: of the case.
-        scheme: generalized-alpha with the step's length.
+        scheme: time integration, with the step's length.
         before, after: motion of the walls at t_n and at t_n + dt.
         rotation: (d, d) of the tank in between.
         frame: (N, d) the positions at t_n in the tank's own frame [m].
@@ -64,7 +64,7 @@ class WallStart:
     """
 
     boundary: Boundary
-    scheme: GeneralizedAlpha
+    scheme: TimeScheme
     before: WallMotion
     after: WallMotion
     rotation: Array

@@ -11,7 +11,7 @@ import numpy as np
 
 from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
-from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.fem.time_integration import TimeScheme
 from tipfem.mesh.mesh import Mesh, Surface
 from tipfem.typing import Array
 from tipfem.walls.curve_step import CurveStep
@@ -26,7 +26,7 @@ class Walls(ABC):
 
     Attributes:
         boundary: which particles lie on which walls, at the start of the step.
-        scheme: generalized-alpha with the step's length.
+        scheme: time integration, with the step's length.
         fixed: (N,) mask of the particles whose displacement is prescribed.
         sliding: (K,) the particles that slide along their walls.
         frame: (N, d) the positions in the tank's own frame [m].
@@ -44,7 +44,7 @@ class Walls(ABC):
     """
 
     boundary: Boundary
-    scheme: GeneralizedAlpha
+    scheme: TimeScheme
     fixed: Array
     sliding: Array
     frame: Array
@@ -113,10 +113,10 @@ class FixedWalls(Walls):
         boundary: of the case.
         mesh: of the step.
         particles: at its start.
-        scheme: generalized-alpha with the step's length.
+        scheme: time integration, with the step's length.
     """
 
-    def __init__(self, boundary: Boundary, mesh: Mesh, particles: Particles, scheme: GeneralizedAlpha) -> None:
+    def __init__(self, boundary: Boundary, mesh: Mesh, particles: Particles, scheme: TimeScheme) -> None:
         self.boundary, self.scheme, self.tank_moves = boundary, scheme, False
         self.fixed, self.frame = particles.wall, mesh.position
         self.sliding = np.zeros(0, dtype=np.int64)
@@ -175,7 +175,7 @@ class WallStep(Walls):
         mesh: of the step.
         particles: the state at t_n.
         viscosity: (M,) of the elements [Pa s].
-        scheme: generalized-alpha with the step's length.
+        scheme: time integration, with the step's length.
         time: t_n [s].
         density: (M,) of the elements [kg/m^3]; walls with a layer need it.
         layers: at t_n; None before the first step.
@@ -194,7 +194,7 @@ class WallStep(Walls):
         mesh: Mesh,
         particles: Particles,
         viscosity: Array,
-        scheme: GeneralizedAlpha,
+        scheme: TimeScheme,
         time: float,
         density: Array | None = None,
         layers: Layers | None = None,
@@ -298,14 +298,14 @@ class WallStep(Walls):
             before = before.shallow_copy(
                 velocity=self.curves.turned(before.velocity), acceleration=self.curves.turned(before.acceleration)
             )
-        free, done = self.scheme.acceleration(u, before), moved.copy()
+        (velocity, acceleration), done = self.scheme.rates(u, before), moved.copy()
         # Not x + u: in single precision the solution's w is not exact.
         done.position[index] = before.position[index] + self.constrain(u)[index]
         if self.curves is not None:  # whose directions corrections have changed
             curved = index[self.curves.rows]
             done.position[curved] = before.position[curved] + u[curved]
-        done.acceleration[index] = free[index]
-        done.velocity[index] = self.scheme.velocity(free, before)[index]
+        done.acceleration[index] = acceleration[index]
+        done.velocity[index] = velocity[index]
         if self.curves is not None:
             done, free_at_end = self.curves.finished(done)
             self._after.free[self.curves.rows] = free_at_end
@@ -362,7 +362,7 @@ def walls_in_step(
     mesh: Mesh,
     particles: Particles,
     viscosity: Array,
-    scheme: GeneralizedAlpha,
+    scheme: TimeScheme,
     time: float,
     density: Array | None = None,
     layers: Layers | None = None,

@@ -1,0 +1,109 @@
+"""Impacts: steps in which velocities jump, and what the time integration adds to the energy in others.
+
+Generalized-alpha has a history: the acceleration of the last step. Where an incompressible fluid is stopped within a
+step, the method answers an impulse I by 2 I and, in the next step, by -I, velocities overshoot by half, and energy may
+rise. Such steps are solved again with `BackwardEuler`.
+
+Elsewhere the method's energy differs from the flow's by a part to (a dt)^2 with the accelerations a. Where these fall,
+as after an impact, energy rises by a part to dt^3 a step. It is taken back by another relaxation of the acceleration,
+which can be chosen when the step has been solved, see `GeneralizedAlpha`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from tipfem.backend import runtime
+from tipfem.case.case import Case
+from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.state import Solved
+from tipfem.step.budget import deviations
+from tipfem.typing import Array
+
+# An impact is a step in which a particle's acceleration changes, times the step's length, by this part of the largest
+# speed. A stop is a change of twice the velocity. Flows without impacts have up to a tenth of it, where they are rough.
+JUMP = 0.35
+UNCERTAIN = 0.08  # the same of a step that is one, too, if the time integration adds energy that cannot be taken back
+# Particles count fully from this part of the mass that one has inside the densest fluid. Those of thin films and of
+# light fluids are accelerated by as much in any flow.
+FULL = 0.5
+SLOW = 0.01  # spacings a step: speeds below it are not those of an impact
+RISE = 5e-7  # of the energy, in a step, from which on it is taken back
+MOST = 0.6  # change of the relaxation, relative
+
+
+def velocity_jump(case: Case, solved: Solved) -> float:
+    """Largest change of a particle's acceleration in a step times its length, relative to the largest speed.
+
+    Args:
+        case: with the densities of the fluids.
+        solved: a step.
+    """
+    before, dt = solved.before, solved.dt
+    particles, dimension = before.particles, before.particles.dimension
+    full = FULL * max(fluid.density for fluid in case.fluids) * particles.target**dimension
+    weight = np.minimum(1.0, before.mass / full)
+    change = np.where(particles.wall, 0.0, _length(solved.acceleration - particles.acceleration))
+    speed = np.maximum(_length(particles.velocity), _length(solved.displacement) / dt)
+    least = dt * _length(solved.force).max() + SLOW * particles.spacing / dt
+    return float(dt * (weight * change).max() / ((weight * speed).max() + least))
+
+
+def without_gain(case: Case, solved: Solved) -> Solved | None:
+    """A step of generalized-alpha, in which the time integration adds no energy.
+
+    It is returned as it is unless the energy of fluids and walls rises by more than `RISE` of that above the lowest
+    particle. Then velocities and accelerations are those of another relaxation; momenta are kept, each particle's own.
+
+    Args:
+        case: gravity and mass matrix.
+        solved: the step.
+
+    Returns:
+        The step; None if the gain cannot be taken back by a change of the relaxation below `MOST`.
+    """
+    scheme, before, end = solved.scheme, solved.before, solved.particles
+    assert isinstance(scheme, GeneralizedAlpha)
+    start, mass, work, kind = before.particles, before.mass, solved.work, case.numerics.mass
+    u, v = solved.displacement, end.velocity
+    pairs = [(v, v), (start.velocity, start.velocity), (solved.force, u)]
+    ends, starts, falls = np.array([_product(mass, *pair) for pair in pairs]) - deviations(before, kind, pairs)
+    rise = 0.5 * (ends - starts) - falls - work.walls - work.friction
+    height = -end.position @ case.potential_gravity
+    energy = 0.5 * ends + float((mass * (height - height.min())).sum())
+    if rise <= (RISE + 10 * runtime.round_off()) * energy:
+        return solved
+    # What the time integration itself gives: the rise less the gains of other terms, and more their losses.
+    losses = work.viscous_dissipation + work.friction_dissipation + work.stabilisation - work.source
+    gain = min(rise, rise + losses)
+    if gain <= 0:
+        return solved
+    change = np.where(start.wall[:, None], 0.0, end.acceleration - start.acceleration)
+    step = (scheme.alpha_f - 0.5) * scheme.dt * change
+    pairs = [(v, step), (step, step)]
+    slope, curvature = np.array([_product(mass, *pair) for pair in pairs]) - deviations(before, kind, pairs)
+    square = slope**2 - 2 * curvature * gain
+    if square < 0 or slope == 0:
+        return None
+    # The smaller root of gain + slope e + curvature e^2 / 2 = 0.
+    more = -2 * gain / (slope + math.copysign(math.sqrt(square), slope))
+    if abs(more) > MOST:
+        return None
+    particles = end.copy()
+    particles.velocity += more * step
+    particles.acceleration += more * change
+    relaxed = GeneralizedAlpha(scheme.rho_inf, scheme.dt, relaxation=1 + more)
+    return dataclasses.replace(solved, particles=particles, scheme=relaxed)
+
+
+def _length(vectors: Array) -> Array:
+    """(N,) lengths of vectors (N, d)."""
+    return np.asarray(np.sqrt(np.einsum("ik,ik->i", vectors, vectors)))
+
+
+def _product(mass: Array, a: Array, b: Array) -> float:
+    """sum m a . b of fields (N, d)."""
+    return float(np.einsum("i,ik,ik", mass, a, b))
