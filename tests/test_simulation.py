@@ -186,7 +186,7 @@ def test_a_run_leaves_history_fields_and_summary(water, air, tmp_path, capfd):
     rows = list(csv.DictReader((tmp_path / "history.csv").open()))
     assert list(rows[0]) == (
         "step,time,time_step,particles,newton_iterations,krylov_iterations,newton_residual,refused_steps,"
-        "relocated,rebuilt,max_speed,"
+        "impact,relocated,rebuilt,max_speed,"
         "kinetic_energy,potential_energy,viscous_dissipation,friction_dissipation,numerical_dissipation,"
         "time_dissipation,geometry_dissipation,stabilisation_dissipation,source_dissipation,"
         "remeshing_dissipation,remeshing_potential_energy,external_work,energy_residual,"

@@ -357,6 +357,7 @@ STEP_COLUMNS = (
     "krylov_iterations",
     "newton_residual",
     "refused_steps",
+    "impact",
     "relocated",
     "rebuilt",
     "max_speed",

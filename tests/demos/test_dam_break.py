@@ -37,7 +37,7 @@ def test_ten_millimetres_against_the_experiments(tmp_path):
     header = (out / "history.csv").read_text().splitlines()[0]
     # tests/test_simulation.py has the columns between.
     assert header.startswith(
-        "step,time,time_step,particles,newton_iterations,krylov_iterations,newton_residual,refused_steps,relocated,"
+        "step,time,time_step,particles,newton_iterations,krylov_iterations,newton_residual,refused_steps,impact,relocated,"
     )
     assert header.endswith(",front,column_height,wall_seconds")
 

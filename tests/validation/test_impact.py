@@ -45,6 +45,25 @@ def test_the_experiment_is_what_buchner_measured():
     assert found["plateau"] == pytest.approx(0.54, abs=0.01)
 
 
+def test_energy_of_a_dam_break_without_viscosity_never_rises():
+    """10 mm, walls that slip, through the impact at 0.26 s: no step adds 1e-6 of the potential energy at the start."""
+    water, air = study.tp.Fluid("water", 998.2, 0.0), study.tp.Fluid("air", 1.204, 0.0)
+    tank = study.tp.tank((0.584, 0.584), 0.01, jitter=0.001, seed=1)
+    tank.fill(air).fill(water, box=((0, 0), (0.146, 0.292)))
+    for side in ("left", "right", "bottom", "top"):
+        tank.wall(side, slip=True)
+    case = study.tp.Case(tank, [water, air], (0, -9.81), numerics=study.tp.Numerics(largest_move=0.8))
+    simulation = study.tp.Simulation(case, time_step=1.2e-3)
+    while simulation.time < 0.285:
+        simulation.step()
+    history = simulation.history
+    energy = np.array([row["kinetic_energy"] + row["potential_energy"] for row in history])
+    assert np.diff(energy).max() < 1e-6 * history[0]["potential_energy"]
+    assert energy[-1] > 0.95 * energy[0]
+    assert 1 <= sum(row["impact"] for row in history) <= 0.1 * len(history)
+    assert max(row["impact"] for row in history if row["time"] < 0.24) == 0
+
+
 def test_a_coarse_run_reaches_the_wall_and_measures_nothing_before(tmp_path, capsys):
     study.main(["--across", "10", "--end-time", "2.95", "--out", str(tmp_path)])
     gauge = study.scaled(study.tp.read_results(tmp_path / "10"))["pressure"]
