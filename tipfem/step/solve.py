@@ -144,6 +144,10 @@ class StepSolver:
             krylov_iterations=solved.krylov_iterations + again.krylov_iterations,
         )
 
+    def _start(self, state: State, dt: float, growth: Array) -> Solved:
+        """A step of generalized-alpha of length ``dt`` [s] that is not taken, whose stabilisation fades with ``dt``."""
+        return self._solve(GeneralizedAlpha(self.case.numerics.rho_inf, dt), state, growth, fading=True)
+
     def _solve(
         self,
         scheme: TimeScheme,
@@ -279,8 +283,7 @@ class StepSolver:
         growth, length, given = np.zeros(len(state.mesh.cells)), SHORT * dt, state.particles.velocity
         for _ in range(2):
             whole, half = (
-                self.solve(state, part * length, growth, fading=True).displacement / (part * length)
-                for part in (1.0, 0.5)
+                self._start(state, part * length, growth).displacement / (part * length) for part in (1.0, 0.5)
             )
             velocity = 2 * half - whole
             if not state.boundary.active:
@@ -319,10 +322,7 @@ class StepSolver:
             state = self.divergence_free(state, dt)
             particles = state.particles
         growth = np.zeros(len(state.mesh.cells))
-        whole, half = (
-            self._solve(GeneralizedAlpha(self.case.numerics.rho_inf, length), state, growth, fading=True)
-            for length in (dt, 0.5 * dt)
-        )
+        whole, half = (self._start(state, length, growth) for length in (dt, 0.5 * dt))
         if not pressed:
             pressure = 2 * whole.particles.pressure - half.particles.pressure
             particles = particles.shallow_copy(pressure=pressure)
