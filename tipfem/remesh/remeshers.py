@@ -109,9 +109,11 @@ class Remesher(ABC):
         new = self._state(particles, mesh, *of_cells, **{**kept, **others})
         return dataclasses.replace(new, start_volume=state.start_volume + new.volume - state.volume)
 
-    def _ended(self, *values: Any, **others: Any) -> State:
-        """The `_state` after a remeshing, with which its account ends."""
-        state = self._state(*values, **others)
+    def _ended(self, solved: Solved, *values: Any, **others: Any) -> State:
+        """The `_state` after a step's remeshing, with which its account ends."""
+        step, start = solved.before.step + 1, solved.before.start_volume
+        others |= {"time": solved.time, "step": step, "start_volume": start, "grid_box": solved.grid_box}
+        state = self._state(*values, impact=solved.impact, **others)
         self.account.add(self.repairs[-1], state.particles, state.mesh, state.material)
         return state
 
@@ -225,23 +227,19 @@ class DelaunayRemesher(Remesher):
             particles = transfer_momentum(particles, mesh, around, material.nodal_density, before.boundary.still)
             account.add("transfer", particles, mesh, material)
         return self._ended(
+            solved,
             conserve_along_period(solved, walls.imposed(particles), mass),
             mesh,
             material,
             mass,
-            time=solved.time,
-            step=before.step + 1,
             boundary=before.boundary,
             reference=before.reference,
             fixed=before.fixed,
-            start_volume=before.start_volume,
-            grid_box=solved.grid_box,
             relocated=relocated,
             relocations=len(moves) + of_walls,
             rebuilt=before.rebuilt + rebuilt,
             layers=walls.layers,
             bodies=solved.bodies,
-            impact=solved.impact,
         )
 
     def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
@@ -438,24 +436,20 @@ class FittedRemesher(Remesher):
             change = Change(moved, before.mesh, renumbered, relocated, solved.work.dissipated, solved.dt)
             particles, owed = self._balance.keep(change, particles, mesh, mass, before.owed)
         return self._ended(
+            solved,
             particles,
             mesh,
             material,
             mass,
-            time=solved.time,
-            step=before.step + 1,
             boundary=boundary,
             reference=reference,
             fixed=fixed,
-            start_volume=before.start_volume,
-            grid_box=solved.grid_box,
             relocated=relocated,
             relocations=int(relocated.sum()),
             pressure_jump=jump,
             layers=solved.walls.layers,
             bodies=bodies,
             owed=owed,
-            impact=solved.impact,
         )
 
     def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
