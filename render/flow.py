@@ -11,6 +11,7 @@ from .scales import round_limits
 from .scene import Scene
 from .view import View
 
+SHORTEST_ARROW = 0.08  # of the length of the arrow in the legend
 ARROW_SHARE = 0.9  # of the distance between arrows: the length of the one in the legend
 _MOST_GRID = 400  # points along a side of the grid that stands for the velocity
 
@@ -108,8 +109,8 @@ def arrow_speed(scenes: Iterable[Scene], view: View) -> float:
 def arrows(scene: Scene, lower: Array, upper: Array, step: float, speed: float) -> Array:
     """Arrows on a regular grid, tails and tips (P, 2, 2) [m].
 
-    Those that would be shorter than a 25th of the length of the legend's are left out. Longer ones than twice that
-    length are drawn at twice of it: single fast particles do not cross the picture.
+    Those too short to show a direction, below `SHORTEST_ARROW` of the length of the legend's, are left out. Those
+    longer than twice that length are drawn at twice of it: single fast particles do not cross the picture.
 
     Args:
         scene: with velocities.
@@ -124,7 +125,7 @@ def arrows(scene: Scene, lower: Array, upper: Array, step: float, speed: float) 
     j, i = np.nonzero(np.isfinite(values[..., 0]))
     values, centres = values[j, i], first + step * (np.stack([i, j], axis=1) + 0.5)
     size = np.linalg.norm(values, axis=1)
-    moving = size > 0.04 * speed
+    moving = size > SHORTEST_ARROW * speed
     values *= np.minimum(1.0, 2 * speed / np.maximum(size, 1e-300))[:, None]
     half = ARROW_SHARE / 2 * step * values[moving] / speed
     return np.stack([centres[moving] - half, centres[moving] + half], axis=1)
