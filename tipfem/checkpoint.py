@@ -32,6 +32,7 @@ from tipfem.case.period import Period
 from tipfem.case.walls import Wall
 from tipfem.errors import CheckpointError
 from tipfem.mesh.components import Components
+from tipfem.mesh.interface_slip import InterfaceSlip
 from tipfem.mesh.mesh import Mesh, Surface
 from tipfem.state import InterpolatedMaterial, SharpMaterial, State
 from tipfem.typing import Array
@@ -45,7 +46,17 @@ KEPT = 2  # newest checkpoints that stay; the one of the start stays too
 # Frozen dataclasses that a state consists of; all others are refused.
 _CLASSES: dict[str, type] = {
     cls.__name__: cls
-    for cls in (State, SharpMaterial, InterpolatedMaterial, Mesh, Surface, Components, Layers, BodyStates)
+    for cls in (
+        State,
+        SharpMaterial,
+        InterpolatedMaterial,
+        Mesh,
+        Surface,
+        Components,
+        Layers,
+        BodyStates,
+        InterfaceSlip,
+    )
 }
 # What a mesh keeps once it is computed. Computed anew it could differ by round-off, or be in another order.
 _COMPUTED = ("measure", "neighbours", "edges")

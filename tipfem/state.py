@@ -18,6 +18,7 @@ from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem import work
 from tipfem.fem.time_integration import BackwardEuler, TimeScheme
+from tipfem.mesh.interface_slip import InterfaceSlip
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
 from tipfem.walls.bodies import BodyStates
@@ -125,6 +126,7 @@ class State:
             is not; the next solve starts from it. None before the first step, and where pressure is continuous.
         layers: the boundary layers on walls with that law; None before the first step, and without such walls.
         bodies: the bodies in the fluids; None without any.
+        slip: where liquids slide along each other; None where none do.
         owed: energy that remeshing has added and not yet taken back, see `tipfem.remesh.energy_balance` [J].
         impact: whether velocities jumped in the last step, see `tipfem.step.impacts`.
     """
@@ -147,6 +149,7 @@ class State:
     pressure_jump: Array | None = None
     layers: Layers | None = None
     bodies: BodyStates | None = None
+    slip: InterfaceSlip | None = None
     owed: float = 0.0
     impact: bool = False
 
@@ -164,6 +167,23 @@ class State:
 
 
 @dataclass(frozen=True)
+class SlipWork:
+    """Work of the equations of liquids that slide along each other in a step [J, per metre of depth].
+
+    They are tested with displacements and pressures.
+
+    Attributes:
+        inertia: of mass times acceleration.
+        stabilisation: loss by the stabilisation of pressure.
+        force: (2,) what the slip adds to the sum of mass times acceleration [N].
+    """
+
+    inertia: float
+    stabilisation: float
+    force: Array
+
+
+@dataclass(frozen=True)
 class StepWork:
     """Work of the terms of the residual in a step, tested with displacements and pressures: see `work.step_work`.
 
@@ -177,6 +197,7 @@ class StepWork:
         friction_dissipation: by friction along walls that slip.
         friction: work against that friction, relative to the walls.
         wall_force: (d,) resultant of the walls' forces on the fluids [N].
+        slip: of liquids that slide along each other; None where none do.
     """
 
     viscous_dissipation: float
@@ -188,6 +209,7 @@ class StepWork:
     friction_dissipation: float
     friction: float
     wall_force: Array
+    slip: SlipWork | None = None
 
     @property
     def dissipated(self) -> float:

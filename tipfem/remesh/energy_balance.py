@@ -20,6 +20,7 @@ from tipfem.backend.launch import launch
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.fem.mass import consistent_part, lumped_part
+from tipfem.mesh.interface_slip import InterfaceSlip
 from tipfem.mesh.mesh import Mesh, corners_among
 from tipfem.remesh.energy_kernels import field_energy
 from tipfem.typing import Array
@@ -43,6 +44,7 @@ class Change:
             whose masses it was solved.
         renumbered: (N,) new number of each particle, -1 for those removed; None if no number changes.
         relocated: (N',) mask of the particles that were relocated or are new.
+        slip: where liquids slid along each other in the step; None where none did.
         dissipated: by viscosity and friction in the step before it [J, per metre of depth].
         dt: length of that step [s].
     """
@@ -51,6 +53,7 @@ class Change:
     mesh: Mesh
     renumbered: Array | None
     relocated: Array
+    slip: InterfaceSlip | None = None
     dissipated: float = 0.0
     dt: float = 0.0
 
@@ -81,7 +84,13 @@ class EnergyBalance:
         return EnergyBalance([f.density for f in case.fluids], case.potential_gravity, case.numerics.mass)
 
     def keep(
-        self, change: Change, particles: Particles, mesh: Mesh, mass: Array, owed: float
+        self,
+        change: Change,
+        particles: Particles,
+        mesh: Mesh,
+        mass: Array,
+        owed: float,
+        slip: InterfaceSlip | None = None,
     ) -> tuple[Particles, float]:
         """Remeshed particles with the energy of those before.
 
@@ -101,13 +110,18 @@ class EnergyBalance:
             mesh: their triangles, with fluids.
             mass: (N',) lumped masses [kg].
             owed: by the steps before; less than 0 if it is owed to the field [J, per metre of depth].
+            slip: where liquids slide along each other after it.
 
         Returns:
             The particles, with other velocities; and what is still owed [J].
         """
         lumping = self._lumping(mesh)
-        now = self._energy(particles, mesh, lumping)
-        more = now - self._energy(change.before, change.mesh, self._lumping(change.mesh))
+        now = self._energy(particles, mesh, lumping, slip)
+        before = self._energy(change.before, change.mesh, self._lumping(change.mesh), change.slip)
+        if change.slip:
+            path = change.mesh.period.shortest(change.before.position - change.mesh.position)
+            before[POTENTIAL] -= change.slip.total(path) @ self._gravity
+        more = now - before
         gained, rise = more[FIELD] + more[POTENTIAL] + owed, more[CASE] + more[POTENTIAL]
         scale = np.abs(now[[FIELD, POTENTIAL]]).sum()
         least = LEAST_GAIN * scale + change.unnoticed
@@ -118,7 +132,9 @@ class EnergyBalance:
         changed, particles = changed_cells(change, particles, mesh), particles.shallow_copy()
         for _ in range(RINGS):
             rate = exchange(particles, mesh, cell_mass, mass, np.flatnonzero(changed))
-            factor, taken, lowered = _factor(particles.velocity, rate, mesh.cells, cell_mass, lumping, gained, rise)
+            factor, taken, lowered = _factor(
+                particles.velocity, rate, mesh.cells, cell_mass, lumping, gained, rise, slip
+            )
             particles.velocity = particles.velocity + factor * rate
             gained, rise = gained - taken, rise - lowered
             if WEAKEST < factor < STRONGEST:
@@ -136,7 +152,7 @@ class EnergyBalance:
             fluids = np.eye(len(self._density))[mesh.fluid]
         return lumped_part(self._mass, mesh.cells, fluids, len(mesh.position))
 
-    def _energy(self, particles: Particles, mesh: Mesh, lumping: Array) -> Array:
+    def _energy(self, particles: Particles, mesh: Mesh, lumping: Array, slip: InterfaceSlip | None) -> Array:
         """Energies (3,) `FIELD`, `CASE` and `POTENTIAL` of a mesh with particles that may have moved since [J]."""
         result = np.zeros(3)
         assert mesh.fluid is not None
@@ -149,6 +165,10 @@ class EnergyBalance:
             partials(3),
             result,
         )
+        if slip:
+            v = particles.velocity
+            result[FIELD] += 0.5 * slip.product(v, v, consistent_part(2))
+            result[CASE] += 0.5 * slip.product(v, v, lumping[slip.cell])
         return result
 
 
@@ -214,7 +234,14 @@ def exchange(particles: Particles, mesh: Mesh, cell_mass: Array, mass: Array, ce
 
 
 def _factor(
-    velocity: Array, rate: Array, cells: Array, cell_mass: Array, lumping: Array, gained: float, rise: float
+    velocity: Array,
+    rate: Array,
+    cells: Array,
+    cell_mass: Array,
+    lumping: Array,
+    gained: float,
+    rise: float,
+    slip: InterfaceSlip | None,
 ) -> tuple[float, float, float]:
     """The factor of a ``rate`` (N, 2) with which velocities lose ``gained`` and at least ``rise``, or its limit.
 
@@ -233,6 +260,11 @@ def _factor(
         return float((m * (lumping * own + (1 - lumping) * mean)).sum())
 
     field, case = ((product(v, u, part), product(u, u, part)) for part in (consistent_part(2), lumping[near]))
+    if slip:
+        field, case = (
+            (slope + slip.product(velocity, rate, part), curvature + slip.product(rate, rate, part))
+            for (slope, curvature), part in ((field, consistent_part(2)), (case, lumping[slip.cell]))
+        )
     if field[0] >= 0 or case[0] >= 0:
         return 0.0, 0.0, 0.0
     factor = min(STRONGEST, max(WEAKEST, _root(*field, gained), _root(*case, rise)))

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from tipfem.case.particles import Particles
+from tipfem.mesh.interface_slip import InterfaceSlip
 from tipfem.mesh.mesh import Mesh
 from tipfem.state import Solved
 from tipfem.typing import Array
@@ -20,7 +21,9 @@ from tipfem.typing import Array
 SMALLEST_INCREASE = 0.01
 
 
-def conserve_along_period(solved: Solved, particles: Particles, mass: Array) -> Particles:
+def conserve_along_period(
+    solved: Solved, particles: Particles, mass: Array, slip: InterfaceSlip | None = None
+) -> Particles:
     """Remeshed particles with the momentum and the rate of momentum that a step must leave along periodic axes.
 
     Between walls that slip without friction only gravity and body forces change it:
@@ -34,18 +37,26 @@ def conserve_along_period(solved: Solved, particles: Particles, mass: Array) -> 
         solved: the step.
         particles: after remeshing.
         mass: (N,) their lumped masses [kg].
+        slip: where liquids slide along each other then.
     """
     boundary, scheme, old, before = solved.before.boundary, solved.scheme, solved.before.particles, solved.before.mass
     if not boundary.frictionless:
         return particles
     changed, shift = particles.copy(), (0.5 - scheme.alpha_f) * scheme.dt
+    slid = solved.before.slip
     for k in boundary.period.axes:
         force = (before * solved.force[:, k]).sum()
-        rate = scheme.next_rate(force, (before * old.acceleration[:, k]).sum())
-        momentum = (before * (old.velocity[:, k] + shift * old.acceleration[:, k])).sum() + scheme.dt * force
+        rate = scheme.next_rate(force, _total(before, old.acceleration, slid, k))
+        momentum = _total(before, old.velocity + shift * old.acceleration, slid, k) + scheme.dt * force
         for values, wanted in ((changed.acceleration, rate), (changed.velocity, momentum - shift * rate)):
-            values[:, k] += (wanted - (mass * values[:, k]).sum()) / mass.sum()
+            values[:, k] += (wanted - _total(mass, values, slip, k)) / mass.sum()
     return changed
+
+
+def _total(mass: Array, field: Array, slip: InterfaceSlip | None, axis: int) -> float:
+    """Sum along an axis of mass (N,) times a field (N, d), with what slides along interfaces."""
+    total = float((mass * field[:, axis]).sum())
+    return total + float(slip.total(field)[axis]) if slip else total
 
 
 def nodal_density(mass: Array, volume: Array) -> Array:

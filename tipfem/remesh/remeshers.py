@@ -26,6 +26,7 @@ from tipfem.errors import TriangulationError
 from tipfem.mesh.delaunay import triangulate, wall_fluid
 from tipfem.mesh.free_surface import SurfaceMesher, spray_volumes
 from tipfem.mesh.interface import InterfaceRule, InterpolatedInterface, SharpInterface
+from tipfem.mesh.interface_slip import InterfaceSlip, find_slip, may_slide
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh import drops, surface_volumes
 from tipfem.remesh.energy_balance import Change, EnergyBalance
@@ -306,6 +307,7 @@ class FittedRemesher(Remesher):
         first: cells and fluids of the first mesh; None for a Delaunay mesh of the particles.
         bodies: in the fluids.
         balance: keeps the energy in each remeshing; None to let it change.
+        gravity: (2,) with which liquids may slide along each other [m/s^2]; None where they may not.
     """
 
     interface = SharpInterface()
@@ -323,9 +325,10 @@ class FittedRemesher(Remesher):
         first: tuple[Array, Array] | None = None,
         bodies: Sequence[Body] = (),
         balance: EnergyBalance | None = None,
+        gravity: Array | None = None,
     ) -> None:
         super().__init__(fluids)
-        self.rule, self._bodies, self._balance = rule, bodies, balance
+        self.rule, self._bodies, self._balance, self._gravity = rule, bodies, balance, gravity
         self._names = [f.name for f in fluids]
         self._first = first
         self._keep, self._walls_have_fluids, self._grading = keep, walls_have_fluids, grading
@@ -342,6 +345,7 @@ class FittedRemesher(Remesher):
             first=case.tank.first_cells(case.fluids) if isinstance(case.tank, MeshTank) else None,
             bodies=case.bodies,
             balance=EnergyBalance.of(case),
+            gravity=case.potential_gravity if case.two_sided and may_slide([f.density for f in case.fluids]) else None,
         )
 
     def start(self, particles: Particles, boundary: Boundary, reference: int) -> State:
@@ -370,8 +374,9 @@ class FittedRemesher(Remesher):
             fluid=particle_fluid(mesh, len(particles), self.rank),
             target=np.full(len(particles), float(particles.spacing)),
         )
+        particles = self._graded(particles, mesh)
         return self._state(
-            self._graded(particles, mesh),
+            particles,
             mesh,
             *self._material(mesh),
             time=0.0,
@@ -380,6 +385,7 @@ class FittedRemesher(Remesher):
             reference=reference,
             fixed=fixed,
             relocated=np.zeros(len(particles), dtype=bool),
+            slip=self._slip(particles, mesh),
         )
 
     @timer("remeshing")
@@ -430,11 +436,13 @@ class FittedRemesher(Remesher):
             bodies = bodies.remeshed(self._bodies, particles, renumbered, relocated)
             particles = bodies.imposed(particles)
         material, mass = self._material(mesh)
-        particles, owed = conserve_along_period(solved, particles, mass), 0.0
+        slip, owed = self._slip(particles, mesh), 0.0
+        particles = conserve_along_period(solved, particles, mass, slip)
         self.account.add("walls", particles, mesh, material)
         if self._balance is not None:
-            change = Change(moved, before.mesh, renumbered, relocated, solved.work.dissipated, solved.dt)
-            particles, owed = self._balance.keep(change, particles, mesh, mass, before.owed)
+            work = solved.work.dissipated, solved.dt
+            change = Change(moved, before.mesh, renumbered, relocated, before.slip, *work)
+            particles, owed = self._balance.keep(change, particles, mesh, mass, before.owed, slip)
         return self._ended(
             solved,
             particles,
@@ -449,6 +457,7 @@ class FittedRemesher(Remesher):
             pressure_jump=jump,
             layers=solved.walls.layers,
             bodies=bodies,
+            slip=slip,
             owed=owed,
         )
 
@@ -470,7 +479,12 @@ class FittedRemesher(Remesher):
         changed = Mesh(particles.position, mesh.cells, given, period=mesh.period)
         mesh = with_components(changed.with_(neighbours=mesh.neighbours), len(self.density))
         particles = particles.shallow_copy(fluid=particle_fluid(mesh, len(particles), self.rank))
-        return self._changed(state, particles, mesh, *self._material(mesh))
+        slip = self._slip(particles, mesh)
+        return self._changed(state, particles, mesh, *self._material(mesh), slip=slip)
+
+    def _slip(self, particles: Particles, mesh: Mesh) -> InterfaceSlip | None:
+        """Where liquids slide along each other."""
+        return None if self._gravity is None else find_slip(mesh, particles, self.density, self._gravity)
 
     def _material(self, mesh: Mesh) -> tuple[SharpMaterial, Array]:
         """What the elements are made of, and the lumped masses (N,) [kg]."""

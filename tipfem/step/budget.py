@@ -68,6 +68,10 @@ class Totals:
             work=(len(mass), work_kernels.SUM),
         )
         sums[0] -= deviations(state, kind, [(particles.velocity, particles.velocity)])[0]
+        if state.slip:
+            lumping = lumping_of(state, kind)[state.slip.cell]
+            sums[0] += state.slip.product(particles.velocity, particles.velocity, lumping)
+            sums[1 + d :] += state.slip.total(particles.velocity)
         return Totals.summed(sums, gravity, state.volume)
 
     @staticmethod
@@ -75,6 +79,11 @@ class Totals:
         """From v^T M v, sum m x and sum m v (1 + 2 d,), and the volumes (F,) of the fluids."""
         d = len(gravity)
         return Totals(0.5 * float(sums[0]), -float((sums[1 : 1 + d] * gravity).sum()), sums[1 + d :], volume)
+
+
+def lumping_of(state: State, kind: str) -> Array:
+    """Part (M,) of the cells' mass matrix that is lumped, for a kind of it."""
+    return mass_kernels.lumped_part(kind, state.mesh.cells, state.material.fraction, len(state.mesh.position))
 
 
 def deviations(state: State, kind: str, fields: Sequence[tuple[Array, Array]]) -> Array:
@@ -89,8 +98,7 @@ def deviations(state: State, kind: str, fields: Sequence[tuple[Array, Array]]) -
     if kind == "lumped":
         return results[:, 0]
     mesh, material = state.mesh, state.material
-    cells = np.ascontiguousarray(mesh.cells)
-    lumping = mass_kernels.lumped_part(kind, cells, material.fraction, len(mesh.position))
+    cells, lumping = np.ascontiguousarray(mesh.cells), lumping_of(state, kind)
     for result, (a, b) in zip(results, fields, strict=True):
         launch(
             mass_kernels.deviation,
@@ -217,6 +225,14 @@ class Budget:
         u = solved.displacement
         fields = [(solved.acceleration, u), (solved.force - self._gravity, u), (end.velocity, end.velocity)]
         sums[[0, 1, 2 + 2 * d]] -= deviations(start, self._kind, fields)
+        if work.slip and start.slip:
+            lumping = lumping_of(start, self._kind)[start.slip.cell]
+            sums[0] += work.slip.inertia
+            sums[1] += start.slip.work(solved.force - self._gravity, u, lumping)
+            sums[2 : 2 + d] += scheme.dt * work.slip.force
+            sums[2 + 2 * d] += start.slip.product(end.velocity, end.velocity, lumping)
+            sums[3 + 2 * d : 3 + 3 * d] += start.slip.total(u)
+            sums[3 + 3 * d :] += start.slip.total(end.velocity)
         count = len(self._names)
         volume = start.material.volumes(solved.mesh.measure) + spray_volumes(start.mesh, old.fluid, count)
         after = Totals.summed(sums[2 + 2 * d :], self._gravity, volume)
@@ -229,7 +245,7 @@ class Budget:
             friction=work.friction_dissipation,
             time=inertia - (after.kinetic - before.kinetic) + rest,
             geometry=-work.geometry,
-            stabilisation=work.stabilisation,
+            stabilisation=work.stabilisation + (work.slip.stabilisation if work.slip else 0.0),
             source=-work.source,
             external=external + work.walls + work.friction,
             wall_force=work.wall_force,

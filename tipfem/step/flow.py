@@ -19,12 +19,14 @@ from tipfem.fem import work as work_kernels
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.linalg import fgmres, vector_kernels
 from tipfem.mesh.cut import cut_along_interfaces
+from tipfem.mesh.interface_slip import InterfaceSlip
 from tipfem.mesh.mesh import Mesh, parabola, volume_gradient
 from tipfem.state import StepWork
 from tipfem.step.body_rows import BodyRows
 from tipfem.step.interface_ties import InterfaceTies
 from tipfem.step.linear_system import LinearSystem, Workspace, covering_box
 from tipfem.step.matrix_free import MatrixFreeSystem
+from tipfem.step.slip_rows import SlipRows
 from tipfem.timers import timer
 from tipfem.typing import Array
 from tipfem.walls.bodies import BodyWalls
@@ -90,6 +92,7 @@ class FlowProblem:
         pressure_jump: (F, N) first guess of the pressure of each fluid at each particle less that of the particle
             [Pa]; None for a pressure that is continuous, see `tipfem.Numerics`.
         flow_time: T [s], see `tipfem.step.solve.flow_time`; 0 for the length of the step.
+        slip: where liquids slide along each other, if they do; with ``pressure_jump``.
     """
 
     @timer("set-up")
@@ -107,6 +110,7 @@ class FlowProblem:
         box: Array | None = None,
         pressure_jump: Array | None = None,
         flow_time: float = 0.0,
+        slip: InterfaceSlip | None = None,
     ) -> None:
         system = MatrixFreeSystem if jacobian == "matrix-free" else LinearSystem
         self.mesh, self.particles, self.scheme, self.properties = mesh, particles, scheme, properties
@@ -135,13 +139,16 @@ class FlowProblem:
         lumping = np.ones(self.elements) if properties.lumping is None else properties.lumping
         self._lumping = put("lumping", lumping)
         velocity, acceleration = walls.histories(*scheme.history(particles))
+        self._scale = buffers.get("scale", self.size)
+        self._slip = None
+        if slip is not None:
+            self._slip = self._slip_rows(slip, acceleration, body_force, lumping)
         acceleration -= body_force
         self._motion = put("motion", np.hstack([mesh.position, velocity, acceleration])[of_node])
         self._owner = self._cut.owner if self._cut else None
         self._wall, self._relative = put("wall", particles.wall[of_node]), acceleration
         self._local = buffers.get("local", self.elements * (d + 1), d + 1)
         self._record = buffers.get("record", self.elements, assembly.record_width(d))
-        self._scale = buffers.get("scale", self.size)
         self._r = buffers.get("residual", self.size)
         self._linearised = self._corrected = False
         self._norm = self._smallest = math.nan
@@ -171,6 +178,7 @@ class FlowProblem:
                 self._ties,
                 self._surface_volume() if free.exists else None,
                 floor,
+                self._slip,
             )
         self._rows = self.system.walls = WallRows(walls, d, self._scale, buffers, solved.cells, self._owner)
         if self._ties:
@@ -185,6 +193,17 @@ class FlowProblem:
                     walls, solved, owner, material, body_force, pinned, self.system, self._scale, buffers
                 )
             self.system.bodies = self._bodies
+
+    def _slip_rows(self, slip: InterfaceSlip, acceleration: Array, body_force: Array, lumping: Array) -> SlipRows:
+        """The equations of liquids that slide, from the part (N, 2) of a_alpha that the step does not change."""
+        assert self._cut is not None
+        scheme, cell, given = self.scheme, slip.cell, self.properties
+        position = self.mesh.position + scheme.cf * scheme.predict(self.particles)
+        length2 = 4 / math.pi * self.mesh.measure[cell]
+        viscous = 12 * given.viscosity[cell] / (given.density[cell] * length2)
+        tau = scheme.dt / np.hypot(1 / (self.stabilisation * scheme.dt), viscous)
+        motion = scheme, position, acceleration, body_force
+        return SlipRows(slip, self._cut, tau, lumping[cell], *motion, self._scale, self.buffers)
 
     def _surface_volume(self) -> tuple[Array, Array]:
         """The free particles (K,) on the surface, and the derivatives (K, d) of the volume by their displacements."""
@@ -292,6 +311,8 @@ class FlowProblem:
         )
         if self._ties:
             self._ties.collect(self._r)
+        if self._slip:
+            self._slip.residual(x, self._r)
         self._rows.residual(self._motion, x, self._r)
         if self._bodies:
             self._bodies.residual(x, self._r)
@@ -374,7 +395,7 @@ class FlowProblem:
         )
         viscous_dissipation, viscous, geometry, stabilisation, source, walls, *force = result.tolist()
         terms = viscous, geometry, stabilisation, source, walls, *self._rows.friction(self.split(x)[0])
-        return StepWork(viscous_dissipation, *terms, np.array(force))
+        return StepWork(viscous_dissipation, *terms, np.array(force), self._slip.work(x) if self._slip else None)
 
     def product(self, v: Any, out: Any) -> None:
         """out = K v, the derivative of the scaled residual at the last `linearise` along ``v``."""

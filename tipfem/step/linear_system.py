@@ -22,6 +22,7 @@ from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.mesh import Mesh
 from tipfem.step import block_preconditioner, fused_iteration
 from tipfem.step.interface_ties import InterfaceTies
+from tipfem.step.slip_rows import SlipRows
 from tipfem.typing import Array
 
 # Spacing of the finest background grid in particle spacings. Finer grids need as many iterations, and below 1.2 more:
@@ -169,6 +170,7 @@ class LinearSystem:
         surface: the particles (K,) on the free surface, and how their displacements change the volume (K, d); None
             without.
         floor: what the floor of the stabilisation's tau adds to it [s^2], see `tipfem.step.flow`.
+        slip: equations of liquids that slide along each other; None where none do.
 
     Attributes:
         stores_rows: whether the Jacobian is kept in rows.
@@ -201,8 +203,9 @@ class LinearSystem:
         ties: InterfaceTies | None = None,
         surface: tuple[Array, Array] | None = None,
         floor: float = 0.0,
+        slip: SlipRows | None = None,
     ) -> None:
-        self._ties, self.bodies = ties, None
+        self._ties, self._slip, self.bodies = ties, slip, None
         self._no_bodies = buffers.get("no_bodies.lists", 1, integer=True), buffers.get("no_bodies.data", 1)
         self._topology, self._scale, self._scheme = topology, scale, scheme
         self._density, _, self._lumping = material
@@ -217,8 +220,6 @@ class LinearSystem:
         launch(sparsity.find_neighbours, *arrays, n, d, work=(n, sparsity.NEIGHBOURS))
         count = launch(sparsity.running_sums, row_offsets, n)
         columns = buffers.get("columns", count, integer=True)
-        blocks = buffers.get("blocks", count * (d + 1) ** 2 if self.stores_rows else 0)
-        self.rows = Csr(row_offsets, columns, blocks)
         self.pressure_laplacian = Csr(row_offsets, columns, buffers.get("laplacian", count))
         launch(
             schur.scale_and_laplacian,
@@ -240,6 +241,9 @@ class LinearSystem:
             d,
             work=(n, schur.LAPLACIAN_ROW),
         )
+        if slip and self.stores_rows:
+            row_offsets, columns, count = slip.merged(*self.pressure_laplacian, n)
+        self.rows = Csr(row_offsets, columns, buffers.get("blocks", count * (d + 1) ** 2 if self.stores_rows else 0))
         label = None
         if surface is not None and len(surface[0]):
             launch(
@@ -293,6 +297,8 @@ class LinearSystem:
             self._nodes,
             self._dimension,
         )
+        if self._slip:
+            self._slip.add_to(self.rows)
         self.walls.add_to(self.rows)
 
     def product(self, v: Any, out: Any) -> None:

@@ -31,6 +31,8 @@ class MatrixFreeSystem(LinearSystem):
         """out = K v, the derivative of the scaled residual along ``v``; both (N (d + 1),) on the device."""
         self._multiply(v, out)
         self._complete(v, out)
+        if self._slip:
+            self._slip.product(v, out)
         self.walls.product(v, out)
         if self.bodies:
             self.bodies.product(v, out)

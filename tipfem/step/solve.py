@@ -198,6 +198,7 @@ class StepSolver:
             state.grid_box,
             jump,
             0.0 if fading else time,
+            state.slip if jump is not None else None,
         )
         tolerance = numerics.tolerance(
             force if varies else force[:1],

@@ -47,7 +47,7 @@ FLOWS = {
 }
 UPPER = {"liquids": tp.Fluid("oil", density=500.0, viscosity=5e-4)}
 TIME_STEP = 0.05  # [sqrt(h / g)]
-LARGEST_PERIOD_ERROR = {"water": 0.02, "liquids": 0.05}  # from 20 particles across on
+LARGEST_PERIOD_ERROR = {"water": 0.02, "liquids": 0.005}  # from 20 particles across on
 # Of the water's amplitude, from so many particles across on; of the rise of energy from one half period to the next,
 # over the wave's.
 LARGEST_ERRORS = {20: 0.01, 40: 0.003}

@@ -1,0 +1,190 @@
+"""The equations of liquids that slide along each other: their terms, their derivative, and runs with them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tipfem as tp
+from tipfem.backend.arrays import download
+from tipfem.case.fluid import ranks
+from tipfem.fem.mass import consistent_part
+from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.mesh.cut import cut_along_interfaces
+from tipfem.mesh.delaunay import triangulate
+from tipfem.mesh.interface_slip import find_slip
+from tipfem.remesh.fitted import with_fluids
+from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
+
+FLUIDS = [tp.Fluid("water", density=1000.0, viscosity=0.1), tp.Fluid("oil", density=800.0, viscosity=2.0)]
+DENSITY, VISCOSITY = (np.array([getattr(f, name) for f in FLUIDS]) for name in ("density", "viscosity"))
+SPACING, DT, RHO_INF, STABILISATION = 0.05, 2e-3, 0.3, 0.3
+SCHEME, GRAVITY = GeneralizedAlpha(RHO_INF, DT), np.array([0.4, -9.81])
+
+
+class Setting:
+    """Oil over water in motion, a drop of water in the oil, the interface rough; unknowns at random."""
+
+    def __init__(self, jacobian="rows", lumping=1.0):
+        tank = tp.tank((1.0, 1.0), SPACING, jitter=0.2, seed=4).fill(FLUIDS[0]).fill(FLUIDS[1], box=((0, 0.5), (1, 1)))
+        self.particles = particles = tank.fill(FLUIDS[0], disc=((0.3, 0.75), 0.12)).sample(FLUIDS)
+        rng, n = np.random.default_rng(7), len(particles)
+        self.moves = moves = ~particles.wall[:, None]
+        particles.velocity[:] = rng.uniform(-0.25, 0.25, (n, 2)) * moves
+        particles.acceleration[:] = rng.uniform(-10, 10, (n, 2)) * moves
+        self.mesh = with_fluids(triangulate(particles.position, particles.wall, SPACING), particles, ranks(FLUIDS))
+        self.slip = find_slip(self.mesh, particles, DENSITY, GRAVITY)
+        self.cut = cut_along_interfaces(self.mesh, DENSITY[self.mesh.fluid])
+        self.lumping, self.force = lumping, rng.uniform(-1, 1, (n, 2)) + GRAVITY
+        self.with_slip, self.without = self.problem(self.slip, jacobian), self.problem(None, jacobian)
+        self.x = rng.uniform(-0.1, 0.1, (n, 2)) * moves * SPACING, rng.uniform(-500, 500, len(self.cut.owner))
+
+    def problem(self, slip, jacobian):
+        n, nothing = len(self.particles), np.zeros(len(self.mesh.cells))
+        return FlowProblem(
+            self.mesh,
+            self.particles,
+            ElementProperties(DENSITY[self.mesh.fluid], VISCOSITY[self.mesh.fluid], nothing, nothing + self.lumping),
+            SCHEME,
+            self.force,
+            STABILISATION,
+            Workspace(),
+            jacobian=jacobian,
+            pressure_jump=np.zeros((2, n)),
+            slip=slip,
+        )
+
+    def vector(self, problem, u, p):
+        return problem.buffers.upload("test.x", np.column_stack([u[self.cut.owner], p]).ravel())
+
+    def rows(self, problem, u, p):
+        """The residual (P, 3)."""
+        problem.residual(self.vector(problem, u, p))
+        return download(problem._r, problem.size).reshape(-1, 3).copy()
+
+    def added(self, u, p):
+        """What slip adds to it."""
+        return self.rows(self.with_slip, u, p) - self.rows(self.without, u, p)
+
+    @property
+    def scale(self):
+        return download(self.with_slip._scale, self.with_slip.size).reshape(-1, 3)
+
+
+def wanted(setting, u, p):
+    """The terms of `tipfem.step.slip_rows`, particle by particle and cell by cell; unscaled rows (P, 3)."""
+    slip, mesh, cut, particles = setting.slip, setting.mesh, setting.cut, setting.particles
+    history = SCHEME.history(particles)[1]
+    acceleration = SCHEME.cm * u + history
+    place = (particles.position + SCHEME.cf * SCHEME.predict(particles))[cut.owner]
+    slid, slips = slip.slip(u), slip.slip(acceleration)
+    factor, rows = STABILISATION, np.zeros((len(cut.owner), 3))
+    inertia, virtual = np.zeros(len(slip.owner)), np.zeros((len(mesh.position), 2))
+    for e, number in zip(slip.cell, slip.corner, strict=True):
+        nodes, area, rho = cut.mesh.cells[e], mesh.measure[e], DENSITY[mesh.fluid[e]]
+        side = np.array([place[nodes[1]] - place[nodes[0]], place[nodes[2]] - place[nodes[0]]])
+        last = np.linalg.inv(side).T
+        gradients = np.vstack([-last.sum(axis=0), last])
+        tau = DT / np.hypot(1 / (factor * DT), 12 * VISCOSITY[mesh.fluid[e]] / (rho * 4 / np.pi * area))
+        tied = (acceleration - setting.force)[cut.owner[nodes]]
+        own = np.array([slips[c] * slip.tangent[c] if c >= 0 else np.zeros(2) for c in number])
+        for a, c in enumerate(number):
+            if c < 0:
+                continue
+            t, part = slip.tangent[c], setting.lumping
+            mean = (tied + own).mean(axis=0)
+            acting = part * (tied + own)[a] + (1 - part) * mean
+            inertia[c] += area / 3 * (rho * t @ acting + t @ gradients.T @ p[nodes])
+            for b in range(3):
+                share = part * (a == b) + (1 - part) / 3
+                virtual[cut.owner[nodes[b]]] += rho * area / 3 * share * slips[c] * t
+                rows[nodes[b], 2] += area / 3 * t @ gradients[b] * (tau * slips[c] - slid[c])
+    for c, force in enumerate(inertia):
+        virtual[slip.owner[c]] -= slip.part[c] * force * slip.tangent[c]
+        for s in range(slip.offsets[c], slip.offsets[c + 1]):
+            virtual[slip.beside[s]] += slip.part[c] * slip.weight[s] * force * slip.tangent[c]
+    rows[: len(virtual), :2] = virtual
+    return rows
+
+
+@pytest.mark.parametrize("lumping", [1.0, consistent_part(2)])
+def test_rows_are_those_of_the_weak_form(lumping):
+    setting = Setting(lumping=lumping)
+    assert len(setting.slip.owner) > 15
+    assert setting.slip.part.min() < 1
+    found, expected = setting.added(*setting.x), setting.scale * wanted(setting, *setting.x)
+    assert (abs(expected).max(axis=0) > 1e-3 * SPACING).all()
+    size = abs(setting.rows(setting.without, *setting.x)).max(axis=0)
+    assert (abs(found - expected) <= 1e-10 * size).all()
+
+
+@pytest.mark.parametrize("jacobian", ["rows", "matrix-free"])
+def test_products_are_their_derivative(jacobian):
+    """Slip adds a linear function of the unknowns, so differences are exact."""
+    setting, rng = Setting(jacobian), np.random.default_rng(2)
+    du = rng.standard_normal(setting.x[0].shape) * setting.moves * SPACING
+    dp = rng.standard_normal(len(setting.x[1])) * 500
+    u, p = setting.x
+    expected = setting.added(u + du, p + dp) - setting.added(u, p)
+    found = []
+    for problem in (setting.with_slip, setting.without):
+        setting.rows(problem, u, p)
+        problem.linearise()
+        out = problem.buffers.get("test.out", problem.size)
+        problem.product(setting.vector(problem, du, dp), out)
+        found.append(download(out, problem.size).reshape(-1, 3).copy())
+    assert (abs(expected).max(axis=0) > 0).all()
+    assert (abs(found[0] - found[1] - expected) <= 1e-9 * abs(found[1]).max(axis=0)).all()
+
+
+def test_a_pressure_in_balance_with_gravity_drives_no_slip_and_volumes_stay():
+    """On a rough interface, with any level of pressure in each component."""
+    setting = Setting()
+    place = setting.particles.position + SCHEME.cf * SCHEME.predict(setting.particles)
+    setting.particles.velocity[:] = setting.particles.acceleration[:] = 0.0
+    setting.force[:] = GRAVITY
+    setting.with_slip, setting.without = setting.problem(setting.slip, "rows"), setting.problem(None, "rows")
+    place, cut = setting.particles.position[setting.cut.owner], setting.cut
+    density = DENSITY[cut.fluid]
+    p = density * (place @ GRAVITY) + np.array([300.0, -70.0, 20.0])[cut.component]
+    still = np.zeros_like(setting.x[0])
+    size = abs(setting.rows(setting.without, still, np.zeros(len(p)))[:, :2]).max()
+    assert abs(setting.added(still, p)).max() < 1e-12 * size
+    growth = setting.added(setting.x[0], p)[:, 2] / setting.scale[:, 2]
+    assert abs(growth).max() > 0
+    sums = np.bincount(cut.component, growth)
+    assert abs(sums).max() < 1e-13 * abs(growth).sum()
+
+
+def wave(jacobian="rows", **options):
+    """A standing wave between liquids after ten steps."""
+    tank = tp.tank((0.2, 0.2), 0.02, **options)
+    lower, upper = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("oil", 500.0, 5e-4)
+    tank.fill(upper).fill(lower, where=lambda x: x[:, 1] < 0.1 + 0.002 * np.cos(np.pi * x[:, 0] / 0.1))
+    for wall in ("bottom", "top") if "periodic" in options else ("left", "right", "bottom", "top"):
+        tank.wall(wall, slip=True)
+    numerics = tp.Numerics(jacobian=jacobian, newton_tolerance=1e-11, newton_iterations=30)
+    simulation = tp.Simulation(tp.Case(tank, [lower, upper], (0, -9.81), numerics=numerics), time_step=2e-3)
+    for _ in range(10):
+        simulation.step()
+    return simulation
+
+
+def test_both_systems_solve_alike_and_energy_closes():
+    runs = [wave(jacobian) for jacobian in ("rows", "matrix-free")]
+    first, other = (run.particles for run in runs)
+    assert runs[0].state.slip is not None
+    np.testing.assert_allclose(first.velocity, other.velocity, atol=1e-7 * first.max_speed)
+    for run in runs:
+        rows = run.history
+        kinetic = max(row["kinetic_energy"] for row in rows)
+        assert max(abs(row["energy_residual"]) for row in rows) < 1e-7 * kinetic
+        np.testing.assert_allclose(run.state.volume, run.state.start_volume, rtol=1e-13)
+        assert np.linalg.norm(run.state.slip.slip(run.particles.velocity)) > 0.1 * run.particles.max_speed
+
+
+def test_momentum_along_periodic_sides_stays():
+    rows = wave(periodic="x").history
+    scale = max(row["kinetic_energy"] for row in rows) ** 0.5 * 30.0**0.5
+    momentum = [row["momentum_x"] for row in rows]
+    assert np.ptp(momentum) < 1e-9 * scale
