@@ -44,6 +44,7 @@ TAICHI = (
     "step/body_kernels.py",
     "step/body_layout.py",
     "step/fused_iteration.py",
+    "step/slip_kernels.py",
     "step/tie_kernels.py",
     "walls/constraint_kernels.py",
 )

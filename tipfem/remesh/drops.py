@@ -35,6 +35,36 @@ def require_walls(mesh: Mesh) -> None:
         raise ValueError("drop: a drop cannot be added to a tank with periodic sides")
 
 
+def with_fluid_in_circle(
+    particles: Particles, mesh: Mesh, at: Array, radius: float, fluid: int, names: Sequence[str]
+) -> tuple[Particles, Mesh]:
+    """Particles and cells, with fluids, of which those in a circle are a drop's and its outline is moved onto it.
+
+    Args:
+        particles: N of them.
+        mesh: on them, with fluids.
+        at: (2,) centre [m].
+        radius: [m].
+        fluid: of the drop.
+        names: of the fluids.
+
+    Raises:
+        ValueError: the circle is not within one fluid of the tank.
+    """
+    require_walls(mesh)
+    if not is_inside(mesh, at):
+        raise ValueError(f"drop: at is {place(at)} m, outside the tank")
+    near, among = within(particles, at, radius), np.zeros(len(particles), dtype=bool)
+    among[near] = True
+    of_cells = np.asarray(mesh.fluid)
+    require_room(particles, near, of_cells[among[mesh.cells].any(axis=1)], at, radius, fluid, names)
+    inside = cells_in_circle(mesh, at, radius)
+    particles = rounded(particles, mesh, inside, at, radius)
+    given = np.where(inside, fluid, of_cells).astype(of_cells.dtype)
+    changed = Mesh(particles.position, mesh.cells, given, period=mesh.period)
+    return particles, changed.with_(neighbours=mesh.neighbours)
+
+
 def is_inside(mesh: Mesh, at: Array) -> bool:
     """Whether a point (d,) [m] is in a cell of a mesh."""
     return bool((barycentric(mesh, np.arange(len(mesh.cells)), at[None])[0] > -1e-9).all(axis=1).any())

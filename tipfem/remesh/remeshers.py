@@ -463,24 +463,10 @@ class FittedRemesher(Remesher):
 
     def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
         """See `Remesher.with_drop`: cells change their fluid, and the drop's outline is moved onto its circle."""
-        particles, mesh = state.particles, state.mesh
-        drops.require_walls(mesh)
-        if not drops.is_inside(mesh, at):
-            raise ValueError(f"drop: at is {drops.place(at)} m, outside the tank")
-        near = drops.within(particles, at, radius)
-        among = np.zeros(len(particles), dtype=bool)
-        among[near] = True
-        of_cells = np.asarray(mesh.fluid)
-        there = of_cells[among[mesh.cells].any(axis=1)]
-        drops.require_room(particles, near, there, at, radius, fluid, self._names)
-        inside = drops.cells_in_circle(mesh, at, radius)
-        particles = drops.rounded(particles, mesh, inside, at, radius)
-        given = np.where(inside, fluid, of_cells).astype(of_cells.dtype)
-        changed = Mesh(particles.position, mesh.cells, given, period=mesh.period)
-        mesh = with_components(changed.with_(neighbours=mesh.neighbours), len(self.density))
+        particles, mesh = drops.with_fluid_in_circle(state.particles, state.mesh, at, radius, fluid, self._names)
+        mesh = with_components(mesh, len(self.density))
         particles = particles.shallow_copy(fluid=particle_fluid(mesh, len(particles), self.rank))
-        slip = self._slip(particles, mesh)
-        return self._changed(state, particles, mesh, *self._material(mesh), slip=slip)
+        return self._changed(state, particles, mesh, *self._material(mesh), slip=self._slip(particles, mesh))
 
     def _slip(self, particles: Particles, mesh: Mesh) -> InterfaceSlip | None:
         """Where liquids slide along each other."""
