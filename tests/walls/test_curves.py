@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.special import jn_zeros
 
 import tipfem as tp
 from tipfem.backend.arrays import download
@@ -76,6 +77,33 @@ def test_the_level_of_pressure_is_bounded_in_a_closed_circle(wall, water, air):
         assert abs(simulation.solved.level) < 998.2 * 9.81 * 0.1
     assert simulation.time == pytest.approx(20 * 7e-3)
     assert simulation.state.volume_error < 1e-12
+
+
+def test_a_circle_of_the_default_law_slows_rotation_as_its_boundary_layer_does(water):
+    """Spin-down: L / L_0 = 8 sum exp(-nu l^2 t / R^2) / l^2 over the zeros l of J_1; no-slip walls take 20 times it."""
+    tank = tp.tank(shape=CIRCLE, spacing=0.2).fill(water, velocity=lambda x: np.stack([-x[:, 1], x[:, 0]], axis=1))
+    simulation = tp.Simulation(tp.Case(tank, [water], (0, -9.81)))
+
+    def angular_momentum():
+        x, v = simulation.particles.position, simulation.particles.velocity
+        return float(simulation.state.mass @ (x[:, 0] * v[:, 1] - x[:, 1] * v[:, 0]))
+
+    start = angular_momentum()
+    while simulation.time < 0.1 - 1e-9:
+        simulation.step(0.1)
+    zeros = jn_zeros(1, 20000)
+    left = 8 * (np.exp(-water.viscosity / water.density * zeros**2 * 0.1) / zeros**2).sum()
+    lost = 8 * (1 / zeros**2).sum() - left
+    assert 1 - angular_momentum() / start == pytest.approx(lost, rel=0.15)
+
+
+def test_a_fluid_with_a_free_surface_in_a_circle_that_slips_stays_at_rest(water):
+    """Also where the circle is dry."""
+    tank = tp.tank(shape=CIRCLE, spacing=0.125).fill(water, where=lambda x: x[:, 1] < 0.13).wall("rim", slip=True)
+    simulation = tp.Simulation(tp.Case(tank, [water], (0, -9.81), free_surface=True))
+    for _ in range(5):
+        simulation.step()
+    assert simulation.particles.max_speed < 1e-9
 
 
 def test_product_is_the_derivative_of_the_residual_on_a_curve(water):

@@ -125,7 +125,8 @@ class Case:
             self.tank = tank = particles
             if tank.period:
                 self._check_periodic()
-            tank.choose_laws(Setting(len(tank.size), self.interface == "sharp", self.free_surface, bool(self.walls)))
+            sharp, graded = self.interface == "sharp", self.grading is not None
+            tank.choose_laws(Setting(len(tank.size), sharp, self.free_surface, bool(self.walls), graded))
             particles = tank.sample(
                 self.fluids, fitted=self.interface == "sharp", empty=self.free_surface, grading=self.grading
             )

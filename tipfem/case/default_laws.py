@@ -19,12 +19,14 @@ class Setting:
         sharp: whether the case has the sharp interface.
         free_surface: whether the fluids end at free surfaces.
         own_walls: whether the case is given walls of its own, beside those of the tank.
+        graded: whether particles are farther apart in some places.
     """
 
     dimension: int
     sharp: bool
     free_surface: bool
     own_walls: bool
+    graded: bool = False
 
 
 @dataclass(frozen=True)
@@ -55,9 +57,14 @@ RULES = (
         "in 3-D the particles along walls that slip are not spaced",
     ),
     Rule(
-        lambda case, curved: curved,
+        lambda case, curved: curved and case.graded,
         "no-slip",
-        "the wall is curved, and pressures can lose digits where fluid slides along a whole circle",
+        "the wall is curved, and particles would be removed along it where they may be farther apart",
+    ),
+    Rule(
+        lambda case, curved: curved and case.free_surface,
+        "no-slip",
+        "the wall is curved, and flows that end at free surfaces on curves that slip are not validated",
     ),
     Rule(lambda case, curved: True, "layer", "boundary layers may be thinner than the particles' spacing"),
 )

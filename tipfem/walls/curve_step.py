@@ -53,6 +53,7 @@ class CurveStep:
         scheme: TimeScheme,
     ) -> None:
         self._boundary, self._after, self._position = boundary, after, particles.position
+        self._open = mesh.surface.exists
         self.rows = np.flatnonzero(boundary.on_curve >= 0)
         self._particles = index = boundary.index[self.rows]
         cell, i = np.nonzero(mesh.neighbours < 0)
@@ -72,7 +73,12 @@ class CurveStep:
             before.place(before.pose.origin(middle[walls])) + after.place(before.pose.origin(middle[walls]))
         )
         middle[index] += 0.5 * along * self._start
-        self._middle = chain_tangents(middle, self._pairs, index)
+        chain = self._pairs
+        if self._open:  # whose faces are no part of a wall: beside them, and where it is dry, as the curve
+            chain = chain[particles.wall[chain].all(axis=1)]
+        both = np.isin(index, chain[:, 0]) & np.isin(index, chain[:, 1])
+        self._middle = self._start.copy()
+        self._middle[both] = chain_tangents(middle, chain, index[both])
         self.projector = self._middle[:, :, None] * self._middle[:, None, :]
 
     def growth(self, u: Array) -> float:
@@ -114,13 +120,15 @@ class CurveStep:
         return moved, tangent[:, :, None] * tangent[:, None, :]
 
     def on_curves(self, particles: Particles) -> Particles:
-        """The particles put on their curves, so that the boundary encloses the area that it did at the start."""
+        """The particles put on their curves, in a closed tank so that the boundary encloses the area of the domain."""
         pose, index = self._after.pose, self._particles
         y, number = pose.origin(particles.position[index]), self._boundary.on_curve[self.rows]
         for k, curve in enumerate(self._boundary.curves):
             y[number == k] = curve.project(y[number == k])
         position = particles.position.copy()
         position[index] = pose.place(y)
+        if self._open:  # the boundary of the fluid is not that of the domain
+            return particles.shallow_copy(position=position)
         on = np.zeros(len(position), dtype=bool)
         on[index] = True
         domain = self._boundary.domain
