@@ -29,8 +29,8 @@ from tipfem.typing import Array
 LEAST_GAIN, LEAST_LOSS = 1e-7, 2e-5
 STRONGEST = 0.5  # largest factor of `exchange`, with which no two particles exchange more than their difference
 WEAKEST = -0.1  # least factor, with which differences of velocities grow by a fifth at most
-# Of what viscosity takes: where that is so much, a hundredth of it may come and go without a balance.
-VISCOUS = 0.01
+# Of what viscosity takes: how much may come and go without a balance, and how much of what is owed is remitted.
+VISCOUS, REMITTED = 0.01, 1e-3
 RINGS = 4  # how often the cells around are added before the rest of a gain is left to the next step
 FIELD, CASE, POTENTIAL = 0, 1, 2  # energies: kinetic of the field, and by the case's mass matrix; potential
 
@@ -124,9 +124,12 @@ class EnergyBalance:
         more = now - before
         gained, rise = more[FIELD] + more[POTENTIAL] + owed, more[CASE] + more[POTENTIAL]
         scale = np.abs(now[[FIELD, POTENTIAL]]).sum()
-        least = LEAST_GAIN * scale + change.unnoticed
-        if -LEAST_LOSS * scale - change.unnoticed <= gained <= least and rise <= least:
-            return particles, math.copysign(max(abs(gained) - VISCOUS * change.dissipated, 0.0), gained)
+        unnoticed = change.unnoticed
+        left = min(max(gained, -unnoticed), unnoticed)
+        gained, rise = gained - left, rise - unnoticed
+        left = math.copysign(max(abs(left) - REMITTED * change.dissipated, 0.0), left)
+        if -LEAST_LOSS * scale <= gained <= LEAST_GAIN * scale and rise <= LEAST_GAIN * scale:
+            return particles, gained + left
         assert mesh.fluid is not None
         cell_mass = self._density[mesh.fluid] * mesh.measure
         changed, particles = changed_cells(change, particles, mesh), particles.shallow_copy()
@@ -138,11 +141,11 @@ class EnergyBalance:
             particles.velocity = particles.velocity + factor * rate
             gained, rise = gained - taken, rise - lowered
             if WEAKEST < factor < STRONGEST:
-                return particles, gained
+                return particles, gained + left
             near = np.zeros(len(particles), dtype=bool)
             near[mesh.cells[changed]] = True
             changed = corners_among(near, mesh.cells) > 0
-        return particles, max(gained, 0.0)
+        return particles, max(gained, 0.0) + left
 
     def _lumping(self, mesh: Mesh) -> Array:
         """lambda (M,) of the cells, see `tipfem.fem.mass`."""
