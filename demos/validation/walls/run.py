@@ -62,7 +62,7 @@ LIMITS = {
     "long_two_fluids": 0.02,
     "driven_100": 0.03,
     "driven_400": 0.03,
-    "dam_no_slip_rms": 0.06,  # five perturbed starts: 0.043 +- 0.008, from 0.030 to 0.053
+    "dam_no_slip_rms": 0.075,  # runs from perturbed starts: 0.044 +- 0.014, from 0.027 to 0.062
     "dam_slip_rms": 0.10,
     "sway_pressure": 2e-3,
     "slosh_moment": 0.06,
