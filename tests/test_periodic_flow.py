@@ -104,14 +104,23 @@ def stirred(*, interface="sharp", slip=True, fluids=(WATER, OIL), width=1.0, **o
     return tp.Case(tank, list(fluids), GRAVITY, interface=interface, **options)
 
 
+def total_momentum(simulation):
+    """Along x, with that of liquids that slide along others."""
+    state, velocity = simulation.state, simulation.particles.velocity
+    slid = state.slip.total(velocity)[0] if state.slip else 0.0
+    return state.mass @ velocity[:, 0] + slid
+
+
 @pytest.mark.parametrize("interface", ["sharp", "interpolated"])
 def test_momentum_along_the_sides_and_volumes_stay_to_round_off(interface):
     simulation = tp.Simulation(stirred(interface=interface), time_step=0.01)
-    start, volume = simulation.state.mass @ simulation.particles.velocity[:, 0], simulation.state.volume
+    start, volume = total_momentum(simulation), simulation.state.volume
     for _ in range(60):
         simulation.step()
     assert simulation.time * 0.5 > 0.2  # particles have passed the sides
-    np.testing.assert_allclose(simulation.state.mass @ simulation.particles.velocity[:, 0], start, rtol=1e-12)
+    # Where liquids slide, the first acceleration, which is solved for, leaves its tolerance.
+    np.testing.assert_allclose(total_momentum(simulation), start, rtol=1e-12 if interface == "interpolated" else 1e-9)
+    np.testing.assert_allclose([row["momentum_x"] for row in simulation.history], total_momentum(simulation), rtol=1e-12)
     if interface == "sharp":
         np.testing.assert_allclose(simulation.state.volume, volume, rtol=1e-12)
     np.testing.assert_allclose(simulation.mesh.measure.sum(), 0.5, rtol=1e-12)

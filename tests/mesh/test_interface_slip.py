@@ -59,6 +59,18 @@ def test_a_jump_of_the_velocity_is_the_slip_and_mean_places_lie_on_the_normal():
     assert beside_normal.mean() > 0.5
 
 
+def test_changes_without_momentum_have_none_with_what_slides():
+    particles, mesh = layers(jitter=0.2, seed=3)
+    slip, change = found(particles, mesh), np.random.default_rng(2).standard_normal((len(particles), 2))
+    density = np.array([LOWER.density, UPPER.density])[mesh.fluid] * mesh.measure
+    mass = np.bincount(mesh.cells.ravel(), np.repeat(density / 3, 3))
+    change -= mass @ change / mass.sum()
+    assert np.abs(slip.total(change)).max() > 1e-3 * mass.sum()
+    completed = slip.without_momentum(change, mass)
+    np.testing.assert_allclose(mass @ completed + slip.total(completed), 0.0, atol=1e-13 * mass.sum())
+    assert (np.flatnonzero((completed != change).any(axis=1))[:, None] == slip.owner).any(axis=1).all()
+
+
 @pytest.mark.parametrize("lumping", [1.0, 0.25])
 def test_sums_are_those_of_two_fields(lumping):
     """Of the velocity that the lighter liquid has at its own corners, summed over the cells."""

@@ -124,6 +124,18 @@ class InterfaceSlip:
         """
         return np.asarray((self.mass * self.slip(field)) @ self.tangent)
 
+    def without_momentum(self, field: Array, mass: Array) -> Array:
+        """Changes of velocities (N, 2) that leave momentum, completed by changes at the owners so that slip does, too.
+
+        Args:
+            field: sum m field is 0.
+            mass: (N,) lumped masses [kg].
+        """
+        result = field.copy()
+        along = -self.mass * self.slip(field) / (mass[self.owner] - self.part * self.mass)
+        result[self.owner] += along[:, None] * self.tangent
+        return result
+
 
 def find_slip(mesh: Mesh, particles: Particles, density: Array, gravity: Array) -> InterfaceSlip | None:
     """Where liquids slide along each other; None where nothing does.

@@ -135,6 +135,8 @@ class EnergyBalance:
         changed, particles = changed_cells(change, particles, mesh), particles.shallow_copy()
         for _ in range(RINGS):
             rate = exchange(particles, mesh, cell_mass, mass, np.flatnonzero(changed))
+            if slip:
+                rate = slip.without_momentum(rate, mass)
             factor, taken, lowered = _factor(
                 particles.velocity, rate, mesh.cells, cell_mass, lumping, gained, rise, slip
             )
