@@ -120,7 +120,9 @@ def test_momentum_along_the_sides_and_volumes_stay_to_round_off(interface):
     assert simulation.time * 0.5 > 0.2  # particles have passed the sides
     # Where liquids slide, the first acceleration, which is solved for, leaves its tolerance.
     np.testing.assert_allclose(total_momentum(simulation), start, rtol=1e-12 if interface == "interpolated" else 1e-9)
-    np.testing.assert_allclose([row["momentum_x"] for row in simulation.history], total_momentum(simulation), rtol=1e-12)
+    np.testing.assert_allclose(
+        [row["momentum_x"] for row in simulation.history], total_momentum(simulation), rtol=1e-12
+    )
     if interface == "sharp":
         np.testing.assert_allclose(simulation.state.volume, volume, rtol=1e-12)
     np.testing.assert_allclose(simulation.mesh.measure.sum(), 0.5, rtol=1e-12)

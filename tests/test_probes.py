@@ -10,6 +10,7 @@ import pytest
 
 import tipfem as tp
 from tipfem import probes as tpp
+from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.measures import surface_height
 from tipfem.output import ResultsFolder
 from tipfem.probes.walls import wall_line
@@ -259,7 +260,7 @@ def test_the_recorder_samples_at_the_interval_and_writes_what_it_keeps(layers, t
     recorder.write_to(ResultsFolder(tmp_path))
     for time in (0.0, 0.1, 0.2, 0.25, 0.3, 0.6, 0.7, 0.75):
         layers.state = dataclasses.replace(layers.state, time=time)
-        recorder.record(layers)
+        recorder.record(layers, GeneralizedAlpha(0.0, 0.1))
     assert recorder["all"]["time"].tolist() == [0.0, 0.1, 0.2, 0.25, 0.3, 0.6, 0.7, 0.75]
     assert recorder["some"]["time"].tolist() == [0.0, 0.25, 0.6, 0.75]
     lines = (tmp_path / "probes" / "some.csv").read_text().splitlines()
