@@ -131,7 +131,7 @@ class InterfaceSlip:
             field: sum m field is 0.
             mass: (N,) lumped masses [kg].
         """
-        result = field.copy()
+        result = np.array(field)
         along = -self.mass * self.slip(field) / (mass[self.owner] - self.part * self.mass)
         result[self.owner] += along[:, None] * self.tangent
         return result
