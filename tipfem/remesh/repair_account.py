@@ -54,7 +54,8 @@ class NoAccount:
 class RepairAccount(NoAccount):
     """Sums of energy and momentum before and after each repair of a step: a diagnostic, on which no step depends.
 
-    What all kinds add is what remeshing adds in the `tipfem.step.budget.Budget` of the step, to round-off.
+    What all kinds add is what remeshing adds in the `tipfem.step.budget.Budget` of the step, to round-off; but for two
+    liquids that slide along each other, whose slip the budget counts and these sums do not.
 
     Args:
         case: its fluids, and gravity.
