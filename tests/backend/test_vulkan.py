@@ -93,7 +93,7 @@ def test_kernels_equal_their_twins():
 @pytest.mark.usefixtures("driver")
 @pytest.mark.parametrize("kind", ["sharp", "interpolated", "free surface", "graded", "two-sided", "liquids"])
 def test_steps_equal_those_of_the_cpu(tmp_path, kind):
-    """20 steps of a dam break, or of liquids that slide, relative to the largest value; kernels compile for a minute."""
+    """20 steps of a dam break, or of liquids that slide; kernels take a minute to compile."""
     found = []
     for arch in ("cpu", "vulkan"):
         done = run("-c", STEPS, arch, kind, "20", str(tmp_path / f"{arch}.npz"))
