@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
-import os
-import signal
-import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, nullcontext, suppress
-from types import FrameType
 from typing import Any, Protocol
 
 from tipfem.arguments import is_number
@@ -22,65 +18,9 @@ from tipfem.progress import RunProgress
 from tipfem.state import State
 from tipfem.steering import Command, RunControl
 from tipfem.step.numerical_error import summary_line
-
-SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
-
+from tipfem.stop_request import StopRequest
 
 COMPLETE, STOPPED = "complete", "stopped by a command"  # status in the summary
-
-
-class StopRequest:
-    """Lets a step finish when the process is told to stop; told again, it stops at once.
-
-    As a context it takes the signals SIGINT (Ctrl-C), SIGTERM and SIGHUP; in the main thread only, for Python gives
-    them to no other.
-
-    Attributes:
-        signal: number of the signal that has come, or None.
-    """
-
-    def __init__(self) -> None:
-        self.signal: int | None = None
-        self._before: dict[int, object] = {}
-
-    def __enter__(self) -> StopRequest:
-        if threading.current_thread() is threading.main_thread():
-            for number in SIGNALS:
-                if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
-                    self._before[number] = signal.signal(number, self._take)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._restore()
-
-    def _restore(self) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)  # type: ignore[arg-type]
-        self._before = {}
-
-    def _take(self, number: int, _frame: FrameType | None) -> None:
-        if self.signal is None:
-            self.signal = number
-        else:
-            self._restore()
-            os.kill(os.getpid(), number)
-
-    def came(self) -> bool:
-        """Whether a signal has come."""
-        return self.signal is not None
-
-    def obey(self) -> None:
-        """End the run if a signal has come.
-
-        Raises:
-            KeyboardInterrupt: it was SIGINT.
-            SystemExit: it was another; the exit status is 128 more than its number, 143 for SIGTERM.
-        """
-        if self.signal is None:
-            return
-        if self.signal == signal.SIGINT:
-            raise KeyboardInterrupt
-        raise SystemExit(128 + self.signal)
 
 
 class Runnable(Protocol):

@@ -261,9 +261,8 @@ def test_a_picture_to_keep_is_that_of_the_renderer(server, page, colour_all):
         backend="raster",
     )
     assert np.array_equal(np.asarray(Image.open(io.BytesIO(data))), expected)
-    page.until("status", lambda status: status["layers"]["mesh"])
     words = "--field pressure --range 0 2500 --mesh --window 0.1 0.1 0.4 0.3" + " --colour-all" * colour_all
-    assert page.status["command"].endswith(words)
+    page.until_status(lambda status: status["command"].endswith(words))
 
 
 def test_a_movie_is_as_long_as_it_was_seen(page, tmp_path):

@@ -70,6 +70,11 @@ class Page:
             if message["type"] == kind and wanted(message):
                 return message, rest
 
+    def until_status(self, wanted, timeout=10.0):
+        """Wait for a status that is as wanted; it may be the latest that has come."""
+        if not (self.status and wanted(self.status)):
+            self.until("status", wanted, timeout=timeout)
+
     def quiet(self, seconds=0.4):
         """Take what comes until nothing does."""
         taken = []

@@ -1,7 +1,7 @@
 """The commands that run: run and resume.
 
 Both return an exit code, see `tipfem.casefile.commands.EXIT_CODES`, and end in an orderly way when they are told to
-stop; see `tipfem.run.StopRequest`.
+stop; see `tipfem.stop_request.StopRequest`.
 """
 
 from __future__ import annotations

@@ -8,14 +8,11 @@ import json
 import math
 import os
 import select
-import signal
 import subprocess
 import sys
-import threading
 import time as clock
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from types import FrameType
-from typing import Any, NoReturn, Protocol
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -26,6 +23,7 @@ from tipfem.liveview.memory import Snapshot, StateMemory, slot_size
 from tipfem.output import ResultsFolder
 from tipfem.state import State
 from tipfem.steering import Command, Gravity, Poke, Release, RunControl, command_from, limits
+from tipfem.stop_request import StopRequest
 
 RATE = 5.0  # pictures per second, by default
 STARTS = 60.0  # longest wait for the process that draws [s]; with a cold cache Taichi compiles for a while
@@ -123,10 +121,10 @@ class LiveControl(RunControl):
         self._memory.paused = paused
         self._publish(simulation)
         settings = {"facts": describe(simulation), "port": port, "browser": browser, "native": native}
-        with _signals_raise():
+        with StopRequest() as request:  # obeyed only once the process is known: none is left behind
             self._process: subprocess.Popen[bytes] | None = self._start({**settings, "backend": backend})
             try:
-                self._wait_for_address()
+                self._wait_for_address(request)
             except BaseException:  # also when the process is told to end
                 if self._process is not None:
                     self._process.kill()
@@ -224,15 +222,19 @@ class LiveControl(RunControl):
         os.set_blocking(process.stdin.fileno(), False)
         return process
 
-    def _wait_for_address(self) -> None:
+    def _wait_for_address(self, request: StopRequest) -> None:
         """Wait until the page is served.
 
         Raises:
+            KeyboardInterrupt: Ctrl-C.
+            SystemExit: the run was told to end by another signal.
             ValueError: the process has ended, or takes too long.
         """
         end = clock.monotonic() + STARTS
         while not self.address and self._process is not None and clock.monotonic() < end:
+            request.obey()
             self._read(0.1)
+        request.obey()
         if self.address:
             return
         why = self._failed or f"the process that draws did not begin within {STARTS:g} s"
@@ -313,26 +315,6 @@ class LiveControl(RunControl):
         if self._process is not None and self._process.stdin is not None:
             with contextlib.suppress(OSError):
                 os.write(self._process.stdin.fileno(), json.dumps({"message": message}).encode() + b"\n")
-
-
-@contextlib.contextmanager
-def _signals_raise() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP end the process by an exception, as Ctrl-C does, so that what was started is ended too."""
-
-    def end(number: int, _frame: FrameType | None) -> NoReturn:
-        raise SystemExit(128 + number)
-
-    before = {}
-    if threading.current_thread() is threading.main_thread():
-        for name in ("SIGTERM", "SIGHUP"):
-            number = getattr(signal, name, None)
-            if number is not None and signal.getsignal(number) == signal.SIG_DFL:
-                before[number] = signal.signal(number, end)
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def snapshot_of(simulation: Shown, speed: float) -> Snapshot:

@@ -20,7 +20,7 @@ from typing import Protocol
 from tipfem.casefile.describing import write_case
 from tipfem.checkpoint import FOLDER
 from tipfem.output import CASE_FILE
-from tipfem.run import StopRequest
+from tipfem.stop_request import StopRequest
 from tipfem.study.study import Run, Study
 from tipfem.study.table import status_of
 
