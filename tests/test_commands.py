@@ -72,6 +72,9 @@ def test_each_demo_shows_its_options():
     assert done.returncode == 0
     assert done.stdout.startswith("usage: tipfem demo layers_at_rest ")
     assert "--layers" in done.stdout
+    assert "(default: 0.2)" in done.stdout
+    assert "default: None" not in done.stdout
+    assert "default: False" not in done.stdout
 
 
 def test_a_demo_that_is_not_there():

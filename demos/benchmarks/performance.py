@@ -23,6 +23,7 @@ import numpy as np
 from tipfem.demos import harness
 from tipfem.demos.benchmarks import cases, states
 from tipfem.demos.support.figures import new_figure, save
+from tipfem.demos.support.options import ShowDefaults
 
 import tipfem as tp
 
@@ -213,9 +214,7 @@ def check(found: Sequence[Mapping[str, Any]], hard: Mapping[str, tuple[int, int]
 
 def main(words: Sequence[str] | None = None) -> None:
     """Measure everything, or, as a worker, one size."""
-    parser = argparse.ArgumentParser(
-        description=(__doc__ or "").split("\n\n")[0], formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0], formatter_class=ShowDefaults)
     add = parser.add_argument
     add(
         "--out",

@@ -78,10 +78,10 @@ class DropSinks(harness.Check):
         volume, height = _fluid_in_cells(simulation, 0)
         return {
             **{
-                f"volume_error_{name}": max(abs(row[f"volume_{name}"] / begun - 1) for row in history)
+                f"volume_error_{name}": float(np.max([abs(row[f"volume_{name}"] / begun - 1) for row in history]))
                 for name, begun in self.start.items()
             },
-            "largest_speed": max(row["max_speed"] for row in history),
+            "largest_speed": float(np.max([row["max_speed"] for row in history])),
             "centre": mean_height(simulation, 0) / self.depth,
             "dry": float(volume[height > self.depth].sum() / volume.sum()),
         }
@@ -152,8 +152,8 @@ class OilStaysOnTop(harness.Check):
             volume = np.array([row[f"volume_{name}"] for row in history])
             figures[f"volume_error_{name}"] = float(np.abs(volume / volume[0] - 1).max())
         figures["energy_gain"] = float((energy / energy[0]).max() - 1)
-        figures["oil_over_water"] = min(
-            row["oil_height"] - row["water_height"] for row in history if row["time"] <= BEFORE_IMPACT
+        figures["oil_over_water"] = float(
+            np.min([row["oil_height"] - row["water_height"] for row in history if row["time"] <= BEFORE_IMPACT])
         )
         against = front_figures(history)
         return figures | {name: against[name] for name in ("front_rms", "front_shift") if name in against}

@@ -140,10 +140,11 @@ def test_signals_end_a_run_with_its_last_state_written(number, code, tmp_path):
     assert (out / "fields" / f"step_{len(steps):06d}.vtu").exists()
 
 
-def test_check_says_what_a_run_takes_and_draws_it(tmp_path, monkeypatch, capsys):
+def test_check_says_what_a_run_takes(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["check", CASE, *COARSE]) == 0
     said = capsys.readouterr().out
+    assert not list(tmp_path.iterdir())
     assert "no mistakes found" in said
     count = len(load_case(CASE, [COARSE[1]]).case().particles)
     assert f"particles   {count}, " in said
@@ -152,11 +153,18 @@ def test_check_says_what_a_run_takes_and_draws_it(tmp_path, monkeypatch, capsys)
     assert "water (998.2 kg/m^3, 0.001002 Pa s), air (1.204 kg/m^3, " in said
     assert "states      101 written to disk" in said
     assert "walls       left, right, bottom, top: layer, because boundary layers may be thinner" in said
-    picture = imageio.imread(tmp_path / "dam_break.png")
+
+
+def test_check_draws_the_initial_state_where_it_is_told_to(tmp_path, capsys):
+    assert main(["check", CASE, *COARSE, "--picture", str(tmp_path / "initial.png")]) == 0
+    assert f"picture     {tmp_path / 'initial.png'}" in capsys.readouterr().out
+    picture = imageio.imread(tmp_path / "initial.png")
     assert picture.shape[0] == 720
     assert 720 < picture.shape[1] < 1280  # as wide as a square tank needs
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20
     assert main(["check", CASE, *COARSE, "--picture", "no/folder.png"]) == 2
+    assert main(["check", CASE, "--no-mesh", "--picture", "initial.png"]) == 2
+    assert "leave out one of them" in capsys.readouterr().err
 
 
 def test_check_of_a_case_in_3d_draws_nothing(tmp_path, monkeypatch, capsys):
@@ -165,7 +173,7 @@ def test_check_of_a_case_in_3d_draws_nothing(tmp_path, monkeypatch, capsys):
     text = text.replace("[0.3, 0.2]", "[0.2, 0.2, 0.2]").replace("spacing = 0.02", "spacing = 0.05\njitter = 0.1")
     text = text.replace("[[0, 0], [0.3, 0.1]]", "[[0, 0, 0], [0.2, 0.1, 0.2]]") + "[time]\nend = 1.0\n"
     (tmp_path / "cube.toml").write_text(text)
-    assert main(["check", "cube.toml"]) == 0
+    assert main(["check", "cube.toml", "--picture", "cube.png"]) == 0
     assert "only two-dimensional cases" in capsys.readouterr().out
     assert not list(tmp_path.glob("*.png"))
 
@@ -193,10 +201,10 @@ def test_a_broken_file_is_refused_in_a_second_of_the_processor(tmp_path):
     assert used < 1.5  # 0.8 s on an idle machine
 
 
-def test_check_without_a_picture_needs_no_taichi(tmp_path):
+def test_check_without_a_mesh_needs_no_taichi(tmp_path):
     code = (
         "import sys; from tipfem.casefile.commands import main; "
-        f"code = main(['check', {CASE!r}, '--no-picture']); sys.exit(99 if 'taichi' in sys.modules else code)"
+        f"code = main(['check', {CASE!r}, '--no-mesh']); sys.exit(99 if 'taichi' in sys.modules else code)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 0, done.stderr

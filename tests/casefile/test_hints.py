@@ -40,7 +40,7 @@ def test_a_sound_case_has_no_hints():
 )
 def test_check_notes_what_looks_wrong(words, expected, capsys):
     options = [option for word in words for option in ("--set", word)]
-    assert main(["check", CASE, *COARSE, *options, "--no-picture"]) == 0
+    assert main(["check", CASE, *COARSE, *options, "--no-mesh"]) == 0
     notes = [line for line in capsys.readouterr().out.splitlines() if line.startswith("note: ")]
     assert [line for line in notes if expected in line], notes
     assert len(notes) <= 3

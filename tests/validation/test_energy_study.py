@@ -47,6 +47,7 @@ def test_the_check_can_fail():
     assert "closes to nan%" in study.check({**good, "closure": float("nan")})[0]
     assert "momentum" in study.check({**good, "momentum_closure": 1e-3})[0]
     assert "not what was dissipated" in study.check({**good, "numerical_dissipation": 0.7})[0]
+    assert "not what was dissipated" in study.check({**good, "lost_energy": float("nan")})[0]
 
 
 @pytest.mark.parametrize(

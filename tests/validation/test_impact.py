@@ -34,6 +34,10 @@ def test_figures_are_found_in_a_history_made_of_them():
     lines = study.missed(found, {"arrival": 2.0, "plateau": 0.3})
     assert len(lines) == 2
     assert lines[0].startswith("arrival is 2.49, +25 %")
+    dry = {"arrival": math.nan, "plateau": math.nan}
+    assert len(study.missed(dry, {"arrival": 2.5, "plateau": 0.5})) == 2
+    assert len(study.missed(dry, {"arrival": 2.5, "plateau": 0.5}, end=3.0)) == 1
+    assert study.missed(dry, {"arrival": 2.5, "plateau": 0.5}, end=2.5) == []
     mean, deviation = study.spread_of([found, {**found, "plateau": 0.6}])["plateau"]
     assert (mean, deviation) == pytest.approx((0.55, 0.1 / math.sqrt(2)), abs=1e-3)
 

@@ -25,6 +25,7 @@ def test_the_check_names_what_is_missed():
         in study.check("taylor-green", {n: {"error": 1 / n, "momentum": 0.0, "volume": 0.0} for n in (10, 20)})[0]
     )
     assert "errors" in study.check("channel", {8: {"errors": [0.1, 0.0]}})[0]
+    assert "errors" in study.check("channel", {8: {"errors": [0.0, float("nan")]}})[0]
 
 
 @pytest.mark.slow

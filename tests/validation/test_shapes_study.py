@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from argparse import Namespace
 
 import numpy as np
 import pytest
@@ -31,7 +32,28 @@ def test_fluids_at_rest_stay_at_rest(bottom, slip):
 
 
 def test_the_checks_can_fail():
+    assert shapes.check("x", {"speed": 0.001, "order": 1.9}) == []
+    assert shapes.check("x", {"speed": 0.001, "order": 1.2}) == ["x: order is 1.2, less than 1.5"]
+    assert "order is nan" in shapes.check("x", {"speed": 0.001, "order": math.nan})[0]
     assert shapes.check("x", {"speed": 0.02, "torque": -0.03, "period": 0.03, "speed_at_rest": 2e-9}).__len__() == 4
     history = [{"time": 0.1, "front": 0.25}, {"time": 0.2, "front": 0.35}]
     assert obstacle.first_time(history, 0.3) == pytest.approx(0.15)
     assert math.isnan(obstacle.first_time(history, 0.5))
+
+
+def test_the_check_of_the_obstacle_judges_what_the_run_was_long_enough_for():
+    good = {**obstacle.REFERENCE, "volume_error": 0.0}
+    never = dict.fromkeys(obstacle.REFERENCE, math.nan) | {"volume_error": 0.0}
+    check = obstacle.Obstacle()
+
+    def missed(figures, spacing=0.006, end_time=0.5):
+        return check.missed(figures, Namespace(spacing=spacing, end_time=end_time, interface="sharp"))
+
+    assert missed(good) == []
+    for name, limit in obstacle.LIMITS.items():
+        assert missed({**good, name: (1 - 1.1 * limit) * good[name]})[0].startswith(f"{name} is ")
+    assert len(missed({**good, "volume_error": math.nan})) == 1
+    assert [line.split()[0] for line in missed(never)] == list(obstacle.REFERENCE)
+    assert [line.split()[0] for line in missed(never, end_time=0.15)] == ["block"]
+    assert missed(never, end_time=0.1) == []
+    assert missed(never, spacing=0.01) == []

@@ -91,6 +91,7 @@ def test_the_check_can_fail():
     good = {
         "flow": "water",
         "across": 20,
+        "periods": 1.0,
         "residual": 1e-4,
         "peaks": [1.0],
         "period": 1.001,
@@ -105,3 +106,6 @@ def test_the_check_can_fail():
     assert "1.10% from theory, not 1.0%" in waves.check({**good, "error": 0.011})[0]
     assert "gains 2.0e-04" in waves.check({**good, "gain": 2e-4})[0]
     assert waves.check({**good, "flow": "syrup", "period": 1.1}) == []
+    still = {**good, "peaks": [], "period": float("nan"), "error": float("nan")}
+    assert "no extreme in 1 periods" in waves.check(still)[0]
+    assert waves.check({**still, "periods": 0.4}) == []

@@ -64,8 +64,8 @@ def register(app: App) -> None:
         print(app.generate_completion(shell=shell))
 
 
-def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, no_picture: Flag = False) -> int:
-    """Check a case file: all its mistakes, or what a run of it will take, and a picture of its initial state.
+def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, no_mesh: Flag = False) -> int:
+    """Check a case file and its first mesh: all mistakes, or what a run will take.
 
     Parameters
     ----------
@@ -74,15 +74,19 @@ def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, 
     set
         A value in place of that of the file: fluids.water.viscosity=2e-3. Can be given several times.
     picture
-        The picture, a PNG file; by default the case file's name with .png, in the present folder.
-    no_picture
-        Draw none, and do not make the first mesh; Taichi is not started then.
+        A PNG file for a picture of the initial state.
+    no_mesh
+        Do not make the first mesh; Taichi is not started then.
     """
     from tipfem.casefile.estimate import estimate
     from tipfem.casefile.hints import hints, scales
     from tipfem.casefile.walls import wall_lines
 
     with bad_input() as failed:
+        if picture is not None and picture.suffix.lower() != ".png":
+            raise ValueError(f"--picture is {str(picture)!r}; it must be the name of a PNG file, such as initial.png")
+        if picture is not None and no_mesh:
+            raise ValueError("--picture draws the first mesh, and --no-mesh makes none; leave out one of them")
         file, made = loaded(case, set)
         table = file.table
         print(f"{case}: no mistakes found")
@@ -98,14 +102,11 @@ def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, 
             print(line)
         for hint in hints(made, file.end, table.output.interval):
             print(f"note: {hint}")
-        if not no_picture:
-            path = picture or Path(f"{case.stem}.png")
-            if path.suffix.lower() != ".png":
-                raise ValueError(f"--picture is {str(path)!r}; it must be the name of a PNG file, such as initial.png")
-            simulation = file.simulation(case=made)  # also when it is not drawn: it makes the first mesh
+        simulation = None if no_mesh else file.simulation(case=made)  # which makes the first mesh
+        if picture is not None and simulation is not None:
             if made.particles.dimension == 2:
-                draw_state(simulation, path)
-                print(f"picture     {path}")
+                draw_state(simulation, picture)
+                print(f"picture     {picture}")
             else:
                 print("picture     none: only two-dimensional cases can be drawn")
     return 2 if failed else 0

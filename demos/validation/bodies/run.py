@@ -195,7 +195,7 @@ def wavemaker(across: int, short: bool) -> tuple[Figures, Curve]:
         if kh == list(waves.WAVES)[1]:
             unit = 0.5 * waves.stroke(kh) * waves.stroke_ratio(kh)
             curve = time / waves.wave_period(kh), (level - 1.0) / unit, waves.tank_waves(kh, time) / unit
-    return {**figures, "ratio_error": float(max(errors, key=abs))}, curve
+    return {**figures, "ratio_error": errors[int(np.argmax(np.abs(errors)))]}, curve
 
 
 def half_period(time: Array, values: Array) -> float:

@@ -121,7 +121,7 @@ def missed(figures: Mapping[str, float], spacing: float, *, free_surface: bool =
     if fine:
         limits["height_rms"] = LARGEST_HEIGHT_ERROR
     found = harness.above(figures, limits)
-    if fine and abs(figures.get("front_slope", SLOPE) / SLOPE - 1) > LARGEST_SLOPE_ERROR:
+    if fine and not abs(figures.get("front_slope", SLOPE) / SLOPE - 1) <= LARGEST_SLOPE_ERROR:
         found.append(f"front_slope is {figures['front_slope']:.3f}, more than 10 % off {SLOPE}")
     return found
 

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tipfem.demos import harness
+from tipfem.demos.support.options import ShowDefaults
 from tipfem.demos.validation.dam_break import case, check, experiments
 
 import tipfem as tp
@@ -83,9 +84,7 @@ def simulate(spacing: float, interface: str, out: Path) -> tuple[Path, list[str]
 
 def main(words: Sequence[str] | None = None) -> None:
     """Run with the given command line, or the process's."""
-    parser = argparse.ArgumentParser(
-        description=(__doc__ or "").split("\n\n")[0], formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0], formatter_class=ShowDefaults)
     add = parser.add_argument
     add("--spacing", type=harness.positive, nargs="+", default=SPACINGS, metavar="H", help="of each run [m]")
     add("--interface", choices=sorted(INTERFACES), default=DEFAULT_INTERFACE, help="rule for the interface")

@@ -184,12 +184,21 @@ def spread_of(found: Sequence[Mapping[str, float]]) -> dict[str, tuple[float, fl
     }
 
 
-def missed(found: Mapping[str, float], measured: Mapping[str, float]) -> list[str]:
-    """What of a run's figures is not as the experiment's; NaN is passed over."""
+def missed(found: Mapping[str, float], measured: Mapping[str, float], end: float = END) -> list[str]:
+    """What of a run's figures is not as the experiment's.
+
+    Args:
+        found: figures of the run.
+        measured: those of the experiment.
+        end: of the run [sqrt(H / g)]; what it is too short for is not judged.
+    """
     lines = []
+    needed = {"arrival": measured["arrival"] * (1 + LATE), "plateau": PLATEAU[1]}
     for name, limit in (("arrival", LATE), ("plateau", OFF)):
         error = found[name] / measured[name] - 1
-        if abs(error) > limit:
+        if math.isnan(error) and end < needed[name]:
+            continue
+        if not abs(error) <= limit:
             lines.append(f"{name} is {found[name]:.3g}, {100 * error:+.0f} % of the experiment's {measured[name]:.3g}")
     return lines
 
@@ -256,7 +265,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             gauge = runs[label][-1]["pressure"]
             figures.append(figures_of(gauge.time, gauge.pressure, gauge.impulse))
             print(f"{label}: " + ", ".join(f"{name} {value:.3g}" for name, value in figures[-1].items()))
-            lines += [f"{label}: {line}" for line in missed(figures[-1], measured)]
+            lines += [f"{label}: {line}" for line in missed(figures[-1], measured, given.end_time)]
         found[label] = figures[0] if given.starts == 1 else figures
         if given.starts > 1:
             spread[label] = spread_of(figures)

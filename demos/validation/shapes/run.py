@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tipfem.demos import harness
 from tipfem.demos.support.figures import COLOURS, new_figure, save
+from tipfem.demos.support.options import ShowDefaults
 
 import tipfem as tp
 
@@ -40,7 +41,10 @@ BETWEEN = 0.75  # radius of the interface of two rings [m]
 TILT = 0.02  # of the surface at the start of sloshing [rad]
 # Cells across, of the two runs of each flow.
 ACROSS = {"couette": (8, 16), "rings": (8, 16), "rest": (10, 20), "circle": (10, 16), "wedge": (20, 30)}
-LIMITS = {"speed": 0.01, "torque": 0.02, "order": 1.7, "speed_at_rest": 1e-9, "period": 0.02}
+LIMITS = {"speed": 0.01, "torque": 0.02, "speed_at_rest": 1e-9, "period": 0.02}
+# Of the rms error of the speed between circles: 1.66 and 1.60 with two oils from 8 to 16 spacings across; remeshing, whose
+# errors are of first order, keeps it below 2.
+SMALLEST_ORDER = 1.5
 BOTTOMS = {
     "inclined": ([(0, 0.3), (0.7, 0.05), (1, 0.1), (1, 0.8), (0, 0.8)], 0.47),
     "stepped": ([(0, 0), (0.5, 0), (0.5, 0.2), (1, 0.2), (1, 0.7), (0, 0.7)], 0.4),
@@ -148,9 +152,11 @@ def middle_of_water(simulation: tp.Simulation) -> float:
 def check(name: str, figures: Mapping[str, float]) -> list[str]:
     """What a run misses of what is expected of it; an empty list when all is well."""
     missed = []
-    for key in ("speed", "torque", "period", "speed_at_rest"):
+    for key in LIMITS:
         if key in figures and not abs(figures[key]) <= LIMITS[key]:
             missed.append(f"{name}: {key} is {figures[key]:.3g}, more than {LIMITS[key]:g}")
+    if not figures.get("order", SMALLEST_ORDER) >= SMALLEST_ORDER:
+        missed.append(f"{name}: order is {figures['order']:.3g}, less than {SMALLEST_ORDER:g}")
     return missed
 
 
@@ -209,9 +215,7 @@ def table(figures: Mapping[str, Mapping[str, float]]) -> str:
 
 def main(words: Sequence[str] | None = None) -> None:
     """Run with the given command line, or the process's."""
-    parser = argparse.ArgumentParser(
-        description=(__doc__ or "").split("\n\n")[0], formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0], formatter_class=ShowDefaults)
     add = parser.add_argument
     add("--flow", choices=list(ACROSS), nargs="+", default=list(ACROSS), help="which flows")
     add("--across", type=int, nargs="+", default=None, metavar="N", help="spacings across; by default two of each flow")
