@@ -25,6 +25,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -81,12 +82,10 @@ class InterfaceSlip:
     corner: Array
     cell_mass: Array
 
-    @property
+    @cached_property
     def mass(self) -> Array:
         """(C,) of the lighter liquids at the particles, thirds of their cells' [kg]."""
-        number = self.corner.ravel()
-        share = np.repeat(self.cell_mass / 3, 3)
-        return np.bincount(number[number >= 0], share[number >= 0], len(self.owner))
+        return np.bincount(self.corner.ravel() + 1, np.repeat(self.cell_mass / 3, 3), len(self.owner) + 1)[1:]
 
     def slip(self, field: Array) -> Array:
         """s (C,) of a field of velocities, displacements or accelerations (N, 2)."""
@@ -94,24 +93,39 @@ class InterfaceSlip:
         mean = np.add.reduceat(weighted, self.offsets[:-1])
         return np.asarray(self.part * ((mean - field[self.owner]) * self.tangent).sum(axis=1))
 
+    @cached_property
+    def _along(self) -> Array:
+        """(K, 3, 2) t at the corners that slide, 0 at others."""
+        return np.where((self.corner >= 0)[:, :, None], self.tangent[self.corner], 0.0)
+
+    def slid(self, slip: Array) -> Array:
+        """Z s (K, 3, 2) of a slip (C,): s t at the corners that slide, 0 at others."""
+        return np.asarray(slip[self.corner][:, :, None] * self._along)
+
     def carried(self, field: Array, lumping: Lumping = 1.0) -> Array:
         """Z^T M of a field (K, 3, 2) at the cells' corners: what it would carry along t, by mass, (C,).
 
-        Z s is the field with s t at the corners that slide, M the mass matrix of the cells with the part ``lumping``,
-        one or (K,), lumped.
+        M is the mass matrix of the cells with the part ``lumping``, one or (K,), lumped. See also `slid`.
         """
         part = np.reshape(lumping, (-1, 1, 1))
-        mixed = part * field + (1 - part) * field.mean(axis=1, keepdims=True)
-        along = (mixed * self.tangent[self.corner]).sum(axis=2) * (self.cell_mass / 3)[:, None]
-        there = self.corner >= 0
-        return np.bincount(self.corner[there], along[there], len(self.owner))
+        mixed = part * field + (1 - part) / 3 * (field[:, :1] + field[:, 1:2] + field[:, 2:])
+        along = np.einsum("ekd,ekd->ek", mixed, self._along) * (self.cell_mass / 3)[:, None]
+        # The first of the sums is that of the corners that do not slide.
+        return np.bincount(self.corner.ravel() + 1, along.ravel(), len(self.owner) + 1)[1:]
 
     def product(self, a: Array, b: Array, lumping: Lumping = 1.0) -> float:
         """What slip adds to a^T M b of two fields (N, 2), see `carried`."""
-        of_a, of_b = self.slip(a), self.slip(b)
-        slid = np.where((self.corner >= 0)[:, :, None], (of_b[:, None] * self.tangent)[self.corner], 0.0)
-        own = of_a @ self.carried(b[self.nodes] + slid, lumping)
-        return float(own + of_b @ self.carried(a[self.nodes], lumping))
+        return self.products(a, b, [lumping])[0]
+
+    def products(self, a: Array, b: Array, lumpings: Sequence[Lumping]) -> list[float]:
+        """`product` with several mass matrices."""
+        slid = self.slid(self.slip(a))
+        one, other = a[self.nodes], b[self.nodes]
+        with_slip = other + (slid if b is a else self.slid(self.slip(b)))
+        own = np.einsum("ekd,ekd->e", slid, with_slip) + np.einsum("ekd,ekd->e", one, with_slip - other)
+        first, second, third, last = (x[:, 0] + x[:, 1] + x[:, 2] for x in (slid, with_slip, one, with_slip - other))
+        mean = (np.einsum("ed,ed->e", first, second) + np.einsum("ed,ed->e", third, last)) / 3
+        return [float(self.cell_mass @ (part * own + (1 - part) * mean)) / 3 for part in lumpings]
 
     def work(self, acceleration: Array, displacement: Array, lumping: Lumping = 1.0) -> float:
         """Work of accelerations (N, 2) of the particles' cells by displacements (N, 2) on what slides [J]."""

@@ -172,8 +172,7 @@ class EnergyBalance:
         )
         if slip:
             v = particles.velocity
-            result[FIELD] += 0.5 * slip.product(v, v, consistent_part(2))
-            result[CASE] += 0.5 * slip.product(v, v, lumping[slip.cell])
+            result[[FIELD, CASE]] += 0.5 * np.array(slip.products(v, v, (consistent_part(2), lumping[slip.cell])))
         return result
 
 
@@ -266,10 +265,9 @@ def _factor(
 
     field, case = ((product(v, u, part), product(u, u, part)) for part in (consistent_part(2), lumping[near]))
     if slip:
-        field, case = (
-            (slope + slip.product(velocity, rate, part), curvature + slip.product(rate, rate, part))
-            for (slope, curvature), part in ((field, consistent_part(2)), (case, lumping[slip.cell]))
-        )
+        lumpings = consistent_part(2), lumping[slip.cell]
+        added = zip(slip.products(velocity, rate, lumpings), slip.products(rate, rate, lumpings), strict=True)
+        field, case = (np.add(of, more) for of, more in zip((field, case), added, strict=True))
     if field[0] >= 0 or case[0] >= 0:
         return 0.0, 0.0, 0.0
     factor = min(STRONGEST, max(WEAKEST, _root(*field, gained), _root(*case, rise)))

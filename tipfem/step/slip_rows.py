@@ -20,10 +20,9 @@ So all of this is linear: a constant matrix and a constant vector for the step.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import sparse
 
 from tipfem.backend.arrays import Buffers, download
 from tipfem.backend.launch import launch
@@ -66,72 +65,81 @@ class SlipRows:
         buffers: Buffers,
     ) -> None:
         self._slip, self._scale, self._buffers, self._cm = slip, scale, buffers, scheme.cm
-        self._size = 3 * len(cut.owner)
-        self._slides = slides = self._of_displacements()
-        self._inertia, self._together = inertia, together = self._of_inertia(lumping)
-        pressure, self._stabilisation = self._of_pressures(cut, tau, position)
+        self._lumping, self._acceleration = lumping, acceleration[slip.nodes]
         self._slip_acceleration = a = slip.slip(acceleration)
-        self._carried = slip.carried(acceleration[slip.nodes], lumping)
-        moved = slides.T @ (scheme.cm * (inertia + together @ slides) + pressure) + scheme.cm * inertia.T @ slides
-        matrix = (moved - (pressure - scheme.cm * self._stabilisation).T @ slides).tobsr((3, 3))
-        matrix.sort_indices()
-        forced = slip.carried((acceleration - force)[slip.nodes], lumping) + together @ a
-        constant = slides.T @ forced + (inertia + self._stabilisation).T @ a
-        filled = np.flatnonzero(np.diff(matrix.indptr))
+        nodes, self._size = len(cut.owner), 3 * len(cut.owner)
+        own, terms = self._of_displacements(), self._of_cells(cut, tau, position)
+        inertia, together, plain, stabilisation = np.split(terms.value, (2, 4, 5), axis=1)
+        self._stabilisation = terms.number, 3 * terms.node + 2, stabilisation[:, 0]
+        row = np.hstack([scheme.cm * (inertia + together), plain])
+        column = np.hstack([scheme.cm * inertia, scheme.cm * stabilisation - plain])
+        one, other = _pairs(own.number, terms.number, len(slip.owner))
+        s, e = own.node[one], terms.node[other]
+        blocks = np.concatenate([
+            own.value[one, :, None] * row[other, None, :],
+            column[other, :, None] * own.value[one, None, :],
+        ])
+        pair, values = _summed(np.concatenate([s * nodes + e, e * nodes + s]), blocks.reshape(-1, 9))
+        row_of, columns = np.divmod(pair, nodes)
+        forced = slip.carried(self._acceleration - force[slip.nodes] + slip.slid(a), lumping)
+        parts = own.value * forced[own.number, None], np.hstack([inertia, stabilisation]) * a[terms.number, None]
+        # Each of these rows is one of the matrix, too.
+        filled, constant = _summed(np.concatenate([own.node, terms.node]), np.concatenate(parts))
+        offsets = np.zeros(nodes + 1, dtype=np.int32)
+        np.cumsum(np.bincount(row_of, minlength=nodes), out=offsets[1:])
         put = buffers.upload
-        self._count = len(filled)
-        self._offsets = put("slip.offsets", matrix.indptr.astype(np.int32))
-        columns, values = put("slip.columns", matrix.indices.astype(np.int32)), put("slip.values", matrix.data.ravel())
-        rows, ends = put("slip.rows", filled.astype(np.int32)), matrix.indptr[np.append(filled, len(cut.owner))]
-        self._matrix = rows, put("slip.row_offsets", ends.astype(np.int32)), columns, values
-        self._constant = put("slip.constant", constant.reshape(-1, 3)[filled].ravel())
+        self._count, self._offsets = len(filled), put("slip.offsets", offsets)
+        self._matrix = (
+            put("slip.rows", filled.astype(np.int32)),
+            put("slip.row_offsets", np.append(offsets[filled], offsets[-1])),
+            put("slip.columns", columns.astype(np.int32)),
+            put("slip.values", values.ravel()),
+        )
+        self._constant = put("slip.constant", constant.ravel())
 
-    def _of_displacements(self) -> sparse.csr_matrix:
-        """(C, 3 P) that gives s(u) of a vector of unknowns."""
+    def _of_displacements(self) -> _Rows:
+        """s(u), with three columns for the unknowns of a node."""
         slip, count = self._slip, len(self._slip.owner)
         number = np.concatenate([np.repeat(np.arange(count), np.diff(slip.offsets)), np.arange(count)])
         weight = np.concatenate([slip.weight, np.full(count, -1.0)]) * slip.part[number]
-        return self._along(number, np.concatenate([slip.beside, slip.owner]), weight)
+        value = np.zeros((len(number), 3))
+        value[:, :2] = weight[:, None] * slip.tangent[number]
+        order = np.argsort(number, kind="stable")
+        return _Rows(number[order], np.concatenate([slip.beside, slip.owner])[order], value[order])
 
-    def _of_inertia(self, lumping: Array) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
-        """Z^T M (C, 3 P) of a vector of unknowns, and Z^T M Z (C, C), see `InterfaceSlip.carried`."""
-        slip = self._slip
-        cell, corner = np.nonzero(slip.corner >= 0)
-        number, other = slip.corner[cell, corner], slip.corner[cell]
-        weight = (lumping[cell, None] * (corner[:, None] == np.arange(3)) + (1 - lumping[cell, None]) / 3) / 3
-        weight *= slip.cell_mass[cell, None]
-        of = np.repeat(number, 3)
-        inertia = self._along(of, slip.nodes[cell].ravel(), weight.ravel())
-        cosine = np.einsum("ed,ekd->ek", slip.tangent[number], slip.tangent[other])
-        there = other >= 0
-        entries = np.repeat(number, there.sum(axis=1)), other[there]
-        shape = len(slip.owner), len(slip.owner)
-        return inertia, sparse.csr_matrix(((weight * cosine)[there], entries), shape)
+    def _of_cells(self, cut: CutMesh, tau: Array, position: Array) -> _Rows:
+        """The sums over the cells around each particle.
 
-    def _along(self, number: Array, particle: Array, weight: Array) -> sparse.csr_matrix:
-        """(C, 3 P) with entries w t for displacements of particles, in the row and with the t of each ``number``."""
-        entries = np.repeat(number, 2), (3 * particle[:, None] + (0, 1)).ravel()
-        values = (weight[:, None] * self._slip.tangent[number]).ravel()
-        return sparse.csr_matrix((values, entries), (len(self._slip.owner), self._size))
-
-    def _of_pressures(self, cut: CutMesh, tau: Array, position: Array) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
-        """(C, 3 P) sums of A / 3 t . grad p, and of these times tau, of a vector of unknowns."""
+        With the columns Z^T M of displacements (2), see `InterfaceSlip.carried`; Z^T M Z s(u) of displacements (2);
+        A / 3 t . grad p of pressures, and that times tau.
+        """
         slip, mesh = self._slip, cut.mesh
+        own = self._of_displacements()
         nodes = mesh.cells[slip.cell]
         x = position[cut.owner[nodes]]
         side = mesh.period.shortest(np.roll(x, -2, axis=1) - np.roll(x, -1, axis=1))
         double = side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0]
-        gradient = np.stack([-side[:, :, 1], side[:, :, 0]], axis=2) / double[:, None, None]
+        gradient = np.stack([-side[:, :, 1], side[:, :, 0]], axis=2)
+        gradient *= (mesh.measure[slip.cell] / 3 / double)[:, None, None]
         cell, corner = np.nonzero(slip.corner >= 0)
-        number = slip.corner[cell, corner]
-        value = (
-            np.einsum("ekd,ed->ek", gradient[cell], slip.tangent[number]) * (mesh.measure[slip.cell] / 3)[cell, None]
-        )
-        entries = np.repeat(number, 3), (3 * nodes[cell] + 2).ravel()
-        shape = len(slip.owner), self._size
-        both = (sparse.csr_matrix((part.ravel(), entries), shape) for part in (value, value * tau[cell, None]))
-        plain, stabilised = both
-        return plain, stabilised
+        number, others = slip.corner[cell, corner], slip.corner[cell]
+        tangent, lumped = slip.tangent[number], self._lumping[cell, None]
+        weight = (lumped * (corner[:, None] == np.arange(3)) + (1 - lumped) / 3) * (slip.cell_mass[cell] / 3)[:, None]
+        pressure = (gradient[cell] @ tangent[:, :, None])[:, :, 0]
+        there = others >= 0
+        cosine = np.einsum("jkd,jd->jk", slip.tangent[others], tangent)
+        first, second = _pairs(others[there], own.number, len(slip.owner))
+        size, more = 3 * len(number), len(first)
+        value = np.zeros((2 * size + more, 6))
+        value[:size, :2] = (weight[:, :, None] * tangent[:, None]).reshape(-1, 2)
+        value[size : size + more, 2:4] = (weight * cosine)[there][first, None] * own.value[second, :2]
+        value[size + more :, 4] = pressure.ravel()
+        value[size + more :, 5] = (pressure * tau[cell, None]).ravel()
+        of = np.repeat(number, 3)
+        node = np.concatenate([slip.nodes[cell].ravel(), own.node[second], nodes[cell].ravel()])
+        count = len(cut.owner)
+        key, value = _summed(np.concatenate([of, of[there.ravel()][first], of]) * count + node, value)
+        return _Rows(*np.divmod(key, count), value)
 
     def merged(self, offsets: Any, columns: Any, values: Any, nodes: int) -> tuple[Any, Any, int]:
         """Row offsets, columns and their number of a Jacobian in rows with those of these equations, too.
@@ -174,12 +182,45 @@ class SlipRows:
 
     def work(self, x: Any) -> SlipWork:
         """Work of the equations at ``x``."""
-        values = download(x, self._size).astype(np.float64, copy=False)
-        slid, carried = self._slides @ values, self._inertia @ values
+        slip, values = self._slip, download(x, self._size).astype(np.float64, copy=False)
+        u = values.reshape(-1, 3)[:, :2]
+        slid, cells = slip.slip(u), u[slip.nodes]
         slips = self._cm * slid + self._slip_acceleration
-        accelerated = self._cm * carried + self._carried + self._together @ slips
+        accelerated = slip.carried(self._cm * cells + self._acceleration + slip.slid(slips), self._lumping)
+        number, unknown, stabilisation = self._stabilisation
         return SlipWork(
-            inertia=float(slid @ accelerated + carried @ slips),
-            stabilisation=float((self._stabilisation @ values) @ slips),
-            force=(self._slip.mass * slips) @ self._slip.tangent,
+            inertia=float(slid @ accelerated + slip.carried(cells, self._lumping) @ slips),
+            stabilisation=float((stabilisation * values[unknown]) @ slips[number]),
+            force=(slip.mass * slips) @ slip.tangent,
         )
+
+
+class _Rows(NamedTuple):
+    """Entries of a matrix whose rows are the particles that slide, and whose columns are kinds of unknowns of nodes.
+
+    Attributes:
+        number: (E,) row of each entry, ascending.
+        node: (E,) whose unknowns.
+        value: (E, c).
+    """
+
+    number: Array
+    node: Array
+    value: Array
+
+
+def _pairs(one: Array, other: Array, count: int) -> tuple[Array, Array]:
+    """All pairs of entries of two lists that have the same number below ``count``; the second list ascends."""
+    first = np.searchsorted(other, np.arange(count + 1))
+    length = np.diff(first)[one]
+    of = np.repeat(np.arange(len(one)), length)
+    ahead = np.cumsum(length) - length
+    return of, np.arange(len(of)) + (first[one] - ahead)[of]
+
+
+def _summed(key: Array, values: Array) -> tuple[Array, Array]:
+    """The different keys (K,), ascending, and the sums (K, c) of the values (E, c) of each."""
+    order = np.argsort(key, kind="stable")
+    key = key[order]
+    first = np.flatnonzero(np.diff(key, prepend=-1))
+    return key[first], np.add.reduceat(values[order], first)
