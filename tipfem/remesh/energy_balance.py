@@ -266,8 +266,11 @@ def _factor(
     field, case = ((product(v, u, part), product(u, u, part)) for part in (consistent_part(2), lumping[near]))
     if slip:
         lumpings = consistent_part(2), lumping[slip.cell]
-        added = zip(slip.products(velocity, rate, lumpings), slip.products(rate, rate, lumpings), strict=True)
-        field, case = (np.add(of, more) for of, more in zip((field, case), added, strict=True))
+        added = slip.products(velocity, rate, lumpings), slip.products(rate, rate, lumpings)
+        field, case = (
+            (slope + first, curvature + second)
+            for (slope, curvature), first, second in zip((field, case), *added, strict=True)
+        )
     if field[0] >= 0 or case[0] >= 0:
         return 0.0, 0.0, 0.0
     factor = min(STRONGEST, max(WEAKEST, _root(*field, gained), _root(*case, rise)))

@@ -260,6 +260,9 @@ class LinearSystem:
             )
         if ties:
             ties.join_scales(scale)
+            if slip:
+                slip.add_to_diagonal()
+                ties.spread(scale)
             self.pressure_laplacian, label = ties.joined(self.pressure_laplacian, scale)
         self.multigrid = multigrid
         if frame is not mesh.position:

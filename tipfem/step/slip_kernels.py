@@ -41,6 +41,26 @@ def add_blocks(
 
 
 @kernel
+def add_diagonal(
+    rows: Ints1,
+    offsets: Ints1,
+    columns: Ints1,
+    values: Reals1,
+    scale: Reals1,
+    count: ti.i32,
+    serial: Template,
+):
+    """Make the scale of momentum rows one over the sum of 1 / scale and the diagonal of the matrix."""
+    ti.loop_config(serialize=serial)
+    for r in range(count):
+        i = rows[r]
+        at = find_column(columns, offsets[r], offsets[r + 1], i)
+        for k in ti.static(range(2)):
+            if at < offsets[r + 1] and scale[3 * i + k] > 0.0:
+                scale[3 * i + k] = 1.0 / (1.0 / scale[3 * i + k] + values[9 * at + 4 * k])
+
+
+@kernel
 def add_product(
     rows: Ints1,
     offsets: Ints1,

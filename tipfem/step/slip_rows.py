@@ -75,10 +75,12 @@ class SlipRows:
         column = np.hstack([scheme.cm * inertia, scheme.cm * stabilisation - plain])
         one, other = _pairs(own.number, terms.number, len(slip.owner))
         s, e = own.node[one], terms.node[other]
-        blocks = np.concatenate([
-            own.value[one, :, None] * row[other, None, :],
-            column[other, :, None] * own.value[one, None, :],
-        ])
+        blocks = np.concatenate(
+            [
+                own.value[one, :, None] * row[other, None, :],
+                column[other, :, None] * own.value[one, None, :],
+            ]
+        )
         pair, values = _summed(np.concatenate([s * nodes + e, e * nodes + s]), blocks.reshape(-1, 9))
         row_of, columns = np.divmod(pair, nodes)
         forced = slip.carried(self._acceleration - force[slip.nodes] + slip.slid(a), lumping)
@@ -161,6 +163,11 @@ class SlipRows:
             tie_kernels.merge_rows, offsets, columns, values, *added, self._matrix[3], *merged, unused, nodes, work=work
         )
         return *merged, count
+
+    def add_to_diagonal(self) -> None:
+        """Add the matrix's diagonal to that of the momentum rows, one over which their scale is."""
+        work = (self._count, slip_kernels.ROW)
+        launch(slip_kernels.add_diagonal, *self._matrix, self._scale, self._count, work=work)
 
     def add_to(self, matrix: Csr) -> None:
         """Add the matrix to a Jacobian's rows, whose columns are those of `merged`."""
