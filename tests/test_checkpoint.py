@@ -269,10 +269,11 @@ def test_what_does_not_fit_the_run_is_refused_in_one_line(tmp_path, water, air):
         tp.Simulation.resume(tmp_path, dam_break(thick, air, 0.04), columns=FUNCTION, allow_changes=True)
 
 
-SCRIPT = """
+UNTIL = 0.2  # end of the runs that are killed [s]
+SCRIPT = f"""
 import sys
 import tipfem as tp
-tp.init(threads={threads})
+tp.init(threads=int(sys.argv[2]))
 water = tp.Fluid("water", density=998.2, viscosity=1.002e-3)
 air = tp.Fluid("air", density=1.204, viscosity=1.825e-5)
 tank = tp.tank((0.584, 0.584), 0.02).fill(air).fill(water, box=((0, 0), (0.146, 0.292)))
@@ -283,7 +284,7 @@ if "resume" in sys.argv:
     until = simulation.until
 else:
     simulation = tp.Simulation(case, sys.argv[1], time_step=1e-3, output_interval=0.02, checkpoint_interval=0.004)
-    until = 0.2
+    until = {UNTIL}
 print("begins", flush=True)
 simulation.run(until, progress=False)
 """
@@ -291,7 +292,7 @@ simulation.run(until, progress=False)
 
 def start(out, *words, threads=1):
     return subprocess.Popen(
-        [sys.executable, "-c", SCRIPT.format(threads=threads), str(out), *words],
+        [sys.executable, "-c", SCRIPT, str(out), str(threads), *words],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -300,10 +301,14 @@ def start(out, *words, threads=1):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """The results of a run that nothing stops."""
+    """The results of a run that nothing stops, on all threads of this process."""
     out = tmp_path_factory.mktemp("whole")
-    process = start(out)
-    assert process.wait(300) == 0, process.stderr.read()
+    water = tp.Fluid("water", density=998.2, viscosity=1.002e-3)
+    air = tp.Fluid("air", density=1.204, viscosity=1.825e-5)
+    simulation = tp.Simulation(
+        dam_break(water, air), out, time_step=1e-3, output_interval=0.02, checkpoint_interval=0.004
+    )
+    simulation.run(UNTIL, progress=False)
     return out
 
 
@@ -359,21 +364,36 @@ def is_left(out, case):
     assert not (out / ".lock").exists()
 
 
-def test_killed_and_ended_by_signals_it_goes_on_to_the_bit(tmp_path, whole, water, air):
-    """A run that is killed twice and ended by three signals, resumed each time, at other numbers of threads."""
-    out, two = tmp_path / "run", min(2, len(os.sched_getaffinity(0)))
+def goes_on_to_the_end_as(out, whole):
+    """A run that was stopped is resumed in this process, and has the history and outputs of the whole one."""
+    resumed = tp.Simulation.resume(out)
+    assert resumed.notes == []
+    assert 0 < resumed.time < UNTIL
+    resumed.run(resumed.until, progress=False)
+    assert tidy(out / "history.csv") == tidy(whole / "history.csv")
+    assert (out / "fields.pvd").read_text() == (whole / "fields.pvd").read_text()
+
+
+def test_killed_and_ended_by_a_signal_it_goes_on_to_the_bit(tmp_path, whole, water, air):
+    """On one thread at first, killed, ended by a signal, and then on all threads of this process."""
+    out = tmp_path / "run"
     process = go_on(out, 0.0)
     is_in_use(process, out, dam_break(water, air, 0.04))
     kill(process, out)
     is_left(shutil.copytree(out, tmp_path / "copy"), dam_break(water, air, 0.04))
-    end(go_on(out, 0.2, "resume", threads=two), out, signal.SIGTERM, 143)
+    end(go_on(out, 0.0, "resume"), out, signal.SIGTERM, 143)
+    goes_on_to_the_end_as(out, whole)
+
+
+@pytest.mark.slow
+def test_killed_again_and_ended_by_other_signals_it_goes_on_to_the_bit(tmp_path, whole):
+    """At other numbers of threads each time."""
+    out, two = tmp_path / "run", min(2, len(os.sched_getaffinity(0)))
+    kill(go_on(out, 0.2, threads=two), out)
     kill(go_on(out, 0.3, "resume"), out)
     end(go_on(out, 0.1, "resume", threads=two), out, signal.SIGINT, -signal.SIGINT)
     end(go_on(out, 0.0, "resume"), out, signal.SIGHUP, 129)
-    last = start(out, "resume", threads=two)
-    assert last.wait(300) == 0, last.stderr.read()
-    assert tidy(out / "history.csv") == tidy(whole / "history.csv")
-    assert (out / "fields.pvd").read_text() == (whole / "fields.pvd").read_text()
+    goes_on_to_the_end_as(out, whole)
 
 
 def test_the_kth_write_fails_and_nothing_that_was_readable_is_lost(tmp_path, water, air, monkeypatch):

@@ -18,7 +18,30 @@ import pytest
 from tipfem.commands import app
 from tipfem.study.running import LocalWorkers, Outcome, usable_cores
 
-BASE = Path(__file__).with_name("column.toml").read_text("utf-8")
+# Water alone, under a free surface: each process of a run has fewer kernels to make ready.
+BASE = """
+gravity = [0, -9.81]
+free_surface = true
+
+[fluids.water]
+density = 998.2
+viscosity = 1e-3
+
+[tank]
+size = [0.4, 0.4]
+spacing = 0.08
+
+[[fill]]
+fluid = "water"
+box = [[0, 0], [0.16, 0.24]]
+
+[time]
+end = 0.01
+largest_step = 0.002
+
+[output]
+interval = 0.01
+"""
 STUDY = """
 case = "base.toml"
 folder = "out"
@@ -30,16 +53,12 @@ checkpoint.interval = 0.002
 
 [[runs]]
 name = "killed"
+fluids.water.viscosity = 1e-2
 
 [[runs]]
 name = "fails"
 numerics.newton_iterations = 1
 numerics.newton_tolerance = 1e-14
-
-[[runs]]
-name = "thick"
-time.end = 0.002
-fluids.water.viscosity = 1e-2
 """
 
 
@@ -90,20 +109,14 @@ def test_one_failed_run_is_one_failed_row(swept):
     folder, code, said = swept
     rows = {row["run"]: row for row in table(folder / "out")}
     assert code == 1, said
-    assert list(rows) == ["killed", "fails", "thick"]
-    assert {name: row["status"] == "complete" for name, row in rows.items()} == {
-        "killed": True,
-        "fails": False,
-        "thick": True,
-    }
+    assert {name: row["status"] == "complete" for name, row in rows.items()} == {"killed": True, "fails": False}
     assert "the run stops at t = " in rows["fails"]["status"]
     assert "error: the run stops at t = " in (folder / "out" / "fails" / "log.txt").read_text()
     assert float(rows["killed"]["time"]) == 0.03
-    assert float(rows["thick"]["time"]) == 0.002
-    assert rows["thick"]["fluids.water.viscosity"] == "0.01"
-    assert rows["killed"]["fluids.water.viscosity"] == ""
-    assert int(rows["thick"]["last.step"]) == int(rows["thick"]["steps"]) == 20
-    assert "(2 of 3 complete)" in said
+    assert rows["killed"]["fluids.water.viscosity"] == "0.01"
+    assert rows["fails"]["fluids.water.viscosity"] == ""
+    assert int(rows["killed"]["last.step"]) == int(rows["killed"]["steps"]) >= 300
+    assert "(1 of 2 complete)" in said
     assert "Traceback" not in said
 
 
@@ -142,11 +155,10 @@ def test_the_same_command_again_leaves_out_complete_runs(swept, monkeypatch, cap
     monkeypatch.setattr(LocalWorkers, "submit", submit)
     assert app(["sweep", "study.toml", "--workers", "1"], result_action="return_value") == 1
     assert started == ["fails"]
-    assert "fails: as before  (2 of 3 complete)" in capsys.readouterr().out
+    assert "fails: as before  (1 of 2 complete)" in capsys.readouterr().out
     after = table(folder / "out")
-    assert [row["status"] for row in after] == ["complete", "as before", "complete"]
+    assert [row["status"] for row in after] == ["complete", "as before"]
     assert after[0] == before[0]
-    assert after[2] == before[2]
 
 
 INTERRUPTED = """
