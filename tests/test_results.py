@@ -211,9 +211,9 @@ KILLED = """
 import sys
 import tipfem as tp
 tp.init(arch="cpu", threads=1)
-water, air = tp.Fluid("water", density=998.2, viscosity=1e-3), tp.Fluid("air", density=1.2, viscosity=1.8e-5)
-tank = tp.tank((0.584, 0.584), 0.04).fill(air).fill(water, box=((0, 0), (0.146, 0.292)))
-case = tp.Case(tank, [water, air], (0.0, -9.81))
+water = tp.Fluid("water", density=998.2, viscosity=1e-3)
+tank = tp.tank((0.584, 0.584), 0.04).fill(water, box=((0, 0), (0.146, 0.292)))
+case = tp.Case(tank, [water], (0.0, -9.81), free_surface=True)
 simulation = tp.Simulation(
     case, sys.argv[1], time_step=5e-4, output_interval=5e-4, fields="vtkhdf", checkpoint_interval=4e-3
 )
