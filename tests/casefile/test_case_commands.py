@@ -120,13 +120,14 @@ def test_signals_end_a_run_with_its_last_state_written(number, code, tmp_path):
     words = ["run", case, "--set", "tank.spacing=0.01", "--until", "100", "--out", str(out)]
     process = subprocess.Popen([sys.executable, "-m", "tipfem", *words], stderr=subprocess.PIPE, text=True)
     try:
-        deadline = time.monotonic() + 120
-        while not (out / "history.csv").exists() and time.monotonic() < deadline:
+        deadline = time.monotonic() + 300
+        while not (out / "history.csv").exists():
             assert process.poll() is None, process.stderr.read()
-            time.sleep(0.2)
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
         time.sleep(0.5)
         process.send_signal(number)
-        _, said = process.communicate(timeout=60)
+        _, said = process.communicate(timeout=300)
     finally:
         process.kill()
     assert process.returncode == code
@@ -193,13 +194,26 @@ def test_a_broken_file_is_refused_without_taichi(tmp_path):
     ]
 
 
-def test_a_broken_file_is_refused_in_a_second_of_the_processor(tmp_path):
-    (tmp_path / "case.toml").write_text(GOOD.replace("998.2", "-998.2"))
+def time_of(*words):
+    """Time of the processor that a process of Python takes [s], and its exit code."""
     before = os.times()
-    assert tipfem("check", str(tmp_path / "case.toml")).returncode == 2
+    done = subprocess.run([sys.executable, *words], capture_output=True)
     after = os.times()
-    used = after.children_user + after.children_system - before.children_user - before.children_system
-    assert used < 1.5  # 0.8 s on an idle machine
+    return after.children_user + after.children_system - before.children_user - before.children_system, done.returncode
+
+
+def test_a_broken_file_is_refused_in_a_second_of_the_processor(tmp_path):
+    """Compared with the time that NumPy takes to be imported, because machines differ: 7 to 8 times as long."""
+    (tmp_path / "case.toml").write_text(GOOD.replace("998.2", "-998.2"))
+    ratios = []
+    for _ in range(5):
+        unit, _ = time_of("-c", "import numpy")
+        taken, code = time_of("-m", "tipfem", "check", str(tmp_path / "case.toml"))
+        assert code == 2
+        ratios.append(taken / unit)
+        if ratios[-1] < 10:
+            return
+    pytest.fail(f"{ratios} times as long as importing NumPy")
 
 
 def test_check_without_a_mesh_needs_no_taichi(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
 import os
@@ -203,7 +204,7 @@ def test_ctrl_c_keeps_what_is_done_and_the_same_command_goes_on(tmp_path):
     try:
         wait(lambda: has_gone_on(out / "running"), process)
         process.send_signal(signal.SIGINT)
-        said = process.communicate(timeout=100)[0]
+        said = process.communicate(timeout=200)[0]
     finally:
         process.kill()
     assert process.returncode == 130, said
@@ -228,22 +229,39 @@ def test_ctrl_c_keeps_what_is_done_and_the_same_command_goes_on(tmp_path):
     assert (out / "finished" / "summary.json").read_bytes() == kept
 
 
+def is_told_to_end(run: int, sweep: int) -> bool:
+    """Whether a sweep has closed the pipe to a run, by which it asks it to end."""
+    pipe = os.readlink(f"/proc/{run}/fd/0")
+    assert pipe.startswith("pipe:")
+    kept = []
+    for path in Path(f"/proc/{sweep}/fd").iterdir():
+        with contextlib.suppress(FileNotFoundError):  # closed meanwhile
+            kept.append(os.readlink(path))
+    return pipe not in kept
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="open files are read in /proc")
 def test_a_second_ctrl_c_kills_the_runs(tmp_path):
+    """The run is stopped, so that it cannot end by itself between the two."""
     (tmp_path / "base.toml").write_text(BASE, encoding="utf-8")
     endless = INTERRUPTED.replace("time.end = 2e-4", "time.end = 100")
     (tmp_path / "study.toml").write_text(endless, encoding="utf-8")
     words = [sys.executable, "-c", ON_A_TERMINAL, "sweep", "study.toml", "--workers", "1"]
     process = subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    run = tmp_path / "out" / "finished"
+    run, worker = tmp_path / "out" / "finished", 0
     try:
         wait((run / "checkpoints" / "step_000000000.h5").exists, process)
         worker = json.loads((run / ".lock").read_text())["process"]
+        os.kill(worker, signal.SIGSTOP)
         process.send_signal(signal.SIGINT)
-        time.sleep(0.02)
+        wait(lambda: is_told_to_end(worker, process.pid), process)
         process.send_signal(signal.SIGINT)
-        said = process.communicate(timeout=60)[0]
+        said = process.communicate(timeout=200)[0]
     finally:
         process.kill()
+        if worker:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(worker, signal.SIGKILL)
     assert process.returncode == 130, said
     assert "stopped at once; `tipfem sweep study.toml` goes on from the last checkpoints" in said
     assert "Traceback" not in said

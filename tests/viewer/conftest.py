@@ -7,7 +7,7 @@ import shutil
 
 import pytest
 from render_results import write_results
-from view_client import TIMES, Page, start
+from view_client import PATIENCE, TIMES, Page, start
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
@@ -37,7 +37,7 @@ def server(tmp_path_factory):
     running = start(write_results(tmp_path_factory.mktemp("view") / "wave", TIMES, sharp=True))
     yield running
     running.process.terminate()
-    assert running.process.wait(10) == 0
+    assert running.process.wait(PATIENCE) == 0
 
 
 @pytest.fixture

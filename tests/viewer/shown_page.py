@@ -6,11 +6,13 @@ The page follows its viewer with a delay that is long on a busy machine, so what
 from __future__ import annotations
 
 import io
+import time
 
 import numpy as np
 import pytest
 from PIL import Image
 
+PATIENCE = 120.0  # longest wait for what the page is to show [s]
 LEFT, TOP, RIGHT, BOTTOM = 66, 8, 16, 46  # [px] around the picture, as in stage.js
 MARGIN = 0.035  # of the domain, as in tipfem/viewer/choices.py
 
@@ -33,7 +35,7 @@ class ShownPage:
         )
         self.domain = domain
         self.page = context.new_page()
-        self.page.set_default_timeout(30_000)
+        self.page.set_default_timeout(1000 * PATIENCE)
         self.complaints, self.asked = [], []
         self.page.on("console", lambda message: self.complaints.append(message.text))
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
@@ -66,7 +68,8 @@ class ShownPage:
 
     def wait(self, condition, what):
         """Wait until a condition holds."""
-        for _ in range(750):
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
             if condition():
                 return
             self.page.wait_for_timeout(40)

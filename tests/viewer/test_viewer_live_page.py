@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from shown_page import ShownPage
+from shown_page import PATIENCE, ShownPage
 from tipfem.demos import play
 
 import tipfem as tp
@@ -139,7 +139,7 @@ def test_a_run_is_paused_tilted_pushed_given_a_drop_and_stopped_by_pointer_and_k
         assert each.text("state") == "ended"
         assert each.button("go").is_disabled()
         each.close()
-    assert process.wait(60) == 0
+    assert process.wait(PATIENCE) == 0
     assert json.loads((out / "summary.json").read_text())["status"] == "stopped by a command"
     assert {line["command"] for line in commands(out)} == {"gravity", "drop", "poke"}
     assert repeated(out) == json.loads((out / "summary.json").read_text())["steps"]
@@ -172,7 +172,7 @@ def test_keys_tilt_push_and_drop_too(browser, run):
     shown.key("X")
     shown.read("note", "The run has ended")
     shown.close()
-    assert process.wait(60) == 0
+    assert process.wait(PATIENCE) == 0
 
 
 @pytest.mark.parametrize(
@@ -184,5 +184,5 @@ def test_a_signal_ends_the_run_and_its_page(browser, run, name):
     process.send_signal(getattr(signal, name))
     shown.read("note", "The run has ended")
     shown.close()
-    assert process.wait(60) == (0 if name == "SIGINT" else 128 + getattr(signal, name))
+    assert process.wait(PATIENCE) == (0 if name == "SIGINT" else 128 + getattr(signal, name))
     assert json.loads((out / "summary.json").read_text())["status"].startswith(("interrupted", "ended by signal"))

@@ -34,7 +34,7 @@ def talked(view, said, enough):
         for text in said:
             view._receive(view._widget, {"text": text}, [])
         with suppress(asyncio.TimeoutError):
-            for _ in range(500):
+            for _ in range(6000):
                 await asyncio.sleep(0.02)
                 if enough(taken):
                     break
@@ -103,7 +103,7 @@ def test_the_module_runs_in_a_browser_and_shows_a_frame(taken, browser):
             page.evaluate("(text) => say(text)", part)
         else:
             page.evaluate("(data) => show(data)", base64.b64encode(part).decode())
-    page.wait_for_selector('.tipfem-viewer.in-notebook:not([data-frame="0"])', timeout=30_000)
+    page.wait_for_selector('.tipfem-viewer.in-notebook:not([data-frame="0"])', timeout=120_000)
     said = page.evaluate("() => said")
     assert said[0] == "ready"
     assert any(json.loads(text)["type"] == "ack" for text in said[1:])
@@ -137,7 +137,7 @@ def test_a_kernel_answers_the_page(out):
         client.execute(f"import tipfem as tp\nview = tp.View({str(out)!r})\nview")
         comms, shown = [], {}
         while not shown:
-            message = client.get_iopub_msg(timeout=60)
+            message = client.get_iopub_msg(timeout=300)
             content = message["content"]
             assert message["msg_type"] != "error", content
             if message["msg_type"] == "comm_open" and "_esm" in content["data"]["state"]:
@@ -155,7 +155,7 @@ def test_a_kernel_answers_the_page(out):
         say('{"type": "step", "count": 1}')
         kinds, index = [], 0
         while index == 0:
-            message = client.get_iopub_msg(timeout=60)
+            message = client.get_iopub_msg(timeout=300)
             if message["msg_type"] == "comm_msg" and message["content"]["data"]["method"] == "custom":
                 text = message["content"]["data"]["content"].get("text")
                 head = json.loads(text) if text else protocol.unpack(bytes(message["buffers"][0]))[0]

@@ -179,7 +179,7 @@ def test_a_real_window_shows_the_picture(tmp_path):
         "assert screen.open and screen.keys() == []\n"
         "screen.close()\n"
     )
-    done = subprocess.run([xvfb, "-a", sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([xvfb, "-a", sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
     if done.returncode and not os.environ.get("TIPFEM_REQUIRE_VULKAN") and "DriverError" in done.stderr:
         pytest.skip(f"no Vulkan driver draws in a window here: {done.stderr.splitlines()[-1]}")
     assert done.returncode == 0, done.stderr

@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+import time
 from contextlib import ExitStack
 from typing import Any, NamedTuple
 
@@ -13,6 +14,7 @@ from websockets.sync.client import connect
 
 from tipfem.viewer import protocol
 
+PATIENCE = 120.0  # longest wait for an answer, which only a fault or a very busy machine makes as long [s]
 TIMES = tuple(0.1 * k for k in range(12))
 
 
@@ -51,7 +53,7 @@ class Page:
         """Send a message."""
         self.socket.send(json.dumps({"type": kind, **content}))
 
-    def receive(self, timeout=10.0):
+    def receive(self, timeout=PATIENCE):
         """The next message: its JSON, with the bytes that follow it; frames and the status are kept."""
         data = self.socket.recv(timeout=timeout)
         message, rest = (json.loads(data), b"") if isinstance(data, str) else protocol.unpack(data)
@@ -61,16 +63,17 @@ class Page:
             self.status = message
         return message, rest
 
-    def until(self, kind, wanted=lambda message: True, acks=True, timeout=10.0):
+    def until(self, kind, wanted=lambda message: True, acks=True, timeout=PATIENCE):
         """The next message of a type that is as wanted; frames on the way are acknowledged."""
+        end = time.monotonic() + timeout
         while True:
-            message, rest = self.receive(timeout)
+            message, rest = self.receive(max(end - time.monotonic(), 0.0))
             if acks and message["type"] == "frame":
                 self.send("ack", frame=message["frame"])
             if message["type"] == kind and wanted(message):
                 return message, rest
 
-    def until_status(self, wanted, timeout=10.0):
+    def until_status(self, wanted, timeout=PATIENCE):
         """Wait for a status that is as wanted; it may be the latest that has come."""
         if not (self.status and wanted(self.status)):
             self.until("status", wanted, timeout=timeout)
