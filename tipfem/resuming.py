@@ -17,6 +17,7 @@ from tipfem.checkpoint import (
     CheckpointFolder,
     case_from,
     case_record,
+    differences,
     environment,
     file_name,
     python_functions,
@@ -214,6 +215,32 @@ def kept_case(out: Path, record: Mapping[str, Any]) -> Case:
     return case_from(record)
 
 
+def edited(simulation: Resumable) -> list[str]:
+    """A note if the case file in the folder of a run that goes on has been edited, which only `tipfem resume` reads.
+
+    Args:
+        simulation: about to go on, from the newest checkpoint.
+    """
+    from tipfem.casefile.loading import left_case
+
+    assert simulation.results is not None
+    path = simulation.results.path / CASE_FILE
+    newest = CheckpointFolder(path.parent).files()[0]
+    if not path.exists() or path.stat().st_mtime_ns <= newest.stat().st_mtime_ns:
+        return []
+    note = f"{path}: Simulation.resume does not read it; `tipfem resume` does, and arguments change what is written"
+    try:
+        file = left_case(path.parent)
+        if file is None:
+            return []
+        settings = _settings(simulation)
+        if {**file.settings(), "largest_step": settings["largest_step"]} != settings:
+            return [note]
+        return [note] if differences(case_record(simulation.case), case_record(file.case())) else []
+    except ValueError:  # it has mistakes
+        return [note]
+
+
 def resumed(
     made: type[Run],
     out: Path,
@@ -227,7 +254,7 @@ def resumed(
     """See `Simulation.resume`; ``made`` is that class, and ``rewritten`` what is written otherwise than before."""
     folder = CheckpointFolder(out)
     notes: list[str] = []
-    newest = folder.newest()
+    newest, given = folder.newest(), case is not None
     case = kept_case(out, newest["case"]) if case is None else case
     if not runtime.settings():
         runtime.init(newest["environment"]["arch"], newest["environment"]["precision"])
@@ -252,6 +279,8 @@ def resumed(
     take_over_samples(simulation.probes, settings["probes"], content["probes"], simulation.time)
     simulation.probes.write_to(simulation.results)
     simulation.checkpoints.written(simulation.time)
+    if not given:
+        notes += edited(simulation)
     if changes or more or last:
         keep_changes(simulation)
     return simulation

@@ -440,6 +440,10 @@ class Simulation:
         It goes on to the bit as the run would have that was not stopped, on the same processor with the same versions;
         what is written differs in wall-clock times alone. What the run wrote after the checkpoint is removed.
 
+        The case, and what is written how often, are those of the checkpoint but for what is given here: unlike
+        `tipfem resume`, this reads the folder's case.toml for motions and forces alone. If the file has been edited,
+        ``notes`` says so; changes that are given are written into it.
+
         Args:
             out: the results folder.
             case: the case of the run; needed if it has functions of Python's, which no file keeps. Those that a case

@@ -290,3 +290,25 @@ def test_a_flow_that_was_changed_in_the_file_is_refused_with_its_line(begun, cap
     )
     line = lines.index("largest_step = 1e-3") + 1
     assert f"case.toml:{line}: time.largest_step is 0.001 s; the run has" in said
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("interval = 0.004", "interval = 0.002"),
+        ("viscosity = 0.001002", "viscosity = 0.1"),
+        ("[time]", "[tme]"),
+        ("", ""),
+    ],
+)
+def test_python_says_that_it_does_not_read_an_edited_case_file(tmp_path, old, new):
+    assert main(["run", CASE, *COARSE, "--until", "0.004", "--out", str(tmp_path)]) == 0
+    text = (tmp_path / "case.toml").read_text()
+    assert old in text
+    (tmp_path / "case.toml").write_text(text.replace(old, new) if old else text + "\n# nothing new\n")
+    resumed = tp.Simulation.resume(tmp_path)
+    resumed.results.close()
+    assert [note for note in resumed.notes if "does not read it; `tipfem resume` does" in note] == resumed.notes
+    assert len(resumed.notes) == (1 if old else 0)
+    assert resumed.output_interval == 0.004
+    assert resumed.case.fluids[0].viscosity == 1.002e-3
