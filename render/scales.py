@@ -1,5 +1,6 @@
 """Ranges and ticks: round numbers, their labels, and the units of the fields."""
 
+import copy
 import math
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -89,7 +90,18 @@ class FieldSample:
             fluids.append(scene.fluid)
             self._names, self._densities = scene.fluid_names, scene.fluid_densities
             self._owned = self._owned and scene.cell_fluid is not None
-        self.field, self.values, self.fluid = field, np.concatenate(values), np.concatenate(fluids)
+        self.field = field
+        # Of one scene, of which many may be kept, nothing is copied.
+        self.values, self.fluid = (part[0] if len(part) == 1 else np.concatenate(part) for part in (values, fluids))
+
+    @classmethod
+    def joined(cls, samples: Sequence["FieldSample"]) -> "FieldSample":
+        """One sample of several of the same field, as if it had been taken of all of their scenes."""
+        made = copy.copy(samples[-1])
+        made.values = np.concatenate([sample.values for sample in samples])
+        made.fluid = np.concatenate([sample.fluid for sample in samples])
+        made._owned = all(sample._owned for sample in samples)
+        return made
 
     def muted(self) -> tuple[str, ...]:
         """Names of the fluids that pictures of the field leave uncoloured.
@@ -119,15 +131,23 @@ class FieldSample:
                 found[name] = float(low), float(high)
         return found
 
-    def limits(self, muted: Sequence[str] = ()) -> Range:
-        """A round range for the colours, see `field_limits`.
+    def ends(self, muted: Sequence[str] = ()) -> Range:
+        """The values without the 1 % at either end.
 
         Args:
             muted: names of fluids whose values are left out.
         """
         shown = self.values[~np.isin(self.fluid, [self._names.index(name) for name in muted])]
         low, high = np.percentile(shown if len(shown) else self.values, _ENDS)
-        return round_limits(self.field, float(low), float(high))
+        return float(low), float(high)
+
+    def limits(self, muted: Sequence[str] = ()) -> Range:
+        """A round range for the colours, see `field_limits`.
+
+        Args:
+            muted: names of fluids whose values are left out.
+        """
+        return round_limits(self.field, *self.ends(muted))
 
     def interval(self, muted: Sequence[str] = ()) -> float:
         """A round distance between contours, for at most 14 of them over the range of `limits`.

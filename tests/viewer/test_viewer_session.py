@@ -9,13 +9,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from render_results import sharp_tank, write_results
-from tipfem.render import Scene
+from tipfem.render import Scene, View
+from tipfem.render.renderer import settled
 
 from tipfem.viewer import ResultsSource, protocol
 from tipfem.viewer.choices import Choices
 from tipfem.viewer.outbox import MOST_MESSAGES, Outbox
 from tipfem.viewer.pane import Pane
 from tipfem.viewer.session import Session
+from tipfem.viewer.showing import Showing
 
 
 class Flow:
@@ -268,3 +270,39 @@ def test_air_is_coloured_from_the_time_on_at_which_its_pressure_varies():
     choices.field = "velocity_x"
     assert pane.draw(0, choices, True).muted == ()
     pane.close()
+
+
+def test_fixed_ranges_are_those_of_pictures():
+    """Once all times have been looked at: of all values together, and without the fluids that are not coloured."""
+    pane = Pane(SlowingFlow(), "raster")
+    scenes = [pane.source.scene(index) for index in range(3)]
+    choices = Choices((0.0, 0.0), (0.5, 0.5), field="pressure")
+    calm = round(pane.field_range(scenes[0], choices)[1])
+    assert any(list(pane.sampling()))
+    for choices.field in ("pressure", "velocity_x", "velocity_y"):
+        for colour_all in (False, True):
+            choices.layers["colour_all"] = colour_all
+            view = View(muted=() if colour_all else None)
+            expected = settled(view, scenes, choices.field, None)[1]
+            for index in (2, 0, 1):  # drawing does not widen them
+                pane.draw(index, choices, True)
+                assert pane.field_range(scenes[index], choices) == expected
+    choices.layers["colour_all"], choices.field, choices.range_mode = False, "pressure", "frame"
+    assert round(pane.field_range(scenes[0], choices)[1]) == calm
+    pane.close()
+
+
+def test_two_panes_have_the_ranges_of_both():
+    class Faster(SlowingFlow):
+        def scene(self, index):
+            scene = super().scene(index)
+            return replace(scene, fields={name: 3 * values for name, values in scene.fields.items()})
+
+    showing = Showing([SlowingFlow(), Faster()], "raster")
+    choices = replace(showing.choices, field="velocity_x")
+    for pane in showing.panes:
+        assert any(list(pane.sampling()))
+    ranges = [pane.field_range(pane.source.scene(0), choices) for pane in showing.panes]
+    assert ranges == [(-3.0, 3.0)] * 2
+    for pane in showing.panes:
+        pane.close()

@@ -13,7 +13,7 @@ from PIL import Image
 from tipfem.render import Renderer, Scene, Stage, View
 from tipfem.render.colours import colour_table, fluid_colours
 from tipfem.render.flow import Tracers, arrow_speed
-from tipfem.render.scales import MUTED_FIELD, FieldSample, colour_map_of, field_ends, muted_fluids, round_limits
+from tipfem.render.scales import MUTED_FIELD, FieldSample, colour_map_of, muted_fluids, round_limits
 from tipfem.typing import Array
 from tipfem.viewer.choices import Choices, Window
 from tipfem.viewer.probe import values_at
@@ -22,6 +22,7 @@ from tipfem.viewer.source import Source
 MOST_PIXELS = 2.6e6  # of a picture that is shown
 MOST_PIXELS_MOVING = 1.0e6  # while something moves
 _SAMPLED = 24  # stored times that a fixed range is taken from
+_COLOURED = "pressure of the fluids that are coloured"
 _PICTURE = (1280, 720)  # a picture or a movie to keep [px]
 _HISTORY_POINTS = 200
 
@@ -65,7 +66,10 @@ class Pane:
         self._backend = backend
         self._stages: dict[tuple[int, int], Stage] = {}
         self._renderer: Renderer | None = None
-        self._ends: dict[str, Range] = {}
+        self._ends: dict[str, Range] = {}  # of fields; of the pressure of coloured fluids as _COLOURED
+        self._samples: dict[int, dict[str, FieldSample]] = {}  # of stored times, until ranges are settled
+        self._settled_for = 0  # number of stored times that the ranges have been settled for
+        self._beside: Pane | None = None
         self._spans: dict[str, Range] = {}
         self._joined: set[int] = set()  # stored times that are in these spans
         self._arrow_speed: tuple[Any, float] = (None, 0.0)
@@ -89,10 +93,10 @@ class Pane:
         scene = self.source.scene(index)
         if choices.layers["tracers"]:
             scene = self._with_trails(scene, index, choices.layers["tracers"])
-        if choices.field is not None:
-            self._widen(choices.field, scene)
         if MUTED_FIELD in (choices.field, choices.layers["contours"]):
             self._join_spans(scene, index)
+        if choices.field is not None:
+            self._widen(choices.field, scene)
         return scene
 
     def draw(self, index: int, choices: Choices, moving: bool) -> Picture:
@@ -152,19 +156,18 @@ class Pane:
             return None
         if choices.range_mode == "given":
             return choices.given
-        ends = field_ends(scene, field) if choices.range_mode == "frame" else self.ends(field)
-        low, high = round_limits(field, *(ends or field_ends(scene, field)))
+        coloured = field == MUTED_FIELD and not choices.layers["colour_all"]
+        name = _COLOURED if coloured else field
+        if choices.range_mode == "fixed" and name in self._ends:
+            found = [pane._ends[name] for pane in (self, self._beside) if pane is not None and name in pane._ends]
+            low, high = round_limits(field, min(low for low, _ in found), max(high for _, high in found))
+        else:
+            low, high = FieldSample([scene], field).limits(muted_fluids(self._spans) if coloured else ())
         return float(low), float(high)
 
-    def ends(self, field: str) -> Range | None:
-        """The ends of a field's values in the times that have been looked at, or None."""
-        return self._ends.get(field)
-
-    def widen(self, field: str, ends: Range | None) -> None:
-        """Let a fixed range hold that of another pane, so that both have the same colours."""
-        if ends is not None:
-            low, high = self._ends.get(field, ends)
-            self._ends[field] = min(low, ends[0]), max(high, ends[1])
+    def share_ranges(self, other: Pane) -> None:
+        """Let fixed ranges hold those of another pane, so that both have the same colours."""
+        self._beside = other
 
     def fields(self) -> list[str]:
         """Names of the fields, the usual ones first."""
@@ -173,21 +176,27 @@ class Pane:
         return [name for name in usual if name in there] + sorted(set(there) - set(usual))
 
     def sampling(self) -> Iterator[bool]:
-        """Look at stored times for the ranges of all fields, one at each step; says whether a range has grown."""
+        """Look at stored times for the ranges of all fields, one at each step; says whether a range has changed.
+
+        At the end the ranges are those of `tipfem.render.animate`, which looks at the same times.
+        """
         count = len(self.source.times)
-        for index in sorted({int(i) for i in np.linspace(0, count - 1, min(count, _SAMPLED)).round()}):
+        chosen = sorted({int(i) for i in np.linspace(0, count - 1, min(count, _SAMPLED)).round()})
+        for index in chosen:
             if index not in self._sampled and not self.source.live:
                 self._sampled.add(index)
-                before = dict(self._ends)
+                before = dict(self._ends), muted_fluids(self._spans)
                 scene = self.source.scene(index)
+                if MUTED_FIELD in scene.fields:
+                    self._join_spans(scene, index)
                 for field in scene.fields:
                     self._widen(field, scene)
-                if MUTED_FIELD in scene.fields:
-                    muted = muted_fluids(self._spans)
-                    self._join_spans(scene, index)
-                    yield before != self._ends or muted != muted_fluids(self._spans)
-                else:
-                    yield before != self._ends
+                self._samples[index] = {field: FieldSample([scene], field) for field in scene.fields}
+                yield before != (self._ends, muted_fluids(self._spans))
+        if self._samples and set(chosen) <= set(self._samples):
+            before = dict(self._ends), muted_fluids(self._spans)
+            self._settle([self._samples[index] for index in chosen], count)
+            yield before != (self._ends, muted_fluids(self._spans))
 
     def history(self, at: tuple[float, float]) -> Iterator[tuple[list[float], dict[str, list[float | None]], float]]:
         """Values at a point at the stored times, or some of them; grows with each step.
@@ -249,13 +258,31 @@ class Pane:
             self._stages.pop(next(iter(self._stages))).close()
         return stage
 
+    def _settle(self, samples: list[dict[str, FieldSample]], count: int) -> None:
+        """Take fixed ranges and muted fluids from samples by field of stored times, of which there are ``count``."""
+        for field in set.intersection(*(set(by_field) for by_field in samples)):
+            sample = FieldSample.joined([by_field[field] for by_field in samples])
+            self._ends[field] = sample.ends()
+            if field == MUTED_FIELD:
+                self._spans = sample.spans()
+                self._ends[_COLOURED] = sample.ends(sample.muted())
+        self._samples, self._settled_for = {}, count
+
     def _widen(self, field: str, scene: Scene) -> None:
-        if field in scene.fields:
-            self.widen(field, field_ends(scene, field))
+        """Let the range of a field hold that of a scene, unless it has been settled for all stored times."""
+        if field not in scene.fields or self._settled_for == len(self.source.times):
+            return
+        sample = FieldSample([scene], field)
+        found = {field: sample.ends()}
+        if field == MUTED_FIELD:
+            found[_COLOURED] = sample.ends(muted_fluids(self._spans))
+        for name, (low, high) in found.items():
+            lowest, highest = self._ends.get(name, (low, high))
+            self._ends[name] = min(low, lowest), max(high, highest)
 
     def _join_spans(self, scene: Scene, index: int) -> None:
         """Let the pressures that decide which fluids are muted be those of a further time, too."""
-        if index in self._joined:
+        if index in self._joined or self._settled_for == len(self.source.times):
             return
         if not self.source.live:
             self._joined.add(index)

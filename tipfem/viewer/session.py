@@ -272,10 +272,9 @@ class Session:
                 return True
         if self._sampling is not None:
             try:
-                if next(self._sampling):
-                    self.showing.match_ranges()
-                    if self.showing.choices.field is not None and self.showing.choices.range_mode == "fixed":
-                        self._change()
+                choices = self.showing.choices
+                if next(self._sampling) and choices.field is not None and choices.range_mode == "fixed":
+                    self._change()
                 return True
             except (StopIteration, ValueError):
                 self._sampling = None

@@ -44,6 +44,9 @@ class Showing:
         if len(sources) not in (1, 2):
             raise ValueError(f"{len(sources)} results: expected one, or two to compare")
         self.panes = [Pane(source, backend) for source in sources]
+        if len(self.panes) == 2:
+            for pane, other in zip(self.panes, reversed(self.panes), strict=True):
+                pane.share_ranges(other)
         scenes = [source.scene(0) for source in sources]
         lower, upper = np.min([s.lower for s in scenes], axis=0), np.max([s.upper for s in scenes], axis=0)
         self.choices = Choices((float(lower[0]), float(lower[1])), (float(upper[0]), float(upper[1])))
@@ -161,13 +164,6 @@ class Showing:
             [pane.source.name for pane in self.panes] + ([self.choices.field] if self.choices.field else [])
         )
         return "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in name)
-
-    def match_ranges(self) -> None:
-        """Give both panes the same fixed ranges."""
-        for field in self.fields:
-            for pane in self.panes:
-                for other in self.panes:
-                    pane.widen(field, other.ends(field))
 
     def hello(self) -> dict[str, Any]:
         """What pages are told once; see the message `hello`."""
