@@ -42,7 +42,7 @@ from tipfem.state import Solved, State, state_with_held_bodies
 from tipfem.steering import Command, Record, RunControl, Steering
 from tipfem.step.budget import Budget
 from tipfem.step.numerical_error import numerical_error
-from tipfem.step.solve import StepSolver
+from tipfem.step.solve import StepSolver, steps_between_repairs
 from tipfem.step.volume_source import VolumeControl
 from tipfem.timers import Timings, timer
 from tipfem.typing import Array
@@ -226,6 +226,8 @@ class Simulation:
                     if start.step == 0:
                         start = self.solver.consistent(start, self._step_length(math.inf))
                     solved = self.solve(start, dt, until)
+                    if not refused and self._keeps_cells(solved):
+                        solved = dataclasses.replace(solved, keeps_cells=True)
                     state = self.remesher.remesh(solved)
                     break
                 except (StepRefused, TriangulationError, FloatingPointError) as reason:
@@ -270,6 +272,12 @@ class Simulation:
         state, control = self.state, self.control
         speed = state.boundary.speed_over_spacing(state.particles, state.time, control.current)
         return control.length(speed, until - state.time, lambda dt: smallest_jacobian(state.mesh, state.particles, dt))
+
+    def _keeps_cells(self, solved: Solved) -> bool:
+        """Whether the cells need no repair after a step, because it is short, and so were those since the last one."""
+        if self.control.limit in ("refusals", "minimum"):
+            return False
+        return (solved.before.step + 1) % steps_between_repairs(solved.before, solved.dt, self._frequency) > 0
 
     def _refuse(self, dt: float, reason: Exception) -> None:
         """Halve the time step that was refused.

@@ -241,6 +241,7 @@ class Solved:
         reactions: (W, d) force of the walls and bodies on each of their particles, at the intermediate time and at the
             level of pressure of the solve [N, per metre of depth in 2-D].
         level: what the pressures of the particles are less than those of the solve, in a closed tank [Pa].
+        keeps_cells: whether the repair of its cells may wait, see `tipfem.step.solve.steps_between_repairs`.
     """
 
     before: State
@@ -262,6 +263,7 @@ class Solved:
     uniform: bool = False
     reactions: Array = field(default_factory=lambda: np.zeros((0, 0)))
     level: float = 0.0
+    keeps_cells: bool = False
 
     @property
     def dt(self) -> float:

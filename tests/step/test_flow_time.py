@@ -1,4 +1,4 @@
-"""The time T in the stabilisation's tau: what it is, and convergence in dt at fixed spacing."""
+"""The time T in the stabilisation's tau and between repairs of cells, and convergence in dt at fixed spacing."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from manufactured import Vortex
 import tipfem as tp
 from tipfem.remesh import remeshers
 from tipfem.remesh.fitted import Repaired
-from tipfem.step.solve import OF_FLOW, OF_GRAVITY, flow_time
+from tipfem.step.solve import OF_FLOW, OF_GRAVITY, flow_time, steps_between_repairs
 
 WATER = tp.Fluid("water", density=998.2, viscosity=1e-3)
 
@@ -128,11 +128,45 @@ def test_a_vortex_at_full_speed_from_the_start_is_of_second_order_in_dt(monkeypa
     assert change[-1] < 1e-5
 
 
-def test_a_vortex_at_full_speed_is_of_first_order_in_dt_with_remeshing():
-    """A flip is up to a step late. With the energy of every flip balanced the changes would be 4e-4 for any dt."""
+def test_a_vortex_at_full_speed_has_an_order_in_dt_above_one_with_remeshing():
+    """Flips at times that do not depend on dt; with a repair after every step the last change would be 1e-4.
+
+    With the energy of every flip balanced the changes would be 4e-4 for any dt.
+    """
     change = changes([at_full_speed(dt, 0.064) for dt in (8e-3, 4e-3, 2e-3, 1e-3, 5e-4)])
-    assert np.log2(change[0] / change[-1]) / 3 > 0.7, change
-    assert change[-1] < 2e-4
+    assert np.log2(change[0] / change[-1]) / 3 > 1.4, change
+    assert change[-1] < 3e-5
+
+
+def test_the_cells_are_repaired_at_times_that_do_not_depend_on_the_step(monkeypatch):
+    """T is 4.6 ms by the body force, and 17 ms by the speed."""
+    repaired, repair = [], remeshers.repair
+
+    def recorded(particles, mesh, *arguments, keep_cells, **others):
+        repaired.append(not keep_cells)
+        result = repair(particles, mesh, *arguments, keep_cells=keep_cells, **others)
+        assert repaired[-1] or np.array_equal(result.mesh.cells, mesh.cells)
+        return result
+
+    monkeypatch.setattr(remeshers, "repair", recorded)
+    for dt in (8e-3, 4e-3, 2e-3, 1e-3):
+        repaired.clear()
+        at_full_speed(dt, 0.016)
+        after = dt * (np.flatnonzero(repaired) + 1)
+        assert after == pytest.approx(np.arange(1, len(after) + 1) * max(dt, 4e-3))
+        assert after[-1] == pytest.approx(0.016)
+
+
+def test_the_cells_are_repaired_after_each_step_of_the_length_that_the_flow_asks_for():
+    case = tp.Case(tp.tank((1, 1), 0.1).fill(WATER), [WATER], (0, -9.81))
+    state, frequency = tp.Simulation(case).state, case.natural_frequency()
+    longest = OF_GRAVITY / frequency
+    lengths = np.array([2.0, 1.0, 0.51, 0.49, 0.26, 0.24]) * longest
+    assert [steps_between_repairs(state, dt, frequency) for dt in lengths] == [1, 1, 1, 2, 2, 4]
+    moving = tp.Case(tp.tank((1, 1), 0.1).fill(WATER, velocity=(3.0, 4.0)), [WATER], (0, 0))
+    assert steps_between_repairs(tp.Simulation(moving).state, 0.24 * OF_FLOW * 0.1 / 5.0, 0.0) == 4
+    calm = tp.Case(tp.tank((1, 1), 0.1).fill(WATER), [WATER], (0, 0))
+    assert steps_between_repairs(tp.Simulation(calm).state, 1e-6, 0.0) == 1
 
 
 def test_steps_in_which_gravity_is_lost_are_refused():

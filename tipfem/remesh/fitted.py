@@ -63,6 +63,7 @@ def repair(
     total: Array | None = None,
     graded: bool = False,
     account: NoAccount | None = None,
+    keep_cells: bool = False,
 ) -> Repaired:
     """Remesh particles that have moved.
 
@@ -79,6 +80,8 @@ def repair(
         graded: whether the number of particles follows the targets. Otherwise N is kept: particles that crowd others
             are relocated.
         account: of what each kind of repair adds to energy and momentum; none by default.
+        keep_cells: whether edges need not be flipped, nor particles relocated; interfaces and volumes are always
+            repaired, and what crowds a film that breaks.
 
     Raises:
         TriangulationError: the repair did not terminate, or left a triangle without area.
@@ -88,7 +91,7 @@ def repair(
         raise TriangulationError("a triangle was inverted before it could be repaired")
     held = fixed.astype(bool)
     with timer("flips"):
-        t = Triangulation.of(particles, mesh, density, moved, rule.flip_tolerance)
+        t = Triangulation.of(particles, mesh, density, moved, np.inf if keep_cells else rule.flip_tolerance)
         if slippery is not None:
             t.wall[slippery > 0] = SLIDES
         account = account or NoAccount()
@@ -110,7 +113,10 @@ def repair(
             flips += taken + t.make_delaunay(rule.flip_tolerance, stale_only=True)
     places = [t.middles(np.flatnonzero(t.fluid != fluid))]
     with timer("relocation"):
-        relocated = _follow_targets(t, held, rule) if graded else _relocate_crowded(t, held, rule)
+        if keep_cells and not (broken or taken):
+            relocated = np.zeros(len(held), dtype=bool)
+        else:
+            relocated = _follow_targets(t, held, rule) if graded else _relocate_crowded(t, held, rule)
     t.compact()
     new = Mesh(np.ascontiguousarray(t.state[:, :2]), t.cells, t.fluid, period=mesh.period)
     new = new.with_(neighbours=t.neighbours)

@@ -329,8 +329,7 @@ class FittedRemesher(Remesher):
     ) -> None:
         super().__init__(fluids)
         self.rule, self._bodies, self._balance, self._gravity = rule, bodies, balance, gravity
-        self._names = [f.name for f in fluids]
-        self._first = first
+        self._first, self._names = first, [f.name for f in fluids]
         self._keep, self._walls_have_fluids, self._grading = keep, walls_have_fluids, grading
 
     @staticmethod
@@ -410,6 +409,7 @@ class FittedRemesher(Remesher):
             total=before.start_volume if self._keep else None,
             graded=self._grading is not None,
             account=self.account,
+            keep_cells=solved.keeps_cells,
         )
         fixed, reference, jump = before.fixed, before.reference, solved.pressure_jump
         if renumbered is not None:

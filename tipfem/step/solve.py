@@ -84,11 +84,37 @@ def flow_time(case: Case, state: State, frequency: float | None = None) -> float
     if case.interface == "interpolated" and not case.free_surface:
         return 0.0
     frequency = case.natural_frequency() if frequency is None else frequency
-    speed = state.boundary.speed_over_spacing(state.particles, state.time, 1e-3 / max(frequency, 1e-3))
+    speed = _speed_over_spacing(state, frequency)
     times = [part / rate for part, rate in ((OF_GRAVITY, frequency), (OF_FLOW, speed)) if rate > 0]
     if not frequency and speed and state.mean_acceleration:
         times.append(speed * case.particles.spacing / state.mean_acceleration)
     return min(times, default=0.0)
+
+
+def _speed_over_spacing(state: State, frequency: float) -> float:
+    """Speed of the fastest particle relative to the tank, in its target spacings [1/s]."""
+    return state.boundary.speed_over_spacing(state.particles, state.time, 1e-3 / max(frequency, 1e-3))
+
+
+def steps_between_repairs(state: State, dt: float, frequency: float) -> int:
+    """After how many steps the cells are repaired: 1, or if steps are short, the largest power of two in a time.
+
+    This time is the shorter of 0.05 sqrt(h / b) and 0.35 h / v, see `flow_time`. Each flip of an edge changes the
+    discrete equations, by a part to h^2 and not to dt. Were cells repaired after each short step, a flip would be made
+    when the first of them ends in which it is due, up to dt late, and solutions would be of first order in dt. In steps
+    of half the length, the cells are repaired at the same times.
+
+    Args:
+        state: at the start of a step.
+        dt: length of the step [s].
+        frequency: the case's natural frequency [1/s].
+    """
+    longest = OF_GRAVITY / frequency if frequency > 0 else math.inf
+    if longest < 1.99 * dt:
+        return 1
+    speed = _speed_over_spacing(state, frequency)
+    longest = min(longest, OF_FLOW / speed) if speed > 0 else longest
+    return 2 ** max(0, math.floor(math.log2((1 + 1e-9) * longest / dt))) if math.isfinite(longest) else 1
 
 
 class StepSolver:
