@@ -183,7 +183,9 @@ def find_slip(mesh: Mesh, particles: Particles, density: Array, gravity: Array) 
     cell, corner, at = cell[chosen], corner[chosen], at[chosen]
     if not len(at):
         return None
-    owner, number = np.unique(at, return_inverse=True)
+    chosen = np.zeros(n, dtype=bool)
+    chosen[at] = True
+    owner, number = np.flatnonzero(chosen), np.cumsum(chosen)[at] - 1
     count = len(owner)
     # The sides opposite a particle lead from one of its neighbours on the interface to the other.
     first, last = cells[cell, (corner + 1) % 3], cells[cell, (corner + 2) % 3]
@@ -192,8 +194,9 @@ def find_slip(mesh: Mesh, particles: Particles, density: Array, gravity: Array) 
     tangent = chord / np.maximum(np.linalg.norm(chord, axis=1), 1e-300)[:, None]
     normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
     inside = free & ~on_interface
-    pair = np.unique(np.concatenate([number * n + first, number * n + last]))
-    of, beside = np.divmod(pair[inside[pair % n]], n)
+    pair = np.concatenate([(number * n + other)[inside[other]] for other in (first, last)])
+    pair.sort()
+    of, beside = np.divmod(pair[np.diff(pair, prepend=-1) > 0], n)
     path = mesh.period.shortest(position[beside] - position[owner[of]])
     weight, there = _weights(of, (path * tangent[of]).sum(axis=1), (path * normal[of]).sum(axis=1), count)
     mean = np.stack([np.bincount(of, weight * particles.velocity[beside, k], count) for k in range(2)], axis=1)
@@ -204,10 +207,11 @@ def find_slip(mesh: Mesh, particles: Particles, density: Array, gravity: Array) 
         return None
     kept, new = there[of], np.where(there, np.cumsum(there) - 1, -1)
     number = new[number]
-    around = np.unique(cell[number >= 0])
-    corner_of = np.full((len(around), 3), -1)
     sliding = number >= 0
-    corner_of[np.searchsorted(around, cell[sliding]), corner[sliding]] = number[sliding]
+    cell, corner, number = cell[sliding], corner[sliding], number[sliding]
+    new_cell = np.diff(cell, prepend=-1) > 0
+    around, corner_of = cell[new_cell], np.full((np.count_nonzero(new_cell), 3), -1)
+    corner_of[np.cumsum(new_cell) - 1, corner] = number
     return InterfaceSlip(
         owner=owner[there],
         tangent=tangent[there],

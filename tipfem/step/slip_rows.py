@@ -68,7 +68,8 @@ class SlipRows:
         self._lumping, self._acceleration = lumping, acceleration[slip.nodes]
         self._slip_acceleration = a = slip.slip(acceleration)
         nodes, self._size = len(cut.owner), 3 * len(cut.owner)
-        own, terms = self._of_displacements(), self._of_cells(cut, tau, position)
+        own = self._of_displacements()
+        terms = self._of_cells(cut, tau, position, own)
         inertia, together, plain, stabilisation = np.split(terms.value, (2, 4, 5), axis=1)
         self._stabilisation = terms.number, 3 * terms.node + 2, stabilisation[:, 0]
         row = np.hstack([scheme.cm * (inertia + together), plain])
@@ -109,14 +110,13 @@ class SlipRows:
         order = np.argsort(number, kind="stable")
         return _Rows(number[order], np.concatenate([slip.beside, slip.owner])[order], value[order])
 
-    def _of_cells(self, cut: CutMesh, tau: Array, position: Array) -> _Rows:
-        """The sums over the cells around each particle.
+    def _of_cells(self, cut: CutMesh, tau: Array, position: Array, own: _Rows) -> _Rows:
+        """The sums over the cells around each particle, with s(u) as ``own``.
 
         With the columns Z^T M of displacements (2), see `InterfaceSlip.carried`; Z^T M Z s(u) of displacements (2);
         A / 3 t . grad p of pressures, and that times tau.
         """
         slip, mesh = self._slip, cut.mesh
-        own = self._of_displacements()
         nodes = mesh.cells[slip.cell]
         x = position[cut.owner[nodes]]
         side = mesh.period.shortest(np.roll(x, -2, axis=1) - np.roll(x, -1, axis=1))
