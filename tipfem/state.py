@@ -175,12 +175,29 @@ class SlipWork:
     Attributes:
         inertia: of mass times acceleration.
         stabilisation: loss by the stabilisation of pressure.
+        weight: by the weight of the volumes that what slides has moved from node to node.
+        walls: of what walls exert in addition, and
+        wall_force: (2,) its resultant [N].
         force: (2,) what the slip adds to the sum of mass times acceleration [N].
     """
 
     inertia: float
     stabilisation: float
+    weight: float
+    walls: float
+    wall_force: Array
     force: Array
+
+    def added_to(self, work: StepWork) -> StepWork:
+        """Work of all terms of a step, from that of the elements."""
+        return replace(
+            work,
+            geometry=work.geometry + self.weight,
+            stabilisation=work.stabilisation + self.stabilisation,
+            walls=work.walls + self.walls,
+            wall_force=work.wall_force + self.wall_force,
+            slip=self,
+        )
 
 
 @dataclass(frozen=True)
@@ -190,14 +207,15 @@ class StepWork:
     Attributes:
         viscous_dissipation: dt int 2 mu d : d [J, per metre of depth in 2-D, as all others].
         viscous: work against the viscous stress.
-        geometry: work of pressure on the change of volume from the intermediate to the last positions.
+        geometry: work of pressure on the change of volume from the intermediate to the last positions, and of the
+            weight of volumes that what slides has moved.
         stabilisation: loss by the stabilisation of pressure.
         source: work of pressure on the prescribed growth.
         walls: work of the walls' forces on the fluids.
         friction_dissipation: by friction along walls that slip.
         friction: work against that friction, relative to the walls.
         wall_force: (d,) resultant of the walls' forces on the fluids [N].
-        slip: of liquids that slide along each other; None where none do.
+        slip: the parts of liquids that slide along each other; None where none do.
     """
 
     viscous_dissipation: float

@@ -104,6 +104,8 @@ def wanted(setting, u, p):
             for b in range(3):
                 share = part * (a == b) + (1 - part) / 3
                 virtual[cut.owner[nodes[b]]] += rho * area / 3 * share * slips[c] * t
+                moved = SCHEME.cf * rho * area / 3 * t @ gradients[b] * slid[c]
+                virtual[cut.owner[nodes[b]]] -= moved * setting.force[cut.owner[nodes[b]]]
                 rows[nodes[b], 2] += area / 3 * t @ gradients[b] * (tau * slips[c] - slid[c])
     for c, force in enumerate(inertia):
         virtual[slip.owner[c]] -= slip.part[c] * force * slip.tangent[c]

@@ -245,7 +245,7 @@ class Budget:
             friction=work.friction_dissipation,
             time=inertia - (after.kinetic - before.kinetic) + rest,
             geometry=-work.geometry,
-            stabilisation=work.stabilisation + (work.slip.stabilisation if work.slip else 0.0),
+            stabilisation=work.stabilisation,
             source=-work.source,
             external=external + work.walls + work.friction,
             wall_force=work.wall_force,

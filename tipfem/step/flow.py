@@ -140,9 +140,7 @@ class FlowProblem:
         self._lumping = put("lumping", lumping)
         velocity, acceleration = walls.histories(*scheme.history(particles))
         self._scale = buffers.get("scale", self.size)
-        self._slip = None
-        if slip is not None:
-            self._slip = self._slip_rows(slip, acceleration, body_force, lumping)
+        self._slip = None if slip is None else self._slip_rows(slip, acceleration, body_force, lumping)
         acceleration -= body_force
         self._motion = put("motion", np.hstack([mesh.position, velocity, acceleration])[of_node])
         self._owner = self._cut.owner if self._cut else None
@@ -348,10 +346,10 @@ class FlowProblem:
             u = walls.displacements(walls.increment)
             self._relative[index] = acceleration - self._force[index] - self.scheme.cm * u
         index = self._nodes_where(walls.states.label >= 0)
-        walls.measured(index if self._owner is None else self._owner[index], -self._node_forces(index))
+        walls.measured(index if self._owner is None else self._owner[index], -self._node_forces(x, index))
 
-    def reactions(self) -> Array:
-        """(W, d) force of the walls and bodies on each of their particles, where the last `residual` was.
+    def reactions(self, x: Any) -> Array:
+        """(W, d) force of the walls and bodies on each of their particles at ``x``, where the last `residual` was.
 
         It is what the equation of momentum of the particle's row leaves, with its inertia and weight: their sum is the
         change of momentum of all fluids, less gravity and body force, at the intermediate time [N, per metre of depth
@@ -359,20 +357,21 @@ class FlowProblem:
         """
         wall = self.particles.wall
         index, rank = self._nodes_where(wall), np.cumsum(wall) - 1
-        force, of = self._node_forces(index), rank[index if self._owner is None else self._owner[index]]
+        force, of = self._node_forces(x, index), rank[index if self._owner is None else self._owner[index]]
         return np.stack([np.bincount(of, axis, minlength=int(wall.sum())) for axis in force.T], axis=1)
 
     def _nodes_where(self, mask: Array) -> Array:
         """The nodes (K,) of the particles in a mask (N,)."""
         return np.flatnonzero(mask if self._owner is None else mask[self._owner]).astype(np.int32)
 
-    def _node_forces(self, index: Array) -> Array:
-        """(K, d) force that holds each of the nodes (K,), where the last `residual` was."""
+    def _node_forces(self, x: Any, index: Array) -> Array:
+        """(K, d) force that holds each of the nodes (K,) at ``x``, where the last `residual` was."""
         count, d = len(index), self.dimension
         out, nodes = self.buffers.get("held.force", count, d), self.buffers.upload("held.nodes", index)
         offsets, corners = self._topology.offsets, self._topology.corners
         launch(work_kernels.node_forces, nodes, offsets, corners, self._local, out, count, d)
-        return download(out, count).astype(np.float64)
+        force = download(out, count).astype(np.float64)
+        return force + self._slip.forces(x)[index] if self._slip else force
 
     def work(self, x: Any) -> StepWork:
         """Work of each term at ``x``, where the last `residual` was; no `product` may come between."""
@@ -395,7 +394,8 @@ class FlowProblem:
         )
         viscous_dissipation, viscous, geometry, stabilisation, source, walls, *force = result.tolist()
         terms = viscous, geometry, stabilisation, source, walls, *self._rows.friction(self.split(x)[0])
-        return StepWork(viscous_dissipation, *terms, np.array(force), self._slip.work(x) if self._slip else None)
+        work = StepWork(viscous_dissipation, *terms, np.array(force))
+        return self._slip.work(x, self.particles.wall).added_to(work) if self._slip else work
 
     def product(self, v: Any, out: Any) -> None:
         """out = K v, the derivative of the scaled residual at the last `linearise` along ``v``."""

@@ -13,14 +13,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from tipfem.backend import runtime
 from tipfem.case.case import Case
 from tipfem.fem.time_integration import GeneralizedAlpha
-from tipfem.state import Solved
-from tipfem.step.budget import deviations
+from tipfem.state import Solved, State
+from tipfem.step.budget import deviations, lumping_of
 from tipfem.typing import Array
 
 # An impact is a step in which a particle's acceleration changes, times the step's length, by this part of the largest
@@ -69,8 +70,10 @@ def without_gain(case: Case, solved: Solved) -> Solved | None:
     assert isinstance(scheme, GeneralizedAlpha)
     start, mass, work, kind = before.particles, before.mass, solved.work, case.numerics.mass
     u, v = solved.displacement, end.velocity
-    pairs = [(v, v), (start.velocity, start.velocity), (solved.force, u)]
-    ends, starts, falls = np.array([_product(mass, *pair) for pair in pairs]) - deviations(before, kind, pairs)
+    ends, starts = _products(before, kind, [(v, v), (start.velocity, start.velocity)])
+    falls = float(_products_of_particles(before, kind, [(solved.force, u)])[0])
+    if before.slip and work.slip:
+        falls += before.slip.work(solved.force, u, lumping_of(before, kind)[before.slip.cell]) + work.slip.weight
     rise = 0.5 * (ends - starts) - falls - work.walls - work.friction
     height = -end.position @ case.potential_gravity
     energy = 0.5 * ends + float((mass * (height - height.min())).sum())
@@ -84,7 +87,7 @@ def without_gain(case: Case, solved: Solved) -> Solved | None:
     change = np.where(start.wall[:, None], 0.0, end.acceleration - start.acceleration)
     step = (scheme.alpha_f - 0.5) * scheme.dt * change
     pairs = [(v, step), (step, step)]
-    slope, curvature = np.array([_product(mass, *pair) for pair in pairs]) - deviations(before, kind, pairs)
+    slope, curvature = _products(before, kind, pairs)
     square = slope**2 - 2 * curvature * gain
     if square < 0 or slope == 0:
         return None
@@ -104,6 +107,16 @@ def _length(vectors: Array) -> Array:
     return np.asarray(np.sqrt(np.einsum("ik,ik->i", vectors, vectors)))
 
 
-def _product(mass: Array, a: Array, b: Array) -> float:
-    """sum m a . b of fields (N, d)."""
-    return float(np.einsum("i,ik,ik", mass, a, b))
+def _products(state: State, kind: str, pairs: Sequence[tuple[Array, Array]]) -> Array:
+    """a^T M b of pairs of fields (N, d) with a kind of mass matrix of a state, with what slides."""
+    result = _products_of_particles(state, kind, pairs)
+    if state.slip:
+        lumping = lumping_of(state, kind)[state.slip.cell]
+        result += [state.slip.product(a, b, lumping) for a, b in pairs]
+    return result
+
+
+def _products_of_particles(state: State, kind: str, pairs: Sequence[tuple[Array, Array]]) -> Array:
+    """The same as if nothing slid."""
+    products = [np.einsum("i,ik,ik", state.mass, a, b) for a, b in pairs]
+    return np.asarray(products - deviations(state, kind, pairs))

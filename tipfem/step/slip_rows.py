@@ -5,14 +5,17 @@ In the momentum equations that is a virtual displacement, too. With m the mass o
 of the areas A, and s(u), s(a) of displacements and accelerations, the weak forms are added to by
 
     momentum:    m [t . (a_i - b + s(a) t) s(u') + t . u'_i s(a)] + sum_e A / 3 (t . grad p) s(u')
+                 - c_f sum_e rho A / 3 (t . grad (b . u')) s(u)
     continuity:  -sum_e A / 3 (t . grad q) s(u) + sum_e tau A / 3 (t . grad q) s(a)
 
 for virtual displacements u' and pressures q. Pressure acts by its gradient, and a volume moves from cell to cell by the
 same coefficients. So what slides does not pass through the interface, however it bends; nothing is gained or lost
 between the two equations; the volume of each component stays, as the gradients of a cell's q sum to zero; and where
-grad p = rho b in the lighter liquid, as at rest, there is no force on what slides. The last term is the slip in the
-acceleration that stabilises the pressure. Viscous stress acts as if nothing slid: mu / h times the slip, between the
-particles on the interface and those beside.
+grad p = rho b in the lighter liquid, as at rest, there is no force on what slides. The second line is the weight of
+the volumes that have moved from node to node at the intermediate time, c_f u, at which pressure acts on the cells: with
+that of the start alone, pressure and weight are out of balance by a part to dt s, which damps waves. The last term is
+the slip in the acceleration that stabilises the pressure. Viscous stress acts as if nothing slid: mu / h times the
+slip, between the particles on the interface and those beside.
 
 Gradients are those at the intermediate positions as the first iterate has them, and t is that at the start of the step.
 So all of this is linear: a constant matrix and a constant vector for the step.
@@ -70,10 +73,12 @@ class SlipRows:
         nodes, self._size = len(cut.owner), 3 * len(cut.owner)
         own = self._of_displacements()
         terms = self._of_cells(cut, tau, position, own)
-        inertia, together, plain, stabilisation = np.split(terms.value, (2, 4, 5), axis=1)
-        self._stabilisation = terms.number, 3 * terms.node + 2, stabilisation[:, 0]
+        inertia, together, plain, stabilisation, moved = np.split(terms.value, (2, 4, 5, 6), axis=1)
+        self._inertia, self._stabilisation = inertia, stabilisation[:, 0]
+        self._weight = scheme.cf * moved * force[cut.owner[terms.node]]
+        self._terms = terms
         row = np.hstack([scheme.cm * (inertia + together), plain])
-        column = np.hstack([scheme.cm * inertia, scheme.cm * stabilisation - plain])
+        column = np.hstack([scheme.cm * inertia - self._weight, scheme.cm * stabilisation - plain])
         one, other = _pairs(own.number, terms.number, len(slip.owner))
         s, e = own.node[one], terms.node[other]
         blocks = np.concatenate(
@@ -114,7 +119,7 @@ class SlipRows:
         """The sums over the cells around each particle, with s(u) as ``own``.
 
         With the columns Z^T M of displacements (2), see `InterfaceSlip.carried`; Z^T M Z s(u) of displacements (2);
-        A / 3 t . grad p of pressures, and that times tau.
+        A / 3 t . grad p of pressures, and that times tau; the mass rho A / 3 t . grad phi that moves to a particle.
         """
         slip, mesh = self._slip, cut.mesh
         nodes = mesh.cells[slip.cell]
@@ -132,8 +137,9 @@ class SlipRows:
         cosine = np.einsum("jkd,jd->jk", slip.tangent[others], tangent)
         first, second = _pairs(others[there], own.number, len(slip.owner))
         size, more = 3 * len(number), len(first)
-        value = np.zeros((2 * size + more, 6))
+        value = np.zeros((2 * size + more, 7))
         value[:size, :2] = (weight[:, :, None] * tangent[:, None]).reshape(-1, 2)
+        value[:size, 6] = (pressure * (slip.cell_mass / mesh.measure[slip.cell])[cell, None]).ravel()
         value[size : size + more, 2:4] = (weight * cosine)[there][first, None] * own.value[second, :2]
         value[size + more :, 4] = pressure.ravel()
         value[size + more :, 5] = (pressure * tau[cell, None]).ravel()
@@ -187,19 +193,41 @@ class SlipRows:
         arrays = (*self._matrix, self._constant, factor, self._scale, x, out, self._count)
         launch(slip_kernels.add_product, *arrays, work=work)
 
-    def work(self, x: Any) -> SlipWork:
-        """Work of the equations at ``x``."""
-        slip, values = self._slip, download(x, self._size).astype(np.float64, copy=False)
-        u = values.reshape(-1, 3)[:, :2]
-        slid, cells = slip.slip(u), u[slip.nodes]
-        slips = self._cm * slid + self._slip_acceleration
+    def forces(self, x: Any) -> Array:
+        """(P, 2) what the equations at ``x`` add to the momentum rows beside what is tested with s(u') [N].
+
+        At particles of walls it is what the walls exert.
+        """
+        return self._forces(*self._slips(x)[1:])
+
+    def work(self, x: Any, wall: Array) -> SlipWork:
+        """Work of the equations at ``x``, with the mask (N,) of the particles on walls."""
+        slip, (values, slid, slips) = self._slip, self._slips(x)
+        u, (number, node, _) = values[:, :2], self._terms
+        cells = u[slip.nodes]
         accelerated = slip.carried(self._cm * cells + self._acceleration + slip.slid(slips), self._lumping)
-        number, unknown, stabilisation = self._stabilisation
+        held = np.flatnonzero(wall)
+        reaction = self._forces(slid, slips)[held]
         return SlipWork(
             inertia=float(slid @ accelerated + slip.carried(cells, self._lumping) @ slips),
-            stabilisation=float((stabilisation * values[unknown]) @ slips[number]),
+            stabilisation=float((self._stabilisation * values[node, 2]) @ slips[number]),
+            weight=float(np.einsum("ek,ek->e", self._weight, u[node]) @ slid[number]),
+            walls=float((reaction * u[held]).sum()),
+            wall_force=reaction.sum(axis=0),
             force=(slip.mass * slips) @ slip.tangent,
         )
+
+    def _slips(self, x: Any) -> tuple[Array, Array, Array]:
+        """Unknowns (P, 3) at ``x``, s (C,) of their displacements, and of the accelerations."""
+        values = download(x, self._size).astype(np.float64, copy=False).reshape(-1, 3)
+        slid = self._slip.slip(values[:, :2])
+        return values, slid, self._cm * slid + self._slip_acceleration
+
+    def _forces(self, slid: Array, slips: Array) -> Array:
+        """See `forces`, from the s (C,) of displacements and of accelerations."""
+        number, node, _ = self._terms
+        force = self._inertia * slips[number, None] - self._weight * slid[number, None]
+        return np.stack([np.bincount(node, part, self._size // 3) for part in force.T], axis=1)
 
 
 class _Rows(NamedTuple):

@@ -285,7 +285,7 @@ class StepSolver:
             pressure_jump=problem.pressure_jump(result.solution),
             bodies=walls.after if isinstance(walls, BodyWalls) else None,
             uniform=not varies,
-            reactions=problem.reactions(),
+            reactions=problem.reactions(result.solution),
             level=level,
         )
 
