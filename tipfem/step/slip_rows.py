@@ -81,12 +81,8 @@ class SlipRows:
         column = np.hstack([scheme.cm * inertia - self._weight, scheme.cm * stabilisation - plain])
         one, other = _pairs(own.number, terms.number, len(slip.owner))
         s, e = own.node[one], terms.node[other]
-        blocks = np.concatenate(
-            [
-                own.value[one, :, None] * row[other, None, :],
-                column[other, :, None] * own.value[one, None, :],
-            ]
-        )
+        along, row, column = own.value.take(one, axis=0), row.take(other, axis=0), column.take(other, axis=0)
+        blocks = np.concatenate([along[:, :, None] * row[:, None, :], column[:, :, None] * along[:, None, :]])
         pair, values = _summed(np.concatenate([s * nodes + e, e * nodes + s]), blocks.reshape(-1, 9))
         row_of, columns = np.divmod(pair, nodes)
         forced = slip.carried(self._acceleration - force[slip.nodes] + slip.slid(a), lumping)
@@ -258,4 +254,4 @@ def _summed(key: Array, values: Array) -> tuple[Array, Array]:
     order = np.argsort(key, kind="stable")
     key = key[order]
     first = np.flatnonzero(np.diff(key, prepend=-1))
-    return key[first], np.add.reduceat(values[order], first)
+    return key[first], np.add.reduceat(values.take(order, axis=0), first)
