@@ -128,12 +128,21 @@ def test_a_broken_film_goes_to_the_fluid_beyond_its_longest_edge_at_an_interface
 
 
 @pytest.mark.parametrize(
-    ("height", "length", "inside", "absorbed"),
-    [(0.04, 1.2, True, 1), (0.06, 1.2, True, 0), (0.04, 0.9, True, 0), (0.04, 1.2, False, 0)],
+    ("height", "length", "along", "inside", "absorbed"),
+    [
+        (0.04, 1.2, 0.5, True, 1),
+        (0.06, 1.2, 0.5, True, 0),
+        (0.04, 0.9, 0.5, True, 0),
+        (0.04, 1.2, 0.5, False, 0),
+        (0.04, 1.2, 1.4, True, 0),
+    ],
 )
-def test_a_sliver_over_a_long_interface_edge_is_absorbed(height, length, inside, absorbed):
-    """Cell 0 of fluid 1 over an edge of the interface to cell 1, with two more cells beside it."""
-    x = np.array([[0.0, 0.0], [length, 0.0], [0.5 * length, height], [0.5 * length, -1.0], [0.5 * length, 1.0]])
+def test_a_sliver_over_a_long_interface_edge_is_absorbed(height, length, along, inside, absorbed):
+    """Cell 0 of fluid 1 over an edge of the interface to cell 1, with two more cells beside it.
+
+    If its third particle is over the edge, not beyond its end: there the interface would run to and fro.
+    """
+    x = np.array([[0.0, 0.0], [length, 0.0], [along * length, height], [0.5 * length, -1.0], [along * length, 1.0]])
     cells = np.array([[0, 1, 2], [1, 0, 3], [1, 4, 2], [4, 0, 2]])
     t = of(x, cells, [1, 0, 1, 1], density=[3.0, 5.0])
     mark, flag, limits = np.array([3, 3, 0 if inside else 1, 2, 2]), np.zeros(4, dtype=np.int32), np.zeros(LIMITS)

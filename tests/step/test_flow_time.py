@@ -27,6 +27,21 @@ def test_it_is_the_step_that_the_flow_asks_for():
     assert flow_time(moving, tp.Simulation(moving).state) == pytest.approx(OF_FLOW * 0.1 / 5.0)
 
 
+@pytest.mark.parametrize("step", [1e-5, 1e-7])
+def test_steps_far_shorter_than_that_are_solved_in_as_many_iterations(step):
+    """As those of a splashing flow are after refusals; with T itself they would take twice as many."""
+    air = tp.Fluid("air", density=1.2, viscosity=1.8e-5)
+    tank = tp.tank((0.584, 0.584), 0.04).fill(air).fill(WATER, box=((0, 0), (0.146, 0.292)))
+    simulation = tp.Simulation(tp.Case(tank, [WATER, air], (0, -9.81)), time_step=2e-3)
+    for _ in range(10):
+        simulation.step()
+    simulation.step(simulation.time + step)
+    taken = simulation.history[-1]
+    assert taken["refused_steps"] == 0
+    assert taken["time_step"] == pytest.approx(step)
+    assert taken["krylov_iterations"] <= 24 * taken["newton_iterations"]
+
+
 def test_a_tank_that_begins_to_turn_has_the_energy_of_the_potential_flow():
     """Without gravity, from rest, a turn so slow that h / v is 500 s.
 

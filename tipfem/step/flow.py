@@ -84,7 +84,7 @@ class FlowProblem:
         properties: of the elements.
         scheme: time integration, with the step's length.
         body_force: (N, d) acceleration by gravity and the like [m/s^2], at the step's intermediate time.
-        stabilisation: c in tau = c dt T, with the flow's own time T, which is taken as half a step if it is shorter.
+        stabilisation: c in tau = c dt T, with the flow's own time T, taken as at least half a step, at most 100.
         workspace: arrays and grids that steps reuse.
         walls: their constraints in the step; by default all are fixed and no-slip.
         jacobian: "rows" or "matrix-free", see `tipfem.Numerics`.
@@ -116,6 +116,7 @@ class FlowProblem:
         self.mesh, self.particles, self.scheme, self.properties = mesh, particles, scheme, properties
         self.walls = walls = walls or FixedWalls(Boundary(particles, (), None), mesh, particles, scheme)
         # c T / dt: what the kernels take for c.
+        flow_time = min(flow_time, MOST_TIME * scheme.dt)
         time = max(flow_time, LEAST_TIME * scheme.dt) if flow_time > 0 else scheme.dt
         self.stabilisation = stabilisation * time / scheme.dt
         floor = stabilisation * scheme.dt * max(0.0, flow_time - scheme.dt)
@@ -492,7 +493,7 @@ class FlowProblem:
 
 
 MAX_KRYLOV_ITERATIONS = 80
-LEAST_TIME = 0.5  # T in the stabilisation's tau, in steps: with less, linear systems take more iterations
+LEAST_TIME, MOST_TIME = 0.5, 100.0  # T in the stabilisation's tau, in steps; see `tipfem.step.solve.flow_time`
 GUESSED = 0.3  # first residual above which pressures are corrected before displacements [spacings]
 DAMPED = 0.2  # J that a correction leaves to every element
 SMALLEST_PART = 1e-3  # of the displacements of a correction

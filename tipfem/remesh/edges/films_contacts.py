@@ -259,7 +259,8 @@ def break_film(mesh: Template, flag: Template, t):
 def is_sliver(mesh: Template, mark: Template, limits: Template, t, i: Template):
     """Whether cell t is low over its edge opposite corner i, which is long and part of an interface.
 
-    It is not a sliver if the particle at the corner is itself on an interface or the hull.
+    It is not a sliver if the particle at the corner is itself on an interface or the hull, or if the edge is not the
+    longest: the particle is beside such an edge, and the interface would run to and fro through it.
     """
     x = ti.static(mesh.state)
     o = mesh.neighbours[t, i]
@@ -269,7 +270,8 @@ def is_sliver(mesh: Template, mark: Template, limits: Template, t, i: Template):
             apex, b, c = mesh.cells[t, i], mesh.cells[t, (i + 1) % 3], mesh.cells[t, (i + 2) % 3]
             length, wanted = distance(mesh, b, c), target(x, b, c)
             low = double_area(mesh, apex, b, c) < limits[SLIVER] * wanted * length
-            sliver = low and length > limits[LONG_EDGE] * wanted and mark[apex] == 0
+            longest = ti.max(distance(mesh, apex, b), distance(mesh, apex, c)) < length
+            sliver = low and longest and length > limits[LONG_EDGE] * wanted and mark[apex] == 0
     return sliver
 
 
