@@ -72,7 +72,7 @@ def test_each_demo_shows_its_options():
     assert done.returncode == 0
     assert done.stdout.startswith("usage: tipfem demo layers_at_rest ")
     assert "--layers" in done.stdout
-    assert "(default: 0.2)" in done.stdout
+    assert "(default: sharp)" in done.stdout
     assert "default: None" not in done.stdout
     assert "default: False" not in done.stdout
 

@@ -42,6 +42,8 @@ name = "fails"
 time.end = 0.002
 numerics.newton_iterations = 1
 numerics.newton_tolerance = 1e-14
+time.largest_step = 0.1  # so that refused steps soon are too short
+output.interval = 0.1
 
 [[runs]]
 name = "last"

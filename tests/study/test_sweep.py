@@ -60,6 +60,8 @@ fluids.water.viscosity = 1e-2
 name = "fails"
 numerics.newton_iterations = 1
 numerics.newton_tolerance = 1e-14
+time.largest_step = 0.1  # so that refused steps soon are too short
+output.interval = 0.1
 """
 
 
