@@ -11,7 +11,7 @@ SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP"
 
 
 class StopRequest:
-    """Lets a step finish when the process is told to stop; told again, it stops at once.
+    """Lets a step, or the start of a viewer, finish when the process is told to stop; told again, it stops at once.
 
     As a context it takes the signals SIGINT (Ctrl-C), SIGTERM and SIGHUP; in the main thread only, for Python gives
     them to no other.

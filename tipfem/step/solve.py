@@ -66,9 +66,11 @@ def flow_time(case: Case, state: State, frequency: float | None = None) -> float
     It is the shorter of 0.05 sqrt(h / b) with the acceleration b by gravity and body force, and of 0.35 h / v with the
     speed v of the fastest particle relative to the tank. Steps that are shorter, for an output or because others were
     refused, and steps that are longer have the stabilisation of a step of that length: were tau to dt^2, there would be
-    another problem in space for each dt, and no convergence in dt. Within limits: with T
-    below half a step or far above 100, linear systems take many more iterations, with the latter because the Laplacian
-    of the preconditioner is too stiff for smooth pressures, on which the stabilisation does not act.
+    another problem in space for each dt, and no convergence in dt.
+
+    `FlowProblem` takes at least half a step and at most 100 for T: outside, linear systems take many more iterations.
+    For a T far above the step, the Laplacian of the preconditioner is too stiff for smooth pressures, on which the
+    stabilisation does not act.
 
     Without gravity and body force, T is no longer than the time v / a in which the flow's acceleration a would give it
     that speed. Where the flow's own inertia drives the pressure, a is about v^2 / L, and this is longer than h / v.
