@@ -1,40 +1,53 @@
-"""What all demos share: their options, and one call that runs a case, checks it and draws it.
+"""The front door of the demos: a case, a check of its results, and pictures.
 
-A demo is a flat script of two calls into this module, with the case between them:
-
-    options = harness.options(__doc__, spacing=0.005, end_time=0.4, out="out/mine")
-    case = tp.Case(...)
-    harness.run(case, options)
-
-`options` reads the command line; `run` initialises Taichi, runs the simulation, says what the demo's `Check` found and
-draws pictures. `load` gives tests and studies the case of a script without running it.
+A demo is a module whose `main` is a `Demo`, made of a case file or of a function that returns the case, or a function
+with typed keywords, as the studies in demos/validation are. `command` runs either from a command line.
 """
 
 from __future__ import annotations
 
-import argparse
+import inspect
 import json
 import math
 import signal
 import subprocess
 import sys
+import textwrap
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import Any, NoReturn
+from types import SimpleNamespace
+from typing import Any, NoReturn, get_type_hints
 
-from tipfem.demos.support.options import ShowDefaults
+from cyclopts import App
+from tipfem.demos.support.options import Arch, Count, Positive, Rule
 
 import tipfem as tp
-from tipfem.case.case import DEFAULT_INTERFACE, INTERFACES
-from tipfem.casefile.options import Shown
-from tipfem.casefile.running import COMMAND_FILE, open_log
-from tipfem.checkpoint import CheckpointFolder
+from tipfem.app.commands import call
+from tipfem.app.running import COMMAND_FILE, open_log, run_to, viewer_of
+from tipfem.casefile.options import Flag, Shown
+from tipfem.casefile.problems import CaseFileError
+from tipfem.run.case_file import CaseFile, load_case
+from tipfem.run.checkpoint import CheckpointFolder
 
 Probe = Callable[[tp.Simulation], float]
+Options = SimpleNamespace  # the values of a demo's options, by their names in Python
+
+COMMON = """\
+spacing: distance between particles [m].
+end_time: simulated time to run to [s].
+time_step: largest time step [s]; it adapts below.
+frames_per_second: states written, and pictures drawn, per second of simulated time [1/s]; movies show 25 a second.
+interface: rule for the interface of two fluids.
+arch: where the kernels run; GPUs are untried.
+threads: number of CPU threads; by default as many as there are cores.
+out: folder for the results.
+no_frames: draw no pictures.
+overwrite: replace the results of a run of ten minutes or more in the folder.
+resume: go on with the run in the results folder, if one has begun there.
+"""
 
 
 class Check:
@@ -47,170 +60,161 @@ class Check:
         """Columns that the history needs for the measurement: functions of the simulation, by name."""
         return {}
 
-    def begin(self, simulation: tp.Simulation, options: argparse.Namespace) -> None:
+    def begin(self, simulation: tp.Simulation, options: Options) -> None:
         """Look at the simulation before its first step."""
 
     def figures(self, simulation: tp.Simulation) -> dict[str, float]:
-        """What was measured in a run that has ended, by name."""
+        """Figures of a run that has ended, by name."""
         return {}
 
-    def missed(self, figures: Mapping[str, float], options: argparse.Namespace) -> list[str]:
+    def missed(self, figures: Mapping[str, float], options: Options) -> list[str]:
         """A line for each figure of a run with these options that is not as expected; empty when all are."""
         return []
 
-    def plot(self, simulation: tp.Simulation, figures: Mapping[str, float], options: argparse.Namespace) -> None:
+    def plot(self, simulation: tp.Simulation, figures: Mapping[str, float], options: Options) -> None:
         """Draw the demo's own figures into the folder ``options.out``."""
 
 
 @dataclass(frozen=True)
-class Option:
-    """An option of one demo's own.
+class Prepared:
+    """A demo with values for its options, before it runs.
 
     Attributes:
-        default: its value when it is not given.
-        help: what --help says about it.
-        kind: function that converts the word on the command line.
-        choices: the values allowed, or None for any.
-    """
-
-    default: Any
-    help: str
-    kind: Callable[[str], Any] = str
-    choices: Sequence[str] | None = None
-
-
-@dataclass(frozen=True)
-class Loaded:
-    """A demo script that was read without being run; see `load`.
-
-    Attributes:
-        case: what it would simulate.
-        options: its options.
-        check: its check.
-        strip: the times that strip.png would show [s].
+        case: what it simulates.
+        options: the values of all of its options.
+        check: what is measured and expected.
+        strip: times drawn side by side in strip.png [s].
+        file: the case file, or None where a function makes the case.
     """
 
     case: tp.Case
-    options: argparse.Namespace
+    options: Options
     check: Check
     strip: tuple[float, ...]
+    file: CaseFile | None
 
 
-class _Stop(Exception):
-    """Ends a script at its call of `run` when it is only loaded."""
+@dataclass(frozen=True)
+class Demo:
+    """A case, how long it runs, what is expected of it, and which of its times are drawn side by side.
 
-
-class _Loading:
-    """What `load` and the script that it executes tell one another."""
-
-    def __init__(self, settings: Mapping[str, Any]) -> None:
-        self.settings = dict(settings)
-        self.found: Loaded | None = None
-
-
-_loading: _Loading | None = None
-
-
-def options(
-    description: str | None,
-    *,
-    spacing: float,
-    end_time: float,
-    time_step: float,
-    frames_per_second: float,
-    out: str,
-    interface: str | None = DEFAULT_INTERFACE,
-    **further: Option,
-) -> argparse.Namespace:
-    """Read a demo's command line; bad values end the program with one line that says what is wrong.
-
-    Args:
-        description: the script's docstring; --help starts with its first paragraph.
-        spacing: default distance between particles [m].
-        end_time: default end of the run [s].
+    Attributes:
+        source: a function that returns the case, whose arguments are options of the demo, ``spacing`` the first of
+            them; or the name of a case file in demos/cases.
+        end_time: default end of the run [s], of a function's case; a case file has its own, and so with the next two.
         time_step: default largest time step [s].
         frames_per_second: default number of states written per second of simulated time [1/s].
-        out: default results folder.
-        interface: default interface rule; None where there is no choice, as with a free surface.
-        further: options of the demo's own, by their name in Python: air_spacing becomes --air-spacing.
-
-    Returns:
-        A namespace with spacing, end_time, time_step, arch, out, frames_per_second, frames, the demo's own options, and
-        interface if there is a choice; and resume, whether a run in the folder is to be gone on with.
+        check: what is measured and expected, or a function of the case that gives it.
+        strip: times drawn side by side in strip.png [s]; those after the run's end are left out, infinity is the end.
+        keys: further options of a case file: the dotted key of each, which is a number > 0, and what it is.
     """
-    parser = argparse.ArgumentParser(
-        prog=sys.argv[0] if sys.argv[0].startswith("tipfem ") else None,
-        description=(description or "").split("\n\n")[0],
-        formatter_class=ShowDefaults,
-    )
-    add = parser.add_argument
-    add("--spacing", type=positive, default=spacing, metavar="H", help="distance between particles [m]")
-    add("--end-time", type=positive, default=end_time, metavar="T", help="simulated time to run to [s]")
-    add("--time-step", type=positive, default=time_step, metavar="DT", help="largest time step [s]; it adapts below")
-    if interface is not None:
-        add("--interface", choices=sorted(INTERFACES), default=interface, help="rule for the interface of two fluids")
-    add("--arch", choices=["cpu", "cuda", "vulkan"], default="cpu", help="where the kernels run; GPUs are untried")
-    add("--out", type=Path, default=Path(out), metavar="FOLDER", help="folder for the results")
-    add(
-        "--frames-per-second",
-        type=positive,
-        default=frames_per_second,
-        metavar="F",
-        help="states written, and pictures drawn, per second of simulated time [1/s]; movies show 25 of them a second",
-    )
-    parser.set_defaults(frames=True)
-    add("--no-frames", dest="frames", action="store_false", default=argparse.SUPPRESS, help="draw no pictures")
-    add("--overwrite", action="store_true", help="replace the results of a run of ten minutes or more in the folder")
-    add("--log-json", type=Path, metavar="FILE", help="file for the log, a JSON object a line, every step among them")
-    add("--resume", action="store_true", help="go on with the run in the results folder, if one has begun there")
-    for name, option in further.items():
-        metavar = None if option.choices else name.rpartition("_")[2].upper()
-        words = {"type": option.kind, "default": option.default, "choices": option.choices, "help": option.help}
-        add(f"--{name.replace('_', '-')}", metavar=metavar, **words)
-    if _loading is None:
-        sys.excepthook = _show_refusal
-        return parser.parse_args()
-    read = parser.parse_args([])
-    unknown = set(_loading.settings) - set(vars(read))
-    if unknown:
-        raise TypeError(f"the demo has no option {', '.join(sorted(unknown))}")
-    return argparse.Namespace(**{**vars(read), **_loading.settings})
+
+    source: Callable[..., tp.Case] | str
+    end_time: float = math.nan
+    time_step: float = math.nan
+    frames_per_second: float = math.nan
+    check: Check | Callable[[tp.Case], Check] = field(default_factory=Check)
+    strip: Sequence[float] = ()
+    keys: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+
+    @property
+    def path(self) -> Path:
+        """The script or the case file that has the case."""
+        if isinstance(self.source, str):
+            return Path(__file__).parent / "cases" / self.source
+        return Path(inspect.getfile(self.source))
+
+    def defaults(self) -> dict[str, tuple[Any, Any]]:
+        """Type and default of each option, by its name in Python."""
+        out, own = Path("out") / self.path.stem, {}
+        if isinstance(self.source, str):
+            file = load_case(self.path)
+            own["spacing"] = Positive, file.data["tank"]["spacing"]
+            if "interface" in file.data:
+                own["interface"] = Rule, file.data["interface"]
+            own.update(dict.fromkeys(self.keys, (Positive | None, None)))
+            times = file.end, file.data["time"]["largest_step"], round(1.0 / file.data["output"]["interval"], 9)
+        else:
+            hints = get_type_hints(self.source, include_extras=True)
+            for name, parameter in inspect.signature(self.source).parameters.items():
+                own[name] = hints[name], parameter.default
+            times = self.end_time, self.time_step, self.frames_per_second
+        names = ("end_time", "time_step", "frames_per_second")
+        flags = {name: (Flag, False) for name in ("no_frames", "overwrite", "resume")}
+        return {
+            "spacing": own.pop("spacing"),
+            **{name: (Positive, default) for name, default in zip(names, times, strict=True)},
+            **own,
+            "arch": (Arch, "cpu"),
+            "threads": (Count | None, None),
+            "out": (Path, out),
+            **flags,
+        }
+
+    def prepared(self, **given: Any) -> Prepared:
+        """The demo with these options, and the defaults of all others.
+
+        Raises:
+            TypeError: the demo has no such option.
+            ValueError: the case is refused.
+        """
+        defaults = self.defaults()
+        if unknown := set(given) - set(defaults) - {"shown"}:
+            raise TypeError(f"the demo has no option {', '.join(sorted(unknown))}")
+        options = Options(**{**{name: default for name, (_, default) in defaults.items()}, "shown": Shown(), **given})
+        file = None
+        if isinstance(self.source, str):
+            words = {
+                "tank.spacing": options.spacing,
+                "time.end": options.end_time,
+                "time.largest_step": options.time_step,
+                "output.interval": 1.0 / options.frames_per_second,
+                **({"interface": options.interface} if "interface" in defaults else {}),
+                **{key: given[name] for name, (key, _) in self.keys.items() if given.get(name) is not None},
+            }
+            file = load_case(self.path, [f"{key}={value}" for key, value in words.items()])
+            case = file.case()
+        else:
+            case = self.source(**{name: getattr(options, name) for name in inspect.signature(self.source).parameters})
+        check = self.check if isinstance(self.check, Check) else self.check(case)
+        strip = (min(time, options.end_time) if math.isinf(time) else time for time in self.strip)
+        return Prepared(case, options, check, tuple(time for time in strip if time <= options.end_time), file)
+
+    def function(self, again: Sequence[str] = ()) -> Callable[..., int]:
+        """A function of the options as keywords, which `command` reads the command line for.
+
+        Args:
+            again: the words of the command that goes on with the run.
+        """
+
+        def run(*, shown: Shown = Shown(), **given: Any) -> int:  # noqa: B008 - it is frozen
+            return _run(self.prepared(**given, shown=shown), again)
+
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        defaults = {**self.defaults(), "shown": (Shown, Shown())}
+        own = "".join(f"{name}: {text}\n" for name, (_, text) in self.keys.items())
+        if callable(self.source):
+            own = textwrap.dedent((inspect.getdoc(self.source) or "").partition("Args:\n")[2].partition("\n\n")[0])
+        run.__annotations__ = {name: kind for name, (kind, _) in defaults.items()}
+        run.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+            [inspect.Parameter(n, keyword, default=value, annotation=kind) for n, (kind, value) in defaults.items()]
+        )
+        run.__doc__ = f"Run it.\n\nArgs:\n{textwrap.indent(COMMON + own, '    ')}"
+        return run
 
 
-def run(
-    case: tp.Case,
-    options: argparse.Namespace,
-    *,
-    check: Check | None = None,
-    columns: Mapping[str, Probe] | None = None,
-    strip: Sequence[float] = (),
-) -> tp.Simulation:
-    """Run a case to the end, with progress; check it; write a summary; draw its figures, frames and movie.
-
-    The exit status of the program is 1 if the check finds something wrong, or if the run cannot go on.
-
-    Args:
-        case: what is simulated.
-        options: from `options`.
-        check: what is measured and expected.
-        columns: further columns of the history, by name: functions of the simulation.
-        strip: times drawn side by side in strip.png [s]; those after the run's end are left out.
-
-    Returns:
-        The simulation at its end.
-    """
-    check = check or Check()
-    shown = tuple(time for time in strip if time <= options.end_time)
-    if _loading is not None:
-        _loading.found = Loaded(case, options, check, shown)
-        raise _Stop
+def _run(demo: Prepared, again: Sequence[str]) -> int:
+    """Run a case to the end, check it, write a summary, and draw its figures and pictures; the exit code."""
+    options, check = demo.options, demo.check
     with ExitStack() as log:
-        with one_message():
-            open_log(log, Shown(log_json=options.log_json))
-            tp.init(arch=options.arch)
-            simulation = _simulation(case, options, check, columns or {})
+        open_log(log, options.shown)
+        tp.init(arch=options.arch, threads=options.threads)
+        simulation = _simulation(demo, again)
+        control = viewer_of(simulation, options.shown)
         if simulation.time < options.end_time:
-            run_to_end(simulation, options.end_time)
+            code = run_to(simulation, options.end_time, options.out, progress=options.shown.progress, control=control)
+            if code or simulation.time < options.end_time:
+                return code
     figures = check.figures(simulation)
     missed = check.missed(figures, options)
     passed = "none" if type(check) is Check else "passed"
@@ -219,110 +223,120 @@ def run(
         check.plot(simulation, figures, options)
     except ImportError as error:  # without matplotlib, which is an extra; the run and its check count all the same
         print(f"note: {error}", file=sys.stderr)
-    if options.frames:
-        draw(options.out, shown)
-    last = simulation.history[-1]
-    print(f"{last['step']} steps to t = {last['time']:g} s in {last['wall_seconds']:.0f} s")
     for name, value in figures.items():
         print(f"  {name:24s} {value: .4g}")
-    conclude(options.out, missed, passed)
-    return simulation
+    drawn = 0 if options.no_frames else draw(options.out, demo.strip)
+    return max(conclude(options.out, missed, passed), drawn)
 
 
-def _simulation(
-    case: tp.Case, options: argparse.Namespace, check: Check, columns: Mapping[str, Probe]
-) -> tp.Simulation:
+def _simulation(demo: Prepared, again: Sequence[str]) -> tp.Simulation:
     """The simulation of a demo: at its start, or at the newest checkpoint of a run that is gone on with."""
-    if not (options.resume and CheckpointFolder(options.out).files()):
+    case, options, check = demo.case, demo.options, demo.check
+    columns, out = check.columns(), options.out
+    if options.resume and CheckpointFolder(out).files():
+        # What a check measures at the start it measures before its columns are used.
+        check.begin(tp.Simulation(case, time_step=options.time_step), options)
+        simulation = tp.Simulation.resume(out, case, columns=columns)
+        for note in simulation.notes:
+            print(f"note: {note}", file=sys.stderr)
+        print(f"going on from step {simulation.step_number}, t = {simulation.time:g} s", file=sys.stderr)
+        return simulation
+    overwrite = options.overwrite or None
+    if demo.file is not None:
+        simulation = demo.file.simulation(out, columns, case, overwrite=overwrite)
+    else:
         simulation = tp.Simulation(
             case,
-            out=options.out,
+            out=out,
             time_step=options.time_step,
             output_interval=1.0 / options.frames_per_second,
-            columns={**check.columns(), **columns},
-            overwrite=options.overwrite or None,
+            columns=columns,
+            overwrite=overwrite,
         )
-        check.begin(simulation, options)
-        _keep_command(simulation)
-        return simulation
-    # What a check measures at the start it measures before its columns are used.
-    check.begin(tp.Simulation(case, time_step=options.time_step), options)
-    simulation = tp.Simulation.resume(options.out, case, columns={**check.columns(), **columns})
-    for note in simulation.notes:
-        print(f"note: {note}", file=sys.stderr)
-    print(f"going on from step {simulation.step_number}, t = {simulation.time:g} s", file=sys.stderr)
+    check.begin(simulation, options)
+    results = simulation.results
+    assert results is not None
+    # `tipfem resume` tells the command: the folder does not have the check's columns.
+    results.list_file(COMMAND_FILE)
+    (results.path / COMMAND_FILE).write_text(json.dumps(list(again)) + "\n", encoding="utf-8")
     return simulation
 
 
-def _keep_command(simulation: tp.Simulation) -> None:
-    """Write the command that goes on with the run into the results folder, from where `tipfem resume` tells it."""
-    program = sys.argv[0].split() if sys.argv[0].startswith("tipfem ") else ["python", sys.argv[0]]
-    words = [*program, *(word for word in sys.argv[1:] if word != "--resume"), "--resume"]
-    results = simulation.results
-    assert results is not None
-    results.list_file(COMMAND_FILE)
-    (results.path / COMMAND_FILE).write_text(json.dumps(words) + "\n", encoding="utf-8")
-
-
-def load(name: str, **settings: Any) -> Loaded:
-    """The case of a demo script, which is executed up to its call of `run`.
+def command(module: str, words: Sequence[str] | None = None, program: str = "") -> int:
+    """Run a demo from a command line; bad input ends with one sentence.
 
     Args:
-        name: of the script, such as "dam_break".
-        settings: values of its options, by their names in Python.
+        module: its name, in which ``main`` is a `Demo`, or a function whose typed keywords are the options.
+        words: the command line; by default that of the process, which this ends.
+        program: what the demo was called by, such as "tipfem demo dam_break"; by default the script's path.
+
+    Returns:
+        The exit code, see `tipfem.app.commands.EXIT_CODES`; 1 also where a check finds something wrong.
 
     Raises:
-        FileNotFoundError: there is no such demo.
-        TypeError: the demo has no such option.
-        ValueError: the case is refused, or the script does not call `run`.
+        SystemExit: with the exit code, without ``words``.
     """
-    global _loading
-    path = Path(__file__).with_name(f"{name}.py")
-    code = compile(path.read_text(encoding="utf-8"), str(path), "exec")
-    _loading = current = _Loading(settings)
+    demo = sys.modules[module]
+    given = sys.argv[1:] if words is None else list(words)
+    called = program.split() or ["python", sys.argv[0]]
+    about = " ".join((demo.__doc__ or "").split("\n\n")[0].split())
+    app = App(name=" ".join(called), help=about, version_flags=[])
+    if isinstance(demo.main, Demo):
+        app.default(demo.main.function([*called, *(word for word in given if word != "--resume"), "--resume"]))
+    else:
+        app.default(demo.main)
     try:
-        exec(code, {"__name__": f"tipfem.demos.{name}", "__file__": str(path)})
-    except _Stop:
-        pass
-    finally:
-        _loading = None
-    if current.found is None:
-        raise ValueError(f"{path} does not call harness.run")
-    return current.found
+        code = call(app, given)
+    except (ValueError, RuntimeError, OSError) as error:
+        if (message := _refusal(error)) is None:
+            raise
+        print(message, file=sys.stderr)
+        code = 1
+    except KeyboardInterrupt:  # outside of a run
+        print("interrupted", file=sys.stderr)
+        code = 128 + signal.SIGINT
+    if words is None:
+        raise SystemExit(code)
+    return code
 
 
-def run_to_end(simulation: tp.Simulation, until: float) -> None:
-    """Run a simulation; one that cannot go on says why and ends the program.
+def _refusal(error: Exception) -> str | None:
+    """One line for an error that tipfem or a demo raised, with the line of the demo; None for all others."""
+    demos, package = Path(__file__).parent, Path(tp.__file__).parent
+    # Generated code, such as that of dataclasses, has no file.
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if not f.filename.startswith("<")]
+    ours = [Path(frame.filename).is_relative_to(demos) for frame in frames]  # installed, they are in the package
+    solver = [Path(frame.filename).is_relative_to(package) and not our for frame, our in zip(frames, ours, strict=True)]
+    if not (solver[-1] or ours[-1] or isinstance(error, OSError)):
+        return None
+    if isinstance(error, CaseFileError):
+        return str(error)
+    caller = [frame for frame, within in zip(frames, solver, strict=True) if not within][-1]
+    place = Path(caller.filename)
+    return f"error: {error}" + ("" if place == Path(__file__) else f" ({place.name}, line {caller.lineno})")
 
-    Args:
-        simulation: the simulation, at its start.
-        until: end of the run [s].
-    """
-    place = simulation.results.path if simulation.results else "memory only: no folder was given"
-    try:
-        simulation.run(until)
-    except tp.SimulationError as error:
-        stop(f"{error}\nthe results up to there are in {place}")
-    except KeyboardInterrupt:
-        print(f"interrupted at t = {simulation.time:g} s; the results up to there are in {place}", file=sys.stderr)
-        raise SystemExit(128 + signal.SIGINT) from None
 
-
-def conclude(out: Path, missed: Sequence[str], passed: str = "passed") -> None:
-    """Say what a check found and where the results are; the exit status is 1 if something was missed."""
+def conclude(out: Path, missed: Sequence[str], passed: str = "passed") -> int:
+    """Say what a check found and where the results are; the exit code, 1 if something was missed."""
     print("check: " + ("; ".join(missed) or passed))
     print(f"results: {out.resolve()}")
-    if missed:
-        raise SystemExit(1)
+    return 1 if missed else 0
 
 
-def draw(out: Path, strip: Sequence[float] = ()) -> None:
+def report(out: Path, content: Mapping[str, Any], missed: Sequence[str]) -> int:
+    """Write a study's summary.json with what its check missed, and say so; the exit code."""
+    summary = {**content, "check": list(missed) or "passed"}
+    (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    return conclude(out, missed)
+
+
+def draw(out: Path, strip: Sequence[float] = ()) -> int:
     """Draw frames and movie of a results folder, and the states at the times of a ``strip`` [s] in one picture.
 
     They are drawn in a process of their own: a graphics driver that fails cannot take the results with it.
 
-    Raises:
-        SystemExit: drawing failed; the results themselves are safe.
+    Returns:
+        The exit code: 1 if something could not be drawn; the results themselves are safe.
     """
     words = ["--strip", *map(repr, map(float, strip))] if strip else []
     try:
@@ -330,16 +344,8 @@ def draw(out: Path, strip: Sequence[float] = ()) -> None:
     except KeyboardInterrupt:
         stop(f"interrupted while drawing; the results are in {out}")
     if done.returncode:
-        stop(f"the pictures could not be drawn (see above); the results are in {out}")
-
-
-@contextmanager
-def one_message() -> Iterator[None]:
-    """A ValueError or RuntimeError ends the program with its message alone."""
-    try:
-        yield
-    except (ValueError, RuntimeError) as error:
-        stop(str(error))
+        print(f"error: not all pictures could be drawn (see above); the results are in {out}", file=sys.stderr)
+    return 1 if done.returncode else 0
 
 
 def above(figures: Mapping[str, float], limits: Mapping[str, float]) -> list[str]:
@@ -355,32 +361,3 @@ def stop(message: str) -> NoReturn:
     """End the program with one message on the error output."""
     print(f"error: {message}", file=sys.stderr)
     raise SystemExit(1)
-
-
-def positive(text: str) -> float:
-    """A number > 0 from the command line, as the kind of an option.
-
-    Raises:
-        argparse.ArgumentTypeError: it is none.
-    """
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and value > 0):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number > 0")
-    return value
-
-
-def _show_refusal(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
-    """Show a ValueError that tipfem raised as one line, with the script's line; all others with their traceback."""
-    demos, package = Path(__file__).parent, Path(tp.__file__).parent
-    # Generated code, such as that of dataclasses, has no file.
-    frames = [frame for frame in traceback.extract_tb(trace) if not frame.filename.startswith("<")]
-    # Installed, the demos are a folder of the package.
-    inside = [Path(f.filename).is_relative_to(package) and not Path(f.filename).is_relative_to(demos) for f in frames]
-    if not (kind is ValueError and inside and inside[-1] and not all(inside)):
-        sys.__excepthook__(kind, error, trace)
-        return
-    script = [frame for frame, within in zip(frames, inside, strict=True) if not within][-1]
-    print(f"error: {error} ({Path(script.filename).name}, line {script.lineno})", file=sys.stderr)

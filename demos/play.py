@@ -6,22 +6,14 @@ The page has a pendulum that tilts gravity, a hand that pushes the fluids where 
 compared with anything; what you do is in out/play/steering.jsonl, and `--steering` repeats it.
 """
 
-import argparse
+import math
+from pathlib import Path
+
+from tipfem.demos import harness
+from tipfem.demos.support.options import Count, Positive
 
 import tipfem as tp
-
-parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0], prog="tipfem demo play")
-parser.add_argument("--spacing", type=float, default=0.03, help="of the particles [m]; 0.03 makes 1,300 of them")
-parser.add_argument("--time-step", type=float, default=0.01, help="the largest [s]")
-parser.add_argument("--end-time", type=float, default=float("inf"), help="simulated [s]; by default until stopped")
-parser.add_argument("--rate", type=float, default=15.0, help="most pictures per second")
-parser.add_argument("--port", type=int, help="of 127.0.0.1; by default 8800 or one of the next")
-parser.add_argument("--no-browser", action="store_true", help="open none; the address is printed in either case")
-parser.add_argument("--native", action="store_true", help="in a window of its own, not in a browser")
-parser.add_argument("--paused", action="store_true", help="begin with a pause")
-parser.add_argument("--steering", help="the steering.jsonl of an earlier run, to repeat what was done in it")
-parser.add_argument("--threads", type=int, default=1, help="of the simulation; the viewer has a core of its own")
-parser.add_argument("--out", default="out/play", help="folder for the results")
+from tipfem.casefile.options import Flag, Whole
 
 
 def case(spacing: float) -> tp.Case:
@@ -34,32 +26,53 @@ def case(spacing: float) -> tp.Case:
     return tp.Case(tank, fluids=[water, oil], gravity=(0, -9.81), title="Water and oil to play with")
 
 
-def main() -> None:
-    """Run until the page says stop, or Ctrl-C."""
-    options = parser.parse_args()
-    simulation = None
+def main(
+    *,
+    spacing: Positive = 0.03,
+    time_step: Positive = 0.01,
+    end_time: float = math.inf,
+    rate: Positive = 15.0,
+    port: Whole | None = None,
+    no_browser: Flag = False,
+    native: Flag = False,
+    paused: Flag = False,
+    steering: Path | None = None,
+    threads: Count = 1,
+    out: Path = Path("out/play"),
+) -> int:
+    """Run until the page says stop, or Ctrl-C.
+
+    Args:
+        spacing: distance between particles [m]; 0.03 makes 1,300 of them.
+        time_step: the largest [s].
+        end_time: simulated time to run to [s]; by default until stopped.
+        rate: most pictures per second.
+        port: of 127.0.0.1; by default 8800 or one of the next.
+        no_browser: open none; the address is printed in either case.
+        native: in a window of its own, not in a browser.
+        paused: begin with a pause.
+        steering: the steering.jsonl of an earlier run, to repeat what was done in it.
+        threads: of the simulation; the viewer has a core of its own.
+        out: folder for the results.
+    """
+    tp.init(threads=threads)
+    simulation = tp.Simulation(case(spacing), out, time_step=time_step, steering=steering)
     try:
-        tp.init(threads=options.threads)
-        simulation = tp.Simulation(
-            case(options.spacing), options.out, time_step=options.time_step, steering=options.steering
-        )
         tp.live(
             simulation,
-            options.end_time,
-            port=options.port,
-            rate=options.rate,
-            browser=not options.no_browser,
-            paused=options.paused,
-            native=options.native,
+            end_time,
+            port=port,
+            rate=rate,
+            browser=not no_browser,
+            paused=paused,
+            native=native,
             say=lambda line: print(line, flush=True),
         )
-    except ValueError as error:
-        raise SystemExit(f"error: {error}") from None
     except KeyboardInterrupt:
-        if simulation is None:
-            raise SystemExit(130) from None
-    print(f"{simulation.step_number} steps to t = {simulation.time:.3g} s; results: {options.out}")
+        pass
+    print(f"{simulation.step_number} steps to t = {simulation.time:.3g} s; results: {out}")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    harness.command(__name__)

@@ -1,12 +1,13 @@
 """Draw docs/images/layers.svg: the folders of tipfem/, each importing only from those below it.
 
-    python docs/draw_layers.py
+    python docs/write_generated.py
 
-The layers are those of the import-linter contract in pyproject.toml.
+The layers are those of the import-linter contract in pyproject.toml; what each is comes from its docstring.
 """
 
 from __future__ import annotations
 
+import ast
 import re
 from html import escape
 from pathlib import Path
@@ -14,43 +15,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PICTURE = ROOT / "docs" / "images" / "layers.svg"
 
-# What each part is for, in a line.
-WHAT = {
-    "casefile": "cases in TOML, and the commands for them",
-    "study": "many runs of one case",
-    "simulation": "the step and the run",
-    "resuming": "checkpoints of a run, and the way back",
-    "resume_changes": "what a run that goes on may change",
-    "run": "a run to a time: outputs, checkpoints, signals",
-    "checkpoint": "files to go on from",
-    "liveview": "running simulations in the viewer",
-    "steering": "commands between steps",
-    "viewer": "results and runs in a browser",
-    "results": "results read back",
-    "fields": "states in files",
-    "remeshing_table": "what repairs of the mesh add",
-    "tables": "tables of columns",
-    "notebook": "what notebooks show",
-    "state": "particles, mesh and material at one time",
-    "output": "results folder",
-    "probes": "measured on the way",
-    "progress": "bar and lines",
-    "step": "one step: equations, solution, budget",
-    "remesh": "the mesh of the next step",
-    "walls": "slipping, sliding, moving walls in a step",
-    "fem": "residual, Jacobian, time integration",
-    "linalg": "Newton, FGMRES, multigrid",
-    "mesh": "triangulations, interfaces, free surfaces",
-    "case": "what the user describes: fluids, tank, walls, numbers",
-    "backend": "Taichi: start-up, launching kernels, arrays, threads",
-    "arguments": "checks",
-    "errors": "errors",
-    "folder_lock": "one run a folder",
-    "logs": "the log",
-    "timers": "timers",
-    "typing": "types",
-}
 WIDTH, HEIGHT, GAP, MARGIN = 720, 40, 10, 12
+LETTER, BOLD = 6.9, 8.6  # widths at 13 points, generous
 
 
 def layers(text: str) -> list[list[str]]:
@@ -59,6 +25,24 @@ def layers(text: str) -> list[list[str]]:
     if listed is None:
         raise ValueError("pyproject.toml has no layers")
     return [re.findall(r"tipfem\.(\w+)", line) for line in re.findall(r'"([^"]+)"', listed[1])]
+
+
+def summary(path: Path) -> str:
+    """The first sentence of a module's docstring, without its full stop."""
+    text = ast.get_docstring(ast.parse(path.read_text("utf-8"))) or ""
+    first = " ".join(text.split("\n\n")[0].split())
+    return re.split(r"(?<=[\w)`])[.;](?: |$)", first)[0].rstrip(".")
+
+
+def purpose(name: str, room: float) -> str:
+    """What a part of tipfem/ is for, cut at a comma or colon to fit into ``room`` points; empty if it does not."""
+    folder, file = ROOT / "tipfem" / name / "__init__.py", ROOT / "tipfem" / f"{name}.py"
+    text = summary(folder if folder.is_file() else file)
+    text = text.split(": ", 1)[1] if text.lower().startswith(name.lower()) and ": " in text else text
+    while text and len(text) * LETTER > room:
+        cut = max(text.rfind(","), text.rfind(":"))
+        text = text[: max(cut, 0)]
+    return text
 
 
 def picture(rows: list[list[str]]) -> str:
@@ -78,12 +62,9 @@ def picture(rows: list[list[str]]) -> str:
                 f'<rect x="{left:g}" y="{top}" width="{room:g}" height="{HEIGHT}" rx="4" fill="#e8f2f9" '
                 'stroke="#0072b2"/>'
             )
-            lines = f'<tspan font-weight="bold">{name}</tspan>'
-            if len(names) < 4:
-                lines += f'<tspan dx="10" fill="#444444">{escape(WHAT[name])}</tspan>'
+            size = min(13.0, 13 * (room - 18) / (BOLD * len(name)))
+            lines = f'<tspan font-weight="bold" font-size="{size:.3g}">{name}</tspan>'
+            if text := purpose(name, room - 34 - BOLD * len(name)):
+                lines += f'<tspan dx="10" fill="#444444">{escape(text)}</tspan>'
             parts.append(f'<text x="{left + 12:g}" y="{top + 25}">{lines}</text>')
     return "\n".join([*parts, "</svg>", ""])
-
-
-if __name__ == "__main__":
-    PICTURE.write_text(picture(layers((ROOT / "pyproject.toml").read_text("utf-8"))), encoding="utf-8")

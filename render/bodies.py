@@ -55,47 +55,53 @@ class BodyOutline:
         return PlacedBody(outline, self._triangles, mark)
 
 
-class BodyTracks:
-    """The bodies of a results folder over time.
+class Tracks:
+    """Where what moves, bodies and the tank, is at any time, by the history of a run.
 
     Args:
-        bodies: of case.json: ``name``, ``corners`` at t = 0 [m] and the ``reference`` point of the history [m].
-        history: path of history.csv.
+        references: (2,) the reference points at t = 0 by the names in the history [m].
+        history: path of history.csv, with columns NAME_x, NAME_y and NAME_angle of what moves.
     """
 
-    def __init__(self, bodies: Sequence[Mapping[str, Any]], history: Path) -> None:
+    def __init__(self, references: Mapping[str, Array], history: Path) -> None:
         self._history = history
-        self._names = [str(body["name"]) for body in bodies]
-        self._outlines = [BodyOutline(body) for body in bodies]
-        self._read: tuple[int, Array, Array] | None = None
+        self._start = {name: np.append(place, 0.0) for name, place in references.items()}
+        self._read: tuple[int, Array, dict[str, Array]] | None = None
 
-    def at(self, time: float) -> tuple[PlacedBody, ...]:
-        """The bodies at a time [s], between the rows of the history by linear interpolation."""
-        if not self._names:
-            return ()
+    def at(self, time: float) -> list[tuple[float, float, float]]:
+        """Places (x, y) [m] and angles [rad] at a time [s], by linear interpolation between the rows of the history."""
+        if not self._start:
+            return []
         times, poses = self._rows()
-        placed = []
-        for b, body in enumerate(self._outlines):
-            start = np.append(body.reference, 0.0)
-            pose = [np.interp(time, np.append(0.0, times), np.append(start[k], poses[:, b, k])) for k in range(3)]
-            placed.append(body.placed(*(float(value) for value in pose)))
-        return tuple(placed)
+        found = []
+        for name, start in self._start.items():
+            rows = np.vstack([start[None], poses[name]]) if name in poses else start[None]
+            at = np.append(0.0, times)[: len(rows)]
+            x, y, angle = (float(np.interp(time, at, rows[:, k])) for k in range(3))
+            found.append((x, y, angle))
+        return found
 
-    def _rows(self) -> tuple[Array, Array]:
-        """Times (K,) [s] of the history, and positions and angles (K, B, 3); read again when the file has changed."""
+    def _rows(self) -> tuple[Array, dict[str, Array]]:
+        """Times (K,) [s] of the history, and places and angles (K, 3) by name; read again when the file has changed."""
         stamp = self._history.stat().st_mtime_ns if self._history.is_file() else 0
         if self._read is None or self._read[0] != stamp:
             times, poses = [], []
+            names: list[str] = []
             if stamp:
                 with open(self._history, encoding="utf-8", newline="") as file:
-                    for row in csv.DictReader(file):
+                    rows = csv.DictReader(file)
+                    columns = rows.fieldnames or ()
+                    names = [name for name in self._start if f"{name}_angle" in columns]
+                    for row in rows if names else ():
                         try:
-                            pose = [[float(row[f"{n}_{k}"]) for k in ("x", "y", "angle")] for n in self._names]
+                            pose = [[float(row[f"{n}_{k}"]) for k in ("x", "y", "angle")] for n in names]
                             times.append(float(row["time"]))
                         except (KeyError, TypeError, ValueError):
                             break  # a row that is being written
                         poses.append(pose)
-            self._read = stamp, np.array(times), np.array(poses).reshape(len(times), len(self._names), 3)
+            found = np.array(poses).reshape(len(times), len(names), 3)
+            found[:, :, 2] = np.unwrap(found[:, :, 2], axis=0) if len(times) else found[:, :, 2]
+            self._read = stamp, np.array(times), {name: found[:, k] for k, name in enumerate(names)}
         return self._read[1], self._read[2]
 
 

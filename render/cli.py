@@ -1,172 +1,216 @@
-"""The command line: python -m tipfem.render OUT."""
+"""The command line: tipfem render OUT, which is also python -m tipfem.render OUT."""
 
-import argparse
 import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from cyclopts import App, CycloptsError, Parameter
 
 from .animation import animate
-from .colours import COLOUR_MAPS
-from .renderer import BACKENDS
-from .strips import strip
+from .strips import strip as draw_strip
 from .view import View
 
-EPILOG = """\
-examples:
-  python -m tipfem.render out
-  python -m tipfem.render out --field pressure --range 0 3000
-  python -m tipfem.render out --mesh --particles --size 1920x1080
-  python -m tipfem.render out --movie animation.gif animation.webp --no-frames
-  python -m tipfem.render out --follow front --arrows --mesh
-  python -m tipfem.render out --window 0 0 0.3 0.2 --contours pressure --no-fill
-  python -m tipfem.render out --strip 0 0.1 0.2 0.3 --no-frames --no-movie
+EXAMPLES = """\
+Examples:
 
-It reads the times that are stored when it starts, so it can also be used while a run is under way.
-One stored time is one picture; the movie shows them evenly, at the playback rate. The options are part of the names of
-what is written, so that pictures of different options stand side by side; --name sets a shorter name.
+tipfem render out
+
+tipfem render out --field pressure --range 0 3000
+
+tipfem render out --mesh --particles --size 1920x1080
+
+tipfem render out --movie animation.gif animation.webp --no-frames
+
+tipfem render out --follow front --arrows --mesh
+
+tipfem render out --window 0 0 0.3 0.2 --contours pressure --no-fill
+
+tipfem render out --strip 0 0.1 0.2 0.3 --no-frames --no-movie
+
+It reads the times that are stored when it starts, so it can also be used while a run is under way. One stored time is
+one picture; the movie shows them evenly, at the playback rate. The options are part of the names of what is written, so
+that pictures of different options stand side by side; --name sets a shorter name, and movies that are named by --movie
+have that name.
 """
-
-
 MOVIE = "animation.mp4"  # by default
+TRACERS = 200  # by default
+
+T = TypeVar("T")
+Several = Annotated[tuple[T, ...], Parameter(consume_multiple=True)]
+Flag = Annotated[bool, Parameter(show_default=False)]
 
 
-def parser() -> argparse.ArgumentParser:
-    """The parser of the command line."""
-    made = argparse.ArgumentParser(
-        prog="tipfem render",
-        description="Draw the results folder of a run as pictures and a movie.",
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    made.add_argument("out", metavar="OUT", type=Path, help="results folder of a run")
-    made.add_argument(
-        "--field",
-        default="none",
-        metavar="NAME",
-        help="colour by speed [m/s], velocity_x [m/s], velocity_y [m/s], pressure [Pa], "
-        "density [kg/m^3] or another scalar of the results; none shows the fluids "
-        "(default)",
-    )
-    made.add_argument(
-        "--range",
-        nargs=2,
-        type=float,
-        metavar=("LOW", "HIGH"),
-        dest="field_range",
-        help="values at the ends of the colours, in the field's unit "
-        "(default: from the results, the same for all pictures)",
-    )
-    made.add_argument(
-        "--colour-all",
-        action="store_true",
-        help="colour every fluid by the pressure (default: a gas whose pressure hardly varies keeps its own)",
-    )
-    made.add_argument("--mesh", action="store_true", help="draw the edges of the cells")
-    made.add_argument("--particles", action="store_true", help="draw the particles as dots")
-    made.add_argument(
-        "--window",
-        nargs=4,
-        type=float,
-        metavar=("X0", "Y0", "X1", "Y1"),
-        help="part of the domain that is shown [m] (default: all of it)",
-    )
-    made.add_argument(
-        "--follow",
-        metavar="WHAT",
-        help="move the window with the front of the heaviest fluid (front), of another one (front:NAME) or with the "
-        "centre of a fluid (NAME); its size is that of --window, else a third of the domain",
-    )
-    made.add_argument(
-        "--no-fill",
-        action="store_true",
-        help="leave the cells white: the interface alone, or with --particles dots by fluid",
-    )
-    made.add_argument("--arrows", action="store_true", help="draw arrows of the velocity, to one scale in all pictures")
-    made.add_argument(
-        "--arrow-speed",
-        type=float,
-        metavar="SPEED",
-        help="of the arrow in the legend [m/s] (default: a round one, the same for all pictures)",
-    )
-    made.add_argument("--streamlines", action="store_true", help="draw streamlines of the velocity")
-    made.add_argument("--contours", metavar="NAME", help="draw contours of a field, for example pressure")
-    made.add_argument(
-        "--interval",
-        type=float,
-        metavar="VALUE",
-        help="between contours, in their field's unit (default: a round one, the same for all pictures)",
-    )
-    made.add_argument(
-        "--tracers",
-        nargs="?",
-        type=int,
-        default=0,
-        const=200,
-        metavar="COUNT",
-        help="draw points that move with the fluids, with tails (200 without a COUNT)",
-    )
-    made.add_argument(
-        "--colour-map",
-        choices=list(COLOUR_MAPS),
-        help="colours of the field (default: blue-red for components of the velocity, else viridis)",
-    )
-    made.add_argument(
-        "--samples",
-        type=int,
-        choices=(1, 2),
-        default=2,
-        help="samples of the rasteriser along a side of a pixel: 2 for smooth edges (default), 1 to be faster",
-    )
-    made.add_argument(
-        "--size",
-        type=_size,
-        metavar="WIDTHxHEIGHT",
-        help="size of the pictures in pixels, even numbers (default: what the tank needs of 1280x720)",
-    )
-    made.add_argument(
-        "--backend",
-        choices=BACKENDS,
-        default="auto",
-        help="ggui: Taichi's GGUI, offscreen, needs a Vulkan driver; "
-        "raster: Taichi kernels alone; "
-        "auto: ggui where there is a GPU's driver, else raster (default)",
-    )
-    made.add_argument(
-        "--movie",
-        nargs="*",
-        default=[],
-        metavar="FILE",
-        help="movies to write in OUT, ending in .mp4, .gif or .webp (default: animation.mp4)",
-    )
-    made.add_argument("--no-movie", action="store_true", help="write no movie")
-    made.add_argument(
-        "--playback-rate", type=float, default=25.0, metavar="RATE", help="pictures shown a second [1/s] (default: 25)"
-    )
-    made.add_argument(
-        "--strip",
-        nargs="+",
-        type=float,
-        default=[],
-        metavar="TIME",
-        help="draw these times [s] side by side in one picture, OUT/strip.png",
-    )
-    made.add_argument("--title", help="a line above the tank (default: the title of the case)")
-    made.add_argument(
-        "--name",
-        help="in place of the options in the names of what is written: OUT/frames_NAME, OUT/animation_NAME.mp4, "
-        "OUT/strip_NAME.png",
-    )
-    made.add_argument("--no-frames", action="store_true", help="write no PNG files")
-    made.add_argument(
-        "--colour",
-        action="append",
-        default=[],
-        type=_colour,
-        metavar="FLUID=#RRGGBB",
-        help="colour of a fluid; may be given several times",
-    )
-    return made
+def _size(_type: Any, tokens: Sequence[Any]) -> tuple[int, int]:
+    match = re.fullmatch(r"(\d+)[xX](\d+)", tokens[0].value)
+    if not match:
+        raise ValueError(f"{tokens[0].value!r}: expected WIDTHxHEIGHT in pixels, for example 1280x720")
+    return int(match[1]), int(match[2])
+
+
+Size = Annotated[tuple[int, int], Parameter(converter=_size, n_tokens=1, accepts_keys=False, metavar="WIDTHxHEIGHT")]
+
+
+def render(
+    out: Path,
+    /,
+    *,
+    field: str = "none",
+    range: tuple[float, float] | None = None,
+    colour_all: Flag = False,
+    mesh: Flag = False,
+    particles: Flag = False,
+    window: tuple[float, float, float, float] | None = None,
+    follow: str | None = None,
+    no_fill: Flag = False,
+    arrows: Flag = False,
+    arrow_speed: float | None = None,
+    streamlines: Flag = False,
+    contours: str | None = None,
+    interval: float | None = None,
+    tracers: Annotated[tuple[int, ...] | None, Parameter(consume_multiple=(0, 1))] = None,
+    colour_map: Literal["viridis", "cividis", "blue-red"] | None = None,
+    samples: Literal[1, 2] = 2,
+    size: Annotated[
+        tuple[int, int] | None, Parameter(converter=_size, n_tokens=1, accepts_keys=False, metavar="WIDTHxHEIGHT")
+    ] = None,
+    backend: Literal["auto", "ggui", "raster"] = "auto",
+    movie: Several[str] | None = None,
+    no_movie: Flag = False,
+    playback_rate: float = 25.0,
+    strip: Several[float] | None = None,
+    title: str | None = None,
+    name: str | None = None,
+    no_frames: Flag = False,
+    colour: list[str] | None = None,
+) -> int:
+    """Draw the results folder of a run as pictures and a movie.
+
+    Parameters
+    ----------
+    out
+        Results folder of a run.
+    field
+        Colour by speed [m/s], velocity_x [m/s], velocity_y [m/s], pressure [Pa], density [kg/m^3] or another scalar of
+        the results; none shows the fluids.
+    range
+        Values at the ends of the colours, LOW HIGH, in the field's unit; by default from the results, the same for all
+        pictures.
+    colour_all
+        Colour every fluid by the pressure; by default a gas whose pressure hardly varies keeps its own colour.
+    mesh
+        Draw the edges of the cells.
+    particles
+        Draw the particles as dots.
+    window
+        Part of the domain that is shown, X0 Y0 X1 Y1 [m]; by default all of it.
+    follow
+        Move the window with the front of the heaviest fluid (front), of another one (front:NAME) or with the centre of
+        a fluid (NAME); its size is that of --window, else a third of the domain.
+    no_fill
+        Leave the cells white: the interface alone, or with --particles dots by fluid.
+    arrows
+        Draw arrows of the velocity, to one scale in all pictures.
+    arrow_speed
+        Of the arrow in the legend [m/s]; by default a round one, the same for all pictures.
+    streamlines
+        Draw streamlines of the velocity.
+    contours
+        Draw contours of a field, for example pressure.
+    interval
+        Between contours, in their field's unit; by default a round one, the same for all pictures.
+    tracers
+        Draw points that move with the fluids, with tails; 200 of them without a number.
+    colour_map
+        Colours of the field; by default blue-red for components of the velocity, else viridis.
+    samples
+        Of the rasteriser along a side of a pixel: 2 for smooth edges, 1 to be faster.
+    size
+        Of the pictures in pixels, WIDTHxHEIGHT, even numbers; by default what the tank needs of 1280x720.
+    backend
+        ggui: Taichi's GGUI, offscreen, needs a Vulkan driver; raster: Taichi kernels alone; auto: ggui where there is a
+        GPU's driver, else raster.
+    movie
+        Movies to write in OUT, ending in .mp4, .gif or .webp; by default animation.mp4.
+    no_movie
+        Write no movie.
+    playback_rate
+        Pictures shown a second [1/s].
+    strip
+        Draw these times [s] side by side in one picture, OUT/strip.png.
+    title
+        A line above the tank; by default the title of the case.
+    name
+        In place of the options in the names of what is written: OUT/frames_NAME, OUT/animation_NAME.mp4,
+        OUT/strip_NAME.png.
+    no_frames
+        Write no PNG files.
+    colour
+        Colour of a fluid, as water=#0072b2; may be given several times.
+    """
+    movies = () if no_movie else movie or (MOVIE,)
+    colours, missing = {}, False
+    try:
+        for text in colour or ():
+            fluid, _, code = text.partition("=")
+            if not (fluid and code):
+                raise ValueError(f"--colour {text!r}: expected FLUID=#RRGGBB, for example water=#0072b2")
+            colours[fluid] = code
+        looks: dict[str, Any] = {
+            "field": None if field == "none" else field,
+            "field_range": range,
+            "mesh": mesh,
+            "particles": particles,
+            "backend": backend,
+            "fluid_colours": colours,
+            "samples": samples,
+            "name": name,
+            "view": View(
+                window=window,
+                follow=follow,
+                fill=not no_fill,
+                arrows=arrows,
+                arrow_speed=arrow_speed,
+                streamlines=streamlines,
+                contours=contours,
+                interval=interval,
+                tracers=0 if tracers is None else (*tracers, TRACERS)[0],
+                colour_map=colour_map,
+                muted=() if colour_all else None,
+            ),
+        }
+        if strip:
+            try:
+                print(draw_strip(out, strip, **looks))
+            except ValueError as error:
+                if no_frames and not movies:
+                    raise
+                # One picture that does not fit does not cost the others.
+                print(f"error: {error}", file=sys.stderr)
+                missing = True
+            if no_frames and not movies:
+                return 0
+        done = animate(
+            out, frames=not no_frames, movie=movies, playback_rate=playback_rate, size=size, title=title, **looks
+        )
+        # Movies have the names that were given, whatever the options.
+        named = [path.replace(path.with_name(given)) for path, given in zip(done.movies, movie or (), strict=False)]
+    except (ValueError, OSError, RuntimeError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    if done.field_range is not None:
+        print(f"{field}: colours from {done.field_range[0]:g} to {done.field_range[1]:g}")
+    for fluid in done.muted:
+        print(f"{fluid}: not coloured, its pressure hardly varies; --colour-all colours it")
+    if done.frames:
+        print(f"{done.frames[0].parent}: {len(done.frames)} frames, drawn with {done.backend}")
+    for path in named or done.movies:
+        print(path)
+    return 2 if missing else 0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -176,85 +220,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: of the command line; by default those of the process.
 
     Returns:
-        The exit status: 0, 2 after an error, which is one line on stderr, or 130 after an interrupt.
+        The exit code: 0, 2 after an error, which is one line on stderr, or 130 after an interrupt.
     """
-    given = parser().parse_args(arguments)
-    movies = [] if given.no_movie else given.movie or [MOVIE]
-    field = None if given.field == "none" else given.field
+    app = App(name="tipfem render", help_epilogue=EXAMPLES, version_flags=[], default_parameter=Parameter(negative=()))
+    app.default(render)
     try:
-        view = View(
-            window=given.window,
-            follow=given.follow,
-            fill=not given.no_fill,
-            arrows=given.arrows,
-            arrow_speed=given.arrow_speed,
-            streamlines=given.streamlines,
-            contours=given.contours,
-            interval=given.interval,
-            tracers=given.tracers,
-            colour_map=given.colour_map,
-            muted=() if given.colour_all else None,
-        )
-        if given.strip:
-            drawn = strip(
-                given.out,
-                given.strip,
-                backend=given.backend,
-                fluid_colours=dict(given.colour),
-                field=field,
-                field_range=given.field_range,
-                mesh=given.mesh,
-                particles=given.particles,
-                view=view,
-                samples=given.samples,
-                name=given.name,
-            )
-            print(drawn)
-            if given.no_frames and not movies:
-                return 0
-        done = animate(
-            given.out,
-            field,
-            not given.no_frames,
-            movies,
-            given.playback_rate,
-            size=given.size,
-            field_range=given.field_range,
-            mesh=given.mesh,
-            particles=given.particles,
-            backend=given.backend,
-            fluid_colours=dict(given.colour),
-            view=view,
-            samples=given.samples,
-            title=given.title,
-            name=given.name,
-        )
-    except (ValueError, OSError, RuntimeError) as error:
-        print(f"error: {error}", file=sys.stderr)
+        result = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+    except CycloptsError as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return 130
-    if done.field_range is not None:
-        print(f"{given.field}: colours from {done.field_range[0]:g} to {done.field_range[1]:g}")
-    for fluid in done.muted:
-        print(f"{fluid}: not coloured, its pressure hardly varies; --colour-all colours it")
-    if done.frames:
-        print(f"{done.frames[0].parent}: {len(done.frames)} frames, drawn with {done.backend}")
-    for movie in done.movies:
-        print(movie)
-    return 0
-
-
-def _size(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"(\d+)[xX](\d+)", text)
-    if not match:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected WIDTHxHEIGHT in pixels, for example 1280x720")
-    return int(match[1]), int(match[2])
-
-
-def _colour(text: str) -> tuple[str, str]:
-    name, equals, code = text.partition("=")
-    if not (name and equals):
-        raise argparse.ArgumentTypeError(f"{text!r}: expected FLUID=#RRGGBB, for example water=#0072b2")
-    return name, code
+    return result if isinstance(result, int) else 0

@@ -6,7 +6,16 @@ from typing import NamedTuple
 import numpy as np
 
 from .arrays import Array
-from .interface import Edges, FluidRegions, cell_edges, fluid_regions, loose_particles, solid_triangles, walls_around
+from .interface import (
+    Edges,
+    FluidRegions,
+    areas,
+    cell_edges,
+    fluid_regions,
+    loose_particles,
+    solid_triangles,
+    walls_around,
+)
 
 
 class Surroundings(NamedTuple):
@@ -93,7 +102,7 @@ class Geometry:
         border = self.edges.pairs[self.edges.shared_by == 1]
         if not len(border) or not self._wall[border].all():
             border = border[:0]
-        return solid_triangles(self._position, self._cells, border)
+        return solid_triangles(self._position, border, float(areas(self._position, self._cells).sum()))
 
     @cached_property
     def cell_bounds(self) -> Bounds:

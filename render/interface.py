@@ -169,37 +169,37 @@ def walls_around(position: Array, wall: Array) -> tuple[Array, Array]:
     return edges, np.stack([np.full(len(around), around[0]), *edges.T], axis=1)
 
 
-def solid_triangles(position: Array, cells: Array, border: Array) -> tuple[Array, Array, Array]:
+def solid_triangles(position: Array, border: Array, area: float) -> tuple[Array, Array, Array]:
     """What is solid within the convex hull of the walls.
 
     Args:
         position: (N, 2) [m].
-        cells: (M, 3).
-        border: (B, 2) edges of the cells along walls.
+        border: (B, 2) edges along walls.
+        area: between the walls [m^2].
 
     Returns:
-        Triangles (T, 3) of the Delaunay triangulation of the wall particles, among them some that cells cover, and
-        their circumradii (T,) [m]; edges (S, 2) of the hull that no cell is at. None if the cells fill the hull.
+        Triangles (T, 3) of the Delaunay triangulation of the points along walls, among them some between the walls, and
+        their circumradii (T,) [m]; edges (S, 2) of the hull that are no wall. None if the area is all of the hull.
     """
     walls = np.unique(border)
     none = np.empty((0, 3), np.int64), np.empty(0), np.empty((0, 2), np.int64)
     if len(walls) < 3:
         return none
     points = position[walls] - position[walls].mean(axis=0)
-    if ConvexHull(points).volume - _areas(position, cells).sum() < 1e-9 * np.ptp(points) ** 2:
+    if ConvexHull(points).volume - area < 1e-9 * np.ptp(points) ** 2:
         return none
     triangulation = Delaunay(points)
     found = walls[triangulation.simplices]
     corners = position[found]
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     with np.errstate(divide="ignore"):
-        radius = sides.prod(axis=1) / (4 * _areas(position, found))
+        radius = sides.prod(axis=1) / (4 * areas(position, found))
     around = np.sort(walls[triangulation.convex_hull], axis=1)
     key, known = (pairs @ np.array([len(position), 1]) for pairs in (around, np.sort(border, axis=1)))
     return found, radius, around[~np.isin(key, known)]
 
 
-def _areas(position: Array, cells: Array) -> Array:
+def areas(position: Array, cells: Array) -> Array:
     """Areas (M,) of triangles (M, 3) [m^2]."""
     a, b, c = (position[cells[:, k]] for k in range(3))
     return np.asarray(abs((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])) / 2)

@@ -74,17 +74,22 @@ def draw_scene(
         near = np.all((scene.position >= low) & (scene.position <= high), axis=1)
     cells = scene.cells[seen]
 
-    # Walls are stroked on both sides of the mesh's boundary; the fluids painted next hide the inner half.
-    for outline in (walls, around):
-        draw_walls(drawing, pixels, outline, thick, colours.rgb(scheme.wall))
+    # Walls are stroked on both sides of the boundary; the fluids painted next hide the inner half.
+    if scene.tank is not None:
+        points, outlines = layout.pixels(scene.tank.points), [scene.tank.edges]
+        hollow, (solids, circumradius, feet) = layout.pixels(scene.tank.inside), scene.tank.solids
+    else:
+        points, outlines, hollow = pixels, [walls, around], pixels[inside]
+        solids, circumradius, feet = geometry.solids
+    for outline in outlines:
+        draw_walls(drawing, points, outline, thick, colours.rgb(scheme.wall))
     # Solid parts too thin for two strokes are filled.
-    solids, circumradius, feet = geometry.solids
     filled = circumradius * layout.scale < THIN_SOLID * thick
-    drawing.triangles(pixels[solids[filled]], colours.rgb(scheme.wall))
-    feet = pixels[feet]
+    drawing.triangles(points[solids[filled]], colours.rgb(scheme.wall))
+    feet = points[feet]
     feet = feet[np.linalg.norm(feet[:, 1] - feet[:, 0], axis=1) < 2 * THIN_SOLID * thick]
     drawing.lines(feet, 2 * thick, colours.rgb(scheme.wall), cap=thick)
-    drawing.triangles(pixels[inside], np.array(scheme.background))
+    drawing.triangles(hollow, np.array(scheme.background))
     if not view.fill:
         drawing.triangles(pixels[cells], np.array(colours.BACKGROUND))
 

@@ -13,8 +13,9 @@ import meshio
 import numpy as np
 
 from .arrays import Array
-from .bodies import BodyTracks
+from .bodies import BodyOutline, Tracks
 from .scene import Scene
+from .tank import TankOutline
 
 FORMAT = 1
 VTKHDF = "fields.vtkhdf"
@@ -86,7 +87,10 @@ class Results:
             self.spacing = float(case["spacing"])
             period = case.get("period")
             self.period = None if period is None else np.asarray(period, float)[:2]
-            self._bodies = BodyTracks(case.get("bodies", ()), self.folder / "history.csv")
+            outline = case.get("tank")
+            self._tank = None if outline is None else TankOutline(outline, self.spacing)
+            self._tracks = Tracks(_moving(case), self.folder / "history.csv")
+            self._outlines = [BodyOutline(body) for body in case.get("bodies", ())]
         except KeyError as error:
             raise ResultsError(f"{self.folder / 'case.json'}: the entry {error} is missing") from None
         except (TypeError, ValueError) as error:
@@ -140,6 +144,7 @@ class Results:
             cell_fluid = np.concatenate(owners).astype(np.int64)
             if "density" in data:  # the value of a particle on an interface is that of one side
                 cell_fields["density"] = np.take(self.fluid_densities, cell_fluid, mode="clip")
+        poses = self._tracks.at(self.times[i])
         try:
             return Scene(
                 position=mesh.points[:, :2],
@@ -156,7 +161,8 @@ class Results:
                 cell_fluid=cell_fluid,
                 spacing=self.spacing,
                 title=self.title,
-                bodies=self._bodies.at(self.times[i]),
+                bodies=tuple(body.placed(*pose) for body, pose in zip(self._outlines, poses, strict=False)),
+                tank=None if self._tank is None else self._tank.placed(*poses[-1]),
                 period=self.period,
             )
         except ValueError as error:
@@ -186,6 +192,13 @@ class Results:
         if not listed:
             raise ResultsError(f"{path}: it lists no file; no time has been written yet")
         return [time for time, _ in listed], [self.folder / name for _, name in listed]
+
+
+def _moving(case: Mapping[str, Any]) -> dict[str, Array]:
+    """Reference points at t = 0 of the bodies and of the tank, the last, by their names [m]."""
+    found = {str(body["name"]): np.asarray(body["reference"], float) for body in case.get("bodies", ())}
+    tank = case.get("tank")
+    return found if tank is None else found | {"tank": np.asarray(tank["reference"], float)}
 
 
 def _scalar_fields(data: Mapping[str, Array]) -> dict[str, Array]:

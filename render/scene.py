@@ -12,6 +12,7 @@ from .arrays import Array
 from .bodies import PlacedBody
 from .geometry import Geometry
 from .periodic import with_images
+from .tank import PlacedTank
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +40,7 @@ class Scene:
         title: a line above the picture.
         trails: (P, K, 2) paths of tracers up to this time [m], the oldest point first; None for none.
         bodies: rigid bodies in the fluids.
+        tank: its walls; None where they are those of the cells, or the convex hull of their particles.
         period: (2,) width of the domain along the axes that are periodic, 0 for others [m], for a domain that begins
             at 0 there. Particles and cells have images then, see `tipfem.render.periodic.with_images`.
 
@@ -62,6 +64,7 @@ class Scene:
     title: str = ""
     trails: Array | None = None
     bodies: tuple[PlacedBody, ...] = ()
+    tank: PlacedTank | None = None
     period: Array | None = None
 
     def __post_init__(self) -> None:

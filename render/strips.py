@@ -52,7 +52,7 @@ def strip(
             later than the last one by more than the time between two.
         path: of the picture; by default strip.png in the results folder, with the options that change what is seen in
             its name, see `tipfem.render.animation.picture_name`: strip_pressure_mesh.png.
-        columns: tanks in a row; at most 4 by default.
+        columns: tanks in a row; at most 4 by default, and fewer of flat tanks.
         width: of the whole picture [px].
         backend: "ggui", "raster" or "auto", see `Renderer`.
         fluid_colours: colours "#rrggbb" by the names of fluids.
@@ -80,9 +80,7 @@ def strip(
         raise ValueError("strip: tracers are followed from time to time, and are drawn in movies only; leave them out")
     if field is None and field_range is not None:
         raise ValueError("a field range is given, but no field to colour by")
-    if columns is None:
-        columns = ceil(len(chosen) / ceil(len(chosen) / MOST_COLUMNS))
-    if columns < 1:
+    if columns is not None and columns < 1:
         raise ValueError(f"strip: columns is {columns}; it must be 1 or more")
     if path is None:
         tail = name or picture_name(field, field_range, mesh, particles, view, None, fluid_colours or {})
@@ -94,7 +92,7 @@ def strip(
     if field_range is not None:
         field_range = check_range(field_range)
     view, field_range = settled(view, scenes, field, field_range)
-    columns = min(columns, len(chosen))
+    columns = min(columns or usual_columns(len(chosen), width, *view.bounds(scenes[0])), len(chosen))
     # Even numbers of pixels, as the back ends need them.
     room = 2 * int(width // columns // 2)
     layout = _tank_layout(room, *view.bounds(scenes[0]))
@@ -165,15 +163,39 @@ def label(time: float, stored: ArrayLike) -> str:
     return f"t = {time:.{digits}f} s"
 
 
+def usual_columns(count: int, width: int, lower: ArrayLike, upper: ArrayLike) -> int:
+    """Tanks in a row of a strip: as many as stand in even rows of up to 4 and are tall enough to be seen.
+
+    Args:
+        count: number of tanks.
+        width: of the strip [px].
+        lower: (2,) lower corner of a tank [m].
+        upper: (2,) upper corner of it.
+    """
+    columns = 1
+    for most in range(min(MOST_COLUMNS, count), 0, -1):
+        columns = ceil(count / ceil(count / most))
+        room = 2 * int(width // columns // 2)
+        if room >= SMALLEST[0] and _tank_height(room, lower, upper) >= SMALLEST[1]:
+            break
+    return columns
+
+
+def _tank_height(room: int, lower: ArrayLike, upper: ArrayLike) -> int:
+    """Height of a tank with its time above in the width ``room`` [px]."""
+    extent, unit = np.asarray(upper) - np.asarray(lower), max(room / 400, 1.0)
+    return 2 * ceil(float((room - 2 * _SIDE * unit) * extent[1] / extent[0] + (_HEAD + _FOOT) * unit) / 2)
+
+
 def _tank_layout(room: int, lower: ArrayLike, upper: ArrayLike) -> Layout:
     """The tank without a panel, as large as the width ``room`` [px] allows."""
     extent = np.asarray(upper) - np.asarray(lower)
     unit = max(room / 400, 1.0)
     scale = (room - 2 * _SIDE * unit) / extent[0]
     tank = extent * scale
-    height = 2 * ceil((tank[1] + (_HEAD + _FOOT) * unit) / 2)
+    height = max(_tank_height(room, lower, upper), SMALLEST[1])  # the flattest have room below them
     smallest = f"{room}x{height} pixels a tank"
-    if room < SMALLEST[0] or height < SMALLEST[1]:
+    if room < SMALLEST[0]:
         raise ValueError(f"strip: {smallest} are too few; choose a larger width or fewer columns")
     if height > LARGEST:
         raise ValueError(f"strip: {smallest} are too many; choose a smaller width or more columns")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 
 import numpy as np
-from tipfem.demos import harness
+from demo_runs import load
 
 import tipfem as tp
 
@@ -87,7 +87,7 @@ def main() -> None:
     tp.init(arch="cpu")
     settings = {} if given.spacing is None else {"spacing": given.spacing}
     name = {"inversion": "layer_inversion", "dam-break": "dam_break"}[given.flow]
-    demo = harness.load(name, interface=given.interface, **settings)
+    demo = load(name, interface=given.interface, **settings)
     simulation = tp.Simulation(demo.case, time_step=demo.options.time_step)
     edges = watched(simulation, given.until or demo.options.end_time)
     print(

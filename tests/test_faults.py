@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem import checkpoint
 from tipfem.linalg import fgmres
 from tipfem.mesh.delaunay import TriangulationError
+from tipfem.run import checkpoint
 
 END, WHEN = 0.03, 0.011
 

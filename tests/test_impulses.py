@@ -174,11 +174,11 @@ def wet_floor(state):
     ("wrong", "message"),
     [
         ({"impulse": 1}, "impulse is 1; it must be True or False"),
-        ({"time_constant": 0}, "time_constant is 0 s; it must be > 0"),
+        ({"time_constant": 0}, "time_constant is 0 s; it must be a number > 0 in s"),
         ({"time_constant": -1.0}, "time_constant is -1.0 s"),
         ({"time_constant": math.inf}, "time_constant is inf s"),
-        ({"time_constant": "1"}, "time_constant is '1' s"),
-        ({"time_constant": True}, "time_constant is True s"),
+        ({"time_constant": "1"}, "time_constant is '1', a text"),
+        ({"time_constant": True}, "time_constant is True;"),
     ],
 )
 def test_what_is_no_impulse_or_time_constant_is_refused(wrong, message):

@@ -1,4 +1,4 @@
-"""docs/theory/method.md names functions, tests and demos: all exist, and its numbers are the defaults."""
+"""The theory pages name functions, tests and demos: all exist, and their numbers are the defaults."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "theory" / "method.md"
-TEXT = PAGE.read_text("utf-8")
+THEORY = ROOT / "docs" / "theory"
+TEXT = "".join(page.read_text("utf-8") for page in sorted(THEORY.glob("*.md")))
 FOLDERS = {path.parent.name for path in (ROOT / "tipfem").glob("*/__init__.py")}
 NAMES = sorted({m for m in re.findall(r"`((?:[a-z_]+\.)+[A-Za-z_]+)`", TEXT) if m.split(".")[0] in FOLDERS})
 
@@ -41,8 +41,8 @@ def test_it_names_the_equations():
 def test_its_files_exist():
     """Commands and links point to files of the repository."""
     files = {ROOT / name for name in re.findall(r"(?:tests|demos)/[\w/]+\.py", TEXT)}
-    links = {PAGE.parent / target for target in re.findall(r"\]\(([\w./]+)\)", TEXT)}
-    assert len(files) > 4
+    links = {THEORY / target for target in re.findall(r"\]\(([\w./-]+)\)", TEXT)}
+    assert len(files) > 3
     assert len(links) > 4
     for file in files | links:
         assert file.is_file(), file
@@ -57,3 +57,6 @@ def test_its_settings_are_the_defaults():
     assert (numerics.newton_tolerance, numerics.acceleration_tolerance, numerics.newton_iterations) == (1e-5, 1e-2, 12)
     rule = numerics.relocation
     assert (rule.too_close, rule.too_close_to_wall, rule.long_mixed_edge) == (0.6, 0.4, 1.8)
+    fitting = numerics.fitting
+    lengths = (fitting.too_close, fitting.too_close_to_interface, fitting.too_close_along_interface)
+    assert (*lengths, fitting.long_edge, fitting.thin_film, fitting.contact_reach) == (0.6, 0.4, 0.55, 1.5, 0.3, 0.8)

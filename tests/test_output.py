@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem.checkpoint import file_name
 from tipfem.fields import FieldOutput
 from tipfem.folder_lock import LOCK
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
 from tipfem.output import MANIFEST, STEP_COLUMNS, ResultsFolder, own_columns
+from tipfem.run.checkpoint import file_name
 
 
 def state(water: tp.Fluid, air: tp.Fluid, dimension: int = 2, seed: int = 0) -> tuple[tp.Particles, Mesh]:
@@ -173,7 +173,10 @@ def test_the_case_is_described(tmp_path, water, air):
         "interface": "sharp",
         "free_surface": False,
         "bodies": [],
+        "tank": read["tank"],  # see tests/render
     }
+    (loop,) = read["tank"]["loops"]
+    assert loop["corners"] == [[0.0, 0.0], [0.8, 0.0], [0.8, 0.6], [0.0, 0.6]]
 
 
 def test_the_summary_takes_numpy_values_and_adds_versions(tmp_path):

@@ -12,7 +12,7 @@ from demo_runs import DEMOS
 
 import tipfem as tp
 from tipfem import progress
-from tipfem.casefile.commands import main
+from tipfem.app.commands import main
 from tipfem.errors import StepRefused
 from tipfem.logs import log_lines
 from tipfem.progress import RunProgress, StepReport, duration

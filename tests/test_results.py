@@ -15,7 +15,7 @@ import pytest
 from tipfem.render import View
 
 import tipfem as tp
-from tipfem.casefile import commands
+from tipfem.app import commands
 from tipfem.fields import vtkhdf
 from tipfem.fields.atomic_file import journal_of
 from tipfem.folder_lock import LOCK

@@ -18,7 +18,7 @@ from device_memory import memory
 import tipfem as tp
 from tipfem.errors import StepRefused
 from tipfem.mesh.measures import hydrostatic_pressure
-from tipfem.step.volume_source import volume_source
+from tipfem.physics.volume_source import volume_source
 
 
 def dam_break(water, air, spacing=0.02, law=None, **options):
@@ -194,7 +194,7 @@ def test_a_run_leaves_history_fields_and_summary(water, air, tmp_path, capfd):
         "remeshing_momentum_x,remeshing_momentum_y,momentum_residual_x,momentum_residual_y,"
         "volume_water,volume_air,solve_volume_water,solve_volume_air,"
         "source_volume_water,source_volume_air,remeshing_volume_water,remeshing_volume_air,"
-        "doubled,wall_seconds"
+        "roughness_water,roughness_air,interface_turning,doubled,wall_seconds"
     ).split(",")
     assert float(rows[-1]["time"]) == 0.01
     files = sorted((tmp_path / "fields").glob("*.vtu"))
@@ -440,7 +440,7 @@ def test_whatever_cannot_be_written_is_a_simulation_error(water, air, tmp_path, 
     def full_disk(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(f"tipfem.simulation.ResultsFolder.{method}", full_disk)
+    monkeypatch.setattr(f"tipfem.run.simulation.ResultsFolder.{method}", full_disk)
     with pytest.raises(tp.SimulationError, match=r"the results cannot be written at t = .* s: .*No space left"):
         tp.Simulation(dam_break(water, air, 0.05), tmp_path, time_step=1e-3).run(1e-3, progress=False)
 
@@ -490,7 +490,7 @@ def test_a_linear_system_that_is_not_solved_is_a_refused_step(water, air, monkey
     """Its correction is not Newton's; where no step's system can be solved, the run says so."""
     simulation = tp.Simulation(dam_break(water, air, 0.05), time_step=1e-3)
     simulation.step()
-    monkeypatch.setattr("tipfem.step.flow.MAX_KRYLOV_ITERATIONS", 1)
+    monkeypatch.setattr("tipfem.step.problem.MAX_KRYLOV_ITERATIONS", 1)
     with pytest.raises(StepRefused, match="the linear system was not solved in 1 iterations: its residual is"):
         simulation.solve(simulation.state, 1e-3)
     before = simulation.state

@@ -8,6 +8,7 @@ import meshio
 import numpy as np
 import numpy_twin as twin
 import pytest
+from flow_problems import flow_problem
 from mesh_twins import adjacency
 from residuals import residual_vector
 from scipy import sparse
@@ -16,12 +17,14 @@ from tipfem.render import Results
 
 import tipfem as tp
 from tipfem.backend.arrays import download
+from tipfem.fem.schur import SCHUR_SCALE
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.free_surface import SurfaceMesher
 from tipfem.mesh.measures import extent
 from tipfem.mesh.mesh import volume_gradient
-from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
-from tipfem.step.linear_system import SCHUR_SCALE
+from tipfem.physics.term import ElementProperties
+from tipfem.step.linear_system import Workspace
+from tipfem.step.problem import FlowProblem
 
 GRAVITY = np.array([0.0, -9.81])
 WATER = tp.Fluid("water", density=1000.0, viscosity=1e-3)
@@ -237,7 +240,7 @@ def problem_with_surface(dt: float = 2e-3) -> tuple[FlowProblem, twin.Step, tp.P
     mesh = SurfaceMesher(tp.SurfaceRule()).start(p)
     m, force = len(mesh.cells), np.tile(GRAVITY, (len(p), 1))
     material = ElementProperties(np.full(m, 1000.0), np.full(m, 1e-3), np.zeros(m))
-    problem = FlowProblem(mesh, p, material, GeneralizedAlpha(0.0, dt), force, 0.25, Workspace())
+    problem = flow_problem(mesh, p, material, GeneralizedAlpha(0.0, dt), force, 0.25, Workspace())
     step = twin.Step(
         mesh.position,
         mesh.cells,
@@ -268,7 +271,7 @@ def test_residual_and_laplacian_leave_out_what_is_prescribed():
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = twin.row_scale(step)
     scale[~surface.used], scale[surface.pinned, 2] = 0.0, 0.0
-    np.testing.assert_allclose(download(problem._scale, problem.size), scale.ravel(), rtol=1e-12)
+    np.testing.assert_allclose(download(problem.equations.scale, problem.size), scale.ravel(), rtol=1e-12)
     expected, size = twin.residual(step, u, pressure)
     assert np.abs(residual_vector(problem) - scale * expected).max() < 1e-12 * np.abs(scale * size).max()
     got, mesh = problem.system.laplacian().toarray(), problem.mesh

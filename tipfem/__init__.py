@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tipfem.backend.runtime import init
-    from tipfem.case import shapes
     from tipfem.case.body import Body
     from tipfem.case.case import Case
     from tipfem.case.fluid import Fluid
@@ -19,15 +18,13 @@ if TYPE_CHECKING:
     from tipfem.case.mesh_file import read_mesh
     from tipfem.case.numerics import FittedRule, Numerics, RelocationRule, SurfaceRule
     from tipfem.case.particles import Particles
-    from tipfem.case.shaped_tank import tank
-    from tipfem.case.tank import Tank
+    from tipfem.case.tank import Tank, tank
     from tipfem.case.walls import Motion, Wall
     from tipfem.casefile.describing import describe, write_case
-    from tipfem.casefile.loading import CaseFile, load_case
     from tipfem.casefile.problems import CaseFileError
     from tipfem.errors import CheckpointError, SimulationError
     from tipfem.fields import FieldOutput, FieldState
-    from tipfem.liveview.running import live
+    from tipfem.geometry import shapes
     from tipfem.logs import log_json
     from tipfem.probes import (
         EnergyProbe,
@@ -40,7 +37,9 @@ if TYPE_CHECKING:
         WaveGauge,
     )
     from tipfem.results import RunResults, read_results, to_vtkhdf
-    from tipfem.simulation import Simulation
+    from tipfem.run.case_file import CaseFile, load_case
+    from tipfem.run.live import live
+    from tipfem.run.simulation import Simulation
     from tipfem.steering import Drop, Gravity, Poke, Release
     from tipfem.tables import Table
     from tipfem.viewer.widget import View
@@ -98,7 +97,7 @@ __all__ = [
 _MODULES = {
     "Body": "case.body",
     "Case": "case.case",
-    "CaseFile": "casefile.loading",
+    "CaseFile": "run.case_file",
     "CaseFileError": "casefile.problems",
     "CheckpointError": "errors",
     "Drop": "steering",
@@ -119,7 +118,7 @@ _MODULES = {
     "Release": "steering",
     "RelocationRule": "case.numerics",
     "RunResults": "results",
-    "Simulation": "simulation",
+    "Simulation": "run.simulation",
     "SimulationError": "errors",
     "SurfaceRule": "case.numerics",
     "Table": "tables",
@@ -132,13 +131,13 @@ _MODULES = {
     "WaveGauge": "probes",
     "describe": "casefile.describing",
     "init": "backend.runtime",
-    "live": "liveview.running",
-    "load_case": "casefile.loading",
+    "live": "run.live",
+    "load_case": "run.case_file",
     "log_json": "logs",
     "read_mesh": "case.mesh_file",
     "read_results": "results",
-    "shapes": "case.shapes",
-    "tank": "case.shaped_tank",
+    "shapes": "geometry.shapes",
+    "tank": "case.tank",
     "to_vtkhdf": "results",
     "write_case": "casefile.describing",
 }

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import ast
 import difflib
+import importlib
 import importlib.util
 import os
-import runpy
 import signal
 import sys
 import warnings
@@ -19,7 +19,8 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 import tipfem
-from tipfem.casefile.commands import call, register
+from tipfem.app.commands import call, register
+from tipfem.app.running import said
 from tipfem.study.commands import register as register_study
 
 app = App(
@@ -60,8 +61,7 @@ def find_demos() -> dict[str, dict[str, Path]]:
 
 
 def _is_script(path: Path) -> bool:
-    text = path.read_text(encoding="utf-8")
-    return "\nharness.run(" in text or "\nif __name__ == " in text
+    return "\nif __name__ == " in path.read_text(encoding="utf-8")
 
 
 def headline(path: Path) -> str:
@@ -85,7 +85,7 @@ def demo(
     name: Annotated[str, Parameter(allow_leading_hyphen=True)] = "",
     /,
     *options: Annotated[str, Parameter(allow_leading_hyphen=True)],
-) -> None:
+) -> int:
     """Run a demo; without a name, list all demos.
 
     Parameters
@@ -97,30 +97,26 @@ def demo(
     """
     if name in ("-h", "--help"):
         app.help_print(["demo"])
-        return
+        return 0
     if name in ("", "list", "--list"):
         print(list_demos())
-        return
+        return 0
     paths = dict(item for scripts in find_demos().values() for item in scripts.items())
-    path = paths.get(name.removesuffix(".py"))
+    name = name.removesuffix(".py")
+    path = paths.get(name)
     if path is None:
         close = difflib.get_close_matches(name, list(paths), 1)
         hint = f" did you mean {close[0]!r}?" if close else ""
-        raise SystemExit(f"error: there is no demo {name!r};{hint} `tipfem demo` lists all of them")
+        return said(2, f"error: there is no demo {name!r};{hint} `tipfem demo` lists all of them")
     module = ".".join(("tipfem.demos", *path.relative_to(demo_folder()).with_suffix("").parts))
-    before = sys.argv
-    sys.argv = [f"tipfem demo {name}", *options]
-    try:
-        with warnings.catch_warnings():
-            # A caller may have imported the demo as a module; it is run afresh all the same.
-            warnings.filterwarnings("ignore", message=".*found in sys.modules", category=RuntimeWarning)
-            runpy.run_module(module, run_name="__main__")
-    finally:
-        sys.argv = before
+    importlib.import_module(module)
+    from tipfem.demos import harness
+
+    return int(harness.command(module, options, f"tipfem demo {name}"))
 
 
 def main() -> None:
-    """Entry point of the command `tipfem`; see `tipfem.casefile.commands.EXIT_CODES`."""
+    """Entry point of the command `tipfem`; see `tipfem.app.commands.EXIT_CODES`."""
     warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"  # without a line of the source
     try:
         sys.exit(call(app))

@@ -2,6 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+
+class Invalid(ValueError):
+    """A value that is refused.
+
+    Args:
+        path: the keys that lead to it, from the case as a case file has it, or from the object that refuses it:
+            ``"tank.spacing"``, ``("walls", "left", "velocity")``.
+        text: what is wrong, as a predicate ("is 0 m; it must be > 0"), or ": " and a sentence about all that the
+            keys lead to.
+        subject: what has the value, in words of Python; by default the keys before the last.
+
+    Attributes:
+        path: the keys.
+        text: see above.
+    """
+
+    def __init__(self, path: str | Sequence[str | int], text: str, subject: str = "") -> None:
+        self.path: tuple[str | int, ...] = tuple(path.split(".")) if isinstance(path, str) else tuple(path)
+        self.text = text
+        if text.startswith(": "):
+            super().__init__((subject or ".".join(map(str, self.path))) + text)
+        else:
+            subject = subject or ".".join(map(str, self.path[:-1]))
+            super().__init__(f"{subject}: {self.path[-1]} {text}")
+
 
 class SimulationError(RuntimeError):
     """A run cannot continue; all results up to that time are kept and written."""

@@ -61,6 +61,8 @@ class FolderLock:
                 json.dump(own, file)
         except FileExistsError:
             holder = self._holder()
+            if holder == own:
+                return
             if holder and not (holder["host"] == own["host"] and _has_ended(holder["process"])):
                 if (holder["host"], holder["process"]) != (own["host"], own["process"]):
                     raise ValueError(

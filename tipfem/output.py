@@ -18,7 +18,6 @@ from __future__ import annotations
 import csv
 import json
 import logging
-import os
 import platform
 from collections.abc import Callable, Collection, Mapping, Sequence
 from datetime import timedelta
@@ -30,6 +29,7 @@ import numpy as np
 
 from tipfem.arguments import path_of
 from tipfem.case.case import Case
+from tipfem.case.outline import tank_outline
 from tipfem.case.particles import Particles
 from tipfem.fields import FieldOutput, FieldState, vtkhdf, vtu
 from tipfem.fields.atomic_file import journal_of
@@ -37,6 +37,7 @@ from tipfem.folder_lock import FolderLock
 from tipfem.logs import log
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
+from tipfem.whole_file import replaced
 
 CASE_FILE = "case.toml"  # the whole case
 MANIFEST = ".tipfem"
@@ -190,6 +191,7 @@ class ResultsFolder:
             "gravity": np.asarray(case.gravity).tolist(),
             "interface": case.interface,
             "free_surface": case.free_surface,
+            **({} if (outline := tank_outline(case)) is None else {"tank": outline}),
             **({"period": case.period.width.tolist()} if case.period else {}),
             "bodies": [
                 {"name": b.name, "corners": b.corners.tolist(), "reference": b.reference.tolist()} for b in case.bodies
@@ -213,7 +215,7 @@ class ResultsFolder:
         """
         if self._history is None:
             self.list_file("history.csv")
-            self._lock.take()
+            self.open()
             # newline='': the csv module writes line ends itself.
             self._history = open(self.path / "history.csv", "a", encoding="utf-8", newline="")
         lines = csv.writer(self._history, lineterminator="\n")
@@ -325,6 +327,14 @@ class ResultsFolder:
         text = "".join(line + "\n" for line in lines)
         self._replace(name, lambda path: path.write_text(text, encoding="utf-8"))
 
+    def open(self) -> None:
+        """Keep other runs out of the folder, until `close`.
+
+        Raises:
+            ValueError: another run is writing into it.
+        """
+        self._lock.take()
+
     def close(self) -> None:
         """Close the history, and let other runs write into the folder."""
         if self._history is not None:
@@ -337,14 +347,9 @@ class ResultsFolder:
         self._replace(name, lambda path: path.write_text(text, encoding="utf-8"))
 
     def _replace(self, name: str, write: Callable[[Path], Any]) -> None:
-        temporary = self.path / (name + ".part")
         self.list_file(name)
-        try:
-            write(temporary)
-            os.replace(temporary, self.path / name)
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
+        with replaced(self.path / name) as file:
+            write(file)
 
 
 # Columns of the history besides those of the budgets, which come before the wall-clock time.

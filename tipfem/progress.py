@@ -10,13 +10,17 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import timedelta
-from typing import Any
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from tipfem.logs import listened, log, logs
 from tipfem.notebook import NotebookProgress, in_notebook
+from tipfem.observer import Observer
+
+if TYPE_CHECKING:
+    from tipfem.stepper import Row, Stepper  # which starts Taichi
 
 _REDRAWN = 0.2  # wall-clock time between pictures of the bar in a notebook [s]
 _LINES = 10.0  # wall-clock time between lines in the log [s]
@@ -73,7 +77,7 @@ class StepReport:
         return ", ".join(self.parts())
 
 
-class RunProgress:
+class RunProgress(Observer):
     """Shows how far a run is: time, step length and what limits it, volume error, iterations and the time left.
 
     All of it goes to the log, see `tipfem.logs`: every step at the level DEBUG, a line every 10 s at the level INFO.
@@ -99,12 +103,17 @@ class RunProgress:
             )
             self._task = self._bar.add_task("run", total=end - start, text="")
 
-    def __enter__(self) -> RunProgress:
+    def begin(self, flow: Stepper, until: float) -> None:
+        """Show the bar."""
         if self._bar:
             self._bar.start()
-        return self
 
-    def __exit__(self, *_: Any) -> None:
+    def after_step(self, flow: Stepper, row: Row) -> None:
+        """Show the state after a step, and log it."""
+        self.update(row, self._end, flow.control.limit, flow.state.volume_error)
+
+    def finish(self, flow: Stepper, until: float) -> None:
+        """Leave the bar as it is."""
         if self._bar:
             self._bar.stop()
 

@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -331,7 +331,7 @@ def _data_sets(path: Path) -> list[ElementTree.Element]:
     return list(ElementTree.parse(path).iter("DataSet"))
 
 
-def to_vtkhdf(out: str | Path, *, precision: str = "double", compression: int = 4) -> Path:
+def to_vtkhdf(out: str | Path, *, precision: Literal["double", "single"] = "double", compression: int = 4) -> Path:
     """Write all stored states of a results folder into one VTKHDF file there, fields.vtkhdf.
 
     Args:

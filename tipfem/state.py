@@ -18,13 +18,14 @@ from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem import work
 from tipfem.fem.time_integration import BackwardEuler, TimeScheme
-from tipfem.mesh.interface_slip import InterfaceSlip
 from tipfem.mesh.mesh import Mesh
+from tipfem.physics.bodies.contacts import hold_contacts
+from tipfem.physics.bodies.motion import BodyStates
+from tipfem.physics.sliding_liquids.slip import InterfaceSlip
+from tipfem.physics.term import StepWork
+from tipfem.physics.walls.layers import Layers
+from tipfem.physics.walls.step import Walls
 from tipfem.typing import Array
-from tipfem.walls.bodies import BodyStates
-from tipfem.walls.contacts import hold_contacts
-from tipfem.walls.layers import Layers
-from tipfem.walls.step import Walls
 
 
 @dataclass(frozen=True)
@@ -167,75 +168,6 @@ class State:
 
 
 @dataclass(frozen=True)
-class SlipWork:
-    """Work of the equations of liquids that slide along each other in a step [J, per metre of depth].
-
-    They are tested with displacements and pressures.
-
-    Attributes:
-        inertia: of mass times acceleration.
-        stabilisation: loss by the stabilisation of pressure.
-        weight: by the weight of the volumes that what slides has moved from node to node.
-        walls: of what walls exert in addition, and
-        wall_force: (2,) its resultant [N].
-        force: (2,) what the slip adds to the sum of mass times acceleration [N].
-    """
-
-    inertia: float
-    stabilisation: float
-    weight: float
-    walls: float
-    wall_force: Array
-    force: Array
-
-    def added_to(self, work: StepWork) -> StepWork:
-        """Work of all terms of a step, from that of the elements."""
-        return replace(
-            work,
-            geometry=work.geometry + self.weight,
-            stabilisation=work.stabilisation + self.stabilisation,
-            walls=work.walls + self.walls,
-            wall_force=work.wall_force + self.wall_force,
-            slip=self,
-        )
-
-
-@dataclass(frozen=True)
-class StepWork:
-    """Work of the terms of the residual in a step, tested with displacements and pressures: see `work.step_work`.
-
-    Attributes:
-        viscous_dissipation: dt int 2 mu d : d [J, per metre of depth in 2-D, as all others].
-        viscous: work against the viscous stress.
-        geometry: work of pressure on the change of volume from the intermediate to the last positions, and of the
-            weight of volumes that what slides has moved.
-        stabilisation: loss by the stabilisation of pressure.
-        source: work of pressure on the prescribed growth.
-        walls: work of the walls' forces on the fluids.
-        friction_dissipation: by friction along walls that slip.
-        friction: work against that friction, relative to the walls.
-        wall_force: (d,) resultant of the walls' forces on the fluids [N].
-        slip: the parts of liquids that slide along each other; None where none do.
-    """
-
-    viscous_dissipation: float
-    viscous: float
-    geometry: float
-    stabilisation: float
-    source: float
-    walls: float
-    friction_dissipation: float
-    friction: float
-    wall_force: Array
-    slip: SlipWork | None = None
-
-    @property
-    def dissipated(self) -> float:
-        """By viscosity and by friction along walls [J, per metre of depth in 2-D]."""
-        return self.viscous_dissipation + self.friction_dissipation
-
-
-@dataclass(frozen=True)
 class Solved:
     """A solved step, before its particles are meshed anew.
 
@@ -255,6 +187,7 @@ class Solved:
         residual: norm of the scaled residual after Newton's method [spacings].
         pressure_jump: (F, N) as of `State`.
         bodies: those at the end of the step, on the particles of ``before``; None without any.
+        body_acceleration: (B, 3) a_alpha of those that float [m/s^2, m/s^2, rad/s^2]; None without bodies.
         uniform: whether ``force`` is the same everywhere and at all times, as gravity is.
         reactions: (W, d) force of the walls and bodies on each of their particles, at the intermediate time and at the
             level of pressure of the solve [N, per metre of depth in 2-D].
@@ -278,6 +211,7 @@ class Solved:
     residual: float
     pressure_jump: Array | None = None
     bodies: BodyStates | None = None
+    body_acceleration: Array | None = None
     uniform: bool = False
     reactions: Array = field(default_factory=lambda: np.zeros((0, 0)))
     level: float = 0.0
@@ -299,21 +233,13 @@ class Solved:
         return self.inertia + self.force
 
     @property
-    def body_acceleration(self) -> Array:
-        """(B, 3) a_alpha of the bodies [m/s^2, m/s^2, rad/s^2]."""
-        assert self.bodies is not None
-        assert self.before.bodies is not None
-        share = self.scheme.alpha_m
-        return np.asarray(share * self.before.bodies.acceleration + (1 - share) * self.bodies.acceleration)
-
-    @property
     def mesh(self) -> Mesh:
         """The mesh of ``before``, moved with the particles."""
         return self.before.mesh.moved(self.particles.position)
 
 
 def state_with_held_bodies(bodies: Sequence[Body], state: State) -> State:
-    """A state, with bodies that are in contact held; see `tipfem.walls.contacts.hold_contacts` for errors.
+    """A state, with bodies that are in contact held; see `tipfem.physics.bodies.contacts.hold_contacts` for errors.
 
     Args:
         bodies: of the case.

@@ -8,11 +8,12 @@ measured in turns, each time in a process of its own, so that a busy machine slo
 
 from __future__ import annotations
 
-import argparse
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
+
+from tipfem.demos import harness
+from tipfem.demos.support.options import Count, Several
 
 # Run in a process of its own; it uses only what every version of the package has.
 MEASURE = """
@@ -61,25 +62,32 @@ print("\\t".join(found))
 HEAD = "| code | particles | fluids | field and mesh | window moved | fluids | field and mesh | window moved |"
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--results", nargs="+", type=Path, required=True, help="results folders")
-    parser.add_argument("--against", type=Path, help="another checkout with its environment in .venv")
-    parser.add_argument("--repeats", type=int, default=10, help="pictures of each kind (default: 10)")
-    parser.add_argument("--rounds", type=int, default=2, help="turns of the two codes (default: 2)")
-    given = parser.parse_args(arguments)
+def main(
+    *,
+    results: Several[Path],
+    against: Path | None = None,
+    repeats: Count = 10,
+    rounds: Count = 2,
+) -> int:
+    """Measure and print the table.
+
+    Args:
+        results: results folders.
+        against: another checkout with its environment in .venv.
+        repeats: pictures of each kind.
+        rounds: turns of the two codes.
+    """
     codes = {"this": sys.executable}
-    if given.against is not None:
-        codes["other"] = str(given.against / ".venv" / "bin" / "python")
+    if against is not None:
+        codes["other"] = str(against / ".venv" / "bin" / "python")
     print("Milliseconds of CPU for a picture of 1280x720 with 2x2 samples a pixel, and with 1 (the least of all):\n")
     print(HEAD)
     print("|" + "---|" * (HEAD.count("|") - 1))
-    for folder in given.results:
+    for folder in results:
         rows: dict[str, list[str]] = {}
-        for _ in range(given.rounds):
+        for _ in range(rounds):
             for name, python in codes.items():
-                words = [python, "-c", MEASURE, str(folder.resolve()), str(given.repeats)]
+                words = [python, "-c", MEASURE, str(folder.resolve()), str(repeats)]
                 done = subprocess.run(words, capture_output=True, text=True, check=False, cwd="/")
                 if done.returncode:
                     print(done.stderr, file=sys.stderr)
@@ -96,4 +104,4 @@ def _number(text: str) -> float:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    harness.command(__name__)

@@ -11,7 +11,6 @@ Delaunay; for the memory a copy of as many bytes as a step must move.
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
@@ -23,7 +22,7 @@ import numpy as np
 from tipfem.demos import harness
 from tipfem.demos.benchmarks import cases, states
 from tipfem.demos.support.figures import new_figure, save
-from tipfem.demos.support.options import ShowDefaults
+from tipfem.demos.support.options import Arch, Count, Flag
 
 import tipfem as tp
 
@@ -40,53 +39,46 @@ MOST_HARD = 35  # of systems that are hard for multigrid
 MOST_GROWTH = 2.0  # of them, from the smallest size to the largest
 
 
-def worker(arguments: argparse.Namespace) -> None:
-    """Measure one size, and write the figures to a file."""
-    state = dict(np.load(arguments.worker))
-    for _ in range(arguments.refine):
-        state = states.refined(state)
-    tp.init(arch=arguments.arch, threads=arguments.threads if arguments.arch == "cpu" else None)
-    figures = cases.measure_steps(state, arguments.steps)
-    if arguments.solvers:
-        figures["solvers"] = cases.measure_solvers(state, direct=figures["particles"] <= DIRECT_LIMIT)
-    arguments.result.write_text(json.dumps(figures))
+def worker(state: str, refine: int, threads: int, arch: str, steps: int, result: str, solvers: bool) -> None:
+    """Measure one size, and write the figures to a file, in a process of its own.
+
+    Args:
+        state: the file of the coarser state.
+        refine: how often it is refined.
+        threads: of the CPU.
+        arch: where the kernels run.
+        steps: that are measured.
+        result: the file for the figures.
+        solvers: whether the rivals of the linear solver are measured, too.
+    """
+    fields = dict(np.load(state))
+    for _ in range(refine):
+        fields = states.refined(fields)
+    tp.init(arch=arch, threads=threads if arch == "cpu" else None)
+    figures = cases.measure_steps(fields, steps)
+    if solvers:
+        figures["solvers"] = cases.measure_solvers(fields, direct=figures["particles"] <= DIRECT_LIMIT)
+    Path(result).write_text(json.dumps(figures))
 
 
-def measure(arguments: argparse.Namespace) -> list[dict[str, Any]]:
+def measure(folder: Path, threads: int, steps: int, arch: str, *, short: bool) -> list[dict[str, Any]]:
     """All sizes, threads and devices, one process after the other; the figures of each."""
-    sizes, found = SHORT if arguments.short else SIZES, []
-    folder = arguments.out
+    sizes, found = SHORT if short else SIZES, []
     folder.mkdir(parents=True, exist_ok=True)
     for spacing in sorted({spacing for spacing, _ in sizes}, reverse=True):
         path = folder / f"state_{spacing * 1e3:g}mm.npz"
         if not path.exists():
             print(f"running the dam break at {spacing * 1e3:g} mm to t = {states.STATE_TIME:g} s", flush=True)
-            make = f"from tipfem.demos.benchmarks import states; states.make_state({str(path)!r}, {spacing!r})"
-            _python("-c", make)
-    jobs = [(size, arguments.threads, "cpu") for size in sizes]
+            _python(f"from tipfem.demos.benchmarks import states; states.make_state({str(path)!r}, {spacing!r})")
+    jobs = [(size, threads, "cpu") for size in sizes]
     jobs.insert(len(jobs) // 2 + 1, (sizes[len(sizes) // 2], 1, "cpu"))
-    if arguments.arch == "cuda":
-        jobs += [(size, 1, "cuda") for size in sizes]
-    for (spacing, refine), threads, arch in jobs:
-        result = folder / "worker.json"
-        _python(
-            "-m",
-            "tipfem.demos.benchmarks.performance",
-            "--worker",
-            str(folder / f"state_{spacing * 1e3:g}mm.npz"),
-            "--refine",
-            str(refine),
-            "--threads",
-            str(threads),
-            "--arch",
-            arch,
-            "--steps",
-            str(arguments.steps),
-            "--result",
-            str(result),
-            *(["--solvers"] if threads == arguments.threads and arch == "cpu" else []),
-        )
-        found.append({"threads": threads, "arch": arch, **json.loads(result.read_text())})
+    if arch != "cpu":
+        jobs += [(size, 1, arch) for size in sizes]
+    for (spacing, refine), many, where in jobs:
+        result, state = folder / "worker.json", folder / f"state_{spacing * 1e3:g}mm.npz"
+        words = (str(state), refine, many, where, steps, str(result), many == threads and where == "cpu")
+        _python(f"from tipfem.demos.benchmarks import performance; performance.worker(*{words!r})")
+        found.append({"threads": many, "arch": where, **json.loads(result.read_text())})
         result.unlink()
         print(
             f"{found[-1]['particles']} particles, {_where(found[-1])}: {found[-1]['step'] * 1e3:.0f} ms a step",
@@ -95,8 +87,8 @@ def measure(arguments: argparse.Namespace) -> list[dict[str, Any]]:
     return sorted(found, key=lambda figures: (figures["arch"], figures["threads"], figures["particles"]))
 
 
-def _python(*words: str) -> None:
-    if subprocess.run([sys.executable, *words], check=False).returncode:
+def _python(code: str) -> None:
+    if subprocess.run([sys.executable, "-c", code], check=False).returncode:
         harness.stop("a measurement failed; see its message above")
 
 
@@ -212,42 +204,33 @@ def check(found: Sequence[Mapping[str, Any]], hard: Mapping[str, tuple[int, int]
     return missed
 
 
-def main(words: Sequence[str] | None = None) -> None:
-    """Measure everything, or, as a worker, one size."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0], formatter_class=ShowDefaults)
-    add = parser.add_argument
-    add(
-        "--out",
-        type=Path,
-        default=Path("out/performance"),
-        metavar="FOLDER",
-        help="folder for tables and figures",
-    )
-    add("--threads", type=int, default=2, help="CPU threads; one more run takes one")
-    add("--steps", type=int, default=STEPS, help="time steps that are measured")
-    add("--arch", choices=["cpu", "cuda"], default="cpu", help="cuda (untried) measures a GPU as well")
-    add("--short", action="store_true", help="two small sizes only")
-    for name, kind in (("--worker", Path), ("--refine", int), ("--result", Path)):
-        add(name, type=kind, help=argparse.SUPPRESS)
-    add("--solvers", action="store_true", help=argparse.SUPPRESS)
-    arguments = parser.parse_args(words)
-    if arguments.steps < 1 or arguments.threads < 1:
-        harness.stop(f"--steps is {arguments.steps}, --threads {arguments.threads}; both must be >= 1")
-    if arguments.worker:
-        worker(arguments)
-        return
-    found = measure(arguments)
+def main(
+    *,
+    out: Path = Path("out/performance"),
+    threads: Count = 2,
+    steps: Count = STEPS,
+    arch: Arch = "cpu",
+    short: Flag = False,
+) -> int:
+    """Measure everything.
+
+    Args:
+        out: folder for tables and figures.
+        threads: CPU threads; one more run takes one.
+        steps: time steps that are measured.
+        arch: cuda or vulkan measure a GPU as well; both are untried.
+        short: two small sizes only.
+    """
+    found = measure(out, threads, steps, arch, short=short)
     tp.init()
-    hard = states.hard_systems(arguments.short)
+    hard = states.hard_systems(short)
     text, missed = table(found) + _hard(hard), check(found, hard)
-    (arguments.out / "performance.md").write_text(text)
-    (arguments.out / "performance.json").write_text(json.dumps(found, indent=1))
-    plot(arguments.out / "performance.png", found)
+    (out / "performance.md").write_text(text)
+    (out / "performance.json").write_text(json.dumps(found, indent=1))
+    plot(out / "performance.png", found)
     print(text)
-    print("check: " + ("; ".join(missed) if missed else "passed"))
-    if missed:
-        raise SystemExit(1)
+    return harness.conclude(out, missed)
 
 
 if __name__ == "__main__":
-    main()
+    harness.command(__name__)

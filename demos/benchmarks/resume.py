@@ -9,7 +9,6 @@ checkpoint, beyond the start of Taichi; and checkpoints, by what they take of th
 
 from __future__ import annotations
 
-import argparse
 import csv
 import random
 import shutil
@@ -18,14 +17,19 @@ import sys
 import time
 from pathlib import Path
 
+from tipfem.demos import harness
+from tipfem.demos.support.options import Count, Positive
+
+from tipfem.casefile.options import Whole
+
 TIMING = """
 import sys, time
 import tipfem as tp
-from tipfem.demos import harness
+from tipfem.demos.dam_break import main
 tp.init()
-case = harness.load("dam_break", spacing={spacing!r}).case
+case = main.prepared(spacing={spacing!r}).case
 from tipfem.demos.validation.dam_break.check import DamBreak
-import tipfem.simulation
+import tipfem.run.simulation
 begun = time.perf_counter()
 tp.Simulation(case)
 started = time.perf_counter()
@@ -34,20 +38,28 @@ print(started - begun, time.perf_counter() - started)
 """
 
 
-def main() -> int:
-    """Run the comparison; the exit status is 1 if a resumed run differs."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
-    parser.add_argument("--times", type=int, default=10, help="how many runs are killed")
-    parser.add_argument("--spacing", default="0.01", help="distance between particles [m]")
-    parser.add_argument("--end-time", default="0.3", help="simulated time to run to [s]")
-    parser.add_argument("--seed", type=int, default=0, help="of the random moments")
-    parser.add_argument("--out", type=Path, default=Path("out/resume"), help="folder for all runs")
-    given = parser.parse_args()
-    shutil.rmtree(given.out, ignore_errors=True)
-    moments = random.Random(given.seed)
-    options = ["--spacing", given.spacing, "--end-time", given.end_time, "--no-frames"]
+def main(
+    *,
+    times: Count = 10,
+    spacing: Positive = 0.01,
+    end_time: Positive = 0.3,
+    seed: Whole = 0,
+    out: Path = Path("out/resume"),
+) -> int:
+    """Run the comparison; the exit code is 1 if a resumed run differs.
 
-    whole = given.out / "whole"
+    Args:
+        times: how many runs are killed.
+        spacing: distance between particles [m].
+        end_time: simulated time to run to [s].
+        seed: of the random moments.
+        out: folder for all runs.
+    """
+    shutil.rmtree(out, ignore_errors=True)
+    moments = random.Random(seed)
+    options = ["--spacing", str(spacing), "--end-time", str(end_time), "--no-frames"]
+
+    whole = out / "whole"
     begun = time.perf_counter()
     start(whole, options).wait()
     seconds = time.perf_counter() - begun
@@ -56,25 +68,25 @@ def main() -> int:
     print(f"undisturbed: {len(rows) - 1} steps in {run:.1f} s, {seconds:.1f} s with its start")
 
     same = 0
-    for k in range(given.times):
-        out = given.out / f"killed_{k}"
-        process = start(out, options)
-        while not (out / "history.csv").exists() and process.poll() is None:
+    for k in range(times):
+        folder = out / f"killed_{k}"
+        process = start(folder, options)
+        while not (folder / "history.csv").exists() and process.poll() is None:
             time.sleep(0.05)
         time.sleep(moments.uniform(0.0, 0.95) * run)
         process.kill()
         process.wait()
-        steps = len(history(out)) - 1
-        code = start(out, [*options, "--resume"]).wait()
-        equal = code == 0 and history(out) == rows
+        steps = len(history(folder)) - 1
+        code = start(folder, [*options, "--resume"]).wait()
+        equal = code == 0 and history(folder) == rows
         same += equal
         print(f"killed after {steps} steps: {'the same to the bit' if equal else f'DIFFERS (exit code {code})'}")
-    code = TIMING.format(spacing=float(given.spacing))
-    done = subprocess.run([sys.executable, "-c", code, whole], capture_output=True, text=True, check=True)
+    timing = TIMING.format(spacing=spacing)
+    done = subprocess.run([sys.executable, "-c", timing, whole], capture_output=True, text=True, check=True)
     fresh, resumed = map(float, done.stdout.splitlines()[-1].split())
     print(f"resuming takes {resumed:.2f} s, a simulation at its start {fresh:.2f} s")
-    print(f"{same} of {given.times} the same to the bit")
-    return int(same < given.times)
+    print(f"{same} of {times} the same to the bit")
+    return int(same < times)
 
 
 def start(out: Path, words: list[str]) -> subprocess.Popen[str]:
@@ -96,4 +108,4 @@ def last_wall(out: Path) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    harness.command(__name__)

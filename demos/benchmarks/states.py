@@ -11,14 +11,18 @@ from numpy.typing import NDArray
 from tipfem.demos.validation.dam_break import case as dam_break
 
 import tipfem as tp
+from tipfem.case.boundary import Boundary
 from tipfem.case.fluid import ranks
 from tipfem.case.numerics import Numerics
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
+from tipfem.physics.term import ElementProperties
+from tipfem.physics.walls.step import FixedWalls
+from tipfem.physics.walls.term import WallTerm
 from tipfem.remesh.fitted import particle_fluid, with_fluids
-from tipfem.step.flow import ElementProperties, FlowProblem
 from tipfem.step.linear_system import Workspace
+from tipfem.step.problem import FlowProblem
 
 Array = NDArray[Any]
 STATE_TIME = 0.15  # [s], the water runs along the floor
@@ -156,7 +160,9 @@ def first_system(
     material = ElementProperties(density[mesh.fluid], viscosity[mesh.fluid], np.zeros(len(mesh.cells)))
     force = np.tile([0.0, -dam_break.GRAVITY], (len(particles), 1))
     scheme, stabilisation = GeneralizedAlpha(0.0, dt), Numerics().stabilisation
-    problem = FlowProblem(mesh, particles, material, scheme, force, stabilisation, workspace, jacobian=jacobian)
+    walls = WallTerm(FixedWalls(Boundary(particles, (), None), mesh, particles, scheme))
+    given = mesh, particles, material, scheme, force, stabilisation, workspace
+    problem = FlowProblem(*given, [walls], stores_rows=jacobian == "rows")
     x = problem.predict()
     problem.residual(x)
     return problem, x

@@ -8,17 +8,16 @@ python -m tipfem demo benchmarks/sweep
 
 from __future__ import annotations
 
-import argparse
 import csv
 import os
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 from tipfem.demos import harness
+from tipfem.demos.support.options import Positive
 
 ASKED = 0.6
 STUDY = """
@@ -64,23 +63,23 @@ def sweep(folder: Path, workers: int, spacing: float, end: float) -> tuple[float
     return taken, sum(float(row["wall_seconds"]) for row in rows)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run what the command line asks for; the exit status is 1 if two workers take too long."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
-    parser.add_argument("--spacing", type=harness.positive, default=0.02, help="between particles [m]")
-    parser.add_argument("--end-time", type=harness.positive, default=0.2, help="of each run [s]")
-    given = parser.parse_args(arguments)
+def main(*, spacing: Positive = 0.02, end_time: Positive = 0.2) -> int:
+    """Run the sweep with two workers and with one; the exit code is 1 if two workers take too long.
+
+    Args:
+        spacing: distance between particles [m].
+        end_time: simulated time of each run [s].
+    """
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
     with tempfile.TemporaryDirectory(prefix="tipfem-sweep-") as folder:
         taken = {}
         for workers in (2, 1):
-            taken[workers], own = sweep(Path(folder), workers, given.spacing, given.end_time)
+            taken[workers], own = sweep(Path(folder), workers, spacing, end_time)
             print(f"{workers} worker(s): {taken[workers]:.1f} s; the runs by their own clocks: {own:.1f} s")
     ratio = taken[2] / taken[1]
     print(f"two workers take {ratio:.2f} of the time of one (asked: below {ASKED}); load at the start {load:.1f}")
-    if not ratio < ASKED:
-        raise SystemExit(1)
+    return int(not ratio < ASKED)
 
 
 if __name__ == "__main__":
-    main()
+    harness.command(__name__)

@@ -8,14 +8,15 @@ work is part of what is measured. Each row is the middle of several tries.
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import statistics
 import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+from tipfem.demos import harness
+from tipfem.demos.support.options import Count, Several
 
 SIZE = {"width": 1600, "height": 900}
 READY = '.tipfem-viewer[data-moving="false"]'
@@ -76,20 +77,20 @@ def measure(page: Any, tries: int) -> list[str]:
     return [f"{rate:.1f}" for rate in rates[:2]] + [f"{time:.0f}" for time in rates[2:]]
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--results", nargs="+", type=Path, required=True, help="results folders")
-    parser.add_argument("--tries", type=int, default=20, help="keys pressed for each row (default: 20)")
-    given = parser.parse_args(arguments)
+def main(*, results: Several[Path], tries: Count = 20) -> int:
+    """Measure and print the table.
+
+    Args:
+        results: results folders.
+        tries: keys pressed for each row.
+    """
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
-        print("error: this needs playwright: pip install playwright", file=sys.stderr)
-        return 1
+        harness.stop("this needs playwright: pip install playwright")
     print("| results | shown | pictures/s, playing | pictures/s, zooming | key to screen, median [ms] | 90 % [ms] |")
     print("|---|---|---|---|---|---|")
-    for folder in given.results:
+    for folder in results:
         words = [sys.executable, "-m", "tipfem", "view", str(folder), "--port", "0", "--no-browser"]
         with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as viewer, sync_playwright() as driver:
             assert viewer.stdout is not None
@@ -103,7 +104,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                     page.keyboard.press(key)
                 page.keyboard.press(">")  # about 50 stored times a second
                 page.wait_for_timeout(4000)  # the ranges are known, and all kernels compiled
-                print(f"| {folder.name} | {name} | " + " | ".join(measure(page, given.tries)) + " |", flush=True)
+                print(f"| {folder.name} | {name} | " + " | ".join(measure(page, tries)) + " |", flush=True)
                 page.keyboard.press("<")
             browser.close()
             viewer.terminate()
@@ -111,4 +112,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    harness.command(__name__)

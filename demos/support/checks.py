@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -63,7 +62,7 @@ class DropSinks(harness.Check):
         """Height of the drop's centre of mass [m]."""
         return {"centre_height": lambda simulation: mean_height(simulation, 0)}
 
-    def begin(self, simulation: tp.Simulation, options: argparse.Namespace) -> None:
+    def begin(self, simulation: tp.Simulation, options: harness.Options) -> None:
         """Keep the volumes at the start."""
         self.start = {fluid.name: simulation.volume(fluid.name) for fluid in simulation.case.fluids}
 
@@ -86,7 +85,7 @@ class DropSinks(harness.Check):
             "dry": float(volume[height > self.depth].sum() / volume.sum()),
         }
 
-    def missed(self, figures: Mapping[str, float], options: argparse.Namespace) -> list[str]:
+    def missed(self, figures: Mapping[str, float], options: harness.Options) -> list[str]:
         """What a run misses of what is expected of it; where the drop is counts once it had time to sink."""
         limits = {name: LARGEST_DROP_VOLUME_ERROR for name in figures if name.startswith("volume_error_")}
         limits["largest_speed"] = LARGEST_SPEED
@@ -94,7 +93,7 @@ class DropSinks(harness.Check):
             limits |= {"centre": HIGHEST_CENTRE, "dry": LARGEST_DRY}
         return harness.above(figures, limits)
 
-    def plot(self, simulation: tp.Simulation, figures: Mapping[str, float], options: argparse.Namespace) -> None:
+    def plot(self, simulation: tp.Simulation, figures: Mapping[str, float], options: harness.Options) -> None:
         """drop.png: height of the drop's centre over time, and the change of each fluid's volume."""
         history = simulation.history
         figure = new_figure(11.0, 4.6, dpi=130)
@@ -158,7 +157,7 @@ class OilStaysOnTop(harness.Check):
         against = front_figures(history)
         return figures | {name: against[name] for name in ("front_rms", "front_shift") if name in against}
 
-    def missed(self, figures: Mapping[str, float], options: argparse.Namespace) -> list[str]:
+    def missed(self, figures: Mapping[str, float], options: harness.Options) -> list[str]:
         """What a run misses of what is expected of it."""
         largest = LARGEST_OIL_VOLUME_ERROR if options.spacing <= 1.01 * FINE else LARGEST_COARSE_OIL_VOLUME_ERROR
         limits = {
@@ -172,7 +171,7 @@ class OilStaysOnTop(harness.Check):
             missed.append(f"oil_over_water is {figures['oil_over_water']:.4f} m: the oil has sunk")
         return missed
 
-    def plot(self, simulation: tp.Simulation, figures: Mapping[str, float], options: argparse.Namespace) -> None:
+    def plot(self, simulation: tp.Simulation, figures: Mapping[str, float], options: harness.Options) -> None:
         """heights.png: the mean heights of both fluids over time."""
         time, water, oil = (
             np.array([row[name] for row in simulation.history]) for name in ("time", "water_height", "oil_height")

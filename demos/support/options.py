@@ -1,33 +1,65 @@
-"""Options that several studies have in common."""
+"""Types of the demos' options: what is said on the command line is checked before anything is computed."""
 
-import argparse
-from collections.abc import Iterable, Sequence
-from pathlib import Path
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal, TypeVar
+
+from cyclopts import Parameter
+
+from tipfem.casefile.options import Flag as Flag
+
+T = TypeVar("T")
 
 
-class ShowDefaults(argparse.ArgumentDefaultsHelpFormatter):
-    """Help that states defaults, where there are any: None, False and nothing are not stated."""
+def positive(text: str) -> float:
+    """A number > 0 from the command line.
 
-    def _get_help_string(self, action: argparse.Action) -> str | None:
-        stated = action.default is not None and action.default is not False and action.default != []
-        return super()._get_help_string(action) if stated else action.help
-
-
-def study_parser(
-    document: str | None, name: str, flows: Iterable[str], across: Sequence[int] | None, what: str
-) -> argparse.ArgumentParser:
-    """The parser of a study of several flows at several resolutions, with --flow, --across and --out.
-
-    Args:
-        document: the study's docstring, whose first paragraph is the description.
-        name: of the study, and of its folder in out/validation.
-        flows: their names, all of which are run by default.
-        across: default resolutions; None where each flow has its own.
-        what: a resolution is.
+    Raises:
+        ValueError: it is none.
     """
-    parser = argparse.ArgumentParser(description=(document or "").split("\n\n")[0], formatter_class=ShowDefaults)
-    names, out = list(flows), Path("out/validation") / name
-    parser.add_argument("--flow", choices=names, nargs="+", default=names, help="which flows")
-    parser.add_argument("--across", type=int, nargs="+", default=across, metavar="N", help=what)
-    parser.add_argument("--out", type=Path, default=out, metavar="FOLDER", help="folder for the results")
-    return parser
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value > 0):
+        raise ValueError(f"{text!r} is not a number > 0")
+    return value
+
+
+def count(text: str) -> int:
+    """A whole number > 0 from the command line.
+
+    Raises:
+        ValueError: it is none.
+    """
+    if not text.isdecimal() or int(text) < 1:
+        raise ValueError(f"{text!r} is not a whole number > 0")
+    return int(text)
+
+
+def _positive(_type: Any, tokens: Sequence[Any]) -> float:
+    return positive(tokens[0].value)
+
+
+def _positives(_type: Any, tokens: Sequence[Any]) -> tuple[float, ...]:
+    return tuple(positive(token.value) for token in tokens)
+
+
+def _count(_type: Any, tokens: Sequence[Any]) -> int:
+    return count(tokens[0].value)
+
+
+def _counts(_type: Any, tokens: Sequence[Any]) -> tuple[int, ...]:
+    return tuple(count(token.value) for token in tokens)
+
+
+Positive = Annotated[float, Parameter(converter=_positive)]
+Count = Annotated[int, Parameter(converter=_count)]
+# One or more values after one option: --across 20 40.
+Several = Annotated[tuple[T, ...], Parameter(consume_multiple=(1, None), negative=())]
+Positives = Annotated[tuple[float, ...], Parameter(converter=_positives, consume_multiple=(1, None), negative=())]
+Counts = Annotated[tuple[int, ...], Parameter(converter=_counts, consume_multiple=(1, None), negative=())]
+Arch = Literal["cpu", "cuda", "vulkan"]
+Rule = Literal["sharp", "interpolated"]  # of the interface between two fluids

@@ -104,7 +104,7 @@ def test_messages_of_taichi_say_file_line_and_kernel(tmp_path):
 
 
 def test_sources_are_found_as_python_finds_them():
-    importlib.import_module("tipfem.simulation")  # which imports most of the kernels
+    importlib.import_module("tipfem.run.simulation")  # which imports most of the kernels
     found = 0
     for module in [m for name, m in sys.modules.items() if name.startswith("tipfem.")]:
         for value in vars(module).values():

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+import tipfem as tp
 from tipfem.case.body import Body, polygon_moments
 from tipfem.case.walls import Motion
 
@@ -54,14 +55,14 @@ def test_a_prescribed_motion_has_its_derivatives() -> None:
     [
         ({"shape": ((0, 0), (1, 0))}, "it needs 3 or more"),
         ({"shape": ((0, 0), (1, 0), (2, 0))}, "has no area"),
-        ({"density": -1.0}, "density is -1.0; it must be > 0"),
+        ({"density": -1.0}, "density is -1.0 kg/m\\^3; it must be a number > 0"),
         ({"density": 1.0, "mass": 1.0}, "give one of the two"),
-        ({"density": 1.0, "motion": Motion(angle=lambda t: t)}, "give one of them"),
+        ({"density": 1.0, "motion": Motion(angle=lambda t: t)}, "give one$"),
         ({"density": 1.0, "free": ("z",)}, "it must be some of"),
         ({"density": 1.0, "free": ("x",), "hinge": (0, 0)}, "free in angle only"),
-        ({"density": 1.0, "free": ("x",), "velocity": (0, 1)}, "in which it is not free"),
+        ({"density": 1.0, "free": ("x",), "velocity": (0, 1)}, "in which the body is not free"),
         ({"stiffness": (1, 0, 0)}, "only a body that floats"),
-        ({"density": 1.0, "damping": (-1, 0, 0)}, "must not be negative"),
+        ({"density": 1.0, "damping": (-1, 0, 0)}, "a list of 3 numbers >= 0"),
         ({"contact": "bounce"}, "it must be one of"),
         ({"name": ""}, "non-empty string"),
     ],
@@ -69,3 +70,17 @@ def test_a_prescribed_motion_has_its_derivatives() -> None:
 def test_errors_name_what_is_wrong(given: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Body(**{"shape": BOX, **given})  # type: ignore[arg-type]
+
+
+def test_a_body_has_no_name_of_a_column_of_the_walls():
+    with pytest.raises(ValueError, match=r"name is 'wall', under which .* has the forces on the walls"):
+        Body([(0, 0), (1, 0), (1, 1)], name="wall")
+
+
+@pytest.mark.parametrize("radii", [(0.3, 1.0), (1.0, 0.3)])
+def test_a_body_inside_another_is_refused(radii, water):
+    tank = tp.tank((4, 4), 0.1).fill(water)
+    for name, radius in zip("ab", radii, strict=True):
+        tank.add(Body(tp.shapes.circle((2, 2), radius), name=name))
+    with pytest.raises(ValueError, match="body 'b': it is on, or on the wrong side of, body 'a'"):
+        tp.Case(tank, [water], (0, -9.81))

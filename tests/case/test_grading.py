@@ -15,7 +15,8 @@ import tipfem as tp
 from tipfem.backend.launch import launch
 from tipfem.case.grading import Grading, limit_gradation_at_points, thinned
 from tipfem.case.numerics import FittedRule
-from tipfem.case.period import no_period
+from tipfem.geometry.box_points import BoxPoints
+from tipfem.geometry.period import no_period
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
@@ -39,12 +40,12 @@ def column(grading=GRADING, **options) -> tp.Case:
     ("make", "words"),
     [
         (lambda: Grading(0.01), ["largest is 0.01", "{'air': 0.01}"]),
-        (lambda: Grading({"air": -1}), ["'air' is -1 m", "> 0"]),
-        (lambda: Grading({"air": 1}, growth=2), ["growth is 2", "between 0.02 and 0.5"]),
+        (lambda: Grading({"air": -1}), ["air is -1 m", "> 0"]),
+        (lambda: Grading({"air": 1}, growth=2), ["growth is 2", "from 0.02 to 0.5"]),
         (lambda: Grading(where=3), ["where is 3", "function of positions"]),
         (lambda: column(Grading({"oil": 0.1})), ["'oil'", "['water', 'air']"]),
-        (lambda: column(Grading({"air": 0.01})), ["'air' is 0.01 m", "below the spacing of 0.02 m"]),
-        (lambda: Grading({"air": float("inf")}), ["'air' is inf", "finite number > 0"]),
+        (lambda: column(Grading({"air": 0.01})), ["air is 0.01 m", "below the spacing of 0.02 m"]),
+        (lambda: Grading({"air": float("inf")}), ["air is inf", "finite number > 0"]),
         (lambda: column(0.1), ["grading is 0.1", "must be a Grading"]),
         (lambda: column(free_surface=True), ["no grading with a free surface"]),
         (lambda: column(interface="interpolated"), ["grading", "'sharp'"]),
@@ -125,8 +126,9 @@ def test_a_function_of_places_refines_there():
 def test_without_a_larger_target_nothing_is_thinned():
     even = column(Grading()).particles
     assert len(even) == len(column(None).particles)
-    position = np.stack(np.meshgrid(np.arange(5.0), np.arange(5.0), indexing="ij"), axis=-1).reshape(-1, 2)
-    kept = thinned(Grading({"air": 2.0}), position, (5, 5), np.zeros(25, dtype=int), [AIR], 1.0)
+    points = BoxPoints.of(np.array([4.0, 4.0]), 1.0, [set(), set()], no_period(2), None, fitted=False)
+    fluid = np.zeros(25, dtype=int)
+    kept = thinned(Grading({"air": 2.0}), points, fluid, lambda x: np.zeros(len(x), dtype=int), [AIR], 1.0)
     assert kept.sum() == 9
 
 

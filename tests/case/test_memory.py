@@ -33,9 +33,8 @@ def test_what_it_names_as_right_is_right(gigabyte):
 
 @pytest.mark.parametrize("place", [{"size": (1.0, 1.0)}, {"shape": [(0, 0), (1, 0), (1, 1)]}])
 def test_python_and_case_files_refuse_it_at_once(place, gigabyte):
-    tank = tp.tank(**place, spacing=1e-5).fill(WATER)
     with pytest.raises(ValueError, match=r"tank: spacing is 1e-05 m, which makes about \d"):
-        tp.Case(tank, [WATER], (0, -9.81))
+        tp.tank(**place, spacing=1e-5)
     inside = "size = [1, 1]" if "size" in place else "shape = {corners = [[0, 0], [1, 0], [1, 1]]}"
     text = f"""
 gravity = [0, -9.81]
@@ -52,3 +51,12 @@ spacing = 1e-5
 
 def test_the_memory_of_this_machine_is_known():
     assert 1e7 < memory.available_memory() < 1e14
+
+
+@pytest.mark.parametrize("given", [{"size": (1, 1)}, {"shape": tp.shapes.circle((0, 0), 1.0)}, {"size": (1, 1, 1)}])
+@pytest.mark.parametrize("spacing", [1e-300, 1e-9])
+def test_a_spacing_of_almost_nothing_is_refused_before_any_time_is_spent(given, spacing):
+    with pytest.raises(
+        ValueError, match=rf"tank: spacing is {spacing:g} m, (which makes about .* particles|far too small)"
+    ):
+        tp.tank(**given, spacing=spacing)

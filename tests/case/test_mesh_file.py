@@ -114,6 +114,26 @@ def test_formats_without_names_take_numbers(tmp_path, water):
     assert tank.sample([water]).wall.tolist() == [True] * 4 + [False]
 
 
+def square(tmp_path, *more):
+    """A unit square of four triangles, with walls all around, and further blocks of cells: kind, cells, group."""
+    x = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.5, 0]], dtype=float)
+    triangles, lines = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]], [[0, 1], [1, 2], [2, 3], [3, 0]]
+    blocks = [("triangle", triangles, 7), ("line", lines, 1), *more]
+    cells = [(kind, np.array(cells)) for kind, cells, _ in blocks]
+    tags = [np.full(len(cells), tag) for _, cells, tag in blocks]
+    meshio.Mesh(x, cells, cell_data={"medit:ref": tags}).write(tmp_path / "tank.mesh")
+    return tmp_path / "tank.mesh"
+
+
+def test_quadrilaterals_and_curves_inside_the_fluids_are_refused(tmp_path):
+    names = {"fluids": {7: "water"}, "walls": {1: "rim", 2: "baffle"}}
+    with pytest.raises(ValueError, match="cells beside triangles with three corners, 1 of type 'quad'"):
+        tp.read_mesh(square(tmp_path, ("quad", [[0, 1, 2, 3]], 7)), 0.5, **names)
+    with pytest.raises(ValueError, match=r"the curve 'baffle' is inside the fluids, at \[0.25, 0.25\]"):
+        tp.read_mesh(square(tmp_path, ("line", [[0, 4]], 2)), 0.5, **names)
+    assert tp.read_mesh(square(tmp_path), 0.5, **names).sides == ("rim",)
+
+
 def test_files_that_cannot_be_read_are_refused(tmp_path):
     with pytest.raises(ValueError, match="there is no such file"):
         tp.read_mesh(tmp_path / "nothing.msh")

@@ -1,4 +1,4 @@
-"""tipfem/case/shaped_tank.py and domain.py: tanks of any shape, their particles and first meshes."""
+"""tipfem/case/tank.py and tipfem/geometry: tanks of any shape, their particles and first meshes."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem.case.domain import domain_of
+from tipfem.geometry.domain import domain_of
 from tipfem.mesh.delaunay import triangulate
 
 BLOCK = [(0, 0), (0.292, 0), (0.292, 0.048), (0.316, 0.048), (0.316, 0), (0.584, 0), (0.584, 0.584), (0, 0.584)]
 BOWL = tp.shapes.polygon([(-1, 0), tp.shapes.arc((0, 0)), (1, 0), (1, 0.5), (-1, 0.5)], names=["bowl", "r", "t", "l"])
 RING = tp.shapes.circle((0, 0), 1.0, name="outer", holes=[tp.shapes.circle((0, 0), 0.5, name="inner")])
+RIM = [(np.cos(t), np.sin(t)) for t in 2 * np.pi * np.arange(2000) / 2000]
 SHAPES = {
     "block": (BLOCK, 0.0125),
     "bowl": (BOWL, 0.08),
@@ -29,7 +30,9 @@ def sampled(name: str, water: tp.Fluid, **options):
     shape, h = SHAPES[name]
     tank = tp.tank(shape=shape, spacing=h).fill(water)
     particles = tank.sample([water], **options)
-    mesh = triangulate(particles.position, particles.wall, h, tank.domain.edges_of(particles))
+    mesh = triangulate(
+        particles.position, particles.wall, h, tank.domain.edges_of(particles.position, particles.wall, h)
+    )
     return tank, particles, mesh
 
 
@@ -42,7 +45,7 @@ def test_the_first_mesh_has_every_edge_of_the_boundary_and_fills_the_domain(name
     assert mesh.used.all()
     cell, i = np.nonzero(mesh.neighbours < 0)
     found = {*zip(mesh.cells[cell, (i + 1) % 3].tolist(), mesh.cells[cell, (i + 2) % 3].tolist(), strict=True)}
-    assert found == {*map(tuple, tank.domain.edges_of(particles).tolist())}
+    assert found == {*map(tuple, tank.domain.edges_of(particles.position, particles.wall, h).tolist())}
     # Good triangles: no angle below 15 degrees, and no edge much longer than the spacing.
     side = mesh.position[mesh.cells] - np.roll(mesh.position[mesh.cells], 1, axis=1)
     length = np.linalg.norm(side, axis=2)
@@ -65,7 +68,9 @@ def test_a_grading_thins_out_the_first_mesh_inside_and_along_straight_walls(name
     every = tank.sample([water], fitted=True)
     particles = tank.sample([water], fitted=True, grading=tp.Grading(where=where))
     assert len(particles) < 0.7 * len(every)
-    mesh = triangulate(particles.position, particles.wall, h, tank.domain.edges_of(particles))
+    mesh = triangulate(
+        particles.position, particles.wall, h, tank.domain.edges_of(particles.position, particles.wall, h)
+    )
     assert mesh.measure.sum() == pytest.approx(tank.domain.area, rel=1e-12)
     assert mesh.used.all()
     side = mesh.position[mesh.cells] - np.roll(mesh.position[mesh.cells], 1, axis=1)
@@ -157,6 +162,7 @@ def test_a_polygon_of_shapely_is_taken_with_its_holes():
         ([(0, 0), (1, 0), (math.cos(0.4), math.sin(0.4))], "an angle of 22.9 degrees"),
         ([(0, 0), (1, 0), (1, 0.3), (0.6, 0.3), (0.6, 1), (0.5, 1), (0.5, 0.3), (0, 0.3)], r"0.1 m wide, 2 spacings"),
         ([(0, 0), (1, 0), float("nan")], "corner 2 is nan"),
+        (RIM, r"most of its 2000 corners are closer to the next than 0.2 spacings.*join them by arcs"),
         (
             tp.shapes.circle((0, 0), 1.0, holes=[tp.shapes.circle((0.4, 0), 0.5, name="inner")]),
             r"at \[.*\] is 0.1 m wide, 2 spacings",
@@ -171,6 +177,10 @@ def test_bad_shapes_are_refused_with_their_place(shape, message):
 def test_holes_and_arcs_that_do_not_fit_are_refused():
     with pytest.raises(ValueError, match=r"the hole at \[3.0, 0.0\] is not inside"):
         tp.shapes.polygon([(0, 0), (1, 0), (1, 1)], holes=[[(3, 0), (4, 0), (4, 1)]])
+    with pytest.raises(ValueError, match=r"the hole at \[1.5, 1.5\] is inside another hole"):
+        tp.shapes.rectangle((0, 0), (4, 4), holes=[[(1, 1), (3, 1), (3, 3), (1, 3)], [(1.5, 1.5), (2, 1.5), (2, 2)]])
+    with pytest.raises(ValueError, match=r"1e\+14 m from the origin .* too few digits"):
+        tp.shapes.rectangle((1e14, 0), (1e14 + 1, 1))
     with pytest.raises(ValueError, match="crosses or touches"):
         tp.shapes.circle((0, 0), 1.0, holes=[[(0.5, 0), (4, 0), (4, 1)]])
     with pytest.raises(ValueError, match="1 m from the one and 2 m from the other"):
@@ -181,6 +191,25 @@ def test_holes_and_arcs_that_do_not_fit_are_refused():
         tp.tank((1, 1), 0.1, shape=BLOCK)
     with pytest.raises(ValueError, match="spacing is None m; it must be > 0"):
         tp.tank(shape=BLOCK)
+
+
+@pytest.mark.parametrize("tank", ["box", "polygon", "circle"])
+def test_a_shape_that_touches_walls_fills_all_of_what_it_encloses(tank, water, air):
+    """The outline runs along walls, at round-off, and through the tank; the volume is that of the shape."""
+    if tank == "box":
+        tank, shape, area = tp.tank((1, 1), 0.05), [(0, 0), (0.5, 0), (0.5, 0.6), (0, 0.6)], 0.3
+    elif tank == "polygon":
+        outline = [(0, 0.3), (0.7, 0.1), (1, 0.1), (1, 0.8), (0, 0.8)]
+        tank, shape, area = tp.tank(shape=outline, spacing=0.05), [*outline[:3], (1, 0.5), (0, 0.5)], 0.33
+    else:
+        half = tp.shapes.polygon([(-1, 0), tp.shapes.arc((0, 0)), (1, 0)])
+        tank, shape, area = tp.tank(shape=tp.shapes.circle((0, 0), 1.0), spacing=0.06), half, None
+    case = tp.Case(tank.fill(air).fill(water, shape=shape), [water, air], (0, -9.81))
+    simulation = tp.Simulation(case)
+    if area is None:  # the halves of a polygon with an odd number of corners differ a little
+        assert simulation.volume("water") == pytest.approx(0.5 * case.domain.area, rel=1e-4)
+    else:
+        assert simulation.volume("water") == pytest.approx(area, rel=1e-9)
 
 
 @pytest.mark.parametrize("level", [-0.13, 0.21, 0.5])

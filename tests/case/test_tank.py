@@ -1,4 +1,4 @@
-"""tipfem/geometry.py: tanks sampled by particles; volumes, walls, jitter, and what is refused."""
+"""tipfem/case/tank.py: tanks sampled by particles; volumes, walls, jitter, and what is refused."""
 
 from __future__ import annotations
 

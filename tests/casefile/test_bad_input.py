@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from tipfem.casefile.commands import main
+from tipfem.app.commands import main
 from tipfem.casefile.loading import read_case
 from tipfem.casefile.problems import CaseFileError
 
@@ -251,21 +251,23 @@ MISTAKES = {
     "rules that undo each other": (
         "largest_move = 0.5",
         "relocation.long_edge = 0.9",
-        "numerics.relocation",
-        "long_edge 0.9 is below twice too_close",
+        "numerics.relocation.long_edge",
+        "is 0.9, below twice too_close",
     ),
     "no end": ("end = 1.0", "", "time.end", "missing", "a number > 0 in s"),
     "negative end": ("end = 1.0", "end = -1.0", "time.end", "-1.0 s", "> 0"),
     "end as date": ("end = 1.0", "end = 2024-01-01", "time.end", "a number > 0"),
     "largest step zero": ("largest_step = 1e-3", "largest_step = 0", "time.largest_step", "0 s", "> 0"),
     "outputs closer than steps": ("interval = 0.1", "interval = 1e-6", "output.interval", "1e-06 s", "0.001 s"),
+    "unknown kind of fields": ("interval = 0.1", 'fields = "hdf"', "output.fields", "'hdf'", "'vtu', 'vtkhdf', 'both'"),
+    "compression out of range": ("interval = 0.1", "compression = 10", "output.compression", "10", "from 0 to 9"),
     "folder without a name": ("interval = 0.1", 'folder = ""', "output.folder", "''", "not empty"),
     "probe of no type": ('type = "wave gauge"', "", "probes[0].type", "missing", "'wave gauge'"),
     "probe of unknown type": ('"wave gauge"', '"wave gage"', "probes[0].type", "did you mean 'wave gauge'?"),
     "probe without a name": ('name = "gauge"', "", "probes[0].name", "missing"),
     "probe whose name is a path": ('"gauge"', '"../gauge"', "probes[0].name", "'../gauge'", "letters, digits"),
     "probe outside": ("x = 0.15", "x = 3", "probes[0].x", "is 3.0 m", "between 0 and 0.3 m"),
-    "probe without its place": ("x = 0.15", "", "probes[0].x", "missing", "'wave gauge' needs it"),
+    "probe without its place": ("x = 0.15", "", "probes[0].x", "missing", "a number in m: place of the line"),
     "probe with a foreign key": ("x = 0.15", "x = 0.15\naxis = 0", "probes[0].axis", "is no key of", "x, fluid"),
     "probe with a misspelt key": ("x = 0.15", "x = 0.15\nintervall = 1", "probes[0].intervall", "'interval'?"),
     "probe of no fluid": ('x = 0.15\nfluid = "water"', 'x = 0.15\nfluid = "oil"', "probes[0].fluid", "'oil'", "'air'"),
@@ -279,7 +281,7 @@ MISTAKES = {
     "probe at no wall": (
         "[checkpoint]",
         '[[probes]]\ntype = "wall force"\nname = "f"\nwall = "lid"\n[checkpoint]',
-        "probes[1]",
+        "probes[1].wall",
         "no wall 'lid'",
     ),
     "filter without a time": (
@@ -292,7 +294,7 @@ MISTAKES = {
         "[checkpoint]",
         '[[probes]]\ntype = "energy"\nname = "e"\nimpulse = true\n[checkpoint]',
         "probes[1].impulse",
-        "no key of the probe type 'energy'",
+        "no key of the type 'energy'; its keys are type, name, interval",
     ),
     "probe of an unknown quantity": (
         "[checkpoint]",

@@ -52,7 +52,7 @@ def test_bodies_are_read_and_written_back(tmp_path):
         ("[[bodies]]\ndensity = 1.0\n", "bodies.*has no shape; give one of box, disc, polygon"),
         (LOG + LOG, "log.*as that of another body"),
         (LOG.replace("500.0", "-1.0"), "density"),
-        (LOG + "mass = 1.0\n", "density and mass are both given"),
+        (LOG + "mass = 1.0\n", "mass is given beside density"),
         (GATE.replace("[0.0, 0.1]", "0.1"), "it must be 2 numbers"),
         (LOG.replace("[0.3, 0.5]", "[0.0, 0.5]"), "must be inside the tank"),
     ],

@@ -90,7 +90,7 @@ def test_new_names_in_overrides_stay_possible():
 
 
 def test_python_says_what_is_right():
-    with pytest.raises(ValueError, match="density is '1000', a text; it must be a number, without quotes"):
+    with pytest.raises(ValueError, match=r"density is '1000', a text; it must be a number > 0 .*, without quotes"):
         tp.Fluid("water", density="1000", viscosity=1e-3)
     with pytest.raises(TypeError, match=r"positional arguments; say tank\(size=\(0.584, 0.584\), spacing=0.02\)"):
         tp.tank(0.584, 0.584, 0.02)

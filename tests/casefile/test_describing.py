@@ -1,5 +1,10 @@
 """A case written to a case file and read back has bitwise the same particles, and does the same."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -205,3 +210,40 @@ def test_probes_and_checkpoints_are_kept(tmp_path):
     assert "probes.mine: a class of Python's" in described.missing[0]
     with pytest.raises(tp.CaseFileError, match=r"probes\[0\].type"):
         read_case(described.text, "case.toml")
+
+
+def test_a_case_file_is_replaced_in_one_piece(tmp_path, monkeypatch):
+    """What cannot be written leaves the file that was there."""
+    write_case(tmp_path / "case.toml", two_layers(), 1.0)
+    before = (tmp_path / "case.toml").read_bytes()
+
+    def full(self, data):
+        with open(self, "wb") as file:
+            file.write(data[:100])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(OSError, match="No space"):
+        write_case(tmp_path / "case.toml", two_layers(), 2.0)
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("case.toml", before)]
+
+
+IN_A_C_LOCALE = """
+import sys
+import tipfem as tp
+tp.init()
+water = tp.Fluid("water", density=1000.0, viscosity=1.0)
+case = tp.Case(tp.tank((0.4, 0.4), 0.1).fill(water), [water], (0, -9.81), title="l\\u00e4ufe")
+tp.Simulation(case, sys.argv[1]).run(0.01, progress=False)
+"""
+
+
+def test_in_a_c_locale_a_run_leaves_its_case_in_utf_8(tmp_path):
+    """In a folder whose name is not ASCII, which Python does not decode there."""
+    out = tmp_path / "läufe"
+    plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    words = [sys.executable, "-c", IN_A_C_LOCALE, str(out)]
+    done = subprocess.run(words, env=os.environ | plain, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    file = tp.load_case(out / "case.toml")
+    assert (file.folder, file.case().title) == (out, "läufe")

@@ -8,7 +8,7 @@ import pytest
 from demo_runs import DEMOS
 
 import tipfem as tp
-from tipfem.casefile.commands import main
+from tipfem.app.commands import main
 from tipfem.casefile.hints import hints, scales
 
 CASE = str(DEMOS / "cases" / "dam_break.toml")

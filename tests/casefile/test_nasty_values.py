@@ -56,3 +56,71 @@ def test_nasty_values_end_in_a_case_or_one_report(seed):
         text = "\n".join(f"{_key(key)} = {toml_value(value)}" for key, value in data.items())
         with contextlib.suppress(CaseFileError):  # any other error fails the test
             read_case(text, "case.toml").case()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("end = 1.0", "end = " + "[" * 5000 + "]" * 5000, "nested more than 20 deep"),
+        ("end = 1.0", "end = " + "{a = " * 900 + "1" + "}" * 900, "nested more than 20 deep"),
+        ("[time]", "[" + ".".join("a" * 5000) + "]\nb = 1\n[time]", "nested more than 20 deep"),
+        ("998.2", "9" * 5000, "case.toml:6: this is not valid TOML: a number has thousands of digits"),
+        ("998.2", "9" * 400, "case.toml:6: fluids.water.density is 9999"),
+        ("spacing = 0.02", "spacing = 1e-300", "tank.spacing is 1e-300 m, far too small"),
+        ("size = [0.3, 0.2]", "size = [1e300, 1e300]", "tank.spacing is 0.02 m, far too small"),
+    ],
+)
+def test_what_is_beyond_all_bounds_is_refused(old, new, message):
+    with pytest.raises(CaseFileError) as error:
+        read_case(GOOD.replace(old, new, 1), "case.toml").case()
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize("text", ["tank.spacing=" + "[" * 5000, ".".join("a" * 5000) + "=1"])
+def test_overrides_beyond_all_bounds_are_refused(text):
+    with pytest.raises(CaseFileError):
+        read_case(GOOD, "case.toml", overrides=[text])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "title =",
+            "turbulence = 'k-epsilon'\ntitle =",
+            "case.toml:1: turbulence is nothing that tipfem has: there is no",
+        ),
+        (
+            "spacing = 0.02",
+            "spacing = 0.02\nstl = 'a.stl'",
+            "case.toml:16: tank.stl is nothing that tipfem has: a case file",
+        ),
+        ("[walls.top]", "[walls.inlet]", "case.toml:24: walls.inlet is nothing that tipfem has: no fluid enters"),
+        (
+            "density = 998.2",
+            "density = 998.2\nsurface-tension = 0.07",
+            "water.surface-tension is nothing that tipfem has",
+        ),
+        ("[[probes]]", "[gate]\n[[probes]]", "gate is nothing that tipfem has: no wall opens"),
+        (
+            "density = 998.2",
+            "density = 998.2\ntemperature = 20",
+            "water.temperature is nothing that tipfem has: there is no",
+        ),
+    ],
+)
+def test_what_tipfem_does_not_have_is_said(old, new, message):
+    with pytest.raises(CaseFileError, match="What it cannot do") as error:
+        read_case(GOOD.replace(old, new, 1), "case.toml")
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize("old", ['interface = "sharp"', "free_surface = true"])
+def test_a_contradiction_has_its_line_and_the_words_of_the_file(old):
+    new = "free_surface = true" if "free" in old else 'interface = "interpolated"'
+    text = GOOD.replace('interface = "sharp"', new, 1).replace("[grading]\nlargest = { air = 0.04 }\n", "")
+    with pytest.raises(CaseFileError) as error:
+        read_case(text.replace("largest_move = 0.5", 'pressure = "two-sided"'), "case.toml").case()
+    (problem,) = error.value.problems
+    assert str(problem).startswith("case.toml:29: numerics.pressure is 'two-sided'; ")
+    assert "Numerics(" not in str(problem)

@@ -13,7 +13,7 @@ import pytest
 from demo_runs import DEMOS, called
 
 import tipfem as tp
-from tipfem.casefile.commands import main
+from tipfem.app.commands import main
 from tipfem.errors import CheckpointError
 
 CASE = str(DEMOS / "cases" / "dam_break.toml")
@@ -81,7 +81,7 @@ def test_a_changed_case_is_refused_unless_numbers_of_the_method_may_change(tmp_p
     [
         (["nowhere"], "nowhere: there is no such folder"),
         (["empty"], "it holds neither checkpoints nor case.toml"),
-        (["foreign"], "holds no checkpoint that can be read: foreign/checkpoints/step_000000001.h5 is damaged or no"),
+        (["foreign"], "holds no checkpoint that can be read: foreign/checkpoints/step_000000001.h5 is damaged, or no"),
         (["foreign/checkpoints/step_000000001.h5"], "step_000000001.h5: is a file; give the results folder of a run"),
         (["demo"], "go on with it by: tipfem demo dam_break --spacing 0.01 --resume"),
         (["broken"], "this is not valid TOML"),
@@ -251,7 +251,7 @@ def test_python_changes_what_is_written(begun):
         tp.Simulation.resume(begun, fields="vtkhdf")
     with pytest.raises(ValueError, match=r"output_interval is -1 s; it must be > 0"):
         tp.Simulation.resume(begun, output_interval=-1)
-    assert tp.Simulation.resume(begun, output_interval=None).output_interval is None
+    assert tp.Simulation.resume(begun, output_interval=None).fields.interval is None
 
 
 @pytest.mark.parametrize(
@@ -310,5 +310,5 @@ def test_python_says_that_it_does_not_read_an_edited_case_file(tmp_path, old, ne
     resumed.results.close()
     assert [note for note in resumed.notes if "does not read it; `tipfem resume` does" in note] == resumed.notes
     assert len(resumed.notes) == (1 if old else 0)
-    assert resumed.output_interval == 0.004
+    assert resumed.fields.interval == 0.004
     assert resumed.case.fluids[0].viscosity == 1.002e-3

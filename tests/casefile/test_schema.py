@@ -7,23 +7,23 @@ import re
 import jsonschema
 import pytest
 from demo_runs import DEMOS
+from pydantic import ValidationError
 from test_bad_input import GOOD, MISTAKES
 
 import tipfem as tp
+from tipfem.app.commands import EXIT_CODES
 from tipfem.casefile import schema
-from tipfem.casefile.commands import EXIT_CODES
+from tipfem.casefile.forms import table_of
 from tipfem.casefile.loading import read_case
 from tipfem.casefile.problems import CaseFileError
 from tipfem.casefile.schema import json_schema
 from tipfem.casefile.source import tomllib
+from tipfem.declaration import changed, declared, made, plain, table
+from tipfem.probes import KINDS
 
 DOCS = DEMOS.parent / "docs"
-RULES = [
-    (tp.Numerics, schema.NumericsTable),
-    (tp.FittedRule, schema.FittingTable),
-    (tp.RelocationRule, schema.RelocationTable),
-    (tp.SurfaceRule, schema.SurfaceTable),
-]
+RULE_KEYS = ("relocation", "fitting", "surface")
+RULES = [tp.Numerics, tp.FittedRule, tp.RelocationRule, tp.SurfaceRule]
 
 
 def limits(field):
@@ -33,37 +33,53 @@ def limits(field):
     ]
 
 
-def refusal(rule, name, value):
-    """What a rule says of a value; nothing if it takes it."""
-    try:
-        rule(**{name: value})
-    except ValueError as error:
-        return str(error)
-    return ""
-
-
-@pytest.mark.parametrize(("rule", "table"), RULES, ids=lambda kind: kind.__name__)
-def test_names_and_defaults_are_those_of_the_class(rule, table):
-    defaults = dataclasses.asdict(rule())
-    given = table().model_dump()
-    assert defaults == given
-
-
-@pytest.mark.parametrize(("rule", "table"), RULES, ids=lambda kind: kind.__name__)
-def test_limits_are_those_of_the_class(rule, table):
-    """At a limit the class takes the value, or refuses it beside others only; beyond it, it refuses the value."""
-    count = 0
+@pytest.mark.parametrize("kind", RULES, ids=lambda kind: kind.__name__)
+def test_a_class_and_its_table_refuse_the_same(kind):
+    table, count = table_of(kind), 0
+    assert dataclasses.asdict(kind()) == table().model_dump()
     for name, field in table.model_fields.items():
-        for kind, limit in limits(field):
-            if kind == "gt":
-                refused = limit
-            else:
-                assert f"{name} is" not in refusal(rule, name, limit)
-                refused = limit - 1 if kind == "ge" else limit + 1
+        for limit_kind, limit in limits(field):
+            beyond = limit if limit_kind == "gt" else limit - 1 if limit_kind == "ge" else limit + 1
             with pytest.raises(ValueError, match=f"{name} is"):
-                rule(**{name: refused})
+                kind(**{name: beyond})
+            with pytest.raises(ValidationError):
+                table(**{name: beyond})
+            if limit_kind != "gt":
+                table(**{name: limit})
             count += 1
     assert count >= 7
+
+
+@pytest.mark.parametrize("kind", [*RULES, *KINDS.values(), tp.Fluid, tp.Body, tp.Wall], ids=lambda kind: kind.__name__)
+def test_every_field_is_declared_with_a_sentence(kind):
+    for name, field in declared(kind).items():
+        assert field.sentence, name
+        assert "{" not in field.expected()
+
+
+def test_a_range_is_in_words_once():
+    words = {name: field.expected() for name, field in declared(tp.Numerics).items()}
+    assert words["rho_inf"] == "a number from 0 to 1"
+    assert words["newton_tolerance"] == "a number from 1e-14 to 0.1 in spacings"
+    assert words["newton_iterations"] == "a whole number from 1 to 100"
+    assert words["pressure"] == "one of 'auto', 'continuous', 'two-sided'"
+    assert declared(tp.Body)["stiffness"].expected() == "a list of 3 numbers >= 0"
+    assert declared(tp.Body)["centre"].expected() == "a list of 2 numbers in m"
+
+
+def test_the_tables_of_the_docs_have_every_number_with_its_range():
+    page = (DOCS / "howto" / "numbers.md").read_text("utf-8")
+    for kind in [*RULES, *KINDS.values()]:
+        assert f".{kind.__name__} -->" in page
+    rows = table(tp.Numerics).splitlines()
+    assert "| `rho_inf` | a number from 0 to 1 | `0.0` | spectral radius at infinity of generalized-alpha. |" in rows
+    assert len(rows) == 2 + len([field for field in dataclasses.fields(tp.Numerics) if field.name not in RULE_KEYS])
+
+
+def test_records_make_the_same_again():
+    numerics = tp.Numerics(rho_inf=0.5, surface=tp.SurfaceRule(alpha=1.3))
+    assert changed(numerics) == {"rho_inf": 0.5, "surface": {"alpha": 1.3}}
+    assert made(tp.Numerics, changed(numerics)) == made(tp.Numerics, plain(numerics)) == numerics
 
 
 def test_limits_of_fluids_tanks_and_grading_are_those_of_the_classes():
@@ -87,8 +103,8 @@ def test_limits_of_fluids_tanks_and_grading_are_those_of_the_classes():
 
 
 def test_every_key_is_described():
-    for name, table in {**json_schema()["$defs"], "Case": json_schema()}.items():
-        for key, node in table["properties"].items():
+    for name, content in {**json_schema()["$defs"], "Case": json_schema()}.items():
+        for key, node in content["properties"].items():
             assert node.get("description"), f"{name}.{key}"
 
 
@@ -121,7 +137,7 @@ def test_the_annotated_example_of_the_docs_is_a_case(tmp_path):
     example, more = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
     file = read_case(example + more, "drop.toml", overrides=["fluids.water.viscosity=2e-3"])
     assert len(file.case().particles) > 500
-    file.simulation().step()
+    tp.Simulation(file.case()).step()
 
 
 def test_the_mistakes_shown_in_the_docs_are_those_that_are_told():

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import resource
 import sys
-from argparse import Namespace
+from types import SimpleNamespace
 
 import imageio.v3 as iio
 import numpy as np
 import pytest
-from demo_runs import DEMOS, called, python, typed
-from tipfem.demos import harness
+from demo_runs import DEMOS, called, load, python, typed
 from tipfem.demos.validation.dam_break import case, check
 
 import tipfem as tp
@@ -52,7 +51,7 @@ def test_five_millimetres_against_the_experiments(tmp_path):
 
 def test_check_finds_what_is_wrong():
     """The demo's own check can fail, figure by figure."""
-    fine, coarse, demo = Namespace(spacing=0.005), Namespace(spacing=0.01), check.DamBreak()
+    fine, coarse, demo = SimpleNamespace(spacing=0.005), SimpleNamespace(spacing=0.01), check.DamBreak()
     good = {"front_rms": 0.02, "front_slope": 1.25, "height_rms": 0.03, "volume_error": 0.005}
     assert demo.missed(good, fine) == []
     for name, value in (("front_rms", 0.045), ("front_slope", 1.1), ("height_rms", 0.06), ("volume_error", 0.03)):
@@ -80,9 +79,9 @@ def test_figures_need_no_long_run():
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--spacing", "-1"], "--spacing: '-1' is not a number > 0"),
+        (["--spacing", "-1"], "error: Invalid value for --spacing: '-1' is not a number > 0"),
         (["--spacing", "1.0"], "spacing is 1 m, too large for a tank"),
-        (["--arch", "abacus"], "invalid choice: 'abacus'"),
+        (["--arch", "abacus"], 'Invalid value "abacus" for --arch'),
         (["--time-step", "soon"], "'soon' is not a number > 0"),
     ],
 )
@@ -108,7 +107,7 @@ def test_help_names_units():
 def test_initial_column_is_the_one_asked_for():
     """Width, height and volume of the water at the start, at two spacings."""
     for spacing in (0.01, 0.02):
-        simulation = tp.Simulation(harness.load("dam_break", spacing=spacing).case, time_step=1e-3)
+        simulation = tp.Simulation(load("dam_break", spacing=spacing).case, time_step=1e-3)
         assert case.front(simulation) == pytest.approx(0.146, abs=0.02 * spacing)
         assert case.column_height(simulation) == pytest.approx(0.292, abs=0.02 * spacing)
         assert simulation.volume("water") == pytest.approx(0.146 * 0.292, rel=1e-3)
@@ -118,7 +117,7 @@ def test_initial_column_is_the_one_asked_for():
 @pytest.mark.parametrize("interface", ["interpolated", "sharp"])
 def test_the_studies_have_the_same_case(interface):
     """The script's case, written out, is that of validation/dam_break/case.py."""
-    script = harness.load("dam_break", spacing=0.02, interface=interface)
+    script = load("dam_break", spacing=0.02, interface=interface)
     study = case.build(0.02, interface=interface)
     np.testing.assert_array_equal(script.case.particles.position, study.particles.position)
     np.testing.assert_array_equal(script.case.particles.fluid, study.particles.fluid)
@@ -130,8 +129,8 @@ def test_the_studies_have_the_same_case(interface):
 
 def test_the_air_may_be_coarser():
     """--air-spacing takes particles out of the air."""
-    graded = harness.load("dam_break", spacing=0.01, air_spacing=0.04).case
-    assert len(graded.particles) < 0.5 * len(harness.load("dam_break", spacing=0.01).case.particles)
+    graded = load("dam_break", spacing=0.01, air_spacing=0.04).case
+    assert len(graded.particles) < 0.5 * len(load("dam_break", spacing=0.01).case.particles)
 
 
 def test_without_matplotlib_a_run_has_its_figures_and_no_front(tmp_path, monkeypatch, capsys):

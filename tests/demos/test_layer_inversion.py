@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from types import SimpleNamespace
 
 import imageio.v3 as iio
 import numpy as np
 import pytest
-from demo_runs import called, typed
-from tipfem.demos import harness
+from demo_runs import called, load, typed
 from tipfem.demos.validation.layers.check import END_TIME, sunk
 from tipfem.demos.validation.layers.profiles import PressureWatch
 
@@ -32,7 +31,7 @@ def test_the_command_leaves_what_it_promises(tmp_path):
 @pytest.mark.parametrize("interface", ["interpolated", "sharp"])
 def test_the_start_is_a_wave_of_half_the_tank(interface):
     """Half the tank each, within a spacing's part; the glycerin lies on top, and none of it has sunk."""
-    demo = harness.load("layer_inversion", spacing=0.005, interface=interface)
+    demo = load("layer_inversion", spacing=0.005, interface=interface)
     begun = tp.Simulation(demo.case)
     layers = demo.check.inverted(begun)
     assert sum(thickness for _, thickness in layers) == pytest.approx(0.1, rel=1e-12)
@@ -59,14 +58,14 @@ def test_sunk_counts_what_it_says(glycerin, water):
 
 def test_check_finds_what_is_wrong():
     """A whole run is judged by all figures, a short one by its volumes."""
-    demo = harness.load("layer_inversion", spacing=0.01)
+    demo = load("layer_inversion", spacing=0.01)
     assert demo.options.end_time == END_TIME
     good = {"pressure_agreement": 0.99, "sunk_particles": 0.99, "volume_error": 0.005}
     assert demo.check.missed(good, demo.options) == []
     for name, value in (("pressure_agreement", 0.98), ("sunk_particles", 0.96), ("volume_error", 0.02)):
         assert len(demo.check.missed({**good, name: value}, demo.options)) == 1
         assert demo.check.missed({**good, name: np.nan}, demo.options)[0].startswith(name)
-    assert demo.check.missed({**good, "sunk_particles": 0.1}, Namespace(end_time=1.0)) == []
+    assert demo.check.missed({**good, "sunk_particles": 0.1}, SimpleNamespace(end_time=1.0)) == []
 
 
 @pytest.mark.slow

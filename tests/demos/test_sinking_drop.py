@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from types import SimpleNamespace
 
 import imageio.v3 as iio
 import pytest
-from demo_runs import called
-from tipfem.demos import harness
+from demo_runs import called, load
 from tipfem.demos.support.checks import DropSinks, mean_height
 
 import tipfem as tp
@@ -31,7 +30,7 @@ def test_a_drop_falls_through_air_into_water(tmp_path, capsys):
 @pytest.mark.parametrize("interface", ["interpolated", "sharp"])
 def test_both_rules_carry_three_fluids(interface):
     """The fall itself is free fall, and the volumes add up to the tank, whatever the rule."""
-    case = harness.load("sinking_drop", spacing=0.005, interface=interface).case
+    case = load("sinking_drop", spacing=0.005, interface=interface).case
     simulation = tp.Simulation(case, time_step=1e-3)
     begun = mean_height(simulation, 0)
     assert begun == pytest.approx(0.09, abs=0.0025)
@@ -46,7 +45,7 @@ def test_both_rules_carry_three_fluids(interface):
 
 def test_check_finds_what_is_wrong():
     """Figure by figure; where the drop is counts only when it had time to sink."""
-    demo, whole = DropSinks(0.06), Namespace(end_time=2.0)
+    demo, whole = DropSinks(0.06), SimpleNamespace(end_time=2.0)
     good = {f"volume_error_{name}": 0.005 for name in ("glycerin", "water", "air")}
     good |= {"largest_speed": 1.5, "centre": 0.2, "dry": 0.0}
     assert demo.missed(good, whole) == []
@@ -54,4 +53,4 @@ def test_check_finds_what_is_wrong():
         missed = demo.missed({**good, name: value}, whole)
         assert len(missed) == 1
         assert missed[0].startswith(f"{name} is ")
-    assert demo.missed({**good, "centre": 1.5, "dry": 1.0}, Namespace(end_time=0.1)) == []
+    assert demo.missed({**good, "centre": 1.5, "dry": 1.0}, SimpleNamespace(end_time=0.1)) == []

@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
+import shutil
+import subprocess
 from pathlib import Path
+
+import pytest
 
 from tipfem.commands import find_demos
 
@@ -39,10 +44,53 @@ def test_the_reference_has_all_modules():
     assert found - {"commands"} <= listed
 
 
-def test_the_picture_of_the_folders_is_that_of_the_contract():
-    draw = module_at(DOCS / "draw_layers.py")
-    expected = draw.picture(draw.layers((ROOT / "pyproject.toml").read_text("utf-8")))
-    assert draw.PICTURE.read_text("utf-8") == expected, "run python docs/draw_layers.py"
+def test_what_is_generated_is_up_to_date(monkeypatch):
+    """The picture and the maps of the folders, and tables of measurements: run python docs/write_generated.py."""
+    monkeypatch.syspath_prepend(DOCS)
+    write = module_at(DOCS / "write_generated.py")
+    contract = (ROOT / "pyproject.toml").read_text("utf-8")
+    assert write.PICTURE.read_text("utf-8") == write.picture(write.layers(contract))
+    for page in write.pages():
+        text = page.read_text("utf-8")
+        assert text == write.renewed(text), page
+    assert set(write.folders()) >= {"linalg", "linalg/multigrid", "case"}
+
+
+def test_measurements_name_their_commit_and_how_they_were_made(monkeypatch):
+    monkeypatch.syspath_prepend(DOCS)
+    write = module_at(DOCS / "write_generated.py")
+    pages = "".join(page.read_text("utf-8") for page in write.pages())
+    drawn = (DOCS / "draw_theory.py").read_text("utf-8")
+    for path in (DOCS / "data").iterdir():
+        notes, rows = write.read_data(path.stem)
+        assert re.fullmatch(r"[0-9a-f]{7} \(\d{4}-\d\d-\d\d\)", notes["commit"][0]), path
+        assert notes.get("command") or notes.get("note"), path
+        assert len({len(row) for row in rows}) == 1, path
+        assert f"generated: table {path.stem} -->" in pages or f'"{path.stem}"' in drawn, f"{path} is not shown"
+
+
+def test_formulas_are_typeset(tmp_path):
+    """KaTeX, as the site loads it, takes every formula of the documentation, without a warning."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("no node")
+    found = []
+    for page in DOCS.rglob("*.md"):
+        text = re.sub(r"^ *```.*?^ *```$|`[^`\n]*`", "", page.read_text("utf-8"), flags=re.MULTILINE | re.DOTALL)
+        found += re.findall(r"\$\$(.+?)\$\$", text, re.DOTALL)
+        found += re.findall(
+            r"(?<![\w$])\$(?!\s)([^$]+?)(?<!\s)\$(?![\w$])", re.sub(r"\$\$.+?\$\$", "", text, flags=re.DOTALL)
+        )
+    assert len(found) > 100
+    formulas = tmp_path / "formulas.json"
+    formulas.write_text(json.dumps(found))
+    script = (
+        "const katex = require(process.argv[1]); const found = JSON.parse(require('fs').readFileSync(process.argv[2]));"
+        "for (const f of found) katex.renderToString(f, {throwOnError: true, strict: 'error'});"
+    )
+    command = [node, "-e", script, str(DOCS / "assets" / "katex" / "katex.min.js"), str(formulas)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_the_gallery_has_all_demos():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy_twin as twin
 import pytest
+from flow_problems import flow_problem
 from residuals import residual_vector
 
 import tipfem as tp
@@ -13,7 +14,8 @@ from tipfem.fem.mass import consistent_part
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
-from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
+from tipfem.physics.term import ElementProperties
+from tipfem.step.linear_system import Workspace
 
 SIZES = {2: ((1.0, 0.8), 0.1), 3: ((1.0, 1.0, 0.75), 0.25)}
 # Of random displacements, in spacings. In 3-D a few of the flattest tetrahedra turn over by it; the formulas hold
@@ -86,7 +88,7 @@ class Setting:
         """The problem on the device and its twin."""
         force = self.gravity if body_force is None else body_force
         particles = self.particles.copy(velocity=v, acceleration=a)
-        problem = FlowProblem(
+        problem = flow_problem(
             self.mesh,
             particles,
             ElementProperties(self.density, self.viscosity, self.source, self.lumping),
@@ -155,7 +157,7 @@ def test_residual_equals_the_numpy_twin(dimension, rho_inf, walls):
     expected, size = twin.residual(step, u, p)
     assert (size > 0).all()
     scale = twin.row_scale(step)
-    np.testing.assert_allclose(download(problem._scale, problem.size), scale.ravel(), rtol=1e-12)
+    np.testing.assert_allclose(download(problem.equations.scale, problem.size), scale.ravel(), rtol=1e-12)
     norm = problem.residual(problem.vector(u, p))
     got = residual_vector(problem)
     assert off(got - scale * expected, scale * size) < 1e-12

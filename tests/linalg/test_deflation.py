@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from flow_problems import flow_problem
 from grid_levels import set_vector, upload_csr
 from mesh_twins import adjacency
 from scipy import sparse
@@ -14,13 +15,13 @@ from triangulations import component_labels
 
 import tipfem as tp
 from tipfem.backend.arrays import Buffers, download
-from tipfem.case.place import places
 from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.geometry.place import places
 from tipfem.linalg.multigrid.deflation import SubdomainDeflation
 from tipfem.linalg.multigrid.grid_hierarchy import RHS, SOLUTION, VECTORS
 from tipfem.mesh.delaunay import triangulate
+from tipfem.physics.term import ElementProperties
 from tipfem.remesh.fitted import with_fluids
-from tipfem.step.flow import ElementProperties, FlowProblem
 from tipfem.step.linear_system import Workspace
 
 WATER = tp.Fluid("water", density=998.0, viscosity=1e-3)
@@ -127,7 +128,7 @@ def test_light_bubbles_cost_few_iterations(spacing):
     assert len(np.unique(component_labels(mesh.neighbours, mesh.fluid))) == 28
     nothing = np.zeros(len(mesh.cells))
     force = np.tile([0.0, -9.81], (len(particles), 1))
-    problem = FlowProblem(
+    problem = flow_problem(
         mesh,
         particles,
         ElementProperties(DENSITY[mesh.fluid], nothing + 1e-3, nothing),

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import numpy_twin as twin
 import pytest
+from flow_problems import flow_problem
 from grid_levels import hierarchy, level_matrix, v_cycle
 from residuals import residual_vector
 from scipy import sparse
@@ -14,15 +15,16 @@ from scipy import sparse
 import tipfem as tp
 from tipfem.backend import launch
 from tipfem.backend.arrays import download
+from tipfem.fem.schur import SCHUR_SCALE
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg import fgmres
 from tipfem.linalg.multigrid import multigrid
 from tipfem.linalg.multigrid.grid_hierarchy import DIAGONAL
 from tipfem.linalg.multigrid.mesh_transfer import OMEGA
 from tipfem.mesh.delaunay import triangulate
+from tipfem.physics.term import ElementProperties
 from tipfem.step import linear_system
-from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
-from tipfem.step.linear_system import SCHUR_SCALE
+from tipfem.step.linear_system import Workspace
 
 WATER = tp.Fluid("water", density=998.0, viscosity=1e-3)
 AIR = tp.Fluid("air", density=1.2, viscosity=1.8e-5)
@@ -199,7 +201,7 @@ def test_the_pressure_laplacian_is_the_stiffness_matrix(size):
     particles, mesh, density = two_fluids(size, 0.1 if len(size) == 2 else 0.25)
     scheme = GeneralizedAlpha(0.5, 2e-3)
     nothing = np.zeros(len(mesh.cells))
-    problem = FlowProblem(
+    problem = flow_problem(
         mesh,
         particles,
         ElementProperties(density, nothing, nothing),
@@ -228,7 +230,7 @@ def test_one_thread_and_all_set_up_the_same_system(size, monkeypatch):
     for single in (True, False):
         monkeypatch.setattr(launch, "is_serial", lambda count, cost, single=single: single)
         monkeypatch.setattr(launch, "few_threads", lambda single=single: single)
-        problem = FlowProblem(
+        problem = flow_problem(
             mesh,
             particles,
             ElementProperties(density, nothing + 1e-3, nothing),
@@ -242,11 +244,11 @@ def test_one_thread_and_all_set_up_the_same_system(size, monkeypatch):
         assert links > 0
         found.append(
             [
-                *(download(a, len(mesh.cells) * len(mesh.cells[0])) for a in problem._topology[2:]),
+                *(download(a, len(mesh.cells) * len(mesh.cells[0])) for a in (problem.equations.topology.corners,)),
                 laplacian.indptr,
                 laplacian.indices,
                 laplacian.data,
-                download(problem._scale, problem.size),
+                download(problem.equations.scale, problem.size),
                 download(grid.coordinates, problem.nodes + links),
                 download(grid.cell_lists, grid._cells + 1 + problem.nodes + links),
                 download(grid.levels, grid.levels.shape[0]),
@@ -264,7 +266,7 @@ def test_the_preconditioner_is_made_of_the_blocks_of_the_derivative(size):
     """
     particles, mesh, density = two_fluids(size, 0.1 if len(size) == 2 else 0.25)
     nothing, still = np.zeros(len(mesh.cells)), np.zeros_like(mesh.position)
-    problem = FlowProblem(
+    problem = flow_problem(
         mesh,
         particles,
         ElementProperties(density, nothing + 1e-3, nothing),
@@ -318,7 +320,7 @@ def test_all_threads_one_thread_and_staged_kernels_solve_alike(size, monkeypatch
     found = []
     for single, fused in ((False, True), (True, True), (False, False)):
         monkeypatch.setattr(launch, "is_serial", lambda count, cost, single=single: single)
-        problem = FlowProblem(
+        problem = flow_problem(
             mesh,
             particles,
             ElementProperties(density, nothing + 1e-3, nothing),
@@ -350,7 +352,7 @@ def test_a_correction_solves_the_linearised_step(size, most):
     particles, mesh, density = two_fluids(size, 0.1 if len(size) == 2 else 0.25)
     nothing = np.zeros(len(mesh.cells))
     body_force = np.tile([0.0, -9.81, 0.0][: len(size)], (len(particles), 1))
-    problem = FlowProblem(
+    problem = flow_problem(
         mesh,
         particles,
         ElementProperties(density, nothing + 1e-3, nothing),

@@ -9,7 +9,7 @@ from grid_levels import upload_csr, v_cycle
 from scipy import sparse
 
 from tipfem.backend.arrays import Buffers, download
-from tipfem.case.period import Period
+from tipfem.geometry.period import Period
 from tipfem.linalg.multigrid.grid_hierarchy import LAST_PERIOD, PERIOD, SIZE, STENCIL, STENCIL_WIDTH, STRIDE
 from tipfem.linalg.multigrid.multigrid import BackgroundMultigrid, periodic_cells
 from tipfem.mesh.delaunay import triangulate

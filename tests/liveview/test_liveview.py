@@ -20,11 +20,11 @@ from tipfem.render import Results, Stage, View
 from websockets.sync.client import connect
 
 import tipfem as tp
-from tipfem.casefile.commands import main
+from tipfem.app.commands import main
 from tipfem.liveview.control import LiveControl, describe, snapshot_of
-from tipfem.liveview.kernel import KernelRun
 from tipfem.liveview.memory import Snapshot, StateMemory, slot_size
 from tipfem.liveview.source import LiveSource
+from tipfem.run.live import KernelRun
 from tipfem.steering import FILE
 from tipfem.viewer import protocol
 
@@ -238,7 +238,7 @@ def test_bodies_are_drawn_where_the_run_has_them(tmp_path):
     tank.add(tp.Body(tp.shapes.rectangle((0.65, 0.18), (0.85, 0.38)), name="paddle", motion=turn))
     simulation = tp.Simulation(tp.Case(tank, [water, air], (0.0, -9.81)), tmp_path / "out", time_step=0.01)
     simulation.run(0.05, progress=False)
-    source = LiveSource(describe(simulation), OneState(snapshot_of(simulation, 1.0)), lambda *_: None)
+    source = LiveSource(describe(simulation.case, None), OneState(snapshot_of(simulation, 1.0)), lambda *_: None)
     box, paddle = source.scene(0).bodies
     for body, seen, pose in zip(simulation.case.bodies, (box, paddle), simulation.state.bodies.position, strict=True):
         x, y, angle = pose
@@ -260,7 +260,7 @@ def test_a_periodic_domain_is_drawn_to_its_ends(tmp_path):
     tank = tp.tank((1.0, 0.5), 0.1, periodic="x").fill(water, velocity=lambda x: np.tile([0.5, 0.0], (len(x), 1)))
     simulation = tp.Simulation(tp.Case(tank, [water], (0.0, -9.81)), tmp_path / "out", time_step=0.01)
     simulation.run(0.05, progress=False)
-    live = LiveSource(describe(simulation), OneState(snapshot_of(simulation, 1.0)), lambda *_: None).scene(0)
+    live = LiveSource(describe(simulation.case, None), OneState(snapshot_of(simulation, 1.0)), lambda *_: None).scene(0)
     stored = Results(tmp_path / "out").scene(-1)
     for scene in (live, stored):
         x = scene.position[scene.cells][..., 0]
@@ -280,6 +280,26 @@ def test_while_nobody_looks_nothing_is_copied():
     assert before == 1
     assert simulation.step_number >= 30
     assert control._process is None  # it ended with the run
+
+
+def test_no_command_is_dropped_however_many_come_between_two_steps():
+    simulation = tp.Simulation(layers(), time_step=0.01)
+    control, _ = shown(simulation)
+    theirs, (ours, end) = control._pipe, os.pipe()
+    control._pipe = ours
+    try:
+        pushes = [{"name": "gravity", "values": {"value": [0.01 * k, -9.0]}} for k in range(500)]
+        lines = [*pushes, {"name": "pause", "values": {}}, *pushes, {"name": "drop", "values": {}}]
+        os.write(end, "".join(json.dumps(line) + "\n" for line in lines).encode())
+        found = control._receive_commands(1.0)
+    finally:
+        control._pipe = theirs
+        os.close(ours)
+        os.close(end)
+        control.close()
+    # Of pushes that follow each other in one step the last counts.
+    assert [command.name for command in found] == ["gravity", "pause", "gravity"]
+    assert found[0].value == found[2].value == (4.99, -9.0)
 
 
 @pytest.mark.parametrize("paused", [False, True])

@@ -72,11 +72,11 @@ def test_a_drop_hangs_when_its_pressure_is_negative_and_nothing_is_below_its_sur
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"alpha": 0.5}, "alpha is 0.5; it must lie between 0.75 and 10"),
+        ({"alpha": 0.5}, "alpha is 0.5 spacings; it must be a number from 0.75 to 10"),
         ({"join": float("nan")}, "join is nan"),
         ({"gap": "wide"}, "gap is 'wide'"),
         ({"dry": 0.6}, "dry is 0.6"),
-        ({"alpha": 2.0}, "inner 1.8 is below alpha 2"),
+        ({"alpha": 2.0}, "inner is 1.8, below alpha 2"),
     ],
 )
 def test_a_rule_that_cannot_be_is_refused(changes, words):

@@ -7,7 +7,7 @@ import pytest
 
 import tipfem as tp
 from tipfem.case.fluid import ranks
-from tipfem.case.place import places
+from tipfem.geometry.place import places
 from tipfem.mesh.cut import cut_along_interfaces
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh

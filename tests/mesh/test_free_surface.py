@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 import tipfem as tp
 from tipfem.mesh.free_surface import SurfaceMesher, spray_volumes
 from tipfem.mesh.mesh import Mesh
+from tipfem.physics.volume_source import VolumeControl
 from tipfem.remesh.relocation import relocate
-from tipfem.step.volume_source import VolumeControl
 
 WATER = tp.Fluid("water", density=1000.0, viscosity=1e-3)
 OIL = tp.Fluid("oil", density=900.0, viscosity=1e-2)
@@ -258,8 +256,6 @@ def test_each_fluid_gets_its_own_volume_back_where_there_is_a_surface():
     fraction = np.stack([np.ones(len(mesh.cells)), np.zeros(len(mesh.cells))], axis=1)
     control = VolumeControl(np.array([0.6, 0.0]), 10.0, balanced=False)
     control.missing[:] = (0.1, 0.0)
-    state = SimpleNamespace(mesh=mesh, material=SimpleNamespace(fraction=fraction))
-    assert control.source(state, 1e-3) == pytest.approx(np.full(len(mesh.cells), 0.01 * 0.2))
+    assert control.source(mesh, fraction, 1e-3) == pytest.approx(np.full(len(mesh.cells), 0.01 * 0.2))
     control.balanced = True
-    state = SimpleNamespace(mesh=mesh, material=SimpleNamespace(fraction=fraction))
-    assert control.source(state, 1e-3) == pytest.approx(np.zeros(len(mesh.cells)), abs=1e-15)
+    assert control.source(mesh, fraction, 1e-3) == pytest.approx(np.zeros(len(mesh.cells)), abs=1e-15)

@@ -11,7 +11,7 @@ import tipfem as tp
 from tipfem.case.fluid import ranks
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.delaunay import triangulate
-from tipfem.mesh.interface_slip import FREE, InterfaceSlip, find_slip, may_slide
+from tipfem.physics.sliding_liquids.slip import FREE, InterfaceSlip, find_slip, may_slide
 from tipfem.remesh.fitted import with_fluids
 
 SPACING, GRAVITY = 0.05, np.array([0.0, -9.81])

@@ -11,7 +11,7 @@ from tipfem.mesh import measures
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.interface import InterpolatedInterface
 from tipfem.mesh.mesh import Mesh
-from tipfem.step.volume_source import CALM, VolumeControl, volume_source
+from tipfem.physics.volume_source import CALM, VolumeControl, volume_source
 
 RULE = InterpolatedInterface()
 

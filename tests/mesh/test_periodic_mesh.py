@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tipfem.case.period import Period
 from tipfem.errors import TriangulationError
+from tipfem.geometry.period import Period
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import simplex_measure
 from tipfem.probes.points import locate

@@ -9,7 +9,7 @@ from triangulations import as_set, border, check, circle_test, cloud, delaunay, 
 
 from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2
 from tipfem.backend.launch import kernel, launch
-from tipfem.case.period import no_period
+from tipfem.geometry.period import no_period
 from tipfem.mesh.mesh import simplex_measure
 from tipfem.remesh.edges import edge_operations
 from tipfem.remesh.edges.edge_operations import Segment, TriangleArrays

@@ -1,6 +1,7 @@
-"""tipfem/remesh/energy_balance.py: remeshing keeps the energy, and nothing else changes."""
+"""tipfem/remesh/energy_balance.py: remeshing adds no energy, and nothing else changes."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from triangulations import cloud, delaunay
 
 import tipfem as tp
 from tipfem.mesh.mesh import Mesh
-from tipfem.remesh.energy_balance import LEAST_GAIN, WEAKEST, Change, EnergyBalance, changed_cells, exchange
+from tipfem.remesh.energy_balance import LEAST_GAIN, Change, EnergyBalance, changed_cells, exchange
 
 DENSITY, GRAVITY = np.array([1000.0, 1.0]), np.array([0.0, -9.81])
 BALANCE = EnergyBalance(DENSITY, GRAVITY, "consistent")
@@ -43,15 +44,14 @@ def changed(particles, where, factor):
     return particles.shallow_copy(velocity=velocity), lambda mesh: Change(particles, mesh, None, nothing)
 
 
-@pytest.mark.parametrize("factor", [1.03, 0.99])
 @pytest.mark.parametrize("seed", range(4))
-def test_energy_is_kept_where_it_changed(seed, factor):
+def test_what_is_gained_is_taken_back_where_it_was_gained(seed):
     """The energy is that before; momentum, angular momentum, walls, and what is far from the change are kept."""
     particles, mesh, mass = flow(seed)
     where = ~particles.wall & (np.linalg.norm(mesh.position - mesh.position.mean(axis=0), axis=1) < 0.3)
-    after, change = changed(particles, where, factor)
+    after, change = changed(particles, where, 1.03)
     before, other = energy(mesh.position, particles.velocity, mesh), energy(mesh.position, after.velocity, mesh)
-    assert (other > before) == (factor > 1)
+    assert other > before
     result, owed = BALANCE.keep(change(mesh), after, mesh, mass, 0.0)
     assert owed == pytest.approx(0.0, abs=1e-12 * before)
     assert energy(mesh.position, result.velocity, mesh) == pytest.approx(before, rel=1e-12)
@@ -68,7 +68,7 @@ def test_energy_is_kept_where_it_changed(seed, factor):
 
 @pytest.mark.parametrize("mass", ["lumped", "interfaces"])
 def test_neither_the_energy_of_the_field_nor_that_of_the_mass_matrix_rises(mass):
-    """A particle's velocity is turned by a half: the one or the other energy sets how far relative velocities go."""
+    """A particle's velocity is reversed: the one or the other energy sets how far relative velocities go."""
     balance, limits = EnergyBalance(DENSITY, GRAVITY, mass), set()
     particles, mesh, masses = flow()
     lumping = np.ones(len(mesh.cells))
@@ -82,9 +82,9 @@ def test_neither_the_energy_of_the_field_nor_that_of_the_mass_matrix_rises(mass)
         apart = ((v - v.mean(axis=1, keepdims=True)) ** 2).sum(axis=(1, 2))
         return float((m * ((v**2).sum(axis=(1, 2)) - (1 - lumping) * apart)).sum() / 6)
 
-    for k in np.flatnonzero(~particles.wall):
+    for k, factor in itertools.product(np.flatnonzero(~particles.wall), (-0.7, -1.1)):
         velocity = particles.velocity.copy()
-        velocity[k] = -0.7 * velocity[k]
+        velocity[k] *= factor
         after = particles.shallow_copy(velocity=velocity)
         change = Change(particles, mesh, None, np.zeros(len(velocity), dtype=bool))
         result, owed = balance.keep(change, after, mesh, masses, 0.0)
@@ -135,17 +135,13 @@ def test_little_by_what_viscosity_takes_changes_no_velocity_and_is_owed():
     assert BALANCE.keep(viscous, after, mesh, mass, -1.005 * gain)[1] == 0.0
 
 
-def test_differences_grow_by_a_fifth_at_most_and_the_rest_of_a_loss_is_lost():
+def test_what_is_lost_is_lost():
+    """No velocity changes where remeshing took energy, and nothing is owed to the field."""
     particles, mesh, mass = flow()
-    one = np.flatnonzero(~particles.wall)[0]
-    after, change = changed(particles, ~particles.wall, 0.1)
+    after, change = changed(particles, ~particles.wall, 0.9)
     result, owed = BALANCE.keep(change(mesh), after, mesh, mass, 0.0)
-    x = mesh.position
-    assert energy(x, after.velocity, mesh) < energy(x, result.velocity, mesh) < energy(x, particles.velocity, mesh)
+    assert result is after
     assert owed == 0.0
-    apart = after.velocity - after.velocity[one]
-    growth = np.linalg.norm(result.velocity - after.velocity, axis=1).max() / np.linalg.norm(apart, axis=1).max()
-    assert 0 < growth < 4 * 2 * -WEAKEST  # in four rounds
 
 
 def test_what_cannot_be_paid_is_owed_and_paid_later():

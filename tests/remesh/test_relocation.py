@@ -402,14 +402,14 @@ def test_two_fluids_on_one_mixed_edge_keep_their_distance():
 @pytest.mark.parametrize("name", ["too_close", "too_close_to_wall", "long_edge", "long_mixed_edge", "urgent"])
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan")])
 def test_lengths_of_the_rule_must_be_positive(name, value):
-    with pytest.raises(ValueError, match=f"RelocationRule: {name} is {value!r}; it must be > 0"):
+    with pytest.raises(ValueError, match=f"RelocationRule: {name} is {value!r} spacings; it must be a number > 0"):
         tp.RelocationRule(**{name: value})
 
 
 def test_a_rule_that_would_undo_itself_is_refused():
-    with pytest.raises(ValueError, match=r"long_edge 1\.1 is below twice too_close 0\.6"):
+    with pytest.raises(ValueError, match=r"long_edge is 1\.1, below twice too_close 0\.6"):
         tp.RelocationRule(long_edge=1.1)
-    with pytest.raises(ValueError, match=r"long_edge 1\.2 is below twice too_close 0\.7"):
+    with pytest.raises(ValueError, match=r"long_edge is 1\.2, below twice too_close 0\.7"):
         tp.RelocationRule(too_close=0.7)
     assert tp.RelocationRule(too_close=0.5, long_edge=1.0).long_edge == 1.0
 

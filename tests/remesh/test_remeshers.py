@@ -70,7 +70,7 @@ def test_a_sharp_interface_is_refused_in_3d(water, air):
 
 def test_particles_in_3d_are_refused_too(water, air):
     tank = tp.tank((1, 1, 1), 0.25, jitter=0.1).fill(air).fill(water, box=((0, 0, 0), (1, 1, 0.5)))
-    with pytest.raises(ValueError, match="2-D"):
+    with pytest.raises(ValueError, match="interface is 'sharp', the default, in 3-D; it must be 'interpolated'"):
         tp.Simulation(tp.Case(tank.sample([water, air]), [water, air], (0, 0, -9.81), interface="sharp"))
 
 

@@ -106,5 +106,5 @@ def test_without_a_detailed_budget_there_is_no_table(water, air):
     simulation = dam_break([water, air], interface="sharp", steps=2, budget="total")
     assert simulation.remeshing_sums() == {}
     assert remeshing_table({}) == ""
-    with pytest.raises(ValueError, match="'total' or 'detailed'"):
+    with pytest.raises(ValueError, match="it must be one of 'total', 'detailed'"):
         tp.Numerics(budget="all")

@@ -8,7 +8,7 @@ from triangulations import circle_test, cloud, delaunay, grid, inner_edges, mass
 
 from tipfem.backend.array_types import Array1, Array2, Periods
 from tipfem.backend.launch import kernel, launch
-from tipfem.case.period import no_period
+from tipfem.geometry.period import no_period
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import simplex_measure
 from tipfem.remesh import insertion_kernels, sizing, volume_kernels

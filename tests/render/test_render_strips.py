@@ -81,7 +81,7 @@ def test_labels_tell_times_apart(time, stored, text):
 def test_bad_sizes_are_refused(out):
     """What would leave tanks too small or too large names the way out."""
     with pytest.raises(ValueError, match="larger width or fewer columns"):
-        render.strip(out, [0.0, 0.1, 0.2], width=600)
+        render.strip(out, [0.0, 0.1, 0.2], width=600, columns=3)
     with pytest.raises(ValueError, match="columns is 0"):
         render.strip(out, [0.0], columns=0)
 
@@ -132,3 +132,20 @@ def range_of(out):
     """The range of the speeds at 0 and 0.2 s."""
     results = render.Results(out)
     return field_limits([results.scene(0), results.scene(4)], "speed")
+
+
+@pytest.mark.parametrize(
+    ("size", "count", "columns"),
+    [((0.5, 0.5), 4, 4), ((1.5, 0.7), 4, 2), ((6.0, 1.6), 4, 2), ((0.5, 0.5), 5, 3), ((20.0, 1.0), 3, 1)],
+)
+def test_flat_tanks_have_fewer_columns(size, count, columns):
+    """Tanks of 6 m x 1.6 m, of which four in a row would be 153 pixels high, stand in twos."""
+    assert strips.usual_columns(count, 1600, (0, 0), size) == columns
+
+
+def test_the_flattest_tank_is_drawn(tmp_path):
+    """A tank 40 times as long as it is high has room below it."""
+    out = write_results(tmp_path / "run", times=(0.0, 0.05))
+    view = render.View(window=(0.0, 0.24, 0.5, 0.2525))
+    image = iio.imread(render.strip(out, [0.0, 0.05], view=view, backend="raster"))
+    assert image.shape[0] >= 2 * 240

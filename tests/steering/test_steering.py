@@ -312,7 +312,7 @@ def test_a_run_pauses_takes_single_steps_goes_on_and_stops_with_a_checkpoint(tmp
         (0, False),
         (0, True),
         (1, False),
-        (2, False),
+        (2, True),
         (2, True),
         (2, True),
         (3, False),

@@ -9,7 +9,7 @@ import pytest
 from resumed_runs import require_same_when_resumed
 
 import tipfem as tp
-from tipfem.walls.bodies import body_pose, outline_of, stopped_by_bodies
+from tipfem.physics.bodies.motion import body_pose, outline_of, stopped_by_bodies
 
 AIR, WATER = tp.Fluid("air", 1.2, 1.8e-5), tp.Fluid("water", 1000.0, 1e-3)
 GRAVITY = (0.0, -9.81)

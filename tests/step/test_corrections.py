@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from flow_problems import flow_problem
 
 import tipfem as tp
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.linalg.fgmres import KrylovResult
-from tipfem.step import flow
-from tipfem.step.flow import ElementProperties, FlowProblem
+from tipfem.physics.term import ElementProperties
+from tipfem.step import problem as steps
 from tipfem.step.linear_system import Workspace
+from tipfem.step.problem import FlowProblem
 
 WATER, AIR = (
     tp.Fluid("water", density=1000.0, viscosity=1e-3),
@@ -32,7 +34,7 @@ def posed(dt: float, speed: float, pressure: float) -> FlowProblem:
     material = ElementProperties(state.material.density, state.material.viscosity, np.zeros(len(state.mesh.cells)))
     force = np.tile([0.0, -9.81], (len(p), 1))
     scheme = GeneralizedAlpha(0.0, dt)
-    return FlowProblem(state.mesh, p, material, scheme, force, 0.25, Workspace(), pressure_jump=jump)
+    return flow_problem(state.mesh, p, material, scheme, force, 0.25, Workspace(), pressure_jump=jump)
 
 
 def test_a_first_correction_changes_pressures_alone_where_they_were_a_bad_guess():
@@ -40,7 +42,7 @@ def test_a_first_correction_changes_pressures_alone_where_they_were_a_bad_guess(
     x = problem.predict()
     u, p = problem.split(x)
     first = problem.residual(x)
-    assert first > flow.GUESSED
+    assert first > steps.GUESSED
     problem.correct(x, 1e-3)
     v, q = problem.split(x)
     np.testing.assert_array_equal(u, v)
@@ -55,7 +57,7 @@ def test_a_good_first_guess_is_corrected_as_a_whole():
     problem = posed(1e-4, 0.0, 0.0)
     x = problem.predict()
     u, _ = problem.split(x)
-    assert problem.residual(x) <= flow.GUESSED
+    assert problem.residual(x) <= steps.GUESSED
     problem.correct(x, 1e-3)
     assert abs(problem.split(x)[0] - u).max() > 0
 
@@ -76,14 +78,14 @@ def test_no_correction_inverts_an_element(far, monkeypatch):
         problem.buffers.upload("correction", given.ravel())
         return KrylovResult(1, 0.0, True)
 
-    monkeypatch.setattr(flow.fgmres, "fgmres", solved)
+    monkeypatch.setattr(steps.fgmres, "fgmres", solved)
     problem.correct(x, 1e-2)
     v, q = problem.split(x)
     np.testing.assert_allclose(q - p, 7.0)
     part = (v - u)[moved, 0] / (far * SPACING)
     smallest = problem.limits(x).smallest_jacobian
-    assert smallest >= flow.DAMPED
+    assert smallest >= steps.DAMPED
     assert (part == pytest.approx(1.0)) == (far == 0.2)
     assert np.log2(part) == pytest.approx(round(np.log2(part)))
     twice = problem.vector(u + 2 * (v - u), q)
-    assert part == pytest.approx(1.0) or problem.limits(twice).smallest_jacobian < flow.DAMPED
+    assert part == pytest.approx(1.0) or problem.limits(twice).smallest_jacobian < steps.DAMPED

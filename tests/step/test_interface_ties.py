@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy_twin as twin
 import pytest
+from flow_problems import flow_problem
 from residuals import residual_vector
 
 import tipfem as tp
@@ -12,13 +13,14 @@ from tipfem.backend import launch as launching
 from tipfem.backend.arrays import download
 from tipfem.case.fluid import ranks
 from tipfem.fem.mass import consistent_part
+from tipfem.fem.schur import SCHUR_SCALE
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.cut import cut_along_interfaces
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import simplex_measure
+from tipfem.physics.term import ElementProperties
 from tipfem.remesh.fitted import with_fluids
-from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
-from tipfem.step.linear_system import SCHUR_SCALE
+from tipfem.step.linear_system import Workspace
 
 FLUIDS = [
     tp.Fluid("water", density=1000.0, viscosity=0.1),
@@ -53,7 +55,7 @@ class Setting:
         nothing = np.zeros(len(self.mesh.cells))
         jump = rng.uniform(-300, 300, (3, n))
         lumping = 1 - consistent * (1 - consistent_part(2))
-        self.problem = FlowProblem(
+        self.problem = flow_problem(
             self.mesh,
             self.particles,
             ElementProperties(density, viscosity, nothing, nothing + lumping),
@@ -149,7 +151,7 @@ def test_both_jacobians_have_the_same_preconditioner():
         r, z = problem.buffers.upload("test.r", values.ravel()), problem.buffers.get("test.z", problem.size)
         problem.precondition(r, z)
         found.append(download(z, problem.size).reshape(-1, 3))
-        np.testing.assert_array_equal(found[-1][n:, :2], found[-1][setting.cut.owner[n:], :2])
+        assert not found[-1][n:, :2].any()  # copies are no unknowns
     assert (abs(found[0]).max(axis=0) > 0).all()
     assert (abs(found[1] - found[0]) <= 1e-9 * abs(found[0]).max(axis=0)).all()
 
@@ -209,7 +211,7 @@ def test_iterations_are_few(disc):
     mesh = with_fluids(triangulate(particles.position, particles.wall, 1 / 60), particles, ranks([water, air]))
     nothing, counts = np.zeros(len(mesh.cells)), []
     for jump in (None, np.zeros((2, len(particles)))):
-        problem = FlowProblem(
+        problem = flow_problem(
             mesh,
             particles,
             ElementProperties(density[mesh.fluid], viscosity[mesh.fluid], nothing),
@@ -328,16 +330,14 @@ def test_auto_is_two_sided_where_interfaces_are_sharp(water, air):
 
 
 def test_other_masses_are_refused():
-    with pytest.raises(ValueError, match=r"mass is 'full'; it must be 'lumped', 'consistent' or 'interfaces'"):
+    with pytest.raises(ValueError, match=r"mass is 'full'; it must be one of 'lumped', 'consistent', 'interfaces'"):
         tp.Numerics(mass="full")
 
 
 def test_other_pressures_are_refused(water, air):
-    with pytest.raises(ValueError, match=r"pressure is 'both'; it must be 'auto', 'continuous' or 'two-sided'"):
+    with pytest.raises(ValueError, match=r"pressure is 'both'; it must be one of 'auto', 'continuous', 'two-sided'"):
         tp.Numerics(pressure="both")
     tank, numerics = tp.tank((1.0, 1.0), 0.1).fill(water), tp.Numerics(pressure="two-sided")
     for options in ({"interface": "interpolated"}, {"free_surface": True}):
-        with pytest.raises(
-            ValueError, match=r"pressure='two-sided'.*interface must be 'sharp', without a free surface"
-        ):
+        with pytest.raises(ValueError, match=r"pressure is 'two-sided'; .*it must be 'auto' or 'continuous'"):
             tp.Case(tank, [water], (0, -9.81), numerics=numerics, **options)

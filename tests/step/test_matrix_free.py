@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from flow_problems import flow_problem
 
 import tipfem as tp
 from tipfem.backend.arrays import download
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.delaunay import triangulate
-from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
+from tipfem.physics.term import ElementProperties
+from tipfem.step.linear_system import Workspace
 
 
 def problem_of(size, jacobian, lumping=1.0):
@@ -22,7 +24,7 @@ def problem_of(size, jacobian, lumping=1.0):
     particles.pressure[:] = rng.uniform(-500, 500, len(particles))
     mesh = triangulate(particles.position, particles.wall, particles.spacing)
     light = particles.fluid[mesh.cells].max(axis=1) == 1
-    problem = FlowProblem(
+    problem = flow_problem(
         mesh,
         particles,
         ElementProperties(
@@ -47,7 +49,7 @@ def test_products_and_preconditioner_are_those_of_the_rows(size, lumping):
     assert rows.system.stores_rows
     assert not free.system.stores_rows
     assert not any(name == "blocks" and len(a.to_numpy()) > 16 for name, a in free.buffers._arrays.items())
-    values = np.random.default_rng(1).standard_normal(rows.size) * (download(rows._scale, rows.size) > 0)
+    values = np.random.default_rng(1).standard_normal(rows.size) * (download(rows.equations.scale, rows.size) > 0)
     for name, tolerance in (("product", 1e-12), ("precondition", 1e-9)):
         found = []
         for problem in (rows, free):
@@ -111,5 +113,13 @@ def test_a_dam_break_is_the_same_with_both(walls):
 
 @pytest.mark.parametrize("value", ["matrix", None, True])
 def test_other_jacobians_are_refused(value):
-    with pytest.raises(ValueError, match=r"Numerics: jacobian is .*; it must be 'rows' or 'matrix-free'"):
+    with pytest.raises(ValueError, match=r"Numerics: jacobian is .*; it must be one of 'rows', 'matrix-free'"):
         tp.Numerics(jacobian=value)
+
+
+def test_a_body_that_floats_is_refused(water):
+    tank = (
+        tp.tank((1.0, 1.0), 0.1).fill(water).add(tp.Body([(0.4, 0.4), (0.6, 0.4), (0.6, 0.6), (0.4, 0.6)], density=1.0))
+    )
+    with pytest.raises(ValueError, match=r"no body can float; say jacobian='rows'"):
+        tp.Case(tank, [water], (0, -9.81), numerics=tp.Numerics(jacobian="matrix-free"))

@@ -17,6 +17,7 @@ WATER, AIR = tp.Fluid("water", density=1000.0, viscosity=1e-3), tp.Fluid("air", 
 def row(**changes):
     """A step of a flow that exchanges 4 J of potential and kinetic energy."""
     usual = {
+        "time": 1.0,
         "kinetic_energy": 4.0,
         "potential_energy": 6.0,
         "numerical_dissipation": 0.0,
@@ -29,7 +30,7 @@ def row(**changes):
 
 
 def test_figures_are_relative_to_the_flow_s_own():
-    start = row(kinetic_energy=0.0, potential_energy=10.0)
+    start = row(time=0.1, kinetic_energy=0.0, potential_energy=10.0, numerical_dissipation=0.01)
     end = row(
         numerical_dissipation=0.03,
         energy_residual=-0.01,
@@ -39,12 +40,15 @@ def test_figures_are_relative_to_the_flow_s_own():
     )
     found = numerical_error([start, end], [WATER, AIR], np.array([0.5, 0.5]))
     momentum = 0.5 / np.sqrt(2 * 500.5 * 4.0)
-    assert found == pytest.approx({"energy": 0.01, "momentum": momentum, "volume_water": 0.02, "volume_air": 0.0})
+    parts = {"energy": 0.0125, "momentum": momentum, "volume_water": 0.02, "volume_air": 0.0}
+    when = {"energy_lost": 0.05, "energy_of_flow": 4.0, "early_time": 0.25, "early_loss": 0.2, "time_of_loss": 0.99}
+    assert found == pytest.approx(parts | when)
 
 
 def test_fluids_at_rest_and_runs_without_steps_have_figures_too():
     rest = row(kinetic_energy=0.0)
-    assert set(numerical_error([rest], [WATER, AIR], np.array([0.5, 0.5])).values()) == {0.0}
+    found = numerical_error([rest], [WATER, AIR], np.array([0.5, 0.5]))
+    assert {value for name, value in found.items() if "time" not in name} == {0.0}
     assert numerical_error([], [WATER, AIR], np.array([0.5, 0.5])) == {}
 
 
@@ -58,14 +62,18 @@ def test_round_off_of_fluids_at_rest_is_no_error(water):
 
 
 def test_the_line_names_what_is_above_one_per_cent():
-    small = {"energy": 0.004, "momentum": 0.001, "volume_water": -0.002}
+    when = {"energy_lost": 0.16, "energy_of_flow": 40.0, "early_time": 0.1, "early_loss": 0.2, "time_of_loss": 0.26}
+    small = {"energy": 0.004, "momentum": 0.001, "volume_water": -0.002, **when}
     assert summary_line(small) == (
-        "numerics took 0.004 of the energy, changed 0.001 of the momentum, gave 0.002 of the volume of water"
+        "numerics lost 0.16 J of the flow's 40 J (20% of it before t = 0.1 s, most at t = 0.26 s), "
+        "changed 0.001 of the momentum, gave 0.002 of the volume of water"
     )
-    line = summary_line({**small, "energy": -0.05, "volume_water": 0.02})
-    assert line.startswith("warning: numerics gave 0.05 of the energy")
-    assert "above 1 %: energy, volume of water (" in line
-    assert "above 1 %: energy" in summary_line({"energy": float("nan")})
+    line = summary_line({**small, "energy": -0.05, "energy_lost": -2.0, "volume_water": 0.02, "roughness_water": 0.01})
+    assert line.startswith("warning: numerics added 2 J to the flow's 40 J (")
+    assert "; roughness of velocities at the end 0.01 in water; above 1 %: energy, volume of water (" in line
+    assert "above 1 %: energy" in summary_line({**small, "energy": float("nan"), "energy_lost": float("nan")})
+    none = summary_line({**small, "energy": 0.0, "energy_lost": 0.0})
+    assert none.startswith("numerics lost 0 J of the flow's 40 J, changed")
 
 
 def test_a_run_writes_the_figures_and_says_the_line_on_a_terminal(tmp_path, monkeypatch):
@@ -81,5 +89,5 @@ def test_a_run_writes_the_figures_and_says_the_line_on_a_terminal(tmp_path, monk
         simulation.run(0.01, progress=progress)
         found = json.loads((tmp_path / "summary.json").read_text())["numerical_error"]
         assert found == numerical_error(simulation.history, [WATER, AIR], simulation.state.start_volume)
-        assert set(found) == {"energy", "momentum", "volume_water", "volume_air"}
+        assert {"energy", "momentum", "volume_water", "volume_air", "energy_lost", "roughness_water"} <= set(found)
         assert ("of the volume of water" in " ".join(stream.getvalue().split())) == progress

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from flow_problems import flow_problem
 
 import tipfem as tp
 from tipfem.backend.arrays import download
@@ -12,9 +13,10 @@ from tipfem.fem.mass import consistent_part
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.cut import cut_along_interfaces
 from tipfem.mesh.delaunay import triangulate
-from tipfem.mesh.interface_slip import find_slip
+from tipfem.physics.sliding_liquids.slip import find_slip
+from tipfem.physics.term import ElementProperties
 from tipfem.remesh.fitted import with_fluids
-from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
+from tipfem.step.linear_system import Workspace
 
 FLUIDS = [tp.Fluid("water", density=1000.0, viscosity=0.1), tp.Fluid("oil", density=800.0, viscosity=2.0)]
 DENSITY, VISCOSITY = (np.array([getattr(f, name) for f in FLUIDS]) for name in ("density", "viscosity"))
@@ -41,7 +43,7 @@ class Setting:
 
     def problem(self, slip, jacobian):
         n, nothing = len(self.particles), np.zeros(len(self.mesh.cells))
-        return FlowProblem(
+        return flow_problem(
             self.mesh,
             self.particles,
             ElementProperties(DENSITY[self.mesh.fluid], VISCOSITY[self.mesh.fluid], nothing, nothing + self.lumping),
@@ -64,7 +66,7 @@ class Setting:
 
     def unscaled(self, problem, rows):
         """Rows (P, 3) on the device without their scale, 0 where that is."""
-        rows, scale = (download(array, problem.size).reshape(-1, 3) for array in (rows, problem._scale))
+        rows, scale = (download(array, problem.size).reshape(-1, 3) for array in (rows, problem.equations.scale))
         return np.divide(rows, scale, out=np.zeros_like(rows), where=scale > 0)
 
     def added(self, u, p):
@@ -74,15 +76,15 @@ class Setting:
     @property
     def free(self):
         """Whether rows (P, 3) are those of unknowns that are not prescribed."""
-        return download(self.with_slip._scale, self.with_slip.size).reshape(-1, 3) > 0
+        return download(self.with_slip.equations.scale, self.with_slip.size).reshape(-1, 3) > 0
 
 
 def wanted(setting, u, p):
-    """The terms of `tipfem.step.slip_rows`, particle by particle and cell by cell; unscaled rows (P, 3)."""
+    """The terms of sliding liquids, particle by particle and cell by cell; unscaled rows (P, 3)."""
     slip, mesh, cut, particles = setting.slip, setting.mesh, setting.cut, setting.particles
-    history = SCHEME.history(particles)[1]
+    history = SCHEME.history(particles.velocity, particles.acceleration)[1]
     acceleration = SCHEME.cm * u + history
-    place = (particles.position + SCHEME.cf * SCHEME.predict(particles))[cut.owner]
+    place = (particles.position + SCHEME.cf * SCHEME.predict(particles.velocity, particles.acceleration))[cut.owner]
     slid, slips = slip.slip(u), slip.slip(acceleration)
     factor, rows = STABILISATION, np.zeros((len(cut.owner), 3))
     inertia, virtual = np.zeros(len(slip.owner)), np.zeros((len(mesh.position), 2))
@@ -148,7 +150,9 @@ def test_products_are_their_derivative(jacobian):
 def test_a_pressure_in_balance_with_gravity_drives_no_slip_and_volumes_stay():
     """On a rough interface, with any level of pressure in each component."""
     setting = Setting()
-    place = setting.particles.position + SCHEME.cf * SCHEME.predict(setting.particles)
+    place = setting.particles.position + SCHEME.cf * SCHEME.predict(
+        setting.particles.velocity, setting.particles.acceleration
+    )
     setting.particles.velocity[:] = setting.particles.acceleration[:] = 0.0
     setting.force[:] = GRAVITY
     setting.with_slip, setting.without = setting.problem(setting.slip, "rows"), setting.problem(None, "rows")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tipfem.casefile.commands import call
+from tipfem.app.commands import call
 from tipfem.casefile.problems import CaseFileError
 from tipfem.commands import app
 from tipfem.study.running import LocalWorkers, Outcome, folder_of, prepare, usable_cores

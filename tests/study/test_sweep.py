@@ -7,6 +7,7 @@ import csv
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -17,7 +18,8 @@ from pathlib import Path
 import pytest
 
 from tipfem.commands import app
-from tipfem.study.running import LocalWorkers, Outcome, usable_cores
+from tipfem.study.running import LocalWorkers, Outcome, Sweep, usable_cores
+from tipfem.study.study import load_study
 
 # Water alone, under a free surface: each process of a run has fewer kernels to make ready.
 BASE = """
@@ -269,3 +271,47 @@ def test_a_second_ctrl_c_kills_the_runs(tmp_path):
     assert "Traceback" not in said
     with pytest.raises(ProcessLookupError):
         os.kill(worker, 0)
+
+
+def test_overwriting_leaves_the_files_of_a_run_that_another_process_writes(tmp_path, capsys):
+    (tmp_path / "base.toml").write_text(BASE, encoding="utf-8")
+    (tmp_path / "study.toml").write_text(STUDY, encoding="utf-8")
+    run = tmp_path / "out" / "killed"
+    (run / "checkpoints").mkdir(parents=True)
+    held = {
+        ".lock": json.dumps({"host": socket.gethostname(), "process": os.getppid()}),
+        "checkpoints/step_000000000.h5": "of that process",
+        "summary.json": "{}",
+    }
+    for name, text in held.items():
+        (run / name).write_text(text, encoding="utf-8")
+    with contextlib.chdir(tmp_path):
+        assert app(["sweep", "study.toml", "--overwrite"], result_action="return_value") == 2
+    assert "a run is writing there" in capsys.readouterr().err
+    assert {name: (run / name).read_text(encoding="utf-8") for name in held} == held
+
+
+def test_an_error_of_the_disk_in_one_run_is_one_failed_row(tmp_path, monkeypatch):
+    """The other runs go on, and the table is written."""
+
+    class Workers:
+        def submit(self, folder):
+            done = Future()
+            if folder.name == "fails":
+                done.set_exception(OSError(28, "No space left on device"))
+            else:
+                done.set_result(Outcome(0, ""))
+            return done
+
+        def stop(self):
+            pass
+
+    (tmp_path / "base.toml").write_text(BASE, encoding="utf-8")
+    (tmp_path / "study.toml").write_text(STUDY, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    told, rows = [], []
+    sweep = Sweep(load_study(Path("study.toml")), Workers(), told.append, lambda failures: rows.append(dict(failures)))
+    assert sweep.run() is None
+    assert list(sweep.failures) == ["fails"]
+    assert "No space left on device" in sweep.failures["fails"]
+    assert len(told) == len(rows) == len(sweep.study.runs)

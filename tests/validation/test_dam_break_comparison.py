@@ -6,8 +6,9 @@ import json
 
 import imageio.v3 as iio
 import numpy as np
-import pytest
 from tipfem.demos.validation.dam_break import run as study
+
+from tipfem import commands
 
 
 def finished_run(folder, spacing, speed):
@@ -22,7 +23,7 @@ def finished_run(folder, spacing, speed):
 def test_fronts_of_several_runs_in_one_figure(tmp_path, capsys):
     """--compare runs nothing: it reads histories, prints the figures of each and draws them together."""
     folders = [finished_run(tmp_path / name, h, v) for name, h, v in (("fine", 0.002, 1.5), ("coarse", 0.005, 1.4))]
-    study.main(["--compare", *map(str, folders), "--out", str(tmp_path / "both")])
+    assert commands.demo("validation/dam_break", "--compare", *map(str, folders), "--out", str(tmp_path / "both")) == 0
     printed = capsys.readouterr().out
     assert printed.index("tipfem, 5 mm: ") < printed.index("tipfem, 2 mm: ")
     assert "front_rms" in printed
@@ -37,15 +38,14 @@ def test_what_is_no_run_cannot_be_compared(tmp_path, capsys):
         if text:
             finished_run(folder, 0.005, 1.0)
             (folder / "history.csv").write_text(text)
-        with pytest.raises(SystemExit):
-            study.main(["--compare", str(folder)])
+        assert commands.demo("validation/dam_break", "--compare", str(folder)) == 1
         assert f"{folder}: no finished run of the dam break" in capsys.readouterr().err
 
 
 def test_coarse_runs_are_compared_and_checked(tmp_path, capsys, monkeypatch):
     """Two runs, their fronts in one figure; too short for the front, which is known to a spacing, to be judged."""
     monkeypatch.setattr(study, "END_TIME", 0.12)  # T = 1.4
-    study.main(["--spacing", "0.03", "0.02", "--out", str(tmp_path)])
+    assert commands.demo("validation/dam_break", "--spacing", "0.03", "0.02", "--out", str(tmp_path)) == 0
     assert "check: passed" in capsys.readouterr().out
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["check"] == "passed"

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from tipfem.demos.validation.impact import run as study
 
+from tipfem import commands
+
 
 def test_the_running_mean_is_that_of_lines_between_samples():
     time = np.sort(np.random.default_rng(1).uniform(0.0, 4.0, 400))
@@ -69,7 +71,7 @@ def test_energy_of_a_dam_break_without_viscosity_never_rises():
 
 
 def test_a_coarse_run_reaches_the_wall_and_measures_nothing_before(tmp_path, capsys):
-    study.main(["--across", "10", "--end-time", "2.95", "--out", str(tmp_path)])
+    assert commands.demo("validation/impact", "--across", "10", "--end-time", "2.95", "--out", str(tmp_path)) == 0
     gauge = study.scaled(study.tp.read_results(tmp_path / "10"))["pressure"]
     assert np.abs(gauge.pressure[gauge.time < 2.3]).max() < 0.05
     summary = json.loads((tmp_path / "summary.json").read_text())

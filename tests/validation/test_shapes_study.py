@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from argparse import Namespace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def test_the_check_of_the_obstacle_judges_what_the_run_was_long_enough_for():
     check = obstacle.Obstacle()
 
     def missed(figures, spacing=0.006, end_time=0.5):
-        return check.missed(figures, Namespace(spacing=spacing, end_time=end_time, interface="sharp"))
+        return check.missed(figures, SimpleNamespace(spacing=spacing, end_time=end_time, interface="sharp"))
 
     assert missed(good) == []
     for name, limit in obstacle.LIMITS.items():

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from flow_problems import flow_problem
 from tipfem.demos.validation.walls import flows
 
 import tipfem as tp
 from tipfem.fem.time_integration import GeneralizedAlpha
-from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
-from tipfem.walls.step import walls_in_step
+from tipfem.physics.term import ElementProperties
+from tipfem.physics.walls.step import walls_in_step
+from tipfem.step.linear_system import Workspace
 
 
 def mean_velocity(simulation):
@@ -62,7 +64,7 @@ def test_walls_that_slip_cost_no_iterations(viscosity):
         material = ElementProperties(*(np.full(len(mesh.cells), value) for value in (1.0, viscosity, 0.0)))
         walls = walls_in_step(simulation.case.boundary, mesh, particles, material.viscosity, scheme, 0.0)
         force = np.tile((0.0, -1.0), (len(particles), 1))
-        problem = FlowProblem(mesh, particles, material, scheme, force, 0.25, Workspace(), walls)
+        problem = flow_problem(mesh, particles, material, scheme, force, 0.25, Workspace(), walls)
         u = np.random.default_rng(0).uniform(-1e-3, 1e-3, particles.position.shape) * h
         x = problem.vector(u, particles.pressure)
         problem.residual(x)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from demo_runs import load
 from interface_edges import watched
-from tipfem.demos import harness
 from triangulations import component_labels
 
 import tipfem as tp
@@ -139,7 +139,7 @@ def test_no_gap_opens_at_the_interface(name, interface, spacing, end, longest, s
     Those along a sharp one are short in the dam break, and not always in the inversion, see test_interface_slivers.py:
     over four orders of the first triangles, the longest was 1.9 to 2.5 there, and 2.7 to 5.2 in the inversion.
     """
-    demo = harness.load(name, spacing=spacing, interface=interface)
+    demo = load(name, spacing=spacing, interface=interface)
     simulation = tp.Simulation(demo.case, time_step=2 * demo.options.time_step)
     edges = watched(simulation, end)
     assert edges.longest < longest

@@ -12,7 +12,8 @@ from tipfem.demos.validation.waves import run as waves
 from tipfem.demos.validation.waves.theory import StandingWave
 
 import tipfem as tp
-from tipfem.mesh import interface_slip
+from tipfem import commands
+from tipfem.physics.sliding_liquids import slip as interface_slip
 
 TIGHT = tp.Numerics(pressure="two-sided", newton_tolerance=1e-10, acceleration_tolerance=1e-6)
 
@@ -39,7 +40,7 @@ def test_the_wave_of_water_is_not_fed():
 
 @pytest.mark.parametrize(("mass", "inertia"), [("lumped", 1 / 6), ("consistent", 0.0)])
 def test_the_period_between_liquids_that_slide_is_of_second_order(mass, inertia):
-    """What lumped masses do, (k h)^2 / 6, and next to nothing with consistent ones: see docs/theory/method.md."""
+    """What lumped masses do, (k h)^2 / 6, and next to nothing with consistent ones: see docs/theory/equations.md."""
     across = 16
     found, _ = waves.measure("liquids", across, 0.55, numerics=tp.Numerics(mass=mass))
     assert found["period"] - 1 == pytest.approx(inertia * (math.pi / across) ** 2, abs=6e-4)
@@ -47,7 +48,7 @@ def test_the_period_between_liquids_that_slide_is_of_second_order(mass, inertia)
 
 
 def test_a_continuous_velocity_gives_the_vortex_sheet_a_thickness(monkeypatch):
-    """The jump along the interface takes some cells, at first order in the spacing: see docs/theory/method.md."""
+    """The jump along the interface takes some cells, at first order in the spacing: see docs/theory/equations.md."""
     across = 16
     monkeypatch.setattr(interface_slip, "LEAST_PRODUCT", 1.0)
     found, _ = waves.measure("liquids", across, 0.55)
@@ -70,7 +71,12 @@ def test_theory_conserves_the_energy_of_a_wave_and_knows_small_ones():
 
 
 def test_the_command_leaves_table_figure_and_figures(tmp_path, capsys):
-    waves.main(["--flow", "water", "--across", "16", "20", "--periods", "0.6", "--out", str(tmp_path)])
+    assert (
+        commands.demo(
+            "validation/waves", "--flow", "water", "--across", "16", "20", "--periods", "0.6", "--out", str(tmp_path)
+        )
+        == 0
+    )
     printed = capsys.readouterr().out
     assert "check: passed" in printed
     assert (tmp_path / "table.md").read_text() in printed

@@ -102,9 +102,9 @@ def test_a_run_is_paused_tilted_pushed_given_a_drop_and_stopped_by_pointer_and_k
     page.get_by_label("adds drops").check()
     shown.part("drop-fluid").select_option("water")
     page.mouse.click(*shown.point(0.6, 0.85))
-    shown.read("progress", "too close to")
+    shown.read("note", "too close to")
     page.mouse.click(*shown.point(0.6, 0.65))
-    shown.wait(lambda: "too close" not in shown.text("progress"), "the drop")
+    shown.wait(lambda: not shown.part("note").is_visible(), "the drop")
     shown.sees(0.6, 0.65, WATER)
     assert commands(out)[-1]["command"] == "drop"
     assert commands(out)[-1]["at"] == pytest.approx([0.6, 0.65], abs=5e-3)

@@ -187,3 +187,58 @@ def test_a_page_whose_token_is_wrong_says_so(browser, server):
     page.goto(server.address.split("#")[0] + "#wrong")
     page.wait_for_selector('[data-name="note"]:has-text("token")')
     page.close()
+
+
+def test_keys_hold_after_a_control_was_used_by_the_pointer(shown):
+    """A drop-down, the slider, a checkbox and the button that records give the keys back; by Tab they keep them."""
+    box = shown.part("field").bounding_box()
+    shown.page.mouse.click(box["x"] + 20, box["y"] + box["height"] / 2)
+    shown.part("field").select_option("pressure")
+    shown.read("legend", "pressure")
+    shown.key("ArrowRight")
+    shown.wait(lambda: "2/12" in shown.text("clock"), "the next time")
+    assert shown.part("field").input_value() == "pressure"
+    slider = shown.part("scrub").bounding_box()
+    shown.page.mouse.click(slider["x"] + slider["width"] / 2, slider["y"] + slider["height"] / 2)
+    shown.wait(lambda: re.search(r"\b[67]/12", shown.text("clock")), "the time in the middle")
+    shown.key("m")
+    mesh = shown.page.locator('[data-layer="mesh"]')
+    shown.wait(mesh.is_checked, "the mesh by its key")
+    mesh.click()
+    shown.wait(lambda: not mesh.is_checked(), "the mesh by its box")
+    shown.key("Home", "Space")
+    shown.wait(lambda: "12/12" in shown.text("clock"), "the last time, played by a key")
+    assert not mesh.is_checked()
+    shown.button("record").click()
+    shown.wait(lambda: shown.button("record").get_attribute("aria-pressed") == "true", "the recording")
+    shown.key("Home", "Space")
+    shown.wait(lambda: "12/12" in shown.text("clock"), "the last time, while recording")
+    assert shown.button("record").get_attribute("aria-pressed") == "true"
+    with shown.page.expect_download():
+        shown.button("record").click()
+    shown.part("field").focus()
+    shown.key("Home")  # a key of the drop-down that has the focus without the pointer
+    shown.wait(lambda: shown.part("field").input_value() == "", "the first field")
+
+
+def test_a_silent_connection_is_told(browser, server):
+    """A connection that carries nothing is told, and the note goes when it carries again."""
+    context = browser.new_context()
+    page = context.new_page()
+    held = []
+    stalled = [False]
+
+    def pass_on(socket):
+        other = socket.connect_to_server()
+        other.on_message(lambda message: held.append(message) if stalled[0] else socket.send(message))
+
+    page.route_web_socket(lambda url: "socket" in url, pass_on)
+    page.goto(server.address)
+    page.wait_for_selector('.tipfem-viewer:not([data-frame="0"])')
+    note = page.locator('[data-name="note"]')
+    assert not note.is_visible()
+    stalled[0] = True
+    note.filter(has_text="has not answered").wait_for(timeout=60_000)
+    stalled[0] = False
+    note.wait_for(state="hidden", timeout=60_000)
+    context.close()

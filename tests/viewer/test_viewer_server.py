@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import http.client
 import io
 import json
@@ -10,6 +11,7 @@ import signal
 import socket
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import imageio_ffmpeg
 import numpy as np
@@ -20,7 +22,9 @@ from tipfem.render import Results, View, render_frame
 from view_client import PATIENCE, TIMES, Page, start
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from tipfem.viewer import protocol
+from tipfem.viewer import ResultsSource, protocol
+from tipfem.viewer.server import ViewServer, open_browser
+from tipfem.viewer.session import Session
 
 
 def asked(server, path, **headers):
@@ -50,6 +54,34 @@ def test_the_page_is_served_and_may_load_nothing_from_elsewhere(server):
         assert policy["script-src"] == policy["style-src"] == "'self'"
         assert policy["connect-src"].split() == ["'self'", *(f"{s}://127.0.0.1:{server.port}" for s in ("ws", "wss"))]
         assert server.token.encode() not in body
+
+
+def test_a_page_that_sends_without_end_leaves_the_others_their_turn(tmp_path):
+    """Its messages are there at once, so that nothing has to be waited for between them."""
+
+    class Flood:
+        transport = SimpleNamespace(abort=lambda: None)
+        sent = 0
+
+        async def __aiter__(self):
+            while self.sent < 10_000:
+                self.sent += 1
+                yield json.dumps({"type": "ack", "frame": 1})
+
+        async def send(self, message):
+            pass
+
+    async def turn():
+        session = Session([ResultsSource(tmp_path)])
+        flood = Flood()
+        task = asyncio.ensure_future(ViewServer(session)._receive(flood))
+        for _ in range(20):
+            await asyncio.sleep(0)
+        assert 0 < flood.sent <= 20
+        task.cancel()
+
+    write_results(tmp_path, TIMES)
+    asyncio.run(turn())
 
 
 @pytest.mark.parametrize("path", ["/server.py", "/../server.py", "/page/main.js", "/%2e%2e/server.py", "//etc/passwd"])
@@ -336,7 +368,7 @@ def test_two_results_are_shown_at_equal_times_and_a_signal_ends_the_viewer(tmp_p
 
 
 def test_what_cannot_be_shown_is_said_in_a_line(tmp_path, capfd):
-    from tipfem.casefile.commands import main
+    from tipfem.app.commands import main
 
     assert main(["view", str(tmp_path / "none")]) == 2
     assert "there is no such folder" in capfd.readouterr().err
@@ -349,3 +381,16 @@ def test_what_cannot_be_shown_is_said_in_a_line(tmp_path, capfd):
         assert main(["view", str(out), "--port", str(taken.getsockname()[1])]) == 2
     assert "cannot be used" in capfd.readouterr().err
     json.loads((out / "case.json").read_text())
+
+
+def test_the_browser_is_not_told_the_token_in_its_command_line(monkeypatch):
+    """It opens a file that only the user can read, which leads to the address."""
+    opened = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    door = open_browser("http://127.0.0.1:8800/#secret")
+    try:
+        assert opened == [door.as_uri()]
+        assert door.stat().st_mode & 0o077 == 0
+        assert 'content="0; url=http://127.0.0.1:8800/#secret"' in door.read_text()
+    finally:
+        door.unlink()

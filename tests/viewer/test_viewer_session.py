@@ -306,3 +306,19 @@ def test_two_panes_have_the_ranges_of_both():
     assert ranges == [(-3.0, 3.0)] * 2
     for pane in showing.panes:
         pane.close()
+
+
+def test_all_times_of_two_results_are_reached():
+    """Of a short result and a long one every stored time of either is shown, whichever comes first."""
+    short, long = SlowingFlow(), SlowingFlow()
+    short.times = (0.0, 0.05)
+    for sources in ((short, long), (long, short)):
+        showing = Showing(sources, "raster")
+        assert showing.times == [0.0, 0.05, 0.1, 0.2]
+        assert showing.status()["times"]["count"] == 4
+        seen = []
+        for _ in range(4):
+            seen.append(showing.time)
+            showing.step(1)
+        assert seen == [0.0, 0.05, 0.1, 0.2]
+        assert showing.status()["index"] == 3

@@ -6,15 +6,17 @@ import math
 
 import numpy as np
 import pytest
+from flow_problems import flow_problem
 from scipy.special import jn_zeros
 
 import tipfem as tp
 from tipfem.backend.arrays import download
-from tipfem.case.curves import SMOOTH, chain_tangents, curve_of, restored, runs_of
-from tipfem.case.domain import domain_of
 from tipfem.fem.time_integration import GeneralizedAlpha
-from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
-from tipfem.walls.step import WallStep
+from tipfem.geometry.curves import SMOOTH, chain_tangents, curve_of, restored, runs_of
+from tipfem.geometry.domain import domain_of
+from tipfem.physics.term import ElementProperties
+from tipfem.physics.walls.step import WallStep
+from tipfem.step.linear_system import Workspace
 
 BOWL = tp.shapes.polygon([(-1, 0), tp.shapes.arc((0, 0)), (1, 0), (1, 0.5), (-1, 0.5)], names=["bowl", "r", "t", "l"])
 CIRCLE = tp.shapes.circle((0, 0), 1.0, name="rim")
@@ -119,7 +121,7 @@ def test_product_is_the_derivative_of_the_residual_on_a_curve(water):
     material = ElementProperties(*(np.full(m, value) for value in (1000.0, 50.0, 0.0)))
     walls = WallStep(state.boundary, state.mesh, state.particles, material.viscosity, scheme, 0.0, material.density)
     assert len(walls.pressed)
-    problem = FlowProblem(state.mesh, state.particles, material, scheme, np.zeros((n, 2)), 0.3, Workspace(), walls)
+    problem = flow_problem(state.mesh, state.particles, material, scheme, np.zeros((n, 2)), 0.3, Workspace(), walls)
     start = np.concatenate([walls.constrain(u), p[:, None]], axis=1)
     problem.residual(problem.vector(u, p))
     problem.linearise()

@@ -10,8 +10,8 @@ import pytest
 
 import tipfem as tp
 from tipfem.case.boundary import Boundary
-from tipfem.case.period import no_period
-from tipfem.walls.layers import DRY, RESOLVED, LayerFaces, Layers, advance, begin
+from tipfem.geometry.period import no_period
+from tipfem.physics.walls.layers import DRY, RESOLVED, LayerFaces, Layers, advance, begin
 
 NU, H = 1e-6, 0.005
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy_twin as twin
 import pytest
+from flow_problems import flow_problem
 from residuals import residual_vector
 
 import tipfem as tp
@@ -13,10 +14,11 @@ from tipfem.backend.arrays import download
 from tipfem.case.boundary import Boundary
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.delaunay import triangulate
+from tipfem.physics.term import ElementProperties
+from tipfem.physics.walls.motion import set_off
+from tipfem.physics.walls.step import WallStep
 from tipfem.step import solve
-from tipfem.step.flow import ElementProperties, FlowProblem, Workspace
-from tipfem.walls.motion import set_off
-from tipfem.walls.step import WallStep
+from tipfem.step.linear_system import Workspace
 
 DIMENSIONS = pytest.mark.parametrize("dimension", [2, 3])
 SCHEMES = pytest.mark.parametrize("rho_inf", [0.0, 0.5, 1.0])
@@ -65,7 +67,7 @@ class Setting:
             step = WallStep(self.boundary, self.mesh, self.particles, self.material.viscosity, self.scheme, self.time)
         force = np.zeros_like(self.u)
         force[:, 1] = -9.81
-        return FlowProblem(self.mesh, self.particles, self.material, self.scheme, force, 0.3, Workspace(), step), step
+        return flow_problem(self.mesh, self.particles, self.material, self.scheme, force, 0.3, Workspace(), step), step
 
 
 @DIMENSIONS
@@ -106,8 +108,8 @@ def test_all_threads_one_thread_and_staged_kernels_and_matrix_free_products_solv
     motion = tp.Motion(angle=lambda t: 2.0 * t**2)
 
     def examine(problem, x, **_options):
-        assert len(problem.walls.sliding) >= 10
-        assert len(problem.walls.faces.nodes) > 5
+        assert len(problem.terms[0].walls.sliding) >= 10
+        assert len(problem.terms[0].walls.faces.nodes) > 5
         fused = problem.system.iteration is not None
         start = x.to_numpy().copy()
         for single, whole in ((False, True), (True, True), (False, False)) if fused else ((False, False),):

@@ -10,7 +10,7 @@ import pytest
 import tipfem as tp
 from tipfem.case.walls import rates
 from tipfem.mesh.mesh import no_surface
-from tipfem.walls.spacing import crowded_moves, space_back, space_sliding
+from tipfem.physics.walls.spacing import crowded_moves, space_back, space_sliding
 
 
 @pytest.fixture
@@ -37,8 +37,8 @@ def floor(**what):
         (lambda t: t.wall("top", speed=1), "wall 'top': ['speed'] given; it takes one or more of"),
         (lambda t: t.wall("top", slip=True).wall("top", slip=True), "wall 'top' is described twice"),
         (lambda t: t.wall("top", slip=0.1), "slip is 0.1; it must be True or False (a length is slip_length)"),
-        (lambda t: t.wall("top", slip_length=0), "slip_length is 0 m; it must be > 0"),
-        (lambda t: t.wall("top", slip_length=float("inf")), "slip_length is inf m; it must be > 0"),
+        (lambda t: t.wall("top", slip_length=0), "slip_length is 0 m; it must be a number > 0"),
+        (lambda t: t.wall("top", slip_length=float("inf")), "slip_length is inf m; it must be a number > 0"),
         (lambda t: t.wall("top", slip=True, slip_length=1.0), "give one of the two"),
         (lambda t: t.wall("top", slip=True, velocity=(1, 0)), "velocity has no effect on a fluid that slips freely"),
         (lambda t: t.wall("left", motion=0.1), "motion is 0.1; it must be a function of time"),

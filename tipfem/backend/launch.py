@@ -34,8 +34,9 @@ import numpy as np
 import taichi as ti
 
 from tipfem.backend import barrier as barriers
-from tipfem.backend import runtime
+from tipfem.backend import kept_kernels, runtime
 from tipfem.backend.array_types import Array1, Array2, mismatch
+from tipfem.backend.kept_kernels import KeptLaunch
 from tipfem.backend.taichi_patches import ENABLED, PreparedLaunch, program
 
 PARTS, PARTS_OF_GPU = 16, 4096
@@ -88,7 +89,7 @@ class Kernel:
         self._may_be_serial = "serial" in self.scheduling
         self._counts = "one_counts" in self.scheduling
         self.waits = "threads" in self.scheduling
-        self._prepared: dict[Any, PreparedLaunch] = {}
+        self._prepared: dict[Any, KeptLaunch | PreparedLaunch] = {}
         self._schedules: dict[Any, tuple[Any, ...]] = {}
         _kernels.add(self)
 
@@ -164,10 +165,11 @@ class Kernel:
         except (TypeError, ValueError) as error:
             raise type(error)(f"{self.__name__}: {error}") from error
 
-    def _prepare(self, key: Any, arguments: tuple[Any, ...]) -> PreparedLaunch:
+    def _prepare(self, key: Any, arguments: tuple[Any, ...]) -> KeptLaunch | PreparedLaunch:
         runtime.require_own_runtime()
         self._check(arguments)
-        prepared = self._prepared[key] = PreparedLaunch(self.taichi, arguments)
+        kept = kept_kernels.prepare(self.taichi, self._annotations, arguments)
+        prepared = self._prepared[key] = kept or PreparedLaunch(self.taichi, arguments)
         for i in self._arrays:
             array = arguments[i]
             if isinstance(array, ti.Ndarray):

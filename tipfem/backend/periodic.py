@@ -1,6 +1,6 @@
 """Differences of positions in kernels, where sides of the domain may be periodic.
 
-A kernel that reads the geometry of cells has a parameter ``period``, the array `tipfem.case.period.Period.array`: of
+A kernel that reads the geometry of cells has a parameter ``period``, the array of `tipfem.geometry.period.Period`: of
 two axes where a side is periodic, the widths and their inverses, each 0 along an axis that is not; of one axis, and not
 read, where none is. A kernel is compiled for either, so that periodic sides cost others nothing.
 """

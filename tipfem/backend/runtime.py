@@ -15,9 +15,11 @@ if "XDG_CACHE_HOME" not in os.environ and not (_home and os.access(_home, os.W_O
     os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="tipfem-cache-")
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 
-from tipfem.backend import taichi_patches, vulkan  # noqa: E402 - before anything else imports Taichi
+from tipfem.backend import taichi_patches  # noqa: E402 # isort: skip - before anything else imports Taichi
 
 import taichi as ti  # noqa: E402 # isort: skip
+
+from tipfem.backend import kept_kernels, vulkan  # noqa: E402
 
 _ARCHES = {"cpu": ti.cpu, "cuda": ti.cuda, "vulkan": ti.vulkan}
 _PRECISIONS = {"f64": ti.f64, "f32": ti.f32}
@@ -65,6 +67,7 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
         if _running != wanted:
             raise RuntimeError(f"init: Taichi already runs with {_running}; one process has one runtime, not {wanted}")
         return
+    keep = arch == "cpu" and kept_kernels.chosen()
     options: dict[str, Any] = {"default_fp": _PRECISIONS[precision], "log_level": ti.ERROR}
     options["cpu_max_num_threads"] = threads or cores
     _provide_cache()
@@ -80,6 +83,8 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
     _running.update(wanted)
     _program[0] = taichi_patches.program()
     _threads[0] = taichi_patches.running_threads()
+    if keep:
+        kept_kernels.start(_threads[0])
     if arch == "cpu" and os.environ.get(BIND_SWITCH, "1") != "0":
         _bind_to_cores([thread for thread in _own_threads() if thread not in before], _threads[0])
 

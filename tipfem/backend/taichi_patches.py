@@ -26,6 +26,7 @@ import linecache
 import math
 import os
 import sys
+import tempfile
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -93,6 +94,11 @@ def _source(function: Any) -> tuple[str, list[str], int, str]:
         end += 1  # the rest of the last statement
     lines = [line.expandtabs(4).rstrip() for line in lines[:end]]
     return kernel_impl.getsourcefile(function), lines, first, textwrap.dedent("\n".join(lines))
+
+
+def source_text(function: Any) -> str:
+    """Text of a kernel or a function of one, as Taichi is given it."""
+    return _source(function)[3]
 
 
 # Whether a kernel's loops on one thread are given a group of two threads, of which the second is idle. Set before
@@ -168,6 +174,11 @@ def running_threads() -> int:
     return int(impl.current_cfg().cpu_max_num_threads)
 
 
+def default_real() -> Any:
+    """Taichi's type of reals whose precision a kernel does not name."""
+    return impl.current_cfg().default_fp
+
+
 def program() -> Any:
     """Taichi's runtime, None where it has not been started."""
     return impl.get_runtime().prog
@@ -178,12 +189,38 @@ def cache_folder() -> Path:
     return Path(os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or impl.default_cfg().offline_cache_file_path)
 
 
+def compiled_for() -> str:
+    """All of Taichi's settings that machine code may depend on, and its version."""
+    config = impl.current_cfg()
+    others = ("offline_cache", "print_", "verbose", "num_compile_threads")
+    names = [name for name in dir(config) if not name.startswith(("_", *others))]
+    values = [getattr(config, name) for name in names]
+    settings = [f"{name} {getattr(v, 'to_string', v.__str__)()}" for name, v in zip(names, values, strict=True)]
+    return "\n".join([*map(str, ti.__version__), str(ti._lib.core.get_commit_hash()), *settings])
+
+
+def intermediate_code(kernel: Any, arguments: Sequence[Any]) -> tuple[str, str]:
+    """A kernel in LLVM's language, as Taichi gives it to LLVM, and Taichi's description of its arguments and tasks.
+
+    Args:
+        kernel: as `ti.kernel` returns it.
+        arguments: for all of its parameters.
+    """
+    primal = kernel._primal
+    compiled = primal.compiled_kernels[primal.ensure_compiled(*arguments)]
+    builder = program().make_aot_module_builder(ti.cpu, [])
+    builder.add("kernel", compiled)
+    with tempfile.TemporaryDirectory(prefix="tipfem-kernel-") as folder:
+        builder.dump(folder, "")
+        return (Path(folder) / "kernel.ll").read_text(), (Path(folder) / "metadata.json").read_text()
+
+
 def on_host() -> bool:
     """Whether device arrays are in host memory, where `host_view` can read and write them."""
     return ENABLED and bool(impl.current_cfg().arch == ti.cpu)
 
 
-_C_TYPES: dict[Any, Any] = {
+C_TYPES: dict[Any, Any] = {
     ti.i8: ctypes.c_int8,
     ti.i32: ctypes.c_int32,
     ti.f32: ctypes.c_float,
@@ -194,11 +231,11 @@ _C_TYPES: dict[Any, Any] = {
 def host_view(array: Any) -> np.ndarray:
     """A NumPy view of a device array in host memory; it must not outlive the array."""
     address = program().get_ndarray_data_ptr_as_int(array.arr)
-    flat: np.ndarray = np.ctypeslib.as_array((_C_TYPES[array.dtype] * math.prod(array.shape)).from_address(address))
+    flat: np.ndarray = np.ctypeslib.as_array((C_TYPES[array.dtype] * math.prod(array.shape)).from_address(address))
     return np.asarray(flat.reshape(array.shape))
 
 
-def _address(array: Any) -> int:
+def address(array: Any) -> int:
     """Address of an array's values, as from its ``ctypes.data``, in a quarter of the time where possible."""
     try:
         return ctypes.addressof(ctypes.c_char.from_buffer(array))
@@ -268,7 +305,7 @@ class PreparedLaunch:
             context.set_arg_int(slot, arguments[i])
         for slot, i in self._host:
             values = arguments[i]
-            context.set_arg_external_array_with_shape(slot, _address(values), values.nbytes, values.shape, 0)
+            context.set_arg_external_array_with_shape(slot, address(values), values.nbytes, values.shape, 0)
         self.program.launch_kernel(self._data, context)
         if self._returns is None:
             return None

@@ -6,17 +6,20 @@ import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge, Gt, Len, MinLen
 
-from tipfem.arguments import is_number, numbers
-from tipfem.case.shapes import Shape
+from tipfem.arguments import numbers
 from tipfem.case.walls import Motion, rates
+from tipfem.declaration import Unit, require
+from tipfem.errors import Invalid
+from tipfem.geometry.shapes import Shape
 from tipfem.typing import Array
 
+RESERVED = ("wall",)  # names with columns of their own in the history
 FREEDOMS = ("x", "y", "angle")
-CONTACTS = ("stop", "hold")
 CONTACT = 0.5  # gap below which bodies and walls are in contact [spacings]
 ARC = 32  # edges in place of an arc of a right angle, before the body is meshed
 
@@ -61,81 +64,71 @@ class Body:
     """
 
     shape: Any
-    name: str = "body"
+    name: Annotated[str, MinLen(1)] = "body"
     motion: Motion | None = None
-    density: float | None = None
-    mass: float | None = None
-    centre: Sequence[float] | None = None
-    inertia: float | None = None
-    hinge: Sequence[float] | None = None
-    free: Sequence[str] | None = None
-    velocity: Sequence[float] = (0.0, 0.0)
-    angular_velocity: float = 0.0
-    stiffness: Sequence[float] = (0.0, 0.0, 0.0)
-    damping: Sequence[float] = (0.0, 0.0, 0.0)
-    contact: str = "stop"
+    density: Annotated[float, Gt(0), Unit("kg/m^3")] | None = None
+    mass: Annotated[float, Gt(0), Unit("kg/m")] | None = None
+    centre: Annotated[Sequence[float], Len(2, 2), Unit("m")] | None = None
+    inertia: Annotated[float, Gt(0), Unit("kg m^2/m")] | None = None
+    hinge: Annotated[Sequence[float], Len(2, 2), Unit("m")] | None = None
+    free: Annotated[Sequence[Literal["x", "y", "angle"]], MinLen(1)] | None = None
+    velocity: Annotated[Sequence[float], Len(2, 2), Unit("m/s")] = (0.0, 0.0)
+    angular_velocity: Annotated[float, Unit("rad/s")] = 0.0
+    stiffness: Annotated[Sequence[Annotated[float, Ge(0)]], Len(3, 3)] = (0.0, 0.0, 0.0)
+    damping: Annotated[Sequence[Annotated[float, Ge(0)]], Len(3, 3)] = (0.0, 0.0, 0.0)
+    contact: Literal["stop", "hold"] = "stop"
     outline: Shape = field(init=False, repr=False, compare=False)
     corners: Array = field(init=False, repr=False, compare=False)
     _moments: tuple[float, Array, float] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name:
-            raise ValueError(f"Body: name is {self.name!r}; it must be a non-empty string")
-        outline = _outline(self.shape, self._here).named(self.name)
+        require(self, names=("name",))
+        if self.name in RESERVED:
+            raise self._invalid(
+                "name", f"is {self.name!r}, under which the history has the forces on the walls; choose another"
+            )
+        outline = _outline(self.shape, ("bodies", self.name), self._here).named(self.name)
         object.__setattr__(self, "outline", outline)
         corners = [p.at(np.arange(ARC) / ARC if p.centre is not None else np.zeros(1)) for p in outline.pieces]
         self._set_corners(np.concatenate(corners))
-        for name in ("density", "mass", "inertia"):
-            value = getattr(self, name)
-            if value is not None and not (is_number(value) and value > 0):
-                raise ValueError(f"{self._here}: {name} is {value!r}; it must be > 0, or left out")
+        require(self, ("bodies", self.name), self._here)
         if self.density is not None and self.mass is not None:
-            raise ValueError(f"{self._here}: density and mass are both given; give one of the two")
-        if self.motion is not None and not isinstance(self.motion, Motion):
-            raise ValueError(f"{self._here}: motion is {self.motion!r}; it must be a Motion")
+            raise self._invalid("mass", "is given beside density; give one of the two")
         if self.motion is not None and self.floats:
-            raise ValueError(
-                f"{self._here}: motion prescribes where the body is, and density or mass let it float; give one of them"
-            )
-        if self.contact not in CONTACTS:
-            raise ValueError(f"{self._here}: contact is {self.contact!r}; it must be one of {list(CONTACTS)}")
+            raise self._invalid("motion", "prescribes where the body is, and density or mass let it float; give one")
         self._check_freedoms()
         if self.motion is not None:
-            self.motion.check(2)
+            try:
+                self.motion.check(2)
+            except Invalid as error:
+                raise Invalid(
+                    ("bodies", self.name, "motion", *error.path), error.text, f"{self._here}, motion"
+                ) from None
+
+    def _invalid(self, name: str, text: str) -> Invalid:
+        return Invalid(("bodies", self.name, name), text, self._here)
 
     def _check_freedoms(self) -> None:
         """Check what belongs to bodies that float only."""
-        here = self._here
-        for name, size in (("centre", 2), ("hinge", 2), ("velocity", 2), ("stiffness", 3), ("damping", 3)):
-            given = getattr(self, name)
-            if given is None:
-                continue
-            value = numbers(given)
-            if value.shape != (size,) or not np.isfinite(value).all():
-                raise ValueError(f"{here}: {name} is {given!r}; it must be {size} finite numbers")
-            if size == 3 and (value < 0).any():
-                raise ValueError(f"{here}: {name} is {given!r}; it must not be negative")
-        if not is_number(self.angular_velocity):
-            raise ValueError(f"{here}: angular_velocity is {self.angular_velocity!r}; it must be a number in rad/s")
         if self.free is not None:
             known = isinstance(self.free, Sequence) and all(f in FREEDOMS for f in self.free)
             if isinstance(self.free, str) or not known or len(set(self.free)) < len(self.free) or not self.free:
-                raise ValueError(f"{here}: free is {self.free!r}; it must be some of {list(FREEDOMS)}")
+                raise self._invalid("free", f"is {self.free!r}; it must be some of {list(FREEDOMS)}, each once")
             if self.hinge is not None and list(self.free) != ["angle"]:
-                raise ValueError(f"{here}: free is {self.free!r}; a body with a hinge is free in angle only")
+                raise self._invalid("free", f"is {list(self.free)}; a body with a hinge is free in angle only")
         if self.floats:
             moving = {"x": self.velocity[0], "y": self.velocity[1], "angle": self.angular_velocity}
             stuck = [name for name, value in moving.items() if value != 0 and name not in self.freedoms]
             if stuck:
-                raise ValueError(f"{here}: it has a velocity in {stuck}, in which it is not free")
+                name = "angular_velocity" if stuck == ["angle"] else "velocity"
+                raise self._invalid(name, f"is not zero in {', '.join(stuck)}, in which the body is not free")
             return
         defaults = {f.name: f.default for f in self.__dataclass_fields__.values()}
         for name in ("centre", "inertia", "hinge", "free", "velocity", "angular_velocity", "stiffness", "damping"):
             if getattr(self, name) != defaults[name]:
-                raise ValueError(
-                    f"{here}: {name} is {getattr(self, name)!r}, but only a body that floats, with a density or a "
-                    "mass, has it"
-                )
+                given = getattr(self, name)
+                given = list(given) if isinstance(given, tuple) else given
+                raise self._invalid(name, f"is {given!r}, but only a body that floats, with density or mass, has it")
 
     @property
     def _here(self) -> str:
@@ -238,14 +231,14 @@ def polygon_moments(corners: Array) -> tuple[float, Array, float]:
     return area, origin + middle, second
 
 
-def _outline(given: Any, here: str) -> Shape:
+def _outline(given: Any, path: tuple[str, ...], here: str) -> Shape:
     """The outline of a body; see `Body` for errors."""
     try:
         shape = Shape.of(given)
     except ValueError as error:
-        raise ValueError(f"{here}: {error}") from error
+        raise Invalid(path, f": {error}", here) from error
     if len(shape.loops) > 1:
-        raise ValueError(f"{here}: shape has {len(shape.loops) - 1} holes; fluids inside a body are not supported")
+        raise Invalid(path, f": shape has {len(shape.loops) - 1} holes; fluids inside a body are not supported", here)
     if not shape.area > 0:
-        raise ValueError(f"{here}: shape has no area")
+        raise Invalid(path, ": shape has no area", here)
     return shape

@@ -1,27 +1,34 @@
-"""Boundary: on which straight sides each wall particle lies, and in which directions it is free to slide."""
+"""Boundary: on which straight sides and curves each wall particle lies, and in which directions it is free to slide."""
 
 from __future__ import annotations
 
 import copy
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from tipfem.arguments import is_number, numbers
-from tipfem.case.curves import Curve
-from tipfem.case.domain import Domain
 from tipfem.case.particles import Particles
-from tipfem.case.period import Period, no_period
 from tipfem.case.walls import Motion, Pose, Wall, rates
-from tipfem.errors import SimulationError
+from tipfem.errors import Invalid, SimulationError
+from tipfem.geometry.curves import Curve, curve_of, runs_of
+from tipfem.geometry.domain import ON_BOUNDARY, Domain, enclosing
+from tipfem.geometry.period import Period, no_period
+from tipfem.geometry.polyhedron import Polyhedron
 from tipfem.typing import Array
 
-# A wall particle lies on a straight side if it is closer to it than this [spacings].
+# A wall particle lies on a straight side if it is closer to it than this [spacings]; after remeshing, than the other:
+# new positions on the line have round-off.
 ON_LINE = 1e-6
+ON_SIDE = 1e-5
+# A wall particle off all straight walls is on a curve if it is closer to it than this [spacings]; others are of bodies.
+NEAR_CURVE = 0.5
+# Distance from a wall of a particle that has flown through it [spacings].
+OFF_WALL = 0.05
 # Relative change of the tank's volume that moving walls may cause, for the round-off of their functions.
 VOLUME_SLACK = 1e-6
 
@@ -29,20 +36,22 @@ VOLUME_SLACK = 1e-6
 class Boundary:
     """The walls of a case on its particles. Positions y are in the frame of the tank, as at t = 0.
 
-    A particle on one side, n . y = c + s(t) with the inward normal n and the side's displacement s, is held in the
-    direction n; a particle on several sides (in a corner) in the directions of all their normals. Along the side it
-    slides with the fluid where the wall slips, and otherwise stays.
+    The sides are the edges of the domain, in 3-D its planes. A particle on one side, n . y = c + s(t) with the inward
+    normal n and the side's displacement s, is held in the direction n; a particle on several sides (in a corner) in the
+    directions of all their normals. Along the side it slides with the fluid where the wall slips, and otherwise stays.
 
     Args:
         particles: the initial state.
         walls: all walls that slip, slide or move.
         motion: rigid motion of the whole tank, or None.
+        domain: that bounds the fluids; by default the convex hull of the particles.
         closed: whether the fluids fill the tank, so that moving walls must keep its volume.
         period: of the domain; none by default. Then there are no sides across its periodic axes.
+        bodies: number of loops of the domain, the last ones, that are outlines of bodies at t = 0.
 
     Attributes:
-        domain: that bounds the fluids, of a `tipfem.case.domain_boundary.DomainBoundary`; None for the convex hull of
-            the particles.
+        tank: the domain without bodies.
+        body_edges: (E, 2) the edges of a mesh along the bodies, as long as their particles are the initial ones.
         active: whether any wall slips, slides or moves.
         index: (W,) the wall particles.
         normal: (W, d, d) for each wall particle a matrix whose rows are the normals of its sides; unused rows are zero.
@@ -50,6 +59,9 @@ class Boundary:
         side: (W, d) number of the side of each row.
         free: (W, d, d) projector on the directions in which the particle slides with the fluid.
         sliding: (W,) number of the wall whose velocity the particle takes; -1 for none.
+        tangent: (W, d) direction in which the wall of each particle slides, anticlockwise about what its outline
+            encloses; zero in 3-D.
+        curvature: (W, d) vector to the centre of the arc that it is on over the square of the radius [1/m].
         pieces: rows of particles along a side, ends included, that are kept evenly spaced (2-D). Each row comes with
             the particles' coordinates along it, 0 at one end and 1 at the other, or None where the wall slips.
         endless: rows of particles along a whole side that slips, along a periodic axis.
@@ -67,24 +79,21 @@ class Boundary:
             its volume; or a function of time returns an invalid value.
     """
 
-    domain: Domain | None = None
-    on_curve: Array
-    tangent: Array
-    curvature: Array
-
     def __init__(
         self,
         particles: Particles,
         walls: Sequence[Wall],
         motion: Motion | None,
+        domain: Domain | Polyhedron | None = None,
         *,
         closed: bool = True,
         period: Period | None = None,
+        bodies: int = 0,
     ) -> None:
         self.period = period or no_period(particles.dimension)
-        self.curves: list[Curve] = []
         self.walls, self.motion, self.dimension, self.closed = tuple(walls), motion, particles.dimension, closed
         self.active = bool(self.walls) or motion is not None
+        self.curves: list[Curve] = []
         self.pieces: list[tuple[Array, Array | None]] = []
         self.endless: list[Array] = []
         self.stays: Array = particles.wall.copy()
@@ -92,82 +101,101 @@ class Boundary:
         self.index = np.flatnonzero(particles.wall)
         self.pinned: Array = np.zeros(len(self.index), dtype=bool)
         self.slides: Array = np.zeros(0, dtype=np.int64)
+        self._set_domain(particles, domain, bodies)
         if not self.active:
             return
         if motion is not None:
             motion.check(self.dimension)
         names = [wall.name for wall in self.walls]
         if len(set(names)) < len(names):
-            raise ValueError(f"Case: walls are named {names}; every wall needs a name of its own")
+            raise Invalid("walls", f": walls are named {names}; every wall needs a name of its own", "Case")
         self._y = particles.position[self.index]
         self._h = particles.spacing
-        self._find_sides(particles)
-        self.members = [
-            (number, *part) for number, wall in enumerate(self.walls) for part in self._parts(number, wall, particles)
-        ]
+        self._find_sides(self.domain.on_edges(self._y, ON_LINE * self._h))
+        self.members = [part for number, wall in enumerate(self.walls) for part in self._parts(number, wall, particles)]
         self._assign()
         self._check_start(particles)
         self._volume = self._volume_at(0.0)
         if any(wall.motion is not None for wall in self.walls):
             for time in (1e-3, 1e-2, 0.1, 1.0):
                 if message := self.volume_error(time):
-                    raise ValueError(f"Case: {message}")
+                    raise Invalid("walls", f": {message}", "Case")
 
-    def _find_sides(self, particles: Particles) -> None:
-        """Find the straight sides of the convex hull, and the wall particles on each of them."""
-        d, centre = self.dimension, particles.position.mean(axis=0)
-        facets = ConvexHull((particles.position - centre) / self._h).equations
-        facets = facets[np.unique(facets.round(9), axis=0, return_index=True)[1]]
-        normals: list[Array] = []
-        offsets: list[float] = []
-        masks: list[Array] = []
-        for facet in facets:
-            n = np.where(np.abs(facet[:-1]) < 1e-12, 0.0, -facet[:-1])
-            height = (self._y - centre) @ n - facet[-1] * self._h
-            mask = np.abs(height) < ON_LINE * self._h
-            if n[self.period.axes].any():
+    def _set_domain(self, particles: Particles, domain: Domain | Polyhedron | None, bodies: int) -> None:
+        """Set the domain, that without bodies, and the edges along them."""
+        self.body_edges: Array = np.zeros((0, 2), dtype=np.int64)
+        self.domain = self.tank = domain or self._hull(particles)
+        if bodies:
+            assert isinstance(self.domain, Domain)
+            loops = int(self.domain.loop.max()) + 1 - bodies
+            self.tank = self.domain.first_loops(loops)
+            reach = ON_BOUNDARY * particles.spacing
+            pairs, edge = self.domain.boundary_edges(particles.position[self.index], reach)
+            self.body_edges = self.index[pairs[self.domain.loop[edge] >= loops]]
+
+    @property
+    def convex(self) -> bool:
+        """Whether the fluids fill the convex hull of their particles, as in a box, so that no mesh needs `edges`."""
+        return self.domain.convex
+
+    def _hull(self, particles: Particles) -> Domain | Polyhedron:
+        """The convex hull of the particles."""
+        if self.dimension == 2:
+            return enclosing(particles.position, particles.spacing, self.period)
+        return Polyhedron(particles.position, ON_LINE * particles.spacing)
+
+    def _find_sides(self, on_side: Array) -> None:
+        """Set which sides the wall particles are on, from a mask (W, S), and the directions in which they are held."""
+        domain = self.domain
+        on_side[:, (domain.normal[:, self.period.axes] != 0.0).any(axis=1)] = False
+        self.side_normal, self.offset, self.on_side = domain.normal, domain.offset, on_side
+        self.normal, self.side = frames(self.side_normal, on_side)
+        self.inverse = _inverses(self.normal, self.side)
+        self.on_curve = np.full(len(self.index), -1)
+
+    def _parts(self, number: int, wall: Wall, particles: Particles) -> list[tuple[int, int, Array]]:
+        """The straight parts of a wall, see `members`; its curves are added to `curves`."""
+        here = f"Case: wall {wall.name!r}"
+        if wall.motion is not None and not self.convex:
+            other = "with bodies" if len(self.tank) < len(self.domain) else "with a shape"
+            why = f"is given; a wall of a tank {other} cannot move along its normal"
+            raise Invalid(("walls", wall.name, "motion"), why, here)
+        if wall.side is None:
+            return [(number, *self._members(wall, particles))]
+        if not isinstance(self.domain, Domain):
+            why = f"is {wall.side!r}; in 3-D give its particles by index or mask"
+            raise Invalid(("walls", wall.name, "side"), why, here)
+        if wall.side not in self.domain.sides:
+            why = f"is {wall.side!r}; it must be one of the sides of the shape, {', '.join(self.domain.sides)}"
+            raise Invalid(("walls", wall.name, "side"), why, here)
+        result = []
+        for run in runs_of(self.domain, self.domain.sides.index(wall.side)):
+            if wall.slips and len(run) > 1:
+                self.curves.append(curve_of(self.domain, number, run))
+                self._put_on_curve(len(self.curves) - 1)
                 continue
-            known = [n @ m > 1 - 1e-10 and (mask & other).any() for m, other in zip(normals, masks, strict=True)]
-            if mask.any() and not any(known):
-                normals.append(n)
-                masks.append(mask)
-                offsets.append(float(np.median(self._y[mask] @ n)))  # exact for walls along an axis
-        self.side_normal, self.offset, self.on_side = np.array(normals), np.array(offsets), np.stack(masks, axis=1)
-        count = len(self.index)
-        self.normal, self.side = np.zeros((count, d, d)), np.zeros((count, d), dtype=np.int64)
-        for w, mask in enumerate(self.on_side):
-            rank = 0
-            for k in np.flatnonzero(mask):
-                self.normal[w, rank], self.side[w, rank] = self.side_normal[k], k
-                if np.linalg.matrix_rank(self.normal[w], tol=1e-6) > rank:
-                    rank += 1
-                else:
-                    self.normal[w, rank] = 0.0
-                if rank == d:
-                    break
-        self.inverse = np.linalg.pinv(self.normal, rcond=1e-9)
+            for side in run.tolist():
+                found = np.flatnonzero(self.on_side[:, side])
+                result.append((number, side, found[np.argsort(self._y[found] @ self._tangent(side))]))
+        return result
 
-    def _parts(self, number: int, wall: Wall, particles: Particles) -> list[tuple[int, Array]]:
-        """The straight parts of a wall: side and particles, see `members`."""
-        del number
-        if wall.side is not None:
-            raise ValueError(
-                f"Case: wall {wall.name!r}: side is {wall.side!r}; only a tank with a shape has named sides"
-            )
-        given = wall.velocity(0.0) if callable(wall.velocity) else wall.velocity
-        if is_number(given):
-            raise ValueError(
-                f"Case: wall {wall.name!r}: velocity is {given!r}; a speed alone is for the sides of a shape; it must "
-                f"be {self.dimension} speeds in m/s"
-            )
-        return [self._members(wall, particles)]
+    def _put_on_curve(self, number: int) -> None:
+        """Let the particles on a curve, except at its ends, slide along it."""
+        curve = self.curves[number]
+        on = self.on_side[:, curve.edges].any(axis=1)
+        rows = np.flatnonzero(on & ~curve.at_ends(self._y, ON_SIDE * self._h))
+        tangent = curve.tangent(self._y[rows])
+        self.on_curve[rows] = number
+        self.normal[rows] = 0.0
+        self.normal[rows, 0] = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+        self.inverse[rows] = np.linalg.pinv(self.normal[rows], rcond=1e-9)
 
     def _members(self, wall: Wall, particles: Particles) -> tuple[int, Array]:
         """The side of a wall, and its particles as positions in `index`, in order along the wall in 2-D."""
         here, d = f"Case: wall {wall.name!r}", self.dimension
         if wall.between is not None:
             if d != 2:
-                raise ValueError(f"{here}: between is for 2-D; give its particles by index or mask")
+                raise Invalid(("walls", wall.name, "between"), "is for 2-D; give its particles by index or mask", here)
             a, b = numbers(wall.between)
             along = (self._y - a) @ (b - a) / ((b - a) @ (b - a))
             off = np.linalg.norm(self._y - a - along[:, None] * (b - a), axis=1)
@@ -177,28 +205,42 @@ class Boundary:
             given = np.asarray(wall.particles)
             given = np.flatnonzero(given) if given.dtype == bool and given.shape == particles.wall.shape else given
             if given.ndim != 1 or given.dtype.kind not in "iu" or (given < 0).any() or (given >= len(particles)).any():
-                raise ValueError(f"{here}: particles must be indices from 0 to {len(particles) - 1}, or a mask of all")
+                raise Invalid(
+                    ("walls", wall.name, "particles"),
+                    f"must be indices from 0 to {len(particles) - 1}, or a mask of all",
+                    here,
+                )
             if not particles.wall[given].all():
                 i = int(given[np.argmin(particles.wall[given])])
-                raise ValueError(f"{here}: particle {i} at {particles.position[i].tolist()} is not a wall particle")
+                raise Invalid(
+                    ("walls", wall.name),
+                    f": particle {i} at {particles.position[i].tolist()} is not a wall particle",
+                    here,
+                )
             found = np.searchsorted(self.index, np.unique(given))
         if len(found) < d + 1:
-            raise ValueError(f"{here}: only {len(found)} wall particles belong to it; it takes {d + 1} or more")
+            raise Invalid(
+                ("walls", wall.name), f": only {len(found)} wall particles belong to it; it takes {d + 1} or more", here
+            )
         common = self.on_side[found].all(axis=0)
         if not common.any():
             k = int(np.argmax(self.on_side[found].sum(axis=0)))
             stray = self.index[found[np.argmin(self.on_side[found, k])]]
-            raise ValueError(
-                f"{here}: particle {stray} at {particles.position[stray].tolist()} is not on one straight side of the "
-                "tank with the others; slip, velocity and motion are for straight walls, and for the sides of shapes"
+            raise Invalid(
+                ("walls", wall.name),
+                f": particle {stray} at {particles.position[stray].tolist()} is not on one straight side of the "
+                "tank with the others; slip, velocity and motion are for straight walls, and for the sides of shapes",
+                here,
             )
         side = int(np.argmax(common))
         if d == 2:
             found = found[np.argsort(self._y[found] @ self._tangent(side))]
         if (d == 3 or wall.motion is not None) and len(found) < self.on_side[:, side].sum():
-            raise ValueError(
-                f"{here}: it is {len(found)} of the {self.on_side[:, side].sum()} particles of its side; a wall with a "
-                "motion, and any in 3-D, must be the whole side"
+            raise Invalid(
+                ("walls", wall.name),
+                f": it is {len(found)} of the {self.on_side[:, side].sum()} particles of its side; a wall with a "
+                "motion, and any in 3-D, must be the whole side",
+                here,
             )
         return side, found
 
@@ -219,7 +261,7 @@ class Boundary:
             if (owner[inner, side] >= 0).any() or (self.walls[number].motion is not None and self.mover[side] >= 0):
                 other = max(int(owner[inner, side].max()), int(self.mover[side]))
                 names = [self.walls[k].name for k in (other, number)]
-                raise ValueError(f"Case: walls {names} overlap; every wall particle belongs to one wall")
+                raise Invalid("walls", f": walls {names} overlap; every wall particle belongs to one wall", "Case")
             owner[inner, side] = number
             if d == 2 and not endless:
                 pinned[found[[0, -1]]] = True
@@ -252,16 +294,28 @@ class Boundary:
         return bool(self.period) and not self.still.any() and not friction
 
     def _turn(self) -> None:
-        """Let the corners of arcs turn with their walls; there are none here."""
-
-    def _sides_with_rows(self) -> Iterable[int]:
-        """The sides along which particles may be kept evenly spaced."""
-        return range(len(self.offset))
+        """Let the corners of arcs turn with their walls, and set `tangent` and `curvature`."""
+        domain = self.domain
+        self.tangent = self.curvature = np.zeros_like(self._y)
+        if not isinstance(domain, Domain):
+            return
+        edge = np.argmax(self.on_side, axis=1)
+        wall = np.full(len(domain), -1)
+        for number, side, _ in self.members:
+            if is_number(self.walls[number].velocity) or callable(self.walls[number].velocity):
+                wall[side] = number
+        turns = _smooth_joints(domain, self.on_side) & (self.on_curve < 0) & (wall[edge] >= 0)
+        self.sliding = np.where(turns, wall[edge], self.sliding)
+        off = np.nan_to_num(self._y - domain.centre[edge])
+        square = np.where(off.any(axis=1), (off**2).sum(axis=1), 1.0)
+        self.tangent = domain.sense[edge, None] * domain.tangents(self._y, edge)
+        self.curvature = -off / square[:, None]
 
     def _find_pieces(self, pinned: Array, slips: Array, owner: Array) -> None:
         """Find the rows between pinned particles that slip or slide, or whose length a moving wall changes."""
         slide = np.array([wall.velocity is not None for wall in self.walls] + [False])
-        for side in self._sides_with_rows():
+        on_curves = [edge for curve in self.curves for edge in curve.edges]
+        for side in np.setdiff1d(np.flatnonzero(self.on_side.any(axis=0)), on_curves).tolist():
             row = np.flatnonzero(self.on_side[:, side])
             row = row[np.argsort(self._y[row] @ self._tangent(side))]
             stops = np.flatnonzero(pinned[row])
@@ -283,24 +337,29 @@ class Boundary:
         for number, side, _ in self.members:
             wall = self.walls[number]
             if wall.displacement(0.0) != 0:
-                raise ValueError(
-                    f"Case: wall {wall.name!r}: motion at t = 0 is {wall.displacement(0.0):g} m; it must be zero, "
-                    "because the particles stand on the wall at that time"
+                raise Invalid(
+                    ("walls", wall.name, "motion"),
+                    f"at t = 0 is {wall.displacement(0.0):g} m; it must be zero, "
+                    "because the particles stand on the wall at that time",
+                    f"Case: wall {wall.name!r}",
                 )
             velocity = wall.sliding(0.0, self.dimension)
             normal_speed = abs(float(velocity @ self.side_normal[side]))
             if normal_speed > 1e-9 * np.linalg.norm(velocity):
-                raise ValueError(
-                    f"Case: wall {wall.name!r}: velocity {velocity.tolist()} m/s is not along the wall; use motion "
-                    "to move a wall along its normal"
+                raise Invalid(
+                    ("walls", wall.name, "velocity"),
+                    f"{velocity.tolist()} m/s is not along the wall; use motion to move a wall along its normal",
+                    f"Case: wall {wall.name!r}",
                 )
         v = particles.velocity[self.index]
         held = v - np.einsum("wij,wj->wi", self.free, v)
         if (np.abs(held) > 1e-9 * max(particles.max_speed, 1e-300)).any():
             w = int(np.argmax(np.abs(held).max(axis=1)))
-            raise ValueError(
-                f"Case: wall particle {self.index[w]} at {self._y[w].tolist()} has velocity {v[w].tolist()} m/s; it "
-                "must be zero in the directions that its walls hold (their own motion is added)"
+            raise Invalid(
+                "particles",
+                f": wall particle {self.index[w]} at {self._y[w].tolist()} has velocity {v[w].tolist()} m/s; it "
+                "must be zero in the directions that its walls hold (their own motion is added)",
+                "Case",
             )
 
     def displacements(self, time: float, step: float) -> tuple[Array, Array, Array]:
@@ -375,20 +434,18 @@ class Boundary:
             pose: position of the tank.
             displacement: (S,) of the sides along their normals [m].
         """
-        new = copy.copy(self)
+        new, slack = copy.copy(self), ON_SIDE * particles.spacing
         new.index = np.flatnonzero(particles.wall)
         new._y = pose.origin(particles.position[new.index])
-        heights = new._y @ self.side_normal.T - (self.offset + displacement)
-        new.on_side = np.abs(heights) < ON_SIDE * particles.spacing
-        new.normal, new.side = frames(self.side_normal, new.on_side)
-        new.inverse = _inverses(new.normal, new.side)
+        new._find_sides(new._sides_of(displacement, slack))
+        for k in range(len(new.curves)):
+            new._put_on_curve(k)
         new.members = []
         for number, side, old in self.members:
             along = new._y @ self._tangent(side)
             found = np.flatnonzero(new.on_side[:, side])
             if len(old) < self.on_side[:, side].sum():  # a part of its side
                 ends = self._y[old[[0, -1]]] @ self._tangent(side)
-                slack = ON_SIDE * particles.spacing
                 found = found[(along[found] > ends[0] - slack) & (along[found] < ends[1] + slack)]
             new.members.append((number, side, found[np.argsort(along[found])]))
         new.pieces, new.endless = [], []
@@ -396,26 +453,80 @@ class Boundary:
         new._assign()
         return new
 
+    def _sides_of(self, displacement: Array, slack: float) -> Array:
+        """Mask (W, S) of the sides that particles are on, up to ``slack`` [m]; near a curve, on one edge of it."""
+        assert isinstance(self.domain, Domain)
+        distance = self.domain.moved(displacement).distances(self._y)[0]
+        on_side: Array = distance < slack
+        if not self.curves:
+            return on_side
+        on_curves = np.concatenate([curve.edges for curve in self.curves])
+        curved = np.zeros(len(self.domain), dtype=bool)
+        curved[on_curves] = True
+        # Particles on a curve are near its edges, not on them; those at its ends are in a corner.
+        straight = on_side[:, ~curved].any(axis=1)
+        nearest = on_curves[np.argmin(distance[:, on_curves], axis=1)]
+        at_end = np.any([curve.at_ends(self._y, slack) for curve in self.curves], axis=0)
+        near = distance[:, on_curves].min(axis=1) < NEAR_CURVE * slack / ON_SIDE
+        rows = np.flatnonzero(~straight & ~at_end & near)
+        on_side[rows] = False
+        on_side[rows, nearest[rows]] = True
+        return on_side
+
     def edges(self, particles: Particles, time: float) -> Array | None:
-        """The edges (E, 2) of a mesh along the boundary, with the fluid on their left; None for the convex hull.
+        """The edges of a mesh along the boundary; None for the convex hull.
 
         Args:
             particles: the state; which of them are on which side must be as here.
             time: [s].
+
+        Returns:
+            (E, 2) numbers of particles, with the fluid on the left.
         """
-        del particles, time
-        return None
+        if self.convex:
+            return None
+        assert isinstance(self.domain, Domain)
+        assert isinstance(self.tank, Domain)
+        if not self.active:
+            return np.concatenate(
+                [self.tank.edges_of(particles.position, particles.wall, particles.spacing), self.body_edges]
+            )
+        y = self.pose(time, 1e-6).origin(particles.position[self.index])
+        pairs = []
+        on_curves = [edge for curve in self.curves for edge in curve.edges]
+        for side in np.setdiff1d(np.arange(len(self.tank)), on_curves).tolist():
+            row = np.flatnonzero(self.on_side[:, side])
+            row = row[np.argsort((y[row] - self.domain.start[side]) @ self.domain.direction[side])]
+            pairs.append(np.stack([row[:-1], row[1:]], axis=1))
+        for k, curve in enumerate(self.curves):
+            row = np.flatnonzero(self.on_curve == k)
+            if not curve.closed:
+                ends = np.stack([curve.start[0], curve.end[-1]])
+                first, last = np.linalg.norm(y[:, None] - ends, axis=2).argmin(axis=0)
+                row = np.concatenate([[first], row[np.argsort(curve.along(y[row]))], [last]])
+            else:
+                row = row[np.argsort(curve.along(y[row]))]
+                row = np.append(row, row[0])
+            pairs.append(np.stack([row[:-1], row[1:]], axis=1))
+        return np.concatenate([self.index[np.concatenate(pairs)], self.body_edges])
 
     def stopped(self, particles: Particles, loose: Array, time: float) -> Particles:
-        """The particles, with loose ones that have passed a wall of the domain put back in front of it.
+        """The particles, with loose ones that have passed a wall put back in front of it, unless the domain is convex.
 
         Args:
             particles: the state.
             loose: (N,) mask of the particles in free flight.
             time: [s].
         """
-        del loose, time
-        return particles
+        if self.convex or not loose.any():
+            return particles
+        assert isinstance(self.tank, Domain)
+        pose, index = self.pose(time, 1e-6), np.flatnonzero(loose)
+        y = pose.origin(particles.position[index])
+        out = np.flatnonzero(~self.tank.contains(y))
+        if not len(out):
+            return particles
+        return put_before(particles, index[out], y[out], self.tank, pose, 1.0)
 
     def held(self, y: Array, displacement: Array) -> Array:
         """Project the wall particles onto their sides.
@@ -429,8 +540,7 @@ class Boundary:
         """
         missing = (self.offset + displacement)[self.side] - np.einsum("wki,wi->wk", self.normal, y)
         missing[~self.normal.any(axis=2)] = 0.0
-        if self.curves:
-            missing[self.on_curve >= 0] = 0.0
+        missing[self.on_curve >= 0] = 0.0
         return np.asarray(y + np.einsum("wik,wk->wi", self.inverse, missing))
 
     def require_volume(self, time: float) -> None:
@@ -446,9 +556,11 @@ class Boundary:
             raise SimulationError(message)
 
     def _volume_at(self, time: float) -> float:
-        if self.period:  # there are no corners, and no walls that move along their normals
+        if self.period:  # no walls move along their normals
             return math.nan
         displacement = np.array([0.0 if m < 0 else float(self.walls[m].displacement(time)) for m in self.mover])
+        if isinstance(self.domain, Domain):
+            return self.domain.moved(displacement).area
         corner = self.normal[:, -1].any(axis=1)
         return float(ConvexHull(self.held(self._y, displacement)[corner]).volume)
 
@@ -465,13 +577,10 @@ class Boundary:
         )
 
 
-# After remeshing, a wall particle is on a side if it is closer to its line than this [spacings]: new positions on the
-# line have round-off.
-ON_SIDE = 1e-5
-
-
 def _inverses(normal: Array, side: Array) -> Array:
-    """Pseudo-inverses (W, 2, 2) of the normals (W, 2, 2) of the sides (W, 2), computed once for the same normals."""
+    """Pseudo-inverses (W, d, d) of the normals (W, d, d) of the sides (W, d), in 2-D once for the same normals."""
+    if normal.shape[1] == 3:
+        return np.asarray(np.linalg.pinv(normal, rcond=1e-9))
     key = (side[:, 0] * (side.max(initial=0) + 1) + side[:, 1]) * 4
     key += 2 * normal[:, 0].any(axis=1) + normal[:, 1].any(axis=1)
     _, first, number = np.unique(key, return_index=True, return_inverse=True)
@@ -479,7 +588,9 @@ def _inverses(normal: Array, side: Array) -> Array:
 
 
 def frames(normals: Array, on_side: Array) -> tuple[Array, Array]:
-    """Normals (W, 2, 2) and numbers (W, 2) of the first two sides of each wall particle that are not parallel."""
+    """Normals (W, d, d) and numbers (W, d) of the first d sides of each wall particle that are independent."""
+    if normals.shape[1] == 3:
+        return _frames_in_3d(normals, on_side)
     rows = np.arange(len(on_side))
     first = np.argmax(on_side, axis=1)
     cross = normals[first, 0][:, None] * normals[:, 1] - normals[first, 1][:, None] * normals[:, 0]
@@ -491,3 +602,47 @@ def frames(normals: Array, on_side: Array) -> tuple[Array, Array]:
     normal[~on_side.any(axis=1), 0] = 0.0
     normal[~others.any(axis=1), 1] = 0.0
     return normal, side
+
+
+def _frames_in_3d(normals: Array, on_side: Array) -> tuple[Array, Array]:
+    normal, side = np.zeros((len(on_side), 3, 3)), np.zeros((len(on_side), 3), dtype=np.int64)
+    for w, mask in enumerate(on_side):
+        rank = 0
+        for k in np.flatnonzero(mask):
+            normal[w, rank], side[w, rank] = normals[k], k
+            if np.linalg.matrix_rank(normal[w], tol=1e-6) > rank:
+                rank += 1
+            else:
+                normal[w, rank] = 0.0
+            if rank == 3:
+                break
+    return normal, side
+
+
+def put_before(particles: Particles, index: Array, y: Array, domain: Domain, pose: Pose, side: float) -> Particles:
+    """The particles, with some that have passed the boundary of a domain put back in front of it.
+
+    Args:
+        particles: the state.
+        index: (K,) those that have passed it.
+        y: (K, 2) where they are in the frame of the domain [m].
+        domain: of a tank, or the outline of a body.
+        pose: of the domain's frame.
+        side: 1 where particles belong inside the domain, -1 where they belong outside.
+    """
+    distance, part = domain.distances(y)
+    edge = np.argmin(distance, axis=1)
+    foot = domain.start[edge] + part[np.arange(len(y)), edge, None] * (domain.end - domain.start)[edge]
+    normal = side * domain.normal[edge] @ pose.rotation.T
+    position, velocity = particles.position.copy(), particles.velocity.copy()
+    position[index] = pose.place(foot) + OFF_WALL * particles.spacing * normal
+    relative = velocity[index] - pose.rigid_velocity(position[index])
+    velocity[index] -= np.minimum((relative * normal).sum(axis=1), 0.0)[:, None] * normal
+    return particles.shallow_copy(position=position, velocity=velocity)
+
+
+def _smooth_joints(domain: Domain, on_side: Array) -> Array:
+    """Mask (W,) of the particles at corners between two edges of one arc, from those on each side (W, S)."""
+    before = np.argsort(domain.following)  # the edge that ends where each begins
+    joint = on_side & on_side[:, before] & ((domain.curve >= 0) & (domain.curve == domain.curve[before]))
+    return np.asarray(joint.any(axis=1))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,17 +12,17 @@ from tipfem.arguments import numbers
 from tipfem.case.body import Body
 from tipfem.case.boundary import Boundary
 from tipfem.case.default_laws import Setting
-from tipfem.case.domain import Domain, around_bodies, domain_of
-from tipfem.case.domain_boundary import DomainBoundary
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import Numerics
 from tipfem.case.particles import Particles
-from tipfem.case.period import Period, no_period
-from tipfem.case.place import places
-from tipfem.case.shapes import Shape
 from tipfem.case.tank import Tank
 from tipfem.case.walls import Motion, Wall
+from tipfem.errors import Invalid
+from tipfem.geometry.domain import Domain, around_bodies, domain_of
+from tipfem.geometry.period import Period, no_period
+from tipfem.geometry.place import places
+from tipfem.geometry.shapes import Shape
 from tipfem.notebook import facts
 from tipfem.typing import Array
 
@@ -109,13 +109,13 @@ class Case:
         self.body_force = body_force
         self.numerics = Numerics() if numerics is None else numerics
         if not isinstance(title, str):
-            raise ValueError(f"Case: title is {title!r}; it must be a text")
+            raise Invalid("title", f"is {title!r}; it must be a text", "Case")
         self.title = title
         self.tank_motion = tank_motion
         self.grading = grading
         self._check_options()
         if not (isinstance(walls, Sequence) and all(isinstance(wall, Wall) for wall in walls)):
-            raise ValueError(f"Case: walls is {walls!r}; it must be a list of Wall")
+            raise Invalid("walls", f"is {walls!r}; it must be a list of Wall", "Case")
         self.walls = list(walls)
         self.walls_have_fluids = False
         self.filled: Callable[[Array], Array] | None = None
@@ -148,19 +148,16 @@ class Case:
         self.bodies = self._checked_bodies(bodies)
         self.body_label = self._labelled(particles)
         if self.bodies and self.domain is None:
-            self.domain = around_bodies(particles.position, [body.corners for body in self.bodies])
+            self.domain = around_bodies(particles.position, particles.spacing, [body.corners for body in self.bodies])
         self._check_particles(particles)
-        self.boundary = (
-            Boundary(particles, self.walls, self.tank_motion, closed=self.closed, period=self.period)
-            if self.domain is None
-            else DomainBoundary(
-                particles,
-                self.walls,
-                self.tank_motion,
-                self.domain,
-                closed=self.closed,
-                bodies=len(self.bodies),
-            )
+        self.boundary = Boundary(
+            particles,
+            self.walls,
+            self.tank_motion,
+            self.domain,
+            closed=self.closed,
+            period=self.period,
+            bodies=len(self.bodies),
         )
         if self.tank is not None:
             self.tank.seal()
@@ -191,22 +188,25 @@ class Case:
     def _check_options(self) -> None:
         """Check the options that can be checked without the particles."""
         if self.body_force is not None and not callable(self.body_force):
-            raise ValueError(f"Case: body_force is {self.body_force!r}; it must be a function of positions and time")
+            raise Invalid("body_force", f"is {self.body_force!r}; it must be a function of positions and time", "Case")
         if not isinstance(self.numerics, Numerics):
-            raise ValueError(f"Case: numerics is {self.numerics!r}; it must be a Numerics")
+            raise Invalid("numerics", f"is {self.numerics!r}; it must be a Numerics", "Case")
         if not (self.tank_motion is None or isinstance(self.tank_motion, Motion)):
-            raise ValueError(f"Case: tank_motion is {self.tank_motion!r}; it must be a Motion")
+            raise Invalid("tank_motion", f"is {self.tank_motion!r}; it must be a Motion", "Case")
         if not (self.grading is None or isinstance(self.grading, Grading)):
-            raise ValueError(f"Case: grading is {self.grading!r}; it must be a Grading")
-        if self.grading and self.free_surface:
-            raise ValueError("Case: grading is given and free_surface is True; there is no grading with a free surface")
-        if self.grading and self.interface != "sharp":
-            raise ValueError(f"Case: with grading, interface must be 'sharp', in 2-D; it is {self.interface!r}")
-        if self.numerics.pressure == "two-sided" and self.interface != "sharp":
-            raise ValueError(
-                f"Case: with Numerics(pressure='two-sided'), interface must be 'sharp', without a free surface; "
-                f"interface is {self.interface!r} and free_surface is {self.free_surface}"
-            )
+            raise Invalid("grading", f"is {self.grading!r}; it must be a Grading", "Case")
+        self._check_interface()
+
+    def _check_interface(self, dimension: int | None = None) -> None:
+        """Raise ValueError for what the interface rule rules out."""
+        for path, text in contradictions(
+            self.interface,
+            free_surface=self.free_surface,
+            pressure=self.numerics.pressure,
+            graded=self.grading is not None,
+            dimension=dimension,
+        ):
+            raise Invalid(path, text, "Case")
 
     def _checked_period(self, given: Sequence[float] | None) -> Period:
         """The period of the positions, that of the tank if there is one; see the class for errors."""
@@ -229,9 +229,11 @@ class Case:
                 outside = (position[:, k] < 0) | (position[:, k] >= width[k])
                 if outside.any():
                     i = int(np.argmax(outside))
-                    raise ValueError(
-                        f"Case: particle {i} at {position[i].tolist()} is outside the period, "
-                        f"0 <= {'xy'[k]} < {width[k]:g} m"
+                    raise Invalid(
+                        "particles",
+                        f": particle {i} at {position[i].tolist()} is outside the period, "
+                        f"0 <= {'xy'[k]} < {width[k]:g} m",
+                        "Case",
                     )
         if period:
             self._check_periodic()
@@ -250,31 +252,36 @@ class Case:
         }
         for what, given in refused.items():
             if given:
-                raise ValueError(f"Case: {what}, which cannot be combined with periodic sides; leave one of them out")
+                text = f": {what}, which cannot be combined with periodic sides; leave one of them out"
+                raise Invalid("tank.periodic", text, "Case")
 
     def _checked_gravity(self, gravity: Sequence[float] | Array) -> Array:
         d, given = self.particles.dimension, numbers(gravity)
         if given.shape != (d,) or not np.isfinite(given).all():
-            raise ValueError(f"Case: gravity is {gravity!r}; it must be {d} finite accelerations in m/s^2")
+            raise Invalid("gravity", f"is {gravity!r}; it must be {d} finite accelerations in m/s^2", "Case")
         if given.any() and self.period.everywhere:
-            raise ValueError(
-                f"Case: gravity is {given.tolist()} m/s^2 in a domain that is periodic in all directions; no wall "
-                "holds the fluids there, and they would fall forever: set it to 0, or keep walls in one direction"
+            raise Invalid(
+                "gravity",
+                f"is {given.tolist()} m/s^2 in a domain that is periodic in all directions; no wall "
+                "holds the fluids there, and they would fall forever: set it to 0, or keep walls in one direction",
+                "Case",
             )
         return given
 
     def _checked_bodies(self, bodies: Sequence[Body]) -> list[Body]:
         """The bodies as a list, those of the tank if there is one; see the class for errors."""
         if not (isinstance(bodies, Sequence) and all(isinstance(body, Body) for body in bodies)):
-            raise ValueError(f"Case: bodies is {bodies!r}; it must be a list of Body")
+            raise Invalid("bodies", f"is {bodies!r}; it must be a list of Body", "Case")
         if bodies and self.tank is not None:
-            raise ValueError("Case: bodies are given beside a tank; put them into the tank by tank.add(body)")
+            raise Invalid("bodies", "are given beside a tank; put them into the tank by tank.add(body)", "Case")
         result = list(bodies if self.tank is None else self.tank.bodies)
         names = [body.name for body in result]
         if len(set(names)) < len(names):
-            raise ValueError(f"Case: bodies are named {names}; every body needs a name of its own")
+            raise Invalid("bodies", f"are named {names}; every body needs a name of its own", "Case")
         if result and self.particles.dimension != 2:
             raise ValueError(f"Case: there are bodies ({', '.join(names)}), which are for 2-D only")
+        if self.numerics.jacobian == "matrix-free" and any(body.floats for body in result):
+            raise ValueError("Case: with Numerics(jacobian='matrix-free') no body can float; say jacobian='rows'")
         return result
 
     def _labelled(self, particles: Particles) -> Array:
@@ -284,9 +291,8 @@ class Case:
         for number, body in enumerate(self.bodies):
             on = wall[body.distance(particles.position[wall]) < ON_BODY * particles.spacing]
             if len(on) < 3:
-                raise ValueError(
-                    f"Case: only {len(on)} wall particles are on the outline of body {body.name!r}; it takes 3 or more"
-                )
+                text = f": only {len(on)} wall particles are on the outline of body {body.name!r}; it takes 3 or more"
+                raise Invalid(("bodies", body.name), text, "Case")
             label[on] = number
         return label
 
@@ -299,50 +305,56 @@ class Case:
         bad = (particles.fluid < lowest) | (particles.fluid >= len(self.fluids))
         if bad.any():
             i = int(np.argmax(bad))
-            raise ValueError(
-                f"Case: particle {i} has fluid {int(particles.fluid[i])}; with {len(self.fluids)} fluid(s) it "
-                f"must lie between 0 and {len(self.fluids) - 1}"
+            raise Invalid(
+                "particles",
+                f": particle {i} has fluid {int(particles.fluid[i])}; with {len(self.fluids)} fluid(s) it "
+                f"must lie between 0 and {len(self.fluids) - 1}",
+                "Case",
             )
-        if self.interface == "sharp" and particles.dimension != 2:
-            raise ValueError(
-                "Case: interface is 'sharp' (the default), which is for 2-D only; for these particles in 3-D it must "
-                "be 'interpolated'"
-            )
+        self._check_interface(particles.dimension)
         median = particles.require_distinct()
         if not 0.1 <= particles.spacing / median <= 10:
-            raise ValueError(
-                f"Case: spacing is {particles.spacing:g} m, but the particles stand {median:g} m apart (median); "
-                "the two may differ by a factor of 10 at most"
+            raise Invalid(
+                "particles",
+                f": spacing is {particles.spacing:g} m, but the particles stand {median:g} m apart (median); "
+                "the two may differ by a factor of 10 at most",
+                "Case",
             )
         if not self.walls and self.tank_motion is None and (particles.velocity[particles.wall] != 0).any():
             i = int(np.flatnonzero(particles.wall & (particles.velocity != 0).any(axis=1))[0])
-            raise ValueError(
-                f"Case: wall particle {i} has velocity {particles.velocity[i].tolist()} m/s; walls are fixed, "
-                "it must be zero"
+            raise Invalid(
+                "particles",
+                f": wall particle {i} has velocity {particles.velocity[i].tolist()} m/s; walls are fixed, "
+                "it must be zero",
+                "Case",
             )
         if particles.wall.all():
-            raise ValueError("Case: all particles are wall particles; there is no fluid to move")
+            raise Invalid("particles", ": all particles are wall particles; there is no fluid to move", "Case")
         self._check_walls_surround(particles)
 
     def _check_walls_surround(self, particles: Particles) -> None:
         if self.period.everywhere:
             if particles.wall.any():
                 i = int(np.argmax(particles.wall))
-                raise ValueError(
-                    f"Case: particle {i} at {particles.position[i].tolist()} is a wall particle; a domain that is "
-                    "periodic in all directions has no walls"
+                raise Invalid(
+                    "particles",
+                    f": particle {i} at {particles.position[i].tolist()} is a wall particle; a domain that is "
+                    "periodic in all directions has no walls",
+                    "Case",
                 )
             return
         if self.domain is not None:
-            self.domain.require_surrounds(particles)
+            self.domain.require_surrounds(particles.position, particles.wall, particles.spacing)
             return
         centred = (particles.position - particles.position.mean(axis=0)) / particles.spacing
         try:
             facets = ConvexHull(centred).equations
         except QhullError as error:
-            raise ValueError(
-                f"Case: the {len(particles)} particles enclose no space; {particles.dimension + 1} or more are "
-                "needed, not all on one line or in one plane"
+            raise Invalid(
+                "particles",
+                f": the {len(particles)} particles enclose no space; {particles.dimension + 1} or more are "
+                "needed, not all on one line or in one plane",
+                "Case",
             ) from error
         # Facets of one straight wall have the same equation up to round-off; one of them is enough.
         facets = facets[np.unique(facets.round(12), axis=0, return_index=True)[1]]
@@ -354,17 +366,21 @@ class Case:
         outside = ~particles.wall & (depth < 1e-9)
         if outside.any():
             i = int(np.argmax(outside))
-            raise ValueError(
-                f"Case: particle {i} at {particles.position[i].tolist()} lies outside the walls (or on them); "
-                "wall particles must surround all others"
+            raise Invalid(
+                "particles",
+                f": particle {i} at {particles.position[i].tolist()} lies outside the walls (or on them); "
+                "wall particles must surround all others",
+                "Case",
             )
         inner = particles.wall & (depth > INNER_WALL) & (self.body_label < 0)
         if self.closed and inner.any():
             i = int(np.argmax(inner))
-            raise ValueError(
-                f"Case: wall particle {i} at {particles.position[i].tolist()} lies {depth[i]:.2g} spacings inside the "
+            raise Invalid(
+                "particles",
+                f": wall particle {i} at {particles.position[i].tolist()} lies {depth[i]:.2g} spacings inside the "
                 "convex hull of all particles; a closed case has outer walls only, unless shape=... gives what the "
-                "walls enclose"
+                "walls enclose",
+                "Case",
             )
 
     def _repr_html_(self) -> str:
@@ -416,7 +432,8 @@ class Case:
         """
         force: Array = np.broadcast_to(self.gravity, position.shape).copy()
         if self.body_force is not None:
-            extra = np.asarray(self.body_force(position, time), dtype=float)
+            # Of a copy: the function may work in place.
+            extra = np.asarray(self.body_force(position.copy(), time), dtype=float)
             if extra.shape == position.shape and not np.isfinite(extra).all():
                 i = int(np.argmin(np.isfinite(extra).all(axis=1)))
                 raise ValueError(
@@ -439,7 +456,7 @@ class Case:
     def pressure_reference(self) -> int:
         """The wall particle at which a closed tank's pressure is zero: the highest, against gravity and body force.
 
-        Of several at the same height, the first by its place (see `tipfem.case.place`). Without walls there is none,
+        Of several at the same height, the first by its place (`tipfem.geometry.place`). Without walls there is none,
         -1: then the mean of the pressure is zero.
         """
         # Corners neither slide nor are relocated; a curve all around has none, and remeshing keeps the particle there.
@@ -453,25 +470,51 @@ class Case:
         return int(wall[highest[np.argmin(places(position[highest]))]])
 
 
+def contradictions(
+    interface: str, *, free_surface: bool, pressure: str, graded: bool, dimension: int | None = None
+) -> Iterator[tuple[str, str]]:
+    """What of a case contradicts its interface rule: the keys of the wrong value, and what is wrong with it.
+
+    Args:
+        interface: name of the rule.
+        free_surface: whether there is a free surface.
+        pressure: as of `Numerics`.
+        graded: whether there is a grading.
+        dimension: d; None where it is not known yet.
+    """
+    if free_surface and interface == "sharp":
+        yield "interface", "is 'sharp'; with free_surface = true it must be 'interpolated', or left out"
+    if graded and free_surface:
+        yield "grading", "is given with free_surface = true; there is no grading with a free surface"
+    elif graded and interface != "sharp":
+        yield "grading", f"is given with interface = {interface!r}; it needs 'sharp', in 2-D"
+    if pressure == "two-sided" and interface != "sharp":
+        why = "a free surface has" if free_surface else f"interface is {interface!r}, which has"
+        yield (
+            "numerics.pressure",
+            f"is 'two-sided'; {why} one pressure for all fluids: it must be 'auto' or 'continuous'",
+        )
+    if dimension == 3 and interface == "sharp" and not free_surface:
+        yield "interface", "is 'sharp', the default, in 3-D; it must be 'interpolated' there"
+
+
 def _checked_fluids(fluids: Sequence[Fluid]) -> list[Fluid]:
     """The fluids as a list; see `Case` for errors."""
     found = list(fluids) if isinstance(fluids, Sequence) else []
     if not found or not all(isinstance(f, Fluid) for f in found):
-        raise ValueError(f"Case: fluids is {fluids!r}; it must be a list of at least one Fluid")
+        raise Invalid("fluids", f"is {fluids!r}; it must be a list of at least one Fluid", "Case")
     names = [f.name for f in found]
     if len(set(names)) < len(names):
-        raise ValueError(f"Case: fluids are named {names}; every fluid needs a name of its own")
+        raise Invalid("fluids", f"are named {names}; every fluid needs a name of its own", "Case")
     return found
 
 
 def _checked_interface(interface: str | None, free_surface: bool) -> str:
     """The name of the interface rule, by default that of the case's kind; see `Case` for errors."""
     if not isinstance(free_surface, bool):
-        raise ValueError(f"Case: free_surface is {free_surface!r}; it must be True or False")
+        raise Invalid("free_surface", f"is {free_surface!r}; it must be True or False", "Case")
     if interface is None:
         return SURFACE_INTERFACE if free_surface else DEFAULT_INTERFACE
     if not isinstance(interface, str) or interface not in INTERFACES:
-        raise ValueError(f"Case: interface is {interface!r}; it must be one of {sorted(INTERFACES)}")
-    if free_surface and interface == "sharp":
-        raise ValueError("Case: with free_surface=True, interface must be 'interpolated' (the default then)")
+        raise Invalid("interface", f"is {interface!r}; it must be one of {sorted(INTERFACES)}", "Case")
     return interface

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Gt
 
-from tipfem.arguments import is_number
+from tipfem.declaration import Unit, require
 from tipfem.typing import Array
 
 
@@ -17,29 +19,20 @@ class Fluid:
 
     Attributes:
         name: of the fluid in results and pictures; unique within a case.
-        density: mass density [kg/m^3], > 0.
-        viscosity: dynamic viscosity [Pa s], >= 0.
+        density: mass density [kg/m^3].
+        viscosity: dynamic viscosity [Pa s].
 
     Raises:
         ValueError: the name is empty or not a string, or a property is out of range or not a finite number.
     """
 
     name: str
-    density: float
-    viscosity: float
+    density: Annotated[float, Gt(0), Unit("kg/m^3")]
+    viscosity: Annotated[float, Ge(0), Unit("Pa s")]
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name:
-            raise ValueError(f"Fluid: name is {self.name!r}; it must be a non-empty string")
-        for name in ("density", "viscosity"):
-            if isinstance(value := getattr(self, name), str):
-                raise ValueError(
-                    f"Fluid {self.name!r}: {name} is {value!r}, a text; it must be a number, without quotes"
-                )
-        if not (is_number(self.density) and self.density > 0):
-            raise ValueError(f"Fluid {self.name!r}: density is {self.density!r} kg/m^3; it must be > 0")
-        if not (is_number(self.viscosity) and self.viscosity >= 0):
-            raise ValueError(f"Fluid {self.name!r}: viscosity is {self.viscosity!r} Pa s; it must be >= 0")
+        require(self, names=("name",))
+        require(self, ("fluids", self.name), f"Fluid {self.name!r}")
 
 
 def ranks(fluids: Sequence[Fluid]) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tipfem.case.case import Case
-from tipfem.case.period import Period
+from tipfem.geometry.period import Period
 from tipfem.typing import Array
 
 

@@ -5,12 +5,19 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Le
 from scipy.spatial import cKDTree
 
 from tipfem.arguments import is_number, numbers
 from tipfem.case.fluid import Fluid
+from tipfem.declaration import require
+from tipfem.errors import Invalid
+from tipfem.geometry.box_points import BoxPoints
+from tipfem.geometry.lattice import Part
+from tipfem.geometry.shape_points import ShapePoints
 from tipfem.typing import Array
 
 # Gradation limiting takes time for every distinct size; this many represent all of them.
@@ -31,7 +38,7 @@ class Grading:
 
     Attributes:
         largest: by a fluid's name, the target far from its interfaces [m].
-        growth: largest gradient of the target, 0.02 to 0.5.
+        growth: largest gradient of the target.
         where: function of positions (K, d) [m] to upper limits (K,) of the targets [m], for regions that need a finer
             resolution, such as boundary layers; or None. It must return values > 0; inf sets no limit, and values below
             the case's spacing count as that. It is evaluated at all particles at the start and after every step, in
@@ -42,20 +49,23 @@ class Grading:
     """
 
     largest: Mapping[str, float] = field(default_factory=dict)
-    growth: float = 0.2
+    growth: Annotated[float, Ge(0.02), Le(0.5)] = 0.2
     where: Callable[[Array], Array] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.largest, Mapping):
-            raise ValueError(f"Grading: largest is {self.largest!r}; it must name fluids, as {{'air': 0.01}} does")
+            raise Invalid(
+                "grading.largest", f"is {self.largest!r}; it must name fluids, as {{'air': 0.01}} does", "Grading"
+            )
         for name, value in self.largest.items():
             if not (is_number(value) and value > 0):
-                raise ValueError(f"Grading: largest of {name!r} is {value!r} m; it must be a finite number > 0")
+                raise Invalid(
+                    ("grading", "largest", name), f"is {value!r} m; it must be a finite number > 0", "Grading, largest"
+                )
         object.__setattr__(self, "largest", dict(self.largest))
-        if not (is_number(self.growth) and 0.02 <= self.growth <= 0.5):
-            raise ValueError(f"Grading: growth is {self.growth!r}; it must lie between 0.02 and 0.5")
+        require(self, ("grading",), names=("growth",))
         if self.where is not None and not callable(self.where):
-            raise ValueError(f"Grading: where is {self.where!r}; it must be a function of positions")
+            raise Invalid("grading.where", f"is {self.where!r}; it must be a function of positions", "Grading")
 
     def summary(self) -> dict[str, object]:
         """The grading as it is written with results."""
@@ -76,11 +86,14 @@ class Grading:
         """
         for name, value in self.largest.items():
             if name not in names:
-                raise ValueError(f"Grading: largest names {name!r}; the names of the case's fluids are {names}")
+                raise Invalid(
+                    "grading.largest", f"names {name!r}; the names of the case's fluids are {names}", "Grading"
+                )
             if value < spacing * (1 - 1e-9):
-                raise ValueError(
-                    f"Grading: largest of {name!r} is {value!r} m, below the spacing of {spacing!r} m, which is the "
-                    "smallest target"
+                raise Invalid(
+                    ("grading", "largest", name),
+                    f"is {value!r} m, below the spacing of {spacing!r} m, which is the smallest target",
+                    "Grading, largest",
                 )
         others = np.inf if self.where and not self.largest else spacing
         return np.array([self.largest.get(name, others) for name in names], dtype=float)
@@ -104,49 +117,57 @@ class Grading:
             try:
                 given = numbers(self.where(position.copy()))
             except Exception as error:
-                raise ValueError(
-                    f"Grading: where raised {type(error).__name__} for positions of shape {position.shape}: {error}"
+                raise Invalid(
+                    "grading.where",
+                    f"raised {type(error).__name__} for positions of shape {position.shape}: {error}",
+                    "Grading",
                 ) from error
             if given.shape != size.shape:
-                raise ValueError(
-                    f"Grading: where gave shape {given.shape} for positions of shape {position.shape}; it must be "
-                    f"targets > 0 in metres, one for each, of shape {size.shape}"
+                raise Invalid(
+                    "grading.where",
+                    f"gave shape {given.shape} for positions of shape {position.shape}; it must be "
+                    f"targets > 0 in metres, one for each, of shape {size.shape}",
+                    "Grading",
                 )
             if not (given > 0).all():
                 i = int(np.argmin(given > 0))
-                raise ValueError(f"Grading: where gave {given[i]} at {position[i].tolist()}; it must be > 0, in metres")
+                raise Invalid(
+                    "grading.where", f"gave {given[i]} at {position[i].tolist()}; it must be > 0, in metres", "Grading"
+                )
             size = np.minimum(size, np.maximum(given, spacing))
         return np.asarray(size)
 
 
 def thinned(
-    grading: Grading, position: Array, shape: tuple[int, int], fluid: Array, fluids: Sequence[Fluid], spacing: float
+    grading: Grading,
+    points: BoxPoints | ShapePoints,
+    fluid: Array,
+    fluid_at: Part,
+    fluids: Sequence[Fluid],
+    spacing: float,
 ) -> Array:
-    """Select the points of a lattice that become particles: every stride-th along both axes.
+    """Select the points of a tank that become particles: every stride-th line along both axes, and fewer on walls.
+
+    Corners of walls stay, and so do particles at interfaces; those on arcs are corners.
 
     Args:
         grading: the target spacings.
-        position: (N, 2) lattice points [m], the second axis running fastest.
-        shape: number of points along each axis.
-        fluid: (N,) of the points; an interface is where neighbours differ.
-        fluids: the fluids that ``fluid`` indexes.
+        points: to choose from, as finely as the spacing.
+        fluid: (N,) of the points.
+        fluid_at: of positions, which may be elsewhere.
+        fluids: that the numbers index.
         spacing: of the lattice, the smallest target [m].
 
     Returns:
         (N,) mask.
     """
-    grid = fluid.reshape(shape)
-    at_interface = np.zeros(shape, dtype=bool)
-    for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
-        differs = grid[one] != grid[other]
-        at_interface[one] |= differs
-        at_interface[other] |= differs
+    at_interface, line = points.at_interfaces(fluid, fluid_at), points.line
     largest = grading.of_fluids([f.name for f in fluids], spacing)
-    size = grading.sizing(position, fluid, at_interface.ravel(), largest, spacing)
-    target = limit_gradation_at_points(position, size, grading.growth)
-    stride = STRIDES[np.searchsorted(STRIDES, ROUNDED * target / spacing, side="right") - 1].reshape(shape)
-    row, column = (np.minimum(np.arange(n), np.arange(n)[::-1]) for n in shape)  # counted from the nearest wall
-    return np.asarray(((row[:, None] % stride == 0) & (column[None, :] % stride == 0)).ravel())
+    size = points.limited(grading.sizing(points.position, fluid, at_interface, largest, spacing), spacing)
+    target = limit_gradation_at_points(points.position, size, grading.growth)
+    stride = STRIDES[np.searchsorted(STRIDES, ROUNDED * target / spacing, side="right") - 1]
+    kept = at_interface | (line < 0).any(axis=1) | (line % stride[:, None] == 0).all(axis=1)
+    return points.fewer_on_walls(kept, at_interface, target, stride, spacing)
 
 
 def limit_gradation_at_points(position: Array, size: Array, growth: float) -> Array:

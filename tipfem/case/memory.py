@@ -41,11 +41,15 @@ def too_many(content: float, spacing: float, dimension: int, *, graded: bool = F
         dimension: d.
         graded: whether a grading thins out the particles, whose number is known only then.
     """
-    count = content / spacing**dimension
+    count = content
+    for _ in range(dimension):  # one by one: the power of a tiny spacing is 0
+        count /= spacing
     each = BYTES_OF_LATTICE if graded else BYTES_A_PARTICLE[dimension]
     most = min(available_memory() / each, MOST)
     if count <= most:
         return ""
+    if not math.isfinite(count):
+        return f"is {spacing:g} m, far too small for this tank: the number of particles is beyond all bounds"
     least = (content / most) ** (1 / dimension)
     return (
         f"is {spacing:g} m, which makes about {count:.2g} particles. They take about {count * each / 1e9:.3g} GB of "

@@ -12,13 +12,13 @@ import numpy as np
 
 from tipfem.arguments import is_number
 from tipfem.case.body import Body
-from tipfem.case.curves import has_curve
-from tipfem.case.domain import Domain
 from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading
 from tipfem.case.particles import Particles
 from tipfem.case.tank import Tank
 from tipfem.case.walls import Wall
+from tipfem.geometry.curves import has_curve
+from tipfem.geometry.domain import Domain
 from tipfem.typing import Array
 
 # Cell data in which formats other than Gmsh's keep the number of a cell's group.
@@ -180,6 +180,12 @@ def read_mesh(
     names = {(int(dim), int(tag)): name for name, (tag, dim) in mesh.field_data.items()}
     names.update({(2, tag): name for tag, name in (fluids or {}).items()})
     names.update({(1, tag): name for tag, name in (walls or {}).items()})
+    others = {block.type: len(block.data) for block in mesh.cells if block.type not in ("triangle", "line", "vertex")}
+    if others:
+        found = ", ".join(f"{count} of type {kind!r}" for kind, count in others.items())
+        raise ValueError(
+            f"{here}: it has cells beside triangles with three corners, {found}; mesh it with triangles only"
+        )
     cells, regions = _groups(mesh, "triangle", 2, names, "surface", here)
     edges, sides = _groups(mesh, "line", 1, names, "curve", here)
     return MeshTank(points, cells, regions, edges, sides, spacing, here)
@@ -231,6 +237,14 @@ def _domain_around(x: Array, pairs: Array, edges: Array, sides: list[str], here:
     name_of = {}
     for (a, b), name in zip(edges.tolist(), sides, strict=True):
         name_of[a, b] = name_of[b, a] = name
+    ends = {(a, b) for a, b in boundary.tolist()}
+    inner = [pair for pair in name_of if pair not in ends and pair[::-1] not in ends]
+    if inner:
+        middle = (0.5 * (x[inner[0][0]] + x[inner[0][1]])).tolist()
+        raise ValueError(
+            f"{here}: the curve {name_of[inner[0]]!r} is inside the fluids, at {middle}, where there can be no wall; "
+            "cut a thin hole along it, or leave it out of the physical groups"
+        )
     after: dict[int, int] = {}
     for a, b in boundary.tolist():
         if (a, b) not in name_of:

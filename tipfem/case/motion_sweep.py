@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -13,8 +12,8 @@ from tipfem.arguments import rounded
 from tipfem.case.body import CONTACT, Body
 from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
-from tipfem.case.domain import Domain, gap_between
-from tipfem.case.domain_boundary import DomainBoundary
+from tipfem.errors import Invalid
+from tipfem.geometry.domain import Domain, gap_between
 from tipfem.typing import Array
 
 TIMES = 200  # at which motions are looked at
@@ -73,12 +72,14 @@ def _walls_keep_apart(boundary: Boundary, spacing: float, times: Array) -> None:
         if width.min(initial=np.inf) < least:
             sides = np.unravel_index(np.argmin(width), width.shape)
             names = [boundary.walls[mover].name for k in sides if (mover := boundary.mover[k]) >= 0]
-            raise ValueError(
-                f"Case: wall {names[0]!r}: its motion leaves {width.min():.4g} m to the opposite wall at "
-                f"t = {time:.4g} s; it must leave {least:.4g} m or more, {CLOSED:g} spacings"
+            raise Invalid(
+                ("walls", names[0], "motion"),
+                f": its motion leaves {width.min():.4g} m to the opposite wall at "
+                f"t = {time:.4g} s; it must leave {least:.4g} m or more, {CLOSED:g} spacings",
+                f"Case: wall {names[0]!r}",
             )
         if message := boundary.volume_error(time):
-            raise ValueError(f"Case: {message}")
+            raise Invalid("walls", f": {message}", "Case")
 
 
 def _follow(case: Case, body: Body, others: list[Body], times: Array) -> None:
@@ -93,10 +94,12 @@ def _follow(case: Case, body: Body, others: list[Body], times: Array) -> None:
         if meets(float(time)) is None:
             continue
         first, meeting = _first(meets, float(before), float(time))
-        raise ValueError(
-            f"body {body.name!r}: its motion takes it to {meeting.other} at t = {first:.4g} s, at "
+        raise Invalid(
+            ("bodies", body.name, "motion"),
+            f": its motion takes it to {meeting.other} at t = {first:.4g} s, at "
             f"{rounded(meeting.place)} m, where the run would stop: the gap must not be less than {CONTACT:g} spacings "
-            f"({limit:.4g} m). Let the motion end before, or hold the body there by contact = 'hold'"
+            f"({limit:.4g} m). Let the motion end before, or hold the body there by contact = 'hold'",
+            f"body {body.name!r}",
         )
 
 
@@ -119,9 +122,9 @@ def nearest_of(case: Case, body: Body, others: list[Body], time: float) -> Meeti
         others: further ones.
         time: [s].
     """
-    assert isinstance(case.boundary, DomainBoundary)
+    assert isinstance(case.boundary.tank, Domain)
     pose = case.boundary.pose(time, 1e-6)
-    outline, tank = _outline(body, time), _moved(case.boundary.tank, pose.place(case.boundary.tank.start))
+    outline, tank = _outline(body, time), case.boundary.tank.with_corners(pose.place(case.boundary.tank.start))
     found = gap_between(outline, tank, outside=False)
     nearest = Meeting(found[0], found[1], f"the wall {tank.sides[tank.side[found[2]]]!r}")
     for other in others:
@@ -142,12 +145,3 @@ def _outline(body: Body, time: float) -> Domain:
         corners = (corners - pivot) @ turned + pivot + (x, y)
     count = len(corners)
     return Domain([corners], [[body.name] * count], [[-1] * count])
-
-
-def _moved(domain: Domain, start: Array) -> Domain:
-    """The domain with its corners elsewhere (S, 2) [m]."""
-    result = copy.copy(domain)
-    result.start, result.end = start, start[domain.following]
-    for name in ("length", "direction", "normal", "turn"):
-        result.__dict__.pop(name, None)
-    return result

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated, Literal
 
-from tipfem.arguments import is_number
+from annotated_types import Ge, Gt, Le
+
 from tipfem.case.particles import largest_length
+from tipfem.declaration import Unit, require
+from tipfem.errors import Invalid
 from tipfem.typing import Array
 
 
@@ -27,28 +31,24 @@ class RelocationRule:
         ValueError: a length is not positive, or relocated particles would be relocated again at once.
     """
 
-    too_close: float = 0.6
-    too_close_to_wall: float = 0.4
-    long_edge: float = 1.2
-    long_mixed_edge: float = 1.8
-    urgent: float = 0.35
-    at_surface: float = 0.75
-    along_surface: float = 0.5
+    too_close: Annotated[float, Gt(0), Unit("spacings")] = 0.6
+    too_close_to_wall: Annotated[float, Gt(0), Unit("spacings")] = 0.4
+    long_edge: Annotated[float, Gt(0), Unit("spacings")] = 1.2
+    long_mixed_edge: Annotated[float, Gt(0), Unit("spacings")] = 1.8
+    urgent: Annotated[float, Gt(0), Unit("spacings")] = 0.35
+    at_surface: Annotated[float, Gt(0)] = 0.75
+    along_surface: Annotated[float, Gt(0)] = 0.5
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (is_number(value) and value > 0):
-                raise ValueError(f"RelocationRule: {name} is {value!r}; it must be > 0 (in spacings)")
-        if self.long_edge < 2 * self.too_close - 1e-12:
-            raise ValueError(
-                f"RelocationRule: long_edge {self.long_edge:g} is below twice too_close {self.too_close:g}; "
-                "a particle set into such an edge would be moved again at once"
-            )
-        if self.long_mixed_edge < 3 * self.too_close - 1e-12:
-            raise ValueError(
-                f"RelocationRule: long_mixed_edge {self.long_mixed_edge:g} is below three times too_close "
-                f"{self.too_close:g}; a particle set at a third of such an edge would be moved again at once"
-            )
+        require(self, ("numerics", "relocation"))
+        for name, factor, where in (("long_edge", 2, "into"), ("long_mixed_edge", 3, "at a third of")):
+            if (value := getattr(self, name)) < factor * self.too_close - 1e-12:
+                raise Invalid(
+                    ("numerics", "relocation", name),
+                    f"is {value:g}, below {'twice' if factor == 2 else 'three times'} too_close {self.too_close:g}; a "
+                    f"particle set {where} such an edge would be moved again at once",
+                    "RelocationRule",
+                )
 
 
 @dataclass(frozen=True)
@@ -72,31 +72,20 @@ class SurfaceRule:
         ValueError: a number is out of range.
     """
 
-    alpha: float = 1.2
-    inner: float = 1.8
-    first: float = 0.85
-    join: float = 0.8
-    gap: float = 0.6
-    touch: float = 0.6
-    wet: float = 1.2
-    dry: float = 0.25
+    alpha: Annotated[float, Ge(0.75), Le(10), Unit("spacings")] = 1.2
+    inner: Annotated[float, Ge(0.75), Le(20), Unit("spacings")] = 1.8
+    first: Annotated[float, Ge(0.5), Le(2)] = 0.85
+    join: Annotated[float, Ge(0.3), Le(10), Unit("spacings")] = 0.8
+    gap: Annotated[float, Ge(0.1), Le(2), Unit("spacings")] = 0.6
+    touch: Annotated[float, Ge(0.4), Le(2), Unit("spacings")] = 0.6
+    wet: Annotated[float, Ge(0.4), Le(3), Unit("spacings")] = 1.2
+    dry: Annotated[float, Ge(0), Le(0.5)] = 0.25
 
     def __post_init__(self) -> None:
-        for name, low, high in (
-            ("alpha", 0.75, 10.0),
-            ("inner", 0.75, 20.0),
-            ("first", 0.5, 2.0),
-            ("join", 0.3, 10.0),
-            ("gap", 0.1, 2.0),
-            ("touch", 0.4, 2.0),
-            ("wet", 0.4, 3.0),
-            ("dry", 0.0, 0.5),
-        ):
-            value = getattr(self, name)
-            if not (is_number(value) and low <= value <= high):
-                raise ValueError(f"SurfaceRule: {name} is {value!r}; it must lie between {low:g} and {high:g}")
+        require(self, ("numerics", "surface"))
         if self.inner < self.alpha:
-            raise ValueError(f"SurfaceRule: inner {self.inner:g} is below alpha {self.alpha:g}; it must not be")
+            text = f"is {self.inner:g}, below alpha {self.alpha:g}; it must not be"
+            raise Invalid("numerics.surface.inner", text, "SurfaceRule")
 
 
 @dataclass(frozen=True)
@@ -122,29 +111,17 @@ class FittedRule:
         ValueError: a number is out of range, or not a number.
     """
 
-    too_close: float = 0.6
-    too_close_to_interface: float = 0.4
-    too_close_along_interface: float = 0.55
-    long_edge: float = 1.5
-    removable: float = 0.75
-    thin_film: float = 0.3
-    contact_reach: float = 0.8
-    flip_tolerance: float = 1e-3
+    too_close: Annotated[float, Ge(0.1), Le(0.95), Unit("spacings")] = 0.6
+    too_close_to_interface: Annotated[float, Ge(0.05), Le(0.8), Unit("spacings")] = 0.4
+    too_close_along_interface: Annotated[float, Ge(0.1), Le(0.95), Unit("spacings")] = 0.55
+    long_edge: Annotated[float, Ge(1.2), Le(5), Unit("spacings")] = 1.5
+    removable: Annotated[float, Ge(0.1), Le(0.95), Unit("spacings")] = 0.75
+    thin_film: Annotated[float, Ge(0), Le(0.8), Unit("spacings")] = 0.3
+    contact_reach: Annotated[float, Ge(0), Le(3), Unit("spacings")] = 0.8
+    flip_tolerance: Annotated[float, Ge(0), Le(0.2)] = 1e-3
 
     def __post_init__(self) -> None:
-        for name, low, high in (
-            ("too_close", 0.1, 0.95),
-            ("too_close_to_interface", 0.05, 0.8),
-            ("too_close_along_interface", 0.1, 0.95),
-            ("long_edge", 1.2, 5.0),
-            ("removable", 0.1, 0.95),
-            ("thin_film", 0.0, 0.8),
-            ("contact_reach", 0.0, 3.0),
-            ("flip_tolerance", 0.0, 0.2),
-        ):
-            value = getattr(self, name)
-            if not (is_number(value) and low <= value <= high):
-                raise ValueError(f"FittedRule: {name} is {value!r}; it must lie between {low:g} and {high:g}")
+        require(self, ("numerics", "fitting"))
 
 
 @dataclass(frozen=True)
@@ -152,8 +129,8 @@ class Numerics:
     """Parameters of the method.
 
     Attributes:
-        rho_inf: spectral radius at infinity of generalized-alpha, 0 to 1.
-        stabilisation: c in tau = c dt T of the PSPG term, > 0; T is the length of step that the flow itself
+        rho_inf: spectral radius at infinity of generalized-alpha.
+        stabilisation: c in tau = c dt T of the PSPG term; T is the length of step that the flow itself
             asks for (see `tipfem.step.solve.flow_time`).
         volume_correction: rate at which the source in J - 1 = s restores the lost volume of a fluid, in
             units of sqrt(|b| / h) with the largest acceleration b by gravity and body force at the start, or
@@ -163,7 +140,7 @@ class Numerics:
             start, and 0 that only the changes of volume by remeshing are undone.
         momentum_transfer: with the interpolated interface, whether a particle whose mass a remeshing increases takes
             momentum from the neighbours that lost it (see `momentum_transfer`). The paper's method does not.
-        newton_tolerance: of the largest scaled residual, expressed as a displacement in spacings.
+        newton_tolerance: of the largest scaled residual, expressed as a displacement.
         acceleration_tolerance: of the same residual as an acceleration, relative to that of the flow (the root mean
             square over its mass, at most gravity, at least 1e-4 of gravity); the tighter of both holds. It keeps the
             pressure accurate for short steps and large spacings, and slow flows as accurate as fast ones. In steps
@@ -180,15 +157,15 @@ class Numerics:
             equation of continuity. "auto": two-sided with the sharp interface, continuous otherwise.
         mass: the mass matrix of the elements. "lumped": each particle has an equal part of the mass of its cells.
             "consistent": that of velocities that are linear in the cells. "interfaces": consistent in cells that touch
-            an interface between fluids, lumped elsewhere. See docs/theory/method.md.
-        largest_move: target of the step control for the displacement of the fastest particle, in spacings; more than
-            0.5 only if J of no element falls below its limit (see `StepControl`). A step in which a particle moves
+            an interface between fluids, lumped elsewhere. See docs/theory/equations.md.
+        largest_move: target of the step control for the displacement of the fastest particle; more than 0.5
+            only if J of no element falls below its limit (see `StepControl`). A step in which a particle moves
             0.15 spacings more than this is refused.
         smallest_jacobian: limit of J; a step in which an element's J falls below it is refused.
         triangulation: with the interpolated interface in 2-D and without free surface: "repair" flips edges of the
             last mesh, and removes and inserts relocated particles, where possible; "rebuild" calls Qhull in every step.
-        energy_balance: with the sharp interface, whether kinetic and potential energy that remeshing adds or takes in a
-            step is taken back or given back, see docs/theory/energy.md.
+        energy_balance: with the sharp interface, whether kinetic and potential energy that remeshing adds is taken
+            back, see docs/theory/energy.md.
         budget: what the history has of energy and momentum: "total"; or "detailed", also what each kind of repair of
             the mesh adds to those of each fluid, see docs/theory/energy.md. No step depends on it.
         relocation: when and where to particles are relocated with the interpolated interface.
@@ -199,57 +176,27 @@ class Numerics:
         ValueError: a number is out of range or not a number, or a rule has the wrong type.
     """
 
-    rho_inf: float = 0.0
-    stabilisation: float = 0.25
-    volume_correction: float = 1.0
+    rho_inf: Annotated[float, Ge(0), Le(1)] = 0.0
+    stabilisation: Annotated[float, Ge(1e-6), Le(10)] = 0.25
+    volume_correction: Annotated[float, Ge(0), Le(100)] = 1.0
     momentum_transfer: bool = True
-    newton_tolerance: float = 1e-5
-    acceleration_tolerance: float = 1e-2
-    newton_iterations: int = 12
-    jacobian: str = "rows"
-    pressure: str = "auto"
-    mass: str = "lumped"
-    largest_move: float = 0.35
-    smallest_jacobian: float = 0.05
-    triangulation: str = "repair"
+    newton_tolerance: Annotated[float, Ge(1e-14), Le(1e-1), Unit("spacings")] = 1e-5
+    acceleration_tolerance: Annotated[float, Ge(1e-12), Le(1)] = 1e-2
+    newton_iterations: Annotated[int, Ge(1), Le(100)] = 12
+    jacobian: Literal["rows", "matrix-free"] = "rows"
+    pressure: Literal["auto", "continuous", "two-sided"] = "auto"
+    mass: Literal["lumped", "consistent", "interfaces"] = "lumped"
+    largest_move: Annotated[float, Ge(0.01), Le(0.8), Unit("spacings")] = 0.35
+    smallest_jacobian: Annotated[float, Ge(0), Le(0.9)] = 0.05
+    triangulation: Literal["repair", "rebuild"] = "repair"
     energy_balance: bool = True
-    budget: str = "total"
+    budget: Literal["total", "detailed"] = "total"
     relocation: RelocationRule = field(default_factory=RelocationRule)
     fitting: FittedRule = field(default_factory=FittedRule)
     surface: SurfaceRule = field(default_factory=SurfaceRule)
 
     def __post_init__(self) -> None:
-        for name, low, high in (
-            ("rho_inf", 0.0, 1.0),
-            ("stabilisation", 1e-6, 10.0),
-            ("volume_correction", 0.0, 100.0),
-            ("newton_tolerance", 1e-14, 1e-1),
-            ("acceleration_tolerance", 1e-12, 1.0),
-            ("newton_iterations", 1, 100),
-            ("largest_move", 0.01, 0.8),
-            ("smallest_jacobian", 0.0, 0.9),
-        ):
-            value = getattr(self, name)
-            if not (is_number(value) and low <= value <= high):
-                raise ValueError(f"Numerics: {name} is {value!r}; it must lie between {low:g} and {high:g}")
-        if self.newton_iterations != int(self.newton_iterations):
-            raise ValueError(f"Numerics: newton_iterations is {self.newton_iterations!r}; it must be a whole number")
-        if self.triangulation not in ("repair", "rebuild"):
-            raise ValueError(f"Numerics: triangulation is {self.triangulation!r}; it must be 'repair' or 'rebuild'")
-        if self.budget not in ("total", "detailed"):
-            raise ValueError(f"Numerics: budget is {self.budget!r}; it must be 'total' or 'detailed'")
-        if self.jacobian not in ("rows", "matrix-free"):
-            raise ValueError(f"Numerics: jacobian is {self.jacobian!r}; it must be 'rows' or 'matrix-free'")
-        if self.pressure not in ("auto", "continuous", "two-sided"):
-            raise ValueError(f"Numerics: pressure is {self.pressure!r}; it must be 'auto', 'continuous' or 'two-sided'")
-        if self.mass not in ("lumped", "consistent", "interfaces"):
-            raise ValueError(f"Numerics: mass is {self.mass!r}; it must be 'lumped', 'consistent' or 'interfaces'")
-        for name, kind in (("relocation", RelocationRule), ("fitting", FittedRule), ("surface", SurfaceRule)):
-            if not isinstance(getattr(self, name), kind):
-                raise ValueError(f"Numerics: {name} is {getattr(self, name)!r}; it must be a {kind.__name__}")
-        for name in ("momentum_transfer", "energy_balance"):
-            if not isinstance(getattr(self, name), bool):
-                raise ValueError(f"Numerics: {name} is {getattr(self, name)!r}; it must be True or False")
+        require(self, ("numerics",))
 
     def tolerance(
         self, force: Array, acceleration: float, cm: float, spacing: float, smallest: float, part: float = 1.0

@@ -10,7 +10,11 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from tipfem.arguments import is_number, numbers
+from tipfem.errors import Invalid
 from tipfem.typing import Array
+
+# Positions farther from the origin than this, in spacings, keep too few digits: a wall's line has a width of 1e-6.
+FARTHEST = 1e8
 
 
 class Particles:
@@ -51,6 +55,7 @@ class Particles:
         self.spacing = spacing
         if not spacing:
             self.spacing = self.require_distinct()
+            self._require_spacing()
         else:
             self._require_spacing()
             self.require_distinct()
@@ -58,7 +63,15 @@ class Particles:
 
     def _require_spacing(self) -> None:
         if not (is_number(self.spacing) and self.spacing > 0):
-            raise ValueError(f"Particles: spacing is {self.spacing!r} m; it must be > 0")
+            raise Invalid("particles", f": spacing is {self.spacing!r} m; it must be > 0", "Particles")
+        if (farthest := float(np.abs(self.position).max())) > FARTHEST * self.spacing:
+            i = int(np.argmax(np.abs(self.position).max(axis=1)))
+            raise Invalid(
+                "particles",
+                f": particle {i} is at {self.position[i].tolist()} m; {farthest:.3g} m from the origin numbers "
+                f"keep too few digits for a spacing of {self.spacing:g} m: it must be at most {FARTHEST:.0e} spacings",
+                "Particles",
+            )
 
     def _set_arrays(
         self,
@@ -72,7 +85,9 @@ class Particles:
         """Set the arrays to checked copies of the right type; see the class for errors."""
         x = numbers(position)
         if x.ndim != 2 or x.shape[1] not in (2, 3) or not len(x):
-            raise ValueError(f"Particles: position has shape {x.shape}; it must be (N, 2) or (N, 3), of numbers")
+            raise Invalid(
+                "particles", f": position has shape {x.shape}; it must be (N, 2) or (N, 3), of numbers", "Particles"
+            )
         n, d = x.shape
         self.position = x
         self.fluid = _shaped("fluid", fluid, (n,), np.int32)
@@ -87,7 +102,7 @@ class Particles:
         self.target = _shaped("target", target, (len(self),), np.float64)
         if not (self.target > 0).all():
             i = int(np.argmin(self.target > 0))
-            raise ValueError(f"Particles: target of particle {i} is {self.target[i]} m; it must be > 0")
+            raise Invalid("particles", f": target of particle {i} is {self.target[i]} m; it must be > 0", "Particles")
 
     @property
     def dimension(self) -> int:
@@ -151,7 +166,7 @@ class Particles:
         """
         if len(self) < 2:
             if not self.spacing:
-                raise ValueError("Particles: a single particle has no spacing; give at least two")
+                raise Invalid("particles", ": a single particle has no spacing; give at least two", "Particles")
             return self.spacing
         distance, neighbour = cKDTree(self.position).query(self.position, k=2)
         median = float(np.median(distance[:, 1]))
@@ -159,9 +174,11 @@ class Particles:
         # A spacing that is far too large must not make all particles duplicates.
         if not distance[i, 1] > 1e-6 * min(self.spacing or median, median):
             j = int(neighbour[i, 1] if neighbour[i, 1] != i else neighbour[i, 0])
-            raise ValueError(
-                f"Particles: {min(i, j)} and {max(i, j)} are duplicates at {self.position[i].tolist()}; "
-                "every particle needs a position of its own"
+            raise Invalid(
+                "particles",
+                f": {min(i, j)} and {max(i, j)} are duplicates at {self.position[i].tolist()}; "
+                "every particle needs a position of its own",
+                "Particles",
             )
         return median
 
@@ -177,14 +194,16 @@ def _shaped(name: str, values: Any, shape: tuple[int, ...], dtype: Any) -> Array
         return np.zeros(shape, dtype)
     given = numbers(values)
     if given.shape != shape:
-        raise ValueError(
-            f"Particles: {name} has shape {given.shape}; for these positions it must be {shape}, of numbers"
+        raise Invalid(
+            "particles",
+            f": {name} has shape {given.shape}; for these positions it must be {shape}, of numbers",
+            "Particles",
         )
     with np.errstate(invalid="ignore"):  # NaN has no whole number; the comparison below finds it
         array = given.astype(dtype, copy=False)
     if array.dtype.kind != "f" and (array != given).any():
         i, kind = int(np.argmax(array != given)), "True or False" if dtype is bool else "a whole number"
-        raise ValueError(f"Particles: {name} of particle {i} is {given[i]}; it must be {kind}")
+        raise Invalid("particles", f": {name} of particle {i} is {given[i]}; it must be {kind}", "Particles")
     return array
 
 
@@ -193,4 +212,4 @@ def _require_finite(name: str, values: Array) -> None:
         return
     bad = ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
     i = int(np.argmax(bad))
-    raise ValueError(f"Particles: {name} of particle {i} is {values[i].tolist()}; it must be finite")
+    raise Invalid("particles", f": {name} of particle {i} is {values[i].tolist()}; it must be finite", "Particles")

@@ -1,4 +1,4 @@
-"""Region: a part of a tank that is filled with a fluid."""
+"""Regions: the parts of a tank that are filled with fluids, and what is where."""
 
 from __future__ import annotations
 
@@ -9,9 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from tipfem.arguments import is_number, numbers
 from tipfem.case.fluid import Fluid
-from tipfem.case.lattice import BESIDE
-from tipfem.case.period import Period
+from tipfem.errors import Invalid
+from tipfem.geometry.lattice import BESIDE
+from tipfem.geometry.period import Period
+from tipfem.geometry.shapes import Shape
 from tipfem.typing import Array
 
 
@@ -82,45 +85,221 @@ class Region:
         return result
 
 
-def initial_velocities(
-    regions: Sequence[Region], number: Sequence[int], position: Array, fluid: Array, spacing: float, period: Period
-) -> Array:
-    """Velocities (N, d) of particles at the start [m/s]: those of the last region around each.
-
-    A particle on a face has the velocity of a region beside it that is of its own fluid: the face itself, by round-off,
-    may be in any region or in none.
+def region_of(fluid: Fluid, tank: Array, slack: Array, velocity: Any, **part: Any) -> Region:
+    """The region of `Tank.fill`, whose arguments and errors it has.
 
     Args:
-        regions: in the order in which they were filled.
-        number: of the fluid of each.
-        position: (N, d) of the particles [m].
-        fluid: (N,) of the particles, -1 for none.
-        spacing: of the particles [m].
-        period: of the positions.
+        fluid: that fills it.
+        tank: (2, d) lower and upper corner of the box around the tank [m].
+        slack: (d,) by which boxes and shapes reach beyond their faces, so that those on walls belong to them [m].
+        velocity: at the start.
+        part: box, disc, where and shape, of which at most one is not None.
+    """
+    if not isinstance(fluid, Fluid):
+        why = "; a tank knows no names of fluids" if isinstance(fluid, str) else ""
+        raise ValueError(f"fill: fluid is {fluid!r}{why}; it must be a Fluid, as tp.Fluid('water', 998.2, 1e-3)")
+    given = {name: value for name, value in part.items() if value is not None}
+    if len(given) > 1:
+        raise ValueError("fill: give one of box, disc, where and shape, not several")
+    here = f"fill {fluid.name!r}"
+    if not given:
+        region = Region(fluid, "tank", lambda x: np.ones(len(x), dtype=bool))
+    else:
+        ((name, value),) = given.items()
+        region = _REGIONS[name](fluid, here, value, tank, slack)
+    region.velocity = _checked_velocity(here, velocity, tank.shape[1])
+    return region
+
+
+def _checked_velocity(here: str, velocity: Any, dimension: int) -> Any:
+    if velocity is None or callable(velocity):
+        return velocity
+    vector = numbers(velocity)
+    if vector.shape != (dimension,) or not np.isfinite(vector).all():
+        raise Invalid(
+            "velocity",
+            f"is {velocity!r}; it must be {dimension} finite components in m/s, or a function of positions",
+            here,
+        )
+    return vector
+
+
+def _of_box(fluid: Fluid, here: str, box: Any, tank: Array, slack: Array) -> Region:
+    corners, size = numbers(box), tank[1] - tank[0]
+    if corners.shape != tank.shape or not (corners[0] < corners[1]).all():
+        raise Invalid(
+            "box",
+            f"is {box!r}; it must be (lower, upper), two corners of {len(size)} coordinates with lower < upper",
+            here,
+        )
+    if (corners[1] <= tank[0]).any() or (corners[0] >= tank[1]).any():
+        raise Invalid("box", f"is {box!r} m, which lies outside the tank of {size.tolist()} m", here)
+    corners = np.clip(corners, *tank)
+
+    def contains(x: Array) -> Array:
+        return np.asarray(((x > corners[0] - slack) & (x < corners[1] + slack)).all(axis=1))
+
+    return Region(fluid, f"box {box!r}", contains, corners, {"box": box})
+
+
+def _of_disc(fluid: Fluid, here: str, disc: Any, tank: Array, slack: Array) -> Region:
+    del slack
+    given, size = disc if isinstance(disc, Sequence) and len(disc) == 2 else (None, None)
+    centre, radius = numbers(given), numbers(size)
+    if centre.shape != tank[0].shape or not np.isfinite(centre).all() or not is_number(size) or not radius > 0:
+        raise Invalid(
+            "disc",
+            f"is {disc!r}; it must be (centre, radius) with a centre of {tank.shape[1]} coordinates and a radius > 0",
+            here,
+        )
+    return Region(
+        fluid,
+        f"disc {disc!r}",
+        lambda x: ((x - centre) ** 2).sum(axis=1) < radius**2,
+        given={"disc": (centre, float(radius))},
+    )
+
+
+def _of_function(fluid: Fluid, here: str, where: Any, tank: Array, slack: Array) -> Region:
+    del tank, slack
+    if not callable(where):
+        raise ValueError(f"{here}: where is {where!r}; it must be a function of positions")
+    return Region(fluid, f"where={name_of(where)}", where, given={"where": where})
+
+
+def _of_shape(fluid: Fluid, here: str, given: Any, tank: Array, slack: Array) -> Region:
+    if tank.shape[1] != 2:
+        raise Invalid("shape", "is given in 3-D; shapes are for 2-D only", here)
+    try:
+        shape = Shape.of(given)
+    except ValueError as error:
+        raise Invalid("shape", f": {error}", here) from error
+    lower, upper = shape.box
+    if (upper <= tank[0]).any() or (lower >= tank[1]).any():
+        raise Invalid(
+            "shape",
+            f"reaches from {lower.tolist()} to {upper.tolist()} m, outside the tank, which extends "
+            f"from {tank[0].tolist()} to {tank[1].tolist()} m",
+            here,
+        )
+    reach = float(slack.max())
+    return Region(fluid, "shape", lambda x: shape.contains(x) | shape.touches(x, reach), given={"shape": shape})
+
+
+_REGIONS = {"box": _of_box, "disc": _of_disc, "where": _of_function, "shape": _of_shape}
+
+
+class Filling:
+    """The regions of a tank with the fluids of a case.
+
+    Args:
+        regions: in the order in which they were filled: later ones replace earlier ones.
+        fluids: of the case.
+        empty: whether parts of the tank may be empty.
+
+    Attributes:
+        number: of the fluid of each region.
 
     Raises:
-        ValueError: see `Region.mask` and `Region.initial_velocity`.
+        ValueError: a fluid is not in the list.
     """
-    velocity = np.zeros_like(position)
-    if all(region.velocity is None for region in regions):
+
+    def __init__(self, regions: Sequence[Region], fluids: Sequence[Fluid], *, empty: bool) -> None:
+        for region in regions:
+            if region.fluid not in fluids:
+                raise ValueError(
+                    f"tank is filled with {region.fluid.name!r}, which is not among the case's fluids "
+                    f"{[f.name for f in fluids]}"
+                )
+        self._regions, self._empty = regions, empty
+        self.number = [list(fluids).index(region.fluid) for region in regions]
+        self._nothing = len(fluids) if empty else 0
+
+    def _last(self, values: Sequence[int], x: Array, nothing: int) -> Array:
+        """The value (K,) of the last region that holds each of the points (K, d), or that for none."""
+        label = np.full(len(x), nothing, dtype=np.int32)
+        for region, value in zip(self._regions, values, strict=True):
+            label[region.mask(x)] = value
+        return label
+
+    def fluid(self, x: Array) -> Array:
+        """Number (K,) of the fluid at points (K, d) [m]; the number of the fluids where there is none."""
+        return self._last(self.number, x, self._nothing)
+
+    def is_empty(self, x: Array) -> Array:
+        """Mask (K,) of the points (K, d) [m] in parts that may be empty, and are."""
+        return np.asarray(self.fluid(x) == self._nothing)
+
+    def label(self, x: Array) -> Array:
+        """Number (K,) of the fluid at points (K, d) [m]; -1 where there is none."""
+        return self._last(self.number, x, -1)
+
+    def faces(self, axis: int) -> set[float]:
+        """Coordinates of the faces of filled boxes along one axis [m]."""
+        boxes = [region.box for region in self._regions if region.box is not None]
+        return {float(x) for box in boxes for x in box[:, axis]}
+
+    def require_particles(self, position: Array, wall: Array, spacing: float) -> None:
+        """Check that fluids fill the tank, and that every region holds a particle off the walls.
+
+        Wall particles take the fluid of their neighbours, so a region with wall particles only would be lost silently.
+
+        Args:
+            position: (N, d) [m].
+            wall: (N,) mask of those on walls.
+            spacing: h [m].
+
+        Raises:
+            ValueError: they do not.
+        """
+        for number, region in enumerate(self._regions):
+            if not (region.mask(position) & ~wall).any():
+                raise Invalid(
+                    ("fill", number, *(key for key in region.given if key != "where")),
+                    f": {region.part} holds no particle off the walls; it lies outside the "
+                    f"tank, or is too small for a spacing of {spacing:g} m",
+                    f"fill {region.fluid.name!r}",
+                )
+        fluid = self.label(position)
+        if (fluid < 0).any() and not self._empty:
+            i = int(np.argmax(fluid < 0))
+            raise Invalid(
+                "tank",
+                f": no fluid at {position[i].tolist()}; fill the whole tank first, then parts of it, or give the "
+                "case a free surface",
+            )
+        if (fluid < 0).all():
+            raise Invalid("tank", ": it is empty; fill at least one part of it with a fluid")
+
+    def velocity(self, position: Array, fluid: Array, spacing: float, period: Period) -> Array:
+        """Velocities (N, d) of particles at the start [m/s]: those of the last region around each.
+
+        A particle on a face has the velocity of a region beside it that is of its own fluid: the face itself, by
+        round-off, may be in any region or in none.
+
+        Args:
+            position: (N, d) of the particles [m].
+            fluid: (N,) of the particles, -1 for none.
+            spacing: of the particles [m].
+            period: of the positions.
+
+        Raises:
+            ValueError: see `Region.mask` and `Region.initial_velocity`.
+        """
+        velocity = np.zeros_like(position)
+        if all(region.velocity is None for region in self._regions):
+            return velocity
+        each = range(len(self._regions))
+        of, fluid_of = self._last(each, position, len(each)), np.append(self.number, -1)
+        for side in itertools.product((-1, 1), repeat=position.shape[1]):
+            other = np.flatnonzero((fluid_of[of] != fluid) & (fluid >= 0))
+            beside = self._last(each, period.wrapped(position[other] + BESIDE * spacing * np.array(side)), len(each))
+            fits = fluid_of[beside] == fluid[other]
+            of[other[fits]] = beside[fits]
+        for k, region in enumerate(self._regions):
+            velocity[of == k] = region.initial_velocity(position[of == k])
+        velocity[fluid < 0] = 0.0
         return velocity
-
-    def last(x: Array) -> Array:
-        found = np.full(len(x), len(regions))  # none
-        for k, region in enumerate(regions):
-            found[region.mask(x)] = k
-        return found
-
-    of, fluid_of = last(position), np.append(number, -1)
-    for side in itertools.product((-1, 1), repeat=position.shape[1]):
-        other = np.flatnonzero((fluid_of[of] != fluid) & (fluid >= 0))
-        beside = last(period.wrapped(position[other] + BESIDE * spacing * np.array(side)))
-        fits = fluid_of[beside] == fluid[other]
-        of[other[fits]] = beside[fits]
-    for k, region in enumerate(regions):
-        velocity[of == k] = region.initial_velocity(position[of == k])
-    velocity[fluid < 0] = 0.0
-    return velocity
 
 
 def name_of(function: Callable[[Array], Array]) -> str:

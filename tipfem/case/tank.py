@@ -7,111 +7,137 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.arguments import is_number, numbers
-from tipfem.case import lattice
+from tipfem.arguments import explained, is_number, numbers, rounded
 from tipfem.case.body import Body
 from tipfem.case.default_laws import Rule, Setting, default_law
-from tipfem.case.domain import Domain
 from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading, thinned
-from tipfem.case.lattice import faces_of_part, heaviest_beside, snap_to_faces
 from tipfem.case.memory import too_many
 from tipfem.case.particles import Particles
-from tipfem.case.period import Period, no_period
-from tipfem.case.region import Region, initial_velocities, name_of
-from tipfem.case.shapes import Shape, rectangle
+from tipfem.case.region import Filling, Region, region_of
 from tipfem.case.walls import Wall
+from tipfem.errors import Invalid
+from tipfem.geometry.box_points import SIDES, BoxPoints
+from tipfem.geometry.curves import has_curve
+from tipfem.geometry.domain import LEAST_GAP, Domain, domain_of, gap_between
+from tipfem.geometry.lattice import Part, heaviest_beside
+from tipfem.geometry.period import Period, no_period
+from tipfem.geometry.shape_points import ShapePoints
+from tipfem.geometry.shapes import Shape, cut_out, rectangle
 from tipfem.typing import Array
 
-# The walls of a tank by their names: axis, and whether it is the one at the upper end.
-SIDES = {name: (k // 2, k % 2 == 1) for k, name in enumerate(["left", "right", "bottom", "top", "back", "front"])}
 LEAST_WIDTH = 8  # of a periodic tank [spacings]: no cell may reach around a quarter of it
+# By this part of the tank's size, what is filled in reaches beyond its faces. Less in tanks with a shape, because walls
+# along no axis meet the faces at round-off only.
+SLACK_OF_BOX, SLACK_OF_SHAPE = 1e-9, 1e-12
 
 
 class Tank:
-    """A closed box with one row of wall particles, to be filled with fluids; `tipfem.tank` makes one.
+    """A closed tank with one row of wall particles, to be filled with fluids; `tipfem.tank` makes one.
 
-    Particles are placed on a rectilinear lattice. Every face of a filled box inside the tank
-    runs midway between two lattice lines: the interface of two fluids is there, and so the
-    volumes of layers are exact. Between faces the lines are evenly spaced, on each side
-    of a face by a little more or less than ``spacing``. A layer between two faces can be one line.
+    Particles are placed on a rectilinear lattice. Every face of a filled box inside the tank runs midway between two
+    lattice lines: the interface of two fluids is there, and so the volumes of layers are exact. Between faces the lines
+    are evenly spaced, on each side of a face by a little more or less than ``spacing``. A layer between two faces can
+    be one line. The walls of a box are lines of the lattice. Other shapes have particles at all corners of their walls
+    and about one spacing apart between them, and lines along the straight walls that run along an axis.
 
     Args:
-        size: (d,) edge lengths [m]; one corner is the origin.
+        size: (d,) edge lengths of a box [m]; one corner is the origin. None with a ``shape``.
         spacing: target distance between particles [m].
         jitter: random displacement of the particles off the walls, in spacings (0 to 0.4). A tank
             in 3-D needs some, 0.1 for instance: the cubes of a regular lattice have no unique
             Delaunay mesh, and would be cut into simplices without volume. With a `wall` described,
             the wall particles in 3-D are displaced too, along their walls.
         seed: of the random displacement.
-        periodic: "x": what leaves on the left enters on the right, and there are no walls on these sides; in 2-D. "xy":
-            nor are there walls below and above. None for walls all around.
+        periodic: "x": what leaves on the left enters on the right, and there are no walls on these sides; of a box in
+            2-D. "xy": nor are there walls below and above. None for walls all around.
+        shape: of a tank in 2-D that is no box.
 
     Attributes:
-        size: (d,) array [m].
+        size: (d,) array, of the box around a shape [m].
         lower, upper: (d,) corners of its bounding box [m].
         sides: names of its walls.
         default_laws: the laws of the walls that `wall` does not describe, and why; none before a case has chosen them.
-        domain: the polygon that bounds it; None for a box.
+        domain: the polygon that bounds it, with corners on arcs where fills meet them, known once it has been sampled;
+            None for a box without bodies.
         period: of its positions.
 
     The other arguments are attributes too.
 
     Raises:
         ValueError: a size or the spacing is not a positive number, the spacing exceeds half an edge, the jitter is out
-            of range, ``periodic`` is neither "x" nor "xy" nor None, or a periodic tank is in 3-D or too narrow.
+            of range, ``periodic`` is neither "x" nor "xy" nor None, or a periodic tank is in 3-D or too narrow; or a
+            corner of a shape is too sharp, or a gap too narrow.
     """
 
-    SLACK = 1e-9  # of boxes, in sizes of the tank
-
     def __init__(
-        self, size: Sequence[float], spacing: float, jitter: float = 0.0, seed: int = 0, periodic: str | None = None
+        self,
+        size: Sequence[float] | None,
+        spacing: float,
+        jitter: float = 0.0,
+        seed: int = 0,
+        periodic: str | None = None,
+        shape: Shape | None = None,
     ) -> None:
-        self.size = numbers(size)
-        self.lower, self.upper = np.zeros_like(self.size), self.size
+        if shape is not None and size is None:
+            self.lower, self.upper = shape.box
+            self.size = self.upper - self.lower
+        else:
+            self.size = numbers(size)
+            self.lower, self.upper = np.zeros_like(self.size), self.size
+        self.spacing, self.jitter, self.seed, self.shape = spacing, jitter, seed, shape
+        if self.size.ndim != 1 or len(self.size) not in (2, 3) or not ((self.size > 0) & (self.size < np.inf)).all():
+            raise Invalid("tank.size", f"is {size!r}; it must be 2 or 3 lengths > 0 in metres")
+        self._check_numbers()
         self.sides: tuple[str, ...] = tuple(name for name, (axis, _) in SIDES.items() if axis < self.size.size)
-        self.spacing, self.jitter, self.seed = spacing, jitter, seed
         self._regions: list[Region] = []
         self.bodies: list[Body] = []
         self._walls: dict[str, dict[str, Any]] = {}
         self.default_laws: dict[str, Rule] = {}
         self._sealed = False
         self.domain: Domain | None = None
-        if self.size.ndim != 1 or len(self.size) not in (2, 3) or not ((self.size > 0) & (self.size < np.inf)).all():
-            raise ValueError(f"tank: size is {size!r}; it must be 2 or 3 lengths > 0 in metres")
-        if not (is_number(spacing) and spacing > 0):
-            raise ValueError(f"tank: spacing is {spacing!r} m; it must be > 0")
-        if spacing > self.size.min() / 2:
-            raise ValueError(
-                f"tank: spacing is {spacing:g} m, too large for a tank of {self.size.tolist()} m; "
-                f"it must be at most half the smallest edge, {self.size.min() / 2:g} m"
-            )
-        if not (is_number(jitter) and 0 <= jitter <= 0.4):
-            raise ValueError(f"tank: jitter is {jitter!r}; it must lie between 0 and 0.4 spacings")
-        try:
-            np.random.default_rng(seed)
-        except (TypeError, ValueError):
-            raise ValueError(f"tank: seed is {seed!r}; it must be a whole number >= 0") from None
         self.periodic, self.period = periodic, no_period(len(self.size))
         if periodic is not None:
             self._make_periodic(periodic)
+        self._require_room(graded=True)
+        if shape is not None:
+            self.sides = shape.sides
+            self.domain = domain_of(shape, spacing)
+            self.domain.require_resolved(spacing)
+
+    def _check_numbers(self) -> None:
+        """See the class for errors."""
+        spacing, jitter, seed = self.spacing, self.jitter, self.seed
+        if not (is_number(spacing) and spacing > 0):
+            raise Invalid("tank.spacing", f"is {spacing!r} m; it must be > 0")
+        if spacing > self.size.min() / 2:
+            raise Invalid(
+                "tank.spacing",
+                f"is {spacing:g} m, too large for a tank of {self.size.tolist()} m; "
+                f"it must be at most half the smallest edge, {self.size.min() / 2:g} m",
+            )
+        if not (is_number(jitter) and 0 <= jitter <= 0.4):
+            raise Invalid("tank.jitter", f"is {jitter!r}; it must lie between 0 and 0.4 spacings")
+        try:
+            np.random.default_rng(seed)
+        except (TypeError, ValueError):
+            raise Invalid("tank.seed", f"is {seed!r}; it must be a whole number >= 0") from None
 
     def _make_periodic(self, periodic: str) -> None:
         """Leave out the walls across the periodic axes; see the class for errors."""
         if periodic not in ("x", "xy"):
-            raise ValueError(
-                f"tank: periodic is {periodic!r}; it must be 'x' or 'xy', or left out for walls all around"
-            )
+            raise Invalid("tank.periodic", f"is {periodic!r}; it must be 'x' or 'xy', or left out for walls all around")
         if len(self.size) != 2:
-            raise ValueError(
-                f"tank: periodic is {periodic!r} and size {self.size.tolist()} m; only tanks in 2-D are periodic"
+            raise Invalid(
+                "tank.periodic", f"is {periodic!r} and size {self.size.tolist()} m; only tanks in 2-D are periodic"
             )
         width = np.where(["x" in periodic, "y" in periodic], self.size, 0.0)
         for length, name in zip(width.tolist(), ("wide", "high"), strict=True):
             if 0 < length < LEAST_WIDTH * self.spacing * (1 - 1e-9):
-                raise ValueError(
-                    f"tank: periodic is {periodic!r} and the tank {length:g} m {name}; with a spacing of "
-                    f"{self.spacing:g} m it must be {LEAST_WIDTH * self.spacing:g} m or more, {LEAST_WIDTH} spacings"
+                raise Invalid(
+                    "tank.periodic",
+                    f"is {periodic!r} and the tank {length:g} m {name}; with a spacing of "
+                    f"{self.spacing:g} m it must be {LEAST_WIDTH * self.spacing:g} m or more, {LEAST_WIDTH} spacings",
                 )
         self.period = Period(width)
         self.sides = tuple(name for name in self.sides if SIDES[name][0] not in self.period.axes)
@@ -123,8 +149,7 @@ class Tank:
 
     def _is_curved(self, side: str) -> bool:
         """Whether a side is a curve, or has one; those of a box are straight."""
-        del side
-        return False
+        return self.shape is not None and has_curve(self.domain, side)
 
     def _options(self, side: str) -> dict[str, Any]:
         """What is said of a side, or its law where nothing is; empty for a fixed no-slip wall."""
@@ -173,79 +198,10 @@ class Tank:
                 has been made of the tank already.
         """
         self._require_open("fill")
-        if not isinstance(fluid, Fluid):
-            why = "; a tank knows no names of fluids" if isinstance(fluid, str) else ""
-            raise ValueError(f"fill: fluid is {fluid!r}{why}; it must be a Fluid, as tp.Fluid('water', 998.2, 1e-3)")
-        if sum(part is not None for part in (box, disc, where, shape)) > 1:
-            raise ValueError("fill: give one of box, disc, where and shape, not several")
-        initial: Callable[[Array], Array] | Array | None = None
-        if callable(velocity):
-            initial = velocity
-        elif velocity is not None:
-            initial = numbers(velocity)
-            if initial.shape != self.size.shape or not np.isfinite(initial).all():
-                raise ValueError(
-                    f"fill {fluid.name!r}: velocity is {velocity!r}; it must be {len(self.size)} finite components in "
-                    "m/s, or a function of positions"
-                )
-        size = self.size
-        if box is not None:
-            corners = numbers(box)
-            if corners.shape != (2, len(size)) or not (corners[0] < corners[1]).all():
-                raise ValueError(
-                    f"fill {fluid.name!r}: box is {box!r}; it must be (lower, upper), two corners of "
-                    f"{len(size)} coordinates with lower < upper"
-                )
-            if (corners[1] <= self.lower).any() or (corners[0] >= self.upper).any():
-                raise ValueError(f"fill {fluid.name!r}: box {box!r} lies outside the tank of {size.tolist()} m")
-            corners = np.clip(corners, self.lower, self.upper)
-            slack = self.SLACK * size
-            self._regions.append(
-                Region(fluid, f"box {box!r}", lambda x: _in_box(x, corners, slack), corners, {"box": box})
-            )
-        elif disc is not None:
-            given, radius = disc if isinstance(disc, Sequence) and len(disc) == 2 else (None, None)
-            centre = numbers(given)
-            if centre.shape != size.shape or not np.isfinite(centre).all() or not is_number(radius) or not radius > 0:
-                raise ValueError(
-                    f"fill {fluid.name!r}: disc is {disc!r}; it must be (centre, radius) with a centre of "
-                    f"{len(size)} coordinates and a radius > 0"
-                )
-            self._regions.append(
-                Region(
-                    fluid,
-                    f"disc {disc!r}",
-                    lambda x: ((x - centre) ** 2).sum(axis=1) < radius**2,
-                    given={"disc": (centre, radius)},
-                )
-            )
-        elif where is not None:
-            if not callable(where):
-                raise ValueError(f"fill {fluid.name!r}: where is {where!r}; it must be a function of positions")
-            self._regions.append(Region(fluid, f"where={name_of(where)}", where, given={"where": where}))
-        elif shape is not None:
-            self._regions.append(self._shaped(fluid, shape))
-        else:
-            self._regions.append(Region(fluid, "tank", lambda x: np.ones(len(x), dtype=bool)))
-        self._regions[-1].velocity = initial
+        slack = self.size * (SLACK_OF_BOX if self.shape is None else SLACK_OF_SHAPE)
+        parts = {"box": box, "disc": disc, "where": where, "shape": shape}
+        self._regions.append(region_of(fluid, self.box, slack, velocity, **parts))
         return self
-
-    def _shaped(self, fluid: Fluid, given: Any) -> Region:
-        """The region of a shape; see `fill` for errors."""
-        here = f"fill {fluid.name!r}"
-        if len(self.size) != 2:
-            raise ValueError(f"{here}: shape is given in 3-D; shapes are for 2-D only")
-        try:
-            shape = Shape.of(given)
-        except ValueError as error:
-            raise ValueError(f"{here}: {error}") from error
-        lower, upper = shape.box
-        if (upper <= self.lower).any() or (lower >= self.upper).any():
-            raise ValueError(
-                f"{here}: shape, from {lower.tolist()} to {upper.tolist()} m, lies outside the tank, which extends "
-                f"from {self.lower.tolist()} to {self.upper.tolist()} m"
-            )
-        return Region(fluid, "shape", shape.contains, given={"shape": shape})
 
     def add(self, body: Body) -> Tank:
         """Put a rigid body into the tank; in 2-D only. What fills the tank surrounds it.
@@ -264,7 +220,7 @@ class Tank:
         if not isinstance(body, Body):
             raise ValueError(f"add: {body!r} is not a Body")
         if len(self.size) != 2:
-            raise ValueError(f"add: body {body.name!r}: bodies are for 2-D only")
+            raise Invalid(("bodies", body.name), ": bodies are for 2-D only", f"body {body.name!r}")
         if body.name in [other.name for other in self.bodies]:
             raise ValueError(f"add: there is a body {body.name!r} already; every body needs a name of its own")
         self.bodies.append(body)
@@ -296,10 +252,17 @@ class Tank:
             raise ValueError(f"wall {side!r} is described twice; give all of its properties in one call")
         options = {"law", "slip", "slip_length", "velocity", "motion"}
         if not what or set(what) - options:
-            raise ValueError(f"wall {side!r}: {sorted(what)} given; it takes one or more of {sorted(options)}")
+            raise Invalid(
+                ("walls", side), f": {sorted(what)} given; it takes one or more of {sorted(options)}", f"wall {side!r}"
+            )
         Wall(side, particles=[], **what)  # refuses bad values here
         self._walls[side] = what
         return self
+
+    @property
+    def box(self) -> Array:
+        """(2, d) lower and upper corner of the box around the tank [m]."""
+        return np.stack([self.lower, self.upper])
 
     @property
     def regions(self) -> tuple[Region, ...]:
@@ -314,6 +277,8 @@ class Tank:
 
     def walls(self, particles: Particles) -> list[Wall]:
         """The walls that are not fixed and no-slip, on the tank's own particles as `sample` gives them."""
+        if self.shape is not None:
+            return [Wall(name, side=name, **what) for name, what in self.wall_options.items()]
         result = []
         for name in [*self._walls, *(side for side in self.sides if side not in self._walls)]:
             what, (axis, upper) = self._options(name), SIDES[name]
@@ -324,10 +289,12 @@ class Tank:
             result.append(Wall(name, particles=on_wall, **what))
         return result
 
-    def _require_memory(self, content: float, grading: Grading | None) -> None:
-        """Raise ValueError if the particles of a tank of an area or volume [m^2, m^3] do not fit into the memory."""
-        if wrong := too_many(content, self.spacing, len(self.size), graded=grading is not None):
-            raise ValueError(f"tank: spacing {wrong}")
+    def holds(self, x: Array) -> Array:
+        """Mask (K,) of the positions (K, d) [m] that are in a part that has been filled."""
+        inside = np.zeros(len(x), dtype=bool)
+        for region in self._regions:
+            inside |= region.mask(x)
+        return inside
 
     def sample(
         self, fluids: Sequence[Fluid], *, fitted: bool = False, empty: bool = False, grading: Grading | None = None
@@ -351,142 +318,143 @@ class Tank:
                 filled part holds no particle off the walls; a ``where`` raised or did not return a mask; a tank in 3-D
                 has no jitter, or is to be fitted.
         """
-        self._require_memory(float(np.prod(self.size)), grading)
-        if fitted and len(self.size) == 3:
-            raise ValueError(
-                "tank: the sharp interface (the default) is for 2-D only; for a 3-D tank say interface='interpolated'"
-            )
-        if len(self.size) == 3 and not self.jitter:
-            raise ValueError(
-                "tank: jitter is 0; a regular lattice in 3-D cannot be meshed, its cubes are cut into simplices "
-                "without volume; set jitter, to 0.1 for instance"
-            )
-        if self.bodies:
-            return self._sample_around_bodies(fluids, fitted=fitted, empty=empty, grading=grading)
-        size, numbers_of, nothing = self.size, self._numbers(fluids), len(fluids)
-
-        def fluid_at(x: Array) -> Array:
-            label = np.full(len(x), nothing if empty else 0, dtype=np.int32)
-            for region, number in zip(self._regions, numbers_of, strict=True):
-                label[region.mask(x)] = number
-            return label
-
-        def is_empty(x: Array) -> Array:
-            return np.asarray(fluid_at(x) == nothing)
-
-        lines = []
-        for axis, length in enumerate(size.tolist()):
-            faces = self._faces(axis)
-            ends = faces_of_part(faces, axis, size, self.spacing, is_empty) if empty else set()
-            if fitted:
-                lines.append(lattice.fitted_lines(axis, length, self.spacing, faces))
-            else:
-                lines.append(lattice.lines(axis, length, self.spacing, faces, ends))
-        position = np.stack([x.ravel() for x in np.meshgrid(*lines, indexing="ij")], axis=1)
-        at_end = (position == 0.0) | (position == size)
-        at_end[:, self.period.axes] = False
-        wall = at_end.any(axis=1)
-        fluid = np.full(len(position), -1, dtype=np.int32)
-        for region, number in zip(self._regions, numbers_of, strict=True):
-            fluid[self._mask(region, position, wall)] = number
-        self._require_filled(position, fluid, empty=empty)
-        free = ~wall
-        if len(size) == 2 and (fitted or empty):
-            part = fluid_at if fitted else is_empty
-            position, on_face = snap_to_faces(position, (len(lines[0]), len(lines[1])), size, part)
-            rank = np.append(ranks(fluids), -1)
-            for k in self.period.axes:  # faces between the two ends, too
-                on_face |= position[:, k] == 0.0
-            fluid[on_face] = heaviest_beside(position[on_face], size, self.spacing, fluid_at, rank, self.period)
-            free &= ~on_face
+        self._require_room(graded=grading is not None)
+        if len(self.size) == 3:
+            self._check_3d(fitted=fitted)
+        filling = Filling(self._regions, fluids, empty=empty)
+        part = None if len(self.size) == 3 else filling.fluid if fitted else filling.is_empty if empty else None
+        points = self._placed(filling, part, filling.is_empty if empty else None, fitted=fitted)
+        filling.require_particles(points.position, points.wall, self.spacing)
+        if part is not None:
+            points = points.fitted(part)
+        fluid, on_face = filling.label(points.position), points.on_face
+        if on_face.any():
+            face, rank = points.position[on_face], np.append(ranks(fluids), -1)
+            fluid[on_face] = heaviest_beside(face, self.box, self.spacing, filling.fluid, rank, self.period)
         if self.jitter:
-            shift = np.random.default_rng(self.seed).uniform(-1, 1, position.shape) * self.jitter * self.spacing
-            # In 3-D four wall particles of a lattice can be in one plane across an edge of the tank. The simplices
-            # missing between them do not matter while they are fixed, but they do for particles of walls that slip.
-            held = (position == 0.0) | (position == size) if len(size) == 3 and self._walls else ~free[:, None]
-            position += np.where(held, 0.0, shift)
-        kept = wall | (fluid >= 0)
-        if self.period:  # the last lines are the images of the first
-            line = np.stack(np.unravel_index(np.arange(len(position)), [len(x) for x in lines]), axis=1)
-            kept &= (line[:, self.period.axes] < [len(lines[k]) - 1 for k in self.period.axes]).all(axis=1)
-            position = self.period.wrapped(position)
+            by = np.random.default_rng(self.seed).uniform(-1, 1, points.position.shape) * self.jitter * self.spacing
+            points = points.shifted(by, along_walls=bool(self._walls))
+        kept = (points.wall | (fluid >= 0)) & ~points.images
         if grading:
-            kept = thinned(grading, position, (len(lines[0]), len(lines[1])), fluid, fluids, self.spacing)
-        velocity = self._initial_velocity(position[kept], fluid[kept], numbers_of)
-        return Particles(position[kept], fluid[kept], wall[kept], velocity, spacing=self.spacing)
+            kept &= thinned(grading, points, fluid, filling.fluid, fluids, self.spacing)
+        position, fluid, wall = self.period.wrapped(points.position)[kept], fluid[kept], points.wall[kept]
+        velocity = filling.velocity(position, fluid, self.spacing, self.period)
+        velocity[wall] = points.along_walls(position[wall], velocity[wall], self._slips)
+        return Particles(position, fluid, wall, velocity, spacing=self.spacing)
 
-    def _require_filled(self, position: Array, fluid: Array, *, empty: bool) -> None:
-        """Raise ValueError if the tank is empty; or a part of it, unless parts may be ``empty``."""
-        if (fluid < 0).any() and not empty:
-            i = int(np.argmax(fluid < 0))
-            raise ValueError(
-                f"tank: no fluid at {position[i].tolist()}; fill the whole tank first, then parts of it, or give the "
-                "case a free surface"
+    def _require_room(self, *, graded: bool) -> None:
+        """Raise ValueError if the particles do not fit into the memory."""
+        content = float(np.prod(self.size)) if self.shape is None else self.shape.area
+        if wrong := too_many(content, self.spacing, len(self.size), graded=graded):
+            raise Invalid("tank.spacing", wrong)
+
+    def _check_3d(self, *, fitted: bool) -> None:
+        """See `sample` for errors."""
+        if fitted:
+            raise Invalid(
+                "interface",
+                ": the sharp interface (the default) is for 2-D only; for a 3-D tank say interface='interpolated'",
+                "tank",
             )
-        if (fluid < 0).all():
-            raise ValueError("tank: it is empty; fill at least one part of it with a fluid")
+        if not self.jitter:
+            raise Invalid(
+                "tank.jitter",
+                "is 0; a regular lattice in 3-D cannot be meshed, its cubes are cut into simplices "
+                "without volume; set jitter, to 0.1 for instance",
+            )
 
-    def _sample_around_bodies(
-        self, fluids: Sequence[Fluid], *, fitted: bool, empty: bool, grading: Grading | None
-    ) -> Particles:
-        """See `sample`: the tank is then one of any shape, of which it is a special case."""
-        from tipfem.case.shaped_tank import ShapedTank  # here, because it is derived from this class
+    def _placed(
+        self, filling: Filling, part: Part | None, is_empty: Part | None, *, fitted: bool
+    ) -> BoxPoints | ShapePoints:
+        """The points that become particles, before they are fitted to faces; see `sample` for errors."""
+        faces = [filling.faces(axis) for axis in range(len(self.size))]
+        if self.shape is None and not self.bodies:
+            return BoxPoints.of(self.size, self.spacing, faces, self.period, is_empty, fitted=fitted)
+        self.domain = self._meshed(part)
+        return ShapePoints.of(self.domain, self.box, self.spacing, faces, part, is_empty, fitted=fitted)
 
-        shaped = ShapedTank(rectangle((0.0, 0.0), self.size.tolist()), self.spacing, self.jitter, self.seed)
-        shaped._regions, shaped._walls, shaped.bodies = self._regions, self._walls, self.bodies
-        shaped.default_laws = self.default_laws
-        particles = shaped.sample(fluids, fitted=fitted, empty=empty, grading=grading)
-        self.domain, self.bodies = shaped.domain, shaped.bodies
-        return particles
+    def _slips(self, side: str) -> bool:
+        """Whether fluids slide along a wall."""
+        return Wall(side, particles=[], **self._options(side)).slips
 
-    def _initial_velocity(self, position: Array, fluid: Array, numbers_of: list[int]) -> Array:
-        """Velocities (N, d) [m/s] at the start: of the regions; along walls that slip, 0 at others."""
-        velocity = initial_velocities(self._regions, numbers_of, position, fluid, self.spacing, self.period)
-        for name, (axis, upper) in SIDES.items():
-            if axis >= len(self.size) or axis in self.period.axes:
-                continue
-            here = position[:, axis] == (self.size[axis] if upper else 0.0)
-            if Wall(name, particles=[], **self._options(name)).slips:
-                velocity[here, axis] = 0.0
-            else:
-                velocity[here] = 0.0
-        return velocity
+    def _meshed(self, part: Part | None) -> Domain:
+        """The polygon of the tank around its bodies, whose outlines become those of the polygon; see `sample`."""
+        outline = shape = self._outline
+        for body in self.bodies:
+            try:
+                shape = cut_out(shape, [body.outline])
+            except ValueError as error:
+                text = f": it must be inside the tank and off all walls: {error}"
+                raise self._crowded() or _body_invalid(body, text) from error
+        domain = domain_of(shape, self.spacing, part)
+        if self.bodies:
+            try:
+                domain.require_resolved(self.spacing)
+            except ValueError as error:
+                raise self._crowded() or error from error
+        first = len(outline.loops)
+        loops = [domain.start[domain.loop == first + k][::-1] for k in range(len(self.bodies))]
+        self.bodies = [body.meshed(loop) for body, loop in zip(self.bodies, loops, strict=True)]
+        return domain
 
-    def _numbers(self, fluids: Sequence[Fluid]) -> list[int]:
-        """Number of each region's fluid among ``fluids``; see `sample` for errors."""
-        for region in self._regions:
-            if region.fluid not in fluids:
-                raise ValueError(
-                    f"tank is filled with {region.fluid.name!r}, which is not among the case's fluids "
-                    f"{[f.name for f in fluids]}"
+    @property
+    def _outline(self) -> Shape:
+        return rectangle(self.lower, self.upper.tolist()) if self.shape is None else self.shape
+
+    def _crowded(self) -> Invalid | None:
+        """The error on the first body that is too close to a wall or to another; None where none is."""
+        tank, least = domain_of(self._outline, self.spacing), LEAST_GAP * self.spacing
+        outlines = [domain_of(body.outline, self.spacing) for body in self.bodies]
+        for b, outline in enumerate(outlines):
+            gap, place, edge = gap_between(outline, tank, outside=False)
+            other = f"the wall {tank.sides[tank.side[edge]]!r}"
+            for k in range(b):
+                both = (outline, outlines[k]), (outlines[k], outline)
+                found = min((gap_between(*pair, outside=True) for pair in both), key=lambda gap: gap[0])
+                if found[0] < gap:
+                    gap, place, other = found[0], found[1], f"body {self.bodies[k].name!r}"
+            if gap < least * (1 - 1e-6):
+                distance = f"{gap:.4g} m away from" if gap > 0 else "on, or on the wrong side of,"
+                return _body_invalid(
+                    self.bodies[b],
+                    f": it is {distance} {other} at {rounded(place)} m; it must be inside the tank and {least:.4g} m "
+                    f"or more ({LEAST_GAP:g} spacings) off all walls and other bodies, for fluid is between them: move "
+                    "it, or choose a smaller spacing. A body cannot stand on a wall, or close a gap",
                 )
-        return [list(fluids).index(region.fluid) for region in self._regions]
-
-    def _mask(self, region: Region, position: Array, wall: Array) -> Array:
-        """Mask (N,) of the lattice points in a region; see `sample` for errors."""
-        inside = region.mask(position)
-        # Wall particles take the fluid of their neighbours, so a region with wall particles only would be lost
-        # silently.
-        if not (inside & ~wall).any():
-            raise ValueError(
-                f"fill {region.fluid.name!r}: {region.part} holds no particle off the walls; it lies outside the "
-                f"tank, or is too small for a spacing of {self.spacing:g} m"
-            )
-        return inside
-
-    def holds(self, x: Array) -> Array:
-        """Mask (K,) of the positions (K, d) [m] that are in a part that has been filled."""
-        inside = np.zeros(len(x), dtype=bool)
-        for region in self._regions:
-            inside |= region.mask(x)
-        return inside
-
-    def _faces(self, axis: int) -> set[float]:
-        """Coordinates of the faces of filled boxes along one axis [m]."""
-        boxes = [region.box for region in self._regions if region.box is not None]
-        return {float(x) for box in boxes for x in box[:, axis]}
+        return None
 
 
-def _in_box(x: Array, corners: Array, slack: Array) -> Array:
-    """Mask (K,) of the points in a box, up to ``slack`` (d,) outside; faces on the tank's walls belong to it."""
-    return np.asarray(((x > corners[0] - slack) & (x < corners[1] + slack)).all(axis=1))
+def _body_invalid(body: Body, text: str) -> Invalid:
+    return Invalid(("bodies", body.name), text, f"tank: body {body.name!r}")
+
+
+@explained("say tank(size=(0.584, 0.584), spacing=0.02)")
+def tank(
+    size: Sequence[float] | None = None,
+    spacing: Any = None,
+    *,
+    shape: Any = None,
+    jitter: float = 0.0,
+    seed: int = 0,
+    periodic: str | None = None,
+) -> Tank:
+    """A closed tank to be filled: ``tank((1, 1), 0.05).fill(air).fill(water, box=((0, 0), (1, 0.5)))``.
+
+    Args:
+        size: (d,) edge lengths of a box [m].
+        spacing: target distance between particles [m].
+        shape: instead of ``size``, in 2-D: a shape of `tipfem.shapes`, a list of corners (x, y) [m], or a polygon of
+            shapely, with holes or without.
+        jitter: random displacement of the particles off the walls [spacings]; needed in 3-D.
+        seed: of the random displacement.
+        periodic: "x" for a box in 2-D without walls on the left and right, where what leaves on one side enters on the
+            other: channels, shear layers, waves without side walls; "xy" for one without any walls.
+
+    Raises:
+        ValueError: an argument is missing or out of range, see `Tank`.
+    """
+    if (size is None) == (shape is None):
+        raise Invalid("tank", ": give either its size, for a box, or its shape")
+    if shape is not None and periodic is not None:
+        raise Invalid("tank.periodic", f"is {periodic!r}; a tank with a shape has walls all around")
+    return Tank(size, spacing, jitter, seed, periodic, None if shape is None else Shape.of(shape))

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Gt, MinLen
 
 from tipfem.arguments import is_number, numbers
+from tipfem.declaration import Unit, require
+from tipfem.errors import Invalid
 from tipfem.typing import Array
 
 Function = Callable[[float], Any]
-
-LAWS = ("no-slip", "layer")  # of a `Wall`
 
 # Weights of finite differences of fourth order for f' (divided by the step) and f'' (divided by its square): central,
 # and one-sided for the start of a run, before which functions need not be defined.
@@ -34,11 +35,11 @@ class Wall:
         between: the two ends [m], each (2,).
         particles: indices (K,) or mask (N,) of its particles, instead of ``between``.
         slip: whether the fluid slides along it without friction.
-        slip_length: l [m] of Navier's condition, traction = viscosity / l (v - v_wall) along the wall; > 0.
+        slip_length: l [m] of Navier's condition, traction = viscosity / l (v - v_wall) along the wall.
         law: "no-slip": the fluid moves with the wall. "layer": it slips with the friction of the boundary layer where
-            this is thinner than the particles' spacing, and moves with the wall elsewhere; see `tipfem.walls.layers`.
-            None: by ``slip`` and ``slip_length``, and no-slip without these. For walls of a tank of which nothing is
-            said see `tipfem.case.default_laws`.
+            this is thinner than the particles' spacing, and moves with the wall elsewhere; see
+            `tipfem.physics.walls.layers`. None: by ``slip`` and ``slip_length``, and no-slip without these. For walls
+            of a tank of which nothing is said see `tipfem.case.default_laws`.
         side: name of a side of the tank's shape, instead of ``between`` and ``particles``.
         velocity: of a wall that slides along itself, relative to the tank: (d,) [m/s], or a function of time
             [s] that returns it. The wall's particles do not move along with it. In 2-D it may be a number, the speed,
@@ -51,43 +52,39 @@ class Wall:
         ValueError: a value has the wrong shape or sign, or two of them contradict each other.
     """
 
-    name: str
+    name: Annotated[str, MinLen(1)]
     between: Sequence[Sequence[float]] | None = None
     particles: Any = None
     slip: bool = False
-    slip_length: float | None = None
+    slip_length: Annotated[float, Gt(0), Unit("m")] | None = None
     velocity: Sequence[float] | float | Function | None = None
     motion: Function | None = None
-    law: str | None = None
+    law: Literal["no-slip", "layer"] | None = None
     side: str | None = None
 
     def __post_init__(self) -> None:
-        here = f"wall {self.name!r}"
-        if not isinstance(self.name, str) or not self.name:
-            raise ValueError(f"wall: name is {self.name!r}; it must be a non-empty string")
-        if sum(place is not None for place in (self.between, self.particles, self.side)) != 1:
-            raise ValueError(f"{here}: give either its ends, between, or its particles, or the side of a shape")
+        require(self, subject="wall", names=("name",))
+        require(self, ("walls", self.name), f"wall {self.name!r}", ("slip_length", "law"))
         if not isinstance(self.slip, bool):
-            raise ValueError(f"{here}: slip is {self.slip!r}; it must be True or False (a length is slip_length)")
-        if self.slip_length is not None:
-            if not (is_number(self.slip_length) and self.slip_length > 0):
-                raise ValueError(f"{here}: slip_length is {self.slip_length!r} m; it must be > 0, or left out")
-            if self.slip:
-                raise ValueError(f"{here}: slip=True is free slip and has no slip_length; give one of the two")
-        if self.law is not None:
-            if self.law not in LAWS:
-                raise ValueError(f"{here}: law is {self.law!r}; it must be one of {', '.join(map(repr, LAWS))}")
-            if self.slip or self.slip_length is not None:
-                given = "slip" if self.slip else "slip_length"
-                raise ValueError(f"{here}: law is {self.law!r} and {given} is given; give one of the two")
+            raise self._invalid("slip", f"is {self.slip!r}; it must be True or False (a length is slip_length)")
+        if sum(place is not None for place in (self.between, self.particles, self.side)) != 1:
+            raise self._invalid((), ": give either its ends, between, or its particles, or the side of a shape")
+        if self.slip and self.slip_length is not None:
+            raise self._invalid("slip_length", "is given with free slip, which has none; give one of the two")
+        if self.law is not None and (self.slip or self.slip_length is not None):
+            given = "slip" if self.slip else "slip_length"
+            raise self._invalid("law", f"is {self.law!r} and {given} is given; give one of the two")
         if self.slip and self.velocity is not None:
-            raise ValueError(f"{here}: velocity has no effect on a fluid that slips freely; leave out one of the two")
+            raise self._invalid("velocity", "has no effect on a fluid that slips freely; leave out one of the two")
         if self.motion is not None and not callable(self.motion):
-            raise ValueError(f"{here}: motion is {self.motion!r}; it must be a function of time to a displacement in m")
+            raise self._invalid("motion", f"is {self.motion!r}; it must be a function of time to a displacement in m")
         if self.between is not None:
             ends = numbers(self.between)
             if ends.shape != (2, 2) or not np.isfinite(ends).all() or (ends[0] == ends[1]).all():
-                raise ValueError(f"{here}: between is {self.between!r}; it must be two different points (x, y) in m")
+                raise self._invalid("between", f"is {self.between!r}; it must be two different points (x, y) in m")
+
+    def _invalid(self, key: str | tuple[()], text: str) -> Invalid:
+        return Invalid(("walls", self.name, *((key,) if key else ())), text, f"wall {self.name!r}")
 
     @property
     def slips(self) -> bool:
@@ -108,7 +105,7 @@ class Wall:
         """
         value = 0.0 if self.motion is None else self.motion(time)
         if not is_number(value):
-            raise ValueError(f"wall {self.name!r}: motion at t = {time:g} s gave {value!r}; it must be a length in m")
+            raise self._invalid("motion", f"at t = {time:g} s gave {value!r}; it must be a length in m")
         return np.array(float(value))
 
     def sliding(self, time: float, dimension: int) -> Array:
@@ -129,8 +126,8 @@ class Wall:
             return np.zeros(dimension)  # see `speed`
         value = np.zeros(dimension) if given is None else numbers(given)
         if value.shape != (dimension,) or not np.isfinite(value).all():
-            here = f"wall {self.name!r}: velocity at t = {time:g} s"
-            raise ValueError(f"{here} is {given!r}; it must be {dimension} finite speeds in m/s")
+            text = f"at t = {time:g} s is {given!r}; it must be {dimension} finite speeds in m/s"
+            raise self._invalid("velocity", text)
         return value
 
     def speed(self, time: float) -> Array:
@@ -169,16 +166,16 @@ class Motion:
 
     def __post_init__(self) -> None:
         if self.translation is None and self.angle is None:
-            raise ValueError("Motion: neither translation nor angle is given; without them the tank stands still")
+            raise Invalid((), ": neither translation nor angle is given; without them nothing moves", "Motion")
         for name in ("translation", "angle"):
             value = getattr(self, name)
             if value is not None and not callable(value):
-                raise ValueError(f"Motion: {name} is {value!r}; it must be a function of time")
+                raise Invalid(name, f"is {value!r}; it must be a function of time", "Motion")
         axis = numbers(self.axis)
         if axis.shape != (3,) or not np.isfinite(axis).all() or not axis.any():
-            raise ValueError(f"Motion: axis is {self.axis!r}; it must be a direction of 3 numbers")
+            raise Invalid("axis", f"is {self.axis!r}; it must be a direction of 3 numbers", "Motion")
         if self.pivot is not None and not np.isfinite(numbers(self.pivot)).all():
-            raise ValueError(f"Motion: pivot is {self.pivot!r}; it must be a point in m")
+            raise Invalid("pivot", f"is {self.pivot!r}; it must be a point in m", "Motion")
 
     def check(self, dimension: int) -> None:
         """Check the dimension and the values at t = 0.
@@ -190,13 +187,11 @@ class Motion:
             ValueError: pivot or translation has the wrong shape, or the motion is not zero at t = 0.
         """
         if self.pivot is not None and numbers(self.pivot).shape != (dimension,):
-            raise ValueError(f"Motion: pivot is {self.pivot!r}; it must be a point of {dimension} coordinates in m")
+            raise Invalid("pivot", f"is {self.pivot!r} m; it must be a point of {dimension} coordinates", "Motion")
         for name, value in (("translation", self._shift(0.0, dimension)), ("angle", self._angle(0.0))):
             if np.any(value != 0):
-                raise ValueError(
-                    f"Motion: {name} at t = 0 is {value.tolist()}; it must be zero, because the particles stand "
-                    "where the tank is at that time"
-                )
+                why = "it must be zero, because the particles stand where the walls are at that time"
+                raise Invalid(name, f"at t = 0 is {value.tolist()}; {why}", "Motion")
 
     def pose(self, time: float, step: float, dimension: int) -> Pose:
         """Position and motion of the tank.
@@ -225,15 +220,14 @@ class Motion:
         given = np.zeros(dimension) if self.translation is None else self.translation(time)
         value = numbers(given)
         if value.shape != (dimension,) or not np.isfinite(value).all():
-            raise ValueError(
-                f"Motion: translation at t = {time:g} s gave {given!r}; it must be {dimension} finite lengths in m"
-            )
+            text = f"at t = {time:g} s gave {given!r}; it must be {dimension} finite lengths in m"
+            raise Invalid("translation", text, "Motion")
         return value
 
     def _angle(self, time: float) -> Array:
         value = 0.0 if self.angle is None else self.angle(time)
         if not is_number(value):
-            raise ValueError(f"Motion: angle at t = {time:g} s gave {value!r}; it must be an angle in rad")
+            raise Invalid("angle", f"at t = {time:g} s gave {value!r}; it must be an angle in rad", "Motion")
         return np.array(float(value))
 
 

@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
-from tipfem.case import shapes
 from tipfem.case.body import Body
 from tipfem.case.walls import Motion
-from tipfem.casefile.schema import BodyTable
+from tipfem.casefile.schema import BODY, BodyTable
 from tipfem.casefile.source import Path
+from tipfem.declaration import changed
+from tipfem.geometry import shapes
 
 Function = Callable[[Path, Any, int], Any]
+Place = Callable[[ValueError, Path], tuple[Path, str]]
 SHAPES = ("box", "disc", "polygon")
-# What a table and a body have in common, beside their shape and motion.
-OPTIONS = (
-    *("name", "density", "mass", "centre", "inertia", "hinge", "free", "velocity", "angular_velocity"),
-    *("stiffness", "damping", "contact"),
-)
 
 
 def read_bodies(
-    tables: Sequence[BodyTable | None], function: Function, report: Callable[[Path, str], None]
+    tables: Sequence[BodyTable | None], function: Function, report: Callable[[Path, str], None], place: Place
 ) -> list[Body]:
     """The bodies that tables describe; their mistakes are reported.
 
@@ -32,6 +28,7 @@ def read_bodies(
         tables: of the case file, None for those that have mistakes.
         function: checks a function of time at a path, whose values have a number of coordinates.
         report: takes the path of a mistake and what is wrong.
+        place: gives both of an error and the path of the table around it.
     """
     found: list[Body] = []
     for k, table in enumerate(tables):
@@ -60,10 +57,9 @@ def read_bodies(
                     report((*path, "motion"), "has neither translation nor angle; give one, or leave the table out")
                     continue
                 motion = Motion(given["translation"], given["angle"], table.motion.pivot)
-            options = {key: getattr(table, key) for key in OPTIONS if key in table.model_fields_set}
-            found.append(Body(_shape(table), motion=motion, **options))
+            found.append(Body(_shape(table), motion=motion, **{k: v for k, v in table.given().items() if k in BODY}))
         except ValueError as error:
-            report(path, str(error).removeprefix(f"body {table.name!r}: "))
+            report(*place(error, path))
     return found
 
 
@@ -99,11 +95,5 @@ def body_content(body: Body, function: Callable[[str, Any], Any], lost: Callable
         content["motion"] = {key: function(f"bodies.{body.name}.motion.{key}", f) for key, f in given.items() if f}
         if motion.pivot is not None:
             content["motion"]["pivot"] = np.asarray(motion.pivot, dtype=float).tolist()
-    defaults = {field.name: field.default for field in fields(body)}
-    for key in OPTIONS:
-        value = getattr(body, key)
-        value = list(value) if isinstance(value, tuple) else value
-        default = defaults[key]
-        if key != "name" and value != (list(default) if isinstance(default, tuple) else default):
-            content[key] = np.asarray(value).tolist() if not isinstance(value, str) else value
-    return content
+    kept = changed(body)
+    return {**content, **{key: kept[key] for key in BODY if key in kept}}

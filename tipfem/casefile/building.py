@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path as FilePath
@@ -12,28 +11,28 @@ from typing import Any
 import numpy as np
 
 from tipfem.case.body import Body
-from tipfem.case.case import DEFAULT_INTERFACE, SURFACE_INTERFACE, Case
+from tipfem.case.case import DEFAULT_INTERFACE, SURFACE_INTERFACE, Case, contradictions
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.memory import too_many
-from tipfem.case.numerics import FittedRule, Numerics, RelocationRule, SurfaceRule
+from tipfem.case.numerics import Numerics
 from tipfem.case.particles import Particles
-from tipfem.case.shaped_tank import ShapedTank
-from tipfem.case.shapes import Shape
-from tipfem.case.tank import SIDES, Tank
+from tipfem.case.tank import Tank
 from tipfem.case.walls import Motion, Wall
 from tipfem.casefile.bodies import read_bodies
-from tipfem.casefile.fills import part_of, shape_of, shapes_of
+from tipfem.casefile.fills import shape_of, shapes_of
 from tipfem.casefile.forms import Limits, Polyline, Ramp, Table, UniformForce
-from tipfem.casefile.probing import KIND_NAMES, read_probes
-from tipfem.casefile.problems import child_at, listed, meant
-from tipfem.casefile.schema import FillTable, MotionTable, NumericsTable, WallTable
+from tipfem.casefile.problems import cannot, listed, meant
+from tipfem.casefile.schema import FillTable, MotionTable, WallTable
 from tipfem.casefile.source import Path
 from tipfem.casefile.times import check_times
+from tipfem.declaration import made
+from tipfem.errors import Invalid
+from tipfem.geometry.box_points import SIDES
+from tipfem.geometry.shapes import Shape
+from tipfem.probes import KINDS, Probe
 
 Report = Callable[[Path, str], None]
-SUBJECT = re.compile(r"^(?:step|run|init|tank|fill|wall|Case|Simulation|[A-Z]\w+)(?: '[^']*')?: ")
-RULES = {"fitting": FittedRule, "relocation": RelocationRule, "surface": SurfaceRule}
 
 
 class Parts:
@@ -60,15 +59,16 @@ class Parts:
         self._particles = self._read_particles()
         self._shape: Shape | None = None
         self.tank, self.dimension = self._tank()
-        self._check_choices()
         self._fill()
         self.bodies = self._bodies()
         self.walls = self._walls()
         self.motion = self._motion()
         self.grading = self._grading()
-        self.numerics = self._numerics()
+        table = sections.get("numerics")
+        self.numerics: Numerics | None = table and self._made(("numerics",), made, Numerics, table.model_dump())
+        self._check_choices()
         self.force = self._force()
-        self.probes = read_probes(sections.get("probes") or [], self.fluid_names, report)
+        self.probes = self._probes()
         check_times(sections, report)
 
     def case(self) -> Case:
@@ -94,58 +94,33 @@ class Parts:
             grading=self.grading,
         )
 
-    def place_of(self, message: str) -> tuple[Path, str]:
-        """The path that an error message of `tipfem` is about, and the message without what the path says."""
-        rest = SUBJECT.sub("", message)
-        if found := re.match(r"(?:Case: )?wall '([^']+)':? (?:.*)", message):
-            path: Path = ("walls", found[1])
-            return (path if found[1] in (self.sections.get("walls") or {}) else ()), SUBJECT.sub("", rest)
-        if found := re.search(r"body '([^']+)'", message):
-            names = [table.name for table in self.sections.get("bodies") or []]
-            return (("bodies", names.index(found[1])) if found[1] in names else ()), rest
-        if (found := re.match(r"(\w+) '([^']+)': ", message)) and found[1] in KIND_NAMES:
-            names = [table.name for table in self.sections["probes"]]
-            return self._blamed(("probes", names.index(found[2])), rest)
-        if found := re.match(r"fill '([^']+)': (.*)", message, re.DOTALL):
-            fills = [k for k, table in enumerate(self.sections["fill"]) if table.fluid == found[1]]
-            told = [k for k in fills if part_of(self.sections["fill"][k]) in message]
-            one = told or fills
-            return self._blamed(("fill", one[-1]), rest) if len(one) == 1 else (("fill",), message)
-        for subject, section in {
-            "tank": "tank",
-            "Grading": "grading",
-            "Motion": "tank_motion",
-            "Particles": "particles",
-            "Case: particle": "particles",
-            "Case: spacing": "particles",
-            "Case: gravity": "gravity",
-            "Case: at t": "walls",
-            "out is": "output",
-            "Simulation: time step": "time",
-        }.items():
-            if message.startswith(subject) and self.sections.get(section) is not None:
-                return self._blamed((section,), rest)
-        return (), rest
+    def place_of(self, error: ValueError, around: Path = ()) -> tuple[Path, str]:
+        """The path in the file that an error is about, and what is wrong there.
+
+        Args:
+            error: of an object that is made of the file.
+            around: the path of the table that it is made of; empty for the whole case.
+        """
+        if not isinstance(error, Invalid):
+            return around, f": {error}"
+        path = error.path
+        if around and path[:1] == around[:1]:
+            return (*around, *path[len(around) :]), error.text
+        if around:
+            return (*around, *path), error.text
+        items = self.sections.get(str(path[0])) if path else None
+        if isinstance(items, list) and len(path) > 1 and isinstance(path[1], str):  # an item by its name
+            names = [table.name for table in items if table is not None]
+            path = (path[0], *(() if path[1] not in names else (names.index(path[1]), *path[2:])))
+        return path, error.text
 
     def _made(self, path: Path, make: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
         """What a function makes of further arguments; its ValueError is reported, and None made."""
         try:
             return make(*arguments, **options)
         except ValueError as error:
-            self.report(*self._blamed(path, SUBJECT.sub("", str(error))))
+            self.report(*self.place_of(error, path))
             return None
-
-    def _blamed(self, path: Path, text: str) -> tuple[Path, str]:
-        """The path of the key that a text begins with, if the table at ``path`` has it, and the rest of the text."""
-        if path[0] == "fill" and (shape := re.match(r"(box|disc) (\S.*?[\])]) (lies|holds) ", text)):
-            return (*path, shape[1]), f"is {shape[2]} and {text[shape.start(3) :]}"
-        found = re.match(r"(\w+) (?=is |has |gave |names |at t = )", text)
-        table: Any = self.sections.get(str(path[0]))
-        for key in path[1:]:
-            table = child_at(table, (key,)) if isinstance(table, (Mapping, list)) else getattr(table, str(key), None)
-        if found and found[1] in getattr(type(table), "model_fields", {}):
-            return (*path, found[1]), text[found.end() :]
-        return path, text
 
     def _tank(self) -> tuple[Tank | None, int | None]:
         """The tank, empty, and the dimension; None where they have mistakes."""
@@ -186,9 +161,7 @@ class Parts:
 
     def _new_empty_tank(self) -> Tank:
         tank = self.sections["tank"]
-        if self._shape is not None:
-            return ShapedTank(self._shape, tank.spacing, tank.jitter, tank.seed)
-        return Tank(tank.size, tank.spacing, tank.jitter, tank.seed, tank.periodic)
+        return Tank(tank.size, tank.spacing, tank.jitter, tank.seed, tank.periodic, self._shape)
 
     def _new_tank(self) -> Tank:
         """The tank, filled; see `_fill` for what is refused."""
@@ -207,7 +180,7 @@ class Parts:
         if tables and (self.dimension == 3 or self.sections.get("particles") is not None):
             self.report(("bodies",), "is given, but bodies are for tanks in 2-D only")
             return []
-        return read_bodies(tables, self._function, self.report)
+        return read_bodies(tables, self._function, self.report, self.place_of)
 
     def _fill(self) -> None:
         fills = self.sections.get("fill")
@@ -277,7 +250,8 @@ class Parts:
             if not own and tank is not None and name not in sides:
                 self.report(
                     path,
-                    f"is no wall of the tank; it must be one of {', '.join(sides) or 'none'}, or have between, "
+                    cannot(name)
+                    or f"is no wall of the tank; it must be one of {', '.join(sides) or 'none'}, or have between, "
                     f"two points{meant(name, sides)}",
                 )
                 continue
@@ -431,35 +405,40 @@ class Parts:
                 self.report(path, f"is {value} m; it must be at least the tank's spacing, {tank.spacing} m")
         return grading
 
-    def _numerics(self) -> Numerics | None:
-        table: NumericsTable | None = self.sections.get("numerics")
-        if table is None:
-            return None
-        given = {key: getattr(table, key) for key in NumericsTable.model_fields if key not in RULES}
-        rules = {
-            key: self._made(("numerics", key), rule, **getattr(table, key).model_dump()) for key, rule in RULES.items()
-        }
-        if None in rules.values():
-            return None
-        numerics: Numerics | None = self._made(("numerics",), Numerics, **given, **rules)
-        return numerics
-
     def _force(self) -> UniformForce | None:
         function = self._function(("body_force",), self.sections.get("body_force"), self.dimension or 0)
         return None if function is None else UniformForce(function)
 
+    def _probes(self) -> list[Probe]:
+        probes: dict[str, Probe] = {}
+        for k, table in enumerate(self.sections.get("probes") or ()):
+            if table is None:
+                continue
+            path: Path = ("probes", k)
+            given = table.given()
+            fluid = given.get("fluid")
+            if fluid is not None and fluid not in self.fluid_names:
+                names = self.fluid_names
+                why = f"is {fluid!r}; it must be one of the fluids {listed(names)}{meant(fluid, names)}"
+                self.report((*path, "fluid"), why)
+                continue
+            if table.name in probes:
+                self.report((*path, "name"), f"is {table.name!r}, the name of an earlier probe; give another")
+            probe = self._made(path, KINDS[given.pop("type")], **given)
+            if probe is not None:
+                probes[table.name] = probe
+        return list(probes.values())
+
     def _check_choices(self) -> None:
         """What the tables for interface, free surface, grading and tank rule out together."""
-        surface, interface = self.sections.get("free_surface"), self.sections.get("interface")
-        if surface and interface == "sharp":
-            self.report(("interface",), "is 'sharp'; with free_surface = true it must be 'interpolated', or left out")
-        if self.sections.get("grading") is not None:
-            if surface:
-                self.report(("grading",), "is given with free_surface = true; there is no grading with a free surface")
-            elif self.interface != "sharp":
-                self.report(("grading",), f"is given with interface = {self.interface!r}; it needs 'sharp'")
-        if self.dimension == 3 and self.interface == "sharp" and not (surface and interface == "sharp"):
-            self.report(("interface",), "is 'sharp', the default, in 3-D; it must be 'interpolated' there")
+        for path, text in contradictions(
+            self.interface,
+            free_surface=bool(self.sections.get("free_surface")),
+            pressure=self.numerics.pressure if self.numerics else "auto",
+            graded=self.sections.get("grading") is not None,
+            dimension=self.dimension,
+        ):
+            self.report(tuple(path.split(".")), text)
         tank = self.sections.get("tank")
         if tank is not None and self.dimension == 3 and tank.jitter == 0:
             self.report(("tank", "jitter"), "is 0 in 3-D; it must be > 0 there, 0.1 for instance")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +13,11 @@ import numpy as np
 from tipfem.arguments import is_number, numbers
 from tipfem.case.case import Case
 from tipfem.case.mesh_file import MeshTank
-from tipfem.case.numerics import Numerics
 from tipfem.case.particles import Particles
 from tipfem.case.region import Region
-from tipfem.case.shaped_tank import ShapedTank
 from tipfem.case.tank import Tank
 from tipfem.case.walls import Wall
 from tipfem.casefile.bodies import body_content
-from tipfem.casefile.building import RULES
 from tipfem.casefile.forms import (
     FORMS,
     HalfSpace,
@@ -34,8 +31,10 @@ from tipfem.casefile.forms import (
 from tipfem.casefile.outlines import shape_content
 from tipfem.casefile.schema import SCHEMA_ID, CheckpointTable
 from tipfem.casefile.source import BARE
+from tipfem.declaration import changed
 from tipfem.fields import FieldOutput
 from tipfem.probes import Probe, probe_record
+from tipfem.whole_file import replaced
 
 NOT_KEPT = "not kept: "  # begins what stands in place of a part that a case file cannot keep
 ARRAYS = ("position", "fluid", "wall", "velocity", "acceleration", "pressure")
@@ -141,8 +140,11 @@ def write_case(path: str | Path, case: Case, end: float, **options: Any) -> Desc
     described = describe(case, end, particles_file=file.name if file else None, **options)
     if file:
         arrays = {name: getattr(case.particles, name) for name in ARRAYS}
-        np.savez(file, spacing=np.float64(case.particles.spacing), **arrays)
-    path.write_text(described.text, encoding="utf-8")
+        with replaced(file) as temporary, open(temporary, "wb") as opened:
+            np.savez(opened, spacing=np.float64(case.particles.spacing), **arrays)
+    with replaced(path) as temporary:
+        # In a C locale a name of a folder that is not ASCII has bytes that Python has not decoded.
+        temporary.write_bytes(described.text.encode("utf-8", "surrogateescape"))
     return described
 
 
@@ -227,7 +229,7 @@ class _Writer:
         """A tank, what it is filled with, and its walls."""
         seed: Any = int(tank.seed) if isinstance(tank.seed, (int, np.integer)) else self.lost("tank.seed", "no number")
         given: dict[str, Any] = {"spacing": float(tank.spacing)}
-        if isinstance(tank, ShapedTank):
+        if tank.shape is not None:
             given["shape"] = shape_content(tank.shape)
         else:
             given = {"size": numbers(tank.size).tolist(), **given}
@@ -274,12 +276,8 @@ class _Writer:
             reason = f"a class of Python's, {record['class']}"
             record = {"type": self.lost(f"probes.{probe.name}", reason), "name": probe.name}
         else:
-            defaults = {field.name: field.default for field in fields(probe)}
-            record = {
-                key: value
-                for key, value in record.items()
-                if key not in defaults or getattr(probe, key) is not defaults[key]
-            }
+            kept = changed(probe)
+            record = {key: value for key, value in record.items() if key == "type" or key in kept}
         self.table(("probes",), record, item=True)
 
     def wall(self, wall: Wall, count: int) -> None:
@@ -339,15 +337,11 @@ class _Writer:
                 limits = {"where": self.lost("grading.where", _named(where))}
             largest = {name: float(value) for name, value in case.grading.largest.items()}
             self.table(("grading",), {"largest": largest or None, "growth": float(case.grading.growth), **limits})
-        self.table(("numerics",), _changed(case.numerics, Numerics(), leave=tuple(RULES)))
-        for key, rule in RULES.items():
-            self.table(("numerics", key), _changed(getattr(case.numerics, key), rule()))
-
-
-def _changed(value: Any, default: Any, leave: tuple[str, ...] = ()) -> dict[str, Any]:
-    """What a dataclass has that is not the default."""
-    names = [field.name for field in fields(value) if field.name not in leave]
-    return {name: getattr(value, name) for name in names if getattr(value, name) != getattr(default, name)}
+        numerics = changed(case.numerics)
+        rules = {key: numerics.pop(key) for key in list(numerics) if isinstance(numerics[key], dict)}
+        self.table(("numerics",), numerics)
+        for key, rule in rules.items():
+            self.table(("numerics", key), rule)
 
 
 def _plain(model: Model) -> dict[str, Any]:

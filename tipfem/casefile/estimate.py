@@ -9,6 +9,7 @@ import numpy as np
 
 from tipfem.case.case import Case
 from tipfem.case.memory import BYTES_A_PARTICLE
+from tipfem.fields import FieldOutput
 
 # Measured with dam breaks of 2 000 to 220 000 particles on one core of a 2.x GHz server of 2023 (x86-64), on an idle
 # machine; 3-D with 2 500 to 17 000 particles. Splashes cost up to twice as much as the first steps.
@@ -19,6 +20,10 @@ STEP = 2e-3  # of a step without particles [s]
 SPLASH = 3.0
 GAS = 0.02  # of the largest density
 START = 8.0  # of a start, in which the kernels are compiled or loaded [s]
+# Bytes of a state on disk, a particle, and of the checkpoints that are kept, with dam breaks in 2-D.
+VTU = {"double": 56.0, "single": 34.0}
+VTKHDF = {"double": 48.0, "single": 29.0}  # compressed; without, three times as many
+CHECKPOINTS = 3 * 330.0
 BYTES = 200e6  # of a process without particles
 
 
@@ -30,6 +35,7 @@ class Estimate:
         particles: at the start, and how many of them make the walls.
         walls: how many of them make the walls.
         memory: [bytes].
+        disk: of states and checkpoints together [bytes].
         states: written to disk, the initial one included.
         steps: fewest, if no particle is fast; and most, if the fastest always falls freely from the highest place, or,
             where a gas gives way to a liquid that splashes, is `SPLASH` times as fast.
@@ -39,6 +45,7 @@ class Estimate:
     particles: int
     walls: int
     memory: float
+    disk: float
     states: int
     steps: tuple[int, int]
     seconds: tuple[float, float]
@@ -51,12 +58,14 @@ class Estimate:
             f"particles   {self.particles}, {self.walls} of them on walls",
             f"memory      about {self.memory / 1e6:.0f} MB",
             f"steps       {few} to {many}" if few < many else f"steps       {few}",
-            f"states      {self.states} written to disk",
+            f"states      {self.states} written to disk, with the checkpoints about {self.disk / 1e6:.3g} MB",
             f"time        about {duration(short)}{last} on one core",
         ]
 
 
-def estimate(case: Case, end: float, largest_step: float | None, interval: float | None) -> Estimate:
+def estimate(
+    case: Case, end: float, largest_step: float | None, interval: float | None, fields: FieldOutput | None = None
+) -> Estimate:
     """What a run will take, from rates measured on one machine: right within a factor of two or so.
 
     Args:
@@ -64,6 +73,7 @@ def estimate(case: Case, end: float, largest_step: float | None, interval: float
         end: of the run [s].
         largest_step: largest time step [s], or None for the default.
         interval: time between states written to disk [s], or None.
+        fields: how states are written, or None for the default.
     """
     particles, d = case.particles, case.particles.dimension
     frequency = case.natural_frequency()
@@ -81,10 +91,17 @@ def estimate(case: Case, end: float, largest_step: float | None, interval: float
         count,
         int(particles.wall.sum()),
         BYTES + BYTES_A_PARTICLE[d] * count,
+        count * (_bytes_of_state(fields or FieldOutput(), d) * (1 + max(outputs, 1)) + CHECKPOINTS * d / 2),
         1 + max(outputs, 1),
         (few, many),
         (START + few * a_step, START + many * a_step),
     )
+
+
+def _bytes_of_state(fields: FieldOutput, dimension: int) -> float:
+    """Of a state on disk, a particle."""
+    each = VTU[fields.precision] * fields.vtu + VTKHDF[fields.precision] * fields.vtkhdf
+    return each * (1.0 if dimension == 2 else 2.5)  # in 3-D there are three times as many cells a particle
 
 
 def largest_speed(case: Case) -> float:

@@ -16,11 +16,6 @@ def shapes_of(table: FillTable) -> list[str]:
     return [key for key in SHAPES if getattr(table, key) is not None]
 
 
-def part_of(table: FillTable) -> str:
-    """A box or a disc as error messages of a `Tank` name it; other shapes have no text of their own there."""
-    return next((f"{key} {value}" for key, value in shape_of(table).items() if key != "where"), "no text")
-
-
 def shape_of(table: FillTable) -> dict[str, Any]:
     """What `Tank.fill` is given for a fill's shape."""
     given: Iterable[str] = shapes_of(table)

@@ -7,16 +7,20 @@ Each is a model of the schema and, once loaded, the function itself: what `tipfe
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Sequence
+import dataclasses
+import re
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
+from inspect import cleandoc
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, PlainValidator, Tag, WithJsonSchema
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, PlainValidator, Tag, WithJsonSchema, create_model
 from pydantic_core import PydanticCustomError
 
 from tipfem.arguments import is_number
+from tipfem.declaration import Declared, declared
 from tipfem.typing import Array
 
 
@@ -24,6 +28,52 @@ class Model(BaseModel):
     """A table of a case file: unknown keys are mistakes, and no value is converted to another type."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False, protected_namespaces=())
+
+    if TYPE_CHECKING:  # fields that `declares` brings
+
+        def __getattr__(self, name: str) -> Any: ...
+
+    def given(self) -> dict[str, Any]:
+        """The values that the file has, by their keys."""
+        return {key: getattr(self, key) for key in type(self).model_fields if key in self.model_fields_set}
+
+
+M = TypeVar("M", bound=Model)
+
+
+def declares(kind: type, *names: str, **keys: str) -> Callable[[type[M]], type[M]]:
+    """Give a table the fields of a dataclass, as they are declared there; see `tipfem.declaration`.
+
+    Args:
+        kind: the dataclass.
+        names: of the fields; without names and keys all, but those that the table has itself.
+        keys: names of fields by the keys that the table has for them.
+    """
+
+    def extended(table: type[M]) -> type[M]:
+        fields = declared(kind)
+        chosen = {**dict.fromkeys(names), **keys} if names or keys else dict.fromkeys(fields)
+        content: dict[str, Any] = {
+            key: _field(fields[name or key]) for key, name in chosen.items() if key not in table.model_fields
+        }
+        return create_model(table.__name__, __base__=table, __doc__=table.__doc__, __module__=__name__, **content)
+
+    return extended
+
+
+def table_of(kind: type) -> type[Model]:
+    """The table of a dataclass, with all of its fields."""
+    text = cleandoc(kind.__doc__ or "").partition("\n\n")[0]
+    return declares(kind)(create_model(kind.__name__, __base__=Model, __doc__=" ".join(text.split())))
+
+
+def _field(field: Declared) -> tuple[Any, Any]:
+    text = re.sub(r"^\([\w, ]*\) ", "", field.sentence)  # the shape of an array
+    text += f" [{field.unit}]" if field.unit and f"[{field.unit}]" not in text else ""
+    if isinstance(field.kind, type) and dataclasses.is_dataclass(field.kind):
+        table = table_of(field.kind)
+        return table, Field(default_factory=table, description=text)
+    return field.annotation, Field(... if field.default is dataclasses.MISSING else field.default, description=text)
 
 
 def quantity(description: str, unit: str = "", default: Any = ..., **limits: Any) -> Any:

@@ -13,18 +13,17 @@ from typing import TYPE_CHECKING, Any
 from pydantic import TypeAdapter, ValidationError
 
 from tipfem.arguments import path_of
-from tipfem.case.tank import SIDES
 from tipfem.casefile.building import Parts
 from tipfem.casefile.describing import NOT_KEPT
 from tipfem.casefile.problems import CaseFileError, Problem, Translator, child_at, meant
 from tipfem.casefile.schema import CaseTable, FillTable, FluidTable, ProbeTable, WallTable, json_schema
 from tipfem.casefile.source import Key, Path, Source, SyntaxProblem, keys_of, parse, value_of
 from tipfem.fields import FieldOutput
+from tipfem.geometry.box_points import SIDES
 from tipfem.output import CASE_FILE
 
 if TYPE_CHECKING:
     from tipfem.case.case import Case
-    from tipfem.simulation import Simulation
 
 ITEMS = {
     "fluids": FluidTable,
@@ -179,63 +178,20 @@ class CaseFile:
         """
         from tipfem.case.motion_sweep import require_room  # here, for it starts Taichi
 
-        made: Case = self._placed(self.parts.case)
+        made: Case = self.placed(self.parts.case)
         for probe in self.parts.probes:
-            self._placed(partial(probe.columns, made))
-        self._placed(partial(require_room, made, 0.0, self.end))
+            self.placed(partial(probe.columns, made))
+        self.placed(partial(require_room, made, 0.0, self.end))
         return made
 
-    def simulation(
-        self,
-        out: str | FilePath | None = None,
-        columns: Mapping[str, Callable[[Simulation], float]] | None = None,
-        case: Case | None = None,
-        steering: str | FilePath | None = None,
-        overwrite: bool | None = None,
-    ) -> Simulation:
-        """The simulation, at its start; `CaseFile.end` is where it is to run to.
-
-        Args:
-            out: folder for the results, or None to write none; `CaseFile.folder` is that of the file.
-            columns: further columns of the history, see `Simulation`.
-            case: from `case`, if it has been made already.
-            steering: a file of commands to repeat, see `Simulation`.
-            overwrite: whether an earlier run in ``out`` is replaced, see `Simulation`.
-
-        Raises:
-            ValueError: ``steering`` cannot be read, or has a mistake.
-            CaseFileError: see `case`; or the particles cannot be meshed, or ``out`` cannot be written to.
-        """
-        from tipfem.simulation import Simulation  # here, for it starts Taichi
-        from tipfem.steering import read_records
-
-        commands = None if steering is None else read_records(steering)  # its mistakes are none of the case file
-        made = case or self.case()
-        simulation: Simulation = self._placed(
-            lambda: Simulation(
-                made,
-                out,
-                time_step=self.table.time.largest_step,
-                output_interval=self.table.output.interval,
-                columns=columns,
-                steering=commands,
-                probes=self.parts.probes,
-                overwrite=overwrite,
-                fields=self.fields,
-                checkpoint_interval=self.table.checkpoint.interval,
-                checkpoint_wall_interval=self.table.checkpoint.wall_interval or None,
-            )
-        )
-        return simulation
-
-    def _placed(self, make: Callable[[], Any]) -> Any:
+    def placed(self, make: Callable[[], Any]) -> Any:
         """What a function makes; its ValueError is placed in the file."""
         try:
             return make()
         except CaseFileError:
             raise
         except ValueError as error:
-            path, text = self.parts.place_of(str(error))
+            path, text = self.parts.place_of(error)
             raise CaseFileError([self._findings.problem(path, text)]) from None
 
 

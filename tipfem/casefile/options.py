@@ -32,7 +32,7 @@ def _number(_type: Any, tokens: Sequence[Any]) -> float:
 
 Whole = Annotated[int, Parameter(converter=_whole)]
 Number = Annotated[float, Parameter(converter=_number)]
-Flag = Annotated[bool, Parameter(negative=())]  # without a form that begins with --no-
+Flag = Annotated[bool, Parameter(negative=(), show_default=False)]  # without a form that begins with --no-
 Overrides = Annotated[list[str] | None, Parameter(name="--set", negative=())]
 
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from tipfem.case.shapes import Piece, Shape, arc, circle, polygon
 from tipfem.casefile.forms import Disc, Model, Point, quantity
+from tipfem.geometry.shapes import Piece, Shape, arc, circle, polygon
 
 
 class ArcTable(Model):

@@ -4,13 +4,34 @@ from __future__ import annotations
 
 import datetime
 import difflib
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from tipfem.casefile.source import BARE, Path
 
+TAGS = ("form", "type")  # keys by which tables of several forms are told apart
+# Keys that users of other programs try, and what there is to say of them; docs/howto/cannot.md has more.
+CANNOT = {
+    "inlet inlets inflow outlet outlets outflow open_boundary open_boundaries vent vents boundary boundaries boundary_"
+    "conditions bc": "no fluid enters or leaves a tank; periodic sides with a body_force make a flow that goes on",
+    "pump pumps fan fans source sources sink sinks mass_source": "nothing pumps; a body_force or a wall that moves or "
+    "slides drives the fluids",
+    "turbulence turbulence_model k_epsilon k_omega les rans smagorinsky": "there is no model of turbulence",
+    "temperature heat thermal conductivity buoyancy boiling phase_change evaporation": "there is no heat",
+    "surface_tension sigma contact_angle": "there is no surface tension",
+    "axisymmetric axisymmetry cylindrical axial": "there are plane and 3-D flows, no axisymmetric ones",
+    "stl obj step cad geometry mesh mesh_file": "a case file has boxes and plane outlines (tank.shape) only; a script "
+    "reads meshes of Gmsh by tp.read_mesh",
+    "gate gates valve valves door doors baffle baffles": "no wall opens within a tank; begin with the fluids as the "
+    "gate leaves them, or let a whole side move away",
+    "compressible sound_speed speed_of_sound bulk_modulus equation_of_state cavitation": "all fluids are "
+    "incompressible",
+    "yield_stress non_newtonian power_law consistency rheology": "all fluids are Newtonian",
+    "elastic youngs_modulus young poisson_ratio structure deformable": "bodies are rigid",
+    "porous porosity permeability": "there are no porous media",
+    "adaptive refinement amr": "the spacing is that of the tank, graded by the table grading; refine there",
+}
 LONGEST = 60  # characters of a value that are shown
 
 
@@ -21,7 +42,7 @@ class Problem:
     Attributes:
         where: file and line, or the override that it stands in.
         path: of the key; empty for the whole file.
-        text: what is wrong, as a predicate of the key ("is ...; it must be ...") or as a sentence.
+        text: what is wrong, as a predicate of the key ("is ...; it must be ..."), or ": " and a sentence.
         line: in the file; 0 outside of it.
     """
 
@@ -32,8 +53,8 @@ class Problem:
 
     def __str__(self) -> str:
         if not self.path:
-            return f"{self.where}: {self.text}"
-        joint = " " if re.match(r"(is|has|gave|names)\b", self.text) else ": "
+            return f"{self.where}: {self.text.removeprefix(': ')}"
+        joint = "" if self.text.startswith(": ") else " "
         return f"{self.where}: {dotted(self.path)}{joint}{self.text}"
 
 
@@ -79,6 +100,13 @@ def meant(word: str, choices: Sequence[str]) -> str:
     lower = {choice.lower(): choice for choice in reversed(choices)}
     close = difflib.get_close_matches(word.lower(), list(lower), 1, 0.6)
     return f"; did you mean {lower[close[0]]!r}?" if close else ""
+
+
+def cannot(word: str) -> str:
+    """What there is to say of a word for something that tipfem does not have; empty for other words."""
+    known = word.lower().replace("-", "_")
+    why = next((why for words, why in CANNOT.items() if known in words.split()), "")
+    return f"is nothing that tipfem has: {why}; see the page 'What it cannot do' of the documentation" if why else ""
 
 
 def listed(words: Iterable[str]) -> str:
@@ -132,7 +160,8 @@ class SchemaReader:
             inner = table.get("items") or table.get("additionalProperties")
             if isinstance(inner, Mapping):
                 table, name = self._resolved(inner), f"{name}[...]" if "items" in table else f"{name}.NAME"
-            if key in table.get("properties", {}):
+            choices = [self._resolved(choice) for choice in table.get("oneOf", ())] or [table]
+            if any(key in choice.get("properties", {}) for choice in choices):
                 found.append(name)
         return found
 
@@ -141,10 +170,11 @@ class SchemaReader:
         node = self._resolved(node)
         choices = node.get("oneOf") or node.get("anyOf")
         if choices:
-            forms = [form for choice in choices for form in self._forms(choice)]
-            words = [self.expected(choice, unit) for choice in choices if not self._forms(choice)]
+            forms = [form for choice in choices for form in self._forms(choice)[1]]
+            words = [self.expected(choice, unit) for choice in choices if not self._forms(choice)[1]]
             if forms:
-                words.append("a table with form = " + " or ".join(map(repr, forms)))
+                tag = self._forms(choices[-1])[0]
+                words.append(f"a table with {tag} = " + " or ".join(map(repr, forms)))
             return " or ".join(words)
         if "enum" in node:
             return "one of " + listed(node["enum"])
@@ -168,12 +198,19 @@ class SchemaReader:
             return f"lists of {_count(node)}{self._plural(node.get('items', {}), unit)}"
         noun = {"number": "numbers", "integer": "whole numbers", "string": "texts"}.get(node.get("type", ""), "")
         if not noun:
-            return "tables" if "properties" in node else "values"
+            return "tables" if "properties" in node or "oneOf" in node else "values"
         return " ".join(filter(None, [noun, _range(node), f"in {unit}" if unit else ""]))
 
-    def _forms(self, node: Mapping[str, Any]) -> list[str]:
-        form = self._resolved(node).get("properties", {}).get("form", {})
-        return list(form.get("enum", [form["const"]] if "const" in form else []))
+    def _forms(self, node: Mapping[str, Any]) -> tuple[str, list[str]]:
+        """The key by which the forms of a table are told apart, and its values in a node; none elsewhere."""
+        properties = self._resolved(node).get("properties", {})
+        tag = next((tag for tag in TAGS if tag in properties), "")
+        form = properties.get(tag, {})
+        return tag, list(form.get("enum", [form["const"]] if "const" in form else []))
+
+    def forms(self, node: Mapping[str, Any]) -> list[str]:
+        """The forms that a table may have."""
+        return [form for choice in node.get("oneOf", ()) for form in self._forms(choice)[1]]
 
     def _resolved(self, node: Mapping[str, Any]) -> dict[str, Any]:
         result = dict(node)
@@ -187,7 +224,8 @@ class SchemaReader:
         resolved = self._resolved(node)
         for choice in resolved.get("oneOf") or resolved.get("anyOf") or ():
             is_list = self._resolved(choice).get("type") == "array"
-            if isinstance(value, list) if is_list else _child(value, "form") in self._forms(choice):
+            tag, forms = self._forms(choice)
+            if isinstance(value, list) if is_list else _child(value, tag) in forms:
                 return self._resolved(choice)
         return resolved
 
@@ -212,20 +250,24 @@ class Translator:
                 found[path] = self._unknown(path)
             elif error["type"] == "missing" or (error["type"] == "union_tag_not_found" and self._is_table(path)):
                 if error["type"] == "union_tag_not_found":
-                    path = (*path, "form")
+                    path = (*path, self._tag(path))
                 found[path] = self._missing(path)
             else:
                 if error["type"] == "union_tag_invalid":
-                    path = (*path, "form")
+                    path = (*path, self._tag(path))
                 path = self._whole_list(path)
                 found.setdefault(path, self._wrong(path))
-        for path in [path for path, text in found.items() if "is no key that is known here" in text]:
+        for path in [path for path, text in found.items() if text.startswith("is no key ")]:
             # A key that is missing because it is misspelt is one mistake.
             missing = {key: (*path[:-1], key) for key in self.reader.keys(path[:-1], self.data)}
             lacking = [key for key, place in missing.items() if found.get(place, "").startswith("is missing")]
             if hint := meant(str(path[-1]), lacking):
                 found.pop((*path[:-1], hint.split("'")[1]))
         return found
+
+    def _tag(self, path: Path) -> str:
+        node, _ = self.reader.node(path, self.data)
+        return str(node.get("discriminator", {}).get("propertyName", TAGS[0]))
 
     def _is_table(self, path: Path) -> bool:
         return isinstance(child_at(self.data, path), Mapping)
@@ -254,8 +296,12 @@ class Translator:
 
     def _unknown(self, path: Path) -> str:
         name = str(path[-1])
-        keys = self.reader.keys(path[:-1], self.data)
+        keys, table = self.reader.keys(path[:-1], self.data), child_at(self.data, path[:-1])
         hint = meant(name, keys)
+        if why := cannot(name):
+            return why
+        if tag := next((tag for tag in TAGS if tag in keys and tag in table), ""):
+            return f"is no key of the {tag} {table[tag]!r}{hint}; its keys are {', '.join(keys)}"
         tables = [table for table in self.reader.tables_with(name) if not hint]
         if tables:
             hint = f"; there is one in {' and '.join(tables)};"
@@ -263,7 +309,7 @@ class Translator:
 
     def _missing(self, path: Path) -> str:
         node, unit = self.reader.node(path, self.data)
-        if path[-1] == "form" and "const" not in node and "enum" not in node:
+        if path[-1] in TAGS and "const" not in node and "enum" not in node:
             node, unit = self.reader.node(path[:-1], self.data)
             return f"is missing; give {self.reader.expected(node, unit)}"
         described = node.get("description", "").removesuffix(f" [{unit}]")
@@ -272,9 +318,7 @@ class Translator:
     def _wrong(self, path: Path) -> str:
         node, unit = self.reader.node(path, self.data)
         value = child_at(self.data, path)
-        if path and path[-1] == "form":
-            around, unit = self.reader.node(path[:-1], self.data)
-            choices = [form for choice in around.get("oneOf", ()) for form in self.reader._forms(choice)]
+        if path and path[-1] in TAGS and (choices := self.reader.forms(self.reader.node(path[:-1], self.data)[0])):
             hint = meant(value, choices) if isinstance(value, str) else ""
             return f"is {shown(value)}; it must be one of {listed(choices)}{hint}"
         hint = meant(value, node["enum"]) if "enum" in node and isinstance(value, str) else ""

@@ -16,6 +16,8 @@ else:
 Key = str | int
 Path = tuple[Key, ...]
 
+DEPTH = 20  # of tables and lists in each other
+TOO_DEEP = f"tables or lists are nested more than {DEPTH} deep; no case file is"
 BARE = re.compile(r"[A-Za-z0-9_-]+")
 SPACE = re.compile(r"[ \t]*")
 BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
@@ -68,6 +70,8 @@ def parse(text: str) -> Source:
     """
     try:
         data = tomllib.loads(text)
+    except RecursionError:
+        raise SyntaxProblem(0, TOO_DEEP) from None
     except tomllib.TOMLDecodeError as error:
         message = str(error)
         found = re.search(r"\s*\(at line (\d+), column \d+\)$", message)
@@ -75,16 +79,31 @@ def parse(text: str) -> Source:
             raise SyntaxProblem(int(found[1]), message[: found.start()]) from None
         line = text.rstrip().count("\n") + 1 if "end of document" in message else 0
         raise SyntaxProblem(line, re.sub(r"\s*\(at end of document\)$", " at the end of the file", message)) from None
+    except ValueError:  # Python's limit for the digits of a whole number
+        line = next((k for k, each in enumerate(text.splitlines(), 1) if re.search(r"\d{4000}", each)), 0)
+        raise SyntaxProblem(line, "a number has thousands of digits") from None
+    if _depth(data) > DEPTH:
+        raise SyntaxProblem(0, TOO_DEEP)
     return Source(data, _Scanner(text.replace("\r\n", "\n")).scan())
+
+
+def _depth(data: Any) -> int:
+    """How many tables and lists are in each other."""
+    level, found = [data], 0
+    while level:
+        found += 1
+        tables = [list(item.values()) if isinstance(item, Mapping) else item for item in level]
+        level = [item for table in tables for item in table if isinstance(item, Mapping | list)]
+    return found
 
 
 def value_of(text: str) -> Any:
     """A TOML value, or the text itself where it is none: a word without quotes."""
     try:
         found = tomllib.loads(f"value = {text}")
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         return text
-    return found["value"] if set(found) == {"value"} else text
+    return found["value"] if set(found) == {"value"} and _depth(found) <= DEPTH else text
 
 
 def keys_of(text: str) -> list[str]:
@@ -98,7 +117,7 @@ def keys_of(text: str) -> list[str]:
         keys = scanner.dotted_key()
     except (AttributeError, IndexError, AssertionError):
         raise ValueError(text) from None
-    if scanner.at != len(text):
+    if scanner.at != len(text) or len(keys) > DEPTH:
         raise ValueError(text)
     return keys
 

@@ -42,6 +42,15 @@ def around(rows, own, other: Template):
     return result
 
 
+@ti.func
+def clear_row(row_offsets: Template, blocks: Template, i, rows, dim: Template):
+    """Zeros in row ``i`` of ``rows``."""
+    for s in range(row_offsets[i], row_offsets[i + 1]):
+        for k in ti.static(range(dim + 1)):
+            for m in ti.static(range(dim + 1)):
+                blocks[block_entry(row_offsets[rows], s, k, m, dim)] = 0.0
+
+
 @kernel
 def gather_rows(
     cells: Ints2,
@@ -58,6 +67,7 @@ def gather_rows(
     cv: float,
     cf: float,
     nodes: ti.i32,
+    rows: ti.i32,
     dim: Template,
 ):
     """The derivative of the scaled residual, block by block; its sums are those of `matrix_free.jacobian_product`.
@@ -72,10 +82,13 @@ def gather_rows(
         + A tau {cm / (d + 1) g_a + cf [(g_a . f) g_b - (g_a . g_b) f - (g_b . q) g_a]}
     continuity by pressure: A tau J / rho g_a . g_b
 
-    with the part lambda of the mass that is lumped, ``lumping`` (M,). ``slots`` as in `sparsity.find_neighbours`.
+    with the part lambda of the mass that is lumped, ``lumping`` (M,). ``slots`` as in `sparsity.find_neighbours`. The
+    matrix may have more ``rows`` than there are ``nodes``; these are zero.
     """
+    for i in range(nodes, rows):
+        clear_row(row_offsets, blocks, i, rows, dim)
     for i in range(nodes):
-        first, last, couplings = row_offsets[i], row_offsets[i + 1], row_offsets[nodes]
+        first, couplings = row_offsets[i], row_offsets[rows]
         # The diagonal block is accumulated in registers. Gradients sum to zero, and so do the blocks of an element,
         # except for its mass, which sums to that of lumping, and the inertia in the stabilisation.
         own_uu, own_pp = ti.Matrix.zero(float, dim, dim), 0.0
@@ -83,10 +96,7 @@ def gather_rows(
         scale_u, scale_p = ti.Vector.zero(float, dim), scale[i * (dim + 1) + dim]
         for k in ti.static(range(dim)):
             scale_u[k] = scale[i * (dim + 1) + k]
-        for s in range(first, last):
-            for k in ti.static(range(dim + 1)):
-                for m in ti.static(range(dim + 1)):
-                    blocks[block_entry(couplings, s, k, m, dim)] = 0.0
+        clear_row(row_offsets, blocks, i, rows, dim)
         for c in range(offsets[i], offsets[i + 1]):
             e = corners[c] // (dim + 1)
             own = corners[c] - e * (dim + 1)
@@ -150,7 +160,7 @@ def row_product(
     nodes,
     dim: Template,
 ):
-    """Particle i's rows of out = K x of ``nodes``; x and out begin at ``x_start`` and ``out_start`` in their arrays."""
+    """Node i's rows of out = K x, of ``nodes``; x and out begin at ``x_start`` and ``out_start`` in their arrays."""
     force = ti.Vector.zero(float, dim)
     growth = 0.0
     couplings = row_offsets[nodes]
@@ -186,3 +196,33 @@ def multiply(
     ti.loop_config(serialize=serial)
     for i in range(nodes):
         row_product(row_offsets, columns, blocks, x, 0, out, 0, i, nodes, dim)
+
+
+@kernel
+def add_product(
+    row_offsets: Ints1,
+    columns: Ints1,
+    blocks: Reals1,
+    x: Reals1,
+    out: Reals1,
+    nodes: ti.i32,
+    dim: Template,
+    serial: Template,
+):
+    """out += K x, of a matrix most of whose rows are empty."""
+    ti.loop_config(serialize=serial)
+    for i in range(nodes):
+        couplings = row_offsets[nodes]
+        for s in range(row_offsets[i], row_offsets[i + 1]):
+            for k in ti.static(range(dim + 1)):
+                total = 0.0
+                for m in ti.static(range(dim + 1)):
+                    total += blocks[block_entry(couplings, s, k, m, dim)] * x[columns[s] * (dim + 1) + m]
+                out[i * (dim + 1) + k] = out[i * (dim + 1) + k] + total
+
+
+@kernel
+def clear_rows(row_offsets: Ints1, blocks: Reals1, nodes: ti.i32, rows: ti.i32, dim: Template):
+    """Zeros in the rows from ``nodes`` to ``rows``."""
+    for i in range(nodes, rows):
+        clear_row(row_offsets, blocks, i, rows, dim)

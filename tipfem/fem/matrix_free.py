@@ -76,6 +76,14 @@ def jacobian_product(
 
 
 @kernel
+def copy(x: Reals1, out: Reals1, size: ti.i32, serial: Template):
+    """out = x."""
+    ti.loop_config(serialize=serial)
+    for k in range(size):
+        out[k] = x[k]
+
+
+@kernel
 def copy_displacements(r: Reals1, out: Reals1, nodes: ti.i32, dim: Template, serial: Template):
     """out = (r_u, 0)."""
     ti.loop_config(serialize=serial)

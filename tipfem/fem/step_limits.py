@@ -99,18 +99,14 @@ def add_correction(
     x: Reals1,
     motion_factor: float,
     pressure_factor: float,
-    nodes: ti.i32,
     size: ti.i32,
     dim: Template,
     serial: Template,
 ):
-    """x += factor ``correction``, with one factor for the pressures of the ``nodes`` and one for all other unknowns.
-
-    Unknowns beyond those of the nodes, up to ``size``, are motions of bodies.
-    """
+    """x += factor ``correction``, with one factor for the displacements and one for the pressures."""
     ti.loop_config(serialize=serial)
     for k in range(size):
         factor = motion_factor
-        if k < nodes * (dim + 1) and k % (dim + 1) == dim:
+        if k % (dim + 1) == dim:
             factor = pressure_factor
         x[k] = x[k] + factor * correction[k]

@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -63,13 +63,17 @@ def smallest_jacobian(mesh: Mesh, particles: Particles, dt: float) -> float:
 class TimeScheme(ABC):
     """The interface of a step to its time integration, with the step's displacements u = x_{n+1} - x_n as unknowns.
 
-    Accelerations and velocities of the equations are linear in u, those at the end of the step in u and the state.
+    Accelerations and velocities of the equations are linear in u, those at the end of the step in u and the rates at
+    its start. All arguments are arrays of one shape, (N, d) for particles and (B, 3) for bodies: what has a
+    displacement, a velocity and an acceleration is integrated by the same formulas.
 
     Attributes:
         dt: time step [s].
         alpha_m, alpha_f: (.)_alpha = (1 - alpha) (.)_{n+1} + alpha (.)_n of what is prescribed, alpha_m for
             accelerations, alpha_f for velocities and positions.
         gamma, beta: of velocities and displacements, see `GeneralizedAlpha`.
+        weighs: whether v_alpha and a_alpha are those weighted means of the rates at both ends of the step. Where they
+            are not, they follow from u alone, also for particles whose motion is not linear in it.
     """
 
     dt: float
@@ -77,6 +81,7 @@ class TimeScheme(ABC):
     alpha_f: float
     gamma: float
     beta: float
+    weighs: ClassVar[bool] = True
 
     @property
     @abstractmethod
@@ -94,12 +99,12 @@ class TimeScheme(ABC):
         return 1 - self.alpha_f
 
     @abstractmethod
-    def rates(self, u: Array, particles: Particles) -> tuple[Array, Array]:
-        """v_{n+1} [m/s] and a_{n+1} [m/s^2] (N, d) for displacements ``u`` (N, d) [m]."""
+    def rates(self, u: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+        """v_{n+1} and a_{n+1} for displacements ``u``, from v_n and a_n."""
 
     @abstractmethod
-    def history(self, particles: Particles) -> tuple[Array, Array]:
-        """v_alpha and a_alpha (N, d) at u = 0."""
+    def history(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+        """v_alpha and a_alpha at u = 0, from v_n and a_n."""
 
     @abstractmethod
     def next_rate(self, load: Any, rate: Any) -> Any:
@@ -109,13 +114,13 @@ class TimeScheme(ABC):
     def mean_load(self, load: Any, rate: Any) -> Any:
         """(v_{n+1} - v_n) / dt for the same arguments."""
 
-    def predict(self, particles: Particles) -> Array:
-        """Displacements (N, d) [m] at constant acceleration."""
-        return self.dt * particles.velocity + 0.5 * self.dt**2 * particles.acceleration
+    def predict(self, velocity: Array, acceleration: Array) -> Array:
+        """Displacements at constant acceleration."""
+        return self.dt * velocity + 0.5 * self.dt**2 * acceleration
 
     def advance(self, particles: Particles, u: Array, pressure: Array) -> Particles:
         """The state at the end of the step, from displacements (N, d) and pressures (N,)."""
-        v_next, a_next = self.rates(u, particles)
+        v_next, a_next = self.rates(u, particles.velocity, particles.acceleration)
         fixed = particles.wall.nonzero()[0]
         a_next[fixed] = 0.0
         v_next[fixed] = 0.0
@@ -174,30 +179,20 @@ class GeneralizedAlpha(TimeScheme):
         """See `TimeScheme.cv`."""
         return (1 - self.alpha_f) * self.gamma / (self.beta * self.dt)
 
-    def acceleration(self, u: Array, particles: Particles) -> Array:
-        """a_{n+1} (N, d) [m/s^2] for displacements ``u`` (N, d) [m]."""
-        v, a = particles.velocity, particles.acceleration
-        result = u * (1 / (self.beta * self.dt**2))
-        result -= v * (1 / (self.beta * self.dt))
-        result -= a * (0.5 / self.beta - 1)
-        return result
-
-    def velocity(self, a_next: Array, particles: Particles) -> Array:
-        """v_{n+1} (N, d) [m/s] for accelerations ``a_next`` (N, d)."""
-        return particles.velocity + self.dt * ((1 - self.gamma) * particles.acceleration + self.gamma * a_next)
-
-    def rates(self, u: Array, particles: Particles) -> tuple[Array, Array]:
+    def rates(self, u: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
         """See `TimeScheme.rates`."""
-        a_next = self.acceleration(u, particles)
-        return self.velocity(a_next, particles), a_next
+        a_next = u * (1 / (self.beta * self.dt**2))
+        a_next -= velocity * (1 / (self.beta * self.dt))
+        a_next -= acceleration * (0.5 / self.beta - 1)
+        return velocity + self.dt * ((1 - self.gamma) * acceleration + self.gamma * a_next), a_next
 
-    def history(self, particles: Particles) -> tuple[Array, Array]:
+    def history(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
         """See `TimeScheme.history`."""
-        v, a = particles.velocity, particles.acceleration
+        v, a = velocity, acceleration
         by_v, by_a = -1 / (self.beta * self.dt), 1 - 0.5 / self.beta  # a_{n+1} at u = 0 is by_v v_n + by_a a_n
         share = (1 - self.alpha_f) * self.dt
-        velocity = (1 + share * self.gamma * by_v) * v + share * (1 - self.gamma + self.gamma * by_a) * a
-        return velocity, (1 - self.alpha_m) * by_v * v + ((1 - self.alpha_m) * by_a + self.alpha_m) * a
+        v_alpha = (1 + share * self.gamma * by_v) * v + share * (1 - self.gamma + self.gamma * by_a) * a
+        return v_alpha, (1 - self.alpha_m) * by_v * v + ((1 - self.alpha_m) * by_a + self.alpha_m) * a
 
     def next_rate(self, load: Any, rate: Any) -> Any:
         """See `TimeScheme.next_rate`."""
@@ -229,6 +224,7 @@ class BackwardEuler(TimeScheme):
 
     dt: float
     renews: bool = False
+    weighs: ClassVar[bool] = False
     alpha_m: float = field(init=False, default=0.5)
     alpha_f: float = field(init=False, default=0.5)
     gamma: float = field(init=False, default=1.0)
@@ -244,16 +240,14 @@ class BackwardEuler(TimeScheme):
         """See `TimeScheme.cv`."""
         return 1 / self.dt
 
-    def rates(self, u: Array, particles: Particles) -> tuple[Array, Array]:
+    def rates(self, u: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
         """See `TimeScheme.rates`."""
-        velocity = u / self.dt
-        if self.renews:
-            return velocity, (velocity - particles.velocity) / self.dt
-        return velocity, particles.acceleration.copy()
+        v_next = u / self.dt
+        return v_next, (v_next - velocity) / self.dt if self.renews else acceleration.copy()
 
-    def history(self, particles: Particles) -> tuple[Array, Array]:
+    def history(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
         """See `TimeScheme.history`."""
-        return np.zeros_like(particles.velocity), particles.velocity * (-1 / self.dt)
+        return np.zeros_like(velocity), velocity * (-1 / self.dt)
 
     def next_rate(self, load: Any, rate: Any) -> Any:
         """See `TimeScheme.next_rate`."""

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal
 
-FORMATS = ("vtu", "vtkhdf", "both")
-PRECISIONS = ("double", "single")
+from annotated_types import Ge, Le
+
+from tipfem.declaration import require
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,28 +19,21 @@ class FieldOutput:
             fields.vtkhdf; "both".
         precision: of positions, velocities, pressures and densities: "double", or "single", which takes half the space
             and keeps 7 digits.
-        compression: level of zlib in fields.vtkhdf, from 0 (none) to 9; VTU files are always compressed.
+        compression: level of zlib in fields.vtkhdf, 0 for none; VTU files are always compressed.
 
     Raises:
         ValueError: a value is not one of these.
     """
 
-    format: str = "vtu"
-    precision: str = "double"
-    compression: int = 4
+    format: Literal["vtu", "vtkhdf", "both"] = "vtu"
+    precision: Literal["double", "single"] = "double"
+    compression: Annotated[int, Ge(0), Le(9)] = 4
 
     def __post_init__(self) -> None:
-        for name, value, allowed in (
-            ("format", self.format, FORMATS),
-            ("precision", self.precision, PRECISIONS),
-        ):
-            if value not in allowed:
-                raise ValueError(f"fields: {name} is {value!r}; it must be one of {', '.join(map(repr, allowed))}")
-        if isinstance(self.compression, bool) or self.compression not in range(10):
-            raise ValueError(f"fields: compression is {self.compression!r}; it must be a whole number from 0 to 9")
+        require(self, ("output",), "fields")
 
     @classmethod
-    def of(cls, choice: str | FieldOutput) -> FieldOutput:
+    def of(cls, choice: Any) -> FieldOutput:
         """A choice by the name of a format alone, or one that is complete.
 
         Raises:

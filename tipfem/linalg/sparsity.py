@@ -8,11 +8,12 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Template
+from tipfem.backend.array_types import Ints1, Ints2, Reals1, Template
 from tipfem.backend.launch import kernel
 
 # Nanoseconds of one thread for a particle in `find_neighbours`.
 NEIGHBOURS = 80.0
+MERGED_ROW = 20.0  # and for a row in `count_merged` and `merge_rows`
 
 
 class Csr(NamedTuple):
@@ -143,3 +144,99 @@ def find_neighbours(
         count[i + 1] = n
         if i == 0:
             count[0] = 0
+
+
+@ti.func
+def find_column(columns: Template, first, last, column):
+    """Place of ``column`` in columns[first:last]; ``last`` if it is not there."""
+    s = first
+    while s < last:
+        if columns[s] == column:
+            break
+        s += 1
+    return s
+
+
+@kernel
+def count_merged(
+    row_offsets: Ints1,
+    columns: Ints1,
+    added_offsets: Ints1,
+    added_columns: Ints1,
+    count: Ints1,
+    nodes: ti.i32,
+    rows: ti.i32,
+    serial: Template,
+):
+    """count[i + 1] (R + 1,): number of columns of row i of the sum of two matrices in CSR; see `merge_rows`."""
+    ti.loop_config(serialize=serial)
+    for i in range(rows):
+        if i == 0:
+            count[0] = 0
+        first, last = row_offsets[ti.min(i, nodes)], row_offsets[ti.min(i + 1, nodes)]
+        number = last - first
+        for s in range(added_offsets[i], added_offsets[i + 1]):
+            if find_column(columns, first, last, added_columns[s]) == last:
+                number += 1
+        count[i + 1] = number
+
+
+@kernel
+def merge_rows(
+    row_offsets: Ints1,
+    columns: Ints1,
+    values: Reals1,
+    added_offsets: Ints1,
+    added_columns: Ints1,
+    added: Reals1,
+    new_offsets: Ints1,
+    new_columns: Ints1,
+    new_values: Reals1,
+    nodes: ti.i32,
+    rows: ti.i32,
+    serial: Template,
+):
+    """The sum of two matrices in CSR: columns of the first keep their order, those of the second alone follow.
+
+    The first has ``nodes`` rows, the second and the sum have ``rows``. ``new_offsets`` as from `count_merged`.
+    """
+    ti.loop_config(serialize=serial)
+    for i in range(rows):
+        first, own = new_offsets[i], row_offsets[ti.min(i, nodes)]
+        end = first + row_offsets[ti.min(i + 1, nodes)] - own
+        for s in range(first, end):
+            new_columns[s] = columns[own + s - first]
+            new_values[s] = values[own + s - first]
+        for s in range(added_offsets[i], added_offsets[i + 1]):
+            at = find_column(new_columns, first, end, added_columns[s])
+            if at == end:
+                end += 1
+                new_columns[at] = added_columns[s]
+                new_values[at] = 0.0
+            new_values[at] = new_values[at] + added[s]
+
+
+@kernel
+def merge_columns(
+    row_offsets: Ints1,
+    columns: Ints1,
+    added_offsets: Ints1,
+    added_columns: Ints1,
+    new_offsets: Ints1,
+    new_columns: Ints1,
+    nodes: ti.i32,
+    rows: ti.i32,
+    serial: Template,
+):
+    """The columns of `merge_rows`."""
+    ti.loop_config(serialize=serial)
+    for i in range(rows):
+        first, own = new_offsets[i], row_offsets[ti.min(i, nodes)]
+        end = first + row_offsets[ti.min(i + 1, nodes)] - own
+        for s in range(first, end):
+            new_columns[s] = columns[own + s - first]
+        for s in range(added_offsets[i], added_offsets[i + 1]):
+            at = find_column(new_columns, first, end, added_columns[s])
+            if at == end:
+                end += 1
+                new_columns[at] = added_columns[s]

@@ -11,60 +11,27 @@ import select
 import subprocess
 import sys
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from tipfem.arguments import is_number
 from tipfem.case.case import Case
 from tipfem.case.forces import Forces
+from tipfem.case.outline import tank_outline, tank_pose
 from tipfem.liveview.memory import Snapshot, StateMemory, slot_size
-from tipfem.output import ResultsFolder
 from tipfem.state import State
 from tipfem.steering import Command, Gravity, Poke, Release, RunControl, command_from, limits
+from tipfem.stepper import Row, Stepper
 from tipfem.stop_request import StopRequest
 
 RATE = 5.0  # pictures per second, by default
 STARTS = 60.0  # longest wait for the process that draws [s]; with a cold cache Taichi compiles for a while
-_MOST = 256  # commands that are taken between two steps; the rest wait
+_MOST = 65536  # bytes that are taken between two steps; the rest wait in the pipe
 _LONGEST = 4096  # bytes of a line from the process that draws
 _MEAN = 1.0  # seconds over which steps per second are taken
-
-
-class Shown(Protocol):
-    """What is shown of a simulation; see `tipfem.Simulation`."""
-
-    case: Case
-    state: State
-    forces: Forces
-    results: ResultsFolder | None
-
-    def make_consistent(self) -> None:
-        """Let the state at the start have its accelerations and pressures."""
-
-    def steer(self, command: Command) -> None:
-        """Give a command."""
-
-
-class Steps(Shown, Protocol):
-    """A simulation that takes steps; see `tipfem.Simulation`."""
-
-    @property
-    def time(self) -> float:
-        """Of the present state [s]."""
-
-    def step(self, until: float) -> None:
-        """Advance by one time step."""
-
-    def write_fields(self) -> None:
-        """Write the present fields."""
-
-    def write_checkpoint(self, until: float) -> None:
-        """Write a checkpoint of a run to a time."""
-
-    def write_summary(self, content: Mapping[str, Any] | None = None) -> None:
-        """Write the summary."""
 
 
 class LiveControl(RunControl):
@@ -72,6 +39,7 @@ class LiveControl(RunControl):
 
     Args:
         simulation: in 2-D.
+        out: its results folder, or None.
         port: of 127.0.0.1, where the page is served; 0 for any, None for 8800 or one of the next.
         rate: most pictures per second.
         browser: open a browser where there is a display.
@@ -89,8 +57,9 @@ class LiveControl(RunControl):
 
     def __init__(
         self,
-        simulation: Shown,
+        simulation: Stepper,
         *,
+        out: Path | None = None,
         port: int | None = None,
         rate: float = RATE,
         browser: bool = True,
@@ -115,12 +84,12 @@ class LiveControl(RunControl):
         self._when, self._prompt = -math.inf, False
         self._steps: list[tuple[float, int]] = []
         simulation.make_consistent()
-        state, bodies = simulation.state, len(simulation.case.bodies)
+        state, bodies = simulation.state, len(simulation.case.bodies) + 1
         # Room for twice the particles, so that drops do not move the memory.
         self._memory = StateMemory(room=slot_size(2 * len(state.particles), 2 * len(state.mesh.cells), bodies))
         self._memory.paused = paused
         self._publish(simulation)
-        settings = {"facts": describe(simulation), "port": port, "browser": browser, "native": native}
+        settings = {"facts": describe(simulation.case, out), "port": port, "browser": browser, "native": native}
         with StopRequest() as request:  # obeyed only once the process is known: none is left behind
             self._process: subprocess.Popen[bytes] | None = self._start({**settings, "backend": backend})
             try:
@@ -133,34 +102,35 @@ class LiveControl(RunControl):
 
     # What a run calls
 
-    def before_step(self, simulation: Any, interrupted: Callable[[], bool]) -> bool:
-        """See `RunControl.before_step`."""
-        goes_on = super().before_step(simulation, interrupted)
+    def ready(self, flow: Stepper, steer: Callable[[Command], None]) -> bool:
+        """See `RunControl.ready`; a poke that nobody is left to release is released."""
+        goes_on = super().ready(flow, steer)
         self._memory.paused = self.waits
-        if self._process is None:
-            self._end_poke(simulation)
+        poke = flow.forces.poke
+        if self._process is None and poke is not None and math.isinf(poke.end):
+            steer(Release())
         return goes_on
 
-    def after_step(self, simulation: Any) -> None:
+    def after_step(self, flow: Stepper, row: Row) -> None:
         """Publish the state if somebody looks and it is time."""
-        now, step = clock.monotonic(), simulation.state.step
+        now, step = clock.monotonic(), flow.state.step
         self._steps.append((now, step))
         while now - self._steps[0][0] > _MEAN and len(self._steps) > 2:
             self._steps.pop(0)
-        self._publish_if_due(simulation, now)
+        self._publish_if_due(flow, now)
 
-    def idle(self, simulation: Any) -> None:
+    def idle(self, flow: Stepper) -> None:
         """Publish what a command has changed during a pause."""
         self._memory.paused = True
         self._steps.clear()
         if self._process is None:  # nobody is left to let it go on
             self.paused = False
-        self._publish_if_due(simulation, clock.monotonic())
+        self._publish_if_due(flow, clock.monotonic())
 
-    def finished(self, simulation: Any, status: str) -> None:
+    def finish(self, flow: Stepper, until: float) -> None:
         """Publish the last state, and end the process."""
         if self._process is not None and self._memory.wanted:
-            self._publish(simulation)
+            self._publish(flow)
         self.close()
 
     def close(self) -> None:
@@ -182,14 +152,14 @@ class LiveControl(RunControl):
 
     # The states
 
-    def _publish_if_due(self, simulation: Shown, now: float) -> None:
+    def _publish_if_due(self, simulation: Stepper, now: float) -> None:
         if self._process is None or not self._memory.wanted:
             return
         changed = self._published is None or self._published != (simulation.state, simulation.forces)
         if changed and (self._prompt or now - self._when >= 1 / self._rate):
             self._publish(simulation)
 
-    def _publish(self, simulation: Shown) -> None:
+    def _publish(self, simulation: Stepper) -> None:
         self._memory.publish(snapshot_of(simulation, self._speed()))
         state, forces = simulation.state, simulation.forces
         self._published, self._when, self._prompt = (state, forces), clock.monotonic(), False
@@ -264,7 +234,7 @@ class LiveControl(RunControl):
         if not select.select([self._pipe], [], [], wait)[0]:
             return []
         try:
-            read = os.read(self._pipe, _MOST * 256)
+            read = os.read(self._pipe, _MOST)
         except BlockingIOError:
             return []
         if not read:
@@ -273,7 +243,7 @@ class LiveControl(RunControl):
         *lines, self._rest = (self._rest + read).split(b"\n")
         self._rest = self._rest[:_LONGEST]
         found = []
-        for text in lines[:_MOST]:
+        for text in lines:
             try:
                 line = json.loads(text)
             except ValueError:
@@ -304,12 +274,6 @@ class LiveControl(RunControl):
         if self.address:
             self._say(f"the viewer has ended{f': {self._failed}' if self._failed else ''}; the run goes on")
 
-    def _end_poke(self, simulation: Shown) -> None:
-        """Release a poke that nobody is left to release."""
-        poke = simulation.forces.poke
-        if poke is not None and math.isinf(poke.end):
-            simulation.steer(Release())
-
     def _tell(self, message: str) -> None:
         """Let the page show a line about a command; left out if the process does not take it."""
         if self._process is not None and self._process.stdin is not None:
@@ -317,7 +281,7 @@ class LiveControl(RunControl):
                 os.write(self._process.stdin.fileno(), json.dumps({"message": message}).encode() + b"\n")
 
 
-def snapshot_of(simulation: Shown, speed: float) -> Snapshot:
+def snapshot_of(simulation: Stepper, speed: float) -> Snapshot:
     """The present state as it is drawn; it shares the arrays.
 
     Args:
@@ -340,17 +304,17 @@ def snapshot_of(simulation: Shown, speed: float) -> Snapshot:
         wall=particles.wall,
         cells=mesh.cells,
         cell_fluid=mesh.fluid,
-        bodies=np.empty((0, 3)) if state.bodies is None else state.bodies.position,
+        bodies=np.vstack(
+            [*([] if state.bodies is None else [state.bodies.position]), tank_pose(simulation.case, state.time)]
+        ),
     )
 
 
-def describe(simulation: Shown) -> dict[str, Any]:
-    """What a `LiveSource` needs to know of a case, as JSON."""
-    case = simulation.case
-    results = simulation.results
+def describe(case: Case, out: Path | None) -> dict[str, Any]:
+    """What a `LiveSource` needs to know of a case and its results folder, as JSON."""
     return {
-        "name": results.path.resolve().name if results else "run",
-        "folder": str(results.path) if results else None,
+        "name": out.resolve().name if out else "run",
+        "folder": str(out) if out else None,
         "title": case.title,
         "fluid_names": [fluid.name for fluid in case.fluids],
         "fluid_densities": [float(fluid.density) for fluid in case.fluids],
@@ -360,4 +324,5 @@ def describe(simulation: Shown) -> dict[str, Any]:
         "period": case.period.width.tolist() if case.period else None,
         "limits": limits(case),
         "bodies": [{"corners": body.corners.tolist(), "reference": body.reference.tolist()} for body in case.bodies],
+        "tank": tank_outline(case),
     }

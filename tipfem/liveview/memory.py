@@ -41,7 +41,8 @@ class Snapshot:
         wall: (N,) int8.
         cells: (M, 3) int32.
         cell_fluid: (M,) int32; None where interfaces run through cells.
-        bodies: (B, 3) of the rigid bodies: position x, y of the reference point [m] and angle [rad], float64.
+        bodies: (B, 3) of the rigid bodies and, last, of the tank: position x, y of the reference point [m] and angle
+            [rad], float64.
     """
 
     step: int
@@ -66,7 +67,7 @@ class Snapshot:
             particles: N.
             cells: M.
             owned: whether cells have fluids.
-            bodies: B.
+            bodies: B, with the tank.
         """
         arrays: list[tuple[str, str, tuple[int, ...]]] = [
             ("position", "f8", (particles, 2)),

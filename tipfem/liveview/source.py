@@ -11,6 +11,7 @@ import numpy as np
 from tipfem.liveview.memory import Snapshot
 from tipfem.render import Scene
 from tipfem.render.bodies import BodyOutline
+from tipfem.render.tank import TankOutline
 
 LOOKED_EVERY = 0.02  # seconds between looks at a run that somebody watches
 IDLE = 1.0  # seconds between looks at one that nobody watches
@@ -74,6 +75,7 @@ class LiveSource:
         self._lower, self._upper = np.array(facts["lower"]), np.array(facts["upper"])
         self._period = None if facts["period"] is None else np.array(facts["period"])
         self._bodies = [BodyOutline(body) for body in facts["bodies"]]
+        self._tank = None if facts["tank"] is None else TankOutline(facts["tank"], self.spacing)
         self._feed, self._send, self._messages = feed, send, messages
         self._seen: tuple[Any, ...] = ()
         self._shown: tuple[Snapshot, Scene] | None = None
@@ -148,8 +150,9 @@ class LiveSource:
                 title=self.title,
                 bodies=tuple(
                     body.placed(*(float(value) for value in pose))
-                    for body, pose in zip(self._bodies, latest.bodies, strict=True)
+                    for body, pose in zip(self._bodies, latest.bodies[:-1], strict=True)
                 ),
+                tank=None if self._tank is None else self._tank.placed(*(float(value) for value in latest.bodies[-1])),
                 period=self._period,
             )
             self._shown = latest, scene

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tipfem.case.place import places
+from tipfem.geometry.place import places
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import Mesh
 from tipfem.typing import Array
@@ -17,8 +17,8 @@ class CutMesh:
     """The cells of a mesh on P nodes: one for each pair of a particle and a connected component of a fluid there.
 
     The first N nodes are the N particles themselves, each in the heaviest of its components; the others are copies of
-    particles on interfaces, those of a particle one after the other, sorted by its place (`tipfem.case.place`). Where
-    no interface passes, a particle is one node.
+    particles on interfaces, those of a particle one after the other, sorted by its place, see `tipfem.geometry.place`.
+    Where no interface passes, a particle is one node.
 
     Attributes:
         mesh: the same cells, in the same order, on the P nodes.

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
-from tipfem.case.period import Period, no_period
 from tipfem.errors import TriangulationError
+from tipfem.geometry.period import Period, no_period
 from tipfem.mesh.constrained import cells_inside
 from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.typing import Array

@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from tipfem.case.particles import Particles
-from tipfem.case.period import Period, no_period
+from tipfem.geometry.period import Period, no_period
 from tipfem.mesh.components import Components
 from tipfem.typing import Array
 

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated
 
-from tipfem.arguments import is_number
+from annotated_types import Ge, Le
+
 from tipfem.case.case import Case
+from tipfem.declaration import Unit
 from tipfem.mesh import measures
-from tipfem.probes.probe import Probe, Sampled, per_depth, pose_of, require_frame, require_plane
+from tipfem.probes.probe import Frame, Probe, per_depth, pose_of, require_plane
+
+if TYPE_CHECKING:
+    from tipfem.stepper import Stepper  # which starts Taichi
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,23 +32,22 @@ class WaveGauge(Probe):
         ValueError: see `Probe`; no such fluid; an unknown frame; the line does not cross the tank at the start.
     """
 
-    x: float
+    x: Annotated[float, Unit("m")]
     fluid: str
-    frame: str = "laboratory"
+    frame: Frame = "laboratory"
 
     def columns(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of the values; raises ValueError if the probe does not fit the case."""
         self._fluid(case, self.fluid)
         require_plane(self, case)
-        require_frame(self, self.frame)
         lower, upper = case.particles.position[:, 0].min(), case.particles.position[:, 0].max()
         if case.period:
             lower, upper = 0.0, case.period.width[0]
-        if not (is_number(self.x) and lower <= self.x <= upper):
-            raise ValueError(f"{self}: x is {self.x!r} m; it must lie between {lower:g} and {upper:g} m")
+        if not lower <= self.x <= upper:
+            raise self.invalid("x", f"is {self.x!r} m; it must lie between {lower:g} and {upper:g} m")
         return [("height", "m"), ("depth", "m")]
 
-    def sample(self, simulation: Sampled) -> list[float]:
+    def sample(self, simulation: Stepper) -> list[float]:
         """Height and depth at the present time; NaN where the line has left the tank or meets none of the fluid."""
         mesh, index, x = simulation.mesh, simulation.case.fluid_index(self.fluid), self.x
         if self.frame == "tank":
@@ -71,16 +76,16 @@ class FrontProbe(Probe):
     """
 
     fluid: str
-    axis: int = 0
+    axis: Annotated[int, Ge(0), Le(2)] = 0
 
     def columns(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of the values; raises ValueError if the probe does not fit the case."""
         self._fluid(case, self.fluid)
         if self.axis not in range(case.particles.dimension):
-            raise ValueError(f"{self}: axis is {self.axis!r}; it must lie between 0 and {case.particles.dimension - 1}")
+            raise self.invalid("axis", f"is {self.axis!r}; it must lie between 0 and {case.particles.dimension - 1}")
         return [("front", "m")]
 
-    def sample(self, simulation: Sampled) -> list[float]:
+    def sample(self, simulation: Stepper) -> list[float]:
         """The front at the present time; NaN without any of the fluid."""
         index = simulation.case.fluid_index(self.fluid)
         return [measures.extent(simulation.mesh, simulation.particles.fluid, index, self.axis)]
@@ -104,7 +109,7 @@ class VolumeProbe(Probe):
         self._fluid(case, self.fluid)
         return [("volume", f"m{case.particles.dimension}")]
 
-    def sample(self, simulation: Sampled) -> list[float]:
+    def sample(self, simulation: Stepper) -> list[float]:
         """The volume at the present time."""
         return [simulation.volume(self.fluid)]
 
@@ -117,7 +122,7 @@ class EnergyProbe(Probe):
         """Names and units of the values."""
         return [("kinetic_energy", per_depth("J", case)), ("potential_energy", per_depth("J", case))]
 
-    def sample(self, simulation: Sampled) -> list[float]:
+    def sample(self, simulation: Stepper) -> list[float]:
         """The energies at the present time."""
         energy = simulation.energy()
         return [energy.kinetic, energy.potential]

@@ -5,19 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
+from annotated_types import Len
 
 from tipfem.case.case import Case
+from tipfem.declaration import Unit
 from tipfem.mesh.mesh import Mesh
 from tipfem.probes.impulses import LoadProbe
-from tipfem.probes.probe import Sampled
 from tipfem.probes.walls import WallLine, WallSide, side_names, wall_line, wall_of
 from tipfem.typing import Array
 
 if TYPE_CHECKING:
     from tipfem.state import Solved  # which starts Taichi
+    from tipfem.stepper import Stepper
 
 # Part of a load at a corner that a wall bears in any direction, where it bears all along its normal; see `_share`.
 ANY_DIRECTION = 0.01
@@ -43,7 +45,7 @@ class WallForce(LoadProbe):
     before the first step. Further columns and their attributes are those of `LoadProbe`.
 
     Attributes:
-        wall: see `WallPressure`.
+        wall: name of a wall, see `WallPressure`.
         fluid: name of the fluid whose force is measured; of all together by default.
         about: (2,) point about which the moment is taken [m].
 
@@ -53,7 +55,7 @@ class WallForce(LoadProbe):
 
     wall: str
     fluid: str | None = None
-    about: Sequence[float] = (0.0, 0.0)
+    about: Annotated[Sequence[float], Len(2, 2), Unit("m")] = (0.0, 0.0)
 
     def loads(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of what is measured; raises ValueError if the probe does not fit the case."""
@@ -64,7 +66,7 @@ class WallForce(LoadProbe):
         names = ("pressure_force_x", "pressure_force_y", "viscous_force_x", "viscous_force_y")
         return [*((name, "N/m") for name in names), ("moment", "N")]
 
-    def sample(self, simulation: Sampled) -> list[float]:
+    def sample(self, simulation: Stepper) -> list[float]:
         """Force and moment in the last step; NaN before the first."""
         case, solved = simulation.case, simulation.solved
         if solved is None:

@@ -11,12 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from annotated_types import Gt
 
-from tipfem.arguments import is_number
 from tipfem.case.case import Case
+from tipfem.declaration import Unit
 from tipfem.probes.probe import Probe
 from tipfem.typing import Array
 
@@ -40,15 +41,7 @@ class LoadProbe(Probe):
     """
 
     impulse: bool = False
-    time_constant: float | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not isinstance(self.impulse, bool):
-            raise ValueError(f"{self}: impulse is {self.impulse!r}; it must be True or False")
-        tau = self.time_constant
-        if tau is not None and not (is_number(tau) and tau > 0 and math.isfinite(tau)):
-            raise ValueError(f"{self}: time_constant is {tau!r} s; it must be > 0, or None for no filter")
+    time_constant: Annotated[float, Gt(0), Unit("s")] | None = None
 
     def loads(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of what is measured; raises ValueError if the probe does not fit the case."""

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+from annotated_types import Ge, Le, MinLen
 
 from tipfem.case.case import Case
 from tipfem.mesh.mesh import Mesh
-from tipfem.probes.probe import Probe, Sampled, floats, in_laboratory, pressure_in, require_frame, require_inside
+from tipfem.probes.probe import Frame, Place, Probe, floats, in_laboratory, pressure_in, require_inside
 from tipfem.typing import Array
+
+if TYPE_CHECKING:
+    from tipfem.stepper import Stepper  # which starts Taichi
 
 QUANTITIES = {"pressure": "Pa", "velocity_x": "m/s", "velocity_y": "m/s", "velocity_z": "m/s", "density": "kg/m3"}
 
@@ -30,17 +35,17 @@ class PointProbe(Probe):
         ValueError: see `Probe`; an unknown quantity or frame; the place is outside of the tank at the start.
     """
 
-    at: Sequence[float]
-    quantities: Sequence[str] = ("pressure",)
-    frame: str = "laboratory"
+    at: Place
+    quantities: Annotated[Sequence[str], MinLen(1)] = ("pressure",)
+    frame: Frame = "laboratory"
 
     def columns(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of the values; raises ValueError if the probe does not fit the case."""
-        _require_quantities(self, case, self.quantities, self.frame)
-        require_inside(self, case, self._point(case, "at", self.at))
+        _require_quantities(self, case, self.quantities)
+        require_inside(self, case, "at", self._point(case, "at", self.at))
         return [(name, QUANTITIES[name]) for name in self.quantities]
 
-    def sample(self, simulation: Sampled) -> list[float]:
+    def sample(self, simulation: Stepper) -> list[float]:
         """The values at the present time; NaN where there is no fluid."""
         place = in_laboratory(simulation, np.array([self.at], dtype=float), self.frame)
         return [float(value) for value in values_at(simulation, place, self.quantities)[0]]
@@ -53,18 +58,18 @@ class LineProbe(Probe):
     Attributes:
         start, end: (d,) ends of the line [m].
         count: number of points, both ends included.
-        quantities: see `PointProbe`.
-        frame: see `PointProbe`.
+        quantities: of pressure [Pa], velocity_x, velocity_y, velocity_z [m/s] and density [kg/m^3].
+        frame: "laboratory": the line stands still; "tank": it moves with the tank.
 
     Raises:
         ValueError: see `PointProbe`; fewer than two points.
     """
 
-    start: Sequence[float]
-    end: Sequence[float]
-    count: int
-    quantities: Sequence[str] = ("pressure",)
-    frame: str = "laboratory"
+    start: Place
+    end: Place
+    count: Annotated[int, Ge(2), Le(MOST_POINTS)]
+    quantities: Annotated[Sequence[str], MinLen(1)] = ("pressure",)
+    frame: Frame = "laboratory"
 
     def places(self) -> Array:
         """(count, d) the points [m], in the frame of the probe."""
@@ -72,20 +77,18 @@ class LineProbe(Probe):
 
     def columns(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of the values; raises ValueError if the probe does not fit the case."""
-        _require_quantities(self, case, self.quantities, self.frame)
-        if not (isinstance(self.count, int) and 2 <= self.count <= MOST_POINTS):
-            raise ValueError(f"{self}: count is {self.count!r}; it must be a whole number from 2 to {MOST_POINTS}")
+        _require_quantities(self, case, self.quantities)
         for what in ("start", "end"):
-            require_inside(self, case, self._point(case, what, getattr(self, what)))
+            require_inside(self, case, what, self._point(case, what, getattr(self, what)))
         return [(f"{name}_{k}", QUANTITIES[name]) for k in range(self.count) for name in self.quantities]
 
-    def sample(self, simulation: Sampled) -> list[float]:
+    def sample(self, simulation: Stepper) -> list[float]:
         """The values at the present time, point by point."""
         places = in_laboratory(simulation, self.places(), self.frame)
         return [float(value) for value in values_at(simulation, places, self.quantities).ravel()]
 
 
-def values_at(simulation: Sampled, places: Array, quantities: Sequence[str]) -> Array:
+def values_at(simulation: Stepper, places: Array, quantities: Sequence[str]) -> Array:
     """Values (K, Q) of ``quantities`` at ``places`` (K, d) [m]; NaN outside of the fluid."""
     case, particles, mesh = simulation.case, simulation.particles, simulation.mesh
     cell, weights = locate(mesh, places)
@@ -131,9 +134,8 @@ def locate(mesh: Mesh, places: Array) -> tuple[Array, Array]:
     return cell, weights
 
 
-def _require_quantities(probe: Probe, case: Case, quantities: Sequence[str], frame: str) -> None:
+def _require_quantities(probe: Probe, case: Case, quantities: Sequence[str]) -> None:
     known = [name for name in QUANTITIES if name != "velocity_z" or case.particles.dimension == 3]
     unknown = [name for name in quantities if name not in known] if not isinstance(quantities, str) else [quantities]
     if unknown or not quantities:
-        raise ValueError(f"{probe}: quantities is {quantities!r}; it must be a list of some of {known}")
-    require_frame(probe, frame)
+        raise probe.invalid("quantities", f"is {quantities!r}; it must be a list of some of {known}")

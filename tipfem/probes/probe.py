@@ -1,63 +1,27 @@
-"""What all probes have, and what they see of a simulation."""
+"""Probe: what all probes have."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Gt, Len, MinLen
 
-from tipfem.arguments import is_number, numbers
+from tipfem.arguments import numbers
 from tipfem.case.case import Case
-from tipfem.case.particles import Particles
 from tipfem.case.walls import Pose
-from tipfem.mesh import measures
-from tipfem.mesh.mesh import Mesh
+from tipfem.declaration import Unit, require
+from tipfem.errors import Invalid
 from tipfem.typing import Array
 
 if TYPE_CHECKING:
-    from tipfem.state import Solved  # which starts Taichi
+    from tipfem.stepper import Stepper  # which starts Taichi
 
-FRAMES = ("laboratory", "tank")
-
-
+Frame = Literal["laboratory", "tank"]
+Place = Annotated[Sequence[float], Len(2, 3), Unit("m")]
 _FILE_NAME = set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_.")
-
-
-class Meshed(Protocol):
-    """Particles with the mesh on them, as a simulation has, or its state at the start of a step."""
-
-    @property
-    def time(self) -> float:
-        """Of the present state [s]."""
-
-    @property
-    def particles(self) -> Particles:
-        """The present state."""
-
-    @property
-    def mesh(self) -> Mesh:
-        """Cells on the present positions."""
-
-
-class Sampled(Meshed, Protocol):
-    """What a probe sees of a simulation."""
-
-    case: Case
-
-    @property
-    def solved(self) -> Solved | None:
-        """The solve that led to the present state; None before the first step."""
-
-    @property
-    def pressure_jump(self) -> Array | None:
-        """(F, N) pressure of each fluid at each particle less that of the particle [Pa]; None where it has one."""
-
-    def volume(self, name: str) -> float:
-        """Volume of a fluid."""
-
-    def energy(self) -> measures.Energy:
-        """Kinetic and potential energy."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,16 +37,18 @@ class Probe:
         ValueError: the name cannot be that of a file, or the interval is no length of time.
     """
 
-    name: str
-    interval: float | None = None
+    name: Annotated[str, MinLen(1)]
+    interval: Annotated[float, Gt(0), Unit("s")] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name or not set(self.name) <= _FILE_NAME or self.name[0] == ".":
-            raise ValueError(
-                f"{type(self).__name__}: name is {self.name!r}; it names a file and must be letters, digits, - _ and ."
-            )
-        if self.interval is not None and not (is_number(self.interval) and self.interval > 0):
-            raise ValueError(f"{self}: interval is {self.interval!r} s; it must be > 0, or None for every step")
+            text = f"is {self.name!r}; it names a file and must be letters, digits, - _ and ."
+            raise Invalid(("probes", self.name, "name"), text, type(self).__name__)
+        require(self, ("probes", self.name), str(self))
+
+    def invalid(self, name: str, text: str) -> Invalid:
+        """The error on a value of the probe."""
+        return Invalid(("probes", self.name, name), text, str(self))
 
     def __str__(self) -> str:
         return f"{type(self).__name__} {self.name!r}"
@@ -91,7 +57,7 @@ class Probe:
         """Names and units of the values; raises ValueError if the probe does not fit the case."""
         raise NotImplementedError
 
-    def sample(self, simulation: Sampled) -> list[float]:
+    def sample(self, simulation: Stepper) -> list[float]:
         """The values at the present time, in the order of `columns`; NaN where there is nothing to measure."""
         raise NotImplementedError
 
@@ -99,12 +65,12 @@ class Probe:
         try:
             return case.fluid_index(name)
         except ValueError as error:
-            raise ValueError(f"{self}: {error}") from None
+            raise self.invalid("fluid", f": {error}") from None
 
     def _point(self, case: Case, what: str, value: Any) -> Array:
         point = floats(value)
         if point.shape != (case.particles.dimension,) or not np.isfinite(point).all():
-            raise ValueError(f"{self}: {what} is {value!r}; it must be {case.particles.dimension} coordinates in m")
+            raise self.invalid(what, f"is {value!r}; it must be {case.particles.dimension} coordinates in m")
         return point
 
 
@@ -116,7 +82,7 @@ def floats(value: Any) -> Array:
         return np.zeros(0)
 
 
-def pressure_in(simulation: Sampled, particle: Array, cell: Array) -> Array:
+def pressure_in(simulation: Stepper, particle: Array, cell: Array) -> Array:
     """Pressures (K,) of particles (K,) on the side of the cells (K,) that they are corners of [Pa].
 
     A particle on an interface has a pressure of each fluid there. Those of the fluids beyond the interface are not
@@ -135,40 +101,36 @@ def pose_of(case: Case, time: float) -> Pose:
     return case.tank_motion.pose(time, 1e-3, case.particles.dimension)
 
 
-def in_laboratory(simulation: Sampled, places: Array, frame: str) -> Array:
+def in_laboratory(simulation: Stepper, places: Array, frame: str) -> Array:
     """Where ``places`` (K, d) [m] of a frame are now, in the laboratory."""
     return pose_of(simulation.case, simulation.time).place(places) if frame == "tank" else places
-
-
-def require_frame(probe: Probe, frame: str) -> None:
-    """Raise ValueError unless there is such a frame."""
-    if frame not in FRAMES:
-        raise ValueError(f"{probe}: frame is {frame!r}; it must be one of {list(FRAMES)}")
 
 
 def require_plane(probe: Probe, case: Case) -> None:
     """Raise ValueError unless the case is 2-D."""
     if case.particles.dimension != 2:
-        raise ValueError(f"{probe}: this probe is for 2-D; the case has {case.particles.dimension} dimensions")
+        text = f": this probe is for 2-D; the case has {case.particles.dimension} dimensions"
+        raise Invalid(("probes", probe.name), text, str(probe))
 
 
-def require_inside(probe: Probe, case: Case, place: Array) -> None:
-    """Raise ValueError unless ``place`` (d,) lies in the tank, or without one in the box around the particles."""
+def require_inside(probe: Probe, case: Case, name: str, place: Array) -> None:
+    """Raise ValueError unless ``place`` (d,) lies in the tank, or without one in the box around the particles.
+
+    The attribute ``name`` of the probe has the place.
+    """
     lower, upper = case.particles.position.min(axis=0), case.particles.position.max(axis=0)
     lower, upper = np.where(case.period.width > 0, 0.0, lower), np.maximum(upper, case.period.width)
     slack = 1e-9 * (upper - lower)
     if ((place < lower - slack) | (place > upper + slack)).any():
-        raise ValueError(
-            f"{probe}: the place {place.tolist()} lies outside of the tank from {lower.tolist()} to {upper.tolist()} m"
-        )
+        text = f"is {place.tolist()} m, which lies outside of the tank from {lower.tolist()} to {upper.tolist()} m"
+        raise probe.invalid(name, text)
     if case.domain is None or case.bodies:  # bodies move, and what they cover at the start is uncovered
         return
     distance, _ = case.domain.distances(place[None])
     if not case.domain.contains(place[None])[0] and distance.min() > slack.max():
         side = case.domain.sides[case.domain.side[distance.argmin()]]
-        raise ValueError(
-            f"{probe}: the place {place.tolist()} lies outside of the tank, {distance.min():.3g} m behind {side!r}"
-        )
+        text = f"is {place.tolist()} m, which lies outside of the tank, {distance.min():.3g} m behind {side!r}"
+        raise probe.invalid(name, text)
 
 
 def per_depth(unit: str, case: Case) -> str:

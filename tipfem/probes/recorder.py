@@ -4,27 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tipfem.case.case import Case
 from tipfem.probes.impulses import LoadProbe, means_of
-from tipfem.probes.probe import Probe, Sampled
+from tipfem.probes.probe import Probe
 from tipfem.typing import Array
 
 if TYPE_CHECKING:
-    from tipfem.fem.time_integration import TimeScheme  # which starts Taichi
-
-
-class Results(Protocol):
-    """Where samples are written."""
-
-    def append_rows(self, name: str, header: Sequence[str], rows: Sequence[Sequence[float]]) -> None:
-        """Add rows to a table; a new one begins with its header."""
-
-    def replace_rows(self, name: str, header: Sequence[str], rows: Sequence[Sequence[float]]) -> None:
-        """Write a table anew."""
+    from tipfem.output import ResultsFolder
+    from tipfem.stepper import Row, Stepper  # which starts Taichi
 
 
 class ProbeRecorder:
@@ -54,7 +45,7 @@ class ProbeRecorder:
         self.rows: dict[str, list[list[float]]] = {name: [] for name in self.probes}
         self._due = dict.fromkeys(self.probes, 0)
         self._means = {name: means for name, probe in self.probes.items() if (means := means_of(probe, case))}
-        self._results: Results | None = None
+        self._results: ResultsFolder | None = None
 
     def __getitem__(self, name: str) -> dict[str, Array]:
         """The samples of a probe so far: arrays (K,) by column, ``time`` [s] first.
@@ -67,35 +58,32 @@ class ProbeRecorder:
         columns = [column for column, _ in self.columns[name]]
         return dict(zip(columns, np.array(self.rows[name], dtype=float).reshape(-1, len(columns)).T, strict=True))
 
-    def record(self, simulation: Sampled, scheme: TimeScheme) -> None:
-        """Sample the probes that are due at the present time, and write their values; to be called after every step.
-
-        Args:
-            simulation: at the end of the step.
-            scheme: time integration that the step was taken with.
+    def record(self, simulation: Stepper, row: Row) -> None:
+        """Sample the probes that are due at the end of a step, and write their values; to be called after every step.
 
         Raises:
             OSError: a file cannot be written.
         """
+        assert simulation.solved is not None
         for name, probe in self.probes.items():
             means = self._means.get(name)
             values = None
             if means is not None:
                 values = probe.sample(simulation)
-                means.add(simulation.time, values, scheme)
+                means.add(simulation.time, values, simulation.solved.scheme)
             if probe.interval is not None:
                 count = _multiples(simulation.time, probe.interval)
                 if count < self._due[name]:
                     continue
                 self._due[name] = count + 1
-            row = [simulation.time, *(probe.sample(simulation) if values is None else values)]
+            sampled = [simulation.time, *(probe.sample(simulation) if values is None else values)]
             if means is not None and isinstance(probe, LoadProbe):
-                row += probe.averaged(means)
-            self.rows[name].append(row)
+                sampled += probe.averaged(means)
+            self.rows[name].append(sampled)
             if self._results is not None:
-                self._results.append_rows(_file(name), self._header(name), [row])
+                self._results.append_rows(_file(name), self._header(name), [sampled])
 
-    def write_to(self, results: Results) -> None:
+    def write_to(self, results: ResultsFolder) -> None:
         """Write into a results folder from now on; what has been sampled so far replaces what its files hold.
 
         Raises:
@@ -110,31 +98,28 @@ class ProbeRecorder:
         """All samples so far, and what the next ones depend on, for a checkpoint."""
         content: dict[str, Any] = {}
         for name, rows in self.rows.items():
-            content[name] = {"due": self._due[name], "rows": np.array(rows)}
+            content[name] = {"due": self._due[name], "interval": self.probes[name].interval, "rows": np.array(rows)}
             if name in self._means:
                 content[name]["means"] = self._means[name].content()
         return content
 
-    def go_on(self, content: Mapping[str, Any]) -> None:
-        """Take over the samples of a checkpoint, see `content`."""
-        for name, probe in content.items():
-            self.rows[name], self._due[name] = probe["rows"].tolist(), probe["due"]
-            if name in self._means:
-                self._means[name].go_on(probe["means"])
-
-    def begin(self, name: str, time: float, *, afresh: bool) -> None:
-        """Let a probe of a run that goes on have an interval that it did not have, or be added to it.
+    def restore(self, content: Mapping[str, Any], time: float) -> None:
+        """Take over the samples of a checkpoint, see `content`; a probe that it does not have begins now.
 
         Args:
-            name: of the probe.
-            time: the present time [s]; the next multiple of the interval after it is the next that is sampled.
-            afresh: whether it is added, so that its integrals over time begin now.
+            content: of the checkpoint.
+            time: the present time [s]; of an interval that has changed, its next multiple is sampled.
         """
-        interval = self.probes[name].interval
-        if interval is not None:
-            self._due[name] = _multiples(time, interval) + 1
-        if afresh and name in self._means:
-            self._means[name].time = time
+        for name, probe in self.probes.items():
+            before, means = content.get(name), self._means.get(name)
+            if before is not None:
+                self.rows[name], self._due[name] = before["rows"].tolist(), before["due"]
+                if means:
+                    means.go_on(before["means"])
+            elif means:
+                means.time = time
+            if probe.interval is not None and (before is None or before["interval"] != probe.interval):
+                self._due[name] = _multiples(time, probe.interval) + 1
 
     def _header(self, name: str) -> list[str]:
         return [f"{column} [{unit}]" for column, unit in self.columns[name]]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+from tipfem.declaration import plain
 from tipfem.errors import CheckpointError
 from tipfem.probes.fluids import EnergyProbe, FrontProbe, VolumeProbe, WaveGauge
 from tipfem.probes.forces import WallForce
@@ -32,8 +32,7 @@ def probe_record(probe: Probe) -> dict[str, Any]:
     kind = _NAMES.get(type(probe))
     if kind is None:
         return {"class": type(probe).__qualname__, "name": probe.name}
-    values = {field.name: _plain(getattr(probe, field.name)) for field in dataclasses.fields(probe)}
-    return {"type": kind, **values}
+    return {"type": kind, **plain(probe)}
 
 
 def probe_from(record: Mapping[str, Any]) -> Probe:
@@ -50,10 +49,3 @@ def probe_from(record: Mapping[str, Any]) -> Probe:
             "give the probes to resume"
         )
     return KINDS[kind](**values)
-
-
-def _plain(value: Any) -> Any:
-    """Tuples and arrays as lists, so that records can be compared."""
-    if hasattr(value, "tolist"):
-        return value.tolist()
-    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value

@@ -5,17 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+from annotated_types import Len
 
 from tipfem.arguments import numbers
 from tipfem.case.case import Case
-from tipfem.case.domain import Domain
-from tipfem.case.shaped_tank import ShapedTank
 from tipfem.case.walls import Wall
+from tipfem.declaration import Unit
+from tipfem.geometry.domain import Domain
 from tipfem.probes.impulses import LoadProbe
-from tipfem.probes.probe import Meshed, Probe, Sampled, pose_of, pressure_in, require_plane
+from tipfem.probes.probe import Probe, pose_of, pressure_in, require_plane
 from tipfem.typing import Array
+
+if TYPE_CHECKING:
+    from tipfem.state import State  # which starts Taichi
+    from tipfem.stepper import Stepper
 
 SIDES = ("left", "right", "bottom", "top")  # of a rectangle of walls
 
@@ -40,20 +46,21 @@ class WallPressure(LoadProbe):
     """
 
     wall: str
-    at: Sequence[float]
+    at: Annotated[Sequence[float], Len(2, 2), Unit("m")]
 
     def loads(self, case: Case) -> list[tuple[str, str]]:
         """Names and units of what is measured; raises ValueError if the probe does not fit the case."""
         wall, place = wall_of(self, case, self.wall), self._point(case, "at", self.at)
         if not wall.holds(place, case.particles.spacing):
-            raise ValueError(f"{self}: at {place.tolist()} is not on the wall {self.wall!r}, {wall.describe()}")
+            text = f"is {place.tolist()} m, which is not on the wall {self.wall!r}, {wall.describe()}"
+            raise self.invalid("at", text)
         return [("pressure", "Pa")]
 
-    def sample(self, simulation: Sampled) -> list[float]:
+    def sample(self, simulation: Stepper) -> list[float]:
         """The pressure at the present time; zero where there is no fluid, as at a free surface."""
         case, particles = simulation.case, simulation.particles
         wall = wall_of(self, case, self.wall)
-        a, b, cell = wall.faces(case, simulation)
+        a, b, cell = wall.faces(case, simulation.state)
         y = pose_of(case, simulation.time).origin(particles.position)
         at, period = np.asarray(self.at, dtype=float), simulation.mesh.period
         one, other = y[a], y[b]
@@ -126,18 +133,18 @@ class WallLine:
         height = np.stack([self.start, self.start + self.length * self.tangent]) - other.start
         return bool((np.abs(height @ other.outward) < 1e-6 * other.length).all())
 
-    def faces(self, case: Case, state: Meshed) -> tuple[Array, Array, Array]:
+    def faces(self, case: Case, state: State) -> tuple[Array, Array, Array]:
         """The faces of the mesh on the wall: particles (K,) and (K,), and cells (K,), in the order of the cells."""
         a, b, cell = _wall_faces(state)
         on = self._on(case, state, a) & self._on(case, state, b)
         return a[on], b[on], cell[on]
 
-    def touches(self, case: Case, state: Meshed, particle: Array) -> tuple[Array, Array]:
+    def touches(self, case: Case, state: State, particle: Array) -> tuple[Array, Array]:
         """Which wall particles (K,) are on the wall, and its outward normals (K, 2) there, zero for the others."""
         on = self._on(case, state, particle)
         return on, on[:, None] * (pose_of(case, state.time).rotation @ self.outward)
 
-    def _on(self, case: Case, state: Meshed, particle: Array) -> Array:
+    def _on(self, case: Case, state: State, particle: Array) -> Array:
         """Which wall particles (K,) are on the wall."""
         y = pose_of(case, state.time).origin(state.particles.position[particle])
         slack = ON_WALL * state.particles.spacing
@@ -188,7 +195,7 @@ class WallSide:
             return None
         return face, float(part[face])
 
-    def faces(self, case: Case, state: Meshed) -> tuple[Array, Array, Array]:
+    def faces(self, case: Case, state: State) -> tuple[Array, Array, Array]:
         """See `WallLine.faces`."""
         a, b, cell = _wall_faces(state)
         y = pose_of(case, state.time).origin(state.particles.position)
@@ -198,7 +205,7 @@ class WallSide:
         on = np.isin(nearest, self.edges) & close  # the others are on bodies
         return a[on], b[on], cell[on]
 
-    def touches(self, case: Case, state: Meshed, particle: Array) -> tuple[Array, Array]:
+    def touches(self, case: Case, state: State, particle: Array) -> tuple[Array, Array]:
         """See `WallLine.touches`."""
         pose = pose_of(case, state.time)
         y = pose.origin(state.particles.position[particle])
@@ -213,7 +220,7 @@ class WallSide:
         return np.asarray(np.where(self.domain.curve[edge] >= 0, ON_ARC, ON_WALL) * spacing)
 
 
-def _wall_faces(state: Meshed) -> tuple[Array, Array, Array]:
+def _wall_faces(state: State) -> tuple[Array, Array, Array]:
     """The faces of the mesh between two wall particles (K,) and (K,), and their cells (K,); on bodies, too."""
     mesh, wall = state.mesh, state.particles.wall
     cell, i = np.nonzero(mesh.neighbours < 0)
@@ -224,7 +231,7 @@ def _wall_faces(state: Meshed) -> tuple[Array, Array, Array]:
 
 def side_names(case: Case) -> list[str]:
     """The sides that together are the boundary of a 2-D case; of particles given as arrays, those of their box."""
-    if case.domain is not None and (case.tank is None or isinstance(case.tank, ShapedTank)):
+    if case.domain is not None and (case.tank is None or case.tank.shape is not None):
         domain = case.domain
         of_walls = domain.loop.max() + 1 - len(case.bodies)  # the loops of the bodies are the last ones
         return list(dict.fromkeys(domain.sides[side] for side in domain.side[domain.loop < of_walls].tolist()))
@@ -241,7 +248,7 @@ def wall_of(probe: Probe, case: Case, name: str) -> WallLine | WallSide:
     """
     require_plane(probe, case)
     domain = case.domain
-    if domain is None or (case.tank is not None and not isinstance(case.tank, ShapedTank)):
+    if domain is None or (case.tank is not None and case.tank.shape is None):
         return wall_line(probe, case, name)
     sides = side_names(case)
     given = {wall.name: wall.side for wall in case.walls}
@@ -251,9 +258,9 @@ def wall_of(probe: Probe, case: Case, name: str) -> WallLine | WallSide:
     if name in given or (name in SIDES and case.tank is None):
         return wall_line(probe, case, name)
     if name in [body.name for body in case.bodies]:
-        raise ValueError(f"{probe}: {name!r} is a body; the force of the fluids on it is in the history")
+        raise probe.invalid("wall", f": {name!r} is a body; the force of the fluids on it is in the history")
     names = [*sides, *(wall for wall in given if wall not in sides)]
-    raise ValueError(f"{probe}: there is no wall {name!r} in this case; it has {names}")
+    raise probe.invalid("wall", f": there is no wall {name!r} in this case; it has {names}")
 
 
 def wall_line(probe: Probe, case: Case, name: str) -> WallLine:
@@ -276,7 +283,7 @@ def wall_line(probe: Probe, case: Case, name: str) -> WallLine:
                 start, end = np.array([0.0, start[1]]), np.array([case.period.width[0], start[1]])
             return _line(start, end, centre, wall)
     if not of_walls.any():
-        raise ValueError(f"{probe}: there is no wall {name!r} in this case; it has none")
+        raise probe.invalid("wall", f": there is no wall {name!r} in this case; it has none")
     lower, upper = position[of_walls].min(axis=0), position[of_walls].max(axis=0)
     sides = side_names(case)
     if case.period:
@@ -290,7 +297,7 @@ def wall_line(probe: Probe, case: Case, name: str) -> WallLine:
         }[name]
         return _line(np.asarray(corner[0]), np.asarray(corner[1]), centre, None)
     names = [*sides, *(wall.name for wall in case.walls if wall.name not in sides)]
-    raise ValueError(f"{probe}: there is no wall {name!r} in this case; it has {names}")
+    raise probe.invalid("wall", f": there is no wall {name!r} in this case; it has {names}")
 
 
 def _line(start: Array, end: Array, inside: Array, wall: Wall | None) -> WallLine:

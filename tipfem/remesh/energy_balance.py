@@ -1,10 +1,13 @@
-"""Energy that remeshing takes or adds is given back or taken back, where it changed the mesh.
+"""Energy that remeshing adds is taken back, where it changed the mesh.
 
 A repair of the mesh changes the velocity field between the particles, and an interface that moves lifts fluid. Either
-sign occurs, and without viscosity what is gained stays. The lumped energy sum m v^2 / 2 would be a bad measure of that:
-even where the velocity is linear in space, it depends on the cells, a collapse raises it and a split lowers it. So
-the energy of the field itself, int rho v^2 / 2, is kept, which no repair in a linear field changes. That of the case's
-mass matrix, which the solve conserves and the history has, is not to rise.
+sign occurs, and without viscosity what is gained stays. What is lost is lost: it was energy of differences between
+neighbours, and to make others larger by as much would be noise.
+
+The lumped energy sum m v^2 / 2 would be a bad measure of that: even where the velocity is linear in space, it depends
+on the cells, a collapse raises it and a split lowers it. So the energy of the field itself, int rho v^2 / 2, is not to
+rise, which no repair in a linear field changes; nor is that of the case's mass matrix, which the solve conserves and
+the history has.
 """
 
 from __future__ import annotations
@@ -20,18 +23,18 @@ from tipfem.backend.launch import launch
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.fem.mass import consistent_part, lumped_part
-from tipfem.mesh.interface_slip import InterfaceSlip
 from tipfem.mesh.mesh import Mesh, corners_among
+from tipfem.physics.sliding_liquids.slip import InterfaceSlip
 from tipfem.remesh.energy_kernels import field_energy
 from tipfem.typing import Array
 
-# Of the energies: smaller gains and losses are left to later steps, for every change of velocities costs iterations.
-LEAST_GAIN, LEAST_LOSS = 1e-7, 2e-5
+LEAST_GAIN = 1e-7  # of the energies: less is left to later steps, for every change of velocities costs iterations
 STRONGEST = 0.5  # largest factor of `exchange`, with which no two particles exchange more than their difference
-WEAKEST = -0.1  # least factor, with which differences of velocities grow by a fifth at most
 # Of what viscosity takes: how much may come and go without a balance, and how much of what is owed is remitted.
 VISCOUS, REMITTED = 0.01, 1e-3
-RINGS = 4  # how often the cells around are added before the rest of a gain is left to the next step
+# Rounds in which roughness is reduced, with the cells around added after each; and in which strain is, too, before the
+# rest of a gain is left to the next step.
+ROUGH_ROUNDS, ROUNDS = 4, 8
 FIELD, CASE, POTENTIAL = 0, 1, 2  # energies: kinetic of the field, and by the case's mass matrix; potential
 
 
@@ -65,7 +68,7 @@ class Change:
 
 
 class EnergyBalance:
-    """Keeps the energy of remeshed particles.
+    """Takes back the energy that remeshing adds.
 
     Args:
         density: (F,) of the fluids [kg/m^3].
@@ -92,24 +95,24 @@ class EnergyBalance:
         owed: float,
         slip: InterfaceSlip | None = None,
     ) -> tuple[Particles, float]:
-        """Remeshed particles with the energy of those before.
+        """Remeshed particles with no more energy than those before.
 
-        Relative velocities of the particles of changed cells are reduced or increased, see `exchange`, by the factor
-        that keeps the energy of the field, or by a larger one with which that of the case's mass matrix does not rise.
-        What this cannot balance, the cells around do. A gain that is left then is owed by the next step. So is, with
-        the opposite sign, what the field lost because the mass matrix's energy would have risen; other losses are
-        not made up for later, elsewhere.
+        Relative velocities of the particles of changed cells are reduced, see `exchange`, until neither the energy of
+        the field nor that of the case's mass matrix has risen. The roughness is reduced first, by which their velocity
+        gradients differ from those beside them: an exchange in a few cells of a smooth strain would make it rough.
+        Where these cells have too little, the cells around are taken as well, and then the strain itself. A gain that
+        is left then is owed by the next step.
 
-        Little energy, by that of the flow or by what viscosity dissipates, is owed too, and changes no velocity: which
-        flips fall into one step is chance, and in a resolved flow these changes would be the largest error. In each
-        step a part of what viscosity dissipates is remitted.
+        Little energy, by that of the flow or by what viscosity dissipates, is owed too, and changes no velocity; so is
+        a loss, but no more than that. For which flips fall into one step is chance, and in a resolved flow these
+        changes would be the largest error. In each step a part of what viscosity dissipates is remitted.
 
         Args:
             change: what was remeshed.
             particles: the N' particles after it.
             mesh: their triangles, with fluids.
             mass: (N',) lumped masses [kg].
-            owed: by the steps before; less than 0 if it is owed to the field [J, per metre of depth].
+            owed: by the steps before; less than 0 if they lost it [J, per metre of depth].
             slip: where liquids slide along each other after it.
 
         Returns:
@@ -126,15 +129,15 @@ class EnergyBalance:
         scale = np.abs(now[[FIELD, POTENTIAL]]).sum()
         unnoticed = change.unnoticed
         left = min(max(gained, -unnoticed), unnoticed)
-        gained, rise = gained - left, rise - unnoticed
+        gained, rise = max(gained - left, 0.0), rise - unnoticed
         left = math.copysign(max(abs(left) - REMITTED * change.dissipated, 0.0), left)
-        if -LEAST_LOSS * scale <= gained <= LEAST_GAIN * scale and rise <= LEAST_GAIN * scale:
+        if max(gained, rise) <= LEAST_GAIN * scale:
             return particles, gained + left
         assert mesh.fluid is not None
         cell_mass = self._density[mesh.fluid] * mesh.measure
         changed, particles = changed_cells(change, particles, mesh), particles.shallow_copy()
-        for _ in range(RINGS):
-            rate = exchange(particles, mesh, cell_mass, mass, np.flatnonzero(changed))
+        for count in range(ROUNDS):
+            rate = exchange(particles, mesh, cell_mass, mass, np.flatnonzero(changed), rough=count < ROUGH_ROUNDS)
             if slip:
                 rate = slip.without_momentum(rate, mass)
             factor, taken, lowered = _factor(
@@ -142,8 +145,8 @@ class EnergyBalance:
             )
             particles.velocity = particles.velocity + factor * rate
             gained, rise = gained - taken, rise - lowered
-            if WEAKEST < factor < STRONGEST:
-                return particles, gained + left
+            if max(gained, rise) <= LEAST_GAIN * scale:
+                break
             near = np.zeros(len(particles), dtype=bool)
             near[mesh.cells[changed]] = True
             changed = corners_among(near, mesh.cells) > 0
@@ -207,10 +210,10 @@ def _differ(one: Array, other: Array) -> Array:
     return result
 
 
-def exchange(particles: Particles, mesh: Mesh, cell_mass: Array, mass: Array, cells: Array) -> Array:
+def exchange(
+    particles: Particles, mesh: Mesh, cell_mass: Array, mass: Array, cells: Array, *, rough: bool = True
+) -> Array:
     """Change (N, 2) of the velocities that reduces how fast the particles of some cells approach or leave each other.
-
-    A negative multiple of it increases that.
 
     Along each edge between two particles off the walls, they exchange the momentum of a sixth of the cell's mass with
     the difference of their velocities in the edge's direction. So no momentum and no angular momentum is made, and a
@@ -222,19 +225,38 @@ def exchange(particles: Particles, mesh: Mesh, cell_mass: Array, mass: Array, ce
         cell_mass: (M,) of the triangles [kg].
         mass: (N,) lumped, of the particles [kg].
         cells: (K,) numbers of the triangles.
+        rough: whether the difference is that by the cell's velocity gradient less its mean with the cells of its fluid
+            beside it, so that a velocity that is linear in space is left as it is.
     """
     corners, wall = mesh.cells[cells], particles.wall
     one, other = corners.T.ravel(), corners[:, (1, 2, 0)].T.ravel()
     share = np.tile(cell_mass[cells] / 6, 3)
+    gradient = np.tile(_gradients(particles.velocity, mesh, cells, rough), (3, 1, 1))
     free = ~(wall[one] | wall[other])
-    one, other, share = one[free], other[free], share[free]
+    one, other, share, gradient = one[free], other[free], share[free], gradient[free]
     edge = mesh.sides(one, other)
-    along = ((particles.velocity[other] - particles.velocity[one]) * edge).sum(axis=1) / (edge**2).sum(axis=1)
+    along = np.einsum("ki,kij,kj->k", edge, gradient, edge) / (edge**2).sum(axis=1)
     momentum = (share * along)[:, None] * edge
     count, result = len(wall), np.zeros((len(wall), 2))
     for k in range(2):
         result[:, k] = np.bincount(one, momentum[:, k], count) - np.bincount(other, momentum[:, k], count)
     return np.asarray(result / np.maximum(mass, 1e-300)[:, None])
+
+
+def _gradients(velocity: Array, mesh: Mesh, cells: Array, rough: bool) -> Array:
+    """(K, 2, 2) gradients in some cells, a row for each component; if ``rough`` less their means, see `exchange`."""
+    assert mesh.fluid is not None
+    beside = np.column_stack([cells, mesh.neighbours[cells]]) if rough else cells[:, None]
+    same = (beside >= 0) & (mesh.fluid[beside] == mesh.fluid[cells][:, None])
+    a, b, c = mesh.cells[beside[same]].T
+    ab, ac, vb, vc = mesh.sides(a, b), mesh.sides(a, c), velocity[b] - velocity[a], velocity[c] - velocity[a]
+    area = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
+    gradient = np.zeros((*beside.shape, 2, 2))
+    gradient[same, :, 0] = (vb * ac[:, 1:] - vc * ab[:, 1:]) / area[:, None]
+    gradient[same, :, 1] = (vc * ab[:, :1] - vb * ac[:, :1]) / area[:, None]
+    if not rough:
+        return np.asarray(gradient[:, 0])
+    return np.asarray(gradient[:, 0] - gradient.sum(axis=1) / same.sum(axis=1)[:, None, None])
 
 
 def _factor(
@@ -247,7 +269,7 @@ def _factor(
     rise: float,
     slip: InterfaceSlip | None,
 ) -> tuple[float, float, float]:
-    """The factor of a ``rate`` (N, 2) with which velocities lose ``gained`` and at least ``rise``, or its limit.
+    """The factor of a ``rate`` (N, 2) with which velocities lose at least ``gained`` and ``rise``, or its limit.
 
     Also what they lose of the kinetic energies of the field and by the case's mass matrix [J].
     """
@@ -273,7 +295,7 @@ def _factor(
         )
     if field[0] >= 0 or case[0] >= 0:
         return 0.0, 0.0, 0.0
-    factor = min(STRONGEST, max(WEAKEST, _root(*field, gained), _root(*case, rise)))
+    factor = min(STRONGEST, max(_root(*field, gained), _root(*case, max(rise, 0.0))))
     lost = [-(slope + 0.5 * curvature * factor) * factor for slope, curvature in (field, case)]
     return factor, lost[0], lost[1]
 

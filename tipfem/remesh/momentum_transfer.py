@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from tipfem.case.particles import Particles
-from tipfem.mesh.interface_slip import InterfaceSlip
 from tipfem.mesh.mesh import Mesh
+from tipfem.physics.sliding_liquids.slip import InterfaceSlip
 from tipfem.state import Solved
 from tipfem.typing import Array
 

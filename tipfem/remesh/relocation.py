@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 
 from tipfem.case.numerics import RelocationRule
 from tipfem.case.particles import Particles
-from tipfem.case.period import Period
-from tipfem.case.place import places
+from tipfem.geometry.period import Period
+from tipfem.geometry.place import places
 from tipfem.mesh.mesh import Mesh, corners_among
 from tipfem.typing import Array
 

@@ -26,8 +26,9 @@ from tipfem.errors import TriangulationError
 from tipfem.mesh.delaunay import triangulate, wall_fluid
 from tipfem.mesh.free_surface import SurfaceMesher, spray_volumes
 from tipfem.mesh.interface import InterfaceRule, InterpolatedInterface, SharpInterface
-from tipfem.mesh.interface_slip import InterfaceSlip, find_slip, may_slide
 from tipfem.mesh.mesh import Mesh
+from tipfem.physics.bodies.motion import stopped_by_bodies
+from tipfem.physics.sliding_liquids.slip import InterfaceSlip, find_slip, may_slide
 from tipfem.remesh import drops, surface_volumes
 from tipfem.remesh.energy_balance import Change, EnergyBalance
 from tipfem.remesh.fitted import hull_corners, particle_fluid, repair, with_fluids
@@ -41,7 +42,6 @@ from tipfem.remesh.volumes import with_components
 from tipfem.state import InterpolatedMaterial, Material, SharpMaterial, Solved, State, lumped
 from tipfem.timers import timer
 from tipfem.typing import Array
-from tipfem.walls.bodies import stopped_by_bodies
 
 
 class Remesher(ABC):
@@ -197,7 +197,7 @@ class DelaunayRemesher(Remesher):
         self.account.start(solved)
         solved = surface_volumes.balanced(solved) if solved.before.mesh.surface.exists else solved
         before, walls, account = solved.before, solved.walls, self.account
-        convex = before.boundary.domain is None and before.mesh.surface.exists
+        convex = before.boundary.convex and before.mesh.surface.exists
         start = surface_volumes.kept_inside(solved.particles) if convex else solved.particles
         with timer("relocation"):
             stopped = before.boundary.stopped(start, before.mesh.surface.loose, solved.time)
@@ -205,6 +205,8 @@ class DelaunayRemesher(Remesher):
                 stopped = stopped_by_bodies(self._bodies, solved.bodies, stopped, before.mesh.surface.loose)
             particles, moves = relocate(stopped, before.mesh, self.rule)
             particles, of_walls = walls.space(particles, before.mesh.surface)
+            if solved.bodies is not None:
+                particles = solved.bodies.imposed(particles)
         with timer("triangulation"):
             mesh, rebuilt = self.mesher.remesh(solved, particles, moves)
         if account.columns:
@@ -229,7 +231,7 @@ class DelaunayRemesher(Remesher):
             account.add("transfer", particles, mesh, material)
         return self._ended(
             solved,
-            conserve_along_period(solved, walls.imposed(particles), mass),
+            conserve_along_period(solved, _imposed(solved, particles), mass),
             mesh,
             material,
             mass,
@@ -480,6 +482,12 @@ class FittedRemesher(Remesher):
 
     def _graded(self, particles: Particles, mesh: Mesh) -> Particles:
         return graded(particles, mesh, self._names, self._grading)
+
+
+def _imposed(solved: Solved, particles: Particles) -> Particles:
+    """The particles with the rates that walls and bodies prescribe."""
+    particles = solved.walls.imposed(particles)
+    return particles if solved.bodies is None else solved.bodies.imposed(particles)
 
 
 REMESHERS: dict[str, type[DelaunayRemesher] | type[FittedRemesher]] = {

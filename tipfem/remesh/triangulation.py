@@ -10,8 +10,8 @@ import numpy as np
 
 from tipfem.backend.launch import launch
 from tipfem.case.particles import Particles
-from tipfem.case.period import Period, no_period
 from tipfem.errors import TriangulationError
+from tipfem.geometry.period import Period, no_period
 from tipfem.mesh.mesh import Mesh
 from tipfem.remesh.edges import coarsen_refine, films_contacts, flips, refining
 from tipfem.remesh.edges import long_edges as edge_kernels

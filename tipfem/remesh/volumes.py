@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tipfem.backend.launch import launch
-from tipfem.case.period import Period, no_period
+from tipfem.geometry.period import Period, no_period
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE, Components
 from tipfem.mesh.mesh import Mesh, corners_among
 from tipfem.remesh import volume_kernels as kernels

@@ -303,4 +303,5 @@ def _require_in_box(what: str, at: Sequence[float], case: Case) -> None:
     if case.tank_motion is not None or any(wall.motion is not None for wall in case.walls):
         return  # walls that move may leave the box
     if (np.array(at) < lower).any() or (np.array(at) > upper).any():
-        raise ValueError(f"{what} is {list(at)} m; it must lie between {lower.tolist()} and {upper.tolist()} m")
+        place, low, high = (f"({', '.join(f'{x:.4g}' for x in point)})" for point in (at, lower, upper))
+        raise ValueError(f"{what} is {place} m; it must lie between {low} and {high} m")

@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING
 
+from tipfem.observer import Observer
 from tipfem.steering.commands import Advance, Command, Go, Pause, Stop
+
+if TYPE_CHECKING:
+    from tipfem.stepper import Stepper  # which starts Taichi
 
 WAIT = 0.05  # longest wait for a command while paused, after which signals are looked at again [s]
 
 
-class Steered(Protocol):
-    """What takes the commands that change the physics; see `tipfem.Simulation`."""
-
-    def steer(self, command: Command) -> None:
-        """Give a command."""
-
-
-class RunControl:
+class RunControl(Observer):
     """Takes commands between the steps of a run.
 
     Args:
-        receive: function of a time to wait [s], 0 for none, to the commands that have come since the last call.
+        receive: function of a time to wait [s], 0 for none, to the commands that have come since the last call; by
+            default none ever come.
         paused: whether the run begins with a pause.
         report: called with a line when a command is refused.
 
@@ -32,7 +30,7 @@ class RunControl:
 
     def __init__(
         self,
-        receive: Callable[[float], Sequence[Command]],
+        receive: Callable[[float], Sequence[Command]] = lambda _: (),
         *,
         paused: bool = False,
         report: Callable[[str], None] = lambda _: None,
@@ -46,35 +44,28 @@ class RunControl:
         """Whether no step is to be taken now."""
         return self.paused and not self._steps_left
 
-    def before_step(self, simulation: Steered, interrupted: Callable[[], bool]) -> bool:
-        """Carry out the commands that have come, and wait while the run is paused.
+    def ready(self, flow: Stepper, steer: Callable[[Command], None]) -> bool:
+        """Carry out the commands that have come; while the run is paused, wait for them a while.
 
         Args:
-            simulation: takes the commands that change the physics.
-            interrupted: whether the process has been told to stop.
+            flow: what takes the steps.
+            steer: takes the commands that change the physics.
 
         Returns:
-            Whether the next step is to be taken; if not, the run ends.
+            Whether the next step is to be taken now.
         """
-        self._take(simulation, 0.0)
-        while self.waits and not self.stopped and not interrupted():
-            self.idle(simulation)
-            self._take(simulation, WAIT)
-        if self.stopped or interrupted():
+        if self.waits:
+            self.idle(flow)
+        self._take(steer, WAIT if self.waits else 0.0)
+        if self.waits or self.stopped:
             return False
         self._steps_left = max(self._steps_left - 1, 0)
         return True
 
-    def after_step(self, simulation: Steered) -> None:
-        """A step has been taken; for what shows the run."""
-
-    def idle(self, simulation: Steered) -> None:
+    def idle(self, flow: Stepper) -> None:
         """The run waits; for what shows the run."""
 
-    def finished(self, simulation: Steered, status: str) -> None:
-        """The run has ended; for what shows the run."""
-
-    def _take(self, simulation: Steered, wait: float) -> None:
+    def _take(self, steer: Callable[[Command], None], wait: float) -> None:
         for command in self._receive(wait):
             try:
                 if isinstance(command, Pause):
@@ -86,6 +77,6 @@ class RunControl:
                 elif isinstance(command, Stop):
                     self.stopped = True
                 else:
-                    simulation.steer(command)
+                    steer(command)
             except ValueError as error:
                 self._report(str(error))

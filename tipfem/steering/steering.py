@@ -6,45 +6,18 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from tipfem.case.case import Case
-from tipfem.case.forces import Forces, PokeForce
+from tipfem.case.forces import PokeForce
 from tipfem.errors import SimulationError
 from tipfem.output import ResultsFolder
-from tipfem.remesh.remeshers import Remesher
-from tipfem.state import State
 from tipfem.steering.commands import Command, Drop, Gravity, Poke, Release
 from tipfem.steering.record import FILE, Record, read_records
-from tipfem.step.budget import AXES, Budget
-from tipfem.step.volume_source import VolumeControl
+from tipfem.step.budget import AXES
+from tipfem.stepper import Row, Stepper
 from tipfem.typing import Array
-
-
-class Steerable(Protocol):
-    """What commands change of a simulation; see `tipfem.Simulation`."""
-
-    case: Case
-    state: State
-    forces: Forces
-    remesher: Remesher
-    budget: Budget
-    volume_control: VolumeControl
-    results: ResultsFolder | None
-    history: list[dict[str, float]]
-
-    @property
-    def time(self) -> float:
-        """Of the present state [s]."""
-
-    @property
-    def step_number(self) -> int:
-        """How many steps have been taken."""
-
-    def make_consistent(self) -> None:
-        """Let the state at the start have its accelerations and pressures."""
 
 
 class Steering:
@@ -56,6 +29,7 @@ class Steering:
     Attributes:
         applied: the commands so far, at their steps.
         pending: those that are still to be repeated.
+        results: where they are written, or None.
 
     Raises:
         ValueError: the file cannot be read, or has a mistake.
@@ -70,9 +44,10 @@ class Steering:
             raise ValueError(f"steering is {source!r}; it must be the path of a steering.jsonl, or a list of records")
         self.pending = read_records(source) if isinstance(source, str | Path) else list(source)
         self.applied: list[Record] = []
+        self.results: ResultsFolder | None = None
         self._written: list[Record] = []  # those of pending that the results folder's file has already
 
-    def repeat(self, simulation: Steerable) -> None:
+    def repeat(self, simulation: Stepper) -> None:
         """Carry out the commands of the file that are due before the next step.
 
         Raises:
@@ -88,7 +63,7 @@ class Steering:
                     f"step {record.step} is refused: {error}"
                 ) from error
 
-    def give(self, simulation: Steerable, command: Command) -> Record:
+    def give(self, simulation: Stepper, command: Command) -> Record:
         """Carry out a command before the next step.
 
         Returns:
@@ -101,7 +76,7 @@ class Steering:
             raise ValueError(f"{command.name} is no command to the physics; give it to the run's control")
         return self._carry_out(simulation, command)
 
-    def _carry_out(self, simulation: Steerable, command: Command) -> Record:
+    def _carry_out(self, simulation: Stepper, command: Command) -> Record:
         command.require(simulation.case)
         simulation.make_consistent()  # with the forces so far, as a run that writes fields has done
         effect = _apply(simulation, command)
@@ -109,21 +84,22 @@ class Steering:
         self.applied.append(record)
         if self._written and self._written[0] == record:
             self._written.pop(0)
-        elif simulation.results:
+        elif self.results:
             if self._written:
                 lines = [each.line() for each in sorted([*self.applied, *self._written], key=lambda r: r.step)]
-                simulation.results.replace_lines(FILE, lines)
+                self.results.replace_lines(FILE, lines)
             else:
-                simulation.results.append_line(FILE, record.line())
+                self.results.append_line(FILE, record.line())
         return record
 
-    def wanted_volumes(self, simulation: Steerable) -> Array:
+    def wanted_volumes(self, simulation: Stepper, history: Sequence[Row]) -> Array:
         """(K, F) volumes that the fluids should have had in the K rows of the history, drops included.
 
         Args:
             simulation: whose history it is.
+            history: the rows.
         """
-        step = np.array([row["step"] for row in simulation.history], dtype=np.int64)
+        step = np.array([row["step"] for row in history], dtype=np.int64)
         wanted, fluids = np.tile(simulation.state.start_volume, (len(step), 1)), simulation.case.fluids
         for record in self.applied:
             if record.effect and f"volume_{fluids[0].name}" in record.effect:
@@ -131,29 +107,23 @@ class Steering:
                 wanted[step <= record.step] -= added
         return wanted
 
-    def content(self, simulation: Steerable) -> dict[str, Any]:
-        """All of it and the present forces, for a checkpoint."""
+    def content(self) -> dict[str, Any]:
+        """All of it, for a checkpoint."""
         return {
-            **_forces_record(simulation.forces),
             "applied": [record.line() for record in self.applied],
             "pending": [record.line() for record in self.pending],
         }
 
-    def go_on(self, simulation: Steerable, content: Mapping[str, Any] | None, results: Path) -> None:
-        """Take over the commands and forces of a checkpoint, and repeat the commands that a run gave after it.
+    def restore(self, content: Mapping[str, Any], results: Path) -> None:
+        """Take over the commands of a checkpoint, and repeat those that a run gave after it.
 
         Args:
-            simulation: at the checkpoint.
-            content: of the checkpoint, see `content`; None for a run that could not be steered.
+            content: of the checkpoint, see `content`.
             results: the results folder, whose file has the commands of the run.
 
         Raises:
             ValueError: the file has a mistake.
         """
-        if content is None:
-            return
-        simulation.forces = _forces_from(content)
-        simulation.volume_control.wanted = simulation.state.start_volume
         self.applied = [Record.parse(line) for line in content["applied"]]
         pending = [Record.parse(line) for line in content["pending"]]
         path = results / FILE
@@ -165,39 +135,21 @@ class Steering:
         self.pending = sorted([*later, *pending], key=lambda record: record.step)
 
 
-def _forces_record(forces: Forces) -> dict[str, Any]:
-    """Forces as plain values, for a checkpoint."""
-    poke = None if forces.poke is None else {key: _plain(value) for key, value in vars(forces.poke).items()}
-    return {"gravity": None if forces.gravity is None else list(forces.gravity), "poke": poke}
-
-
-def _forces_from(record: Mapping[str, Any]) -> Forces:
-    """The inverse of `_forces_record`."""
-    gravity, poke = record["gravity"], record["poke"]
-    if poke is not None:
-        poke = PokeForce(tuple(poke["at"]), tuple(poke["acceleration"]), poke["radius"], poke["end"])
-    return Forces(None if gravity is None else tuple(gravity), poke)
-
-
-def _plain(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
-
-
-def _gravity(simulation: Steerable, command: Gravity) -> None:
+def _gravity(simulation: Stepper, command: Gravity) -> None:
     simulation.forces = dataclasses.replace(simulation.forces, gravity=command.value)
 
 
-def _poke(simulation: Steerable, command: Poke) -> None:
+def _poke(simulation: Stepper, command: Poke) -> None:
     end = math.inf if command.duration is None else simulation.time + command.duration
     force = PokeForce(command.at, command.acceleration, command.radius, end)
     simulation.forces = dataclasses.replace(simulation.forces, poke=force)
 
 
-def _release(simulation: Steerable, command: Release) -> None:
+def _release(simulation: Stepper, command: Release) -> None:
     simulation.forces = dataclasses.replace(simulation.forces, poke=None)
 
 
-def _drop(simulation: Steerable, command: Drop) -> dict[str, Any]:
+def _drop(simulation: Stepper, command: Drop) -> dict[str, Any]:
     """Add a drop; returns what it changed of the totals."""
     case, before = simulation.case, simulation.state
     at = np.array(command.at)
@@ -218,7 +170,7 @@ def _drop(simulation: Steerable, command: Drop) -> dict[str, Any]:
     }
 
 
-_APPLIED: dict[type[Command], Callable[[Steerable, Any], dict[str, Any] | None]] = {
+_APPLIED: dict[type[Command], Callable[[Stepper, Any], dict[str, Any] | None]] = {
     Gravity: _gravity,
     Poke: _poke,
     Release: _release,
@@ -226,6 +178,6 @@ _APPLIED: dict[type[Command], Callable[[Steerable, Any], dict[str, Any] | None]]
 }
 
 
-def _apply(simulation: Steerable, command: Command) -> dict[str, Any] | None:
+def _apply(simulation: Stepper, command: Command) -> dict[str, Any] | None:
     """Carry out a command; returns what it changed at once, None for nothing."""
     return _APPLIED[type(command)](simulation, command)

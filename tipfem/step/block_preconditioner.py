@@ -25,12 +25,15 @@ def schur_rhs_row(
     r: Template,
     start,
     i,
-    nodes,
+    rows,
     dim: Template,
 ):
-    """r_p - D r_u at particle i without the scale of the rows, from a scaled residual r that begins at ``start``."""
+    """r_p - D r_u at node i without the scale of the rows, from a scaled residual r that begins at ``start``.
+
+    The matrix has ``rows`` nodes.
+    """
     row = i * (dim + 1) + dim
-    total, couplings = r[start + row], row_offsets[nodes]
+    total, couplings = r[start + row], row_offsets[rows]
     for s in range(row_offsets[i], row_offsets[i + 1]):
         at = start + columns[s] * (dim + 1)
         for k in ti.static(range(dim)):
@@ -51,10 +54,11 @@ def correct_row(
     z_start,
     i,
     nodes,
+    rows,
     dim: Template,
 ):
-    """Particle i's entries of z = (r_u + G z_p, z_p), z_p the solution in ``vectors``."""
-    u, couplings = displacement_of(r, r_start // (dim + 1) + i, dim), row_offsets[nodes]
+    """Node i's entries of z = (r_u + G z_p, z_p), z_p the solution in ``vectors`` at the first ``nodes``."""
+    u, couplings = displacement_of(r, r_start // (dim + 1) + i, dim), row_offsets[rows]
     for s in range(row_offsets[i], row_offsets[i + 1]):
         p = vectors[SOLUTION * nodes + columns[s]]
         for k in ti.static(range(dim)):
@@ -62,7 +66,9 @@ def correct_row(
     at = z_start + i * (dim + 1)
     for k in ti.static(range(dim)):
         z[at + k] = u[k]
-    z[at + dim] = vectors[SOLUTION * nodes + i]
+    z[at + dim] = 0.0
+    if i < nodes:
+        z[at + dim] = vectors[SOLUTION * nodes + i]
 
 
 @kernel
@@ -74,11 +80,12 @@ def schur_rhs(
     r: Reals1,
     vectors: Reals1,
     nodes: ti.i32,
+    rows: ti.i32,
     dim: Template,
 ):
     """The right-hand side in ``vectors``, see `tipfem.linalg.multigrid.grid_hierarchy`, from a scaled residual r."""
     for i in range(nodes):
-        vectors[RHS * nodes + i] = schur_rhs_row(row_offsets, columns, blocks, scale, r, 0, i, nodes, dim)
+        vectors[RHS * nodes + i] = schur_rhs_row(row_offsets, columns, blocks, scale, r, 0, i, rows, dim)
 
 
 @kernel
@@ -90,8 +97,9 @@ def correct(
     r: Reals1,
     z: Reals1,
     nodes: ti.i32,
+    rows: ti.i32,
     dim: Template,
 ):
     """z = (r_u + G z_p, z_p), z_p the solution in ``vectors``, which is 0 where pressure is prescribed."""
-    for i in range(nodes):
-        correct_row(row_offsets, columns, blocks, vectors, r, 0, z, 0, i, nodes, dim)
+    for i in range(rows):
+        correct_row(row_offsets, columns, blocks, vectors, r, 0, z, 0, i, nodes, rows, dim)

@@ -23,8 +23,9 @@ from tipfem.case.case import Case
 from tipfem.fem import mass as mass_kernels
 from tipfem.fem import work as work_kernels
 from tipfem.mesh.free_surface import spray_volumes
+from tipfem.physics.bodies.energy import BodyBalance, body_balance
 from tipfem.state import Solved, State
-from tipfem.step.body_budget import BodyBalance, body_balance
+from tipfem.step.roughness import roughness
 from tipfem.timers import timer
 from tipfem.typing import Array
 
@@ -171,7 +172,9 @@ class Budget:
         nothing = Totals(0.0, 0.0, zeros, none)
         balance = SolveBalance(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, none)
         self._open = not case.closed
-        self.columns = tuple(self._row(nothing, balance, nothing, none))
+        self._meshed = case.interface == "sharp" and case.closed
+        rough = self._roughness_columns(none.tolist(), 0.0) if self._meshed else {}
+        self.columns = (*self._row(nothing, balance, nothing, none), *rough)
         self._last: tuple[State, Totals] | None = None
 
     def totals(self, state: State) -> Totals:
@@ -184,7 +187,8 @@ class Budget:
     def account(self, solved: Solved, state: State) -> dict[str, float]:
         """Columns of the history for a step: energies [J], momenta [N s], forces [N], volumes [m^3].
 
-        All per metre of depth in 2-D. What remeshing adds includes relocation and the transfer of momentum.
+        All per metre of depth in 2-D. What remeshing adds includes relocation and the transfer of momentum. With the
+        sharp interface also `tipfem.step.roughness.roughness` of the next state.
 
         Args:
             solved: the step's solve.
@@ -192,7 +196,12 @@ class Budget:
         """
         before = self.totals(solved.before)
         spray = spray_volumes(state.mesh, state.particles.fluid, len(self._names))
-        return self._row(before, self._balance(solved, before), self.totals(state), spray)
+        row = self._row(before, self._balance(solved, before), self.totals(state), spray)
+        return row | self._roughness_columns(*roughness(state, len(self._names))) if self._meshed else row
+
+    def _roughness_columns(self, parts: list[float], turning: float) -> dict[str, float]:
+        names = [f"roughness_{name}" for name in self._names]
+        return {**dict(zip(names, parts, strict=True)), "interface_turning": turning}
 
     def _balance(self, solved: Solved, before: Totals) -> SolveBalance:
         """The balance of a solve from a state with the totals ``before``."""
@@ -225,11 +234,11 @@ class Budget:
         u = solved.displacement
         fields = [(solved.acceleration, u), (solved.force - self._gravity, u), (end.velocity, end.velocity)]
         sums[[0, 1, 2 + 2 * d]] -= deviations(start, self._kind, fields)
-        if work.slip and start.slip:
+        sums[0] += work.inertia
+        sums[2 : 2 + d] += scheme.dt * work.force
+        if start.slip:
             lumping = lumping_of(start, self._kind)[start.slip.cell]
-            sums[0] += work.slip.inertia
             sums[1] += start.slip.work(solved.force - self._gravity, u, lumping)
-            sums[2 : 2 + d] += scheme.dt * work.slip.force
             sums[2 + 2 * d] += start.slip.product(end.velocity, end.velocity, lumping)
             sums[3 + 2 * d : 3 + 3 * d] += start.slip.total(u)
             sums[3 + 3 * d :] += start.slip.total(end.velocity)
@@ -248,11 +257,21 @@ class Budget:
             stabilisation=work.stabilisation,
             source=-work.source,
             external=external + work.walls + work.friction,
-            wall_force=work.wall_force,
+            wall_force=np.asarray(work.wall_force),
             momentum_residual=change - scheme.dt * (weight + work.wall_force),
             source_volume=start.material.volumes(growth * start.mesh.measure) if growth.any() else np.zeros(count),
-            bodies=body_balance(self._bodies, self._gravity, solved) if self._floats else BodyBalance(),
+            bodies=self._of_bodies(solved),
         )
+
+    def _of_bodies(self, solved: Solved) -> BodyBalance:
+        """The balance of the bodies that float; nothing without any."""
+        if not self._floats:
+            return BodyBalance()
+        old, new, acceleration = solved.before.bodies, solved.bodies, solved.body_acceleration
+        assert old is not None
+        assert new is not None
+        assert acceleration is not None
+        return body_balance(self._bodies, self._gravity, old, new, acceleration, solved.scheme, solved.force)
 
     def _row(self, before: Totals, step: SolveBalance, now: Totals, spray: Array) -> dict[str, float]:
         """Columns of the history, from the totals before the step, of its solve, and of the next state.

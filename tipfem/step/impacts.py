@@ -72,8 +72,9 @@ def without_gain(case: Case, solved: Solved) -> Solved | None:
     u, v = solved.displacement, end.velocity
     ends, starts = _products(before, kind, [(v, v), (start.velocity, start.velocity)])
     falls = float(_products_of_particles(before, kind, [(solved.force, u)])[0])
-    if before.slip and work.slip:
-        falls += before.slip.work(solved.force, u, lumping_of(before, kind)[before.slip.cell]) + work.slip.weight
+    falls += work.weight
+    if before.slip:
+        falls += before.slip.work(solved.force, u, lumping_of(before, kind)[before.slip.cell])
     rise = 0.5 * (ends - starts) - falls - work.walls - work.friction
     height = -end.position @ case.potential_gravity
     energy = 0.5 * ends + float((mass * (height - height.min())).sum())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -11,76 +11,22 @@ from scipy import sparse
 from tipfem.backend.arrays import Buffers, download
 from tipfem.backend.launch import launch
 from tipfem.backend.runtime import require_short_loops
-from tipfem.case.period import Period
-from tipfem.fem import jacobian, schur
-from tipfem.fem.time_integration import TimeScheme
+from tipfem.fem import jacobian, matrix_free, schur
+from tipfem.fem.condensation import Condensation, Follows
+from tipfem.geometry.period import Period
 from tipfem.linalg import sparsity
 from tipfem.linalg.fgmres import Iteration
 from tipfem.linalg.multigrid.deflation import SubdomainDeflation
 from tipfem.linalg.multigrid.multigrid import BackgroundMultigrid
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.mesh import Mesh
+from tipfem.physics.term import Equations, Term, Topology
 from tipfem.step import block_preconditioner, fused_iteration
-from tipfem.step.interface_ties import InterfaceTies
-from tipfem.step.slip_rows import SlipRows
 from tipfem.typing import Array
 
 # Spacing of the finest background grid in particle spacings. Finer grids need as many iterations, and below 1.2 more:
 # edges then span more grid cells than the stencil.
 GRID_SPACING = 2.0
-# The Schur complement is 0.54 to 0.99 of the Laplacian with the time integration's cm (stabilisation 0.25). A factor
-# near the middle of that range saves a twentieth of the Krylov iterations.
-SCHUR_SCALE = 1.3
-
-
-class BodyCoupling(Protocol):
-    """The interface of the preconditioner to bodies that float; see `tipfem.step.body_rows.BodyRows`."""
-
-    arrays: tuple[Any, Any]
-
-    def add_rotations(self, v: Any, out: Any) -> None:
-        """Add to out = K v what rotations change in it beyond displacements."""
-
-    def product(self, v: Any, out: Any) -> None:
-        """Put the bodies' rows in place of their particles' in out = K v."""
-
-    def begin(self, r: Any) -> None:
-        """Give the bodies' particles in a residual the increments that the bodies' own matrices give."""
-
-    def clear(self, r: Any) -> None:
-        """Undo `begin`."""
-
-    def correct_pressure(self, vectors: Any) -> None:
-        """Correct the multigrid's solution for the mobility of the bodies."""
-
-    def end(self, z: Any) -> None:
-        """Set the bodies' increments in a correction, and displace their particles by them."""
-
-
-class WallCoupling(Protocol):
-    """The interface of the linear system to walls that slip; see `tipfem.walls.constraints.WallRows`."""
-
-    arrays: tuple[Any, Any]
-
-    def add_to(self, matrix: Csr) -> None:
-        """Add the derivative of friction at the last residual to a Jacobian's rows, and project them."""
-
-    def product(self, v: Any, out: Any) -> None:
-        """Add the same to the product of the elements' Jacobian with ``v``, and project it."""
-
-    def project_rows(self, out: Any) -> None:
-        """Project the momentum rows of a vector."""
-
-    def project(self, z: Any) -> None:
-        """Project the displacements of a correction."""
-
-
-class Topology(NamedTuple):
-    """Device arrays: cells (M, d + 1), and in CSR the cells of each particle (see `sparsity.list_corners`)."""
-
-    cells: Any
-    offsets: Any
-    corners: Any
 
 
 def covering_box(position: Array, spacing: float, last: Array | None = None, period: Period | None = None) -> Array:
@@ -150,254 +96,250 @@ class Workspace:
 
 
 class LinearSystem:
-    """The Jacobian K of a step in rows, and its block preconditioner with a multigrid cycle.
+    """The condensed Jacobian K of a step, and its block preconditioner with a multigrid cycle.
+
+    K is stored in rows, or its products are computed from the elements' linearisation: then only what terms add to it
+    is stored, and the preconditioner obtains products with the blocks D and G from products with K. See D. A. Knoll &
+    D. E. Keyes, Jacobian-free Newton-Krylov methods, Journal of Computational Physics 193, 2004; the products here are
+    exact, not differences of residuals.
 
     Args:
-        topology: of the mesh.
-        mesh: M simplices on N particles.
-        position: (N, d) device array [m].
-        material: device arrays (M,) of the elements' density [kg/m^3], viscosity [Pa s], and part of the mass matrix
-            that is lumped, see `tipfem.fem.mass`.
-        extremes: lowest and highest of the densities.
-        held: device array (N, 2), see `schur.scale_and_laplacian`: whether displacement and pressure are prescribed.
-        scale: device array (N (d + 1),) that takes the rows' scales, see `schur.scale_and_laplacian`.
-        scheme: time integration, with the step's length.
+        equations: of the step; their rows' scale is set here.
+        terms: of the step.
+        held: device array (P, 2), see `schur.scale_and_laplacian`: whether displacement and pressure are prescribed.
         multigrid: over a box around ``frame``.
-        frame: (N, d) positions of the particles in the frame of the grid [m].
-        spacing: of the particles [m].
-        buffers: device arrays by name, reused from step to step.
-        ties: between particles and their copies where the mesh is cut along interfaces; None where it is not.
-        surface: the particles (K,) on the free surface, and how their displacements change the volume (K, d); None
-            without.
-        floor: what the floor of the stabilisation's tau adds to it [s^2], see `tipfem.step.flow`.
-        slip: equations of liquids that slide along each other; None where none do.
+        frame: (P, d) positions of the nodes in the frame of the grid [m].
+        floor: what the floor of the stabilisation's tau adds to it [s^2], see `tipfem.step.problem`.
+        stores_rows: whether the Jacobian is stored in rows.
 
     Attributes:
-        stores_rows: whether the Jacobian is kept in rows.
-        multigrid: as given, with the pressure's operators of this step.
-        walls: those that slip; to be set when the system has been made.
-        bodies: bodies that float, None without any; to be set when the system has been made.
+        stores_rows, multigrid: as given, the latter with the pressure's operators of this step.
+        condensation: of displacements that follow others.
         deflation: the piecewise-constant coarse space.
-        rows: the Jacobian K on the device, blocks as in `tipfem.fem.jacobian`; set by `gather`.
+        rows: on the device, blocks as in `tipfem.fem.jacobian`, set by `gather`: the condensed Jacobian K, or, where it
+            is not stored, what terms add to it.
         pressure_laplacian: the approximate Schur complement on the device.
     """
 
-    stores_rows = True
-    walls: WallCoupling
-    bodies: BodyCoupling | None
-
     def __init__(
         self,
-        topology: Topology,
-        mesh: Mesh,
-        position: Any,
-        material: tuple[Any, Any, Any],
-        extremes: tuple[float, float],
+        equations: Equations,
+        terms: Sequence[Term],
         held: Any,
-        scale: Any,
-        scheme: TimeScheme,
         multigrid: BackgroundMultigrid,
         frame: Array,
-        spacing: float,
-        buffers: Buffers,
-        ties: InterfaceTies | None = None,
-        surface: tuple[Array, Array] | None = None,
         floor: float = 0.0,
-        slip: SlipRows | None = None,
+        *,
+        stores_rows: bool = True,
     ) -> None:
-        self._ties, self._slip, self.bodies = ties, slip, None
-        self._no_bodies = buffers.get("no_bodies.lists", 1, integer=True), buffers.get("no_bodies.data", 1)
-        self._topology, self._scale, self._scheme = topology, scale, scheme
-        self._density, _, self._lumping = material
-        self._nodes, self._elements, self._dimension = len(mesh.position), len(mesh.cells), mesh.dimension
-        self._buffers = buffers
-        n, d = self._nodes, self._dimension
+        self._equations, self._terms, self.stores_rows, self.multigrid = equations, terms, stores_rows, multigrid
+        self._buffers = buffers = equations.buffers
+        get, mesh, d = buffers.get, equations.nodes, equations.dimension
+        self._nodes, self._rows = len(equations.owner), equations.rows
+        n = self._nodes
         # Each corner names at most d neighbours.
-        padded = buffers.get("padded_columns", mesh.cells.size * d + n, integer=True)
-        row_offsets = buffers.get("row_offsets", n + 1, integer=True)
-        self._slots = buffers.get("slots", mesh.cells.size * d, integer=True)
-        arrays = (*topology, padded, row_offsets, self._slots)
+        padded = get("padded_columns", mesh.cells.size * d + n, integer=True)
+        row_offsets = get("row_offsets", n + 1, integer=True)
+        self._slots = get("slots", mesh.cells.size * d, integer=True)
+        arrays = (*equations.topology, padded, row_offsets, self._slots)
         launch(sparsity.find_neighbours, *arrays, n, d, work=(n, sparsity.NEIGHBOURS))
         count = launch(sparsity.running_sums, row_offsets, n)
-        columns = buffers.get("columns", count, integer=True)
-        self.pressure_laplacian = Csr(row_offsets, columns, buffers.get("laplacian", count))
+        columns = get("columns", count, integer=True)
+        laplacian = Csr(row_offsets, columns, get("laplacian", count))
         launch(
             schur.scale_and_laplacian,
-            *topology,
-            position,
+            *equations.topology,
+            equations.motion,
             mesh.period.array,
-            *material[:2],
+            equations.density,
+            equations.viscosity,
             held,
             padded,
             self._slots,
-            *self.pressure_laplacian,
-            scale,
-            scheme.cm,
-            scheme.cv,
-            SCHUR_SCALE,
+            *laplacian,
+            equations.scale,
+            equations.scheme.cm,
+            equations.scheme.cv,
+            schur.SCHUR_SCALE,
             floor,
-            spacing,
+            equations.particles.spacing,
             n,
             d,
             work=(n, schur.LAPLACIAN_ROW),
         )
-        if slip and self.stores_rows:
-            row_offsets, columns, count = slip.merged(*self.pressure_laplacian, n)
-        self.rows = Csr(row_offsets, columns, buffers.get("blocks", count * (d + 1) ** 2 if self.stores_rows else 0))
-        label = None
-        if surface is not None and len(surface[0]):
-            launch(
-                schur.add_grounds,
-                buffers.upload("surface", surface[0].astype(np.int32)),
-                buffers.upload("surface.gradient", surface[1]),
-                scale,
-                row_offsets,
-                self.pressure_laplacian.values,
-                SCHUR_SCALE,
-                len(surface[0]),
-                d,
-                work=(len(surface[0]), schur.GROUND),
-            )
-        if ties:
-            ties.join_scales(scale)
-            if slip:
-                slip.add_to_diagonal()
-                ties.spread(scale)
-            self.pressure_laplacian, label = ties.joined(self.pressure_laplacian, scale)
-        self.multigrid = multigrid
-        if frame is not mesh.position:
-            position = buffers.upload("frame", frame)
-        multigrid.build(position, self.pressure_laplacian, n, ties.groups if ties else None)
-        shape = (len(mesh.cells), n, d + 1)
+        for term in terms:
+            term.diagonal()
+        for term in terms:
+            term.diagonal_done()
+        for term in terms:
+            laplacian = term.schur_complement(laplacian)
+        self.pressure_laplacian = laplacian
+        self.condensation = self._condensation()
+        self.rows = self._pattern(row_offsets, columns, count)
+        position = equations.motion if frame is mesh.position else buffers.upload("frame", frame)
+        groups, labels = (
+            next((value for term in terms if (value := getattr(term, name)) is not None), None)
+            for name in ("groups", "labels")
+        )
+        multigrid.build(position, laplacian, n, groups)
+        density = equations.properties.density
         self.deflation = SubdomainDeflation(
-            topology.cells,
-            material[0],
-            extremes,
-            shape,
-            self.pressure_laplacian,
+            equations.topology.cells,
+            equations.density,
+            (density.min(initial=np.inf), density.max(initial=0.0)),
+            (len(mesh.cells), n, d + 1),
+            laplacian,
             multigrid.vectors,
             buffers,
-            label,
+            labels,
             position=frame,
         )
+        for term in terms:
+            term.prepare(self.solve_laplacian, multigrid.vectors)
+        found = [term.mobility for term in terms if term.mobility is not None]
+        self._no_mobility = get("no_bodies.lists", 1, integer=True), get("no_bodies.data", 1)
+        self._mobility = found[0] if found else None
 
-    def gather(self, record: Any) -> None:
-        """Sum the elements' linearisation of the last residual, (M, w) on the device, into the rows of K."""
-        s = self._scheme
+    def _relations(self) -> Follows:
+        """Of the terms, as they are now."""
+        parts = [follows for term in self._terms if (follows := term.follows()) is not None]
+        return Follows.together(parts, self._equations.dimension)
+
+    def _condensation(self) -> Condensation:
+        owner = np.concatenate([self._equations.owner, np.arange(self._nodes, self._rows)])
+        return Condensation(owner, self._relations(), self._buffers)
+
+    def _pattern(self, offsets: Any, columns: Any, count: int) -> Csr:
+        """The rows of the matrix: those of the mesh, if they are stored, and further couplings."""
+        get, put, n, rows = self._buffers.get, self._buffers.upload, self._nodes, self._rows
+        lists = [p for term in self._terms if (p := term.couplings(near=not self.stores_rows)) is not None]
+        one, other = (np.concatenate([np.zeros(0, dtype=np.int64), *(pair[k] for pair in lists)]) for k in (0, 1))
+        if self.stores_rows:
+            one, other = self.condensation.couplings(one, other, self._equations.nodes.cells)
+        else:
+            one, other = np.divmod(np.unique(one * rows + other), rows)
+            offsets = put("no_offsets", np.zeros(n + 1, dtype=np.int32))
+        if len(one) or not self.stores_rows or rows > n:
+            starts = np.zeros(rows + 1, dtype=np.int32)
+            np.cumsum(np.bincount(one, minlength=rows), out=starts[1:])
+            base = offsets, columns, put("added.offsets", starts), put("added.columns", other.astype(np.int32))
+            offsets = get("matrix.offsets", rows + 1, integer=True)
+            work = (rows, sparsity.MERGED_ROW)
+            launch(sparsity.count_merged, *base, offsets, n, rows, work=work)
+            count = launch(sparsity.running_sums, offsets, rows)
+            columns = get("matrix.columns", count, integer=True)
+            launch(sparsity.merge_columns, *base, offsets, columns, n, rows, work=work)
+        return Csr(offsets, columns, get("blocks", count * (self._equations.dimension + 1) ** 2))
+
+    def gather(self) -> None:
+        """Sum the elements' linearisation of the last residual, and what terms add to it, into the rows of K."""
+        e, s = self._equations, self._equations.scheme
+        if self.stores_rows:
+            launch(
+                jacobian.gather_rows,
+                *e.topology,
+                e.density,
+                e.lumping,
+                e.record,
+                e.scale,
+                self.rows.row_offsets,
+                self._slots,
+                self.rows.values,
+                s.cm,
+                s.cv,
+                s.cf,
+                self._nodes,
+                self._rows,
+                e.dimension,
+            )
+        else:
+            launch(jacobian.clear_rows, self.rows.row_offsets, self.rows.values, 0, self._rows, e.dimension)
+        for term in self._terms:
+            term.gather(self.rows)
+        self.condensation.set(self._relations())
+        if self.stores_rows:
+            self.condensation.condense(self.rows)
+            for term in self._terms:
+                term.gather_own(self.rows)
+
+    def product(self, v: Any, out: Any) -> None:
+        """out = K v, the derivative of the scaled residual along ``v``; both (R (d + 1),) on the device."""
+        d, rows = self._equations.dimension, self._rows
+        if self.stores_rows:
+            launch(jacobian.multiply, *self.rows, v, out, rows, d, work=(rows, jacobian.ROW))
+            return
+        full = self._buffers.get("matrix_free.full", self._equations.size)
+        launch(matrix_free.copy, v, full, self._equations.size, work=(rows, matrix_free.PARTICLE))
+        self.condensation.spread(full)
+        self._multiply_elements(full, out)
+        launch(jacobian.add_product, *self.rows, full, out, rows, d, work=(rows, jacobian.ROW))
+        self.condensation.collect(out)
+
+    def _multiply_elements(self, v: Any, out: Any) -> None:
+        """The part of a product that the elements give, before it is condensed."""
+        e, s = self._equations, self._equations.scheme
         launch(
-            jacobian.gather_rows,
-            *self._topology,
-            self._density,
-            self._lumping,
-            record,
-            self._scale,
-            self.rows.row_offsets,
-            self._slots,
-            self.rows.values,
+            matrix_free.jacobian_product,
+            *e.topology,
+            e.density,
+            e.lumping,
+            e.record,
+            e.scale,
+            v,
+            e.local,
+            out,
             s.cm,
             s.cv,
             s.cf,
+            len(e.mesh.cells),
             self._nodes,
-            self._dimension,
+            e.dimension,
         )
-        if self._slip:
-            self._slip.add_to(self.rows)
-        self.walls.add_to(self.rows)
-
-    def product(self, v: Any, out: Any) -> None:
-        """out = K v, the derivative of the scaled residual along ``v``; both (N (d + 1),) on the device."""
-        launch(
-            jacobian.multiply,
-            *self.rows,
-            v,
-            out,
-            self._nodes,
-            self._dimension,
-            work=(self._nodes, jacobian.ROW),
-        )
-        self._complete(v, out)
-        if self.bodies:
-            self.walls.project_rows(out)
-            self.bodies.product(v, out)
-
-    def _complete(self, v: Any, out: Any) -> None:
-        """Add to the product of the elements what rotations of bodies change, and join the rows of tied particles."""
-        if self.bodies:
-            self.bodies.add_rotations(v, out)
-        if self._ties:
-            self._ties.collect(out)
 
     def precondition(self, r: Any, z: Any) -> None:
         """z = M r ~ K^-1 r by the block factors of K with diag(A) and one V-cycle for the Schur complement.
 
-        See `tipfem.step.block_preconditioner`; r and z are (N (d + 1),) on the device.
+        See `tipfem.step.block_preconditioner`; r and z are (R (d + 1),) on the device.
         """
-        n, d, grid = self._nodes, self._dimension, self.multigrid
-        if self.bodies:
-            self.bodies.begin(r)
-        if self._ties:
-            self._ties.spread(r)
-        launch(block_preconditioner.schur_rhs, *self.rows, self._scale, r, grid.vectors, n, d)
-        if self._ties:
-            self._ties.clear(r)
-        if self.bodies:
-            self.bodies.clear(r)
+        n, d, vectors = self._nodes, self._equations.dimension, self.multigrid.vectors
+        scale = self._equations.scale
+        if self.stores_rows:
+            launch(block_preconditioner.schur_rhs, *self.rows, scale, r, vectors, n, self._rows, d)
+            self._solve_pressure()
+            launch(block_preconditioner.correct, *self.rows, vectors, r, z, n, self._rows, d)
+            return
+        work = (n, matrix_free.PARTICLE)
+        half, product = (self._buffers.get(f"matrix_free.{name}", self._equations.size) for name in ("half", "product"))
+        launch(matrix_free.copy_displacements, r, half, n, d, work=work)
+        self.product(half, product)
+        launch(matrix_free.schur_rhs, r, product, scale, vectors, n, d, work=work)
         self._solve_pressure()
-        launch(block_preconditioner.correct, *self.rows, grid.vectors, r, z, n, d)
-        if self._ties:
-            self._ties.collect(z)
-        self._constrain(z)
-
-    def _constrain(self, z: Any) -> None:
-        """Let the displacements of a correction follow walls and bodies, and those of copies their particles."""
-        self.walls.project(z)
-        if self.bodies:
-            self.bodies.end(z)
-        if self._ties:
-            self._ties.spread(z)
+        launch(matrix_free.copy_pressures, vectors, half, n, d, work=work)
+        self.product(half, product)
+        launch(matrix_free.block_correction, r, product, vectors, z, n, d, work=work)
 
     def _solve_pressure(self) -> None:
         """One cycle for the Schur complement, from the right-hand side to the solution in the grid's vectors."""
-        self.solve_pressure_without_bodies()
-        if self.bodies:
-            self.bodies.correct_pressure(self.multigrid.vectors)
+        self.solve_laplacian()
+        for term in self._terms:
+            term.correct_pressure(self.multigrid.vectors)
 
-    def solve_pressure_without_bodies(self) -> None:
+    def solve_laplacian(self) -> None:
         """One cycle for the pressure Laplacian, from the right-hand side to the solution in the grid's vectors."""
         self.multigrid.cycle()
         self.deflation.correct()
 
     @property
-    def fused(self) -> bool:
-        """Whether an iteration is one launch."""
-        return self.multigrid.fused
-
-    @property
     def iteration(self) -> Iteration | None:
         """An iteration of Krylov's method in one launch, where that is possible."""
-        return self._iterate if self.fused else None
+        return self._iterate if self.multigrid.fused and self.stores_rows else None
 
     def _iterate(self, k: int, krylov: Any, partial: Any, cancelled: float) -> None:
-        n = self._nodes
+        grid, n = self.multigrid, self._nodes
         launch(
             fused_iteration.iterate,
-            *self._operators(),
-            krylov,
-            partial,
-            k,
-            n,
-            cancelled,
-            self._dimension,
-            self.bodies is not None,
-            work=(n, fused_iteration.ITERATION),
-        )
-
-    def _operators(self) -> tuple[Any, ...]:
-        """Device arrays of the Jacobian and of the preconditioner, in the order of `fused_iteration`."""
-        grid = self.multigrid
-        return (
             *self.rows,
-            self._scale,
+            self._equations.scale,
             *self.pressure_laplacian,
             grid.vectors,
             grid.coordinates,
@@ -406,14 +348,28 @@ class LinearSystem:
             grid.grid,
             self.deflation.subdomains,
             grid.ties,
-            *self.walls.arrays,
-            *(self.bodies.arrays if self.bodies else self._no_bodies),
+            *(self._mobility or self._no_mobility),
+            krylov,
+            partial,
+            k,
+            n,
+            self._rows,
+            cancelled,
+            self._equations.dimension,
+            self._mobility is not None,
+            work=(n, fused_iteration.ITERATION),
         )
 
     def matrix(self) -> sparse.csr_matrix:
-        """K, scaled, as a SciPy matrix in CSR; unknowns interleaved as in vectors, rows of fixed unknowns empty."""
-        d, width = self._dimension, self._dimension + 1
-        row_offsets, columns, values = self._host(self.rows, width**2)
+        """K, scaled, as a SciPy matrix in CSR; unknowns interleaved as in vectors, rows of fixed unknowns empty.
+
+        Raises:
+            NotImplementedError: it is not stored.
+        """
+        if not self.stores_rows:
+            raise NotImplementedError("the matrix-free solve stores no rows; Numerics(jacobian='rows') does")
+        d, width = self._equations.dimension, self._equations.dimension + 1
+        row_offsets, columns, values = self._host(self.rows, self._rows, width**2)
         uu, up, pu, pp = np.split(values, len(columns) * np.array([d * d, d * width, d * (width + 1)]))
         blocks = np.empty((len(columns), width, width))
         blocks[:, :d, :d], blocks[:, :d, d] = uu.reshape(-1, d, d), up.reshape(-1, d)
@@ -422,11 +378,11 @@ class LinearSystem:
 
     def laplacian(self) -> sparse.csr_matrix:
         """The pressure Laplacian of the preconditioner as a SciPy matrix in CSR."""
-        row_offsets, columns, values = self._host(self.pressure_laplacian)
+        row_offsets, columns, values = self._host(self.pressure_laplacian, self._nodes)
         return sparse.csr_matrix((values, columns, row_offsets))
 
-    def _host(self, matrix: Csr, block: int = 1) -> tuple[Array, Array, Array]:
+    def _host(self, matrix: Csr, rows: int, block: int = 1) -> tuple[Array, Array, Array]:
         """Row offsets, columns and values of a matrix with ``block`` values for each column."""
-        row_offsets = download(matrix.row_offsets, self._nodes + 1)
+        row_offsets = download(matrix.row_offsets, rows + 1)
         count = int(row_offsets[-1])
         return row_offsets, download(matrix.columns, count), download(matrix.values, block * count).astype(float)

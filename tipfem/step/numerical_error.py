@@ -11,14 +11,17 @@ from tipfem.case.fluid import Fluid
 from tipfem.step.budget import AXES
 from tipfem.typing import Array
 
-LARGE = 0.01  # from here on a figure is a warning
+LARGE = 0.01  # from here on a part is a warning
+EARLY, PARTS = 0.25, 50  # the early part of a run, and how many parts are searched for the largest loss of energy
+TELLING = 1e-3  # part of the flow's energy, from which on it is told when it was lost
+ROUGH = "roughness_"
 AT_REST = 1e-10  # of the potential energy: energies below it are round-off of fluids at rest
 
 
 def numerical_error(
     history: Sequence[Mapping[str, float]], fluids: Sequence[Fluid], start_volume: Array
 ) -> dict[str, float]:
-    """What numerics took from the flow in all steps of a history, relative to the flow's own; negative where they gave.
+    """What numerics took from the flow in all steps of a history; negative where they gave.
 
     Args:
         history: rows with the columns of `Budget.account`.
@@ -27,11 +30,15 @@ def numerical_error(
             added on the way.
 
     Returns:
-        ``energy``: numerical dissipation less the residual of Newton's method, over the larger of the largest kinetic
-        energy and the range of the potential energy; ``momentum``: what remeshing and the residual took, over
-        sqrt(2 m E) with the mass m of the fluids and the largest kinetic energy E; ``volume_<fluid>``: part of each
-        fluid's volume, where it is largest in the run. Empty without steps; 0 where the flow has nothing of its own but
-        round-off.
+        Relative to the flow's own: ``energy``, numerical dissipation less the residual of Newton's method, over the
+        larger of the largest kinetic energy and the range of the potential energy; ``momentum``, what remeshing and the
+        residual took, over sqrt(2 m E) with the mass m of the fluids and the largest kinetic energy E;
+        ``volume_<fluid>``, part of each fluid's volume, where it is largest in the run.
+        To ``energy`` also: numerator ``energy_lost`` and denominator ``energy_of_flow`` [J, in 2-D per metre of depth];
+        ``early_time``, a quarter of the last time, and ``early_loss`` until then, a part of ``energy_lost``; and
+        ``time_of_loss``, the middle of the fiftieth of the run with the largest loss [s].
+        With the sharp interface: ``roughness_<fluid>`` and ``interface_turning`` [degrees] of the last step, see
+        `tipfem.step.roughness.roughness`. Empty without steps; 0 where the flow has nothing of its own but round-off.
     """
     if not history:
         return {}
@@ -42,13 +49,10 @@ def numerical_error(
     def relative(part: float, whole: float) -> float:
         return part / whole if whole > 0 else 0.0
 
-    potential = column("potential_energy")
-    kinetic, fallen, least = (
-        float(column("kinetic_energy").max()),
-        float(np.ptp(potential)),
-        AT_REST * abs(potential).max(),
-    )
-    energy = float((column("numerical_dissipation") - column("energy_residual")).sum())
+    kinetic, potential = float(column("kinetic_energy").max()), column("potential_energy")
+    own, least = max(kinetic, float(np.ptp(potential))), AT_REST * abs(potential).max()
+    losses, times = column("numerical_dissipation") - column("energy_residual"), column("time")
+    energy, end = float(losses.sum()), float(times[-1])
     axes = [axis for axis in AXES if f"momentum_{axis}" in history[0]]
     momentum = math.hypot(
         *(float((column(f"remeshing_momentum_{a}") + column(f"momentum_residual_{a}")).sum()) for a in axes)
@@ -56,26 +60,50 @@ def numerical_error(
     volumes = np.broadcast_to(start_volume, (len(history), len(fluids)))
     mass = sum(f.density * float(volume) for f, volume in zip(fluids, volumes[-1], strict=True))
     result = {
-        "energy": relative(energy, max(kinetic, fallen)) if max(kinetic, fallen) > least else 0.0,
+        "energy": relative(energy, own) if own > least else 0.0,
         "momentum": relative(momentum, math.sqrt(2 * mass * kinetic)) if kinetic > least else 0.0,
     }
     for f, volume in zip(fluids, volumes.T, strict=True):
         taken = volume - column(f"volume_{f.name}")
         result[f"volume_{f.name}"] = relative(float(taken[np.argmax(np.abs(taken))]), float(volume[-1]))
-    return result
+    parts = np.histogram(times, PARTS, (0.0, end), weights=losses)[0]
+    result |= {
+        "energy_lost": energy,
+        "energy_of_flow": own,
+        "early_time": EARLY * end,
+        "early_loss": float(losses[times <= EARLY * end].sum()) / energy if energy else 0.0,
+        "time_of_loss": (int(np.argmax(parts * np.sign(energy))) + 0.5) * end / PARTS,
+    }
+    rough = [name for name in history[-1] if name.startswith("roughness_") or name == "interface_turning"]
+    return result | {name: history[-1][name] for name in rough}
 
 
 def summary_line(errors: Mapping[str, float]) -> str:
     """The figures of `numerical_error` in one line, with a warning that names those above 1 %."""
-    texts = {}
-    for name, value in errors.items():
-        label = name.replace("volume_", "volume of ")
-        verb = "changed" if name == "momentum" else "took" if value >= 0 else "gave"
-        texts[name] = f"{verb} {abs(value):.2g} of the {label}"
-    large = [name.replace("volume_", "volume of ") for name, value in errors.items() if not abs(value) <= LARGE]
-    line = f"numerics {', '.join(texts.values())}"
+    parts = {name: e for name, e in errors.items() if name in ("energy", "momentum") or name.startswith("volume_")}
+    texts = [_energy(errors)]
+    for name, value in parts.items():
+        if name != "energy":
+            verb = "changed" if name == "momentum" else "took" if value >= 0 else "gave"
+            texts.append(f"{verb} {abs(value):.2g} of the {name.replace('volume_', 'volume of ')}")
+    rough = [f"{e:.2g} in {name[len(ROUGH) :]}" for name, e in errors.items() if name.startswith(ROUGH)]
+    line = f"numerics {', '.join(texts)}" + (
+        f"; roughness of velocities at the end {', '.join(rough)}" if rough else ""
+    )
+    large = [name.replace("volume_", "volume of ") for name, value in parts.items() if not abs(value) <= LARGE]
     return (
         f"warning: {line}; above 1 %: {', '.join(large)} (the documentation's page on warnings says what helps)"
         if large
         else line
     )
+
+
+def _energy(errors: Mapping[str, float]) -> str:
+    """How much energy, of how much, and when."""
+    lost, own = errors["energy_lost"], errors["energy_of_flow"]
+    verb, of = ("lost", "of") if lost >= 0 else ("added", "to")
+    text = f"{verb} {abs(lost):.2g} J {of} the flow's {own:.2g} J"
+    if not abs(errors["energy"]) > TELLING:
+        return text
+    early, time, worst = (errors[name] for name in ("early_loss", "early_time", "time_of_loss"))
+    return f"{text} ({early:.0%} of it before t = {time:.3g} s, most at t = {worst:.3g} s)"

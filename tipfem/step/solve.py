@@ -17,15 +17,16 @@ from tipfem.fem.mass import lumped_part
 from tipfem.fem.time_integration import BackwardEuler, GeneralizedAlpha, TimeScheme
 from tipfem.linalg.newton import newton
 from tipfem.mesh.mesh import Mesh
+from tipfem.physics.term import ElementProperties
+from tipfem.physics.walls.motion import set_off
+from tipfem.physics.walls.step import walls_in_step
 from tipfem.state import Solved, State, lumped
-from tipfem.step.flow import ElementProperties, FlowProblem
 from tipfem.step.impacts import JUMP, UNCERTAIN, velocity_jump, without_gain
 from tipfem.step.linear_system import Workspace
+from tipfem.step.problem import FlowProblem
+from tipfem.step.terms import terms_of
 from tipfem.timers import timer
 from tipfem.typing import Array
-from tipfem.walls.bodies import BodyWalls
-from tipfem.walls.motion import set_off
-from tipfem.walls.step import walls_in_step
 
 
 def first_not_finite(particles: Particles, when: str, fields: Mapping[str, Array] | None = None) -> str:
@@ -143,8 +144,7 @@ class StepSolver:
         """Solve a step of length ``dt`` [s] from a state.
 
         With generalized-alpha, and then again with backward Euler's method if velocities jump in the step, or if the
-        time integration adds energy that cannot be taken back; see `tipfem.step.impacts`. Bodies that float have
-        generalized-alpha always.
+        time integration adds energy that cannot be taken back; see `tipfem.step.impacts`.
 
         Args:
             state: at the start of the step.
@@ -158,8 +158,6 @@ class StepSolver:
             SimulationError: the walls' motions change the tank's volume.
         """
         solved = self._solve(GeneralizedAlpha(self.case.numerics.rho_inf, dt), state, growth, end)
-        if any(body.floats for body in self.case.bodies):
-            return solved
         jump = velocity_jump(self.case, solved)
         if jump <= JUMP:
             calm = without_gain(self.case, solved)
@@ -200,7 +198,11 @@ class StepSolver:
         """
         case, numerics, before, mesh, dt = self.case, self.case.numerics, state.particles, state.mesh, scheme.dt
         varies = self.forces.vary(case, state.time)
-        position = before.position + scheme.cf * scheme.predict(before) if varies else before.position
+        position = (
+            before.position + scheme.cf * scheme.predict(before.velocity, before.acceleration)
+            if varies
+            else before.position
+        )
         force = self.forces.acceleration(case, position, state.time + scheme.cf * dt, state.time)
         lumping = None
         if numerics.mass != "lumped":
@@ -209,11 +211,7 @@ class StepSolver:
         walls = walls_in_step(
             state.boundary, mesh, before, material.viscosity, scheme, state.time, material.density, state.layers
         )
-        if state.bodies is not None:
-            walls = BodyWalls(walls, case.bodies, state.bodies, before, state.time)
-        jump = state.pressure_jump
-        if jump is None and case.two_sided:
-            jump = np.zeros((len(case.fluids), len(before)))
+        terms = terms_of(case, state, walls, scheme)
         time = flow_time(case, state, self._frequency)
         problem = FlowProblem(
             mesh,
@@ -223,12 +221,10 @@ class StepSolver:
             force,
             numerics.stabilisation,
             self.workspace,
-            walls,
-            numerics.jacobian,
-            state.grid_box,
-            jump,
-            0.0 if fading else time,
-            state.slip if jump is not None else None,
+            terms,
+            stores_rows=numerics.jacobian == "rows",
+            box=state.grid_box,
+            flow_time=0.0 if fading else time,
         )
         tolerance = numerics.tolerance(
             force if varies else force[:1],
@@ -253,7 +249,7 @@ class StepSolver:
         )
         limits = problem.last_limits(result.solution)
         displacement, pressure = problem.split(result.solution)
-        problem.settle_bodies(result.solution)
+        problem.settle(result.solution)
         if not (limits.finite and math.isfinite(result.norm)):
             solution = {"displacement": displacement, "pressure": pressure}
             raise StepRefused(
@@ -268,8 +264,9 @@ class StepSolver:
         if not mesh.surface.front.any():
             level = float(pressure[state.reference] if state.reference >= 0 else _mean(mesh, pressure))
             pressure -= level
-        particles = walls.finish(before, displacement, scheme.advance(before, displacement, pressure))
-        particles = mesh.surface.landed(before, particles, force, dt)
+        particles = scheme.advance(before, displacement, pressure)
+        for term in terms:
+            particles = term.finish(displacement, particles)
         particles = particles.shallow_copy(position=mesh.period.wrapped(particles.position))
         return Solved(
             before=state,
@@ -286,11 +283,10 @@ class StepSolver:
             newton_iterations=result.iterations,
             krylov_iterations=result.krylov_iterations,
             residual=result.norm,
-            pressure_jump=problem.pressure_jump(result.solution),
-            bodies=walls.after if isinstance(walls, BodyWalls) else None,
             uniform=not varies,
             reactions=problem.reactions(result.solution),
             level=level,
+            **{name: value for term in terms for name, value in term.results(result.solution).items()},
         )
 
     def divergence_free(self, state: State, dt: float) -> State:
@@ -364,6 +360,8 @@ class StepSolver:
             particles = set_off(state.boundary, particles.shallow_copy(acceleration=acceleration), 0.25 * dt)
         bodies = state.bodies
         if bodies is not None:
+            assert whole.body_acceleration is not None
+            assert half.body_acceleration is not None
             floats = np.array([body.floats for body in self.case.bodies])[:, None]
             acceleration = 2 * whole.body_acceleration - half.body_acceleration
             bodies = dataclasses.replace(bodies, acceleration=np.where(floats, acceleration, bodies.acceleration))

@@ -7,9 +7,9 @@ from typing import Any
 
 from cyclopts import App
 
+from tipfem.app.running import bad_input, said
 from tipfem.casefile.describing import toml_value
 from tipfem.casefile.options import Flag, Whole
-from tipfem.casefile.running import bad_input, said
 from tipfem.study.study import Study, load_study
 
 
@@ -70,7 +70,10 @@ def sweep(
         return 2
 
     def ended(failures: dict[str, str]) -> None:
-        _write(read, failures)
+        try:
+            _write(read, failures)
+        except OSError as error:  # a full disk, say; the runs go on, and the table is written after the next one
+            print(f"note: the table cannot be written: {error}")
 
     progress = Sweep(read, crew, print, ended)
     try:

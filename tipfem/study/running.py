@@ -18,8 +18,9 @@ from pathlib import Path
 from typing import Protocol
 
 from tipfem.casefile.describing import write_case
-from tipfem.checkpoint import FOLDER
+from tipfem.folder_lock import FolderLock
 from tipfem.output import CASE_FILE
+from tipfem.run.checkpoint import FOLDER
 from tipfem.stop_request import StopRequest
 from tipfem.study.study import Run, Study
 from tipfem.study.table import status_of
@@ -188,6 +189,8 @@ def prepare(study: Study, *, overwrite: bool) -> None:
                 raise ValueError(
                     f"{folder} holds a run of another case; choose another folder for the study, or say --overwrite"
                 )
+            if (overwrite or not same) and FolderLock(folder).is_held():
+                raise ValueError(f"{folder}: a run is writing there; stop it first, or choose another folder")
             if overwrite:
                 shutil.rmtree(folder / FOLDER, ignore_errors=True)
                 (folder / "summary.json").unlink(missing_ok=True)
@@ -242,7 +245,10 @@ class Sweep:
                 for name, (run, task) in list(pending.items()):
                     if not task.done():
                         continue
-                    outcome = task.result()
+                    try:
+                        outcome = task.result()
+                    except OSError as error:  # of this run: its folder is gone or full, or no process could start
+                        outcome = Outcome(1, f"cannot be started or followed: {error}")
                     killed = outcome.code < 0 or outcome.code in (130, 143)
                     if killed and starts[name] < MOST_STARTS:
                         self.said(f"{name}: killed; it goes on from its checkpoint")

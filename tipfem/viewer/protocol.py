@@ -27,6 +27,7 @@ shape |
 | `{"type": "follow", "what": "front"}` | move the window with a front or a fluid, as `View.follow`; null to stop |
 | `{"type": "pick", "pane": 0, "at": [0.1, 0.2], "history": false}` * | ask for the values at a point |
 | `{"type": "picture"}` * | ask for the present picture with its axes, as a PNG file |
+| `{"type": "alive"}` | asks for an answer, by which the page knows that the connection carries messages |
 | `{"type": "record", "on": true}` | begin a movie of what is seen, or end it and ask for the file |
 | `{"type": "command", "name": "poke", ...}` | a command to the simulation, see below |
 
@@ -59,6 +60,7 @@ colour; then the images, one after another |
 `values`), the nearest one |
 | `history` | `pane`, `at`, `times`, `values`: lists by field at the point, null outside the fluids; `done`, the share |
 | a file | JSON: `type` "file", `name`, `mime`; then its bytes |
+| `alive` | an answer to `alive` |
 | `error` | `text`: one line |
 | `bye` | `text`: why the viewer ends |
 """
@@ -74,7 +76,7 @@ from typing import Any
 VERSION = 1
 LARGEST = 16_384  # bytes of a message from a page
 AHEAD = 2  # frames sent before the first of them is acknowledged
-WATCHERS = frozenset({"ack", "visible", "pick", "picture"})  # what is answered for every page
+WATCHERS = frozenset({"ack", "alive", "visible", "pick", "picture"})  # what is answered for every page
 SIZES = (64, 4096)  # [px], sides of a picture
 LAYERS = ("mesh", "particles", "fill", "arrows", "streamlines", "contours", "tracers", "colour_all")
 _FARTHEST = 1e9  # largest magnitude of a number [SI]
@@ -154,6 +156,7 @@ _POINT, _LENGTH = _numbers(2), _number(1e-12)
 # What each message must have; a key that ends in "?" may be left out.
 _MESSAGES: dict[str, dict[str, Check]] = {
     "ack": {"frame": _whole(0, 2**53)},
+    "alive": {},
     "visible": {"on": _flag},
     "size": {"width": _whole(*SIZES), "height": _whole(*SIZES), "ratio": _number(0.25, 8)},
     "theme": {"dark": _flag},

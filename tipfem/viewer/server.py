@@ -16,9 +16,11 @@ import secrets
 import signal
 import socket
 import sys
+import tempfile
 import webbrowser
 from collections.abc import Callable, Sequence
 from importlib import resources
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -149,6 +151,7 @@ class ViewServer:
         try:
             async for text in connection:
                 self.session.receive(page, text)
+                await asyncio.sleep(0)  # a page that sends without end leaves the others their turn
         except ConnectionClosed:
             pass
         finally:
@@ -193,13 +196,32 @@ async def _serve(
             loop.add_signal_handler(number, session.close, "the viewer was ended")
     say(f"Open {server.address}")
     say(forwarding(server.port))
+    door: Path | None = None
     if browser and _has_display() and not any(source.ended for source in sources):
-        await asyncio.to_thread(webbrowser.open, server.address)
+        door = await asyncio.to_thread(open_browser, server.address)
     try:
         await session.run()
         await asyncio.sleep(0.1)  # for the goodbyes
     finally:
         await server.close()
+        if door is not None:
+            door.unlink(missing_ok=True)
+
+
+def open_browser(address: str) -> Path:
+    """Open a browser on a file, of the user alone, that leads to the address; returns the file.
+
+    The address holds the token, which other users of the machine would read in the browser's command line.
+    """
+    number, name = tempfile.mkstemp(prefix="tipfem-view-", suffix=".html")  # readable by its owner alone
+    page = (
+        '<!doctype html><meta charset="utf-8"><title>tipfem</title>'
+        f'<meta http-equiv="refresh" content="0; url={address}"><a href="{address}">tipfem</a>\n'
+    )
+    with os.fdopen(number, "w", encoding="utf-8") as file:
+        file.write(page)
+    webbrowser.open(Path(name).as_uri())
+    return Path(name)
 
 
 def forwarding(port: int) -> str:

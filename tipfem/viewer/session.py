@@ -295,6 +295,9 @@ class Session:
     def _take_ack(self, page: Page, frame: int) -> None:
         page.waiting = [number for number in page.waiting if number > frame]
 
+    def _take_alive(self, page: Page) -> None:
+        page.say("alive")
+
     def _take_visible(self, page: Page, on: bool) -> None:
         page.visible = on
         page.waiting.clear()

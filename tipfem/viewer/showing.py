@@ -76,9 +76,19 @@ class Showing:
         times = [pane.source.times for pane in self.panes]
         return min(each[0] for each in times), max(each[-1] for each in times)
 
+    @property
+    def times(self) -> list[float]:
+        """The stored times of all sources, each once [s]."""
+        return sorted({time for pane in self.panes for time in pane.source.times})
+
+    def index(self) -> int:
+        """The number among `times` of the one that is shown."""
+        times = np.asarray(self.times)
+        return len(times) - 1 if self.live else int(np.argmin(np.abs(times - self.time)))
+
     def interval(self) -> float:
         """Usual time between stored times [s]; a second if there is only one."""
-        times = self.panes[0].source.times
+        times = self.times
         return float(np.median(np.diff(times))) if len(times) > 1 else 1.0
 
     def show(self, time: float) -> None:
@@ -87,9 +97,9 @@ class Showing:
         self.time = min(max(time, first), last)
 
     def step(self, count: int) -> None:
-        """Go on by a number of stored times of the first source, or back."""
-        times = self.panes[0].source.times
-        self.time = times[min(max(self.panes[0].index_at(self.time) + count, 0), len(times) - 1)]
+        """Go on by a number of stored times, or back."""
+        times = self.times
+        self.time = times[min(max(self.index() + count, 0), len(times) - 1)]
 
     def go_on(self, passed: float) -> bool:
         """Let the time go on; returns whether another stored time is to be shown.
@@ -196,11 +206,10 @@ class Showing:
     def status(self) -> dict[str, Any]:
         """What pages are told again and again; see the message `status`."""
         first, last = self.ends()
-        times = self.panes[0].source.times
         return {
             "time": self.time,
-            "index": self.indices()[0],
-            "times": {"first": first, "last": last, "count": len(times), "interval": self.interval()},
+            "index": self.index(),
+            "times": {"first": first, "last": last, "count": len(self.times), "interval": self.interval()},
             "playing": self.playing,
             "speed": self.speed,
             "runs": self.runs,

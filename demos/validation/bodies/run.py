@@ -15,16 +15,16 @@ waves of a piston at three frequencies have the height over its stroke of linear
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from tipfem.demos import harness
 from tipfem.demos.support.figures import COLOURS, new_figure, save
-from tipfem.demos.support.options import study_parser
+from tipfem.demos.support.options import Counts, Flag, Several
 from tipfem.demos.validation.bodies import flows, waves
 
 import tipfem as tp
@@ -205,6 +205,7 @@ def half_period(time: Array, values: Array) -> float:
     return float(zeros[1] - zeros[0]) if len(zeros) > 1 else math.nan
 
 
+Flow = Literal["draught", "surface", "light", "rolling", "falling", "oscillating", "stirring", "heaving", "wavemaker"]
 STUDIES: dict[str, tuple[Callable[[int, bool], tuple[Figures, Curve]], str]] = {
     "draught": (draught, "draught of the box / Archimedes"),
     "surface": (at_surface, "the same, free surface"),
@@ -259,29 +260,36 @@ def plot(path: Path, curves: Mapping[str, Mapping[int, Curve]]) -> None:
     save(figure, path)
 
 
-def main(words: Sequence[str] | None = None) -> None:
-    """Run with the given command line, or the process's."""
-    parser = study_parser(__doc__, "bodies", STUDIES, None, "resolutions; by default those of each flow")
-    parser.add_argument("--short", action="store_true", help="coarse, a few minutes")
-    given = parser.parse_args(words)
-    sizes, limits = (SHORT, SHORT_LIMITS) if given.short else (FINE, LIMITS)
-    given.out.mkdir(parents=True, exist_ok=True)
+def main(
+    *,
+    flow: Several[Flow] | None = None,
+    across: Counts | None = None,
+    short: Flag = False,
+    out: Path = Path("out/validation/bodies"),
+) -> int:
+    """Run the flows at all resolutions.
+
+    Args:
+        flow: which flows; by default all.
+        across: resolutions; by default those of each flow.
+        short: coarse, a few minutes.
+        out: folder for the results.
+    """
+    sizes, limits = (SHORT, SHORT_LIMITS) if short else (FINE, LIMITS)
+    tp.init()
+    out.mkdir(parents=True, exist_ok=True)
     results: dict[str, dict[int, Figures]] = {}
     curves: dict[str, dict[int, Curve]] = {}
-    with harness.one_message():
-        tp.init()
-        for flow in given.flow:
-            for across in given.across or sizes[flow]:
-                figures, curve = STUDIES[flow][0](across, given.short)
-                results.setdefault(flow, {})[across] = figures
-                curves.setdefault(flow, {})[across] = curve
-                print(flow, across, {name: f"{value:.4g}" for name, value in figures.items()})
+    for name in flow or STUDIES:
+        for n in across or sizes[name]:
+            figures, curve = STUDIES[name][0](n, short)
+            results.setdefault(name, {})[n] = figures
+            curves.setdefault(name, {})[n] = curve
+            print(name, n, {key: f"{value:.4g}" for key, value in figures.items()})
+    plot(out / "bodies.png", curves)
     missed = [line for runs in results.values() for line in check(runs[max(runs)], limits)]
-    summary = {"flows": results, "check": missed or "passed"}
-    (given.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    plot(given.out / "bodies.png", curves)
-    harness.conclude(given.out, missed)
+    return harness.report(out, {"flows": results}, missed)
 
 
 if __name__ == "__main__":
-    main()
+    harness.command(__name__)

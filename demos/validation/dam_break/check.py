@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -151,12 +150,14 @@ class DamBreak(harness.Check):
         further = surface_figures_of(simulation.history) if self.free_surface else {}
         return figures_of(simulation.history) | further
 
-    def missed(self, figures: Mapping[str, float], options: argparse.Namespace) -> list[str]:
+    def missed(self, figures: Mapping[str, float], options: harness.Options) -> list[str]:
         """See the function `missed`."""
         return missed(figures, options.spacing, free_surface=self.free_surface)
 
-    def plot(self, simulation: tp.Simulation, figures: Mapping[str, float], options: argparse.Namespace) -> None:
-        """front.png: the front among the experiments."""
+    def plot(self, simulation: tp.Simulation, figures: Mapping[str, float], options: harness.Options) -> None:
+        """front.png: the front among the experiments, of two steps at least."""
+        if len(simulation.history) < 2:
+            return
         graded = getattr(options, "air_spacing", None) is not None
         kind = "free surface" if self.free_surface else "graded" if graded else ""
         runs = {label(options.spacing, kind): fronts_of(simulation.history)}

@@ -10,21 +10,19 @@ python -m tipfem demo validation/dam_break --compare out/5mm out/2mm
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from tipfem.demos import harness
-from tipfem.demos.support.options import ShowDefaults
+from tipfem.demos.support.options import Arch, Positives, Rule, Several
 from tipfem.demos.validation.dam_break import case, check, experiments
 
 import tipfem as tp
-from tipfem.case.case import DEFAULT_INTERFACE, INTERFACES
 
 # Resolution.
-SPACINGS = [0.01, 0.005]  # [m]
+SPACINGS = (0.01, 0.005)  # [m]
 END_TIME = 0.3  # [s]; T = 3.5
 
 
@@ -45,7 +43,7 @@ def read_run(folder: Path) -> tuple[float, bool, list[dict[str, float]]]:
     return spacing, graded, rows
 
 
-def compare(folders: Sequence[Path], out: Path) -> dict[str, dict[str, float]]:
+def compared(folders: Sequence[Path], out: Path) -> dict[str, dict[str, float]]:
     """Draw the fronts of finished runs in one figure, ``out``/fronts.png, and print their figures.
 
     Returns:
@@ -77,44 +75,38 @@ def simulate(spacing: float, interface: str, out: Path) -> tuple[Path, list[str]
         time_step=case.TIME_STEP,
         columns={"front": case.front, "column_height": case.column_height},
     )
-    harness.run_to_end(simulation, END_TIME)
+    simulation.run(END_TIME)
     missed = check.missed(check.figures_of(simulation.history), spacing)
     return out / f"{spacing * 1e3:g}mm", [f"{check.label(spacing)}: {text}" for text in missed]
 
 
-def main(words: Sequence[str] | None = None) -> None:
-    """Run with the given command line, or the process's."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0], formatter_class=ShowDefaults)
-    add = parser.add_argument
-    add("--spacing", type=harness.positive, nargs="+", default=SPACINGS, metavar="H", help="of each run [m]")
-    add("--interface", choices=sorted(INTERFACES), default=DEFAULT_INTERFACE, help="rule for the interface")
-    add("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run; cuda is untried")
-    add("--out", type=Path, default=Path("out/validation/dam_break"), metavar="FOLDER", help="for the results")
-    add(
-        "--compare",
-        type=Path,
-        nargs="+",
-        default=[],
-        metavar="RUN",
-        help="run nothing; draw the fronts of these folders of finished runs in one figure, fronts.png",
-    )
-    given = parser.parse_args(words)
-    missed: list[str] = []
-    with harness.one_message():
-        if given.compare:
-            compare(given.compare, given.out)
-        else:
-            tp.init(arch=given.arch)
-            runs = [simulate(spacing, given.interface, given.out) for spacing in given.spacing]
-            figures = compare([folder for folder, _ in runs], given.out)
-            missed = [text for _, texts in runs for text in texts]
-            summary = {"interface": given.interface, "figures": figures, "check": missed or "passed"}
-            (given.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    if given.compare:
-        print(f"results: {(given.out / 'fronts.png').resolve()}")
-    else:
-        harness.conclude(given.out, missed)
+def main(
+    *,
+    spacing: Positives = SPACINGS,
+    interface: Rule = "sharp",
+    arch: Arch = "cpu",
+    out: Path = Path("out/validation/dam_break"),
+    compare: Several[Path] | None = None,
+) -> int:
+    """Run the dam break at each spacing.
+
+    Args:
+        spacing: of each run [m].
+        interface: rule for the interface.
+        arch: where the kernels run.
+        out: folder for the results.
+        compare: run nothing; draw the fronts of these folders of finished runs in one figure, fronts.png.
+    """
+    if compare:
+        compared(compare, out)
+        print(f"results: {(out / 'fronts.png').resolve()}")
+        return 0
+    tp.init(arch=arch)
+    runs = [simulate(h, interface, out) for h in spacing]
+    figures = compared([folder for folder, _ in runs], out)
+    missed = [text for _, texts in runs for text in texts]
+    return harness.report(out, {"interface": interface, "figures": figures}, missed)
 
 
 if __name__ == "__main__":
-    main()
+    harness.command(__name__)

@@ -16,18 +16,16 @@ python -m tipfem demo validation/drop --flow stretching
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from tipfem.demos import harness
 from tipfem.demos.support.figures import COLOURS, new_figure, save
-from tipfem.demos.support.options import study_parser
+from tipfem.demos.support.options import Arch, Counts, Several
 
 import tipfem as tp
 
@@ -152,31 +150,34 @@ def plot(path: Path, summary: dict[str, dict[int, dict[str, Any]]]) -> None:
     save(figure, path)
 
 
-def main(words: Sequence[str] | None = None) -> None:
-    """Run with the given command line, or the process's."""
-    parser = study_parser(__doc__, "drop", TURNING, list(RESOLUTIONS), "particles in the radius")
-    parser.add_argument("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run")
-    given = parser.parse_args(words)
-    summary: dict[str, dict[int, dict[str, Any]]] = {}
-    missed: list[str] = []
-    with harness.one_message():
-        tp.init(arch=given.arch)
-        given.out.mkdir(parents=True, exist_ok=True)
-        for flow in given.flow:
-            summary[flow] = {}
-            for across in given.across:
-                result = summary[flow][across] = drop(across, TURNING[flow])
-                print(flow, across, {name: value for name, value in result.items() if name != "shape"}, flush=True)
-            missed += check(flow, summary[flow])
-    plot(given.out / "drop.png", summary)
-    figures: dict[str, Any] = {
-        flow: {n: {k: v for k, v in r.items() if k != "shape"} for n, r in runs.items()}
-        for flow, runs in summary.items()
-    }
-    figures["check"] = missed or "passed"
-    (given.out / "summary.json").write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
-    harness.conclude(given.out, missed)
+def main(
+    *,
+    flow: Several[Literal["stretching", "turning"]] = ("stretching", "turning"),
+    across: Counts = RESOLUTIONS,
+    arch: Arch = "cpu",
+    out: Path = Path("out/validation/drop"),
+) -> int:
+    """Run the drops at all resolutions.
+
+    Args:
+        flow: which flows.
+        across: particles in the radius.
+        arch: where the kernels run.
+        out: folder for the results.
+    """
+    tp.init(arch=arch)
+    out.mkdir(parents=True, exist_ok=True)
+    runs: dict[str, dict[int, dict[str, Any]]] = {}
+    figures: dict[str, Any] = {}
+    for name in flow:
+        runs[name], figures[name] = {}, {}
+        for n in across:
+            runs[name][n] = drop(n, TURNING[name])
+            figures[name][n] = {key: value for key, value in runs[name][n].items() if key != "shape"}
+            print(name, n, figures[name][n], flush=True)
+    plot(out / "drop.png", runs)
+    return harness.report(out, figures, [text for name in runs for text in check(name, runs[name])])
 
 
 if __name__ == "__main__":
-    main()
+    harness.command(__name__)

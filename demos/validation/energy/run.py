@@ -13,8 +13,6 @@ each spectral radius rho_inf of the time integration, and adds up the budget of 
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,11 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 from tipfem.demos import harness
 from tipfem.demos.support.figures import BLUE, GREEN, ORANGE, PURPLE, VERMILION, new_figure, save
-from tipfem.demos.support.options import ShowDefaults
+from tipfem.demos.support.options import Arch, Positive, Rule, Several
 from tipfem.demos.validation.dam_break import case as dam_break
 
 import tipfem as tp
-from tipfem.case.case import INTERFACES
 
 PARTS = ("time", "geometry", "stabilisation", "source", "remeshing")
 SPACING = 0.01  # [m]
@@ -197,40 +194,46 @@ def plot(path: Path, runs: Mapping[str, Sequence[Mapping[str, float]]]) -> None:
     save(figure, path)
 
 
-def main(words: Sequence[str] | None = None) -> None:
-    """Run with the given command line, or the process's."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0], formatter_class=ShowDefaults)
-    add = parser.add_argument
-    add("--spacing", type=float, default=SPACING, metavar="H", help="distance between particles [m]")
-    add("--end-time", type=float, default=END_TIME, metavar="T", help="simulated time to run to [s]")
-    add("--time-step", type=float, default=TIME_STEP, metavar="DT", help="largest time step [s]")
-    add("--rho-inf", type=float, nargs="+", default=[0.0, 0.8], metavar="R", help="of generalized-alpha, 0 to 1")
-    add("--interface", choices=sorted(INTERFACES), default="interpolated", help="elements between two fluids")
-    add("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run; cuda is untried")
-    add("--out", type=Path, default=Path("out/validation/energy"), metavar="FOLDER", help="folder for the results")
-    given = parser.parse_args(words)
+def main(
+    *,
+    spacing: Positive = SPACING,
+    end_time: Positive = END_TIME,
+    time_step: Positive = TIME_STEP,
+    rho_inf: Several[float] = (0.0, 0.8),
+    interface: Rule = "interpolated",
+    arch: Arch = "cpu",
+    out: Path = Path("out/validation/energy"),
+) -> int:
+    """Run the dam break with each time integration.
+
+    Args:
+        spacing: distance between particles [m].
+        end_time: simulated time to run to [s].
+        time_step: largest time step [s].
+        rho_inf: of generalized-alpha, 0 to 1.
+        interface: rule for the elements between two fluids.
+        arch: where the kernels run.
+        out: folder for the results.
+    """
+    tp.init(arch=arch)
     results: list[dict[str, float]] = []
     runs: dict[str, list[dict[str, float]]] = {}
-    with harness.one_message():
-        tp.init(arch=given.arch)
-        for rho_inf in given.rho_inf:
-            result, runs[f"rho_inf = {rho_inf:g}"] = measure(
-                given.spacing,
-                rho_inf=rho_inf,
-                interface=given.interface,
-                end_time=given.end_time,
-                time_step=given.time_step,
-                out=given.out / f"rho_inf_{rho_inf:g}",
-            )
-            results.append(result)
-    (given.out / "table.md").write_text(table(results), encoding="utf-8")
-    missed = [f"rho_inf {r['rho_inf']:g}: {text}" for r in results for text in check(r)]
-    summary = {"interface": given.interface, "runs": results, "check": missed or "passed"}
-    (given.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    plot(given.out / "energy.png", runs)
+    for rho in rho_inf:
+        result, runs[f"rho_inf = {rho:g}"] = measure(
+            spacing,
+            rho_inf=rho,
+            interface=interface,
+            end_time=end_time,
+            time_step=time_step,
+            out=out / f"rho_inf_{rho:g}",
+        )
+        results.append(result)
+    (out / "table.md").write_text(table(results), encoding="utf-8")
+    plot(out / "energy.png", runs)
     print(table(results))
-    harness.conclude(given.out, missed)
+    missed = [f"rho_inf {r['rho_inf']:g}: {text}" for r in results for text in check(r)]
+    return harness.report(out, {"interface": interface, "runs": results}, missed)
 
 
 if __name__ == "__main__":
-    main()
+    harness.command(__name__)

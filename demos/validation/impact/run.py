@@ -15,8 +15,6 @@ python -m tipfem demo validation/impact --across 30 --starts 10 --end-time 5    
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tipfem.demos import harness
 from tipfem.demos.support.figures import COLOURS, new_figure, save
+from tipfem.demos.support.options import Count, Counts, Positive
 
 import tipfem as tp
 
@@ -101,7 +100,7 @@ def simulate(across: int, out: Path, end: float = END, start: int = 0) -> Run:
         probes=gauges,
         overwrite=True,
     )
-    harness.run_to_end(simulation, end * CLOCK)
+    simulation.run(end * CLOCK)
     return scaled(tp.read_results(out))
 
 
@@ -241,43 +240,40 @@ def plot_corner(path: Path, runs: Mapping[str, Sequence[Run]]) -> None:
     save(figure, path)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run what the command line asks for."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
-    parser.add_argument("--across", type=int, nargs="+", default=[20, 30], help="particles over the column's height")
-    parser.add_argument("--starts", type=int, default=1, metavar="N", help="runs of each, from perturbed starts")
-    parser.add_argument("--end-time", type=harness.positive, default=END, metavar="T", help="[sqrt(H / g)]")
-    parser.add_argument("--out", type=Path, default=Path("out/impact"), help="folder for the results")
-    given = parser.parse_args(arguments)
-    if given.starts < 1:
-        parser.error(f"--starts is {given.starts}; it must be 1 or more")
+def main(
+    *, across: Counts = (20, 30), starts: Count = 1, end_time: Positive = END, out: Path = Path("out/impact")
+) -> int:
+    """Run the impact at all resolutions, from one start or several.
+
+    Args:
+        across: particles over the column's height.
+        starts: runs of each resolution, from perturbed starts.
+        end_time: simulated time to run to [sqrt(H / g)].
+        out: folder for the results.
+    """
     tp.init()
     measured_time, measured_pressure = experiment()
     measured = figures_of(measured_time, measured_pressure, integral(measured_time, measured_pressure))
     runs, found, spread, lines = dict[str, list[Run]](), dict[str, Any](), dict[str, Any](), list[str]()
-    for across in sorted(given.across):
-        label, figures = f"H / {across}", []
+    for n in sorted(across):
+        label, figures = f"H / {n}", []
         runs[label] = []
-        for start in range(given.starts):
-            out = given.out / (f"{across}_{start}" if start else f"{across}")
-            with harness.one_message():
-                runs[label].append(simulate(across, out, given.end_time, start))
+        for start in range(starts):
+            runs[label].append(simulate(n, out / (f"{n}_{start}" if start else f"{n}"), end_time, start))
             gauge = runs[label][-1]["pressure"]
             figures.append(figures_of(gauge.time, gauge.pressure, gauge.impulse))
             print(f"{label}: " + ", ".join(f"{name} {value:.3g}" for name, value in figures[-1].items()))
-            lines += [f"{label}: {line}" for line in missed(figures[-1], measured, given.end_time)]
-        found[label] = figures[0] if given.starts == 1 else figures
-        if given.starts > 1:
+            lines += [f"{label}: {line}" for line in missed(figures[-1], measured, end_time)]
+        found[label] = figures[0] if starts == 1 else figures
+        if starts > 1:
             spread[label] = spread_of(figures)
             means = (f"{name} {mean:.3f} +- {deviation:.3f}" for name, (mean, deviation) in spread[label].items())
-            print(f"{label}, {given.starts} starts: " + ", ".join(means))
+            print(f"{label}, {starts} starts: " + ", ".join(means))
     print("experiment: " + ", ".join(f"{name} {value:.3g}" for name, value in measured.items()))
-    content = {"figures": found, "spread": spread, "experiment": measured, "check": lines or "passed"}
-    (given.out / "summary.json").write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-    plot(given.out / "pressure.png", runs)
-    plot_corner(given.out / "corner.png", runs)
-    harness.conclude(given.out, lines)
+    plot(out / "pressure.png", runs)
+    plot_corner(out / "corner.png", runs)
+    return harness.report(out, {"figures": found, "spread": spread, "experiment": measured}, lines)
 
 
 if __name__ == "__main__":
-    main()
+    harness.command(__name__)

@@ -16,15 +16,14 @@ docs/theory/interfaces.md says what came out.
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from tipfem.demos import harness
+from tipfem.demos.support.options import Arch, Count, Flag, Positive, Several
 from tipfem.demos.validation.dam_break import case as dam_break
 from tipfem.demos.validation.dam_break import check as experiment
 from tipfem.demos.validation.dam_break import experiments
@@ -119,6 +118,7 @@ def sloshing(out: Path, cells: int, end: float) -> Figures:
     return figures
 
 
+Study = Literal["rest", "dam", "sloshing"]
 STUDIES: dict[str, Callable[..., Figures]] = {"rest": rest, "dam": dam, "sloshing": sloshing}
 
 ROWS = {
@@ -201,50 +201,47 @@ def warm_up() -> None:
     flows.advance(flows.started(cases, None, time_step=4e-3), 0.2)
 
 
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the studies named on the given command line, or the process's."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
-    add = parser.add_argument
-    add("--short", action="store_true", help="coarse and quick: for a look, and for the tests")
-    add("--only", nargs="+", choices=list(STUDIES), default=list(STUDIES), help="which flows")
-    add("--rest-cells", type=int, metavar="N", help="spacings along an edge of the layers at rest")
-    add("--spacing", type=float, metavar="H", help="of the dam break's particles [m]")
-    add("--sloshing-end", type=float, metavar="T", help="simulated time of the sloshing [s]")
-    add("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run; cuda is untried")
-    add("--out", type=Path, default=Path("out/validation/interfaces"), metavar="FOLDER", help="folder for the results")
-    given = parser.parse_args(words)
-    for name in ("rest_cells", "spacing", "sloshing_end"):
-        value = getattr(given, name)
-        if value is not None and not (np.isfinite(value) and value > 0):
-            harness.stop(f"--{name.replace('_', '-')} is {value:g}; it must be > 0")
-    sizes = dict(SHORT if given.short else FINE)
-    if given.rest_cells is not None:
-        sizes["rest"] = (given.rest_cells, sizes["rest"][1])
-    if given.spacing is not None:
-        sizes["dam"] = (given.spacing, sizes["dam"][1])
-    if given.sloshing_end is not None:
-        sizes["sloshing"] = (sizes["sloshing"][0], given.sloshing_end)
+def main(
+    *,
+    short: Flag = False,
+    only: Several[Study] | None = None,
+    rest_cells: Count | None = None,
+    spacing: Positive | None = None,
+    sloshing_end: Positive | None = None,
+    arch: Arch = "cpu",
+    out: Path = Path("out/validation/interfaces"),
+) -> int:
+    """Run the flows with both rules.
+
+    Args:
+        short: coarse and quick, for a look, and for the tests.
+        only: which flows; by default all.
+        rest_cells: spacings along an edge of the layers at rest.
+        spacing: of the dam break's particles [m].
+        sloshing_end: simulated time of the sloshing [s].
+        arch: where the kernels run.
+        out: folder for the results.
+    """
+    sizes = dict(SHORT if short else FINE)
+    sizes["rest"] = (rest_cells or sizes["rest"][0], sizes["rest"][1])
+    sizes["dam"] = (spacing or sizes["dam"][0], sizes["dam"][1])
+    sizes["sloshing"] = (sizes["sloshing"][0], sloshing_end or sizes["sloshing"][1])
     figures: Figures = {rule: {} for rule in flows.RULES}
     seconds: dict[str, float] = {}
-    try:
-        given.out.mkdir(parents=True, exist_ok=True)
-        tp.init(arch=given.arch)
-        warm_up()
-        for name in given.only:
-            began = time.perf_counter()
-            for rule, found in STUDIES[name](given.out, *sizes[name]).items():
-                figures[rule] |= found
-            seconds[name] = round(time.perf_counter() - began, 1)
-            print(f"{name}: {seconds[name]:.0f} s", flush=True)
-    except (ValueError, RuntimeError, OSError) as error:
-        harness.stop(str(error))
-    missed = check(figures, sizes["dam"][0], given.short)
-    (given.out / "table.md").write_text(table(figures), encoding="utf-8")
-    summary = {"short": given.short, "wall_seconds": seconds, "figures": figures, "check": missed or "passed"}
-    (given.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    out.mkdir(parents=True, exist_ok=True)
+    tp.init(arch=arch)
+    warm_up()
+    for name in only or STUDIES:
+        began = time.perf_counter()
+        for rule, found in STUDIES[name](out, *sizes[name]).items():
+            figures[rule] |= found
+        seconds[name] = round(time.perf_counter() - began, 1)
+        print(f"{name}: {seconds[name]:.0f} s", flush=True)
+    (out / "table.md").write_text(table(figures), encoding="utf-8")
     print(table(figures))
-    harness.conclude(given.out, missed)
+    summary = {"short": short, "wall_seconds": seconds, "figures": figures}
+    return harness.report(out, summary, check(figures, sizes["dam"][0], short))
 
 
 if __name__ == "__main__":
-    main()
+    harness.command(__name__)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -54,7 +53,7 @@ class LayersAtRest(harness.Check):
         """The largest error of a particle's pressure over the largest pressure."""
         return {"pressure_error": profiles.PressureWatch(self.layers, self.gravity, since=np.inf)}
 
-    def begin(self, simulation: tp.Simulation, options: argparse.Namespace) -> None:
+    def begin(self, simulation: tp.Simulation, options: harness.Options) -> None:
         """Keep the state after the first step, for the figure: that of another simulation of the case."""
         self.first = tp.Simulation(simulation.case, time_step=options.time_step)
         self.first.step()
@@ -74,7 +73,7 @@ class LayersAtRest(harness.Check):
             "rest_speed": float(speed[time >= time[-1] / 2].max()),
         }
 
-    def missed(self, figures: Mapping[str, float], options: argparse.Namespace) -> list[str]:
+    def missed(self, figures: Mapping[str, float], options: harness.Options) -> list[str]:
         """What a run misses of what is expected of it; only the sharp rule has to keep still."""
         limits = {
             "pressure_error_first_step": LARGEST_PRESSURE_ERROR,
@@ -85,7 +84,7 @@ class LayersAtRest(harness.Check):
             limits["rest_speed"] = LARGEST_REST_SPEED
         return harness.above(figures, limits)
 
-    def plot(self, simulation: tp.Simulation, figures: Mapping[str, float], options: argparse.Namespace) -> None:
+    def plot(self, simulation: tp.Simulation, figures: Mapping[str, float], options: harness.Options) -> None:
         """layers.png: pressure, density and viscosity along the height."""
         states = {} if self.first is None else {"after the first step": self.first}
         states[f"t = {simulation.time:g} s"] = simulation
@@ -145,7 +144,7 @@ class LayersTurnOver(harness.Check):
         """The largest error of a particle's pressure over the largest pressure."""
         return {"pressure_error": lambda simulation: self.watch(simulation)}
 
-    def begin(self, simulation: tp.Simulation, options: argparse.Namespace) -> None:
+    def begin(self, simulation: tp.Simulation, options: harness.Options) -> None:
         """Compute the layers at the end from the volumes at the start."""
         since = max(0.9 * options.end_time, options.end_time - AVERAGED)
         self._watch = profiles.PressureWatch(self.inverted(simulation), self.gravity, since=since)
@@ -169,7 +168,7 @@ class LayersTurnOver(harness.Check):
             "volume_error": volume_error(history, self.watch.layers, self.width),
         }
 
-    def missed(self, figures: Mapping[str, float], options: argparse.Namespace) -> list[str]:
+    def missed(self, figures: Mapping[str, float], options: harness.Options) -> list[str]:
         """What a run misses of what is expected of it; one that ends early is judged by its volumes alone."""
         missed = harness.above(figures, {"volume_error": LARGEST_VOLUME_ERROR})
         if options.end_time < END_TIME:  # still falling
@@ -179,6 +178,6 @@ class LayersTurnOver(harness.Check):
                 missed.append(f"{name} is {figures[name]:.4f}, below {limit:g}")
         return missed
 
-    def plot(self, simulation: tp.Simulation, figures: Mapping[str, float], options: argparse.Namespace) -> None:
+    def plot(self, simulation: tp.Simulation, figures: Mapping[str, float], options: harness.Options) -> None:
         """pressure.png: pressure along the height at the end, and its mean."""
         profiles.plot_pressure(Path(options.out) / "pressure.png", simulation, self.watch)

@@ -16,17 +16,15 @@ python -m tipfem demo validation/periodic --flow shear
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from tipfem.demos import harness
 from tipfem.demos.support.figures import COLOURS, new_figure, save
-from tipfem.demos.support.options import study_parser
+from tipfem.demos.support.options import Arch, Counts, Several
 from tipfem.demos.validation.periodic import box
 from tipfem.demos.validation.periodic.stability import Mode, Shear, fastest
 from tipfem.demos.validation.waves import run as waves
@@ -198,6 +196,11 @@ def wave(across: int, periods: float = 2.0) -> dict[str, Any]:
     }
 
 
+def without_fields(result: dict[str, Any]) -> dict[str, Any]:
+    """The figures of a run, and its course, without the vorticity of all particles."""
+    return {name: value for name, value in result.items() if name != "vorticity"}
+
+
 def _numbers(result: dict[str, Any]) -> dict[str, Any]:
     """The figures of a run that are printed, without courses and fields."""
     return {name: value for name, value in result.items() if name not in ("course", "vorticity")}
@@ -205,6 +208,7 @@ def _numbers(result: dict[str, Any]) -> dict[str, Any]:
 
 MEASURES = {"taylor-green": taylor_green, "channel": channel, "shear": shear, "wave": wave}
 MEASURES |= {"vortex-box": box.vortex_box, "layer-box": box.layer_box}
+Flow = Literal["taylor-green", "channel", "shear", "wave", "vortex-box", "layer-box"]
 ORDERED = ("taylor-green", "vortex-box", "layer-box")
 
 
@@ -288,33 +292,37 @@ def plot_boxes(path: Path, flows: dict[str, dict[int, dict[str, Any]]]) -> None:
     save(figure, path)
 
 
-def main(words: Sequence[str] | None = None) -> None:
-    """Run with the given command line, or the process's."""
-    parser = study_parser(__doc__, "periodic", MEASURES, None, "resolutions, of all flows; by default each has its own")
-    parser.add_argument("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run")
-    given = parser.parse_args(words)
-    summary: dict[str, Any] = {}
-    missed: list[str] = []
-    with harness.one_message():
-        tp.init(arch=given.arch)
-        given.out.mkdir(parents=True, exist_ok=True)
-        for flow in given.flow:
-            results = {}
-            for across in given.across or RESOLUTIONS[flow]:
-                results[across] = MEASURES[flow](across)
-                print(flow, across, _numbers(results[across]))
-            summary[flow] = results
-            missed += check(flow, results)
-    drawn = {flow: summary[flow] for flow in ("vortex-box", "layer-box") if flow in summary}
+def main(
+    *,
+    flow: Several[Flow] | None = None,
+    across: Counts | None = None,
+    arch: Arch = "cpu",
+    out: Path = Path("out/validation/periodic"),
+) -> int:
+    """Run the flows at all resolutions.
+
+    Args:
+        flow: which flows; by default all.
+        across: resolutions, of all flows; by default each has its own.
+        arch: where the kernels run.
+        out: folder for the results.
+    """
+    tp.init(arch=arch)
+    out.mkdir(parents=True, exist_ok=True)
+    runs: dict[str, dict[int, dict[str, Any]]] = {}
+    for name in flow or MEASURES:
+        runs[name] = {}
+        for n in across or RESOLUTIONS[name]:
+            runs[name][n] = MEASURES[name](n)
+            print(name, n, _numbers(runs[name][n]))
+    drawn = {name: runs[name] for name in ("vortex-box", "layer-box") if name in runs}
     if "layer-box" in drawn:
-        plot_boxes(given.out / "box.png", drawn)
-        summary["layer-box"] = {n: _numbers(result) for n, result in summary["layer-box"].items()}
-    summary["check"] = missed or "passed"
-    (given.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    if "shear" in summary:
-        plot(given.out / "shear.png", summary["shear"])
-    harness.conclude(given.out, missed)
+        plot_boxes(out / "box.png", drawn)
+    if "shear" in runs:
+        plot(out / "shear.png", runs["shear"])
+    kept = {name: {n: without_fields(result) for n, result in results.items()} for name, results in runs.items()}
+    return harness.report(out, kept, [text for name in runs for text in check(name, runs[name])])
 
 
 if __name__ == "__main__":
-    main()
+    harness.command(__name__)

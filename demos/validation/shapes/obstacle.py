@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -70,7 +69,7 @@ class Obstacle(harness.Check):
         """The front, and the height of the jet."""
         return {"front": front, "jet": jet}
 
-    def begin(self, simulation: tp.Simulation, options: argparse.Namespace) -> None:
+    def begin(self, simulation: tp.Simulation, options: harness.Options) -> None:
         """Keep the volume of the water."""
         self.start = simulation.volume("water")
 
@@ -83,7 +82,7 @@ class Obstacle(harness.Check):
             found[f"jet_{at:.2f}"] = float(np.interp(at, time, height)) if time[-1] >= at else math.nan
         return {**found, "volume_error": simulation.volume("water") / self.start - 1}
 
-    def missed(self, figures: Mapping[str, float], options: argparse.Namespace) -> list[str]:
+    def missed(self, figures: Mapping[str, float], options: harness.Options) -> list[str]:
         """What is farther from interFoam than allowed."""
         missed = []
         if not abs(figures["volume_error"]) <= LARGEST_VOLUME_ERROR and options.interface == "sharp":
@@ -97,7 +96,7 @@ class Obstacle(harness.Check):
                     missed.append(f"{name} is {figures[name]:.4g}, {error:+.1%} of interFoam's {REFERENCE[name]:.4g}")
         return missed
 
-    def plot(self, simulation: tp.Simulation, figures: Mapping[str, float], options: argparse.Namespace) -> None:
+    def plot(self, simulation: tp.Simulation, figures: Mapping[str, float], options: harness.Options) -> None:
         """Front and height over time."""
         figure = new_figure(7.0, 4.0)
         axes = figure.add_subplot()

@@ -15,18 +15,16 @@ degrees, where the surface stays a straight line and omega^2 h / g = 1 (Lamb, Hy
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from tipfem.demos import harness
 from tipfem.demos.support.figures import COLOURS, new_figure, save
-from tipfem.demos.support.options import ShowDefaults
+from tipfem.demos.support.options import Arch, Count, Counts, Several
 
 import tipfem as tp
 
@@ -40,6 +38,7 @@ OILS = (tp.Fluid("oil", density=1000.0, viscosity=10.0), tp.Fluid("heavy oil", d
 BETWEEN = 0.75  # radius of the interface of two rings [m]
 TILT = 0.02  # of the surface at the start of sloshing [rad]
 # Cells across, of the two runs of each flow.
+Flow = Literal["couette", "rings", "rest", "circle", "wedge"]
 ACROSS = {"couette": (8, 16), "rings": (8, 16), "rest": (10, 20), "circle": (10, 16), "wedge": (20, 30)}
 LIMITS = {"speed": 0.01, "torque": 0.02, "speed_at_rest": 1e-9, "period": 0.02}
 # Of the rms error of the speed between circles; from 8 to 16 spacings across it is 1.66, with two oils 1.60.
@@ -212,33 +211,36 @@ def table(figures: Mapping[str, Mapping[str, float]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def main(words: Sequence[str] | None = None) -> None:
-    """Run with the given command line, or the process's."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0], formatter_class=ShowDefaults)
-    add = parser.add_argument
-    add("--flow", choices=list(ACROSS), nargs="+", default=list(ACROSS), help="which flows")
-    add("--across", type=int, nargs="+", default=None, metavar="N", help="spacings across; by default two of each flow")
-    add("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run")
-    add("--threads", type=int, default=None, help="of the processor; by default all")
-    add("--out", type=Path, default=Path("out/validation/shapes"), metavar="FOLDER", help="folder for the results")
-    given = parser.parse_args(words)
+def main(
+    *,
+    flow: Several[Flow] | None = None,
+    across: Counts | None = None,
+    arch: Arch = "cpu",
+    threads: Count | None = None,
+    out: Path = Path("out/validation/shapes"),
+) -> int:
+    """Run the flows at all resolutions.
+
+    Args:
+        flow: which flows; by default all.
+        across: spacings across; by default two of each flow.
+        arch: where the kernels run.
+        threads: of the processor; by default all.
+        out: folder for the results.
+    """
+    tp.init(arch=arch, threads=threads)
     results: dict[str, Any] = {}
     drawn: dict[str, Array] = {}
-    with harness.one_message():
-        tp.init(arch=given.arch, threads=given.threads)
-        for flow in given.flow:
-            figures, curves = measure(flow, given.across or ACROSS[flow])
-            results.update(figures)
-            drawn.update(curves)
-    missed = [text for name, figures in results.items() for text in check(name, figures)]
-    given.out.mkdir(parents=True, exist_ok=True)
-    summary = {"runs": results, "check": missed or "passed"}
-    (given.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    (given.out / "table.md").write_text(table(results), encoding="utf-8")
-    plot(given.out / "shapes.png", drawn)
+    for name in flow or ACROSS:
+        figures, curves = measure(name, across or ACROSS[name])
+        results.update(figures)
+        drawn.update(curves)
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "table.md").write_text(table(results), encoding="utf-8")
+    plot(out / "shapes.png", drawn)
     print(table(results))
-    harness.conclude(given.out, missed)
+    return harness.report(out, {"runs": results}, [text for name, one in results.items() for text in check(name, one)])
 
 
 if __name__ == "__main__":
-    main()
+    harness.command(__name__)

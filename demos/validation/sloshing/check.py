@@ -7,7 +7,6 @@ a exp(-2 nu k^2 t) cos(w t) with w^2 = g k tanh(k H) and k = pi / L: H. Lamb, Hy
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -108,7 +107,7 @@ class StandingWave(harness.Check):
             }
         return figures
 
-    def missed(self, figures: Mapping[str, float], options: argparse.Namespace) -> list[str]:
+    def missed(self, figures: Mapping[str, float], options: harness.Options) -> list[str]:
         """What a run misses of what is expected of it."""
         missed = harness.above(figures, {"volume_error": LARGEST_VOLUME_ERROR})
         if not abs(figures.get("period_over_theory", 1.0) - 1) <= LARGEST_PERIOD_ERROR:
@@ -117,7 +116,7 @@ class StandingWave(harness.Check):
             missed.append(f"damping is {figures['damping']:.4f} 1/s, far off {self.damping:.4f} 1/s")
         return missed
 
-    def plot(self, simulation: tp.Simulation, figures: Mapping[str, float], options: argparse.Namespace) -> None:
+    def plot(self, simulation: tp.Simulation, figures: Mapping[str, float], options: harness.Options) -> None:
         """amplitude.png: the amplitude over time, beside theory's."""
         time, size = (np.array([row[name] for row in simulation.history]) for name in ("time", "amplitude"))
         theory = damped_wave(time, self.amplitude, self.frequency, self.damping, 0.0)

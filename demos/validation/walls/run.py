@@ -10,17 +10,16 @@ that slip and between walls that do not; tanks that are shaken, tanks that roll,
 
 from __future__ import annotations
 
-import argparse
 import csv
-import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from tipfem.demos import harness
+from tipfem.demos.support.options import Arch, Flag, Several
 from tipfem.demos.validation.dam_break import case as dam_break
 from tipfem.demos.validation.dam_break import experiments
 from tipfem.demos.validation.walls import flows, pictures
@@ -210,6 +209,7 @@ def moving_tanks(sizes: Mapping[str, Any], out: Path) -> dict[str, float]:
     return figures
 
 
+Study = Literal["vortex", "long", "driven", "dam", "moving"]
 STUDIES: dict[str, Callable[[Mapping[str, Any], Path], dict[str, float]]] = {
     "vortex": vortex,
     "long": long_cavities,
@@ -233,34 +233,34 @@ def check(figures: Mapping[str, float], short: bool = False) -> list[str]:
     return missed
 
 
-def main(words: Sequence[str] | None = None) -> None:
-    """Run the studies named on the given command line, or the process's."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0])
-    parser.add_argument("--short", action="store_true", help="coarse and quick: for a look, and for the tests")
-    parser.add_argument("--only", nargs="+", choices=list(STUDIES), default=list(STUDIES), help="which studies")
-    parser.add_argument("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run; cuda is untried")
-    parser.add_argument(
-        "--out", type=Path, default=Path("out/validation/walls"), metavar="FOLDER", help="for the results"
-    )
-    arguments = parser.parse_args(words)
+def main(
+    *,
+    short: Flag = False,
+    only: Several[Study] | None = None,
+    arch: Arch = "cpu",
+    out: Path = Path("out/validation/walls"),
+) -> int:
+    """Run the studies.
+
+    Args:
+        short: coarse and quick, for a look, and for the tests.
+        only: which studies; by default all.
+        arch: where the kernels run.
+        out: folder for the results.
+    """
     figures: dict[str, float] = {}
     seconds: dict[str, float] = {}
-    try:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-        tp.init(arch=arguments.arch)
-        for name in arguments.only:
-            started = time.perf_counter()
-            found = STUDIES[name](SHORT if arguments.short else FINE, arguments.out)
-            seconds[name] = round(time.perf_counter() - started, 1)
-            figures |= found
-            print(f"{name} ({seconds[name]:.0f} s): " + ", ".join(f"{key} {value:.4g}" for key, value in found.items()))
-    except (ValueError, RuntimeError, OSError) as error:
-        harness.stop(str(error))
-    missed = check(figures, arguments.short)
-    summary = {"short": arguments.short, "wall_seconds": seconds, "figures": figures, "check": missed or "passed"}
-    (arguments.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    harness.conclude(arguments.out, missed)
+    out.mkdir(parents=True, exist_ok=True)
+    tp.init(arch=arch)
+    for name in only or STUDIES:
+        started = time.perf_counter()
+        found = STUDIES[name](SHORT if short else FINE, out)
+        seconds[name] = round(time.perf_counter() - started, 1)
+        figures |= found
+        print(f"{name} ({seconds[name]:.0f} s): " + ", ".join(f"{key} {value:.4g}" for key, value in found.items()))
+    summary = {"short": short, "wall_seconds": seconds, "figures": figures}
+    return harness.report(out, summary, check(figures, short))
 
 
 if __name__ == "__main__":
-    main()
+    harness.command(__name__)

@@ -19,18 +19,16 @@ up and down by 0.4 % as the wave exchanges energy with its harmonics, times exp(
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from tipfem.demos import harness
 from tipfem.demos.support.figures import COLOURS, DASHES, new_figure, save
-from tipfem.demos.support.options import ShowDefaults
+from tipfem.demos.support.options import Arch, Counts, Positive, Several
 from tipfem.demos.validation.waves.theory import StandingWave
 
 import tipfem as tp
@@ -41,6 +39,7 @@ LENGTH = 0.2  # of the tank's sides: half a wavelength [m]
 GRAVITY = 9.81  # [m/s^2]
 AIR = tp.Fluid("air", density=1.2, viscosity=1.8e-5)
 # Lower fluid and amplitude in wavelengths, by the name of the flow; upper fluids that are not air.
+Flow = Literal["water", "syrup", "liquids"]
 FLOWS = {
     "water": (tp.Fluid("water", density=1000.0, viscosity=1e-3), 0.0125),
     "syrup": (tp.Fluid("syrup", density=1000.0, viscosity=2.5), 0.01),
@@ -231,39 +230,41 @@ def table(results: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def main(words: Sequence[str] | None = None) -> None:
-    """Run with the given command line, or the process's."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n")[0], formatter_class=ShowDefaults)
-    add = parser.add_argument
-    add("--flow", choices=list(FLOWS), nargs="+", default=["water", "syrup"], help="which waves")
-    add("--across", type=int, nargs="+", default=[20, 40], metavar="N", help="particles along a side of the tank")
-    add("--periods", type=harness.positive, default=3.0, metavar="P", help="how long each wave runs")
-    add("--time-step", type=harness.positive, default=TIME_STEP, metavar="C", help="in units of sqrt(h / g)")
-    add("--mass", choices=["lumped", "consistent", "interfaces"], help="mass matrix, by default tipfem's")
-    add("--arch", choices=["cpu", "cuda"], default="cpu", help="where the kernels run")
-    add("--out", type=Path, default=Path("out/validation/waves"), metavar="FOLDER", help="folder for the results")
-    given = parser.parse_args(words)
+def main(
+    *,
+    flow: Several[Flow] = ("water", "syrup"),
+    across: Counts = (20, 40),
+    periods: Positive = 3.0,
+    time_step: Positive = TIME_STEP,
+    mass: Literal["lumped", "consistent", "interfaces"] | None = None,
+    arch: Arch = "cpu",
+    out: Path = Path("out/validation/waves"),
+) -> int:
+    """Run the waves at all resolutions.
+
+    Args:
+        flow: which waves.
+        across: particles along a side of the tank.
+        periods: how long each wave runs.
+        time_step: in units of sqrt(h / g).
+        mass: mass matrix, by default tipfem's.
+        arch: where the kernels run.
+        out: folder for the results.
+    """
     results: list[dict[str, Any]] = []
     runs: dict[str, tuple[str, Array]] = {}
-    numerics = tp.Numerics(pressure="two-sided", **({"mass": given.mass} if given.mass else {}))
-    with harness.one_message():
-        tp.init(arch=given.arch)
-        for flow in given.flow:
-            for across in given.across:
-                out = given.out / f"{flow}_{across}"
-                figures, course = measure(
-                    flow, across, given.periods, time_step=given.time_step, numerics=numerics, out=out
-                )
-                results.append(figures)
-                runs[f"{flow}, {across} across"] = flow, course
-    missed = [text for figures in results for text in check(figures)]
-    summary = {"runs": results, "check": missed or "passed"}
-    (given.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    (given.out / "table.md").write_text(table(results), encoding="utf-8")
-    plot(given.out / "waves.png", runs)
+    numerics = tp.Numerics(pressure="two-sided", **({"mass": mass} if mass else {}))
+    tp.init(arch=arch)
+    for name in flow:
+        for n in across:
+            figures, course = measure(name, n, periods, time_step=time_step, numerics=numerics, out=out / f"{name}_{n}")
+            results.append(figures)
+            runs[f"{name}, {n} across"] = name, course
+    (out / "table.md").write_text(table(results), encoding="utf-8")
+    plot(out / "waves.png", runs)
     print(table(results))
-    harness.conclude(given.out, missed)
+    return harness.report(out, {"runs": results}, [text for figures in results for text in check(figures)])
 
 
 if __name__ == "__main__":
-    main()
+    harness.command(__name__)

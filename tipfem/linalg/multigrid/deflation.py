@@ -19,7 +19,7 @@ from tipfem.backend.array_types import Ints1, Ints2, Reals1, Template
 from tipfem.backend.arrays import Buffers, download
 from tipfem.backend.launch import kernel, launch
 from tipfem.backend.union_find import find_root
-from tipfem.case.place import places
+from tipfem.geometry.place import places
 from tipfem.linalg.multigrid.grid_hierarchy import ENERGY, SOLUTION
 from tipfem.linalg.multigrid.mesh_transfer import residual_row
 from tipfem.linalg.sparsity import Csr
@@ -185,7 +185,7 @@ class SubdomainDeflation:
 def _bubble_lists(label: Array, position: Array) -> Array:
     """The particles of all components but the largest, list by list, from labels (N,), -1 outside the light fluid.
 
-    The lists are sorted by the first places (see `tipfem.case.place`) of their particles at ``position`` (N, d) [m].
+    The lists are sorted by the first places (`tipfem.geometry.place`) of their particles at ``position`` (N, d) [m].
     """
     light = np.flatnonzero(label >= 0)
     labels = label.take(light)

@@ -16,6 +16,7 @@ from tipfem.remesh.edges.edge_operations import (
     FAR,
     MASS,
     OFF_WALLS,
+    PRESSURE,
     STAR,
     TARGET,
     VELOCITY,
@@ -204,6 +205,8 @@ def collapse_target(mesh: Template, limits: Template, flag: Template, star: Temp
 def keep_enclosed_area(mesh: Template, star: Template, count, a, p, q, b, least):
     """Move q, into which p was moved, so that the interface a-q-b encloses what a-p-q-b did; not if it spoils a cell.
 
+    It then stands beside the middle of p and q, and has the mean of their velocities and accelerations.
+
     Args:
         mesh: the arrays.
         star: the cells around q.
@@ -234,7 +237,10 @@ def keep_enclosed_area(mesh: Template, star: Template, count, a, p, q, b, least)
     for m in range(count):
         if double_cell_area(mesh, entry(star, m)) < least:
             good = False
-    if not good:
+    if good:
+        for s in ti.static(range(VELOCITY, PRESSURE)):  # those that the interface has in the middle of q and p
+            x[q, s] = 0.5 * (x[q, s] + x[p, s])
+    else:
         x[q, 0], x[q, 1] = old[0], old[1]
     for m in range(count):
         change += add_mass(mesh, entry(star, m), 1)

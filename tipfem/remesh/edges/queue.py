@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import taichi as ti
 
 from tipfem.backend.array_types import Template
-from tipfem.case.place import DIRECTION
+from tipfem.geometry.place import DIRECTION
 
 
 class Queue(NamedTuple):
@@ -28,7 +28,7 @@ class Queue(NamedTuple):
 
 @ti.func
 def place(x: Template, n):
-    """`tipfem.case.place.places` of particle n; the first two columns of x (N, 2 or more) are its position."""
+    """`tipfem.geometry.place.places` of particle n; the first two columns of x (N, 2 or more) are its position."""
     return DIRECTION[0] * x[n, 0] + DIRECTION[1] * x[n, 1]
 
 

@@ -67,7 +67,9 @@ export class Steering {
     const facts = [];
     if (run.step !== undefined) facts.push(`step ${run.step}`);
     if (run.steps_per_second) facts.push(`${number(run.steps_per_second, 3)} steps/s`);
-    if (run.message) facts.push(run.message);
+    if (run.message && this.told !== undefined && run.message !== this.told) this.viewer.note(run.message);
+    else if (!run.message && this.told) this.viewer.note("");
+    this.told = run.message || "";
     this.viewer.part("progress").textContent = facts.join(" · ");
     if (run.gravity && performance.now() - this.sent > 800) this.drawGravity(run.gravity);
   }

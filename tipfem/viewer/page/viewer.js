@@ -33,6 +33,7 @@ export class Viewer {
     this.bind();
     this.setTheme();
     keysOf.addEventListener("keydown", (event) => this.key(event));
+    this.letKeysGo();
     document.addEventListener("visibilitychange", () => this.send({ type: "visible", on: !document.hidden }));
     this.watching = new ResizeObserver(() => {
       root.toggleAttribute("data-narrow", root.clientWidth < NARROW);
@@ -582,6 +583,25 @@ export class Viewer {
     event.preventDefault();
     event.stopPropagation();
     found[2]();
+  }
+
+  // A control that was reached by the pointer gives the keys back once it has been used; one reached by Tab keeps them.
+  letKeysGo() {
+    let pointed = null;
+    const control = (event) => event.target.closest("select, button, input[type=range], input[type=checkbox], input[type=radio]");
+    const free = (event) => {
+      const used = control(event);
+      if (!used || used !== pointed) return;
+      pointed = null;
+      setTimeout(() => used.blur());
+    };
+    this.root.addEventListener("pointerdown", (event) => {
+      const label = event.target.closest("label");
+      pointed = control(event) || (label && label.control);
+    });
+    this.root.addEventListener("keydown", (event) => (pointed = event.key === "Tab" ? null : pointed));
+    this.root.addEventListener("change", free);
+    this.root.addEventListener("click", (event) => control(event)?.matches("select") || free(event));
   }
 
   showKeys() {

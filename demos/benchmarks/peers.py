@@ -1,0 +1,353 @@
+"""interFoam and tipfem in turns on this machine: processor time side by side, and error against cost.
+
+A standing wave of water under air between walls that slip (demos/validation/waves), whose theory has finite amplitude,
+and the dam break of Martin & Moyce (demos/validation/dam_break). Both codes have one core, the same geometry, fluids
+and walls; interFoam (OpenFOAM) has the settings of its own dam break, for the wave with Courant numbers up to 0.5 and
+steps that end at 100 stored times a period. Its default Euler's method damps waves; with --scheme crank-nicolson they
+grow. Figures are medians over the rounds; processor time is that of the solver alone, tipfem's after its first step,
+whose kernels are compiled then.
+
+    peers.png       error against cost
+    time.png        processor time side by side
+    peers.md        all figures, and where interFoam is better
+
+    python -m tipfem demo benchmarks/peers
+"""
+
+from __future__ import annotations
+
+import csv
+import datetime
+import json
+import math
+import platform
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from tipfem.demos import harness
+from tipfem.demos.benchmarks import interfoam
+from tipfem.demos.support.figures import COLOURS, MARKERS, new_figure, save
+from tipfem.demos.support.options import Count, Counts, Positive, Positives, Several
+from tipfem.demos.validation.dam_break import case as dam_break
+from tipfem.demos.validation.dam_break import check
+from tipfem.demos.validation.waves import run as waves
+
+import tipfem as tp
+
+Array = NDArray[np.float64]
+Figures = dict[str, Any]
+
+# Of the time integration of interFoam's wave.
+SCHEMES = {"euler": "Euler", "crank-nicolson": "CrankNicolson 0.9"}
+CODES = ("interFoam", "tipfem")
+DAM_END = 0.3  # [s]
+DAM_INTERVAL = 0.005  # between the stored times of interFoam [s]
+WAVE_STATES = 100  # stored times a period, of interFoam
+FINEST_SAMPLES = 64  # points across a cell, for the fractions at the start
+# The figures that are compared, and what they are called.
+ERRORS = {
+    "wave": ("amplitude", "largest error of an amplitude, part of that at the start"),
+    "dam_break": ("front_rms", "RMS of the front against Martin & Moyce"),
+}
+WORDS = {"amplitude": "amplitude", "period": "period", "front_rms": "front"}
+KEPT = ("date", "version", "commit", "machine", "command", "flow", "code", "resolution", "figure", "value", "unit")
+
+
+def column_fraction(cells: int) -> Array:
+    """The dam break's column: (cells, cells) fractions of water."""
+    place, (width, height) = np.arange(cells) * dam_break.TANK[0] / cells, dam_break.COLUMN
+    h = dam_break.TANK[0] / cells
+    return np.outer(np.clip((height - place) / h, 0, 1), np.clip((width - place) / h, 0, 1))
+
+
+def wave_fraction(cells: int, amplitude: float) -> Array:
+    """The wave at the start: (cells, cells) fractions of water; its amplitude [m]."""
+    h = waves.LENGTH / cells
+    x = (np.arange(cells * FINEST_SAMPLES) + 0.5) * h / FINEST_SAMPLES
+    level = waves.LENGTH / 2 + amplitude * np.cos(math.pi * x / waves.LENGTH)
+    rows = np.clip((level[None, :] - np.arange(cells)[:, None] * h) / h, 0, 1)
+    return np.asarray(rows.reshape(cells, cells, FINEST_SAMPLES).mean(axis=2))
+
+
+def wave_figures(course: Array) -> Figures:
+    """Errors of a wave of water by its course (K, 2), times [s] and amplitudes over that of the start."""
+    lower, amplitude = waves.FLOWS["water"]
+    peaks = waves.extremes(*course.T)
+    theory = waves.StandingWave(waves.LENGTH, waves.LENGTH / 2, waves.GRAVITY)
+    height = amplitude * 2 * waves.LENGTH
+    expected = waves.extremes(*theory.course(height, 1.1 * course[-1, 0]).T)[: len(peaks), 0]
+    slower = waves.period(lower) / waves.period(lower, tp.Fluid("nothing", density=1e-9, viscosity=0.0))
+    return {
+        "amplitude": waves.peak_error(lower, height, peaks),
+        "period": abs(float(peaks[len(expected) - 1, 0] / (expected[-1] * slower)) - 1) if len(expected) else math.nan,
+    }
+
+
+def front_figures(time: Array, front: Array) -> Figures:
+    """Errors of the dam break's front, times (K,) [s] and places (K,) [m]."""
+    found = check.front_figures([{"time": t, "front": x} for t, x in zip(time.tolist(), front.tolist(), strict=True)])
+    return {"front_rms": found["front_rms"], "shift": found["front_shift"]}
+
+
+def interfoam_wave(cells: int, periods: float, scheme: str, folder: Path) -> Figures:
+    """interFoam's wave with so many cells along a side, for so many periods, by a scheme of `SCHEMES`."""
+    lower, amplitude = waves.FLOWS["water"]
+    period = waves.period(lower)
+    flow = interfoam.Flow(
+        (waves.LENGTH, waves.LENGTH),
+        (cells, cells),
+        (lower, waves.AIR),
+        wave_fraction(cells, amplitude * 2 * waves.LENGTH),
+        slip=True,
+        end=periods * period,
+        interval=period / WAVE_STATES,
+        courant=0.5,
+        scheme=SCHEMES[scheme],
+    )
+    done = interfoam.run(flow, folder)
+    course = np.array([interfoam.mode(flow, fraction) for fraction in done.fraction])
+    figures = wave_figures(np.stack([done.time, course / course[0]], axis=1))
+    return {**figures, "seconds": done.seconds, "steps": done.steps, "code_version": done.version}
+
+
+def interfoam_dam_break(spacing: float, folder: Path) -> Figures:
+    """interFoam's dam break with cells of about this size [m]."""
+    cells = round(dam_break.TANK[0] / spacing)
+    flow = interfoam.Flow(
+        dam_break.TANK,
+        (cells, cells),
+        (dam_break.WATER, dam_break.AIR),
+        column_fraction(cells),
+        slip=False,
+        end=DAM_END,
+        interval=DAM_INTERVAL,
+    )
+    done = interfoam.run(flow, folder)
+    front = np.array([interfoam.front(flow, fraction) for fraction in done.fraction])
+    figures = front_figures(done.time[1:], front[1:])
+    return {**figures, "seconds": done.seconds, "steps": done.steps, "code_version": done.version}
+
+
+def tipfem_wave(cells: int, periods: float) -> Figures:
+    """tipfem's wave with so many spacings along a side, for so many periods."""
+    theory = waves.period(waves.FLOWS["water"][0])
+    step = waves.TIME_STEP * math.sqrt(waves.LENGTH / cells / waves.GRAVITY)
+    simulation = tp.Simulation(waves.build("water", cells), time_step=step, columns={"amplitude": waves.mode})
+    start = waves.mode(simulation)
+    figures = timed(simulation, periods * theory)
+    course = np.array([(0.0, start), *((row["time"], row["amplitude"]) for row in simulation.history)]) / [1.0, start]
+    return {**wave_figures(course), **figures}
+
+
+def tipfem_dam_break(spacing: float) -> Figures:
+    """tipfem's dam break with this spacing [m]."""
+    case, step = dam_break.build(spacing), dam_break.TIME_STEP
+    simulation = tp.Simulation(case, time_step=step, columns={"front": dam_break.front})
+    figures = timed(simulation, DAM_END)
+    return {**front_figures(*check.fronts_of(simulation.history)), **figures}
+
+
+def timed(simulation: tp.Simulation, end: float) -> Figures:
+    """Run to a time [s]; processor time after the first step, and the number of steps."""
+    simulation.step(end)
+    begun = time.process_time()
+    simulation.run(end, progress=False)
+    return {"seconds": time.process_time() - begun, "steps": len(simulation.history), "code_version": tp.__version__}
+
+
+def alone(function: str, *arguments: float) -> Figures:
+    """The figures of a function of this module that runs tipfem, in a process of its own, on one thread.
+
+    Raises:
+        RuntimeError: it fails.
+    """
+    code = (
+        "import json; import tipfem as tp; from tipfem.demos.benchmarks import peers; tp.init(threads=1); "
+        f"print(json.dumps(peers.{function}(*{arguments!r})))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"tipfem failed: {done.stderr.strip()[-300:]}")
+    return dict(json.loads(done.stdout.splitlines()[-1]))
+
+
+def median(runs: Sequence[Figures]) -> Figures:
+    """The medians of numbers of equal runs."""
+    return {
+        name: value if isinstance(value, str) else statistics.median(run[name] for run in runs)
+        for name, value in runs[0].items()
+    }
+
+
+def better(rows: Sequence[Figures]) -> list[str]:
+    """Where interFoam is better than tipfem: a sentence for each resolution and figure."""
+    lines = []
+    for one, other in zip(rows[::2], rows[1::2], strict=True):
+        where = f"{one['flow'].replace('_', ' ')}, {one['resolution']}"
+        if one["seconds"] < other["seconds"]:
+            lines.append(f"{where}: interFoam takes {other['seconds'] / one['seconds']:.1f} times less processor time.")
+        for name in ("amplitude", "period", "front_rms"):
+            if name in one and one[name] < other[name]:
+                errors = f"{one[name]:.2%}, that of tipfem by {other[name]:.2%}"
+                lines.append(f"{where}: interFoam's {WORDS[name]} is off by {errors}.")
+    return lines or ["interFoam is better in none of these figures."]
+
+
+def table(rows: Sequence[Figures]) -> str:
+    """All figures in Markdown, and where interFoam is better."""
+    lines = ["| flow | resolution | code | CPU s | steps | error | further |", "|---|---|---|---|---|---|---|"]
+    for row in rows:
+        error = row[ERRORS[row["flow"]][0]]
+        further = f"period {row['period']:.2%}" if "period" in row else f"shift {row['shift']:.3f} T"
+        lines.append(
+            f"| {row['flow'].replace('_', ' ')} | {row['resolution']} | {row['code']} {row['code_version']} "
+            f"| {row['seconds']:.1f} | {row['steps']:.0f} | {error:.2%} | {further} |"
+        )
+    return "\n".join([*lines, "", "Where interFoam is better:", "", *(f"- {line}" for line in better(rows)), ""])
+
+
+def plot(out: Path, rows: Sequence[Figures]) -> None:
+    """Draw peers.png, error against cost, and time.png, processor time side by side.
+
+    Raises:
+        ImportError: there is no matplotlib.
+    """
+    from matplotlib.ticker import LogLocator
+
+    flows = list(dict.fromkeys(row["flow"] for row in rows))
+    for name, size in (("peers", 5.4), ("time", 5.4)):
+        figure = new_figure(size * len(flows), 4.4)
+        for axes, flow in zip(np.atleast_1d(figure.subplots(1, len(flows))), flows, strict=True):
+            key, label = ERRORS[flow]
+            for number, code in enumerate(CODES):
+                colour = COLOURS[number]
+                own = [row for row in rows if row["flow"] == flow and row["code"] == code]
+                seconds = [row["seconds"] for row in own]
+                if name == "time":
+                    bars = axes.bar(np.arange(len(own)) + 0.4 * number, seconds, 0.38, color=colour, label=code)
+                    axes.bar_label(bars, fmt="%.1f")
+                    axes.set_xticks(np.arange(len(own)) + 0.2, [row["resolution"] for row in own])
+                    axes.set_ylabel("processor time [s]")
+                    axes.margins(y=0.1)
+                else:
+                    style = {"color": colour, "marker": MARKERS[number]}
+                    axes.loglog(seconds, [row[key] for row in own], label=code, **style)
+                    for row, x in zip(own, seconds, strict=True):
+                        axes.annotate(row["resolution"], (x, row[key]), (4, 5), textcoords="offset points", fontsize=8)
+                    axes.set_xlabel("processor time [s]")
+                    axes.set_ylabel(label)
+                    for axis in (axes.xaxis, axes.yaxis):
+                        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+                        axis.set_major_formatter("{x:g}")
+                        axis.set_minor_formatter("")
+                    axes.margins(0.15)
+                    axes.grid(alpha=0.3, which="both")
+            axes.set_title(flow.replace("_", " "))
+            axes.legend()
+        save(figure, out / f"{name}.png")
+
+
+def commit() -> str:
+    """The commit of this tipfem, where it is a clone."""
+    words = ["git", "rev-parse", "--short", "HEAD"]
+    told = subprocess.run(words, capture_output=True, text=True, check=False, cwd=Path(__file__).parent)
+    return told.stdout.strip() or "unknown"
+
+
+def keep(path: Path, rows: Sequence[Figures], command: str, commit: str) -> None:
+    """Add figures to a table that has those of earlier versions: one row a figure, with its commit and command."""
+    begun = not path.exists()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    today = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
+    units = {"seconds": "s CPU", "steps": "", "amplitude": "1", "period": "1", "front_rms": "1", "shift": "T"}
+    with path.open("a", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        if begun:
+            writer.writerow(KEPT)
+        for row in rows:
+            head = (today, row["code_version"], commit, machine(), command)
+            for name in units.keys() & row.keys():
+                value = f"{row[name]:.4g}"
+                writer.writerow((*head, row["flow"], row["code"], row["resolution"], name, value, units[name]))
+
+
+def machine() -> str:
+    """The processor's name, where the system tells it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
+
+
+def main(
+    *,
+    only: Several[Literal["wave", "dam_break"]] = ("wave", "dam_break"),
+    across: Counts = (20, 40),
+    spacing: Positives = (0.01, 0.005),
+    periods: Positive = 5.0,
+    scheme: Literal["euler", "crank-nicolson"] = "euler",
+    rounds: Count = 3,
+    keep_in: Path | None = None,
+    out: Path = Path("out/peers"),
+) -> int:
+    """Run both codes in turns.
+
+    Args:
+        only: which flows.
+        across: cells or spacings along the wave's tank.
+        spacing: sizes of the dam break's cells, or distances between particles [m].
+        periods: how long the waves run.
+        scheme: time integration of interFoam's wave.
+        rounds: turns of both codes, whose medians are told.
+        keep_in: a CSV file that the figures are added to, such as demos/benchmarks/figures.csv.
+        out: folder for tables, pictures and interFoam's cases.
+    """
+    interfoam.require()
+    out.mkdir(parents=True, exist_ok=True)
+    jobs: list[tuple[str, str, Callable[[], Figures], Callable[[], Figures]]] = []
+    for n in across if "wave" in only else ():
+        jobs.append(
+            (
+                "wave",
+                f"{n} across",
+                lambda n=n: interfoam_wave(n, periods, scheme, out / f"wave_{n}"),  # type: ignore[misc]
+                lambda n=n: alone("tipfem_wave", n, periods),  # type: ignore[misc]
+            )
+        )
+    for h in spacing if "dam_break" in only else ():
+        jobs.append(
+            (
+                "dam_break",
+                f"{h * 1e3:g} mm",
+                lambda h=h: interfoam_dam_break(h, out / f"dam_break_{h * 1e3:g}mm"),  # type: ignore[misc]
+                lambda h=h: alone("tipfem_dam_break", h),  # type: ignore[misc]
+            )
+        )
+    rows: list[Figures] = []
+    begun_with = commit()  # the files may change while it runs
+    for flow, resolution, *functions in jobs:
+        turns = [[function() for function in functions] for _ in range(rounds)]
+        for code, runs in zip(CODES, zip(*turns, strict=True), strict=True):
+            rows.append({"flow": flow, "resolution": resolution, "code": code, **median(runs)})
+            print(
+                f"{flow}, {resolution}, {code}: {rows[-1]['seconds']:.1f} s, {rows[-1]['steps']:.0f} steps", flush=True
+            )
+    (out / "peers.md").write_text(table(rows), encoding="utf-8")
+    print(table(rows))
+    if keep_in is not None:
+        words = [f"--only {' '.join(only)}", f"--rounds {rounds}", f"--periods {periods:g}", f"--scheme {scheme}"]
+        keep(keep_in, rows, " ".join(["tipfem demo benchmarks/peers", *words]), begun_with)
+    plot(out, rows)
+    return harness.report(out, {"figures": rows}, [])
+
+
+if __name__ == "__main__":
+    harness.command(__name__)

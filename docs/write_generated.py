@@ -1,0 +1,119 @@
+"""Write the generated parts of pages: measured tables from docs/data, maps of the folders from their docstrings.
+
+    python docs/write_generated.py
+
+A page has the markers ``<!-- generated: table NAME -->`` or ``<!-- generated: folders -->``, each ended by
+``<!-- end -->``; what stands between is replaced. A table is docs/data/NAME.csv, whose first lines name the commit that
+was measured and the commands. docs/images/layers.svg is drawn anew, too. tests/docs/test_site.py holds that all is up
+to date.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+import textwrap
+from pathlib import Path
+
+from draw_layers import PICTURE, layers, picture, summary
+
+ROOT = Path(__file__).resolve().parents[1]
+DATA = ROOT / "docs" / "data"
+MARKED = re.compile(r"(<!-- generated: (?P<what>[^>]*?) -->\n).*?(<!-- end -->)", re.DOTALL)
+# Folders at the top of the repository that have no docstring of their own.
+BESIDE = {
+    "render/": "pictures and movies of results; imported as tipfem.render, never imports the solver",
+    "demos/": "a case with a check each, as a function or a case file; validation/: comparisons; benchmarks/: speed",
+    "tests/": "mirrors the folders; tests/docs runs the documentation's code",
+    "docs/": "the documentation; theory/method.md maps the equations to functions",
+}
+
+
+def folders(package: Path = ROOT / "tipfem") -> dict[str, str]:
+    """The folders of a package by their paths in it, with their summaries; in the order of the layers, top first."""
+    order = [name for row in layers((ROOT / "pyproject.toml").read_text("utf-8")) for name in row]
+    found = {path.parent.relative_to(package).as_posix(): path for path in package.glob("*/**/__init__.py")}
+    ranked = sorted(found, key=lambda path: (order.index(path.split("/")[0]), path))
+    return {path: summary(found[path]) for path in ranked}
+
+
+def folder_tree() -> str:
+    """The map of CONTRIBUTING.md."""
+    rows = [("tipfem/", "")]
+    for path, text in folders().items():
+        depth = path.count("/")
+        rows.append(("  " * (depth + 1) + path.rsplit("/", 1)[-1] + "/", text))
+    rows += list(BESIDE.items())
+    width = max(len(name) for name, _ in rows) + 2
+    lines = []
+    for name, text in rows:
+        wrapped = textwrap.wrap(text, 118 - width) or [""]
+        lines.append(f"{name:{width}}{wrapped[0]}".rstrip())
+        lines += [" " * width + line for line in wrapped[1:]]
+    return "\n".join(["```text", *lines, "```"])
+
+
+def folder_table() -> str:
+    """The map of docs/api/modules.md, with links to the pages of the folders."""
+    pages = {path.stem for path in (ROOT / "docs" / "api").glob("*.md")}
+    rows = ["| folder | content |", "|---|---|"]
+    for path, text in folders().items():
+        name = f"[{path}]({path}.md)" if path in pages else f"`{path}`"
+        rows.append(f"| {name} | {text} |")
+    return "\n".join(rows)
+
+
+def read_data(name: str) -> tuple[dict[str, list[str]], list[list[str]]]:
+    """The notes of a results file, such as commit and command; and its rows, the first with the titles."""
+    lines = (DATA / f"{name}.csv").read_text("utf-8").splitlines()
+    notes: dict[str, list[str]] = {}
+    for line in lines:
+        if match := re.match(r"# (\w+): (.*)", line):
+            notes.setdefault(match[1], []).append(match[2])
+    return notes, list(csv.reader(line for line in lines if not line.startswith("#")))
+
+
+def table(name: str) -> str:
+    """A results file as a table in Markdown, with its commit and its commands below."""
+    notes, rows = read_data(name)
+    lines = ["| " + " | ".join(row) + " |" for row in rows]
+    lines.insert(1, "|" + "---|" * len(rows[0]))
+    commands = ", ".join(f"`{command}`" for command in notes.get("command", []))
+    source = " ".join(
+        [*notes.get("note", []), f"Measured at {notes['commit'][0]}" + (f" by {commands}." if commands else ".")]
+    )
+    return "\n".join([*lines, "", *textwrap.wrap(source, 118, break_long_words=False, break_on_hyphens=False)])
+
+
+def generated(what: str) -> str:
+    """The text between the markers of ``what``.
+
+    Raises:
+        ValueError: nothing of that name can be generated.
+    """
+    if what == "folders":
+        return folder_tree()
+    if what == "folder table":
+        return folder_table()
+    if what.startswith("table "):
+        return table(what.removeprefix("table "))
+    raise ValueError(f"'{what}' is nothing that can be generated: folders, folder table, or table NAME")
+
+
+def renewed(text: str) -> str:
+    """A page with its generated parts written anew."""
+    return MARKED.sub(lambda match: f"{match[1]}\n{generated(match['what'])}\n\n{match[3]}", text)
+
+
+def pages() -> list[Path]:
+    """The pages that may have generated parts."""
+    return [ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+if __name__ == "__main__":
+    PICTURE.write_text(picture(layers((ROOT / "pyproject.toml").read_text("utf-8"))), encoding="utf-8")
+    for page in pages():
+        old = page.read_text("utf-8")
+        if (new := renewed(old)) != old:
+            page.write_text(new, encoding="utf-8")
+            print(page.relative_to(ROOT))

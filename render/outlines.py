@@ -1,0 +1,165 @@
+"""Outlines of fluids as closed loops, and smooth curves through them.
+
+The outlines follow the edges of the mesh. Smoothed, they are drawn without the mesh's saw teeth: two passes of Taubin's
+filter, which keeps the area, then corners cut by Chaikin's rule. It is a way of drawing, for which the loops must be
+named as smoothed; nothing is measured on them.
+
+G. Taubin, A signal processing approach to fair surface design, SIGGRAPH 1995. G. M. Chaikin, An algorithm for
+high-speed curve generation, Computer Graphics and Image Processing 3, 1974.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from .arrays import Array
+from .picture import SPRAY_RADIUS
+from .scene import Scene
+
+PASSES = 2
+SHRINK, GROW = 0.5, -0.53  # of Taubin's filter
+CUTS = 3  # of all corners
+
+
+class Loop(NamedTuple):
+    """A closed line.
+
+    Attributes:
+        points: (K, 2) in order [m]; the last is joined to the first.
+        fixed: (K,) mask of the points on walls, which stay where they are.
+    """
+
+    points: Array
+    fixed: Array
+
+
+def fluid_loops(scene: Scene, fluid: int) -> list[Loop]:
+    """The outline of a fluid: loops with the fluid on the left.
+
+    Args:
+        scene: what is drawn.
+        fluid: its number.
+    """
+    regions, edges = scene.geometry.regions, scene.geometry.edges
+    assert scene.wall is not None, "a Scene fills in what was left out"
+    assert scene.spacing is not None, "a Scene fills in what was left out"
+    corners = regions.triangles[regions.fluid == fluid]
+    if not len(corners):
+        return []
+    # Cut cells have corners at mid-points of edges, so corners are known by their places.
+    origin, unit = scene.position.min(axis=0), 1e-6 * scene.spacing
+    along = edges.pairs[(edges.shared_by == 1) & scene.wall[edges.pairs].all(axis=1)]
+    held = np.concatenate([scene.position[scene.wall], scene.position[along].mean(axis=1)])
+    keys = np.rint((np.concatenate([corners.reshape(-1, 2), held]) - origin) / unit).astype(np.int64)
+    _, first, number = np.unique(keys[:, 0] * (1 << 31) + keys[:, 1], return_index=True, return_inverse=True)
+    places = np.concatenate([corners.reshape(-1, 2), held])[first]
+    fixed = np.zeros(len(places), bool)
+    fixed[number[3 * len(corners) :]] = True
+    cells = number[: 3 * len(corners)].reshape(-1, 3)
+    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    cells = np.where((u[:, 0] * v[:, 1] < u[:, 1] * v[:, 0])[:, None], cells[:, ::-1], cells)
+    starts, ends = cells.ravel(), np.roll(cells, -1, axis=1).ravel()
+    count = len(places)
+    outer = ~np.isin(starts * count + ends, ends * count + starts)
+    return [Loop(places[own], fixed[own]) for own in _chained(starts[outer], ends[outer])]
+
+
+def smoothed(loop: Loop) -> Loop:
+    """A smooth line along a loop, with eight times as many points; loops of three points stay as they are."""
+    points, fixed = loop
+    if len(points) < 4:
+        return loop
+    for _ in range(PASSES):
+        for share in (SHRINK, GROW):
+            moved = points + share * ((np.roll(points, 1, axis=0) + np.roll(points, -1, axis=0)) / 2 - points)
+            points = np.where(fixed[:, None], points, moved)
+    for _ in range(CUTS):
+        after, held = np.roll(points, -1, axis=0), np.roll(fixed, -1)
+        near = np.where(fixed[:, None], points, 0.75 * points + 0.25 * after)
+        far = np.where(held[:, None], after, 0.25 * points + 0.75 * after)
+        points, fixed = np.stack([near, far], axis=1).reshape(-1, 2), np.stack([fixed, held], axis=1).ravel()
+    return Loop(points, fixed)
+
+
+def area_within(loops: list[Loop]) -> float:
+    """Area within loops, holes taken off [m^2]."""
+    total = 0.0
+    for points, _ in loops:
+        x, y = (points - points[0]).T
+        total += 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+    return total
+
+
+def picture_loops(scene: Scene, background: int | None) -> list[list[Loop]]:
+    """The loops of a picture, in layers from the lowest: the fluids, the bodies, the walls.
+
+    Args:
+        scene: what is drawn.
+        background: number of the fluid that is left out, see `background_fluid`; None for none.
+    """
+    fluids = [fluid for fluid in range(len(scene.fluid_names)) if fluid != background]
+    layers = [fluid_loops(scene, fluid) + _drops(scene, fluid) for fluid in fluids]
+    return [*layers, _whole([body.corners for body in scene.bodies]), _whole(_walls(scene))]
+
+
+def background_fluid(scene: Scene) -> int | None:
+    """The fluid that is drawn by filling the tank: the last of several that fill it together."""
+    edges = scene.geometry.edges
+    ends = edges.pairs[edges.shared_by == 1]
+    assert scene.wall is not None, "a Scene fills in what was left out"
+    full = len(ends) > 0 and bool(scene.wall[ends].all()) and not len(scene.bodies) and scene.period is None
+    densities = np.asarray(scene.fluid_densities if scene.fluid_densities is not None else ())
+    return int(densities.argmin()) if full and len(scene.fluid_names) > 1 and len(densities) else None
+
+
+def _drops(scene: Scene, fluid: int) -> list[Loop]:
+    """The particles of a fluid in no cell as small squares, which smoothing makes round."""
+    assert scene.spacing is not None, "a Scene fills in what was left out"
+    loose = scene.geometry.surroundings.spray & (scene.fluid == fluid)
+    corners = SPRAY_RADIUS * scene.spacing * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+    return [Loop(place + corners, np.zeros(4, bool)) for place in scene.position[loose]]
+
+
+def _walls(scene: Scene) -> list[Array]:
+    """Corners of the outline of the tank and of its holes: where no outline is known, of the walls' convex hull."""
+    if scene.tank is not None:
+        return [scene.tank.points[loop] for loop in scene.tank.loops]
+    assert scene.lower is not None, "a Scene fills in what was left out"
+    assert scene.upper is not None, "a Scene fills in what was left out"
+    walls = scene.position[scene.wall]
+    if scene.period is not None or len(walls) < 3:
+        (x0, y0), (x1, y1) = scene.lower, scene.upper
+        return [np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])]
+    return [walls[ConvexHull(walls - walls.mean(axis=0)).vertices]]
+
+
+def _whole(loops: list[Array]) -> list[Loop]:
+    """Loops that are not smoothed, without points between corners."""
+    found = []
+    for points in loops:
+        before, after = points - np.roll(points, 1, axis=0), np.roll(points, -1, axis=0) - points
+        bend = abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
+        kept = points[bend > 1e-9 * np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)]
+        found.append(Loop(kept, np.ones(len(kept), bool)))
+    return found
+
+
+def _chained(starts: Array, ends: Array) -> list[Array]:
+    """Edges from point to point as loops of points."""
+    onwards: dict[int, list[int]] = {}
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        onwards.setdefault(start, []).append(end)
+    loops = []
+    while onwards:
+        first = next(iter(onwards))
+        loop: list[int] = []
+        at = first
+        while not loop or at != first:
+            loop.append(at)
+            following = onwards[at]
+            at, last = following.pop(), not following
+            if last:
+                del onwards[loop[-1]]
+        loops.append(np.array(loop))
+    return loops

@@ -1,0 +1,98 @@
+"""The walls of a tank: its outline and holes, drawn as they are rather than guessed from the particles."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .arrays import Array
+from .interface import solid_triangles
+from .polygons import fill_loops
+
+
+class Solids(NamedTuple):
+    """What is solid within the convex hull of a tank's walls, see `solid_triangles`.
+
+    Attributes:
+        triangles: (T, 3) of the points; they may reach into the tank.
+        circumradius: (T,) [m].
+        feet: (S, 2) edges of the hull that are no wall.
+    """
+
+    triangles: Array
+    circumradius: Array
+    feet: Array
+
+
+@dataclass(frozen=True)
+class PlacedTank:
+    """A tank at one time.
+
+    Attributes:
+        points: (P, 2) along its walls [m].
+        edges: (P, 2) pairs of points along the walls.
+        inside: (T, 3, 2) triangles that fill the tank [m].
+        solids: what is solid between its walls.
+        loops: numbers of the points of the outline, and of each hole.
+        turned: the angle by which the tank has turned since t = 0 [rad].
+        reference: (2,) where its reference point is [m].
+        start: (2,) where that was at t = 0 [m].
+    """
+
+    points: Array
+    edges: Array
+    inside: Array
+    solids: Solids
+    loops: tuple[Array, ...]
+    turned: float
+    reference: Array
+    start: Array
+
+
+class TankOutline:
+    """The walls of a tank as they are known at t = 0, to be drawn wherever they are later.
+
+    Args:
+        facts: ``loops``, each with its ``corners`` (K, 2) [m], the outline first and then the holes; and the
+            ``reference`` point (2,) [m], about which the tank turns.
+        spacing: of the points along the walls [m].
+
+    Attributes:
+        reference: (2,) the reference point at t = 0 [m].
+    """
+
+    def __init__(self, facts: Mapping[str, Any], spacing: float) -> None:
+        self.reference = np.asarray(facts["reference"], float)
+        corners = [np.asarray(loop["corners"], float) for loop in facts["loops"]]
+        loops = [_with_points(loop, spacing) for loop in corners]
+        self._points = np.concatenate(loops)
+        first = np.cumsum([0, *map(len, loops)])
+        self._loops = tuple(np.arange(a, b) for a, b in pairwise(first))
+        self._edges = np.concatenate([np.stack([own, np.roll(own, -1)], axis=1) for own in self._loops])
+        self._inside = fill_loops(corners)
+        a, b, c = np.moveaxis(self._inside, 1, 0)
+        area = 0.5 * abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).sum()
+        self._solids = Solids(*solid_triangles(self._points, self._edges, float(area)))
+
+    def placed(self, x: float, y: float, angle: float) -> PlacedTank:
+        """The tank where its reference point is at (x, y) [m], turned by an angle [rad]."""
+        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        points, inside = ((there - self.reference) @ turn + (x, y) for there in (self._points, self._inside))
+        place = np.array([x, y])
+        return PlacedTank(points, self._edges, inside, self._solids, self._loops, angle, place, self.reference)
+
+    def at_start(self) -> PlacedTank:
+        """The tank at t = 0."""
+        return self.placed(float(self.reference[0]), float(self.reference[1]), 0.0)
+
+
+def _with_points(corners: Array, spacing: float) -> Array:
+    """A loop with points between its corners, at most a spacing apart (P, 2)."""
+    parts: Sequence[Array] = [
+        a + (b - a) * np.arange(count)[:, None] / count
+        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)
+        for count in [max(1, int(np.ceil(np.linalg.norm(b - a) / spacing - 1e-9)))]
+    ]
+    return np.concatenate(parts)

@@ -1,0 +1,1 @@
+"""The command line: the commands that check, run, resume and look."""

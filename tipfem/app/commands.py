@@ -1,0 +1,318 @@
+"""The commands on case files and results: run, resume, check, info, convert, doctor, render, view, schema.
+
+Each returns its exit code; see `EXIT_CODES`. Taichi is imported by those that need it, when they do.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import App, Parameter
+
+from tipfem.app.running import bad_input, loaded, resume, run, said
+from tipfem.casefile.options import Flag, Overrides, Whole
+
+if TYPE_CHECKING:
+    from tipfem.run.simulation import Simulation
+
+EXIT_CODES = {
+    0: "all went well",
+    1: "the run stopped before its end (its results up to there are kept), or doctor found that something is missing",
+    2: "bad input: the command line, the case file, or a folder; nothing was started",
+    129: "the terminal was closed (SIGHUP); as for 130",
+    130: "interrupted (Ctrl-C, SIGINT): the step was finished; last state, checkpoint and summary are written",
+    143: "terminated (SIGTERM); as for 130",
+}
+
+
+# Words that are tried for commands, and the commands that do that.
+MEANT = {
+    "study": "sweep",
+    "start": "run",
+    "restart": "resume",
+    "continue": "resume",
+    "validate": "check",
+    "plot": "render",
+    "movie": "render",
+    "show": "view",
+}
+
+
+def register(app: App) -> None:
+    """Add the commands to an application."""
+    codes = "Exit codes: " + "; ".join(f"{code}: {text}" for code, text in EXIT_CODES.items()) + "."
+    app.help_epilogue = codes
+    app.command(run, help_epilogue=codes)
+    app.command(resume, help_epilogue=codes)
+    for command in (check, info, convert, doctor, share, view, schema):
+        app.command(command, help_epilogue="")
+    app.command(render, help_flags=[], version_flags=[], help_epilogue="")
+
+    @app.command(help_epilogue="")
+    def completion(shell: Literal["bash", "zsh", "fish"], /) -> None:
+        """Print the script that completes commands and options in a shell.
+
+        Parameters
+        ----------
+        shell
+            bash, zsh or fish. In bash: eval "$(tipfem completion bash)".
+        """
+        print(app.generate_completion(shell=shell))
+
+
+def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, no_mesh: Flag = False) -> int:
+    """Check a case file and its first mesh: all mistakes, or what a run will take.
+
+    Parameters
+    ----------
+    case
+        The case file, in TOML.
+    set
+        A value in place of that of the file: fluids.water.viscosity=2e-3. Can be given several times.
+    picture
+        A PNG file for a picture of the initial state.
+    no_mesh
+        Do not make the first mesh; Taichi is not started then.
+    """
+    from tipfem.casefile.estimate import estimate
+    from tipfem.casefile.hints import hints, scales
+    from tipfem.casefile.walls import wall_lines
+
+    with bad_input() as failed:
+        if picture is not None and picture.suffix.lower() != ".png":
+            raise ValueError(f"--picture is {str(picture)!r}; it must be the name of a PNG file, such as initial.png")
+        if picture is not None and no_mesh:
+            raise ValueError("--picture draws the first mesh, and --no-mesh makes none; leave out one of them")
+        file, made = loaded(case, set)
+        table = file.table
+        print(f"{case}: no mistakes found")
+        if made.title:
+            print(f"title       {made.title}")
+        properties = [f"{fluid.name} ({fluid.density:g} kg/m^3, {fluid.viscosity:g} Pa s)" for fluid in made.fluids]
+        print(f"fluids      {', '.join(properties)}")
+        extent = made.extent
+        print(f"size        {' x '.join(f'{edge:g}' for edge in extent)} m, spacing {made.particles.spacing:g} m")
+        print(f"scales      {scales(made)}")
+        needed = estimate(made, file.end, table.time.largest_step, table.output.interval, file.fields)
+        for line in [*wall_lines(made), *needed.lines()]:
+            print(line)
+        for hint in hints(made, file.end, table.output.interval):
+            print(f"note: {hint}")
+        simulation = None if no_mesh else file.simulation(case=made)  # which makes the first mesh
+        if picture is not None and simulation is not None:
+            if made.particles.dimension == 2:
+                draw_state(simulation, picture)
+                print(f"picture     {picture}")
+            else:
+                print("picture     none: only two-dimensional cases can be drawn")
+    return 2 if failed else 0
+
+
+def draw_state(simulation: Simulation, path: Path) -> None:
+    """Draw the present state of a two-dimensional simulation.
+
+    Args:
+        simulation: the simulation.
+        path: of the picture, a PNG file.
+
+    Raises:
+        ValueError: the file cannot be written.
+    """
+    import imageio.v3 as imageio
+
+    from tipfem.case.outline import tank_outline
+    from tipfem.render import Scene, render_frame
+    from tipfem.render.bodies import body_at_start
+    from tipfem.render.tank import TankOutline
+
+    case, particles, mesh = simulation.case, simulation.particles, simulation.mesh
+    outline = tank_outline(case)
+    scene = Scene(
+        position=particles.position,
+        cells=mesh.cells,
+        fluid=particles.fluid,
+        wall=particles.wall,
+        time=simulation.time,
+        fluid_names=tuple(fluid.name for fluid in case.fluids),
+        fluid_densities=tuple(fluid.density for fluid in case.fluids),
+        lower=case.box[0],
+        upper=case.box[1],
+        cell_fluid=mesh.fluid,
+        spacing=particles.spacing,
+        title=case.title,
+        bodies=tuple(body_at_start(body.corners) for body in case.bodies),
+        tank=None if outline is None else TankOutline(outline, particles.spacing).at_start(),
+        period=case.period.width if case.period else None,
+    )
+    image = render_frame(scene, mesh=len(particles) < 5000, backend="raster")
+    try:
+        imageio.imwrite(path, image)
+    except OSError as error:
+        raise ValueError(f"the picture {str(path)!r} cannot be written ({error.strerror})") from error
+
+
+def info(out: Path, /) -> int:
+    """Say what a results folder holds: what ran, how far, its figures, versions and size on disk.
+
+    Parameters
+    ----------
+    out
+        The results folder.
+    """
+    from tipfem.casefile.inspection import describe_results
+
+    with bad_input() as failed:
+        print("\n".join(describe_results(out)))
+    return 2 if failed else 0
+
+
+def convert(out: Path, /, *, precision: Literal["double", "single"] = "double", compression: Whole = 4) -> int:
+    """Write the states of a results folder into one VTKHDF file there, fields.vtkhdf, which ParaView opens.
+
+    Parameters
+    ----------
+    out
+        The results folder.
+    precision
+        Of the numbers: double, or single, which takes half the space.
+    compression
+        Level of zlib, from 0 (none) to 9.
+    """
+    from tipfem.results import to_vtkhdf
+
+    with bad_input() as failed:
+        path = to_vtkhdf(out, precision=precision, compression=compression)
+        print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
+    return 2 if failed else 0
+
+
+def doctor() -> int:
+    """Say whether all that tipfem needs is there, and the command that brings what is missing."""
+    from tipfem.casefile.inspection import examine
+
+    findings = examine()
+    for finding in findings:
+        print(finding)
+    return 1 if any(finding.needed and not finding.fine for finding in findings) else 0
+
+
+def render(*arguments: Annotated[str, Parameter(allow_leading_hyphen=True)]) -> int:
+    """Draw a results folder as pictures and a movie; `tipfem render --help` lists the options.
+
+    Parameters
+    ----------
+
+    Arguments:
+        The results folder, and options of the drawing.
+    """
+    from tipfem.render import cli
+
+    return int(cli.main(arguments))
+
+
+def share(out: Path, /, *, to: Path | None = None) -> int:
+    """Write a results folder as one HTML file, which any browser plays without tipfem and without a server.
+
+    Parameters
+    ----------
+    out
+        The results folder, of a run in two dimensions.
+    to
+        The file; share.html in the results folder by default.
+    """
+    from tipfem.viewer.share import share as shared
+
+    with bad_input() as failed:
+        path = shared(out, to)
+        print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
+    return 2 if failed else 0
+
+
+def view(
+    out: Path,
+    compared: Path | None = None,
+    /,
+    *,
+    port: Whole | None = None,
+    no_browser: Flag = False,
+    native: Flag = False,
+) -> int:
+    """Look at a results folder in a browser, also while its run is going on; or compare two at equal times.
+
+    Parameters
+    ----------
+    out
+        The results folder.
+    compared
+        Another one, shown beside it.
+    port
+        Of 127.0.0.1, where the page is served; by default 8800, or one of the next. 0 takes any.
+    no_browser
+        Open no browser; the address is printed in either case.
+    native
+        Show it in a window of its own instead, with the same keys; needs a display.
+    """
+    from tipfem.viewer import ResultsSource, serve
+    from tipfem.viewer.native import show_window
+
+    with bad_input() as failed:
+        if port is not None and not 0 <= port <= 65535:
+            raise ValueError(f"--port is {port}; it must be from 0 to 65535")
+        sources = [ResultsSource(folder) for folder in (out, compared) if folder is not None]
+        if native:
+            show_window(sources, lambda line: print(line, flush=True))
+        else:
+            serve(sources, port, not no_browser, lambda line: print(line, flush=True))
+    return 2 if failed else 0
+
+
+def schema(*, out: Path | None = None) -> int:
+    """Print the JSON schema of case files, by which editors complete and check them.
+
+    Parameters
+    ----------
+    out
+        A file to write it to.
+    """
+    from tipfem.casefile.schema import json_schema
+
+    text = json.dumps(json_schema(), indent=2) + "\n"
+    if out is None:
+        print(text, end="")
+        return 0
+    try:
+        out.write_text(text, encoding="utf-8")
+    except OSError as error:
+        return said(2, f"error: --out is {str(out)!r}, which cannot be written to ({error.strerror})")
+    return 0
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run the commands of this module alone; returns the exit code."""
+    app = App(name="tipfem", result_action="return_value")
+    register(app)
+    return call(app, words)
+
+
+def call(app: App, words: Sequence[str] | None = None) -> int:
+    """Run an application whose bad command lines end with the exit code 2, not 1.
+
+    Args:
+        app: the application; its commands return their exit codes.
+        words: the command line; that of the process by default.
+    """
+    from cyclopts import CycloptsError
+
+    try:
+        result = app(words, exit_on_error=False, print_error=False, result_action="return_value")
+    except CycloptsError as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        given = list(sys.argv[1:] if words is None else words)
+        if given and given[0] in MEANT:
+            print(f"the command for that is `tipfem {MEANT[given[0]]}`", file=sys.stderr)
+        return 2
+    return result if isinstance(result, int) else 0

@@ -1,0 +1,353 @@
+"""The commands that run: run and resume.
+
+Both return an exit code, see `tipfem.app.commands.EXIT_CODES`, and end in an orderly way when they are told to
+stop; see `tipfem.stop_request.StopRequest`.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tipfem.arguments import is_number
+from tipfem.casefile.options import Flag, Number, Overrides, Shown, Whole
+from tipfem.casefile.problems import CaseFileError
+from tipfem.logs import log_json, log_lines
+from tipfem.output import CASE_FILE
+from tipfem.progress import on_terminal
+from tipfem.remeshing_table import remeshing_table
+
+if TYPE_CHECKING:
+    from tipfem.case.case import Case
+    from tipfem.liveview.control import LiveControl
+    from tipfem.run.case_file import CaseFile
+    from tipfem.run.simulation import Simulation
+    from tipfem.steering import RunControl
+
+RESULTS = ("case.json", "history.csv", "summary.json")
+# Written by the harness of the demos: the words of the command that goes on with the run.
+COMMAND_FILE = "command.json"
+
+
+def run(
+    case: Path,
+    /,
+    *,
+    out: Path | None = None,
+    set: Overrides = None,
+    until: Number | None = None,
+    threads: Whole | None = None,
+    arch: str = "cpu",
+    overwrite: Flag = False,
+    steering: Path | None = None,
+    shown: Shown = Shown(),  # noqa: B008 - it is frozen
+) -> int:
+    """Run a case file.
+
+    Parameters
+    ----------
+    case
+        The case file, in TOML.
+    out
+        Folder for the results; by default that of the case file, or out/ and its name.
+    set
+        A value in place of that of the file: fluids.water.viscosity=2e-3. Can be given several times.
+    until
+        Simulated time to run to [s], in place of time.end.
+    threads
+        Number of CPU threads; by default as many as there are cores.
+    arch
+        cpu; cuda or vulkan, which have not been tried on a GPU.
+    overwrite
+        Replace results that are in the folder.
+    steering
+        The steering.jsonl of a run: its commands are repeated at the same steps.
+    """
+    from tipfem.backend import runtime
+    from tipfem.casefile.hints import hints
+
+    log = ExitStack()
+    with bad_input() as failed:
+        file, made = loaded(case, set, until)
+        folder = out or file.folder
+        found = [name for name in RESULTS if (folder / name).exists()]
+        if found and not overwrite:
+            raise ValueError(
+                f"{folder} holds results ({found[0]}); choose another folder by --out, say --overwrite, or go on with "
+                f"that run by `tipfem resume {folder}`"
+            )
+        for hint in hints(made, file.end, file.table.output.interval):
+            print(f"note: {hint}", file=sys.stderr)
+        open_log(log, shown)
+        runtime.init(arch, threads=threads)
+        simulation = started(file, made, folder, steering)
+        control = viewer_of(simulation, shown)
+    with log:
+        return 2 if failed else run_to(simulation, file.end, folder, progress=shown.progress, control=control)
+
+
+def resume(
+    out: Path,
+    /,
+    *,
+    until: Number | None = None,
+    set: Overrides = None,
+    allow_changes: Flag = False,
+    threads: Whole | None = None,
+    arch: str | None = None,
+    shown: Shown = Shown(),  # noqa: B008 - it is frozen
+) -> int:
+    """Go on with a run that was stopped or killed, from its newest checkpoint; from its start, if it has none yet.
+
+    Parameters
+    ----------
+    out
+        The results folder.
+    until
+        Simulated time to run to [s]; by default that which the run was to reach.
+    set
+        What is written from now on, in place of what the folder's case.toml says: output.interval=0.005, and others of
+        output, checkpoint and probes. Can be given several times.
+    allow_changes
+        Go on although numbers of the method in the folder's case.toml have been changed.
+    threads
+        Number of CPU threads; by default as many as there are cores.
+    arch
+        cpu, cuda or vulkan; by default what the run had.
+    """
+    log = ExitStack()
+    with bad_input() as failed:
+        open_log(log, shown)
+        if until is not None and not (is_number(until) and until > 0):
+            raise ValueError(f"--until is {until} s; it must be a number > 0 in s")
+        simulation, end = resumed(out, threads=threads, arch=arch, overrides=set or (), allow_changes=allow_changes)
+        end = end if until is None else until
+        for note in simulation.notes:
+            print(f"note: {note}", file=sys.stderr)
+        if until is not None and until < simulation.time:
+            raise ValueError(f"--until is {until:g} s; it must be later than the {simulation.time:g} s that are done")
+    with log:
+        if failed:
+            return 2
+        if simulation.time >= end:
+            if not (out / "summary.json").exists():  # the run was killed before its last line
+                simulation.write_summary({"status": "complete"})
+            print(f"t = {simulation.time:g} s has been reached; --until goes on further; results: {out}")
+            return 0
+        with bad_input() as failed:
+            control = viewer_of(simulation, shown)
+        if failed:
+            return 2
+        at = simulation.step_number
+        begun = f"from step {at}, t = {simulation.time:g} s" if at else "from t = 0"
+        print(f"going on {begun} to t = {end:g} s", file=sys.stderr)
+        return run_to(simulation, end, out, progress=shown.progress, control=control)
+
+
+def open_log(stack: ExitStack, shown: Shown) -> None:
+    """Let a command's log go to a file of JSON, and to the error output where there is no progress bar.
+
+    Args:
+        stack: closes both.
+        shown: the options; without progress, only warnings and errors are printed.
+
+    Raises:
+        ValueError: the file cannot be written.
+    """
+    if shown.log_json is not None:
+        stack.enter_context(log_json(shown.log_json))
+    if not on_terminal():
+        level = shown.log_level
+        stack.enter_context(log_lines(level if shown.progress or level != "info" else "warning"))
+
+
+def resumed(
+    out: Path,
+    *,
+    threads: int | None = None,
+    arch: str | None = None,
+    overrides: Sequence[str] = (),
+    allow_changes: bool = False,
+) -> tuple[Simulation, float]:
+    """The simulation that goes on with a run, and the time that the run was to reach [s]; starts Taichi.
+
+    Args:
+        out: the results folder.
+        threads: number of CPU threads, or None for as many as there are cores.
+        arch: "cpu", "cuda" or "vulkan", or None for what the run had.
+        overrides: what is written from now on, in place of what the folder's case file says; see `tipfem.load_case`.
+        allow_changes: see `Simulation.resume`.
+
+    Raises:
+        ValueError: the folder is none of a run that can go on, or its case file has mistakes or another flow.
+        CheckpointError: see `Simulation.resume`.
+    """
+    from tipfem.app.changes import file_to_go_on, require_same_flow
+    from tipfem.backend import runtime
+    from tipfem.run.checkpoint import CheckpointFolder
+
+    if not out.is_dir():
+        what = "is a file" if out.exists() else "there is no such folder"
+        raise ValueError(f"{out}: {what}; give the results folder of a run")
+    if words := demo_command(out):
+        raise ValueError(f"{out}: the run is that of a script; go on with it by: {' '.join(words)}")
+    checkpoints = CheckpointFolder(out)
+    file = file_to_go_on(out, overrides, allow_changes=allow_changes)
+    if not checkpoints.files():
+        if file is None:
+            raise ValueError(f"{out}: it holds neither checkpoints nor {CASE_FILE}; give the results folder of a run")
+        runtime.init(arch or "cpu", threads=threads)
+        return started(file, file.case(), out), file.end
+    from tipfem.run.simulation import Simulation
+
+    newest = checkpoints.newest()
+    before = newest["environment"]
+    runtime.init(arch or before["arch"], before["precision"], threads)
+    if file is None:
+        simulation = Simulation.resume(out, allow_changes=allow_changes)
+        return simulation, simulation.until
+    require_same_flow(file, newest, allow_changes=allow_changes)
+    written = file.settings()
+    simulation = Simulation.resume(
+        out,
+        file.case(),
+        probes=file.parts.probes,
+        output_interval=written["interval"],
+        checkpoint_interval=written["checkpoint_interval"],
+        checkpoint_wall_interval=written["checkpoint_wall_interval"],
+        fields=written["fields"],
+        allow_changes=allow_changes,
+    )
+    if file.end > simulation.until:
+        simulation.notes.append(
+            f"{CASE_FILE} has time.end = {file.end:g} s, and the run is to reach {simulation.until:g} s; "
+            f"`--until {file.end:g}` goes on further"
+        )
+    return simulation, simulation.until
+
+
+def started(file: CaseFile, case: Case, folder: Path, steering: Path | None = None) -> Simulation:
+    """The simulation of a case file at its start, with the whole case in its results folder.
+
+    Args:
+        file: the case file.
+        case: made of it.
+        folder: for the results; those of an earlier run are removed.
+        steering: a file of commands to repeat, or None.
+
+    Raises:
+        ValueError: the steering file has a mistake, the case cannot be meshed, or the folder cannot be written to.
+    """
+    from tipfem.casefile.describing import write_case
+
+    simulation = file.simulation(folder, case=case, steering=steering, overwrite=True)
+    assert simulation.results is not None
+    write_case(folder / CASE_FILE, case, file.end, folder=str(folder), **file.settings())
+    for name in (CASE_FILE, "case.npz"):
+        if (folder / name).exists():
+            simulation.results.list_file(name)
+    return simulation
+
+
+def viewer_of(simulation: Simulation, shown: Shown) -> LiveControl | None:
+    """What shows a run in a browser or a window, or None; see `tipfem.live` for errors."""
+    if not (shown.view or shown.native):
+        return None
+    from tipfem.liveview.control import LiveControl
+
+    return LiveControl(
+        simulation,
+        out=simulation.results.path if simulation.results else None,
+        port=shown.port,
+        browser=not shown.no_browser,
+        native=shown.native,
+        say=lambda line: print(line, flush=True),
+    )
+
+
+def run_to(
+    simulation: Simulation, end: float, folder: Path, *, progress: bool, control: RunControl | None = None
+) -> int:
+    """Run a simulation to a time [s], say how it went, and return the exit code."""
+    from tipfem.errors import SimulationError
+
+    try:
+        simulation.run(end, progress=progress, control=control)
+    except SimulationError as error:
+        return said(1, f"error: {error}\nthe results up to there are in {folder}")
+    except KeyboardInterrupt:
+        return _stopped(128 + signal.SIGINT, simulation, folder)
+    except SystemExit as stop:
+        return _stopped(int(stop.code or 0), simulation, folder)
+    if simulation.time < end:
+        print(f"stopped by a command at t = {simulation.time:g} s; `tipfem resume {folder}` goes on from there")
+        return 0
+    if simulation.steering.pending:
+        record = simulation.steering.pending[0]
+        print(f"note: the run ended before step {record.step}, at which the next command was to be repeated")
+    row = simulation.history[-1]
+    print(f"{row['step']} steps to t = {row['time']:g} s in {row['wall_seconds']:.0f} s; results: {folder}")
+    if sums := simulation.remeshing_sums():
+        print(remeshing_table(sums))
+    return 0
+
+
+def _stopped(code: int, simulation: Simulation, folder: Path) -> int:
+    return said(code, f"stopped at t = {simulation.time:g} s; `tipfem resume {folder}` goes on from there")
+
+
+def demo_command(out: Path) -> list[str]:
+    """The words of the command that goes on with a demo's run; empty for other runs."""
+    try:
+        words: Any = json.loads((out / COMMAND_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return []
+    return [str(word) for word in words] if isinstance(words, list) else []
+
+
+def loaded(path: Path, overrides: Sequence[str] | None, until: float | None = None) -> tuple[CaseFile, Case]:
+    """A case file with overrides, and its case.
+
+    Args:
+        path: of the file.
+        overrides: see `tipfem.load_case`.
+        until: in place of its end [s].
+
+    Raises:
+        ValueError: the file has mistakes, or ``until`` is no time.
+    """
+    from tipfem.run.case_file import load_case
+
+    given = list(overrides or ())
+    if until is not None:
+        if not (is_number(until) and until > 0):
+            raise ValueError(f"--until is {until} s; it must be a number > 0 in s")
+        given.append(f"time.end={until!r}")
+    file = load_case(path, given)
+    return file, file.case()
+
+
+@contextmanager
+def bad_input() -> Iterator[list[str]]:
+    """What is refused in the block is said on the error output, and noted in the list that it gives."""
+    failed: list[str] = []
+    try:
+        yield failed
+    except CaseFileError as error:
+        count = len(error.problems)
+        failed.append(f"{error}\n{count} mistake{'s' if count > 1 else ''}; nothing was started")
+    except (ValueError, RuntimeError, OSError) as error:
+        failed.append(f"error: {error}")
+    if failed:
+        print(failed[0], file=sys.stderr)
+
+
+def said(code: int, message: str) -> int:
+    """Say a message on the error output; returns the exit code."""
+    print(message, file=sys.stderr)
+    return code

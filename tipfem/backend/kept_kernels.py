@@ -1,0 +1,263 @@
+"""The library of kernels: their machine code is kept on disk, so that a start need not make it again.
+
+At a start without it, Taichi reads every kernel's source, traces it in Python, and has LLVM make machine code: seconds,
+every time. Here the machine code is kept in the folder ``tipfem`` beside Taichi's own cache, a file for each kernel and
+each kind of arguments. A file is found by all that its code follows from: the texts that `fingerprint` collects, the
+kinds of the arguments and the values of templates; and in a folder for the processor, Taichi's version and settings,
+precision and number of threads among them. A kernel that is not there is compiled by Taichi to LLVM's language, by
+llvmlite to machine code, and added. What cannot be kept, or where llvmlite is missing, is launched by Taichi.
+
+Results are the same bit by bit. The environment variable ``TIPFEM_KERNELS=taichi`` switches the library off.
+"""
+
+import ctypes
+import hashlib
+import logging
+import os
+import platform
+import re
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from tipfem.backend import kernel_files, taichi_patches
+from tipfem.backend.fingerprint import NotKeptError, describe, fingerprint
+from tipfem.backend.kernel_files import UntrustedError
+from tipfem.backend.machine_code import Machine, UnsuitableError, one_function, threads_text
+from tipfem.backend.taichi_patches import address, host_view, program
+from tipfem.logs import log
+
+SWITCH = "TIPFEM_KERNELS"
+CHOICES = ("library", "taichi")
+_NUMBERS = {"i32": ctypes.c_int32, "f32": ctypes.c_float, "f64": ctypes.c_double}
+
+
+def chosen() -> bool:
+    """Whether kernels are to be kept.
+
+    Raises:
+        ValueError: the environment variable is neither "library" nor "taichi".
+    """
+    choice = os.environ.get(SWITCH) or "library"
+    if choice not in CHOICES:
+        raise ValueError(f"{SWITCH} is {choice!r}; it must be one of {list(CHOICES)}")
+    return choice == "library" and taichi_patches.ENABLED
+
+
+class KeptLaunch:
+    """A kernel of the library, prepared for some arguments; it is used as `taichi_patches.PreparedLaunch`.
+
+    Args:
+        start: calls the machine code.
+        machine: that has loaded it.
+        description: of the parameters and what is returned.
+        places: numbers of the arguments that are no templates.
+        arguments: for all of the kernel's parameters.
+
+    Attributes:
+        program: the runtime it was prepared for.
+    """
+
+    def __init__(
+        self,
+        start: Callable[[int], None],
+        machine: Machine,
+        description: dict[str, Any],
+        places: Sequence[int],
+        arguments: Sequence[Any],
+    ) -> None:
+        self.program = program()
+        self._start = start
+        self._values = _layout(description["parameters"])()
+        self._context, self._result = machine.context(self._values)
+        self._at = ctypes.addressof(self._context)
+        returns = description["returns"]
+        self._returned: Any = _NUMBERS[returns].from_buffer(self._result) if returns else None
+        self._host: list[tuple[int, Any, Any]] = []
+        self._numbers: list[tuple[int, Any]] = []
+        for k, (i, kind) in enumerate(zip(places, description["parameters"], strict=True)):
+            if kind in _NUMBERS:
+                offset = getattr(type(self._values), f"arg_{k}").offset
+                self._numbers.append((i, _NUMBERS[kind].from_buffer(self._values, offset)))
+                continue
+            entry, value = getattr(self._values, f"arg_{k}"), arguments[i]
+            if isinstance(value, np.ndarray):
+                self._host.append((i, entry, entry.shape))
+            else:
+                entry.shape[:] = value.shape
+                entry.data = host_view(value).ctypes.data
+
+    def __call__(self, arguments: Sequence[Any]) -> Any:
+        """Start the kernel; what it returns."""
+        for i, number in self._numbers:
+            number.value = arguments[i]
+        for i, entry, shape in self._host:
+            values = arguments[i]
+            entry.data = address(values)
+            shape[:] = values.shape
+        self._start(self._at)
+        return None if self._returned is None else self._returned.value
+
+
+def _layout(parameters: Sequence[str]) -> type[ctypes.Structure]:
+    """The structure in which Taichi's kernels find their arguments."""
+    fields: list[tuple[str, Any]] = []
+    for k, kind in enumerate(parameters):
+        if kind in _NUMBERS:
+            fields.append((f"arg_{k}", _NUMBERS[kind]))
+        else:
+            inner = [("shape", ctypes.c_int32 * int(kind.removeprefix("array "))), ("data", ctypes.c_void_p)]
+            fields.append((f"arg_{k}", type("Array", (ctypes.Structure,), {"_fields_": inner})))
+    return type("Arguments", (ctypes.Structure,), {"_fields_": fields})
+
+
+class Library:
+    """The kernels that are kept for this processor and Taichi's present settings.
+
+    Args:
+        folder: where, with a folder for each environment.
+        threads: that share loops.
+
+    Raises:
+        UnsuitableError: llvmlite does not do.
+        UntrustedError: others can write to the folder.
+        OSError: the folder cannot be made.
+    """
+
+    def __init__(self, folder: Path, threads: int) -> None:
+        self._machine = Machine()
+        text = threads_text()
+        python = f"{platform.system()} {platform.machine()} Python {sys.version_info[:2]}"
+        everything = "\n".join([python, str(threads), self._machine.name, taichi_patches.compiled_for(), text])
+        self._environment = hashlib.sha256(everything.encode()).hexdigest()
+        kernel_files.own_folder(folder)
+        self._folder = folder / self._environment[:16]
+        kernel_files.own_folder(self._folder)
+        self._loaded: dict[str, tuple[Callable[[int], None], dict[str, Any]]] = {}
+        self._added = False
+        _, code = self._kept("threads", lambda: ({}, self._machine.compile(text)))
+        self._machine.start_threads(code, threads)
+
+    def prepare(self, kernel: Any, kinds: Sequence[Any], arguments: Sequence[Any]) -> KeptLaunch | None:
+        """A kernel from the library, added if it was not there; None if it cannot be kept.
+
+        Args:
+            kernel: as `ti.kernel` returns it.
+            kinds: the annotations of its parameters.
+            arguments: for all of its parameters.
+        """
+        function = kernel._primal.func
+        try:
+            parameters, texts = [], [fingerprint(function)]
+            for kind, value in zip(kinds, arguments, strict=True):
+                text, parameter = _kind(kind, value)
+                texts.append(text)
+                parameters.append(parameter)
+            number = hashlib.sha256("\n".join(texts).encode()).hexdigest()[:40]
+            places = [i for i, parameter in enumerate(parameters) if parameter]
+            known = self._loaded.get(number)
+            if known is None:
+                name = f"{function.__name__}-{number}"
+                entry = f"kernel_{number}"
+                used = [parameter for parameter in parameters if parameter]
+                description, code = self._kept(name, lambda: self._make(kernel, arguments, used, entry))
+                (at,) = self._machine.load(code, entry)
+                known = self._loaded[number] = ctypes.PYFUNCTYPE(None, ctypes.c_void_p)(at), description
+            return KeptLaunch(known[0], self._machine, known[1], places, arguments)
+        except (NotKeptError, UnsuitableError) as error:
+            message = f"kernel {function.__name__} is not kept and starts slowly: {error}"
+            log(logging.DEBUG, "kernels", message)
+            return None
+
+    def _kept(self, name: str, make: Callable[[], tuple[dict[str, Any], bytes]]) -> tuple[dict[str, Any], bytes]:
+        """The description and the machine code in a file, which is made if it is not there or not trusted."""
+        path = self._folder / name
+        try:
+            found = kernel_files.read(path, self._environment)
+        except UntrustedError as error:
+            log(logging.WARNING, "warning", f"{path} is ignored, and made anew: {error}")
+            found = None
+        if found is None:
+            found = make()
+            try:
+                kernel_files.write(path, self._environment, *found)
+                if not self._added:
+                    self._added = True
+                    kernel_files.remove_oldest(self._folder.parent)
+            except OSError as error:
+                log(logging.WARNING, "warning", f"{path} cannot be written: {error.strerror}")
+        return found
+
+    def _make(
+        self, kernel: Any, arguments: Sequence[Any], parameters: list[str], entry: str
+    ) -> tuple[dict[str, Any], bytes]:
+        """The description and the machine code of a kernel, by Taichi and llvmlite.
+
+        Raises:
+            UnsuitableError: the kernel needs more than there is here.
+        """
+        text, about = taichi_patches.intermediate_code(kernel, arguments)
+        about = re.sub(r"\s", "", about)
+        tasks = re.findall(r'"name":"(\w+_kernel_\d+_\w+)"', about)
+        offsets = {int(k): int(offset) for k, offset in re.findall(r'"name":"arg_(\d+)","offset":(\d+)', about)}
+        layout = _layout(parameters)
+        if offsets != {k: getattr(layout, f"arg_{k}").offset for k in range(len(parameters))}:
+            raise UnsuitableError("its arguments are placed otherwise than expected")
+        if '"needs_grad":true' in about:
+            raise UnsuitableError("it has gradients")
+        returns = [_number(kind) for kind in kernel._primal.return_type or ()]
+        if len(returns) > 1 or any(kind not in _NUMBERS for kind in returns):
+            raise UnsuitableError(f"it returns {', '.join(returns)}")
+        code = self._machine.compile(one_function(text, tasks, entry))
+        return {"parameters": parameters, "returns": returns[0] if returns else None}, code
+
+
+def _kind(annotation: Any, value: Any) -> tuple[str, str]:
+    """All of an argument that machine code depends on, and how the kernel is passed it; empty for a template.
+
+    Raises:
+        NotKeptError: it is of a kind that is not kept.
+    """
+    if isinstance(annotation, ti.template):
+        return describe(value), ""
+    if isinstance(annotation, ti.types.ndarray):
+        if isinstance(value, np.ndarray) and value.dtype.isnative and value.dtype.kind in "if":
+            return f"{value.dtype.kind}{8 * value.dtype.itemsize} {value.ndim}", f"array {value.ndim}"
+        if type(value) is ti.ScalarNdarray and value.grad is None:
+            return f"{value.dtype.to_string()} {len(value.shape)}", f"array {len(value.shape)}"
+        raise NotKeptError(f"an argument is {type(value).__name__}")
+    kind = _number(annotation)
+    if kind not in _NUMBERS:
+        raise NotKeptError(f"a parameter is {kind}")
+    return kind, kind
+
+
+def _number(annotation: Any) -> str:
+    """The name of a number's type, from the annotation of a parameter or of what is returned."""
+    if annotation is float:
+        annotation = taichi_patches.default_real()
+    return "i32" if annotation is int else str(getattr(annotation, "to_string", annotation.__repr__)())
+
+
+_library: list[Library] = []
+
+
+def start(threads: int) -> None:
+    """Open the library; where that is not possible, one line in the log says why, and Taichi launches all kernels.
+
+    Args:
+        threads: that share loops.
+    """
+    try:
+        _library.append(Library(taichi_patches.cache_folder() / "tipfem", threads))
+    except (UnsuitableError, UntrustedError, OSError) as error:
+        log(logging.INFO, "kernels", f"kernels are not kept, and every start takes longer: {error}")
+
+
+def prepare(kernel: Any, kinds: Sequence[Any], arguments: Sequence[Any]) -> KeptLaunch | None:
+    """A kernel from the library; None where it is switched off, or the kernel cannot be kept."""
+    return _library[0].prepare(kernel, kinds, arguments) if _library else None

@@ -1,0 +1,49 @@
+"""The walls of a tank as what draws them needs them: outline, holes, names of sides, and where the tank has moved."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tipfem.case.case import Case
+from tipfem.geometry.domain import Domain
+
+
+def tank_outline(case: Case) -> dict[str, Any] | None:
+    """The outline of a two-dimensional tank and of its holes at t = 0, as JSON.
+
+    Args:
+        case: the case.
+
+    Returns:
+        "loops": the outline, anticlockwise, and the holes, clockwise, each with "corners" (K, 2) [m] and "names" (K,)
+        of the sides from each corner to the next; "reference": (2,) the point that the pose of the tank places [m].
+        None in three dimensions, and for walls that move by themselves or end at a periodic axis: those are convex.
+    """
+    if case.period or any(wall.motion is not None for wall in case.walls) or not isinstance(case.boundary.tank, Domain):
+        return None
+    tank = case.boundary.tank
+    loops = [
+        {"corners": tank.start[own].tolist(), "names": [tank.sides[side] for side in tank.side[own]]}
+        for own in (tank.loop == number for number in np.unique(tank.loop))
+    ]
+    return {"loops": loops, "reference": case.boundary.pose(0.0, 1e-6).pivot.tolist()}
+
+
+def tank_pose(case: Case, time: float) -> tuple[float, float, float]:
+    """Place of the tank's reference point (x, y) [m], and the angle [rad] by which the tank has turned since t = 0.
+
+    Args:
+        case: a case in two dimensions, whose tank may move.
+        time: [s].
+    """
+    pose = case.boundary.pose(time, 1e-6)
+    return float(pose.centre[0]), float(pose.centre[1]), float(np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0]))
+
+
+def tank_columns(case: Case, time: float) -> dict[str, float]:
+    """Columns of the history of a two-dimensional tank that moves, see `tank_pose`; none for others."""
+    if case.tank_motion is None or case.particles.dimension != 2:
+        return {}
+    return dict(zip(("tank_x", "tank_y", "tank_angle"), tank_pose(case, time), strict=True))

@@ -1,0 +1,193 @@
+"""Condensation: displacements that follow others are eliminated from the linear systems of a step.
+
+A node whose displacement is not an unknown of its own follows others: the copy of a particle on an interface its
+particle, a particle on a body the body's motion, a particle that slides on a wall itself, but for what is normal to the
+wall. With the corrections q of the unknowns that are left, all displacements are u = R q, and the sums of forces that
+act on q are L^T r. L is R but where forces act at other positions than those of the end of the step, as on walls that
+turn. So the matrix of the unknowns is L^T K R: formed once in a linearisation, for the Krylov iteration it is a matrix
+like any other (multi-point constraints; J. F. Abel & M. S. Shephard, An algorithm for multipoint constraints in finite
+element analysis, Int. J. Numer. Meth. Eng. 14, 1979).
+
+Vectors and matrices keep the entries of followers: in corrections they are those of R q, in residuals and in the
+matrix zero.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tipfem.backend.arrays import Buffers
+from tipfem.backend.launch import launch
+from tipfem.fem import condensation_kernels as kernels
+from tipfem.linalg.sparsity import Csr
+from tipfem.typing import Array
+
+
+class Follows(NamedTuple):
+    """K relations of nodes and those that they follow, the nodes ascending.
+
+    Attributes:
+        node: (K,) that follows,
+        parent: (K,) one that it follows.
+        row: (K, d, d) of L: the node's force f is L^T f on the parent.
+        column: (K, d, d) of R: the parent's displacement u is R u at the node.
+    """
+
+    node: Array
+    parent: Array
+    row: Array
+    column: Array
+
+    @staticmethod
+    def together(parts: list[Follows], dimension: int) -> Follows:
+        """The relations of several constraints."""
+        nowhere, nothing = np.zeros(0, dtype=np.int64), np.zeros((0, dimension, dimension))
+        columns = zip(Follows(nowhere, nowhere, nothing, nothing), *parts, strict=True)
+        node, parent, row, column = (np.concatenate(column) for column in columns)
+        order = np.argsort(node, kind="stable")
+        return Follows(node[order], parent[order], row[order], column[order])
+
+
+class Condensation:
+    """The followers among P nodes, on the device.
+
+    Args:
+        owner: (P,) the node whose displacement each has: itself, or the one that it is a copy of.
+        follows: relations of nodes that are no copies.
+        buffers: where the arrays live.
+
+    Attributes:
+        count: number of followers.
+    """
+
+    def __init__(self, owner: Array, follows: Follows, buffers: Buffers) -> None:
+        self._buffers, self._nodes, self._dimension = buffers, len(owner), follows.row.shape[1]
+        copies = np.flatnonzero(owner != np.arange(len(owner)))
+        first = np.searchsorted(follows.node, np.arange(self._nodes + 1))
+        # A copy of a follower has the relations of that one; that of a free node has one, to it.
+        of, length = owner[copies], np.diff(first)[owner[copies]]
+        plain = length == 0
+        length = np.where(plain, 1, length)
+        node = np.repeat(copies, length)
+        ahead = np.cumsum(length) - length
+        source = np.repeat(np.where(plain, -1, first[of] - ahead), length) + np.where(
+            np.repeat(plain, length), 0, np.arange(len(node))
+        )
+        parent = np.where(source < 0, np.repeat(of, length), np.append(follows.parent, 0)[source])
+        node, parent = np.concatenate([follows.node, node]), np.concatenate([follows.parent, parent])
+        source = np.concatenate([np.arange(len(follows.node)), source])
+        # Those that follow themselves alone come first.
+        order = np.lexsort((node, node != parent))
+        self._node, self._parent, self._source = node[order], parent[order], source[order]
+        self._new = starts = np.flatnonzero(np.diff(self._node, prepend=-1))
+        followers = self._node[starts]
+        self.count, self._own = len(followers), int((followers == self._parent[starts]).sum())
+        self._followers = followers
+        by_parent = np.lexsort((self._node, self._node != self._parent, self._parent))
+        parents, lists = np.unique(self._parent[by_parent], return_index=True)
+        self._parents = len(parents)
+        if not self.count:
+            return
+        number = np.full(self._nodes, -1)
+        number[followers] = np.arange(self.count)
+        self._number = number
+        put = buffers.upload
+        self._of_followers = (
+            put("condensed.node", followers),
+            put("condensed.starts", np.append(starts, len(node))),
+            put("condensed.parent", self._parent),
+        )
+        self._follower = put("condensed.follower", number)
+        self._of_parents = (
+            put("condensed.parents", parents),
+            put("condensed.lists", np.append(lists, len(node))),
+            put("condensed.entry", by_parent),
+            put("condensed.of", self._node[by_parent]),
+        )
+        self.set(follows)
+
+    def set(self, follows: Follows) -> None:
+        """Set the matrices of the relations, which are those given at first."""
+        if self.count:
+            width, unit = self._dimension**2, np.eye(self._dimension).reshape(1, -1)
+            self._row, self._column = (
+                self._buffers.upload(f"condensed.{name}", np.concatenate([a.reshape(-1, width), unit])[self._source])
+                for name, a in (("row", follows.row), ("column", follows.column))
+            )
+
+    def couplings(self, one: Array, other: Array, cells: Array) -> tuple[Array, Array]:
+        """Couplings of nodes that the condensed matrix has beside those of the mesh, without repetition.
+
+        Args:
+            one: (K,) rows of further couplings, as of terms that couple nodes without a common cell,
+            other: (K,) and their columns.
+            cells: (M, d + 1) nodes of the mesh.
+
+        Returns:
+            Rows, ascending, and columns.
+        """
+        if self.count == self._own:
+            key = one * self._nodes + other
+        else:
+            follows = np.zeros(self._nodes, dtype=bool)
+            follows[self._followers[self._own :]] = True
+            near = cells[follows[cells].any(axis=1)].astype(np.int64)
+            width = near.shape[1]
+            first, second = np.repeat(near, width, axis=1).ravel(), np.tile(near, (1, width)).ravel()
+            there = follows[first] | follows[second]
+            i, j = np.concatenate([one, first[there]]), np.concatenate([other, second[there]])
+            rows, columns = self._parents_of(i).T, self._parents_of(j).T
+            key = np.concatenate([one * self._nodes + other, *(a * self._nodes + b for a in rows for b in columns)])
+        return np.divmod(np.unique(key), self._nodes)
+
+    def _parents_of(self, nodes: Array) -> Array:
+        """(K, p) each node and its parents; the node again where there are less than p - 1."""
+        most = int(np.diff(np.append(self._new, len(self._node))).max())
+        result = np.repeat(nodes[:, None], 1 + most, axis=1)
+        number = self._number[nodes]
+        index = np.flatnonzero(number >= 0)
+        first, ends = self._new[number[index]], np.append(self._new, len(self._node))[number[index] + 1]
+        for p in range(most):
+            has = first + p < ends
+            result[index[has], 1 + p] = self._parent[first[has] + p]
+        return result
+
+    def spread(self, x: Any) -> None:
+        """Give the followers their displacements in a vector (P (d + 1),): x = R x."""
+        if self.count:
+            counts, work = (self._own, self.count, self._dimension), (self.count, kernels.FOLLOWER)
+            launch(kernels.spread, *self._of_followers, self._column, x, *counts, work=work)
+
+    def collect(self, r: Any) -> None:
+        """Add the momentum rows of followers in a vector (P (d + 1),) to those of their parents: r = L^T r."""
+        if self.count:
+            counts, work = (self._own, self.count, self._parents, self._dimension), (self.count, kernels.FOLLOWER)
+            launch(kernels.collect, *self._of_parents, self._of_followers[0], self._row, r, *counts, work=work)
+
+    def condense(self, matrix: Csr) -> None:
+        """K = L^T K R in place, of a matrix with the columns of `couplings`."""
+        if not self.count:
+            return
+        counts = self._own, self.count, self._parents, self._dimension
+        launch(
+            kernels.condense_columns,
+            self._follower,
+            *self._of_followers[1:],
+            self._column,
+            *matrix,
+            self._nodes,
+            self._dimension,
+            work=(self._nodes, kernels.ROW),
+        )
+        launch(
+            kernels.condense_rows,
+            *self._of_parents,
+            self._of_followers[0],
+            self._row,
+            *matrix,
+            self._nodes,
+            *counts,
+            work=(self._parents, kernels.PARENT),
+        )

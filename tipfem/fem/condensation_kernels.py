@@ -1,0 +1,190 @@
+"""Kernels that eliminate displacements which follow others, see `tipfem.fem.condensation`.
+
+Follower number f is node ``node[f]``; its entries e = starts[f] ... starts[f + 1] - 1 name nodes ``parent[e]`` and the
+matrices ``row[e]`` and ``column[e]``, (d * d,) row by row. The first ``own`` followers follow themselves alone. Vectors
+of unknowns are laid out as in `tipfem.fem.residual`, matrices as in `tipfem.fem.jacobian`.
+"""
+
+import taichi as ti
+
+from tipfem.backend.array_types import Ints1, Reals1, Reals2, Template
+from tipfem.backend.launch import kernel
+from tipfem.fem.jacobian import block_entry
+from tipfem.fem.residual import displacement_of
+from tipfem.linalg.sparsity import find_column
+
+# Nanoseconds of one thread for a follower in `spread` and `collect`, for a row and for a parent's row in `condense`.
+FOLLOWER, ROW, PARENT = 15.0, 25.0, 300.0
+
+
+@ti.func
+def apply(matrix: Template, e, u, transposed: Template):
+    """Matrix ``e`` times u (d,), or its transpose times u."""
+    dim = ti.static(u.n)
+    result = ti.Vector.zero(float, dim)
+    for k in ti.static(range(dim)):
+        for m in ti.static(range(dim)):
+            if ti.static(transposed):
+                result[k] += matrix[e, m * dim + k] * u[m]
+            else:
+                result[k] += matrix[e, k * dim + m] * u[m]
+    return result
+
+
+@ti.func
+def spread_to(node: Template, starts: Template, parent: Template, column: Template, x: Template, f, dim: Template):
+    """The displacement of follower ``f`` in ``x`` by those of its parents."""
+    u = ti.Vector.zero(float, dim)
+    for e in range(starts[f], starts[f + 1]):
+        u += apply(column, e, displacement_of(x, parent[e], dim), False)
+    for k in ti.static(range(dim)):
+        x[node[f] * (dim + 1) + k] = u[k]
+
+
+@kernel
+def spread(
+    node: Ints1,
+    starts: Ints1,
+    parent: Ints1,
+    column: Reals2,
+    x: Reals1,
+    own: ti.i32,
+    count: ti.i32,
+    dim: Template,
+    serial: Template,
+):
+    """x = R x: the displacements of ``count`` followers by those of their parents."""
+    ti.loop_config(serialize=serial)
+    for f in range(own):
+        spread_to(node, starts, parent, column, x, f, dim)
+    ti.loop_config(serialize=serial)
+    for f in range(own, count):
+        spread_to(node, starts, parent, column, x, f, dim)
+
+
+@kernel
+def collect(
+    parents: Ints1,
+    lists: Ints1,
+    entry: Ints1,
+    of: Ints1,
+    node: Ints1,
+    row: Reals2,
+    x: Reals1,
+    own: ti.i32,
+    count: ti.i32,
+    parent_count: ti.i32,
+    dim: Template,
+    serial: Template,
+):
+    """x = L^T x: momentum rows of followers are added to those of their parents, and made zero.
+
+    Parent number g is node ``parents[g]``, with the entries ``entry[lists[g]:lists[g + 1]]`` that name it, of the nodes
+    ``of``; where it follows itself, that entry is the first.
+    """
+    ti.loop_config(serialize=serial)
+    for g in range(parent_count):
+        m = parents[g]
+        total = displacement_of(x, m, dim)
+        first = lists[g]
+        if of[first] == m:
+            total = apply(row, entry[first], total, True)
+            first += 1
+        for s in range(first, lists[g + 1]):
+            total += apply(row, entry[s], displacement_of(x, of[s], dim), True)
+        for k in ti.static(range(dim)):
+            x[m * (dim + 1) + k] = total[k]
+    ti.loop_config(serialize=serial)
+    for f in range(own, count):
+        for k in ti.static(range(dim)):
+            x[node[f] * (dim + 1) + k] = 0.0
+
+
+@kernel
+def condense_columns(
+    follower: Ints1,
+    starts: Ints1,
+    parent: Ints1,
+    column: Reals2,
+    row_offsets: Ints1,
+    columns: Ints1,
+    blocks: Reals1,
+    nodes: ti.i32,
+    dim: Template,
+    serial: Template,
+):
+    """K = K R in place, of a matrix whose rows have the columns of the parents; columns of pressure stay.
+
+    ``follower`` (N,) is the number of each node among the followers, -1 for others.
+    """
+    ti.loop_config(serialize=serial)
+    for i in range(nodes):
+        first, last, couplings = row_offsets[i], row_offsets[i + 1], row_offsets[nodes]
+        for s in range(first, last):
+            f = follower[columns[s]]
+            if f >= 0:
+                old = ti.Matrix.zero(float, dim + 1, dim)
+                for k in ti.static(range(dim + 1)):
+                    for m in ti.static(range(dim)):
+                        at = block_entry(couplings, s, k, m, dim)
+                        old[k, m] = blocks[at]
+                        blocks[at] = 0.0
+                for e in range(starts[f], starts[f + 1]):
+                    t = s if parent[e] == columns[s] else find_column(columns, first, last, parent[e])
+                    for k in ti.static(range(dim + 1)):
+                        along = ti.Vector([old[k, m] for m in ti.static(range(dim))])
+                        new = apply(column, e, along, True)
+                        for m in ti.static(range(dim)):
+                            at = block_entry(couplings, t, k, m, dim)
+                            blocks[at] = blocks[at] + new[m]
+
+
+@kernel
+def condense_rows(
+    parents: Ints1,
+    lists: Ints1,
+    entry: Ints1,
+    of: Ints1,
+    node: Ints1,
+    row: Reals2,
+    row_offsets: Ints1,
+    columns: Ints1,
+    blocks: Reals1,
+    nodes: ti.i32,
+    own: ti.i32,
+    count: ti.i32,
+    parent_count: ti.i32,
+    dim: Template,
+    serial: Template,
+):
+    """K = L^T K in place, of a matrix whose parents' rows have the columns of the followers'; see `collect`."""
+    ti.loop_config(serialize=serial)
+    for g in range(parent_count):
+        m, couplings = parents[g], row_offsets[nodes]
+        begin, end, start = row_offsets[m], row_offsets[m + 1], lists[g]
+        if of[start] == m:
+            for s in range(begin, end):
+                for c in ti.static(range(dim + 1)):
+                    old = ti.Vector([blocks[block_entry(couplings, s, k, c, dim)] for k in ti.static(range(dim))])
+                    new = apply(row, entry[start], old, True)
+                    for k in ti.static(range(dim)):
+                        blocks[block_entry(couplings, s, k, c, dim)] = new[k]
+            start += 1
+        for q in range(start, lists[g + 1]):
+            i = of[q]
+            for s in range(row_offsets[i], row_offsets[i + 1]):
+                t = find_column(columns, begin, end, columns[s])
+                if t < end:
+                    for c in ti.static(range(dim + 1)):
+                        old = ti.Vector([blocks[block_entry(couplings, s, k, c, dim)] for k in ti.static(range(dim))])
+                        new = apply(row, entry[q], old, True)
+                        for k in ti.static(range(dim)):
+                            at = block_entry(couplings, t, k, c, dim)
+                            blocks[at] = blocks[at] + new[k]
+    ti.loop_config(serialize=serial)
+    for f in range(own, count):
+        i, couplings = node[f], row_offsets[nodes]
+        for s in range(row_offsets[i], row_offsets[i + 1]):
+            for k in ti.static(range(dim)):
+                for c in ti.static(range(dim + 1)):
+                    blocks[block_entry(couplings, s, k, c, dim)] = 0.0

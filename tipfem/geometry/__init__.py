@@ -1,0 +1,1 @@
+"""The plane, without fluids or particles: shapes, polygons that bound fluids, curves, periods, lattices."""

@@ -1,0 +1,137 @@
+"""Points of a box, in 2-D or 3-D, on a rectilinear lattice that fits its walls; some may be periodic."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tipfem.geometry.lattice import Part, faces_of_part, fitted_lines, lines, snap_to_faces
+from tipfem.geometry.period import Period
+from tipfem.typing import Array
+
+# The walls of a box by their names: axis, and whether it is the one at the upper end.
+SIDES = {name: (k // 2, k % 2 == 1) for k, name in enumerate(["left", "right", "bottom", "top", "back", "front"])}
+
+
+@dataclass(frozen=True)
+class BoxPoints:
+    """The N points of a box; see `tipfem.geometry.shape_points.ShapePoints` for those of other shapes.
+
+    Attributes:
+        size: (d,) of the box, from the origin [m].
+        period: of the positions.
+        counts: number of lines along each axis.
+        position: (N, d) [m], the last axis running fastest.
+        wall: (N,) mask of those on walls.
+        on_face: (N,) mask of those on faces between parts.
+    """
+
+    size: Array
+    period: Period
+    counts: tuple[int, ...]
+    position: Array
+    wall: Array
+    on_face: Array
+
+    @staticmethod
+    def of(
+        size: Array, spacing: float, faces: list[set[float]], period: Period, is_empty: Part | None, *, fitted: bool
+    ) -> BoxPoints:
+        """The lattice of a box, see `tipfem.geometry.lattice` for its lines and for errors.
+
+        Args:
+            size: (d,) [m].
+            spacing: h [m].
+            faces: coordinates of faces between parts along each axis [m].
+            period: of the positions.
+            is_empty: mask of the points in empty parts; None where no part may be empty.
+            fitted: whether lines are on the faces, instead of on both sides of them.
+        """
+        along = []
+        for axis, length in enumerate(size.tolist()):
+            if fitted:
+                along.append(fitted_lines(axis, length, spacing, faces[axis]))
+            else:
+                lower = np.zeros_like(size)
+                ends = faces_of_part(faces[axis], axis, lower, size, spacing, is_empty) if is_empty else set()
+                along.append(lines(axis, length, spacing, faces[axis], ends))
+        position = np.stack([x.ravel() for x in np.meshgrid(*along, indexing="ij")], axis=1)
+        at_end = (position == 0.0) | (position == size)
+        at_end[:, period.axes] = False
+        nowhere = np.zeros(len(position), dtype=bool)
+        return BoxPoints(size, period, tuple(len(x) for x in along), position, at_end.any(axis=1), nowhere)
+
+    @property
+    def line(self) -> Array:
+        """(N, d) numbers of the lines that each point is on, from the nearer end."""
+        from_end = [np.minimum(np.arange(n), np.arange(n)[::-1]) for n in self.counts]
+        return np.stack([k.ravel() for k in np.meshgrid(*from_end, indexing="ij")], axis=1)
+
+    @property
+    def images(self) -> Array:
+        """(N,) mask of the points on the last line along a periodic axis, which are images of those on the first."""
+        last = np.zeros(len(self.position), dtype=bool)
+        number = np.unravel_index(np.arange(len(self.position)), self.counts)
+        for k in self.period.axes:
+            last |= number[k] == self.counts[k] - 1
+        return last
+
+    def fitted(self, part: Part) -> BoxPoints:
+        """The points, in 2-D, with some moved onto the faces between parts; see `snap_to_faces`."""
+        across, down = self.counts
+        position, on_face = snap_to_faces(self.position, (across, down), self.size, part)
+        for k in self.period.axes:  # faces between the two ends, too
+            on_face |= position[:, k] == 0.0
+        return replace(self, position=position, on_face=on_face)
+
+    def shifted(self, by: Array, *, along_walls: bool) -> BoxPoints:
+        """The points displaced by (N, d) [m], but for those on faces and walls; in 3-D along the walls, if these may.
+
+        In 3-D four wall particles of a lattice can be in one plane across an edge of the tank. The simplices missing
+        between them do not matter while they are fixed, but they do for particles of walls that slip.
+        """
+        held = (self.wall | self.on_face)[:, None]
+        if along_walls and len(self.size) == 3:
+            held = (self.position == 0.0) | (self.position == self.size)
+        return replace(self, position=self.position + np.where(held, 0.0, by))
+
+    def along_walls(self, x: Array, velocity: Array, slips: Callable[[str], bool]) -> Array:
+        """Velocities (K, d) of points on walls without their parts across walls that slip, and zero on others.
+
+        Args:
+            x: (K, d) the points [m].
+            velocity: (K, d) [m/s].
+            slips: whether the wall of a name does.
+        """
+        velocity = velocity.copy()
+        for name, (axis, upper) in SIDES.items():
+            if axis >= len(self.size) or axis in self.period.axes:
+                continue
+            here = x[:, axis] == (self.size[axis] if upper else 0.0)
+            velocity[here, axis] = 0.0
+            if not slips(name):
+                velocity[here] = 0.0
+        return velocity
+
+    def at_interfaces(self, fluid: Array, fluid_at: Part) -> Array:
+        """(N,) mask of the points, in 2-D, whose neighbours have another fluid than their own (N,)."""
+        del fluid_at
+        grid = fluid.reshape(self.counts)
+        mask = np.zeros(self.counts, dtype=bool)
+        for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
+            differs = grid[one] != grid[other]
+            mask[one] |= differs
+            mask[other] |= differs
+        return mask.ravel()
+
+    def limited(self, size: Array, spacing: float) -> Array:
+        """Target spacings (N,) where the walls allow no larger ones: they allow all."""
+        del spacing
+        return size
+
+    def fewer_on_walls(self, kept: Array, fixed: Array, target: Array, stride: Array, spacing: float) -> Array:
+        """The mask (N,) of the points that stay: the walls are lines of the lattice, and nothing else applies there."""
+        del fixed, target, stride, spacing
+        return kept

@@ -1,0 +1,173 @@
+"""Curves: the smooth parts of a domain's boundary along which fluids slip, and the arcs of walls that turn.
+
+Along a straight wall a particle slides on the wall's line. Along a curve the boundary of the fluid is the polyline of
+the particles themselves, which slide on the given arc or polyline. So that this conserves the volume inside, a
+particle slides at right angles to n_i, the boundary integral of its shape function times the normal: parallel to the
+line from the particle before it to the one after it (Engelman, Sani & Gresho, Int. J. Numer. Methods Fluids 2, 1982).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tipfem.geometry.domain import Domain
+from tipfem.typing import Array
+
+# Corners of the boundary that turn by more than this are fixed; particles slide past all others [degrees].
+SMOOTH = 20.0
+ROUNDS = 3  # of Newton's method for the volume inside
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A smooth part of the boundary along which fluid slips, of two edges or more.
+
+    Attributes:
+        wall: number of the wall.
+        edges: (E,) numbers of the domain's edges, in order.
+        start, end: (E, 2) of the edges [m].
+        centre: (E, 2) of the arcs that they are a part of, NaN for straight edges [m].
+        closed: whether its end is its beginning.
+    """
+
+    wall: int
+    edges: Array
+    start: Array
+    end: Array
+    centre: Array
+    closed: bool
+
+    def nearest(self, y: Array) -> tuple[Array, Array]:
+        """Distance of points (K, 2) to the polyline (K,) [m], and the number (K,) of the nearest edge in `edges`."""
+        side = self.end - self.start
+        off = y[:, None] - self.start
+        part = np.clip((off * side).sum(axis=2) / (side**2).sum(axis=1), 0.0, 1.0)
+        distance = np.linalg.norm(off - part[..., None] * side, axis=2)
+        edge = np.argmin(distance, axis=1)
+        return distance[np.arange(len(y)), edge], edge
+
+    def at_ends(self, y: Array, slack: float) -> Array:
+        """Mask (K,) of the points (K, 2) [m] at its two ends, up to ``slack`` [m]; a closed curve has none."""
+        ends = np.stack([self.start[0], self.end[-1]])
+        return np.asarray((np.linalg.norm(y[:, None] - ends, axis=2) <= slack).any(axis=1) & (not self.closed))
+
+    def project(self, y: Array) -> Array:
+        """The points (K, 2) of the curve nearest to points (K, 2) near it [m]: on the arc where an edge has one."""
+        _, edge = self.nearest(y)
+        start, side = self.start[edge], (self.end - self.start)[edge]
+        part = np.clip(((y - start) * side).sum(axis=1) / (side**2).sum(axis=1), 0.0, 1.0)
+        straight = start + part[:, None] * side
+        centre = self.centre[edge]
+        off = y - centre
+        radius = np.linalg.norm(start - centre, axis=1)
+        length = np.linalg.norm(off, axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            on_arc = centre + off * (radius / length)[:, None]
+        return np.asarray(np.where(np.isfinite(on_arc), on_arc, straight))
+
+    def along(self, y: Array) -> Array:
+        """Places (K,) of points (K, 2) along the curve, in edges."""
+        _, edge = self.nearest(y)
+        start, side = self.start[edge], (self.end - self.start)[edge]
+        return np.asarray(edge + np.clip(((y - start) * side).sum(axis=1) / (side**2).sum(axis=1), 0.0, 1.0))
+
+    def tangent(self, y: Array) -> Array:
+        """Unit vectors (K, 2) along the curve at points (K, 2) of it, in the direction of its edges."""
+        _, edge = self.nearest(y)
+        side = (self.end - self.start)[edge]
+        off = y - self.centre[edge]
+        around = np.stack([-off[:, 1], off[:, 0]], axis=1)
+        around *= np.sign((around * side).sum(axis=1))[:, None]
+        tangent = np.where(np.isfinite(around), around, side)
+        return np.asarray(tangent / np.linalg.norm(tangent, axis=1)[:, None])
+
+
+def runs_of(domain: Domain, side: int) -> list[Array]:
+    """The edges of a side of a domain in runs, between corners that turn by more than `SMOOTH`.
+
+    Args:
+        domain: the domain.
+        side: number of the side.
+
+    Returns:
+        (E,) numbers of the edges of each run, in order.
+    """
+    mine = np.flatnonzero(domain.side == side)
+    smooth = np.abs(domain.turn[mine]) <= math.radians(SMOOTH)
+    goes_on = smooth & (domain.side[domain.following[mine]] == side)
+    after = dict(zip(mine[goes_on].tolist(), domain.following[mine[goes_on]].tolist(), strict=True))
+    left = dict.fromkeys(mine.tolist())
+    firsts = [k for k in left if k not in set(after.values())]
+    runs = []
+    for first in [*firsts, *mine.tolist()]:  # the others are on closed curves
+        if first not in left:
+            continue
+        run, k = [], first
+        while k in left:
+            del left[k]
+            run.append(k)
+            if k not in after:
+                break
+            k = after[k]
+        runs.append(np.array(run))
+    return runs
+
+
+def has_curve(domain: Domain | None, side: str) -> bool:
+    """Whether a side of a domain, by its name, is a curve, or a part of it is; see `Curve`."""
+    return domain is not None and any(len(run) > 1 for run in runs_of(domain, domain.sides.index(side)))
+
+
+def curve_of(domain: Domain, wall: int, run: Array) -> Curve:
+    """The curve of a run of edges of a domain, see `runs_of`; ``wall`` is its number."""
+    closed = bool(domain.following[run[-1]] == run[0]) and abs(domain.turn[run[-1]]) <= math.radians(SMOOTH)
+    return Curve(wall, run, domain.start[run], domain.end[run], domain.centre[run], closed)
+
+
+def restored(position: Array, pairs: Array, moves: Array, area: float) -> Array:
+    """Positions with those on curves moved along their n_i, all by as much, so that the boundary encloses an area.
+
+    Args:
+        position: (N, 2) [m].
+        pairs: (E, 2) the particles along the boundary, two and two, with the fluid on their left.
+        moves: (N,) mask of those on curves.
+        area: that the boundary is to enclose [m^2].
+
+    Returns:
+        (N, 2) positions [m].
+    """
+    x = position.copy()
+    a, b = pairs.T
+    for _ in range(ROUNDS):
+        p, q = x[a], x[b]
+        missing = area - 0.5 * float((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum())
+        outwards = 0.5 * np.stack([q[:, 1] - p[:, 1], p[:, 0] - q[:, 0]], axis=1)
+        normal = np.zeros_like(x)
+        np.add.at(normal, a, outwards)
+        np.add.at(normal, b, outwards)
+        normal[~moves] = 0.0
+        length = np.linalg.norm(normal, axis=1)
+        if abs(missing) <= 1e-15 * area or not length.any():
+            break
+        # dA = n_i . dx_i, with dx_i = s n_i / |n_i|
+        unit = np.divide(normal, length[:, None], out=np.zeros_like(x), where=length[:, None] > 0)
+        x += (missing / length.sum()) * unit
+    return np.asarray(x)
+
+
+def chain_tangents(position: Array, pairs: Array, particles: Sequence[int] | Array) -> Array:
+    """Unit vectors (K, 2) from the particle before to that after each of ``particles`` (K,) along the boundary.
+
+    Args:
+        position: (N, 2) [m].
+        pairs: (E, 2) the particles along the boundary, two and two.
+        particles: (K,) numbers of particles on it.
+    """
+    before, after = np.full(len(position), -1), np.full(len(position), -1)
+    after[pairs[:, 0]], before[pairs[:, 1]] = pairs[:, 1], pairs[:, 0]
+    along = position[after[particles]] - position[before[particles]]
+    return np.asarray(along / np.linalg.norm(along, axis=1)[:, None])

@@ -1,0 +1,480 @@
+"""Domain: the polygon, with holes, that bounds the fluids of a case; its sides, and what lies inside."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import ConvexHull, cKDTree
+
+from tipfem.errors import Invalid
+from tipfem.geometry.period import Period
+from tipfem.geometry.shapes import Piece, Shape
+from tipfem.typing import Array
+
+# Edges of a whole circle, at least.
+LEAST_EDGES = 16
+# The least angle of a corner, inside the fluid [degrees]: the fluid in a sharper one could not be resolved.
+LEAST_ANGLE = 30.0
+# Half of the edges are at least as long [spacings], so that particles are about a spacing apart.
+LEAST_EDGE = 0.2
+# The least width of a gap between two walls [spacings].
+LEAST_GAP = 3.0
+# Two points of the boundary are across a gap if the way between them along the boundary is this many times as long.
+ROUND_ABOUT = 4.0
+BISECTIONS = 52
+# A particle is on the boundary if it is closer to it than this [spacings].
+ON_BOUNDARY = 1e-6
+
+
+class Domain:
+    """A region bounded by straight edges, with the fluid on their left.
+
+    Arcs of a shape are polylines here, with their corners on the arc.
+
+    Args:
+        loops: corners (K, 2) of the outline, anticlockwise, and of each hole, clockwise [m].
+        names: of the side that the edge from each corner to the next belongs to, K for each loop.
+        curves: number of the arc that each edge is a part of, K for each loop; -1 for straight sides.
+        centres: (2,) of the arcs, by their numbers [m].
+        convex: whether it is the convex hull of what fills it, as a box is; a mesh needs no given edges then.
+
+    Attributes:
+        start, end: (S, 2) of the edges [m], loop by loop.
+        loop: (S,) number of the loop.
+        sides: names of the sides.
+        side: (S,) number of the side of each edge.
+        curve: (S,) number of the arc of each edge, -1 for none.
+        centre: (S, 2) of the arc of each edge, NaN for none [m].
+        following: (S,) number of the edge that begins where this one ends.
+    """
+
+    def __init__(
+        self,
+        loops: Sequence[Array],
+        names: Sequence[Sequence[str]],
+        curves: Sequence[Sequence[int]],
+        centres: Mapping[int, Array] | None = None,
+        *,
+        convex: bool = False,
+    ) -> None:
+        self.convex = convex
+        self.start = np.concatenate(loops)
+        self.end = np.concatenate([np.roll(corners, -1, axis=0) for corners in loops])
+        count = [len(corners) for corners in loops]
+        self.loop = np.repeat(np.arange(len(loops)), count)
+        flat = [name for own in names for name in own]
+        self.sides = list(dict.fromkeys(flat))
+        self.side = np.array([self.sides.index(name) for name in flat])
+        self.curve = np.array([number for own in curves for number in own])
+        self.centre = np.full((len(self.start), 2), math.nan)
+        for number, centre in (centres or {}).items():
+            self.centre[self.curve == number] = centre
+        first = np.cumsum([0, *count])
+        self.following = np.concatenate([f + np.roll(np.arange(n), -1) for f, n in zip(first[:-1], count, strict=True)])
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    @cached_property
+    def length(self) -> Array:
+        """(S,) of the edges [m]."""
+        return np.asarray(np.linalg.norm(self.end - self.start, axis=1))
+
+    @cached_property
+    def direction(self) -> Array:
+        """(S, 2) of the edges, of unit length."""
+        return np.asarray((self.end - self.start) / self.length[:, None])
+
+    @cached_property
+    def normal(self) -> Array:
+        """(S, 2) of the edges, into the fluid, of unit length."""
+        return np.stack([-self.direction[:, 1], self.direction[:, 0]], axis=1)
+
+    @cached_property
+    def offset(self) -> Array:
+        """(S,) n . x of the edges' lines with these normals [m]."""
+        return np.asarray((self.normal * self.start).sum(axis=1))
+
+    @cached_property
+    def turn(self) -> Array:
+        """(S,) angle by which the boundary turns at each edge's end [rad]: > 0 at convex corners."""
+        a, b = self.direction, self.direction[self.following]
+        return np.asarray(np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1)))
+
+    @property
+    def sense(self) -> Array:
+        """(S,) 1 where an edge runs anticlockwise about what its loop encloses, -1 where clockwise, as holes' do."""
+        return np.where(self.loop == 0, 1.0, -1.0)
+
+    def tangents(self, x: Array, edge: Array) -> Array:
+        """Unit vectors (K, 2) along the edges ``edge`` (K,) at points (K, 2) on them; along the arc where there is one.
+
+        In the direction of the edges, with the fluid on the left.
+        """
+        direction = self.direction[edge]
+        off = x - self.centre[edge]
+        around = np.stack([-off[:, 1], off[:, 0]], axis=1)
+        around *= np.where((around * direction).sum(axis=1) < 0, -1.0, 1.0)[:, None]
+        around /= np.linalg.norm(around, axis=1)[:, None]
+        return np.where(np.isfinite(around), around, direction)
+
+    @property
+    def area(self) -> float:
+        """[m^2]."""
+        a, b = self.start, self.end
+        return float(0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
+
+    def contains(self, x: Array) -> Array:
+        """Mask (K,) of the points (K, 2) [m] inside; on the boundary either."""
+        inside = np.zeros(len(x), dtype=bool)
+        px, py = np.ascontiguousarray(x[:, 0]), np.ascontiguousarray(x[:, 1])
+        for (ax, ay), (bx, by) in zip(self.start.tolist(), self.end.tolist(), strict=True):
+            if ay == by:
+                continue
+            level = (ay > py) != (by > py)
+            if level.any():
+                k = np.flatnonzero(level)
+                inside[k] ^= px[k] < ax + (bx - ax) * (py[k] - ay) / (by - ay)
+        return inside
+
+    def distances(self, x: Array, edges: Array | None = None) -> tuple[Array, Array]:
+        """Distance of points to edges, with the place on the edge.
+
+        Args:
+            x: (K, 2) points [m].
+            edges: (E,) numbers of the edges; by default all.
+
+        Returns:
+            (K, E) distances [m], and parts (K, E) of the edges' lengths where they are nearest, from 0 to 1.
+        """
+        a, b = (self.start, self.end) if edges is None else (self.start[edges], self.end[edges])
+        ex, ey = (b - a).T
+        px, py = x[:, :1] - a[:, 0], x[:, 1:] - a[:, 1]
+        part = np.clip((px * ex + py * ey) / (ex**2 + ey**2), 0.0, 1.0)
+        return np.hypot(px - part * ex, py - part * ey), part
+
+    def depth(self, x: Array, reach: float) -> Array:
+        """Distance (K,) of points (K, 2) [m] to the boundary where it is less than ``reach`` [m], and inf elsewhere."""
+        result = np.full(len(x), math.inf)
+        for points in np.array_split(np.arange(len(x)), max(1, len(x) // 20000)):
+            for edge in range(len(self)):
+                low = np.minimum(self.start[edge], self.end[edge]) - reach
+                high = np.maximum(self.start[edge], self.end[edge]) + reach
+                near = points[((x[points] >= low) & (x[points] <= high)).all(axis=1)]
+                if len(near):
+                    found = self.distances(x[near], np.array([edge]))[0][:, 0]
+                    result[near] = np.minimum(result[near], np.where(found < reach, found, math.inf))
+        return result
+
+    def on_edges(self, x: Array, tolerance: float) -> Array:
+        """Mask (K, S) of the edges that the points (K, 2) [m] are on, ends included, up to ``tolerance`` [m]."""
+        parts = np.array_split(x, max(1, len(x) * len(self) // 2_000_000))
+        return np.concatenate([self.distances(part)[0] < tolerance for part in parts])
+
+    def boundary_edges(self, x: Array, tolerance: float) -> tuple[Array, Array]:
+        """The edges of a mesh along the boundary.
+
+        Args:
+            x: (K, 2) points on the boundary, all of its corners among them [m].
+            tolerance: within which they are on it [m].
+
+        Returns:
+            (E, 2) numbers of two points each, with the fluid on the left, and the numbers (E,) of the domain's edges.
+        """
+        on = self.on_edges(x, tolerance)
+        pairs, edges = [], []
+        for k in range(len(self)):
+            row = np.flatnonzero(on[:, k])
+            row = row[np.argsort((x[row] - self.start[k]) @ self.direction[k])]
+            pairs.append(np.stack([row[:-1], row[1:]], axis=1))
+            edges.append(np.full(len(row) - 1, k))
+        return np.concatenate(pairs), np.concatenate(edges)
+
+    def first_loops(self, count: int) -> Domain:
+        """The domain with its first ``count`` loops only."""
+        kept = self.loop < count
+        names = ("start", "end", "loop", "side", "curve", "centre", "following")
+        return self._changed(**{name: getattr(self, name)[kept] for name in names})
+
+    def with_corners(self, start: Array) -> Domain:
+        """The domain with its corners elsewhere, (S, 2) [m]."""
+        return self._changed(start=start, end=start[self.following])
+
+    def moved(self, displacement: Array) -> Domain:
+        """The domain with its edges displaced along their normals by (S,) [m]; its corners are where they meet then.
+
+        Of two edges on one line, both must be displaced by as much.
+        """
+        if not displacement.any():
+            return self
+        before = np.argsort(self.following)
+        normal = np.stack([self.normal[before], self.normal], axis=1)
+        by = np.stack([displacement[before], displacement], axis=1)
+        return self.with_corners(self.start + np.einsum("sij,sj->si", np.linalg.pinv(normal, rcond=1e-9), by))
+
+    def _changed(self, **arrays: Array) -> Domain:
+        result = copy.copy(self)
+        for name in ("length", "direction", "normal", "offset", "turn"):
+            result.__dict__.pop(name, None)
+        vars(result).update(arrays)
+        return result
+
+    def edges_of(self, x: Array, wall: Array, spacing: float) -> Array:
+        """The edges of a mesh along the boundary.
+
+        Args:
+            x: (N, 2) particles [m].
+            wall: (N,) mask of those on walls.
+            spacing: h [m].
+
+        Returns:
+            (E, 2) the wall particles along the boundary, two and two, with the fluid on the left.
+        """
+        index = np.flatnonzero(wall)
+        return np.asarray(index[self.boundary_edges(x[index], ON_BOUNDARY * spacing)[0]])
+
+    def require_surrounds(self, x: Array, wall: Array, spacing: float) -> None:
+        """Check that the wall particles are on the boundary, with one at every corner, and all others are inside.
+
+        Args:
+            x: (N, 2) particles [m].
+            wall: (N,) mask of those on walls.
+            spacing: h [m].
+
+        Raises:
+            ValueError: they are not.
+        """
+        h = spacing
+        on = self.on_edges(x[wall], ON_BOUNDARY * h)
+        if not on.any(axis=1).all():
+            i = int(np.flatnonzero(wall)[np.argmin(on.any(axis=1))])
+            raise Invalid(
+                "particles", f": wall particle {i} at {x[i].tolist()} is not on the boundary of the domain", "Case"
+            )
+        corner = cKDTree(x[wall]).query(self.start)[0] < ON_BOUNDARY * h
+        if not corner.all():
+            k = int(np.argmin(corner))
+            raise Invalid(
+                "particles", f": the corner of the domain at {self.start[k].tolist()} has no wall particle", "Case"
+            )
+        inside = self.contains(x) & (self.depth(x, 1e-6 * h) == np.inf)
+        if (~inside & ~wall).any():
+            i = int(np.argmax(~inside & ~wall))
+            raise Invalid(
+                "particles",
+                f": particle {i} at {x[i].tolist()} is not inside the domain, or is on its boundary",
+                "Case",
+            )
+
+    def require_resolved(self, spacing: float) -> None:
+        """Check that particles of a spacing can resolve the domain.
+
+        Args:
+            spacing: h [m].
+
+        Raises:
+            ValueError: a corner is too sharp, or a gap too narrow.
+        """
+        if np.median(self.length) < LEAST_EDGE * spacing:
+            k = int(np.argmin(self.length))
+            raise Invalid(
+                "tank",
+                f": most of its {len(self)} corners are closer to the next than {LEAST_EDGE:g} spacings, as at "
+                f"{self.start[k].tolist()}; there would be more of them than particles. Leave corners out, join them "
+                f"by arcs, or choose a smaller spacing than {spacing:g} m",
+            )
+        sharp = math.pi - self.turn < math.radians(LEAST_ANGLE) * (1 - 1e-9)
+        if sharp.any():
+            k = int(np.argmax(sharp))
+            raise Invalid(
+                "tank",
+                f": the corner at {self.end[k].tolist()} has an angle of {180 - math.degrees(self.turn[k]):.3g} "
+                f"degrees inside; it must be at least {LEAST_ANGLE:g}",
+            )
+        points, along, loop = self._samples(0.5 * spacing)
+        reach = LEAST_GAP * spacing * (1 - 1e-6)
+        pairs = cKDTree(points).query_pairs(1.02 * reach, output_type="ndarray")
+        # The points are 0.5 h apart, so a gap of width w has two of them at most sqrt(w^2 + h^2 / 16) apart.
+        i, j = pairs.T
+        apart = np.linalg.norm(points[i] - points[j], axis=1)
+        circumference = np.bincount(self.loop, weights=self.length)[loop[i]]
+        way = np.abs(along[i] - along[j])
+        way = np.where(loop[i] == loop[j], np.minimum(way, circumference - way), np.inf)
+        across = way > ROUND_ABOUT * apart
+        across &= np.where(across, self.contains(0.5 * (points[i] + points[j])), False)
+        i, j = i[across], j[across]
+        if not len(i):
+            return
+        width = apart[across]
+        k = int(np.argmin(width))
+        if width[k] < reach:
+            place = (0.5 * (points[i[k]] + points[j[k]])).tolist()
+            raise Invalid(
+                "tank",
+                f": the gap between two walls at [{place[0]:.6g}, {place[1]:.6g}] is {width[k]:.4g} m wide, "
+                f"{width[k] / spacing:.3g} spacings; it must be {LEAST_GAP:g} or more: choose a smaller spacing than "
+                f"{spacing:g} m",
+            )
+
+    def _samples(self, spacing: float) -> tuple[Array, Array, Array]:
+        """Points (K, 2) along the boundary [m], about ``spacing`` [m] apart; place along their loop, its number."""
+        points, along, loops = [], [], []
+        behind = np.zeros(self.loop.max() + 1)
+        for k in range(len(self)):
+            count = max(1, math.ceil(self.length[k] / spacing - 1e-9))
+            part = np.arange(count) / count
+            points.append(self.start[k] + part[:, None] * (self.end[k] - self.start[k]))
+            along.append(behind[self.loop[k]] + part * self.length[k])
+            loops.append(np.full(count, self.loop[k]))
+            behind[self.loop[k]] += self.length[k]
+        return np.concatenate(points), np.concatenate(along), np.concatenate(loops)
+
+
+def domain_of(shape: Shape, spacing: float, part: Callable[[Array], Array] | None = None) -> Domain:
+    """The domain of a shape, with edges of about a spacing for its arcs.
+
+    Args:
+        shape: the shape.
+        spacing: h [m].
+        part: function of positions (K, 2) [m] to the number (K,) of the filled part that each lies in. Where an arc
+            passes from one into another, a corner is put there.
+    """
+    loops, names, curves = [], [], []
+    centres: dict[int, Array] = {}
+    for loop in shape.loops:
+        corners: list[Array] = []
+        own: list[str] = []
+        numbers: list[int] = []
+        for run in _runs(loop):
+            if run[0].centre is None:
+                points, number = run[0].start[None], -1
+            else:
+                points, number = _arc_points(run, spacing, part, whole=len(run) == len(loop)), len(centres)
+                centres[number] = run[0].centre
+            corners.append(points)
+            own += [run[0].name] * len(points)
+            numbers += [number] * len(points)
+        loops.append(np.concatenate(corners))
+        names.append(own)
+        curves.append(numbers)
+    return Domain(loops, names, curves, centres)
+
+
+def gap_between(one: Domain, other: Domain, *, outside: bool) -> tuple[float, Array, int]:
+    """The gap between two outlines [m], its place (2,) [m], and the number of the other's edge.
+
+    It is 0 where corners of the first are not on the side of the other where they belong: ``outside`` of it, or inside.
+    """
+    there, _ = other.distances(one.start)
+    back, _ = one.distances(other.start)
+    wrong = other.contains(one.start) == outside
+    if wrong.any():
+        worst = int(np.argmax(np.where(wrong, there.min(axis=1), -1.0)))
+        return 0.0, one.start[worst], int(np.argmin(there[worst]))
+    k, edge = (int(i) for i in np.unravel_index(np.argmin(there), there.shape))
+    corner = int(np.argmin(back.min(axis=1)))
+    if back.min() < there.min():
+        return float(back.min()), other.start[corner], corner
+    return float(there.min()), one.start[k], edge
+
+
+def enclosing(position: Array, spacing: float, period: Period) -> Domain:
+    """The convex hull of particles.
+
+    Args:
+        position: (N, 2) [m].
+        spacing: h [m].
+        period: of the positions; along its axes it ends at the period's ends.
+    """
+    outline = _hull(position, spacing)
+    if period:
+        lower, upper = position.min(axis=0), np.where(period.width > 0, period.width, position.max(axis=0))
+        outline = np.array([lower, [upper[0], lower[1]], upper, [lower[0], upper[1]]])
+    return Domain([outline], [[f"side{k}" for k in range(len(outline))]], [[-1] * len(outline)], convex=True)
+
+
+def _hull(position: Array, spacing: float) -> Array:
+    """The corners (K, 2) of the convex hull of points (N, 2), anticlockwise, without those on straight sides [m]."""
+    corners = position[ConvexHull((position - position.mean(axis=0)) / spacing).vertices]
+    while True:
+        before, after = np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)
+        side, off = after - before, corners - before
+        height = np.abs(side[:, 0] * off[:, 1] - side[:, 1] * off[:, 0]) / np.linalg.norm(side, axis=1)
+        flat = int(np.argmin(height))
+        if len(corners) <= 3 or height[flat] > ON_BOUNDARY * spacing:
+            return np.asarray(corners)
+        corners = np.delete(corners, flat, axis=0)
+
+
+def around_bodies(position: Array, spacing: float, bodies: Sequence[Array]) -> Domain:
+    """The convex hull of particles (N, 2), less bodies with the corners (K, 2), anticlockwise."""
+    outline = _hull(position, spacing)
+    loops = [outline, *(corners[::-1] for corners in bodies)]
+    names = [[f"side{k}" for k in range(len(outline))], *([f"body{b}"] * len(c) for b, c in enumerate(bodies))]
+    return Domain(loops, names, [[-1] * len(loop) for loop in loops])
+
+
+def _runs(loop: Sequence[Piece]) -> list[list[Piece]]:
+    """The pieces of a loop, those of one arc together; a straight side in several pieces is one."""
+    runs: list[list[Piece]] = []
+    for piece in loop:
+        before = runs[-1][-1] if runs else None
+        if before is not None and before.name == piece.name:
+            if piece.centre is not None and before.centre is not None and np.array_equal(before.centre, piece.centre):
+                runs[-1].append(piece)
+                continue
+            if piece.centre is None and before.centre is None and _collinear(before, piece):
+                runs[-1] = [replace(before, end=piece.end)]
+                continue
+        runs.append([piece])
+    return runs
+
+
+def _collinear(one: Piece, other: Piece) -> bool:
+    a, b = one.end - one.start, other.end - other.start
+    return bool(abs(a[0] * b[1] - a[1] * b[0]) < 1e-9 * np.linalg.norm(a) * np.linalg.norm(b) and a @ b > 0)
+
+
+def _arc_points(run: Sequence[Piece], spacing: float, part: Callable[[Array], Array] | None, *, whole: bool) -> Array:
+    """Corners (K, 2) along an arc of several pieces, its end excluded [m]; ``whole``: it is a circle."""
+    angle = sum(abs(piece.angle) for piece in run)
+    least = math.ceil(LEAST_EDGES * angle / (2 * math.pi) - 1e-9)
+    count = max(1, least, round(sum(piece.length for piece in run) / spacing))
+
+    def at(where: Array) -> Array:
+        """Points at parts of the run's angle."""
+        turned = np.asarray(where) % 1.0 if whole else np.asarray(where)
+        bounds = np.cumsum([0.0, *(abs(piece.angle) / angle for piece in run)])
+        bounds[-1] = 1.0
+        number = np.clip(np.searchsorted(bounds, turned, side="right") - 1, 0, len(run) - 1)
+        points = np.empty((len(turned), 2))
+        for k, piece in enumerate(run):
+            here = number == k
+            points[here] = piece.at(np.clip((turned[here] - bounds[k]) / (bounds[k + 1] - bounds[k]), 0.0, 1.0))
+        return points
+
+    where = np.arange(count + 1) / count
+    if part is not None:
+        label = part(at(where))
+        if whole:
+            label[-1] = label[0]
+        moved = where.copy()
+        for k in np.flatnonzero(label[1:] != label[:-1]):
+            low, high = where[k], where[k + 1]
+            for _ in range(BISECTIONS):
+                middle = 0.5 * (low + high)
+                same = part(at(np.array([middle])))[0] == label[k]
+                low, high = (middle, high) if same else (low, middle)
+            crossing = 0.5 * (low + high)
+            nearer = int(k if crossing * count - k < 0.5 else k + 1)
+            if whole:
+                moved[nearer % count] = crossing - (nearer - nearer % count) / count
+            elif 0 < nearer < count:
+                moved[nearer] = crossing
+        where = moved
+    return at(where[:-1])

@@ -1,0 +1,217 @@
+"""Rectilinear lattices on which the particles of a tank start, and their points on faces between fluids."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Collection, Iterable
+
+import numpy as np
+
+from tipfem.errors import Invalid
+from tipfem.geometry.period import Period
+from tipfem.typing import Array
+
+# Function of positions (K, d) [m] to the number (K,) of the part of a tank that each is in, or to a mask.
+Part = Callable[[Array], Array]
+# Bisections of an edge between two parts, down to round-off.
+BISECTIONS = 52
+# Distance from a face at which the parts on its two sides are sampled [spacings].
+BESIDE = 1e-4
+
+
+def snap_to_faces(position: Array, shape: tuple[int, int], size: Array, part: Part) -> tuple[Array, Array]:
+    """Move lattice points onto the faces between parts of a tank.
+
+    On every edge of the lattice, diagonals included, that joins two parts, the end that is closer to the face
+    moves there along the edge; a point with several targets moves to the closest (Labelle & Shewchuk,
+    "Isosurface stuffing", 2007). Then no edge crosses a straight face except at walls.
+    Points on a wall stay on it, and the corners of the tank do not move.
+
+    Args:
+        position: (N, 2) lattice points [m], the second axis running fastest.
+        shape: points along each axis.
+        size: (2,) of the tank [m].
+        part: function of positions (K, 2) [m] to the number (K,) of the part that each lies in.
+
+    Returns:
+        The points (N, 2), and the mask (N,) of those on a face.
+    """
+    index = np.arange(len(position)).reshape(shape)
+    pairs = [(index[:-1], index[1:]), (index[:, :-1], index[:, 1:])]
+    pairs += [(index[:-1, :-1], index[1:, 1:]), (index[:-1, 1:], index[1:, :-1])]
+    one, other = (np.concatenate([pair[k].ravel() for pair in pairs]) for k in (0, 1))
+    label = part(position)
+    mixed = label[one] != label[other]
+    one, other = one[mixed], other[mixed]
+    start, edge = position[one], position[other] - position[one]
+    low, high = np.zeros(len(one)), np.ones(len(one))
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        same = part(start + middle[:, None] * edge) == label[one]
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    fraction = 0.5 * (low + high)
+    # Parts overlap by round-off. A face along a lattice line crosses an edge exactly at its end.
+    fraction = np.where(fraction < 1e-7, 0.0, np.where(fraction > 1 - 1e-7, 1.0, fraction))
+    crossing = start + fraction[:, None] * edge
+    mover = np.where(fraction <= 0.5, one, other)
+    on_wall = (position == 0.0) | (position == size)
+    crossing = np.where(on_wall[mover] & (on_wall[one] & on_wall[other]), position[mover], crossing)
+    leaves = (on_wall[mover] & (crossing != position[mover])).any(axis=1)
+    mover, crossing = mover[~leaves], crossing[~leaves]
+    distance = np.linalg.norm(crossing - position[mover], axis=1)
+    order = np.lexsort((distance, mover))
+    mover, first = np.unique(mover[order], return_index=True)
+    crossing = crossing[order][first]
+    # The two diagonals of a square may cross a face at the same point, their middle: only one point moves there.
+    tolerance = np.abs(size).max() * 1e-9
+    distinct = np.unique(np.round(crossing / tolerance).astype(np.int64), axis=0, return_index=True)[1]
+    mover, crossing = mover[distinct], crossing[distinct]
+    snapped = position.copy()
+    snapped[mover] = crossing
+    on_face = np.zeros(len(position), dtype=bool)
+    on_face[mover] = True
+    return snapped, on_face
+
+
+def faces_of_part(
+    faces: Iterable[float], axis: int, lower: Array, size: Array, spacing: float, part: Part
+) -> set[float]:
+    """The faces normal to one axis at which a part of the tank ends anywhere.
+
+    Args:
+        faces: coordinates along the axis, from the tank's lower end [m].
+        axis: number of the axis.
+        lower: (d,) lower corner of the tank [m].
+        size: (d,) of the tank [m].
+        spacing: of its particles [m].
+        part: mask of the points in the part.
+    """
+    others = [np.arange(0.25 * spacing, length, 0.5 * spacing) for k, length in enumerate(size) if k != axis]
+    grid = np.stack([x.ravel() for x in np.meshgrid(*others, indexing="ij")], axis=1)
+    found = set()
+    for face in faces:
+        below, above = (np.insert(grid, axis, face + s * BESIDE * spacing, axis=1) for s in (-1, 1))
+        if (part(lower + below) != part(lower + above)).any():
+            found.add(face)
+    return found
+
+
+def heaviest_beside(
+    position: Array, box: Array, spacing: float, fluid: Part, rank: Array, period: Period | None = None
+) -> Array:
+    """The heaviest fluid (K,) that touches each of the points (K, 2).
+
+    Args:
+        position: points on faces [m].
+        box: (2, 2) lower and upper corner of the tank [m].
+        spacing: of its particles [m].
+        fluid: function of positions (K, 2) [m] to fluids (K,).
+        rank: of the fluids from the lightest to the heaviest.
+        period: of the tank; none by default.
+    """
+    best = fluid(position)
+    for x in (-1, 1):
+        for y in (-1, 1):
+            near = position + BESIDE * spacing * np.array([x, y])
+            near = np.clip(period.wrapped(near) if period else near, *box)
+            other = fluid(near)
+            best = np.where(rank[other] > rank[best], other, best)
+    return best
+
+
+# Least distance of lines [spacings]; relocation would move particles that are closer from the start.
+CLOSEST = 0.6
+
+
+def fitted_lines(axis: int, length: float, spacing: float, faces: Iterable[float]) -> Array:
+    """Coordinates (n,) of the lines along one axis, with one on every face [m]; see `lines`."""
+    # With two intervals or more, a layer has particles that are not on its faces.
+    edges = _edges(axis, length, spacing, faces, lambda lower, upper: (2 * CLOSEST, "two lines"))
+    pieces = [np.zeros(1)]
+    for lower, upper in itertools.pairwise(edges):
+        n = max(2, round((upper - lower) / spacing))
+        pieces.append(np.linspace(lower, upper, n + 1)[1:])
+    return np.concatenate(pieces)
+
+
+def lines(axis: int, length: float, spacing: float, faces: Iterable[float], on_lines: Collection[float] = ()) -> Array:
+    """Coordinates (n,) of the lines along one axis, with every face midway between two of them [m].
+
+    Args:
+        axis: number of the axis, for messages.
+        length: of the tank along it [m].
+        spacing: h [m].
+        faces: where parts of the tank end [m].
+        on_lines: the faces that have a line on them instead.
+
+    Raises:
+        ValueError: two faces are too close to each other.
+    """
+    h = spacing
+    # A wall has a line of its own, from which the first line of the layer keeps its distance.
+    edges = _edges(
+        axis,
+        length,
+        h,
+        faces,
+        lambda lower, upper: (CLOSEST * (1.0 if lower > 0 and upper < length else 1.5), "one line"),
+    )
+    # Each layer separately: lines are on walls, and half a step from faces.
+    layers = list(itertools.pairwise(edges))
+    solid = {0.0, length, *on_lines}
+    margins = [(0.0 if a in solid else 0.5) + (0.0 if b in solid else 0.5) for a, b in layers]
+    counts = [max(int(m < 1), round((b - a) / h - m)) for (a, b), m in zip(layers, margins, strict=True)]
+    steps = [(b - a) / (n + m) for (a, b), n, m in zip(layers, counts, margins, strict=True)]
+    # Then both sides of a face have the same half gap, that of the smaller step.
+    half = [0.0, *(0.5 * min(s) for s in itertools.pairwise(steps)), 0.0]
+    for k, n in enumerate(counts):
+        if n == 0:  # a single line is in the middle of its layer
+            half[k] = half[k + 1] = 0.5 * steps[k]
+    half = [0.0 if edge in solid else gap for edge, gap in zip(edges, half, strict=True)]
+    pieces = []
+    for k, (lower, upper) in enumerate(layers):
+        first, last = lower + half[k], upper - half[k + 1]
+        single = counts[k] == 0 and abs(last - first) < 1e-9 * h
+        n = 0 if single else max(1, round((last - first) / h))
+        if last - first < CLOSEST * n * h * (1 - 1e-9):
+            why = f"its neighbours allow ({CLOSEST:g} spacings between lines)"
+            raise _thin(axis, lower, upper, h, why)
+        pieces.append(np.linspace(first, last, n + 1))
+    result = np.concatenate(pieces)
+    result = result[np.append(np.diff(result) > 1e-9 * length, True)]  # a line on a face is in two layers
+    result[-1] = length
+    return np.asarray(result)
+
+
+def _edges(
+    axis: int, length: float, spacing: float, faces: Iterable[float], limit: Callable[[float, float], tuple[float, str]]
+) -> list[float]:
+    """Coordinates of walls and faces along one axis, ascending [m].
+
+    Args:
+        axis: number of the axis, for messages.
+        length: of the tank along it [m].
+        spacing: h [m].
+        faces: where parts of the tank end [m].
+        limit: function of two consecutive coordinates to their least distance [spacings] and its purpose.
+    """
+    edges = [0.0]
+    # A face on a wall, up to round-off, is not inside the tank.
+    inner = {face for face in faces if 1e-9 * length < face < length - 1e-9 * length}
+    for face in [*sorted(inner), length]:
+        if face - edges[-1] < 1e-9 * length:
+            continue
+        least, purpose = limit(edges[-1], face)
+        if face - edges[-1] < least * spacing * (1 - 1e-9):
+            why = f"{least:g} spacings ({least * spacing:g} m), the least for {purpose}"
+            raise _thin(axis, edges[-1], face, spacing, why)
+        edges.append(face)
+    return edges
+
+
+def _thin(axis: int, lower: float, upper: float, spacing: float, limit: str) -> ValueError:
+    return Invalid(
+        "tank",
+        f": along axis {axis}, the part between {lower:g} m and {upper:g} m is thinner than {limit}; "
+        f"choose a smaller spacing than {spacing:g} m",
+    )

@@ -1,0 +1,1 @@
+"""Rigid bodies that float or are moved, their contacts and their energy."""

@@ -1,0 +1,109 @@
+"""Energy of the bodies that float, for the balance of a step.
+
+The bodies' equations, tested with their increments in the step, give the balance that is derived in
+docs/theory/energy.md; the work of the fluids on the bodies is the same with the opposite sign in that of the fluids.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tipfem.case.body import Body
+from tipfem.fem.time_integration import TimeScheme
+from tipfem.physics.bodies.motion import BodyStates
+from tipfem.typing import Array
+
+
+@dataclass(frozen=True)
+class BodyBalance:
+    """Energies of the bodies that float in a step [J, per metre of depth], summed over them.
+
+    Attributes:
+        kinetic: at the end of the step.
+        potential: of gravity, relative to the reference points at height zero, and of springs; at the end of the step.
+        change: of both in the step.
+        dampers: work that dampers take in the step.
+        numerical: work of inertia, springs and weight less the change of their energies, and of the fluids' forces
+            along the particles' displacements less that of force and moment; a loss.
+        work: of the fluids on the bodies.
+        external: work of the body force, gravity excepted.
+    """
+
+    kinetic: float = 0.0
+    potential: float = 0.0
+    change: float = 0.0
+    dampers: float = 0.0
+    numerical: float = 0.0
+    work: float = 0.0
+    external: float = 0.0
+
+
+def body_balance(
+    bodies: Sequence[Body],
+    gravity: Array,
+    old: BodyStates,
+    new: BodyStates,
+    acceleration: Array,
+    scheme: TimeScheme,
+    body_force: Array,
+) -> BodyBalance:
+    """The balance of a step.
+
+    Args:
+        bodies: of the case.
+        gravity: (2,) [m/s^2].
+        old: the bodies at the start of the step, on its N particles,
+        new: and at its end.
+        acceleration: (B, 3) a_alpha of the bodies.
+        scheme: time integration, with the step's length.
+        body_force: (N, 2) acceleration by gravity and body force [m/s^2].
+    """
+    total = np.zeros(7)
+    velocity = scheme.alpha_f * old.velocity + scheme.cf * new.velocity
+    for b, body in enumerate(bodies):
+        if not body.floats or old.held[b]:
+            continue
+        increment = new.position[b] - old.position[b]
+        inertia = np.array([body.total_mass, body.total_mass, body.inertia_about_reference])
+        before, after = (_energies(body, gravity, states, b, inertia) for states in (old, new))
+        change = after - before
+        arms = np.stack([_centre(body, states.position[b, 2]) for states in (old, new)])
+        arm = scheme.alpha_f * arms[0] + scheme.cf * arms[1]
+        force = body_force[old.label == b].mean(axis=0)
+        weight, further = (_weight(body, g, arm) @ increment for g in (gravity, force - gravity))
+        stretched = scheme.alpha_f * old.position[b] + scheme.cf * new.position[b] - np.append(body.reference, 0.0)
+        springs = (np.asarray(body.stiffness) * stretched) @ increment
+        dampers = (np.asarray(body.damping) * velocity[b]) @ increment
+        inertial = (inertia * acceleration[b]) @ increment
+        numerical = inertial + springs - weight - change.sum() + new.work[b] - new.force[b] @ increment
+        kinetic, potential = after[0], after[1:].sum()
+        total += kinetic, potential, change.sum(), dampers, numerical, new.work[b], further
+    return BodyBalance(*total.tolist())
+
+
+def _centre(body: Body, angle: float) -> Array:
+    """(2,) the centre of mass relative to the reference point [m]."""
+    x, y = body.centre_of_mass - body.reference
+    return np.array([np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y])
+
+
+def _weight(body: Body, gravity: Array, arm: Array) -> Array:
+    """(3,) force and moment of an acceleration at the centre of mass."""
+    return np.asarray(body.total_mass * np.append(gravity, arm[0] * gravity[1] - arm[1] * gravity[0]))
+
+
+def _energies(body: Body, gravity: Array, states: BodyStates, b: int, inertia: Array) -> Array:
+    """(3,) kinetic energy, potential energy, and energy of the springs [J]."""
+    position = states.position[b]
+    place = position[:2] + _centre(body, position[2])
+    stretched = position - np.append(body.reference, 0.0)
+    return np.array(
+        [
+            0.5 * (inertia * states.velocity[b] ** 2).sum(),
+            -body.total_mass * float(gravity @ place),
+            0.5 * (np.asarray(body.stiffness) * stretched**2).sum(),
+        ]
+    )

@@ -1,0 +1,321 @@
+"""Rigid bodies between two steps and in a step: their motion, and that of the particles on them; in two dimensions.
+
+A body has a reference point c and an angle; a particle on it is at c + r, and turns with it. Three numbers a body, in
+x, y and the angle, are its position, velocity and acceleration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tipfem.case.body import FREEDOMS, Body
+from tipfem.case.boundary import put_before
+from tipfem.case.particles import Particles
+from tipfem.case.walls import Pose
+from tipfem.fem.time_integration import TimeScheme
+from tipfem.geometry.domain import Domain
+from tipfem.typing import Array
+
+# A wall particle closer than this to the outline of a body is on the body [spacings].
+ON_BODY = 1e-5
+# Columns of the history for a body, after its name.
+COLUMNS = (
+    *("x", "y", "angle"),
+    *("velocity_x", "velocity_y", "angular_velocity"),
+    *("force_x", "force_y", "moment"),
+)
+
+
+def turned(r: Array) -> Array:
+    """Vectors (K, 2) turned by a right angle, anticlockwise."""
+    return np.stack([-r[:, 1], r[:, 0]], axis=1)
+
+
+@dataclass(frozen=True)
+class BodyStates:
+    """The bodies of a simulation between two steps.
+
+    Attributes:
+        label: (N,) number of the body that each particle is on, -1 for none, int32.
+        position: (B, 3) of the bodies [m, m, rad].
+        velocity: (B, 3) [m/s, m/s, rad/s].
+        acceleration: (B, 3) [m/s^2, m/s^2, rad/s^2].
+        held: (B,) mask of the bodies that a contact has fixed.
+        force: (B, 3) force [N/m] and moment about the reference point [N] of the fluids, at the intermediate time of
+            the last step.
+        work: (B,) of the fluids on the bodies in the last step [J, per metre of depth].
+    """
+
+    label: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+    held: Array
+    force: Array
+    work: Array
+
+    @classmethod
+    def start(cls, bodies: Sequence[Body], particles: Particles, label: Array, step: float) -> BodyStates:
+        """The bodies at t = 0.
+
+        Args:
+            bodies: of the case.
+            particles: the initial ones.
+            label: (N,) number of the body that each particle is on, -1 for none.
+            step: of finite differences of prescribed motions [s].
+        """
+        rows = np.zeros((3, len(bodies), 3))
+        for b, body in enumerate(bodies):
+            rows[:, b] = body.prescribed(0.0, step)
+            if body.floats:
+                rows[1, b] = *body.velocity, body.angular_velocity
+        position, velocity, acceleration = rows
+        return cls(
+            label.astype(np.int32),
+            position,
+            velocity,
+            acceleration,
+            held=np.zeros(len(bodies), dtype=bool),
+            force=np.zeros((len(bodies), 3)),
+            work=np.zeros(len(bodies)),
+        )
+
+    def arms(self, x: Array) -> tuple[Array, Array, Array]:
+        """Particles (K,) on bodies, the bodies' numbers (K,), and r (K, 2) of the positions x (N, 2) [m]."""
+        index = np.flatnonzero(self.label >= 0)
+        of = self.label[index]
+        return index, of, x[index] - self.position[of, :2]
+
+    def imposed(self, particles: Particles) -> Particles:
+        """The particles, those on bodies with the velocities and accelerations of the bodies."""
+        index, of, r = self.arms(particles.position)
+        velocity, acceleration = particles.velocity.copy(), particles.acceleration.copy()
+        velocity[index], acceleration[index] = rigid_rates(r, self.velocity[of], self.acceleration[of])
+        return particles.shallow_copy(velocity=velocity, acceleration=acceleration)
+
+    def remeshed(
+        self, bodies: Sequence[Body], particles: Particles, numbers: Array | None, relocated: Array
+    ) -> BodyStates:
+        """The same bodies on remeshed particles, of which those along straight edges of the bodies may be others.
+
+        Args:
+            bodies: of the case.
+            particles: the N' particles after remeshing.
+            numbers: (N,) new number of each particle, -1 for those removed; None if no number changes.
+            relocated: (N',) mask of those that were relocated or are new.
+        """
+        label = self.label
+        if numbers is not None:
+            kept = np.flatnonzero((numbers >= 0) & (label >= 0))
+            label = np.full(len(particles), -1, dtype=np.int32)
+            label[numbers[kept]] = self.label[kept]
+        moved = np.flatnonzero(relocated & (particles.wall | (label >= 0)))
+        if len(moved):
+            label = label.copy()
+            label[moved] = -1
+            for b, body in enumerate(bodies):
+                x, y, angle = self.position[b]
+                cosine, sine = np.cos(angle), np.sin(angle)
+                at_start = (particles.position[moved] - (x, y)) @ np.array([[cosine, -sine], [sine, cosine]])
+                on = body.distance(at_start + body.reference) < ON_BODY * particles.spacing
+                label[moved[on & particles.wall[moved]]] = b
+        return self if label is self.label else replace(self, label=label)
+
+
+def body_pose(body: Body, states: BodyStates, number: int) -> Pose:
+    """The motion of a body from where it is at t = 0.
+
+    Args:
+        body: of the case.
+        states: of the bodies.
+        number: of the body.
+    """
+    (x, y, angle), (u, v, w), (a, b, c) = (
+        of[number].tolist() for of in (states.position, states.velocity, states.acceleration)
+    )
+    cosine, sine = np.cos(angle), np.sin(angle)
+    across = np.array([[0.0, -1.0], [1.0, 0.0]])
+    return Pose(
+        np.asarray(body.reference, dtype=float),
+        np.array([x, y]),
+        np.array([[cosine, -sine], [sine, cosine]]),
+        w * across,
+        c * across,
+        np.array([u, v]),
+        np.array([a, b]),
+    )
+
+
+def outline_of(body: Body) -> Domain:
+    """The region that a body covers at t = 0."""
+    count = len(body.corners)
+    return Domain([body.corners], [[body.name] * count], [[-1] * count])
+
+
+def stopped_by_bodies(bodies: Sequence[Body], states: BodyStates, particles: Particles, loose: Array) -> Particles:
+    """The particles, with loose ones that have flown into a body put back in front of it.
+
+    Args:
+        bodies: of the case.
+        states: of the bodies.
+        particles: at the same time.
+        loose: (N,) mask of the particles in free flight.
+    """
+    for number, body in enumerate(bodies):
+        index = np.flatnonzero(loose)
+        if not len(index):
+            break
+        pose, outline = body_pose(body, states, number), outline_of(body)
+        y = pose.origin(particles.position[index])
+        inside = outline.contains(y)
+        if inside.any():
+            particles = put_before(particles, index[inside], y[inside], outline, pose, -1.0)
+    return particles
+
+
+def body_columns(bodies: Sequence[Body], states: BodyStates | None) -> dict[str, float]:
+    """Columns of the history: position and velocity of each body's reference point, force and moment of the fluids.
+
+    Args:
+        bodies: of the case.
+        states: of the bodies; None for zeros, where only the names are wanted.
+    """
+    row: dict[str, float] = {}
+    for b, body in enumerate(bodies):
+        values = [np.zeros(3)] * 3 if states is None else [states.position[b], states.velocity[b], states.force[b]]
+        row.update(zip((f"{body.name}_{name}" for name in COLUMNS), np.concatenate(values).tolist(), strict=True))
+    return row
+
+
+def rigid_rates(r: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+    """Velocities and accelerations (K, 2) at r (K, 2), of bodies with these rates (K, 3)."""
+    w, side = velocity[:, 2:], turned(r)
+    return velocity[:, :2] + w * side, acceleration[:, :2] + acceleration[:, 2:] * side - w * w * r
+
+
+def rotated(r: Array, angle: Array) -> Array:
+    """The change (K, 2) of r (K, 2) by rotations of ``angle`` (K,) [rad]; without loss of digits at small angles."""
+    return np.asarray(-2 * np.sin(0.5 * angle)[:, None] ** 2 * r + np.sin(angle)[:, None] * turned(r))
+
+
+class BodyMotion:
+    """The bodies in a step: their particles are placed by the bodies' motions.
+
+    Args:
+        scheme: time integration, with the step's length.
+        bodies: of the case.
+        states: of the bodies at the start of the step.
+        particles: at the start of the step.
+        time: at the start of the step [s].
+
+    Attributes:
+        scheme, bodies, states: as given.
+        index: (K,) the particles on bodies, of: (K,) their bodies, arm: (K, 2) from the reference points [m].
+        floating: (B,) mask of the bodies that the fluids move.
+        free: (B, 3) mask of the unknowns among their increments.
+        increment: (B, 3) motion of the bodies in the step: prescribed, and for bodies that float that at constant
+            acceleration.
+        after: the bodies at the end of the step; of those that float, see `solved`.
+
+    Raises:
+        ValueError: a function of time returns an invalid value.
+    """
+
+    def __init__(
+        self, scheme: TimeScheme, bodies: Sequence[Body], states: BodyStates, particles: Particles, time: float
+    ) -> None:
+        self.scheme, self.bodies, self.states, dt = scheme, bodies, states, scheme.dt
+        self.index, self.of, self.arm = states.arms(particles.position)
+        self.floating = np.array([body.floats for body in bodies]) & ~states.held
+        self.free = np.array([[f in body.freedoms for f in FREEDOMS] for body in bodies]) & self.floating[:, None]
+        predicted = scheme.predict(states.velocity, states.acceleration)
+        self.increment = np.where(self.free, predicted, 0.0)
+        velocity, acceleration, self._middle = np.zeros((3, *predicted.shape))
+        for b, body in enumerate(bodies):
+            if not body.floats and not states.held[b]:
+                place, velocity[b], acceleration[b] = body.prescribed(time + dt, 0.25 * dt)
+                self.increment[b] = place - states.position[b]
+                self._middle[b] = body.prescribed(time + scheme.cf * dt, 0.25 * dt)[2]
+        place = states.position + self.increment
+        self.after = replace(states, position=place, velocity=velocity, acceleration=acceleration)
+
+    def displacements(self, increment: Array) -> Array:
+        """(K, 2) of the particles on bodies, at increments (B, 3)."""
+        q = increment[self.of]
+        return q[:, :2] + rotated(self.arm, q[:, 2])
+
+    def solved(self, increment: Array) -> None:
+        """Set the end of the step by the solution's increments (B, 3) of the bodies that float."""
+        states, free = self.states, self.free
+        self.increment = np.where(free, increment, self.increment)
+        v_next, a_next = self.scheme.rates(increment, states.velocity, states.acceleration)
+        self.after = replace(
+            self.after,
+            position=states.position + self.increment,
+            velocity=np.where(free, v_next, self.after.velocity),
+            acceleration=np.where(free, a_next, self.after.acceleration),
+        )
+
+    @property
+    def acceleration(self) -> Array:
+        """(B, 3) a_alpha of the bodies that float, at the present increments [m/s^2, m/s^2, rad/s^2]."""
+        states, s = self.states, self.scheme
+        return np.asarray(s.cm * self.increment + s.history(states.velocity, states.acceleration)[1])
+
+    def measured(self, index: Array, force: Array) -> None:
+        """Set what the fluids did to the bodies in the step.
+
+        Args:
+            index: (K,) particles on bodies; they may repeat.
+            force: (K, 2) of the fluids on them at the intermediate time [N, per metre of depth].
+        """
+        arm, u = np.zeros((2, len(self.states.label), 2))
+        arm[self.index] = self.arm + self.scheme.cf * rotated(self.arm, self.increment[self.of, 2])
+        u[self.index] = self.displacements(self.increment)
+        r, of, count = arm[index], self.states.label[index], len(self.bodies)
+        moment, work = r[:, 0] * force[:, 1] - r[:, 1] * force[:, 0], (force * u[index]).sum(axis=1)
+        sums = [np.bincount(of, values, minlength=count) for values in (*force.T, moment, work)]
+        self.after = replace(self.after, force=np.stack(sums[:3], axis=1), work=sums[3])
+
+    def rates(self) -> tuple[Array, Array]:
+        """v_alpha and a_alpha (K, 2) of the particles on bodies, with the present end of the step."""
+        s, states, after = self.scheme, self.states, self.after
+        v, a = rigid_rates(self.arm, states.velocity[self.of], states.acceleration[self.of])
+        arm = self.arm + rotated(self.arm, self.increment[self.of, 2])
+        v_next, a_next = rigid_rates(arm, after.velocity[self.of], after.acceleration[self.of])
+        v_alpha, a_alpha = s.alpha_f * v + s.cf * v_next, s.alpha_m * a + (1 - s.alpha_m) * a_next
+        floats = self.floating[self.of, None]
+        if not s.weighs:  # they follow from the displacements, as those of any particle
+            (v_start, a_start), u = s.history(v, a), self.displacements(self.increment)
+            v_alpha = np.where(floats, v_start + s.cv * u, v_alpha)
+            a_alpha = a_start + s.cm * u
+        # A prescribed motion has its own acceleration at the intermediate time. Generalized-alpha's a_n are those of
+        # another time than t_n.
+        middle = s.alpha_f * states.velocity + s.cf * after.velocity
+        arm = self.arm + s.cf * (arm - self.arm)
+        own = rigid_rates(arm, middle[self.of], self._middle[self.of])[1]
+        return v_alpha, np.where(floats, a_alpha, own)
+
+    def constrain(self, u: Array) -> Array:
+        """Displacements (N, 2), those of particles on bodies as the bodies' present increments place them."""
+        result = u.copy()
+        result[self.index] = self.displacements(self.increment)
+        return np.asarray(result)
+
+    def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+        """v_alpha and a_alpha (N, 2) at u = 0, from those of free particles; on bodies at ``increment``."""
+        v, a = velocity.copy(), acceleration.copy()
+        u = self.displacements(self.increment)
+        v_alpha, a_alpha = self.rates()
+        v[self.index], a[self.index] = v_alpha - self.scheme.cv * u, a_alpha - self.scheme.cm * u
+        return v, a
+
+    def finish(self, moved: Particles) -> Particles:
+        """The particles at the end of the step, those on bodies where the bodies have them."""
+        done = moved.copy()
+        centre = self.after.position[self.of, :2]
+        done.position[self.index] = centre + self.arm + rotated(self.arm, self.increment[self.of, 2])
+        return self.after.imposed(done)

@@ -1,0 +1,374 @@
+"""FloatingBodies: the unknowns and equations of bodies that float, in place of their particles' displacements.
+
+The particles of a body are displaced by u = U + (R - 1) r with three unknowns a body, U and the angle of R, at two
+nodes of its own. They follow these, see `tipfem.fem.condensation`: T = d u / d (U, angle) at the end of the step, and
+forces are summed with the particles' positions at the intermediate time, where they act. There is no iteration between
+fluids and bodies, and no mass that is added by hand: light bodies are as stable as heavy ones.
+
+The bodies' own matrices B, of mass and viscosity of the fluids beside them and of their own, take the place of the
+diagonal: rows are those of force and moment times F = f B^-1, unknowns the increments times f. f is the part that B has
+of the mass with which a body moves, so that a residual is as large as the increment that removes it. The
+Schur complement of the pressure is then S + W B^-1 W^T with the volumes W that the bodies sweep; by the Woodbury
+identity its inverse needs three cycles for S^-1 W once in a step, and a few sums in each iteration. W^T S^-1 W is the
+bodies' added mass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from tipfem.backend.arrays import download
+from tipfem.backend.launch import launch
+from tipfem.case.particles import Particles
+from tipfem.fem.condensation import Follows
+from tipfem.linalg.sparsity import Csr
+from tipfem.mesh.mesh import Mesh
+from tipfem.physics.bodies import kernels as kernels
+from tipfem.physics.bodies import layout as layout
+from tipfem.physics.bodies import mobility as coupling
+from tipfem.physics.bodies.motion import BodyMotion, rotated, turned
+from tipfem.physics.term import Equations, Term
+from tipfem.typing import Array
+
+# Below this fraction of a body's largest volume swept, in the mean square, a freedom sweeps next to none, as the angle
+# of a circle: the square is what it adds to the mobility, and no cycle is spent on it.
+SWEEPS = 0.05
+
+
+class MovedBodies(Term):
+    """Bodies in the fluids, of which none floats: their particles go where the bodies are.
+
+    Args:
+        motion: of the bodies in the step.
+    """
+
+    def __init__(self, motion: BodyMotion) -> None:
+        self.motion = motion
+
+    def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+        """See `Term.histories`."""
+        return self.motion.histories(velocity, acceleration)
+
+    def prescribe(self, displacement: Array, pressure: Array) -> tuple[Array, Array]:
+        """See `Term.prescribe`."""
+        return self.motion.constrain(displacement), pressure
+
+    def begin(self, equations: Equations, first_node: int) -> None:
+        """See `Term.begin`."""
+        self._equations = equations
+
+    def rest(self) -> None:
+        """See `Term.rest`."""
+        self.motion.solved(np.zeros_like(self.motion.increment))
+
+    def settle(self, x: Any, forces: Callable[[Any, Array], Array]) -> None:
+        """Find where the bodies are at the end of the step, and what the fluids exert on them."""
+        index = self._equations.nodes_of(self.motion.states.label >= 0)
+        self.motion.measured(self._equations.owner[index], -forces(x, index))
+
+    def finish(self, displacement: Array, particles: Particles) -> Particles:
+        """See `Term.finish`."""
+        return self.motion.finish(particles)
+
+    def results(self, x: Any) -> dict[str, Any]:
+        """See `Term.results`."""
+        return {"bodies": self.motion.after, "body_acceleration": self.motion.acceleration}
+
+
+class FloatingBodies(MovedBodies):
+    """Bodies in the fluids, of which some float.
+
+    Args:
+        motion: of the bodies in the step.
+        pinned: (N,) mask of the particles whose pressure is prescribed.
+
+    Attributes:
+        numbers: (B,) of the bodies that float, among those of the case.
+        lengths: (B,) by which angles are multiplied [m].
+        units: (B, 3) unknown for an increment of one metre.
+        arrays: device arrays ``bodies`` and ``data``, see `tipfem.physics.bodies.layout`.
+    """
+
+    def __init__(self, motion: BodyMotion, pinned: Array) -> None:
+        super().__init__(motion)
+        self._pinned, self.numbers = pinned, np.flatnonzero(motion.floating)
+        self._count = len(self.numbers)
+        self.extra_nodes = 2 * self._count
+        self.units, self._rows = np.ones((self._count, 3)), np.zeros((self._count, 3, 3))
+
+    def begin(self, equations: Equations, first_node: int) -> None:
+        """See `Term.begin`."""
+        self._equations, self._buffers, self._scheme = equations, equations.buffers, equations.scheme
+        self._nodes, self._base = len(equations.owner), first_node * (equations.dimension + 1)
+        assert first_node == self._nodes
+        mesh = equations.nodes
+        self._find_nodes(equations.owner)
+        self._arm = r = mesh.position[self._index] - self.motion.states.position[self._of, :2]
+        far = np.zeros(self._count)
+        np.maximum.at(far, self._body, np.linalg.norm(r, axis=1))
+        self.lengths = far
+        self._increment = self.motion.increment[self.numbers]
+        self._table = self._constants(equations.force, self.motion.states.label)
+        self._table[:, layout.UNIT : layout.UNIT + 3] = 1.0
+        self._find_ring(mesh)
+
+    def _find_nodes(self, owner: Array) -> None:
+        """The nodes on bodies that float, in the order of the bodies."""
+        label = self.motion.states.label[owner]
+        rank = np.full(len(self.motion.bodies) + 1, -1)
+        rank[self.numbers] = np.arange(self._count)
+        node_rank = rank[label]  # -1 for no body is the last entry
+        index = np.flatnonzero(node_rank >= 0)
+        index = index[np.argsort(node_rank[index], kind="stable")]
+        self._index, self._body = index.astype(np.int32), node_rank[index]
+        self._of = self.numbers[self._body]
+        self._offsets = np.append(0, np.cumsum(np.bincount(self._body, minlength=self._count))).astype(np.int32)
+        self._slot = np.full(len(node_rank), -1, dtype=np.int32)
+        self._slot[index] = np.arange(len(index))
+        self._rank = node_rank
+
+    def _constants(self, force: Array, label: Array) -> Array:
+        """(B, BODY_WIDTH) of the bodies, see `body_layout`."""
+        s, states, k = self._scheme, self.motion.states, layout
+        table = np.zeros((self._count, k.BODY_WIDTH))
+        for row, b, length in zip(table, self.numbers.tolist(), self.lengths, strict=True):
+            body, free = self.motion.bodies[b], self.motion.free[b]
+            x, v, a = states.position[b], states.velocity[b] * free, states.acceleration[b] * free
+            row[[k.MASS, k.INERTIA, k.LENGTH]] = body.total_mass, body.inertia_about_reference, length
+            row[k.VELOCITY : k.VELOCITY + 3], row[k.ACCELERATION : k.ACCELERATION + 3] = v, a
+            row[k.V_HISTORY : k.V_HISTORY + 3], row[k.A_HISTORY : k.A_HISTORY + 3] = s.history(v, a)
+            row[k.STIFFNESS : k.STIFFNESS + 3] = body.stiffness
+            row[k.SPRING : k.SPRING + 3] = np.asarray(body.stiffness) * (x - np.append(body.reference, 0.0))
+            row[k.DAMPING : k.DAMPING + 3] = body.damping
+            cosine, sine = np.cos(x[2]), np.sin(x[2])
+            row[k.CENTRE : k.CENTRE + 2] = np.array([[cosine, -sine], [sine, cosine]]) @ (
+                body.centre_of_mass - body.reference
+            )
+            # A body force that varies in space is taken at the mean of the body's particles.
+            row[k.GRAVITY : k.GRAVITY + 2] = force[label == b].mean(axis=0)
+        return table
+
+    def _find_ring(self, mesh: Mesh) -> None:
+        """The elements at bodies, and pairs of their nodes and the bodies; see `body_kernels.rotation_terms`."""
+        rank = self._rank[mesh.cells]
+        at = np.flatnonzero((rank >= 0).any(axis=1))
+        # A row for each element and each body that it has corners on.
+        rank = rank[at]
+        rows = np.unique((at[:, None] * self._count + rank)[rank >= 0])
+        cell, body = rows // self._count, rows % self._count
+        self._ring_cell, self._ring_body = cell, body
+        on = self._rank[mesh.cells[cell]] == body[:, None]
+        self._ring_on = on
+        bits = (on * np.array([1, 2, 4])).sum(axis=1)
+        slots = np.where(on, self._slot[mesh.cells[cell]], 0)
+        node, corner = mesh.cells[cell].ravel().astype(np.int64), (3 * cell[:, None] + np.arange(3)).ravel()
+        key = node * self._count + np.repeat(body, 3)
+        order = np.argsort(key, kind="stable")
+        pair, first = np.unique(key[order], return_index=True)
+        pair_node, pair_body = pair // self._count, pair % self._count
+        ring, start = np.unique(pair_node, return_index=True)
+        put = self._buffers.upload
+        part = order // 3
+        self._parts = put("bodies.parts", np.append(first, len(order)).astype(np.int32))
+        self._corners = put("bodies.corners", corner[order].astype(np.int32))
+        self._bits = put("bodies.bits", bits[part].astype(np.int32))
+        self._slots = put("bodies.slots", slots[part].ravel().astype(np.int32))
+        self._pairs, self._ring, self._ring_starts = pair_body, ring, np.append(start, len(pair))
+
+    def prepare(self, solve_laplacian: Callable[[], None], vectors: Any) -> None:
+        """See `Term.prepare`: the bodies' own matrices, the volumes that they sweep, and the pressure's response."""
+        e, r, s, count = self._equations, self._arm, self._scheme, self._count
+        mesh, force = e.nodes, e.force[e.owner[self._index]]
+        density, viscosity, lumping = e.properties.density, e.properties.viscosity, e.properties.lumped
+        pinned = self._pinned[e.owner]
+        cell, body, on = self._ring_cell, self._ring_body, self._ring_on
+        corners = mesh.cells[cell]
+        x = mesh.position[corners]
+        # d V / d x of a triangle by a corner, its area times the gradient: half the opposite side, turned.
+        side = 0.5 * turned((np.roll(x, -2, axis=1) - np.roll(x, -1, axis=1)).reshape(-1, 2)).reshape(-1, 3, 2)
+        area = 0.5 * np.abs(
+            (x[:, 1, 0] - x[:, 0, 0]) * (x[:, 2, 1] - x[:, 0, 1])
+            - (x[:, 1, 1] - x[:, 0, 1]) * (x[:, 2, 0] - x[:, 0, 0])
+        )
+        slots = np.where(on, self._slot[corners], 0)
+        arm = r[slots]  # (Q, 3, 2)
+        free = self.motion.free[self.numbers][body].astype(float)  # (Q, 3)
+        along = np.zeros((len(cell), 3, 2, 3))  # d u of the corner / d freedom
+        along[..., 0, 0] = along[..., 1, 1] = 1.0
+        along[..., 2] = turned(arm.reshape(-1, 2)).reshape(arm.shape) / self.lengths[body][:, None, None]
+        along *= free[:, None, None, :] * on[:, :, None, None]
+        swept = np.einsum("qai,qaik->qk", side, along) / 3  # of each corner of the cell
+        # B: mass and viscosity of the elements at the bodies, and the bodies' own.
+        gradient = side / area[:, None, None]
+        shear = np.einsum("qaik,qaj->qkij", along, gradient)
+        both = shear + shear.transpose(0, 1, 3, 2)
+        own = (viscosity[cell] * area * s.cv)[:, None, None] * np.einsum("qkij,qmij->qkm", shear, both)
+        share, total = lumping[cell][:, None, None], along.sum(axis=1)
+        mass = share * np.einsum("qaik,qaim->qkm", along, along)
+        mass += (1 - share) / 3 * np.einsum("qik,qim->qkm", total, total)
+        own += (density[cell] * area / 3 * s.cm)[:, None, None] * mass
+        matrix = np.zeros((count, 3, 3))
+        np.add.at(matrix, body, own)
+        k = layout
+        inertia = self._table[:, [k.MASS, k.MASS, k.INERTIA]] * s.cm
+        inertia += (
+            self._table[:, k.DAMPING : k.DAMPING + 3] * s.cv + self._table[:, k.STIFFNESS : k.STIFFNESS + 3] * s.cf
+        )
+        unit = np.stack([np.ones(count), np.ones(count), 1 / self.lengths], axis=1)
+        is_free = self.motion.free[self.numbers]
+        matrix[:, range(3), range(3)] += np.where(is_free, inertia * unit**2, 1.0)
+        inverse = np.linalg.inv(matrix)
+        inverse *= is_free[:, :, None] * is_free[:, None, :]
+        # W, by pairs of a body and a node.
+        node, of = corners.ravel().astype(np.int64), np.repeat(body, 3)
+        pair, where = np.unique(of * self._nodes + node, return_inverse=True)
+        weight = np.stack([np.bincount(where, np.repeat(w, 3), minlength=len(pair)) for w in swept.T], axis=1)
+        swept_node, swept_body = pair % self._nodes, pair // self._nodes
+        weight[pinned[swept_node]] = 0.0
+        square = np.stack([np.bincount(swept_body, w, minlength=count) for w in (weight**2).T], axis=1)
+        sweeps = square > SWEEPS**2 * square.max(axis=1, keepdims=True)
+        weight *= sweeps[swept_body]
+        rates = np.array([s.cm, s.cv, s.cf, s.alpha_m, s.gamma / (s.beta * s.dt), s.weighs], dtype=float)
+        lists = {
+            k.INDEX: self._index,
+            k.OFFSETS: self._offsets,
+            k.RING_NODES: self._ring,
+            k.RING_STARTS: self._ring_starts,
+            k.PAIRS: self._pairs,
+            k.SWEPT_STARTS: np.append(0, np.cumsum(np.bincount(swept_body, minlength=count))),
+            k.SWEPT: swept_node,
+        }
+        tables = {
+            k.BODY: self._table,
+            k.ROWS: inverse,
+            k.SCHEME: rates,
+            k.ARM: np.tile(r, k.ARM_WIDTH // 2),
+            k.FORCE: force,
+            k.WEIGHTS: weight,
+        }
+        rooms = {
+            k.MOBILITY: 9 * count**2,
+            k.REACTION: 6 * count,
+            k.OWN: k.OWN_WIDTH * count,
+            k.TERMS: 3 * len(self._pairs),
+            k.RESPONSE: 3 * count * self._nodes,
+        }
+        integers, reals, room = layout.pack(lists, tables, rooms)
+        self._buffers.get("bodies.data", room)
+        self.arrays = self._buffers.upload("bodies.lists", integers), self._buffers.upload("bodies.data", reals)
+        self.mobility = self.arrays
+        launch(kernels.set_scales, self.arrays[0], e.scale)
+        total = self._respond(matrix, sweeps, solve_laplacian, vectors)
+        part = np.diagonal(matrix, axis1=1, axis2=2) / np.diag(total).reshape(count, 3)
+        self.units = np.where(is_free, part, 1.0)
+        self._rows = self.units[:, :, None] * inverse
+        self._table[:, k.UNIT : k.UNIT + 3] = self.units
+        header = integers[: k.HEADER]
+        data = download(self.arrays[1], len(reals)).astype(float)
+        data[: 9 * count**2] = np.linalg.inv(total).ravel()
+        for section, values in ((k.BODY, self._table), (k.ROWS, self._rows)):
+            data[header[section] : header[section] + values.size] = values.ravel()
+        self._buffers.upload("bodies.data", data)
+
+    def couplings(self, *, near: bool) -> tuple[Array, Array]:
+        """See `Term.couplings`: each body's two nodes, which may have no cell beside them."""
+        first = self._nodes + 2 * np.arange(self._count)
+        motion, angle = first, first + 1
+        return np.concatenate([motion, motion, angle, angle]), np.concatenate([motion, angle, motion, angle])
+
+    def _respond(self, matrix: Array, sweeps: Array, solve_laplacian: Callable[[], None], vectors: Any) -> Array:
+        """Find the pressure's response to the bodies' motions.
+
+        Args:
+            matrix: (B, 3, 3) the bodies' own matrices.
+            sweeps: (B, 3) mask of the freedoms that sweep volume.
+            solve_laplacian: a cycle of the preconditioner,
+            vectors: on which it acts.
+
+        Returns:
+            (3 B, 3 B) the bodies' own matrices and the added mass.
+        """
+        count, nodes = self._count, self._nodes
+        for column, solved in enumerate(sweeps.ravel().tolist()):
+            if solved:
+                launch(coupling.set_swept_volume, *self.arrays, vectors, column, nodes)
+                solve_laplacian()
+            launch(coupling.store_response, *self.arrays, vectors, column, int(solved), nodes)
+        full = download(self.arrays[1], 9 * count**2).astype(float).reshape(3 * count, 3 * count)
+        for b in range(count):
+            full[3 * b : 3 * b + 3, 3 * b : 3 * b + 3] += matrix[b]
+        return full
+
+    def follows(self) -> Follows:
+        """The particles on the bodies follow their bodies' two nodes."""
+        own = self._index < len(self._equations.particles)
+        node, body, r = self._index[own], self._body[own], self._arm[own]
+        change = rotated(r, self._increment[body, 2])
+        end, middle = turned(r + change), turned(r + self._scheme.cf * change)
+        column, sums = np.zeros((2, len(node), 2, 3))
+        column[:, (0, 1), (0, 1)] = sums[:, (0, 1), (0, 1)] = 1.0
+        column[..., 2], sums[..., 2] = end / self.lengths[body, None], middle / self.lengths[body, None]
+        column *= (self.motion.free[self.numbers] / self.units)[body, None, :]
+        row = np.einsum("bkm,bcm->bck", self._rows[body], sums)
+        row, column = (
+            np.concatenate([a, np.zeros((len(node), 2, 1))], axis=2).reshape(-1, 2, 2, 2) for a in (row, column)
+        )
+        order = np.argsort(node, kind="stable")
+        motion = self._nodes + 2 * body[order]
+        return Follows(
+            np.repeat(node[order], 2),
+            np.stack([motion, motion + 1], axis=1).ravel(),
+            row[order].transpose(0, 2, 1, 3).reshape(-1, 2, 2),
+            column[order].transpose(0, 2, 1, 3).reshape(-1, 2, 2),
+        )
+
+    def start(self, x: Array) -> None:
+        """See `Term.start`."""
+        q = self.motion.increment[self.numbers].copy()
+        q[:, 2] *= self.lengths
+        first = self._nodes
+        x[first::2, :2], x[first + 1 :: 2, 0] = (q * self.units)[:, :2], (q * self.units)[:, 2]
+
+    def increments(self, x: Any) -> Array:
+        """Increments (B, 3) of the bodies that float [m, m, rad], from a vector of unknowns."""
+        tail = download(x, self._base + 6 * self._count)[self._base :].astype(np.float64).reshape(-1, 6)
+        q = tail[:, (0, 1, 3)] / self.units
+        q[:, 2] /= self.lengths
+        return np.asarray(q)
+
+    def place(self, x: Any) -> None:
+        """Displace the bodies' particles by the bodies' increments in ``x``, and set their rates."""
+        self._increment = self.increments(x)
+        launch(kernels.place, *self.arrays, self._equations.motion, x, self._base)
+
+    def collect(self, x: Any, out: Any) -> None:
+        """See `Term.collect`: forces and moments on the bodies, and their own."""
+        launch(kernels.collect_residual, *self.arrays, x, out, self._base)
+
+    def gather(self, matrix: Csr) -> None:
+        """Add the derivatives by the angles that do not follow from displacements, at the last residual."""
+        e, lists = self._equations, (self._parts, self._corners, self._bits, self._slots)
+        launch(kernels.rotation_terms, *self.arrays, *lists, e.density, e.lumping, e.record, len(self._pairs))
+        launch(kernels.add_rotations, *self.arrays, e.scale, *matrix, self._nodes, e.rows)
+
+    def gather_own(self, matrix: Csr) -> None:
+        """See `Term.gather_own`."""
+        launch(kernels.add_own, *self.arrays, *matrix, self._nodes, self._equations.rows)
+
+    def settle(self, x: Any, forces: Callable[[Any, Array], Array]) -> None:
+        """See `MovedBodies.settle`."""
+        motion, e = self.motion, self._equations
+        increment = np.zeros((len(motion.bodies), 3))
+        increment[self.numbers] = self.increments(x)
+        motion.solved(increment)
+        index, (_, acceleration) = motion.index, motion.rates()
+        u = motion.displacements(motion.increment)
+        e.relative[index] = acceleration - e.force[index] - self._scheme.cm * u
+        super().settle(x, forces)
+
+    def correct_pressure(self, vectors: Any) -> None:
+        """See `Term.correct_pressure`: by the mobility of the bodies."""
+        launch(coupling.add_mobility, *self.arrays, vectors, self._nodes)

@@ -1,0 +1,1 @@
+"""A pressure on each side of interfaces."""

@@ -1,0 +1,135 @@
+"""SidePressures: a pressure on each side of interfaces.
+
+All kernels of the elements run on the P nodes of a `tipfem.mesh.cut.CutMesh`, as on any mesh. Copies of a particle have
+pressures of their own, and its displacement, see `tipfem.fem.condensation`.
+
+In the Schur complement D diag(A)^-1 G of the block preconditioner each particle couples the pressures of all nodes
+around it: with B_k = d V_k / d x, the derivative of the volume of node k (a third of its cells') by the particle's
+position, the entry for nodes k and l is B_k . diag(A)^-1 B_l. Inside a fluid the Laplacian of the mesh stands for the
+sum of these. On an interface it cannot: the pressures on both sides act on one displacement, and the Laplacian of the
+cut mesh does not join them. So there the entries themselves are added to the Laplacian, for all tied particles. That
+gives the number of Krylov iterations of a continuous pressure; springs between the pressures of a particle alone take
+half as many again.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from tipfem.backend.arrays import download
+from tipfem.backend.launch import launch
+from tipfem.linalg import sparsity
+from tipfem.linalg.sparsity import Csr
+from tipfem.mesh.cut import CutMesh
+from tipfem.physics.side_pressures import kernels as tie_kernels
+from tipfem.physics.term import Equations, Term
+from tipfem.physics.walls.step import Walls
+from tipfem.typing import Array
+
+
+class SidePressures(Term):
+    """The pressures of the fluids at each particle.
+
+    Args:
+        cut: the mesh of the step, cut along its interfaces; 2-D.
+        jump: (F, N) first guess of the pressure of each fluid less that of the particle [Pa].
+        walls: of the step.
+
+    Attributes:
+        count: number of particles with copies.
+    """
+
+    cut: CutMesh
+
+    def __init__(self, cut: CutMesh, jump: Array, walls: Walls) -> None:
+        self.cut, self.jump, self._walls = cut, jump, walls
+        first = np.flatnonzero(np.diff(cut.owner[cut.copied], prepend=-1))
+        self._tied = tied = cut.owner[cut.particles + first]
+        self.count, self._first = len(tied), first
+
+    def start(self, x: Array) -> None:
+        """See `Term.start`."""
+        cut = self.cut
+        x[cut.copied, -1] += self.jump[cut.fluid, cut.owner][cut.copied]
+
+    def begin(self, equations: Equations, first_node: int) -> None:
+        """See `Term.begin`."""
+        self._equations, cut = equations, self.cut
+        if self.count:
+            copies = cut.particles + np.append(self._first, cut.copies)
+            groups = np.concatenate([[self.count], self._tied, copies]).astype(np.int32)
+            self.groups = equations.buffers.upload("ties.groups", groups)
+
+    def jump_at(self, x: Any) -> Array:
+        """(F, N) pressure of each fluid less that of the particle in a device vector of unknowns.
+
+        Where a particle is in several components of a fluid, it is that of one of them.
+        """
+        pressure, cut = self._equations.values(x)[:, -1], self.cut
+        copied, owner = cut.copied, cut.owner[cut.copied]
+        result = np.zeros_like(self.jump)
+        result[cut.fluid[copied], owner] = pressure[copied] - pressure[owner]
+        return result
+
+    def results(self, x: Any) -> dict[str, Any]:
+        """See `Term.results`."""
+        return {"pressure_jump": self.jump_at(x)}
+
+    def diagonal(self) -> None:
+        """The scale of a particle's momentum rows is that of its copies' rows together."""
+        self._launch(tie_kernels.join_scales)
+
+    def _launch(self, kernel: Any) -> None:
+        if self.count:
+            e, work = self._equations, (self.count, tie_kernels.TIE)
+            launch(kernel, self.groups, e.scale, self.count, e.dimension, work=work)
+
+    def schur_complement(self, laplacian: Csr) -> Csr:
+        """The Laplacian of a cut mesh with what tied particles add to the Schur complement."""
+        self._launch(tie_kernels.copy_scales)
+        if not self.count:
+            return laplacian
+        e, nodes = self._equations, len(self.cut.owner)
+        put, get = e.buffers.upload, e.buffers.get
+        added = self._added(download(e.scale, self.cut.particles * (e.dimension + 1)))
+        extra = put("ties.added_offsets", added.indptr), put("ties.added_columns", added.indices)
+        row_offsets, work = get("ties.row_offsets", nodes + 1, integer=True), (nodes, sparsity.MERGED_ROW)
+        counts = nodes, nodes
+        old = laplacian.row_offsets, laplacian.columns
+        launch(sparsity.count_merged, *old, *extra, row_offsets, *counts, work=work)
+        count = launch(sparsity.running_sums, row_offsets, nodes)
+        matrix = Csr(row_offsets, get("ties.columns", count, integer=True), get("ties.laplacian", count))
+        values = put("ties.added", added.data)
+        launch(sparsity.merge_rows, *laplacian, *extra, values, *matrix, *counts, work=work)
+        component = self.cut.component
+        strength = np.bincount(component, added.diagonal(), minlength=component.max(initial=0) + 1)
+        self.labels = np.where(strength[component] > 0, component, -1).astype(np.int32)
+        return matrix
+
+    def _added(self, scale: Array) -> sparse.csr_matrix:
+        """(P, P) sum over the tied particles of B_k . diag(A)^-1 B_l, from the scale (N (d + 1),) of the rows."""
+        cut, d, walls, mesh = self.cut, self._equations.dimension, self._walls, self.cut.mesh
+        group = np.full(cut.particles, -1)
+        group[self._tied] = np.arange(self.count)
+        cell, corner = np.divmod(np.flatnonzero((group[cut.owner] >= 0).take(mesh.cells)), mesh.cells.shape[1])
+        particle = cut.owner[mesh.cells[cell, corner]]
+        after, last = (mesh.position[mesh.cells[cell, (corner + k) % 3]] for k in (1, 2))
+        side = mesh.period.shortest(last - after)
+        # d V / d x of a triangle by a corner is half the opposite side, turned by a right angle; a third for each node.
+        slope = np.stack([-side[:, 1], side[:, 0]], axis=1) / 6
+        if len(walls.sliding):
+            number = np.full(cut.particles, -1)
+            number[walls.sliding] = np.arange(len(walls.sliding))
+            slide = np.flatnonzero(number[particle] >= 0)
+            projector = walls.columns.reshape(-1, d, d)[number[particle[slide]]]
+            slope[slide] = np.einsum("ijk,ik->ij", projector, slope[slide])
+        # diag(A)^-1, 0 where displacements are prescribed
+        slope *= np.sqrt(scale.reshape(-1, d + 1)[particle, :d])
+        row = np.repeat((d * group[particle])[:, None] + np.arange(d), 3)
+        column = np.repeat(mesh.cells[cell], d, axis=0).ravel()
+        entries = np.repeat(slope.ravel(), 3), (row, column)
+        slopes = sparse.csr_matrix(entries, shape=(d * self.count, len(cut.owner)))
+        return (slopes.T @ slopes).tocsr()

@@ -1,0 +1,1 @@
+"""Liquids that slide along each other at their interface."""

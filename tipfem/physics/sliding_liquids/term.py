@@ -1,0 +1,222 @@
+"""SlidingLiquids: the equations of liquids that slide along each other.
+
+At the particle i of an interface the lighter liquid has the displacement u_i + s t, see `slip`. In the momentum
+equations that is a virtual displacement, too. With m the mass of the lighter liquid at i, its cells e of the areas A,
+and s(u), s(a) of displacements and accelerations, the weak forms are added to by
+
+    momentum:    m [t . (a_i - b + s(a) t) s(u') + t . u'_i s(a)] + sum_e A / 3 (t . grad p) s(u')
+                 - c_f sum_e rho A / 3 (t . grad (b . u')) s(u)
+    continuity:  -sum_e A / 3 (t . grad q) s(u) + sum_e tau A / 3 (t . grad q) s(a)
+
+for virtual displacements u' and pressures q. Pressure acts by its gradient, and a volume moves from cell to cell by the
+same coefficients. So what slides does not pass through the interface, however it bends; nothing is gained or lost
+between the two equations; the volume of each component stays, as the gradients of a cell's q sum to zero; and where
+grad p = rho b in the lighter liquid, as at rest, there is no force on what slides. The second line is the weight of
+the volumes that have moved from node to node at the intermediate time, c_f u, at which pressure acts on the cells: with
+that of the start alone, pressure and weight are out of balance by a part to dt s, which damps waves. The last term is
+the slip in the acceleration that stabilises the pressure. Viscous stress acts as if nothing slid: mu / h times the
+slip, between the particles on the interface and those beside.
+
+Gradients are those at the intermediate positions as the first iterate has them, and t is that at the start of the step.
+So all of this is linear: a constant matrix and a constant vector for the step.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tipfem.backend.launch import launch
+from tipfem.linalg.sparsity import Csr
+from tipfem.mesh.cut import CutMesh
+from tipfem.physics.sliding_liquids import kernels as slip_kernels
+from tipfem.physics.sliding_liquids.slip import InterfaceSlip
+from tipfem.physics.term import Equations, Term, TermWork
+from tipfem.typing import Array
+
+
+class SlidingLiquids(Term):
+    """The equations on a cut mesh of P nodes, on the device.
+
+    Args:
+        slip: where liquids slide.
+        cut: the mesh.
+    """
+
+    def __init__(self, slip: InterfaceSlip, cut: CutMesh) -> None:
+        self._slip, self._cut = slip, cut
+
+    def begin(self, equations: Equations, first_node: int) -> None:
+        """See `Term.begin`."""
+        slip, cut, e, scheme = self._slip, self._cut, equations, equations.scheme
+        self._equations, self._cm, given = e, scheme.cm, e.properties
+        self._lumping = lumping = given.lumped[slip.cell]
+        length2 = 4 / math.pi * e.mesh.measure[slip.cell]
+        viscous = 12 * given.viscosity[slip.cell] / (given.density[slip.cell] * length2)
+        tau = scheme.dt / np.hypot(1 / (e.stabilisation * scheme.dt), viscous)
+        position = e.mesh.position + scheme.cf * scheme.predict(e.particles.velocity, e.particles.acceleration)
+        acceleration, force = e.relative + e.force, e.force
+        self._acceleration = acceleration[slip.nodes]
+        self._slip_acceleration = a = slip.slip(acceleration)
+        nodes = len(cut.owner)
+        own = self._of_displacements()
+        terms = self._of_cells(cut, tau, position, own)
+        inertia, together, plain, stabilisation, moved = np.split(terms.value, (2, 4, 5, 6), axis=1)
+        self._inertia, self._stabilisation = inertia, stabilisation[:, 0]
+        self._weight = scheme.cf * moved * force[cut.owner[terms.node]]
+        self._terms = terms
+        row = np.hstack([scheme.cm * (inertia + together), plain])
+        column = np.hstack([scheme.cm * inertia - self._weight, scheme.cm * stabilisation - plain])
+        one, other = _pairs(own.number, terms.number, len(slip.owner))
+        s, e_node = own.node[one], terms.node[other]
+        along, row, column = own.value.take(one, axis=0), row.take(other, axis=0), column.take(other, axis=0)
+        blocks = np.concatenate([along[:, :, None] * row[:, None, :], column[:, :, None] * along[:, None, :]])
+        pair, values = _summed(np.concatenate([s * nodes + e_node, e_node * nodes + s]), blocks.reshape(-1, 9))
+        self._couplings = row_of, columns = np.divmod(pair, nodes)
+        forced = slip.carried(self._acceleration - force[slip.nodes] + slip.slid(a), lumping)
+        parts = own.value * forced[own.number, None], np.hstack([inertia, stabilisation]) * a[terms.number, None]
+        # Each of these rows is one of the matrix, too.
+        filled, constant = _summed(np.concatenate([own.node, terms.node]), np.concatenate(parts))
+        offsets = np.zeros(nodes + 1, dtype=np.int32)
+        np.cumsum(np.bincount(row_of, minlength=nodes), out=offsets[1:])
+        put = e.buffers.upload
+        self._count = len(filled)
+        self._matrix = (
+            put("slip.rows", filled.astype(np.int32)),
+            put("slip.row_offsets", np.append(offsets[filled], offsets[-1])),
+            put("slip.columns", columns.astype(np.int32)),
+            put("slip.values", values.ravel()),
+        )
+        self._constant = put("slip.constant", constant.ravel())
+
+    def _of_displacements(self) -> _Rows:
+        """s(u), with three columns for the unknowns of a node."""
+        slip, count = self._slip, len(self._slip.owner)
+        number = np.concatenate([np.repeat(np.arange(count), np.diff(slip.offsets)), np.arange(count)])
+        weight = np.concatenate([slip.weight, np.full(count, -1.0)]) * slip.part[number]
+        value = np.zeros((len(number), 3))
+        value[:, :2] = weight[:, None] * slip.tangent[number]
+        order = np.argsort(number, kind="stable")
+        return _Rows(number[order], np.concatenate([slip.beside, slip.owner])[order], value[order])
+
+    def _of_cells(self, cut: CutMesh, tau: Array, position: Array, own: _Rows) -> _Rows:
+        """The sums over the cells around each particle, with s(u) as ``own``.
+
+        With the columns Z^T M of displacements (2), see `InterfaceSlip.carried`; Z^T M Z s(u) of displacements (2);
+        A / 3 t . grad p of pressures, and that times tau; the mass rho A / 3 t . grad phi that moves to a particle.
+        """
+        slip, mesh = self._slip, cut.mesh
+        nodes = mesh.cells[slip.cell]
+        x = position[cut.owner[nodes]]
+        side = mesh.period.shortest(np.roll(x, -2, axis=1) - np.roll(x, -1, axis=1))
+        double = side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0]
+        gradient = np.stack([-side[:, :, 1], side[:, :, 0]], axis=2)
+        gradient *= (mesh.measure[slip.cell] / 3 / double)[:, None, None]
+        cell, corner = np.nonzero(slip.corner >= 0)
+        number, others = slip.corner[cell, corner], slip.corner[cell]
+        tangent, lumped = slip.tangent[number], self._lumping[cell, None]
+        weight = (lumped * (corner[:, None] == np.arange(3)) + (1 - lumped) / 3) * (slip.cell_mass[cell] / 3)[:, None]
+        pressure = (gradient[cell] @ tangent[:, :, None])[:, :, 0]
+        there = others >= 0
+        cosine = np.einsum("jkd,jd->jk", slip.tangent[others], tangent)
+        first, second = _pairs(others[there], own.number, len(slip.owner))
+        size, more = 3 * len(number), len(first)
+        value = np.zeros((2 * size + more, 7))
+        value[:size, :2] = (weight[:, :, None] * tangent[:, None]).reshape(-1, 2)
+        value[:size, 6] = (pressure * (slip.cell_mass / mesh.measure[slip.cell])[cell, None]).ravel()
+        value[size : size + more, 2:4] = (weight * cosine)[there][first, None] * own.value[second, :2]
+        value[size + more :, 4] = pressure.ravel()
+        value[size + more :, 5] = (pressure * tau[cell, None]).ravel()
+        of = np.repeat(number, 3)
+        node = np.concatenate([slip.nodes[cell].ravel(), own.node[second], nodes[cell].ravel()])
+        count = len(cut.owner)
+        key, value = _summed(np.concatenate([of, of[there.ravel()][first], of]) * count + node, value)
+        return _Rows(*np.divmod(key, count), value)
+
+    def couplings(self, *, near: bool) -> tuple[Array, Array]:
+        """See `Term.couplings`."""
+        return self._couplings
+
+    def diagonal(self) -> None:
+        """See `Term.diagonal`."""
+        work = (self._count, slip_kernels.ROW)
+        launch(slip_kernels.add_diagonal, *self._matrix, self._equations.scale, self._count, work=work)
+
+    def gather(self, matrix: Csr) -> None:
+        """See `Term.gather`."""
+        e, work = self._equations, (self._count, slip_kernels.ROW)
+        launch(slip_kernels.add_blocks, *self._matrix, e.scale, *matrix, e.rows, self._count, work=work)
+
+    def residual(self, x: Any, out: Any) -> None:
+        """See `Term.residual`."""
+        work = (self._count, slip_kernels.ROW)
+        arrays = (*self._matrix, self._constant, self._equations.scale, x, out, self._count)
+        launch(slip_kernels.add_product, *arrays, work=work)
+
+    def forces(self, x: Any) -> Array:
+        """See `Term.forces`: all but what is tested with s(u')."""
+        return self._forces(*self._slips(x)[1:])
+
+    def work(self, x: Any, displacement: Array) -> TermWork:
+        """See `Term.work`."""
+        slip, wall, (values, slid, slips) = self._slip, self._equations.particles.wall, self._slips(x)
+        u, (number, node, _) = values[:, :2], self._terms
+        cells = u[slip.nodes]
+        accelerated = slip.carried(self._cm * cells + self._acceleration + slip.slid(slips), self._lumping)
+        held = np.flatnonzero(wall)
+        reaction = self._forces(slid, slips)[held]
+        weight = float(np.einsum("ek,ek->e", self._weight, u[node]) @ slid[number])
+        return TermWork(
+            inertia=float(slid @ accelerated + slip.carried(cells, self._lumping) @ slips),
+            stabilisation=float((self._stabilisation * values[node, 2]) @ slips[number]),
+            weight=weight,
+            geometry=weight,
+            walls=float((reaction * u[held]).sum()),
+            wall_force=reaction.sum(axis=0),
+            force=(slip.mass * slips) @ slip.tangent,
+        )
+
+    def _slips(self, x: Any) -> tuple[Array, Array, Array]:
+        """Unknowns (P, 3) at ``x``, s (C,) of their displacements, and of the accelerations."""
+        values = self._equations.values(x)
+        slid = self._slip.slip(values[:, :2])
+        return values, slid, self._cm * slid + self._slip_acceleration
+
+    def _forces(self, slid: Array, slips: Array) -> Array:
+        """See `forces`, from the s (C,) of displacements and of accelerations."""
+        number, node, _ = self._terms
+        force = self._inertia * slips[number, None] - self._weight * slid[number, None]
+        return np.stack([np.bincount(node, part, len(self._cut.owner)) for part in force.T], axis=1)
+
+
+class _Rows(NamedTuple):
+    """Entries of a matrix whose rows are the particles that slide, and whose columns are kinds of unknowns of nodes.
+
+    Attributes:
+        number: (E,) row of each entry, ascending.
+        node: (E,) whose unknowns.
+        value: (E, c).
+    """
+
+    number: Array
+    node: Array
+    value: Array
+
+
+def _pairs(one: Array, other: Array, count: int) -> tuple[Array, Array]:
+    """All pairs of entries of two lists that have the same number below ``count``; the second list ascends."""
+    first = np.searchsorted(other, np.arange(count + 1))
+    length = np.diff(first)[one]
+    of = np.repeat(np.arange(len(one)), length)
+    ahead = np.cumsum(length) - length
+    return of, np.arange(len(of)) + (first[one] - ahead)[of]
+
+
+def _summed(key: Array, values: Array) -> tuple[Array, Array]:
+    """The different keys (K,), ascending, and the sums (K, c) of the values (E, c) of each."""
+    order = np.argsort(key, kind="stable")
+    key = key[order]
+    first = np.flatnonzero(np.diff(key, prepend=-1))
+    return key[first], np.add.reduceat(values.take(order, axis=0), first)

@@ -1,0 +1,293 @@
+"""Term: a physics in the equations of a step.
+
+The bulk flow on the elements is in `tipfem.fem`. Everything else that acts in a step is a `Term`: walls, pressures on
+both sides of interfaces, liquids that slide, bodies, a free surface. The problem and the linear system of a step call
+the methods below on all terms in turn, and name none of them. A term has the methods that it needs; the others do
+nothing. docs/develop/adding-a-term.md walks through one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tipfem.backend.arrays import Buffers, download
+from tipfem.case.particles import Particles
+from tipfem.fem.condensation import Follows
+from tipfem.fem.time_integration import TimeScheme
+from tipfem.linalg.sparsity import Csr
+from tipfem.mesh.cut import CutMesh
+from tipfem.mesh.mesh import Mesh
+from tipfem.typing import Array
+
+
+class Topology(NamedTuple):
+    """Device arrays: cells (M, d + 1), and in CSR the cells of each node (see `sparsity.list_corners`)."""
+
+    cells: Any
+    offsets: Any
+    corners: Any
+
+
+@dataclass(frozen=True)
+class ElementProperties:
+    """Properties of the M elements in a step.
+
+    Attributes:
+        density: (M,) [kg/m^3].
+        viscosity: (M,) [Pa s].
+        source: (M,) relative growth of volume in the step, s in J - 1 = s.
+        lumping: (M,) part of the mass matrix that is lumped; None for all, see `tipfem.fem.mass`.
+    """
+
+    density: Array
+    viscosity: Array
+    source: Array
+    lumping: Array | None = None
+
+    @property
+    def lumped(self) -> Array:
+        """(M,) part of the mass matrix that is lumped."""
+        return np.ones(len(self.density)) if self.lumping is None else self.lumping
+
+
+@dataclass
+class Equations:
+    """The equations of a step: P nodes on N particles, and the unknowns that terms add behind those of the nodes.
+
+    Attributes:
+        mesh: M cells on the particles, at their positions at the step's start.
+        nodes: the same cells on the nodes.
+        owner: (P,) the particle of each node; the first N are the particles themselves.
+        particles: at the step's start.
+        properties: of the elements.
+        scheme: time integration, with the step's length.
+        force: (N, d) acceleration by gravity and body force at the intermediate time [m/s^2].
+        stabilisation: c T / dt, see `tipfem.step.problem`.
+        relative: (N, d) part of a_alpha - b that does not depend on the step's displacements [m/s^2].
+        rows: number of nodes, with those of terms: each has d + 1 entries in vectors of unknowns.
+        buffers: device arrays by name.
+        topology, motion, scale, density, viscosity, lumping, record, local: device arrays, see `tipfem.fem.residual`.
+    """
+
+    mesh: Mesh
+    nodes: Mesh
+    owner: Array
+    particles: Particles
+    properties: ElementProperties
+    scheme: TimeScheme
+    force: Array
+    stabilisation: float
+    relative: Array
+    rows: int
+    buffers: Buffers
+    topology: Topology
+    motion: Any = None
+    scale: Any = None
+    density: Any = None
+    viscosity: Any = None
+    lumping: Any = None
+    record: Any = None
+    local: Any = None
+
+    @property
+    def dimension(self) -> int:
+        """d."""
+        return self.mesh.dimension
+
+    @property
+    def size(self) -> int:
+        """Number of entries of a vector of unknowns."""
+        return self.rows * (self.dimension + 1)
+
+    def values(self, x: Any) -> Array:
+        """(P, d + 1) displacements and pressures of the nodes in a device vector of unknowns."""
+        count, width = len(self.owner), self.dimension + 1
+        return download(x, count * width).astype(np.float64, copy=False).reshape(count, width)
+
+    def nodes_of(self, particles: Array) -> Array:
+        """(K,) numbers of the nodes of the particles in a mask (N,), int32."""
+        return np.flatnonzero(particles[self.owner]).astype(np.int32)
+
+
+@dataclass(frozen=True)
+class TermWork:
+    """Work of a term in a step, tested with displacements and pressures [J, per metre of depth in 2-D].
+
+    Attributes:
+        inertia: of mass times acceleration, beside that of the particles.
+        viscous, viscous_dissipation: work against viscous stress, and what it dissipates.
+        geometry: of pressure and weight between the intermediate and the last positions.
+        stabilisation: loss by the stabilisation of pressure.
+        friction, friction_dissipation: work against friction, and what it dissipates.
+        walls: of the forces that walls and bodies exert in addition.
+        weight: of the volumes that the term moves; a part of ``geometry``.
+        wall_force: (d,) resultant of these forces [N]; 0 for none.
+        force: (d,) part of the sum of mass times acceleration [N]; 0 for none.
+    """
+
+    inertia: float = 0.0
+    viscous: float = 0.0
+    viscous_dissipation: float = 0.0
+    geometry: float = 0.0
+    stabilisation: float = 0.0
+    friction: float = 0.0
+    friction_dissipation: float = 0.0
+    walls: float = 0.0
+    weight: float = 0.0
+    wall_force: Array | float = 0.0
+    force: Array | float = 0.0
+
+
+@dataclass(frozen=True)
+class StepWork(TermWork):
+    """Work of all terms of a step, those of the elements included.
+
+    Attributes:
+        source: of pressure on the prescribed growth.
+    """
+
+    source: float = 0.0
+
+    @classmethod
+    def of(cls, parts: Iterable[TermWork | None], source: float) -> StepWork:
+        """The sum of the terms' parts, None for none."""
+        there = [part for part in parts if part is not None]
+        return cls(**{f.name: sum(getattr(part, f.name) for part in there) for f in fields(TermWork)}, source=source)
+
+    @property
+    def dissipated(self) -> float:
+        """By viscosity and by friction along walls [J, per metre of depth in 2-D]."""
+        return self.viscous_dissipation + self.friction_dissipation
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The frame of a tank that moves.
+
+    Attributes:
+        position: (N, d) of the particles at the step's start, in it [m].
+        relative: displacements (N, d) relative to its motion, from those in the frame of the laboratory [m].
+    """
+
+    position: Array
+    relative: Callable[[Array], Array]
+
+
+class Term:
+    """A physics in the equations of a step; see the module. ``x`` is a device vector of unknowns.
+
+    Attributes:
+        cut: nodes that each have a pressure, where particles have several; None where each has one.
+        frame: of the tank, if it moves; None otherwise.
+        extra_nodes: nodes of unknowns of its own; their numbers begin with ``first_node``, see `begin`.
+        groups: device array of nodes at one place, see `tipfem.linalg.multigrid.mesh_transfer`; None for none.
+        labels: (P,) which connected part of the pressure each node belongs to; None for those of the mesh.
+        mobility: device arrays of bodies that the pressure moves, see `tipfem.physics.bodies.layout`; None for none.
+    """
+
+    cut: CutMesh | None = None
+    frame: Frame | None = None
+    extra_nodes = 0
+    groups: Any = None
+    labels: Array | None = None
+    mobility: tuple[Any, Any] | None = None
+
+    # What is prescribed.
+
+    def held(self, displacement: Array, pressure: Array) -> None:
+        """Set masks (N,) of the particles whose displacements and pressures are prescribed."""
+
+    def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+        """v_alpha and a_alpha (N, d) at u = 0, from those of free particles."""
+        return velocity, acceleration
+
+    def prescribe(self, displacement: Array, pressure: Array) -> tuple[Array, Array]:
+        """Displacements (N, d) and pressures (N,) with what the term prescribes."""
+        return displacement, pressure
+
+    def start(self, x: Array) -> None:
+        """Set what is not of particles in a first vector of unknowns (R, d + 1), on the host."""
+
+    # The equations.
+
+    def begin(self, equations: Equations, first_node: int) -> None:
+        """Take the equations of the step, whose device arrays exist, before the rows have their scale."""
+
+    def follows(self) -> Follows | None:
+        """Relations of displacements at the last `residual`; always of the same nodes. None for none."""
+        return None
+
+    def couplings(self, *, near: bool) -> tuple[Array, Array] | None:
+        """Rows and columns (K,) of the nodes that `gather` couples, integers; None for none.
+
+        Those that have a cell in common are needed only if ``near``: where the elements' rows are not stored.
+        """
+        return None
+
+    def diagonal(self) -> None:
+        """Add to the diagonal of the momentum equations, one over which the rows' scale is."""
+
+    def diagonal_done(self) -> None:
+        """See what all terms have made of the scale."""
+
+    def schur_complement(self, laplacian: Csr) -> Csr:
+        """The preconditioner's approximate Schur complement of the pressure, with what the term adds to it."""
+        return laplacian
+
+    def prepare(self, solve_laplacian: Callable[[], None], vectors: Any) -> None:
+        """Prepare the preconditioner: its cycle for the pressure Laplacian acts on the multigrid's ``vectors``."""
+
+    def place(self, x: Any) -> None:
+        """Set in ``x`` what follows from other unknowns, before the elements are evaluated."""
+
+    def growth(self, x: Any) -> float | None:
+        """Volume by which all elements together are to grow [m^2, or m^3]; None where nothing is prescribed."""
+        return None
+
+    def residual(self, x: Any, out: Any) -> None:
+        """Add the term's forces and volumes at ``x`` to the scaled residual of all nodes."""
+
+    def collect(self, x: Any, out: Any) -> None:
+        """Set the rows of the term's own unknowns, from the rows of the nodes that follow them."""
+
+    def gather(self, matrix: Csr) -> None:
+        """Add the derivative at the last `residual` to the matrix's rows, before it is condensed."""
+
+    def gather_own(self, matrix: Csr) -> None:
+        """Add the derivative of the rows of the term's own unknowns, after the matrix is condensed."""
+
+    # The solution.
+
+    def rest(self) -> None:
+        """Let what moves by unknowns of its own have no motion in the first vector of unknowns."""
+
+    def settle(self, x: Any, forces: Callable[[Any, Array], Array]) -> None:
+        """Take the solution, where the last `residual` was.
+
+        Args:
+            x: the unknowns.
+            forces: (K, d) that hold nodes (K,), from ``x`` and their numbers [N].
+        """
+
+    def finish(self, displacement: Array, particles: Particles) -> Particles:
+        """The particles at the end of the step, which the solution moved by (N, d), with what the term prescribes."""
+        return particles
+
+    def results(self, x: Any) -> dict[str, Any]:
+        """What the solution found of the physics, by the names of `tipfem.state.Solved`."""
+        return {}
+
+    def forces(self, x: Any) -> Array | None:
+        """(P, d) forces on the nodes beside those of the elements, at ``x`` [N]; None for none."""
+        return None
+
+    def work(self, x: Any, displacement: Array) -> TermWork | None:
+        """Work in the step, where the last `residual` was; None for none."""
+        return None
+
+    def correct_pressure(self, vectors: Any) -> None:
+        """Correct the multigrid's solution in ``vectors``, on devices where an iteration is not one launch."""

@@ -1,0 +1,1 @@
+"""Walls that slip, slide or move, with their friction and boundary layers."""

@@ -1,0 +1,139 @@
+"""Curved walls that slip, in a time step: the directions in which particles slide, and where they are at its end.
+
+The first iterate of a particle on a curve is along the direction from the particle before it to that after it, at the
+positions predicted for the middle of the step. Then the boundary encloses the same area at the end of the step as at
+its start: the area is quadratic in the positions, so that its change is that of the middle, n_i . u_i. Corrections are
+along that direction at the end of the step, to which the derivative of the area is at right angles.
+
+So the area of iterates differs from that at the start by what is quadratic in the corrections. In a closed tank no
+motion of the fluids can give or take it, and no pressure: the equations of continuity, whose sum it is, would have no
+solution, and the level of the pressure would grow without bound. There the elements grow by it, all alike. It is
+removed after the step, when the particles are put on the curve.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tipfem.case.boundary import Boundary
+from tipfem.case.particles import Particles
+from tipfem.fem.time_integration import TimeScheme
+from tipfem.geometry.curves import chain_tangents, restored
+from tipfem.geometry.domain import Domain
+from tipfem.mesh.mesh import Mesh
+from tipfem.physics.walls.motion import WallMotion
+from tipfem.typing import Array
+
+
+class CurveStep:
+    """The curves of a boundary in a step.
+
+    Args:
+        boundary: at the start of the step.
+        mesh: of the step.
+        particles: at its start.
+        before: motion of the walls at its start.
+        after: the same at its end.
+        scheme: time integration, with the step's length.
+
+    Attributes:
+        rows: (K,) the particles on curves, as positions in `Boundary.index`.
+        projector: (K, 2, 2) on the directions in which they slide in the step.
+        pressed: (E, 2) the faces of the mesh on curves, with the fluid on the left.
+        cell: (E,) the cells at these faces.
+        curve: (E,) the number of the curve.
+    """
+
+    def __init__(
+        self,
+        boundary: Boundary,
+        mesh: Mesh,
+        particles: Particles,
+        before: WallMotion,
+        after: WallMotion,
+        scheme: TimeScheme,
+    ) -> None:
+        self._boundary, self._after, self._position = boundary, after, particles.position
+        self._open = mesh.surface.exists
+        self.rows = np.flatnonzero(boundary.on_curve >= 0)
+        self._particles = index = boundary.index[self.rows]
+        cell, i = np.nonzero(mesh.neighbours < 0)
+        self._pairs = np.stack([mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]], axis=1)
+        on = np.zeros(len(particles), dtype=bool)
+        on[index] = True
+        here = np.flatnonzero(on[self._pairs].any(axis=1))
+        self.pressed, self.cell = np.ascontiguousarray(self._pairs[here]).astype(np.int32), cell[here]
+        number = np.full(len(particles), -1)
+        number[index] = boundary.on_curve[self.rows]
+        self.curve = number[self.pressed].max(axis=1)
+        self._start = self._tangents(before.pose.origin(particles.position[index])) @ before.pose.rotation.T
+        along = (scheme.predict(particles.velocity[index], particles.acceleration[index]) * self._start).sum(axis=1)[
+            :, None
+        ]
+        middle = particles.position.copy()
+        walls = boundary.index
+        middle[walls] = 0.5 * (
+            before.place(before.pose.origin(middle[walls])) + after.place(before.pose.origin(middle[walls]))
+        )
+        middle[index] += 0.5 * along * self._start
+        chain = self._pairs
+        if self._open:  # whose faces are no part of a wall: beside them, and where it is dry, as the curve
+            chain = chain[particles.wall[chain].all(axis=1)]
+        both = np.isin(index, chain[:, 0]) & np.isin(index, chain[:, 1])
+        self._middle = self._start.copy()
+        self._middle[both] = chain_tangents(middle, chain, index[both])
+        self.projector = self._middle[:, :, None] * self._middle[:, None, :]
+
+    def growth(self, u: Array) -> float:
+        """Change of the area that the boundary encloses by displacements u (N, 2) [m^2]."""
+        a, b = self._pairs.T
+        x = self._position + 0.5 * u
+        side = x[b] - x[a]
+        # n_i . u_i with the normals in the middle, from both faces of each particle: exact, and without cancellation.
+        return 0.5 * float((side[:, 1] * (u[a, 0] + u[b, 0]) - side[:, 0] * (u[a, 1] + u[b, 1])).sum())
+
+    def projector_at(self, u: Array) -> Array:
+        """(K, 2, 2) on the directions along which displacements from u (N, 2) [m] keep that area."""
+        along = chain_tangents(self._position + u, self._pairs, self._particles)
+        return np.asarray(along[:, :, None] * along[:, None, :])
+
+    def _tangents(self, y: Array) -> Array:
+        """Unit vectors (K, 2) along the curves at points y (K, 2) of their particles, in the tank's frame."""
+        result: Array = np.empty_like(y)
+        number = self._boundary.on_curve[self.rows]
+        for k, curve in enumerate(self._boundary.curves):
+            result[number == k] = curve.tangent(y[number == k])
+        return result
+
+    def turned(self, vectors: Array) -> Array:
+        """Vectors (N, 2) with those on curves turned from the direction at the start to that of the step."""
+        result: Array = vectors.copy()
+        along = (vectors[self._particles] * self._start).sum(axis=1)[:, None]
+        result[self._particles] = along * self._middle
+        return result
+
+    def finished(self, done: Particles) -> tuple[Particles, Array]:
+        """The state ``done`` at the end of the step, moved along the curves; with the projectors (K, 2, 2) there."""
+        pose, index = self._after.pose, self._particles
+        tangent = self._tangents(pose.origin(done.position[index])) @ pose.rotation.T
+        velocity, acceleration = done.velocity.copy(), done.acceleration.copy()
+        for values in (velocity, acceleration):
+            values[index] = (values[index] * self._middle).sum(axis=1)[:, None] * tangent
+        moved = done.shallow_copy(velocity=velocity, acceleration=acceleration)
+        return moved, tangent[:, :, None] * tangent[:, None, :]
+
+    def on_curves(self, particles: Particles) -> Particles:
+        """The particles put on their curves, in a closed tank so that the boundary encloses the area of the domain."""
+        pose, index = self._after.pose, self._particles
+        y, number = pose.origin(particles.position[index]), self._boundary.on_curve[self.rows]
+        for k, curve in enumerate(self._boundary.curves):
+            y[number == k] = curve.project(y[number == k])
+        position = particles.position.copy()
+        position[index] = pose.place(y)
+        if self._open:  # the boundary of the fluid is not that of the domain
+            return particles.shallow_copy(position=position)
+        on = np.zeros(len(position), dtype=bool)
+        on[index] = True
+        domain = self._boundary.domain
+        assert isinstance(domain, Domain)
+        return particles.shallow_copy(position=restored(position, self._pairs, on, domain.area))

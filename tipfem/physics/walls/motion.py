@@ -1,0 +1,114 @@
+"""WallMotion: velocity and acceleration of the walls at one time, and positions of their particles."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from tipfem.case.boundary import Boundary
+from tipfem.case.particles import Particles
+from tipfem.typing import Array
+
+
+class WallMotion:
+    """Velocities and accelerations that the walls prescribe at a time.
+
+    They are the derivatives of the prescribed functions. Those that generalized-alpha would derive from displacements
+    would oscillate.
+
+    Args:
+        boundary: of the case.
+        time: [s].
+        step: of the finite differences [s].
+
+    Attributes:
+        pose: position of the tank.
+        displacement: (S,) of the sides along their normals [m].
+        free: (W, d, d) projectors on the directions in which the wall particles slide, in space.
+        sliding: (W, d) velocity of walls that slide along themselves, in the tank's frame [m/s].
+
+    Raises:
+        ValueError: a function of time returns an invalid value.
+    """
+
+    def __init__(self, boundary: Boundary, time: float, step: float) -> None:
+        self._boundary = b = boundary
+        self.pose = b.pose(time, step)
+        self.displacement, *speeds = b.displacements(time, step)
+        self._own, own_rate = b.sliding_velocities(time, step)
+        self.sliding, sliding_rate = self._own[b.sliding], own_rate[b.sliding]
+        self._speed, change = b.speeds(time, step)
+        speed = self._speed[b.sliding][:, None]
+        self.sliding = self.sliding + speed * b.tangent
+        sliding_rate = sliding_rate + change[b.sliding][:, None] * b.tangent + speed**2 * b.curvature
+        rotation = self.pose.rotation
+        self.free = rotation @ b.free @ rotation.T
+        across, across_rate = (np.einsum("wik,wk->wi", b.inverse, speed[b.side]) for speed in speeds)
+        self._relative = (across + self.sliding) @ rotation.T
+        self._relative_rate = (across_rate + sliding_rate) @ rotation.T
+
+    def place(self, y: Array) -> Array:
+        """Positions (W, d) [m] of the wall particles whose positions in the tank at t = 0 are y (W, d) [m]."""
+        return self.pose.place(self._boundary.held(y, self.displacement))
+
+    def held(self, values: Array) -> Array:
+        """The components of vectors (W, d) in the directions that the walls constrain."""
+        return np.asarray(values - np.einsum("wij,wj->wi", self.free, values))
+
+    def slid(self, values: Array) -> Array:
+        """The components of vectors (W, d) along the walls that slip."""
+        return np.asarray(np.einsum("wij,wj->wi", self.free, values))
+
+    def rates(self, x: Array, velocity: Array) -> tuple[Array, Array]:
+        """Velocity and acceleration (W, d) of the walls at x (W, d).
+
+        velocity (W, d) is that of the particles: those that slide along a rotating wall have a Coriolis acceleration.
+        """
+        rigid = self.pose.rigid_velocity(x)
+        v = rigid + self._relative
+        relative = self.slid(velocity) + self.held(v) - rigid
+        coriolis = 2 * relative @ self.pose.angular_velocity.T
+        return v, self.pose.rigid_acceleration(x) + self._relative_rate + coriolis
+
+    def speed(self, wall: int) -> float:
+        """Speed of a wall along itself, by its number, where its velocity is a number; 0 elsewhere [m/s]."""
+        return float(self._speed[wall])
+
+    def along(self, wall: Array, x: Array, direction: Array) -> Array:
+        """Velocities (K, d) of walls along themselves at x (K, d), by the numbers (K,) of the walls.
+
+        A wall whose velocity is a number slides in a ``direction`` (K, d) in the tank's frame, see `Boundary.tangent`.
+        """
+        own = self._own[wall] + self._speed[wall][:, None] * direction
+        return np.asarray(self.pose.rigid_velocity(x) + own @ self.pose.rotation.T)
+
+    def imposed(self, particles: Particles) -> Particles:
+        """The particles with the velocities and accelerations that the walls prescribe."""
+        index = self._boundary.index
+        v, a = particles.velocity[index], particles.acceleration[index]
+        v_wall, a_wall = self.rates(particles.position[index], v)
+        velocity, acceleration = particles.velocity.copy(), particles.acceleration.copy()
+        velocity[index] = v + self.held(v_wall - v)
+        acceleration[index] = a + self.held(a_wall - a)
+        return particles.shallow_copy(velocity=velocity, acceleration=acceleration)
+
+
+def set_off(boundary: Boundary, particles: Particles, step: float) -> Particles:
+    """The initial particles with the walls' velocities at t = 0; ``step`` [s] is that of the finite differences.
+
+    A tank that sets off at once, with fluids at rest, is warned of: that is an impact.
+    """
+    if not boundary.active:
+        return particles
+    motion = WallMotion(boundary, 0.0, step)
+    speed = float(
+        np.linalg.norm(motion.pose.rigid_velocity(particles.position[boundary.index]), axis=1).max(initial=0.0)
+    )
+    if speed * step > 1e-6 * particles.spacing and not particles.velocity[~particles.wall].any():
+        warnings.warn(
+            f"tank_motion begins with a speed of {speed:.3g} m/s at t = 0 while the fluids are at rest, which is an "
+            "impact; let the motion begin smoothly (soft_start of a sine), or give the fluids a velocity",
+            stacklevel=4,
+        )
+    return motion.imposed(particles)

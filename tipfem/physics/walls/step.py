@@ -1,0 +1,371 @@
+"""Walls in one time step: the constraints on its unknowns, and the particles of walls after it.
+
+`walls_in_step` chooses between walls that are all fixed and no-slip, `FixedWalls`, and all others, `WallStep`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+
+from tipfem.case.boundary import Boundary
+from tipfem.case.particles import Particles
+from tipfem.fem.time_integration import TimeScheme
+from tipfem.mesh.mesh import Mesh, Surface
+from tipfem.physics.walls.curve_step import CurveStep
+from tipfem.physics.walls.friction import Faces, WallStart, friction_in_step
+from tipfem.physics.walls.layers import Layers
+from tipfem.physics.walls.motion import WallMotion
+from tipfem.physics.walls.spacing import space_back, space_endless, space_sliding
+from tipfem.typing import Array
+
+
+class Walls(ABC):
+    """The interface of a step to its walls; N particles, d dimensions.
+
+    Attributes:
+        boundary: which particles lie on which walls, at the start of the step.
+        scheme: time integration, with the step's length.
+        fixed: (N,) mask of the particles whose displacement is prescribed.
+        sliding: (K,) the particles that slide along their walls.
+        frame: (N, d) the positions in the tank's own frame [m].
+        tank_moves: whether the whole tank moves.
+        rows, columns: (K, d * d) projectors of the sliding particles, for momentum and for displacements.
+        faces: those with friction.
+        layers: the boundary layers at the end of the step on walls with that law; None without such walls.
+        pressed: (E, 2) the faces of curved walls that slip, two particles each with the fluid on the left.
+        pressed_cell: (E,) their cells.
+        stuck: (N,) mask of the particles that slide, but next to nothing, for the layer there is resolved; None for no
+            particle.
+        curves: the curved walls that slip; None without any.
+        on_curves: (K',) those of the sliding particles that are on curves, as positions in ``sliding``, and as ones in
+            `CurveStep.rows`.
+    """
+
+    boundary: Boundary
+    scheme: TimeScheme
+    fixed: Array
+    sliding: Array
+    frame: Array
+    tank_moves: bool
+    rows: Array
+    columns: Array
+    faces: Faces
+    layers: Layers | None = None
+    pressed: Array = np.zeros((0, 2), dtype=np.int32)
+    pressed_cell: Array = np.zeros(0, dtype=np.int32)
+    stuck: Array | None = None
+    curves: CurveStep | None = None
+    on_curves: tuple[Array, Array]
+
+    @abstractmethod
+    def constrain(self, u: Array) -> Array:
+        """Displacements (N, d) [m] with the walls' constraints."""
+
+    @abstractmethod
+    def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+        """v_alpha and a_alpha (N, d) at u = 0, from those of free particles."""
+
+    @abstractmethod
+    def relative(self, u: Array) -> Array:
+        """Displacements (N, d) [m] relative to the tank's motion."""
+
+    @abstractmethod
+    def finish(self, before: Particles, u: Array, moved: Particles) -> Particles:
+        """The particles ``moved`` by a solution, with wall particles as their walls prescribe.
+
+        Args:
+            before: the particles at the start of the step.
+            u: (N, d) the solution's displacements [m].
+            moved: the particles at its end, with the walls still to be imposed.
+        """
+
+    @abstractmethod
+    def space(self, particles: Particles, surface: Surface) -> tuple[Particles, int]:
+        """Space the particles along the walls that slip or slide, or whose length a moving wall changes.
+
+        Args:
+            particles: at the end of the step.
+            surface: of the step's mesh.
+
+        Returns:
+            The particles, and how many were relocated.
+        """
+
+    @abstractmethod
+    def set_back(self, particles: Particles) -> Particles:
+        """The particles, with those of sliding no-slip walls back at their positions in the tank."""
+
+    @abstractmethod
+    def reassign(self, particles: Particles) -> tuple[Particles, Boundary]:
+        """Remeshed particles with the rates of the walls they lie on (2-D), and which walls these are."""
+
+    @abstractmethod
+    def imposed(self, particles: Particles) -> Particles:
+        """The particles at the end of the step with the velocities and accelerations that their walls prescribe."""
+
+
+class FixedWalls(Walls):
+    """Walls that are all fixed and no-slip: their particles have no displacement.
+
+    Args:
+        boundary: of the case.
+        mesh: of the step.
+        particles: at its start.
+        scheme: time integration, with the step's length.
+    """
+
+    def __init__(self, boundary: Boundary, mesh: Mesh, particles: Particles, scheme: TimeScheme) -> None:
+        self.boundary, self.scheme, self.tank_moves = boundary, scheme, False
+        self.fixed, self.frame = particles.wall, mesh.position
+        self.sliding = np.zeros(0, dtype=np.int64)
+        self.rows = self.columns = np.zeros((0, mesh.dimension**2))
+        self.faces = Faces.none(mesh.dimension, 0)
+        self._held = particles.wall.nonzero()[0]
+
+    def constrain(self, u: Array) -> Array:
+        """See `Walls.constrain`."""
+        result = u.copy()
+        result[self._held] = 0.0
+        return np.asarray(result)
+
+    def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+        """See `Walls.histories`."""
+        return self.constrain(velocity), self.constrain(acceleration)
+
+    def relative(self, u: Array) -> Array:
+        """See `Walls.relative`: the tank is at rest."""
+        return u
+
+    def finish(self, before: Particles, u: Array, moved: Particles) -> Particles:
+        """See `Walls.finish`: the time integration holds wall particles already."""
+        return moved
+
+    def space(self, particles: Particles, surface: Surface) -> tuple[Particles, int]:
+        """See `Walls.space`: no particle of these walls moves."""
+        return particles, 0
+
+    def set_back(self, particles: Particles) -> Particles:
+        """See `Walls.set_back`."""
+        return particles
+
+    def reassign(self, particles: Particles) -> tuple[Particles, Boundary]:
+        """See `Walls.reassign`: without active walls it does not matter which particles lie on them."""
+        return particles, self.boundary
+
+    def imposed(self, particles: Particles) -> Particles:
+        """See `Walls.imposed`: wall particles are at rest."""
+        return particles
+
+
+class WallStep(Walls):
+    """The walls in a step from t_n to t_n + dt: constrained unknowns u = w + P u, with the walls' own w.
+
+    A particle that is fixed has P = 0. One that slides along a wall with the normal n at the step's end has
+    P = I - n n^T and w = (c - n . x_n) n: it ends exactly on the wall's line. Its momentum row is projected with
+    the wall's direction at the intermediate time, where the forces are.
+
+    The particles of a no-slip wall that slides along itself go with it in the step, and are set back after it: other
+    material of the wall takes their place. Were they held instead, the flow between the wall and the next
+    particles would be missing from J, and a flow without net volume would have one of U h / 2.
+
+    Args:
+        boundary: of the case.
+        mesh: of the step.
+        particles: the state at t_n.
+        viscosity: (M,) of the elements [Pa s].
+        scheme: time integration, with the step's length.
+        time: t_n [s].
+        density: (M,) of the elements [kg/m^3]; walls with a layer need it.
+        layers: at t_n; None before the first step.
+
+    Attributes:
+        displacement: (N, d) w [m].
+
+    Raises:
+        ValueError: a function of time returns an invalid value.
+        SimulationError: the walls' motions change the tank's volume.
+    """
+
+    def __init__(
+        self,
+        boundary: Boundary,
+        mesh: Mesh,
+        particles: Particles,
+        viscosity: Array,
+        scheme: TimeScheme,
+        time: float,
+        density: Array | None = None,
+        layers: Layers | None = None,
+    ) -> None:
+        self.boundary, self.scheme, self._time = boundary, scheme, time
+        boundary.require_volume(time + scheme.dt)
+        part = 0.25 * scheme.dt
+        self._before, self._after = WallMotion(boundary, time, part), WallMotion(boundary, time + scheme.dt, part)
+        index, slides = boundary.index, boundary.slides
+        b_curves = bool(boundary.curves)
+        x, v, a = particles.position, particles.velocity[index], particles.acceleration[index]
+        self.tank_moves = boundary.motion is not None
+        self.frame = self._before.pose.origin(x) if self.tank_moves else x
+        self._rigid = self._after.pose.place(self.frame) - x if self.tank_moves else np.zeros_like(x)
+        self._home = self._after.place(self.frame[index])
+        slid = self._slid(self.frame[index])
+        self.curves = CurveStep(boundary, mesh, particles, self._before, self._after, scheme) if b_curves else None
+        if self.curves is not None:
+            self._after.free[self.curves.rows] = self.curves.projector
+        w = self._after.held(self._home + slid @ self._after.pose.rotation.T - x[index])
+        self.displacement = np.zeros_like(x)
+        self.displacement[index] = w
+        self.sliding = index[slides]
+        self.fixed = particles.wall.copy()
+        self.fixed[self.sliding] = False
+        # Predicted positions of the wall particles, exact for the fixed ones.
+        self._predicted = x.copy()
+        self._predicted[index] += w + self._after.slid(scheme.predict(particles.velocity[index], a))
+        v_next, a_next = self._after.rates(self._predicted[index], v)
+        self._velocity = self._after.held((1 - scheme.alpha_f) * v_next + scheme.alpha_f * v)
+        self._acceleration = self._after.held((1 - scheme.alpha_m) * a_next + scheme.alpha_m * a)
+        # The rotation in between: the direction of the chords from the old positions to the new.
+        u, _, vt = np.linalg.svd(scheme.cf * self._after.pose.rotation + scheme.alpha_f * self._before.pose.rotation)
+        self._rotation = u @ vt
+        self.rows = (self._rotation @ boundary.free[slides] @ self._rotation.T).reshape(len(slides), x.shape[1] ** 2)
+        self.columns = self._after.free[slides].reshape(len(slides), x.shape[1] ** 2)
+        if self.curves is not None:
+            here = np.flatnonzero(boundary.on_curve[slides] >= 0)
+            self.rows[here] = self.columns[here]
+            self.on_curves = here, np.searchsorted(self.curves.rows, slides[here])
+            self.pressed, self.pressed_cell = self.curves.pressed, self.curves.cell
+        start = WallStart(
+            boundary,
+            scheme,
+            self._before,
+            self._after,
+            self._rotation,
+            self.frame,
+            self._predicted,
+            self.sliding,
+            self.curves,
+        )
+        self.faces, self.layers, self.stuck = friction_in_step(start, mesh, particles, viscosity, density, layers)
+
+    def _slid(self, y: Array) -> Array:
+        """Displacements (W, d) of wall particles at y (W, d) along walls that slide, in the tank's frame [m]."""
+        slid = 0.5 * self.scheme.dt * (self._before.sliding + self._after.sliding)
+        b = self.boundary
+        # On an arc, the particle turns about the centre by as much: along a chord, not along the tangent.
+        angle = np.linalg.norm(slid, axis=1) * np.linalg.norm(b.curvature, axis=1)
+        turns = np.flatnonzero(angle > 0)
+        inwards = b.curvature[turns] / (b.curvature[turns] ** 2).sum(axis=1)[:, None]  # to the centre
+        cosine, sine = np.cos(angle[turns])[:, None], np.sin(angle[turns])[:, None]
+        radius = np.linalg.norm(inwards, axis=1)[:, None]
+        along = slid[turns] / np.linalg.norm(slid[turns], axis=1)[:, None]
+        slid[turns] = (1 - cosine) * inwards + sine * radius * along
+        return np.asarray(slid)
+
+    def constrain(self, u: Array) -> Array:
+        """Displacements (N, d) with their walls' constraints: w + P u."""
+        index = self.boundary.index
+        result = u.copy()
+        result[index] = self.displacement[index] + self._after.slid(u[index])
+        return np.asarray(result)
+
+    def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+        """v_alpha and a_alpha (N, d) at u = 0, from those of free particles.
+
+        In the constrained directions they are the walls' own less cv w and cm w.
+        """
+        s, index = self.scheme, self.boundary.index
+        w = self.displacement[index]
+        v, a = velocity.copy(), acceleration.copy()
+        if self.curves is not None:
+            v, a = self.curves.turned(v), self.curves.turned(a)
+            velocity, acceleration = v.copy(), a.copy()
+        v[index] = self._after.slid(velocity[index]) + self._velocity - s.cv * w
+        a[index] = self._after.slid(acceleration[index]) + self._acceleration - s.cm * w
+        return v, a
+
+    def relative(self, u: Array) -> Array:
+        """See `Walls.relative`."""
+        return np.asarray(u - self._rigid)
+
+    def finish(self, before: Particles, u: Array, moved: Particles) -> Particles:
+        """See `Walls.finish`."""
+        index = self.boundary.index
+        if self.curves is not None:
+            before = before.shallow_copy(
+                velocity=self.curves.turned(before.velocity), acceleration=self.curves.turned(before.acceleration)
+            )
+        (velocity, acceleration), done = self.scheme.rates(u, before.velocity, before.acceleration), moved.copy()
+        # Not x + u: in single precision the solution's w is not exact.
+        done.position[index] = before.position[index] + self.constrain(u)[index]
+        if self.curves is not None:  # whose directions corrections have changed
+            curved = index[self.curves.rows]
+            done.position[curved] = before.position[curved] + u[curved]
+        done.acceleration[index] = acceleration[index]
+        done.velocity[index] = velocity[index]
+        if self.curves is not None:
+            done, free_at_end = self.curves.finished(done)
+            self._after.free[self.curves.rows] = free_at_end
+        return self._after.imposed(done)
+
+    def space(self, particles: Particles, surface: Surface) -> tuple[Particles, int]:
+        """See `Walls.space`."""
+        slides = self.boundary.sliding >= 0
+        if self.curves is not None:
+            particles = self.curves.on_curves(particles)
+        if not self.boundary.pieces and not slides.any() and not self.boundary.period:
+            return particles, 0
+        spaced, count = particles.copy(), 0
+        for row in self.boundary.endless:
+            count += space_endless(spaced, row, self.boundary.period)
+        for piece, coordinates in self.boundary.pieces:
+            if coordinates is None:
+                count += space_sliding(spaced, piece, surface)
+            else:
+                space_back(spaced, piece, coordinates)
+        spaced = self.set_back(spaced, in_rows=False)
+        dry = surface.dry(particles.wall)  # these stay where they are
+        spaced.velocity[dry] = self._after.pose.rigid_velocity(spaced.position[dry])
+        spaced.acceleration[dry] = self._after.pose.rigid_acceleration(spaced.position[dry])
+        return self._after.imposed(spaced), count
+
+    def set_back(self, particles: Particles, *, in_rows: bool = True) -> Particles:
+        """See `Walls.set_back`; without ``in_rows``, not those in rows that are evenly spaced."""
+        slides = self.boundary.sliding >= 0
+        slides[self.boundary.slides] = False
+        if not in_rows:  # the others are at corners of arcs, on periodic sides, and in 3-D
+            slides &= ~np.isin(self.boundary.index, [i for row, _ in self.boundary.pieces for i in row])
+        if self.curves is not None:
+            particles = self.curves.on_curves(particles)
+        if not slides.any():
+            return particles
+        back = particles.copy()
+        back.position[self.boundary.index[slides]] = self._home[slides]
+        return back
+
+    def reassign(self, particles: Particles) -> tuple[Particles, Boundary]:
+        """See `Walls.reassign`."""
+        boundary = self.boundary.reassigned(particles, self._after.pose, self._after.displacement)
+        rates = WallMotion(boundary, self._time + self.scheme.dt, 0.25 * self.scheme.dt)
+        return rates.imposed(particles), boundary
+
+    def imposed(self, particles: Particles) -> Particles:
+        """See `Walls.imposed`."""
+        return self._after.imposed(particles)
+
+
+def walls_in_step(
+    boundary: Boundary,
+    mesh: Mesh,
+    particles: Particles,
+    viscosity: Array,
+    scheme: TimeScheme,
+    time: float,
+    density: Array | None = None,
+    layers: Layers | None = None,
+) -> Walls:
+    """The walls of a step; see `WallStep` for arguments and errors."""
+    if not boundary.active:
+        return FixedWalls(boundary, mesh, particles, scheme)
+    return WallStep(boundary, mesh, particles, viscosity, scheme, time, density, layers)

@@ -1,0 +1,177 @@
+"""WallTerm: the walls in the equations of a step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tipfem.backend.arrays import download
+from tipfem.backend.launch import launch
+from tipfem.case.particles import Particles
+from tipfem.fem.condensation import Follows
+from tipfem.linalg.sparsity import Csr
+from tipfem.physics.term import Equations, Frame, Term, TermWork
+from tipfem.physics.walls import kernels as kernels
+from tipfem.physics.walls.step import Walls
+from tipfem.typing import Array
+
+
+class WallTerm(Term):
+    """What walls prescribe, friction along those that slip, and the pressure of curved ones.
+
+    Args:
+        walls: of the step.
+    """
+
+    def __init__(self, walls: Walls) -> None:
+        self.walls = walls
+        if walls.tank_moves:
+            self.frame = Frame(walls.frame, walls.relative)
+        self._curves = walls.curves
+        self._displacement: Array | None = None  # at the last residual, with curves
+        self._columns = walls.columns.reshape(len(walls.sliding), *2 * [walls.frame.shape[1]]).copy()
+
+    def held(self, displacement: Array, pressure: Array) -> None:
+        """See `Term.held`."""
+        displacement |= self.walls.fixed
+
+    def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+        """See `Term.histories`."""
+        return self.walls.histories(velocity, acceleration)
+
+    def prescribe(self, displacement: Array, pressure: Array) -> tuple[Array, Array]:
+        """See `Term.prescribe`."""
+        return self.walls.constrain(displacement), pressure
+
+    def begin(self, equations: Equations, first_node: int) -> None:
+        """See `Term.begin`."""
+        walls, faces, e = self.walls, self.walls.faces, equations
+        self._equations, self._scheme, d = e, e.scheme, e.dimension
+        if e.mesh.surface.exists:  # its particles move by what curved walls do not
+            self._curves = None
+        count = len(walls.sliding)
+        self._faces, self._pressed = (len(faces.nodes), len(walls.pressed)) if count else (0, 0)
+        put, cells, owner, self._lists = e.buffers.upload, e.nodes.cells, e.owner, list[Array]()
+        self._free = ~walls.fixed[faces.nodes]  # friction does not act on particles in corners
+        if self._faces:
+            self._nodes, self._coefficient = put("walls.nodes", faces.nodes), put("walls.mu", faces.coefficient)
+            self._lists.append(_nodes_of(faces.nodes, faces.cell, cells, owner))
+            self._of_rows = put("walls.of_rows", self._lists[-1])
+            self._normal, self._velocity = put("walls.normal", faces.normal), put("walls.v", faces.wall_velocity)
+            self._record = e.buffers.get("walls.record", self._faces, kernels.face_record_width(d))
+        if self._pressed:
+            self._curved = put("walls.curved", walls.pressed)
+            self._lists.append(_nodes_of(walls.pressed, walls.pressed_cell, cells, owner))
+            self._of_pressures = put("walls.of_pressures", self._lists[-1])
+            self._pressures = e.buffers.get("walls.pressures", self._pressed, 4)
+
+    def diagonal_done(self) -> None:
+        """One scale for all momentum rows of a sliding particle, with the friction there."""
+        sliding, count = self.walls.sliding, len(self.walls.sliding)
+        if count:
+            put, e = self._equations.buffers.upload, self._equations
+            arrays = put("walls.sliding", sliding.astype(np.int32)), put("walls.friction", self.walls.faces.friction)
+            launch(kernels.slip_scale, *arrays, e.scale, count, e.dimension, work=(count, kernels.SLIDING))
+
+    def follows(self) -> Follows | None:
+        """Particles that slide follow themselves, but for what is normal to their walls."""
+        walls, d = self.walls, self.walls.frame.shape[1]
+        if self._curves is not None and self._displacement is not None:
+            here, rows = walls.on_curves
+            self._columns[here] = self._curves.projector_at(self._displacement)[rows]
+        rows_of = walls.rows.reshape(-1, d, d)
+        order = np.argsort(walls.sliding, kind="stable")
+        nodes = walls.sliding[order]
+        return Follows(nodes, nodes, rows_of[order], self._columns[order])
+
+    def growth(self, x: Any) -> float | None:
+        """The area that the boundary with curves encloses, in displacements along these, is to grow by."""
+        if self._curves is None:
+            return None
+        values = self._equations.values(x)[: len(self._equations.mesh.position)]
+        self._displacement = values[:, :-1].copy()
+        return self._curves.growth(self._displacement)
+
+    def couplings(self, *, near: bool) -> tuple[Array, Array] | None:
+        """See `Term.couplings`: the nodes of faces."""
+        lists = [nodes.astype(np.int64) for nodes in self._lists if near]
+        if not lists:
+            return None
+        one = [np.repeat(nodes, nodes.shape[1], axis=1).ravel() for nodes in lists]
+        return np.concatenate(one), np.concatenate([np.tile(nodes, (1, nodes.shape[1])).ravel() for nodes in lists])
+
+    def residual(self, x: Any, out: Any) -> None:
+        """See `Term.residual`."""
+        e, s = self._equations, self._scheme
+        if self._faces:
+            launch(
+                kernels.slip_residual,
+                self._nodes,
+                self._coefficient,
+                self._normal,
+                self._velocity,
+                e.mesh.period.array,
+                e.motion,
+                x,
+                e.scale,
+                self._record,
+                out,
+                s.cv,
+                s.cf,
+                self._faces,
+                e.dimension,
+            )
+        if self._pressed:
+            arrays = self._curved, self._of_pressures, e.motion, x, e.scale, self._pressures, out
+            launch(kernels.pressure_residual, *arrays, s.cf, self._pressed)
+
+    def gather(self, matrix: Csr) -> None:
+        """See `Term.gather`."""
+        e, s = self._equations, self._scheme
+        if self._faces:
+            launch(
+                kernels.add_friction,
+                self._of_rows,
+                self._coefficient,
+                self._normal,
+                self._record,
+                e.scale,
+                *matrix,
+                s.cv,
+                s.cf,
+                e.rows,
+                self._faces,
+                e.dimension,
+            )
+        if self._pressed:
+            arrays = self._of_pressures, self._pressures, e.scale, *matrix
+            launch(kernels.add_pressures, *arrays, s.cf, e.rows, self._pressed)
+
+    def finish(self, displacement: Array, particles: Particles) -> Particles:
+        """See `Term.finish`."""
+        return self.walls.finish(self._equations.particles, displacement, particles)
+
+    def work(self, x: Any, displacement: Array) -> TermWork | None:
+        """Dissipation by friction, and the work done against it.
+
+        The first is that of the slip at the intermediate time, dt k s^2. The second is tested with the displacements,
+        as all other work is, k s . (u - dt v_wall): where walls are still it is what their friction takes, and where
+        the velocity changes in the step, another one than the first.
+        """
+        if not self._faces:
+            return None
+        faces, d, dt = self.walls.faces, self._equations.dimension, self._scheme.dt
+        record = download(self._record, self._faces).astype(float)
+        slip = record[:, 1 : 1 + d * d].reshape(-1, d, d)
+        slip -= np.einsum("fak,fk->fa", slip, faces.normal)[:, :, None] * faces.normal[:, None]
+        moved = displacement[faces.nodes] - dt * faces.wall_velocity.reshape(-1, d, d)
+        force = (record[:, 0] * faces.coefficient / d)[:, None, None] * slip * self._free[:, :, None]
+        return TermWork(friction_dissipation=float(dt * (force * slip).sum()), friction=float((force * moved).sum()))
+
+
+def _nodes_of(faces: Array, cell: Array, cells: Array, owner: Array) -> Array:
+    """The nodes (F, d) of faces of the mesh that is solved on, from their particles (F, d) and cells (F,)."""
+    corners = cells[cell]
+    corner = (owner[corners][:, None] == faces[:, :, None]).argmax(axis=2)
+    return np.take_along_axis(corners, corner, axis=1).astype(np.int32)

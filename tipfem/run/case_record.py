@@ -1,0 +1,136 @@
+"""Cases as plain values, by which a run that goes on is compared with the one that it was."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from tipfem.case.body import Body
+from tipfem.case.case import Case
+from tipfem.case.fluid import Fluid
+from tipfem.case.grading import Grading
+from tipfem.case.numerics import FittedRule, Numerics, RelocationRule, SurfaceRule
+from tipfem.case.particles import Particles
+from tipfem.case.walls import Wall
+from tipfem.errors import CheckpointError
+
+
+def case_record(case: Case) -> dict[str, Any]:
+    """What a case is, as plain values and arrays, to compare it with another and to make it again.
+
+    A function of Python's is recorded by its name alone, as ``{"function": name}``.
+    """
+    return {
+        "fluids": [_plain(fluid) for fluid in case.fluids],
+        "gravity": np.asarray(case.gravity, dtype=float).tolist(),
+        "body_force": _plain(case.body_force),
+        "interface": case.interface,
+        "free_surface": case.free_surface,
+        "title": case.title,
+        "numerics": _plain(case.numerics),
+        "walls": [_plain(wall) for wall in case.walls],
+        "tank_motion": _plain(case.tank_motion),
+        "grading": _plain(case.grading),
+        # As polygons, which a body in a tank has.
+        "bodies": [{**_plain(body), "shape": body.corners} for body in case.bodies],
+        "walls_have_fluids": case.walls_have_fluids,
+        "particles": dict(vars(case.particles)),
+        **({"period": case.period.width.tolist()} if case.period else {}),
+    }
+
+
+def case_from(record: Mapping[str, Any]) -> Case:
+    """The case that a record of `case_record` describes.
+
+    Raises:
+        CheckpointError: a part of it is a function of Python's, which no record keeps.
+    """
+    if functions := python_functions(record):
+        raise CheckpointError(
+            f"the case has functions of Python's, which no file keeps: {', '.join(functions)}; give the case to "
+            "resume, as the script made it"
+        )
+    particles = Particles.__new__(Particles)
+    vars(particles).update(record["particles"])
+    numerics = dict(record["numerics"])
+    for name, rule in (("relocation", RelocationRule), ("fitting", FittedRule), ("surface", SurfaceRule)):
+        numerics[name] = rule(**numerics[name])
+    grading = record["grading"]
+    case = Case(
+        particles,
+        [Fluid(**fluid) for fluid in record["fluids"]],
+        record["gravity"],
+        interface=record["interface"],
+        free_surface=record["free_surface"],
+        numerics=Numerics(**numerics),
+        title=record["title"],
+        walls=[Wall(**wall) for wall in record["walls"]],
+        grading=None if grading is None else Grading(**grading),
+        bodies=[Body(**body) for body in record.get("bodies", [])],
+        period=record.get("period"),
+    )
+    case.walls_have_fluids = record["walls_have_fluids"]
+    return case
+
+
+def python_functions(record: Mapping[str, Any]) -> list[str]:
+    """Names of the parts of a record that are functions."""
+    leaves = _flat({key: value for key, value in record.items() if key != "particles"})
+    return [key for key, value in leaves if _is_function(value)]
+
+
+def _is_function(value: Any) -> bool:
+    return isinstance(value, Mapping) and set(value) == {"function"}
+
+
+def _plain(value: Any) -> Any:
+    """A value as nested dicts of plain values."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value) if field.init}
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if callable(value):
+        return {"function": _described(value)}
+    return value
+
+
+def _described(function: Any) -> str:
+    """The name of a function; of a form of case files, which is a function with parameters, these as well."""
+    inner = getattr(function, "function", function)  # of a force that is the same everywhere
+    if not hasattr(inner, "model_dump"):
+        return str(getattr(function, "__qualname__", type(function).__name__))
+    text = f"{type(inner).__name__}({inner})"
+    return text if len(text) <= 200 else f"{text[:100]}... {hashlib.sha256(text.encode()).hexdigest()[:16]}"
+
+
+def differences(recorded: Mapping[str, Any], present: Mapping[str, Any]) -> list[str]:
+    """What differs between two records of cases, a line for each value: ``numerics.rho_inf: 0.0, now 0.5``."""
+    before, after = dict(_flat(recorded)), dict(_flat(present))
+    lines = []
+    for key in [*before, *(key for key in after if key not in before)]:
+        old, new = before.get(key, "nothing"), after.get(key, "nothing")
+        if isinstance(old, np.ndarray) or isinstance(new, np.ndarray):
+            if not (np.shape(old) == np.shape(new) and np.array_equal(old, new)):
+                lines.append(f"{key}: other values at the start")
+        elif old != new:
+            lines.append(f"{key}: {old!r}, now {new!r}")
+    return lines
+
+
+def _flat(tree: Any, name: str = "") -> list[tuple[str, Any]]:
+    """The leaves of nested dicts and lists, by dotted names."""
+    if isinstance(tree, Mapping) and set(tree) != {"function"}:
+        items = tree.items()
+    elif isinstance(tree, list) and any(isinstance(item, Mapping | list) for item in tree):
+        items = {
+            str(item.get("name", k) if isinstance(item, Mapping) else k): item for k, item in enumerate(tree)
+        }.items()
+    else:
+        return [(name, tree)]
+    return [leaf for key, item in items for leaf in _flat(item, f"{name}.{key}" if name else str(key))]

@@ -1,0 +1,157 @@
+"""live: run a simulation and show it, in a browser or in a notebook."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time as clock
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from tipfem.liveview.control import RATE, LiveControl, describe, snapshot_of
+from tipfem.liveview.memory import Snapshot
+from tipfem.notebook import in_notebook
+from tipfem.run.simulation import Simulation
+from tipfem.steering import Command, RunControl, command_from
+
+if TYPE_CHECKING:
+    from tipfem.viewer.widget import View
+
+_PAUSED = 0.05  # seconds between looks for commands during a pause in a notebook
+
+
+def live(
+    simulation: Simulation,
+    until: float = math.inf,
+    *,
+    port: int | None = None,
+    rate: float = RATE,
+    browser: bool = True,
+    paused: bool = False,
+    native: bool = False,
+    say: Callable[[str], None] = print,
+) -> View | None:
+    """Run a simulation, and show and steer it in a browser meanwhile; in a notebook, in a widget.
+
+    A second process draws the latest state and serves the page; while nobody looks, the run is as fast as any.
+
+    In a notebook the call returns at once, and the run goes on between cells, in the kernel itself: it takes and draws
+    its steps by turns. Of the arguments, ``until``, ``rate`` and ``paused`` count there.
+
+    Args:
+        simulation: a `Simulation`, in 2-D.
+        until: time to run to [s]; by default until it is told to stop.
+        port: of 127.0.0.1, where the page is served; 0 for any, None for 8800 or one of the next.
+        rate: most pictures per second.
+        browser: open a browser where there is a display; the address is said in either case.
+        paused: begin with a pause.
+        native: show it in a window of its own, not in a browser; needs a display.
+        say: takes lines of text: the address, and what becomes of the viewer.
+
+    Returns:
+        In a notebook the widget, with the same page; None elsewhere.
+
+    Raises:
+        ValueError: an argument is not possible, the case is not in 2-D, or the page cannot be served.
+        SimulationError: see `Simulation.run`.
+    """
+    if in_notebook() and not native:
+        run = KernelRun(simulation, until, rate, paused)
+        run.task = asyncio.get_running_loop().create_task(run.run())
+        return run.view
+    control = LiveControl(
+        simulation,
+        out=simulation.results.path if simulation.results else None,
+        port=port,
+        rate=rate,
+        browser=browser,
+        paused=paused,
+        native=native,
+        say=say,
+    )
+    try:
+        simulation.run(until, progress=math.isfinite(until), control=control)
+    finally:
+        control.close()
+    return None
+
+
+class KernelRun:
+    """A run in a notebook's kernel, and what its viewer is told of it.
+
+    Widgets hear nothing while a cell runs, so the cell that begins the run ends at once, and the run is a task of the
+    kernel's own loop, which draws and answers between its steps.
+
+    Args:
+        simulation: in 2-D.
+        until: time to run to [s].
+        rate: most pictures per second.
+        paused: whether it begins with a pause.
+
+    Attributes:
+        view: the widget.
+        task: in which the run is, once it has begun.
+        published, wanted, ended, paused: see `tipfem.liveview.source.Feed`.
+
+    Raises:
+        ValueError: the case is not in 2-D.
+    """
+
+    def __init__(self, simulation: Simulation, until: float, rate: float, paused: bool) -> None:
+        from tipfem.liveview.source import LiveSource
+        from tipfem.viewer.widget import View
+
+        if simulation.case.particles.dimension != 2:
+            raise ValueError("the viewer shows cases in 2-D only; this one is in 3-D")
+        self._simulation, self._until, self._rate = simulation, until, rate
+        self._given: deque[Command] = deque()
+        self._message, self._speed = "", math.nan
+        self.task: asyncio.Task[None] | None = None
+        self.published, self.wanted, self.ended = 1, False, False
+        self._control = RunControl(self._receive, paused=paused, report=self._tell)
+        simulation.make_consistent()
+        out = simulation.results.path if simulation.results else None
+        self.view = View(LiveSource(describe(simulation.case, out), self, self._send, lambda: self._message))
+
+    @property
+    def paused(self) -> bool:
+        """Whether the run waits."""
+        return self._control.waits
+
+    def latest(self) -> Snapshot:
+        """The present state."""
+        return snapshot_of(self._simulation, self._speed)
+
+    async def run(self) -> None:
+        """Take steps until the time, or until told to stop, as `Simulation.run` does."""
+        simulation, shown = self._simulation, -math.inf
+        steps = simulation.steps(self._until, control=self._control)
+        try:
+            state, forces, begun = simulation.state, simulation.forces, clock.monotonic()
+            for _ in steps:
+                now, steered = clock.monotonic(), simulation.forces is not forces
+                stepped = simulation.state is not state
+                if stepped:
+                    self._speed = 1 / max(now - begun, 1e-9)
+                if (stepped or steered) and (steered or self.paused or now - shown >= 1 / self._rate):
+                    self.published, shown = self.published + 1, now
+                await asyncio.sleep(_PAUSED if self.paused else 0)
+                state, forces, begun = simulation.state, simulation.forces, clock.monotonic()
+        finally:
+            steps.close()
+            self.published += 1
+            self.ended = True
+
+    def _send(self, name: str, values: Mapping[str, Any]) -> None:
+        self._given.append(command_from(name, values))
+
+    def _receive(self, _: float) -> Sequence[Command]:
+        found = list(self._given)
+        self._given.clear()
+        if found:
+            self._message = ""
+        return found
+
+    def _tell(self, message: str) -> None:
+        self._message = message

@@ -1,0 +1,194 @@
+"""Observers of a run: the history of its steps, the fields on disk, and the checkpoints."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time as clock
+from collections.abc import Callable, Collection, Mapping
+from typing import Any
+
+import numpy as np
+
+from tipfem.errors import SimulationError
+from tipfem.logs import log
+from tipfem.observer import Observer
+from tipfem.output import ResultsFolder, fill_columns, own_columns
+from tipfem.run.checkpoint import FOLDER, CheckpointFolder, file_name
+from tipfem.state import State
+from tipfem.step.solve import first_not_finite
+from tipfem.stepper import Row, Stepper
+from tipfem.timers import timer
+
+
+class History:
+    """The rows of all steps, in memory and in history.csv.
+
+    Args:
+        columns: further columns, functions of the simulation by their names.
+        taken: names that further columns cannot have, beside those of every history.
+
+    Attributes:
+        rows: one dict a step.
+        results: where rows are written, or None.
+        started: when the run began, by `time.perf_counter` [s].
+
+    Raises:
+        ValueError: see `tipfem.output.own_columns`.
+    """
+
+    def __init__(self, columns: Mapping[str, Callable[[Any], float]], taken: Collection[str]) -> None:
+        self.columns = own_columns(columns, taken)
+        self.rows: list[Row] = []
+        self.results: ResultsFolder | None = None
+        self.started = clock.perf_counter()
+
+    def record(self, flow: Stepper, row: Row) -> None:
+        """Add the row of a step, with the values of the further columns and the wall-clock time.
+
+        Raises:
+            SimulationError: a further column failed; the row is there, with NaN for its value.
+        """
+        row.update(dict.fromkeys(self.columns, math.nan), wall_seconds=clock.perf_counter() - self.started)
+        try:
+            failure = fill_columns(row, self.columns, flow)
+        finally:  # also when interrupted: an accepted step has its row
+            self.rows.append(row)
+            if self.results:
+                self.results.append_history(row)
+        if failure:
+            raise SimulationError(f"t = {flow.time:.6g} s, step {flow.step_number}: {failure}") from failure.__cause__
+
+    def content(self) -> dict[str, Any]:
+        """The rows as one array (K, C), the names of the columns and which are whole numbers, for a checkpoint."""
+        names = list(self.rows[0]) if self.rows else []
+        values = [[row[name] for name in names] for row in self.rows]
+        return {
+            "columns": names,
+            "whole": [name for name in names if isinstance(self.rows[0][name], (int, np.integer))],
+            "rows": np.array(values, dtype=float).reshape(len(self.rows), len(names)),
+            "wall_seconds": clock.perf_counter() - self.started,
+        }
+
+    def restore(self, content: Mapping[str, Any]) -> None:
+        """Take over the rows of a checkpoint, see `content`."""
+        kinds = [(name, int if name in content["whole"] else float) for name in content["columns"]]
+        self.rows = [
+            {name: kind(value) for (name, kind), value in zip(kinds, row, strict=True)} for row in content["rows"]
+        ]
+        self.started = clock.perf_counter() - content["wall_seconds"]
+
+
+class Fields(Observer):
+    """Writes fields at the start and the end of a run and at the times between, at which it lets steps end.
+
+    Args:
+        interval: between these times [s]; None for none.
+
+    Attributes:
+        results: where they are written, or None.
+    """
+
+    def __init__(self, interval: float | None) -> None:
+        self.interval = interval
+        self.results: ResultsFolder | None = None
+        self._due = self._until = math.inf
+
+    def begin(self, flow: Stepper, until: float) -> None:
+        """Write the present fields, unless they are written already."""
+        self._until = until
+        if self.results and not self.results.has_fields(flow.step_number):
+            self.write(flow)
+        self._plan(flow.time)
+
+    def next_time(self) -> float:
+        """The next time at which fields are to be written [s]."""
+        return self._due
+
+    def after_step(self, flow: Stepper, row: Row) -> None:
+        """Write the present fields if they are due."""
+        if flow.time >= self._due:
+            self.write(flow)
+            self._plan(flow.time)
+
+    def finish(self, flow: Stepper, until: float) -> None:
+        """Write the present fields if the run ends before its time."""
+        if flow.time < until:
+            self.write(flow)
+
+    def write(self, flow: Stepper) -> None:
+        """Write the present fields to disk.
+
+        Raises:
+            OSError: they cannot be written.
+        """
+        if not self.results:
+            return
+        with flow.timings.active(), timer("output"):
+            flow.make_consistent()
+            particles = flow.particles
+            density = np.array([fluid.density for fluid in flow.case.fluids])[particles.fluid]
+            self.results.write_fields(flow.step_number, flow.time, flow.mesh, particles, density)
+
+    def _plan(self, time: float) -> None:
+        self._due = min(self._until, _next_multiple(time, self.interval))
+
+
+class Checkpoints(Observer):
+    """Writes checkpoints at the start and the end of a run, and between.
+
+    Args:
+        interval: simulated time between them [s]; None for none by simulated time.
+        wall_interval: wall-clock time between them [s]; None for none by the clock.
+        content: gives what they hold, but for the end of the run.
+
+    Attributes:
+        results: where they are written, or None.
+    """
+
+    def __init__(
+        self, interval: float | None, wall_interval: float | None, content: Callable[[], Mapping[str, Any]]
+    ) -> None:
+        self.interval, self.wall_interval, self._content = interval, wall_interval, content
+        self.results: ResultsFolder | None = None
+        self._wall, self._next, self._until = clock.monotonic(), 0.0, math.nan
+        self._written: tuple[State | None, float] = (None, math.nan)
+
+    def forget(self) -> None:
+        """Let the next one be written although the state is that of the last: a command has changed the forces."""
+        self._written = (None, math.nan)
+
+    def begin(self, flow: Stepper, until: float) -> None:
+        """Write one of the present state, unless it has been written."""
+        self._until = until
+        self.finish(flow, until)
+
+    def after_step(self, flow: Stepper, row: Row) -> None:
+        """Write one if it is due."""
+        due = self.interval is not None and flow.time >= self._next * (1 - 1e-12)
+        if due or (self.wall_interval is not None and clock.monotonic() - self._wall >= self.wall_interval):
+            self.finish(flow, self._until)
+
+    def finish(self, flow: Stepper, until: float) -> None:
+        """Write one of the present state, unless it has been written.
+
+        Raises:
+            OSError: it cannot be written.
+            SimulationError: the state has values that are not finite; the checkpoints that were there are left.
+        """
+        results, (state, end) = self.results, self._written
+        if not results or (state is flow.state and end == until):
+            return
+        if wrong := first_not_finite(flow.particles, "in the present state"):
+            raise SimulationError(f"t = {flow.time:.6g} s: no checkpoint is written, for {wrong}")
+        with flow.timings.active(), timer("checkpoint"):
+            results.list_file(f"{FOLDER}/{file_name(flow.step_number)}")
+            CheckpointFolder(results.path).write(flow.step_number, {**self._content(), "until": until})
+        self._written, self._wall = (flow.state, until), clock.monotonic()
+        self._next = _next_multiple(flow.time, self.interval)
+        log(logging.DEBUG, "checkpoint", f"checkpoint at t = {flow.time:.6g} s", {"t": flow.time})
+
+
+def _next_multiple(time: float, interval: float | None) -> float:
+    """The first multiple of an interval [s] after a time [s]; infinity without one."""
+    return math.inf if interval is None else (math.floor(time / interval + 1e-9) + 1) * interval

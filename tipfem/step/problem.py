@@ -1,0 +1,405 @@
+"""FlowProblem: the nonlinear problem of one time step, which connects the kernels, the terms and the solvers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tipfem.backend.arrays import download
+from tipfem.backend.launch import launch
+from tipfem.case.particles import Particles
+from tipfem.errors import StepRefused
+from tipfem.fem import residual as assembly
+from tipfem.fem import step_limits
+from tipfem.fem import work as work_kernels
+from tipfem.fem.time_integration import TimeScheme
+from tipfem.linalg import fgmres, vector_kernels
+from tipfem.mesh.mesh import Mesh
+from tipfem.physics.term import ElementProperties, Equations, StepWork, Term, TermWork
+from tipfem.step.linear_system import LinearSystem, Workspace, covering_box
+from tipfem.timers import timer
+from tipfem.typing import Array
+
+
+@dataclass(frozen=True)
+class StepLimits:
+    """How far a solution moves the particles and deforms the elements.
+
+    Attributes:
+        smallest_jacobian: smallest J_{n+1} of an element; the element is inverted when it is <= 0.
+        largest_displacement: of a particle, in its target spacings.
+        finite: whether all unknowns are finite.
+    """
+
+    smallest_jacobian: float
+    largest_displacement: float
+    finite: bool
+
+    def require(self, smallest_jacobian: float, reach: float) -> None:
+        """Raises StepRefused unless all is finite, J >= ``smallest_jacobian``, displacements <= ``reach`` targets."""
+        if not self.finite:
+            raise StepRefused("the solution is not finite")
+        if self.smallest_jacobian < smallest_jacobian:
+            raise StepRefused(f"an element would be inverted or nearly so (J = {self.smallest_jacobian:.3g})")
+        if self.largest_displacement > reach:
+            raise StepRefused(f"a particle would move by {self.largest_displacement:g} spacings, more than {reach:g}")
+
+
+class FlowProblem:
+    """Momentum and continuity of one step; unknowns are displacements [m] and pressures [Pa].
+
+    Args:
+        mesh: simplices on the positions at the step's start.
+        particles: the state there.
+        properties: of the elements.
+        scheme: time integration, with the step's length.
+        body_force: (N, d) acceleration by gravity and the like [m/s^2], at the step's intermediate time.
+        stabilisation: c in tau = c dt T, with the flow's own time T, taken as at least half a step, at most 100.
+        workspace: arrays and grids that steps reuse.
+        terms: the physics beside that of the elements, walls included, in the order in which they prescribe.
+        stores_rows: whether the Jacobian is stored in rows, see `LinearSystem`.
+        box: (2, d) that the multigrid's grids covered in the last step, see `covering_box`.
+        flow_time: T [s], see `tipfem.step.solve.flow_time`; 0 for the length of the step.
+    """
+
+    @timer("set-up")
+    def __init__(
+        self,
+        mesh: Mesh,
+        particles: Particles,
+        properties: ElementProperties,
+        scheme: TimeScheme,
+        body_force: Array,
+        stabilisation: float,
+        workspace: Workspace,
+        terms: Sequence[Term] = (),
+        *,
+        stores_rows: bool = True,
+        box: Array | None = None,
+        flow_time: float = 0.0,
+    ) -> None:
+        self.mesh, self.particles, self.scheme, self.properties = mesh, particles, scheme, properties
+        cut, frame = (
+            next((value for term in terms if (value := getattr(term, name)) is not None), None)
+            for name in ("cut", "frame")
+        )
+        self.terms, self.cut, self.frame = terms, cut, frame
+        # c T / dt: what the kernels take for c.
+        flow_time = min(flow_time, MOST_TIME * scheme.dt)
+        time = max(flow_time, LEAST_TIME * scheme.dt) if flow_time > 0 else scheme.dt
+        self.stabilisation = stabilisation * time / scheme.dt
+        floor = stabilisation * scheme.dt * max(0.0, flow_time - scheme.dt)
+        self.buffers = buffers = workspace.buffers
+        put, get, d = buffers.upload, buffers.get, mesh.dimension
+        owner, solved = (cut.owner, cut.mesh) if cut else (np.arange(len(particles)), mesh)
+        of_node: Array | slice = cut.owner if cut else slice(None)
+        self.nodes, self.elements, self.dimension = len(owner), len(mesh.cells), d
+        self.rows = self.nodes + sum(term.extra_nodes for term in terms)
+        self.size = self.rows * (d + 1)
+        velocity, acceleration = scheme.history(particles.velocity, particles.acceleration)
+        for term in terms:
+            velocity, acceleration = term.histories(velocity, acceleration)
+        self.equations = e = Equations(
+            mesh,
+            solved,
+            owner,
+            particles,
+            properties,
+            scheme,
+            body_force,
+            self.stabilisation,
+            acceleration - body_force,
+            self.rows,
+            buffers,
+            workspace.topology(solved),
+        )
+        self._target = put("target", particles.target[of_node])
+        e.density, e.viscosity = put("density", properties.density), put("viscosity", properties.viscosity)
+        e.lumping, self._source = put("lumping", properties.lumped), put("source", properties.source)
+        e.motion = put("motion", np.hstack([mesh.position, velocity, e.relative])[of_node])
+        e.scale = get("scale", self.size)
+        launch(vector_kernels.fill, e.scale, 0.0, self.size, work=(self.size, vector_kernels.ENTRY))
+        e.local = get("local", self.elements * (d + 1), d + 1)
+        e.record = get("record", self.elements, assembly.record_width(d))
+        self._wall = put("wall", particles.wall[of_node])
+        self._r, self._dx = get("residual", self.size), get("correction", self.size)
+        self._linearised = self._corrected = False
+        self._norm = self._smallest = math.nan
+        self._limits: StepLimits | None = None  # of the present unknowns
+        held = np.zeros((2, len(particles)), dtype=bool)
+        first = self.nodes
+        for term in terms:
+            term.begin(e, first)
+            term.held(*held)
+            first += term.extra_nodes
+        # The grid moves with the tank, in whose frame the Laplacian is the same.
+        position = mesh.position if frame is None else frame.position
+        self.box = covering_box(position, particles.spacing, box, mesh.period)
+        with timer("preconditioner"):
+            self.system = LinearSystem(
+                e,
+                terms,
+                put("held", np.ascontiguousarray(held.T[of_node])),
+                workspace.multigrid(self.box, particles.spacing, periodic=mesh.period.axes),
+                solved.position if frame is None else position[of_node],
+                floor,
+                stores_rows=stores_rows,
+            )
+
+    def predict(self) -> Any:
+        """First iterate: constant acceleration and pressure, or no motion where that would invert an element."""
+        given = self.particles
+        x = self.vector(self.scheme.predict(given.velocity, given.acceleration), given.pressure)
+        self._smallest = self.limits(x).smallest_jacobian
+        if self._smallest < 0.3:
+            for term in self.terms:
+                term.rest()
+            x = self.vector(np.zeros_like(self.mesh.position), given.pressure)
+            self._smallest = 1.0
+        return x
+
+    def vector(self, displacement: Array, pressure: Array) -> Any:
+        """Device vector of unknowns from (N, d) and (N,), with what terms prescribe."""
+        self._limits = None
+        for term in self.terms:
+            displacement, pressure = term.prescribe(displacement, pressure)
+        x = np.zeros((self.rows, self.dimension + 1))
+        owner = self.equations.owner
+        x[: self.nodes, :-1], x[: self.nodes, -1] = displacement[owner], pressure[owner]
+        for term in self.terms:
+            term.start(x)
+        return self.buffers.upload("unknowns", x.ravel())
+
+    def split(self, x: Any) -> tuple[Array, Array]:
+        """Displacements (N, d) and pressures (N,) of a device vector of unknowns.
+
+        Where there are several, the pressure is that of the heaviest fluid.
+        """
+        values = self.equations.values(x)[: len(self.mesh.position)]
+        return values[:, :-1].copy(), values[:, -1].copy()
+
+    @timer("residual")
+    def residual(self, x: Any) -> float:
+        """Evaluate the scaled residual at ``x`` and linearise; largest entry in spacings.
+
+        Every row is scaled to a length [m], the displacement that would remove its residual.
+        """
+        e, s = self.equations, self.scheme
+        for term in self.terms:
+            term.place(x)
+        self._prescribe_growth(x)
+        launch(
+            assembly.residual,
+            *e.topology,
+            self.mesh.period.array,
+            e.motion,
+            e.density,
+            e.viscosity,
+            self._source,
+            e.lumping,
+            x,
+            e.scale,
+            e.record,
+            e.local,
+            self._r,
+            s.cm,
+            s.cv,
+            s.cf,
+            s.dt,
+            self.stabilisation,
+            self.elements,
+            self.nodes,
+            self.dimension,
+        )
+        for term in self.terms:
+            term.residual(x, self._r)
+        for term in self.terms:
+            term.collect(x, self._r)
+        self.system.condensation.collect(self._r)
+        self._norm = fgmres.largest(self._r, self.size, self.buffers) / self.particles.spacing
+        return self._norm
+
+    def _prescribe_growth(self, x: Any) -> None:
+        """Let the elements together grow by the volume that a term prescribes at ``x``."""
+        grown = [volume for term in self.terms if (volume := term.growth(x)) is not None]
+        if grown:
+            source, measure = self.properties.source, self.mesh.measure
+            more = (sum(grown) - float(measure @ source)) / measure.sum()
+            self._source = self.buffers.upload("source", source + more)
+
+    @timer("jacobian")
+    def linearise(self) -> None:
+        """Gather the Jacobian at the last `residual`."""
+        self.system.gather()
+        self._linearised = True
+
+    def acceleration(self, displacement: Array) -> Array:
+        """a_alpha - b (N, d) [m/s^2] at displacements (N, d), with gravity and body force b."""
+        return self.scheme.cm * displacement + self.equations.relative
+
+    def settle(self, x: Any) -> None:
+        """Let the terms take the solution ``x``; to be called where the last `residual` was."""
+        for term in self.terms:
+            term.settle(x, self._node_forces)
+
+    def reactions(self, x: Any) -> Array:
+        """(W, d) force of the walls and bodies on each of their particles at ``x``, where the last `residual` was.
+
+        It is what the equation of momentum of the particle's row leaves, with its inertia and weight: their sum is the
+        change of momentum of all fluids, less gravity and body force, at the intermediate time [N, per metre of depth
+        in 2-D].
+        """
+        wall = self.particles.wall
+        index, rank = self.equations.nodes_of(wall), np.cumsum(wall) - 1
+        force, of = self._node_forces(x, index), rank[self.equations.owner[index]]
+        return np.stack([np.bincount(of, axis, minlength=int(wall.sum())) for axis in force.T], axis=1)
+
+    def _node_forces(self, x: Any, index: Array) -> Array:
+        """(K, d) force that holds each of the nodes (K,) at ``x``, where the last `residual` was."""
+        count, d = len(index), self.dimension
+        out, nodes = self.buffers.get("held.force", count, d), self.buffers.upload("held.nodes", index)
+        e = self.equations
+        launch(work_kernels.node_forces, nodes, e.topology.offsets, e.topology.corners, e.local, out, count, d)
+        force = download(out, count).astype(np.float64)
+        for term in self.terms:
+            more = term.forces(x)
+            if more is not None:
+                force += more[index]
+        return force
+
+    def work(self, x: Any) -> StepWork:
+        """Work of each term at ``x``, where the last `residual` was; no `product` may come between."""
+        result, e = np.zeros(work_kernels.WORKS + self.dimension), self.equations
+        launch(
+            work_kernels.step_work,
+            *e.topology,
+            e.record,
+            self._source,
+            e.local,
+            self._wall,
+            x,
+            self.buffers.partials("work", len(result)),
+            result,
+            self.scheme.cf,
+            self.scheme.dt,
+            self.elements,
+            self.nodes,
+            self.dimension,
+        )
+        viscous_dissipation, viscous, geometry, stabilisation, source, walls, *force = result.tolist()
+        elements = TermWork(
+            viscous=viscous,
+            viscous_dissipation=viscous_dissipation,
+            geometry=geometry,
+            stabilisation=stabilisation,
+            walls=walls,
+            wall_force=np.array(force),
+        )
+        displacement = self.split(x)[0]
+        return StepWork.of([elements, *(term.work(x, displacement) for term in self.terms)], source)
+
+    def product(self, v: Any, out: Any) -> None:
+        """out = K v, the derivative of the scaled residual at the last `linearise` along ``v``."""
+        self.system.product(v, out)
+
+    def precondition(self, r: Any, z: Any) -> None:
+        """z ~ K^-1 r, see `LinearSystem`."""
+        self.system.precondition(r, z)
+
+    def correct(self, x: Any, tolerance: float) -> fgmres.KrylovResult:
+        """Solve K dx = -r, linearised at the last `residual`, by preconditioned FGMRES and add dx to ``x``.
+
+        Where ``tolerance`` is no tighter than the change of K since the last correction, K is not gathered again.
+        The displacements of dx are damped, see `_add`.
+
+        Raises:
+            StepRefused: the iterations reached their limit before the tolerance.
+        """
+        if tolerance < KEEPS_JACOBIAN or not self._linearised:
+            self.linearise()
+        with timer("krylov"):
+            result = fgmres.fgmres(
+                self.product,
+                self.precondition,
+                self._r,
+                self._dx,
+                self.size,
+                tolerance=tolerance,
+                max_iterations=MAX_KRYLOV_ITERATIONS,
+                buffers=self.buffers,
+                iteration=self.system.iteration,
+            )
+            self.system.condensation.spread(self._dx)
+        if not result.converged:
+            raise StepRefused(
+                f"the linear system was not solved in {result.iterations} iterations: its residual is "
+                f"{result.relative_residual:.1e} of the first, the tolerance {tolerance:.1e}"
+            )
+        self._add(x)
+        return result
+
+    def _add(self, x: Any) -> None:
+        """Subtract the solution of the linear problem from ``x``; of its displacements as much as elements bear.
+
+        The equations are nearly linear in the pressures, but not in the displacements, for pressure acts on elements
+        that they deform. Two things make displacements useless. If the first residual is above `GUESSED`, the pressures
+        of light elements, whose particles changed in the last remeshing, were a bad guess, and so is the Jacobian:
+        then only the pressures are corrected. If an element would be inverted, or nearly, the displacements are halved
+        until J is above `DAMPED`, or half of what it was: there is no way back from iterates with J < 0, although the
+        residual often falls on the way there.
+        """
+        first, self._corrected = not self._corrected, True
+        part = 0.0 if first and self._norm > GUESSED else 1.0
+        self._add_part(x, -part, -1.0)
+        if part == 0.0:
+            return
+        bound = min(DAMPED, 0.5 * self._smallest)
+        self._smallest = self.limits(x).smallest_jacobian
+        while self._smallest < bound and part > SMALLEST_PART:
+            part *= 0.5
+            self._add_part(x, part, 0.0)
+            self._smallest = self.limits(x).smallest_jacobian
+
+    def _add_part(self, x: Any, motion_factor: float, pressure_factor: float) -> None:
+        size, work = self.size, (self.size, vector_kernels.ENTRY)
+        factors, self._limits = (motion_factor, pressure_factor), None
+        launch(step_limits.add_correction, self._dx, x, *factors, size, self.dimension, work=work)
+
+    def limits(self, x: Any) -> StepLimits:
+        """Smallest J_{n+1} and largest displacement of ``x``, relative to the tank's motion."""
+        result = np.array([1e30, 0.0, 0.0])
+        launch(
+            step_limits.step_limits,
+            self.equations.topology.cells,
+            self.equations.motion,
+            self.mesh.period.array,
+            self._target,
+            x,
+            self.buffers.partials("limits", 3),
+            result,
+            self.elements,
+            self.nodes,
+            self.dimension,
+            work=(self.elements, step_limits.ELEMENT),
+        )
+        if self.frame is not None:
+            square = (self.frame.relative(self.split(x)[0]) ** 2).sum(axis=1)
+            result[1] = (square / self.particles.target**2).max()
+        self._limits = StepLimits(float(result[0]), float(np.sqrt(result[1])), result[2] == 0)
+        return self._limits
+
+    def last_limits(self, x: Any) -> StepLimits:
+        """`limits` of the unknowns ``x`` of the last `vector` or `correct`, computed only if they are not known."""
+        return self._limits or self.limits(x)
+
+
+MAX_KRYLOV_ITERATIONS = 80
+LEAST_TIME, MOST_TIME = 0.5, 100.0  # T in the stabilisation's tau, in steps; see `tipfem.step.solve.flow_time`
+GUESSED = 0.3  # first residual above which pressures are corrected before displacements [spacings]
+DAMPED = 0.2  # J that a correction leaves to every element
+SMALLEST_PART = 1e-3  # of the displacements of a correction
+KEEPS_JACOBIAN = 3e-2  # linear tolerance above which an iteration reuses the last Jacobian

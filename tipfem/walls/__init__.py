@@ -1,1 +1,0 @@
-"""Walls that slip, slide or move, in a time step."""

@@ -1,0 +1,27 @@
+"""Files that are replaced in one piece: no reader sees a part of one, even when the disk is full."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def replaced(path: Path) -> Iterator[Path]:
+    """Give the path of a file to write, which takes the place of ``path`` when the block ends without an error.
+
+    Args:
+        path: of the file; the one to write has its name and ``.part``.
+
+    Raises:
+        OSError: it cannot be put there; the file that was there is left.
+    """
+    temporary = path.with_name(path.name + ".part")
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
