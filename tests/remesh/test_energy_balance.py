@@ -113,6 +113,29 @@ def test_changed_cells_are_found_in_any_order():
     np.testing.assert_array_equal(changed_cells(change(mesh), moved, mesh), (mesh.cells == 7).any(axis=1))
 
 
+@pytest.mark.parametrize("rough", [False, True])
+def test_exchange_is_that_of_its_definition(rough):
+    """Cell by cell and edge by edge, in some cells and in those around them."""
+    particles, mesh, mass = flow()
+    v, x, cells = particles.velocity, mesh.position, mesh.cells
+    ends, away = ((f[cells[:, 1:]] - f[cells[:, :1]]).transpose(0, 2, 1) for f in (x, v))
+    gradient, taken = away @ np.linalg.inv(ends), np.arange(len(cells)) % 7 == 0
+    cell_mass, wanted = DENSITY[mesh.fluid] * mesh.measure, np.zeros_like(v)
+    near = np.isin(cells, cells[taken]).any(axis=1)
+    for t in np.flatnonzero(near):
+        beside = [t, *(o for o in mesh.neighbours[t] if o >= 0 and mesh.fluid[o] == mesh.fluid[t])]
+        apart = gradient[t] - gradient[beside].mean(axis=0) if rough else gradient[t]
+        for one, other in zip(cells[t], np.roll(cells[t], -1), strict=True):
+            if not particles.wall[[one, other]].any():
+                edge = x[other] - x[one]
+                momentum = cell_mass[t] / 6 * (edge @ apart @ edge) / (edge @ edge) * edge
+                wanted[one] += momentum / mass[one]
+                wanted[other] -= momentum / mass[other]
+    rate = exchange(particles, mesh, cell_mass, mass, taken, rough=rough, around=True)
+    np.testing.assert_allclose(rate, wanted, atol=1e-12 * np.abs(wanted).max())
+    np.testing.assert_array_equal(taken, near)
+
+
 def test_what_has_not_changed_stays():
     particles, mesh, mass = flow()
     _, change = changed(particles, ~particles.wall, 0.9)
@@ -149,7 +172,7 @@ def test_what_cannot_be_paid_is_owed_and_paid_later():
     particles, mesh, mass = flow()
     x = mesh.position
     rigid = particles.shallow_copy(velocity=np.stack([2 - 3 * x[:, 1], 1 + 3 * x[:, 0]], axis=1))
-    rate = exchange(rigid, mesh, DENSITY[mesh.fluid] * mesh.measure, mass, np.arange(len(mesh.cells)))
+    rate = exchange(rigid, mesh, DENSITY[mesh.fluid] * mesh.measure, mass, np.ones(len(mesh.cells), dtype=bool))
     np.testing.assert_allclose(rate, 0.0, atol=1e-13)
     owes, change = changed(rigid, slice(None), 1.01)
     result, owed = BALANCE.keep(change(mesh), owes, mesh, mass, 0.0)

@@ -11,8 +11,8 @@ import numpy as np
 import taichi as ti
 
 from tipfem.backend.launch import copy, copy_rows, launch, parts
-from tipfem.backend.runtime import real, require_own_runtime, taichi_real
-from tipfem.backend.taichi_patches import host_view, on_host
+from tipfem.backend.runtime import on_cpu, real, require_own_runtime, taichi_real
+from tipfem.backend.taichi_patches import ENABLED, host_view
 
 
 class Buffers:
@@ -67,7 +67,7 @@ class Buffers:
         integer = values.dtype.kind in "iub"
         columns = values.shape[1] if values.ndim == 2 else 0
         array = self.get(name, len(values), columns, integer=integer)
-        if on_host():
+        if ENABLED and on_cpu():
             host_view(array)[: len(values)] = values
         elif len(values):
             values = np.ascontiguousarray(values, dtype=np.int32 if integer else real())
@@ -83,7 +83,7 @@ def partials(columns: int) -> np.ndarray:
 def download(array: Any, rows: int) -> np.ndarray:
     """The first ``rows`` rows of a device array, as a NumPy array."""
     require_own_runtime()
-    if on_host():
+    if ENABLED and on_cpu():
         return np.asarray(host_view(array)[:rows].copy())
     width = array.shape[1:]
     values = np.empty((rows, *width), dtype=np.int32 if array.dtype == ti.i32 else real())

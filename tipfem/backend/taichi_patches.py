@@ -181,7 +181,7 @@ def default_real() -> Any:
 
 def program() -> Any:
     """Taichi's runtime, None where it has not been started."""
-    return impl.get_runtime().prog
+    return impl.pytaichi.prog
 
 
 def cache_folder() -> Path:
@@ -229,10 +229,13 @@ C_TYPES: dict[Any, Any] = {
 
 
 def host_view(array: Any) -> np.ndarray:
-    """A NumPy view of a device array in host memory; it must not outlive the array."""
-    address = program().get_ndarray_data_ptr_as_int(array.arr)
-    flat: np.ndarray = np.ctypeslib.as_array((C_TYPES[array.dtype] * math.prod(array.shape)).from_address(address))
-    return np.asarray(flat.reshape(array.shape))
+    """A NumPy view of a device array in host memory, made once; it must not outlive the array."""
+    view: np.ndarray | None = array.__dict__.get("_host_view")
+    if view is None:
+        address = program().get_ndarray_data_ptr_as_int(array.arr)
+        flat: np.ndarray = np.ctypeslib.as_array((C_TYPES[array.dtype] * math.prod(array.shape)).from_address(address))
+        view = array.__dict__["_host_view"] = np.asarray(flat.reshape(array.shape))
+    return view
 
 
 def address(array: Any) -> int:

@@ -23,9 +23,9 @@ from tipfem.backend.launch import launch
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.fem.mass import consistent_part, lumped_part
-from tipfem.mesh.mesh import Mesh, corners_among
+from tipfem.mesh.mesh import Mesh
 from tipfem.physics.sliding_liquids.slip import InterfaceSlip
-from tipfem.remesh.energy_kernels import field_energy
+from tipfem.remesh.energy_kernels import exchange_momentum, exchanged_energy, field_energy, mark_changed
 from tipfem.typing import Array
 
 LEAST_GAIN = 1e-7  # of the energies: less is left to later steps, for every change of velocities costs iterations
@@ -137,7 +137,8 @@ class EnergyBalance:
         cell_mass = self._density[mesh.fluid] * mesh.measure
         changed, particles = changed_cells(change, particles, mesh), particles.shallow_copy()
         for count in range(ROUNDS):
-            rate = exchange(particles, mesh, cell_mass, mass, np.flatnonzero(changed), rough=count < ROUGH_ROUNDS)
+            rough, around = count < ROUGH_ROUNDS, count > 0
+            rate = exchange(particles, mesh, cell_mass, mass, changed, rough=rough, around=around)
             if slip:
                 rate = slip.without_momentum(rate, mass)
             factor, taken, lowered = _factor(
@@ -147,9 +148,6 @@ class EnergyBalance:
             gained, rise = gained - taken, rise - lowered
             if max(gained, rise) <= LEAST_GAIN * scale:
                 break
-            near = np.zeros(len(particles), dtype=bool)
-            near[mesh.cells[changed]] = True
-            changed = corners_among(near, mesh.cells) > 0
         return particles, max(gained, 0.0) + left
 
     def _lumping(self, mesh: Mesh) -> Array:
@@ -187,19 +185,19 @@ def changed_cells(change: Change, particles: Particles, mesh: Mesh) -> Array:
     if change.renumbered is None:
         other |= _differ(before, particles.velocity)
     else:
-        kept, cells = change.renumbered >= 0, change.renumbered.take(cells)
+        kept, cells = change.renumbered >= 0, change.renumbered.astype(np.int32).take(cells)
         number = change.renumbered[kept]
         other[number] |= _differ(before[kept], particles.velocity[number])
-    both = min(len(cells), len(mesh.cells))
-    same = ~_differ(cells[:both], mesh.cells[:both]) & (change.mesh.fluid[:both] == mesh.fluid[:both])
-    result = np.append(~same, np.ones(len(mesh.cells) - both, dtype=bool))
-    # Some rows hold a cell that another row held before.
-    gone, new = np.append(~same, np.ones(len(cells) - both, dtype=bool)), np.flatnonzero(result)
-    old = np.column_stack([np.sort(cells[gone], axis=1), change.mesh.fluid[gone]])
-    rows = np.concatenate([old, np.column_stack([np.sort(mesh.cells[new], axis=1), mesh.fluid[new]])])
-    number = np.unique(rows, axis=0, return_inverse=True)[1].ravel()
-    result[new] = ~np.isin(number[len(old) :], number[: len(old)])
-    return np.asarray(result | (corners_among(other, mesh.cells) > 0))
+    result = np.empty(len(mesh.cells), dtype=bool)
+    launch(
+        mark_changed,
+        *map(np.ascontiguousarray, (cells, change.mesh.fluid, mesh.cells, mesh.fluid)),
+        other.view(np.int8),
+        np.full(len(particles), -1, dtype=np.int32),
+        np.empty(len(cells), dtype=np.int32),
+        result.view(np.int8),
+    )
+    return result
 
 
 def _differ(one: Array, other: Array) -> Array:
@@ -211,7 +209,14 @@ def _differ(one: Array, other: Array) -> Array:
 
 
 def exchange(
-    particles: Particles, mesh: Mesh, cell_mass: Array, mass: Array, cells: Array, *, rough: bool = True
+    particles: Particles,
+    mesh: Mesh,
+    cell_mass: Array,
+    mass: Array,
+    cells: Array,
+    *,
+    rough: bool = True,
+    around: bool = False,
 ) -> Array:
     """Change (N, 2) of the velocities that reduces how fast the particles of some cells approach or leave each other.
 
@@ -224,39 +229,25 @@ def exchange(
         mesh: their triangles.
         cell_mass: (M,) of the triangles [kg].
         mass: (N,) lumped, of the particles [kg].
-        cells: (K,) numbers of the triangles.
+        cells: (M,) mask of the triangles.
         rough: whether the difference is that by the cell's velocity gradient less its mean with the cells of its fluid
             beside it, so that a velocity that is linear in space is left as it is.
+        around: whether the cells that have a corner in common with these are taken, too, and added to ``cells``.
     """
-    corners, wall = mesh.cells[cells], particles.wall
-    one, other = corners.T.ravel(), corners[:, (1, 2, 0)].T.ravel()
-    share = np.tile(cell_mass[cells] / 6, 3)
-    gradient = np.tile(_gradients(particles.velocity, mesh, cells, rough), (3, 1, 1))
-    free = ~(wall[one] | wall[other])
-    one, other, share, gradient = one[free], other[free], share[free], gradient[free]
-    edge = mesh.sides(one, other)
-    along = np.einsum("ki,kij,kj->k", edge, gradient, edge) / (edge**2).sum(axis=1)
-    momentum = (share * along)[:, None] * edge
-    count, result = len(wall), np.zeros((len(wall), 2))
-    for k in range(2):
-        result[:, k] = np.bincount(one, momentum[:, k], count) - np.bincount(other, momentum[:, k], count)
-    return np.asarray(result / np.maximum(mass, 1e-300)[:, None])
-
-
-def _gradients(velocity: Array, mesh: Mesh, cells: Array, rough: bool) -> Array:
-    """(K, 2, 2) gradients in some cells, a row for each component; if ``rough`` less their means, see `exchange`."""
-    assert mesh.fluid is not None
-    beside = np.column_stack([cells, mesh.neighbours[cells]]) if rough else cells[:, None]
-    same = (beside >= 0) & (mesh.fluid[beside] == mesh.fluid[cells][:, None])
-    a, b, c = mesh.cells[beside[same]].T
-    ab, ac, vb, vc = mesh.sides(a, b), mesh.sides(a, c), velocity[b] - velocity[a], velocity[c] - velocity[a]
-    area = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
-    gradient = np.zeros((*beside.shape, 2, 2))
-    gradient[same, :, 0] = (vb * ac[:, 1:] - vc * ab[:, 1:]) / area[:, None]
-    gradient[same, :, 1] = (vc * ab[:, :1] - vb * ac[:, :1]) / area[:, None]
-    if not rough:
-        return np.asarray(gradient[:, 0])
-    return np.asarray(gradient[:, 0] - gradient.sum(axis=1) / same.sum(axis=1)[:, None, None])
+    rate, near = np.empty((len(mass), 2)), np.empty(len(mass), dtype=np.int8)
+    launch(
+        exchange_momentum,
+        *map(np.ascontiguousarray, (mesh.position, particles.velocity)),
+        mesh.period.array,
+        *map(np.ascontiguousarray, (mesh.cells, mesh.neighbours, mesh.fluid, cell_mass, mass)),
+        particles.wall.view(np.int8),
+        around,
+        rough,
+        near,
+        cells.view(np.int8),
+        rate,
+    )
+    return rate
 
 
 def _factor(
@@ -273,24 +264,15 @@ def _factor(
 
     Also what they lose of the kinetic energies of the field and by the case's mass matrix [J].
     """
-    near = np.flatnonzero(corners_among(_differ(rate, np.zeros((1, 2))), cells))
-    corner, m = np.ascontiguousarray(cells[near].T), cell_mass[near]
-    # (2, 3, K): sums over short axes take NumPy several times as long
-    v, u = (np.ascontiguousarray(field.T).take(corner, axis=1) for field in (velocity, rate))
-
-    def product(one: Array, two: Array, lumping: Array | float) -> float:
-        """one^T M two, with the part of M that is lumped."""
-        parts = one * two
-        own = sum(parts[k, a] for a in range(3) for k in range(2)) / 3
-        mean = sum((one[k, 0] + one[k, 1] + one[k, 2]) * (two[k, 0] + two[k, 1] + two[k, 2]) for k in range(2)) / 9
-        return float((m * (lumping * own + (1 - lumping) * mean)).sum())
-
-    field, case = ((product(v, u, part), product(u, u, part)) for part in (consistent_part(2), lumping[near]))
+    sums = np.zeros(4)
+    fields = map(np.ascontiguousarray, (velocity, rate, cells))
+    launch(exchanged_energy, *fields, cell_mass, lumping, consistent_part(2), sums)
+    field, case = sums[:2].tolist(), sums[2:].tolist()
     if slip:
         lumpings = consistent_part(2), lumping[slip.cell]
         added = slip.products(velocity, rate, lumpings), slip.products(rate, rate, lumpings)
         field, case = (
-            (slope + first, curvature + second)
+            [slope + first, curvature + second]
             for (slope, curvature), first, second in zip((field, case), *added, strict=True)
         )
     if field[0] >= 0 or case[0] >= 0:

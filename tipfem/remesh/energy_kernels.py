@@ -1,9 +1,10 @@
-"""Kernels that sum energy and momentum over the cells of a mesh."""
+"""Kernels of the energy balance: sums over the cells of a mesh, the cells that changed, and the exchange in them."""
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints2, Reals1, Reals2, Template
+from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel, part_of
+from tipfem.backend.periodic import difference
 from tipfem.fem.element import row
 
 
@@ -91,3 +92,159 @@ def field_energy(
     for c in range(parts):
         for k in ti.static(range(3)):
             result[k] = result[k] + partial[c, k]
+
+
+@kernel
+def mark_changed(
+    old_cells: Ints2,
+    old_fluid: Ints1,
+    cells: Ints2,
+    fluid: Ints1,
+    other: Flags1,
+    first: Ints1,
+    following: Ints1,
+    changed: Flags1,
+):
+    """Mark the cells (M',) that are not among the old ones (M,), in any order, or have a corner of the mask other (N').
+
+    first (N',) is -1 before; following (M,).
+    """
+    ti.loop_config(serialize=True)
+    for t in range(old_cells.shape[0]):  # those that are not in the same row, in a list at their lowest corner
+        same = t < cells.shape[0] and old_fluid[t] == fluid[ti.min(t, cells.shape[0] - 1)]
+        if same:
+            for i in ti.static(range(3)):
+                same = same and old_cells[t, i] == cells[t, i]
+        p = ti.min(old_cells[t, 0], old_cells[t, 1], old_cells[t, 2])
+        if not same and p >= 0:
+            following[t] = first[p]
+            first[p] = t
+    ti.loop_config(serialize=True)
+    for t in range(cells.shape[0]):
+        same = t < old_cells.shape[0] and fluid[t] == old_fluid[ti.min(t, old_cells.shape[0] - 1)]
+        if same:
+            for i in ti.static(range(3)):
+                same = same and old_cells[t, i] == cells[t, i]
+        a, b, c = cells[t, 0], cells[t, 1], cells[t, 2]
+        if not same:
+            o = first[ti.min(a, b, c)]
+            while o >= 0 and not same:
+                same = old_fluid[o] == fluid[t]
+                for i in ti.static(range(3)):
+                    p = old_cells[o, i]
+                    same = same and (p == a or p == b or p == c)
+                o = following[o]
+        changed[t] = not same or other[a] > 0 or other[b] > 0 or other[c] > 0
+
+
+@ti.func
+def gradient_of(x: ti.template(), period: ti.template(), velocity: ti.template(), cells: ti.template(), t):  # type: ignore[no-untyped-def]
+    """Gradient of the velocity in a triangle, a row for each component."""
+    a, b, c = cells[t, 0], cells[t, 1], cells[t, 2]
+    ab = ti.Vector([difference(x, period, b, a, k) for k in ti.static(range(2))])
+    ac = ti.Vector([difference(x, period, c, a, k) for k in ti.static(range(2))])
+    vb, vc = row(velocity, b, 2) - row(velocity, a, 2), row(velocity, c, 2) - row(velocity, a, 2)
+    area = ab[0] * ac[1] - ab[1] * ac[0]
+    return ti.Matrix(
+        [
+            [(vb[0] * ac[1] - vc[0] * ab[1]) / area, (vc[0] * ab[0] - vb[0] * ac[0]) / area],
+            [(vb[1] * ac[1] - vc[1] * ab[1]) / area, (vc[1] * ab[0] - vb[1] * ac[0]) / area],
+        ]
+    )
+
+
+@kernel
+def exchange_momentum(
+    position: Reals2,
+    velocity: Reals2,
+    period: Periods,
+    cells: Ints2,
+    neighbours: Ints2,
+    fluid: Ints1,
+    cell_mass: Reals1,
+    mass: Reals1,
+    wall: Flags1,
+    grow: ti.i32,
+    rough: ti.i32,
+    near: Flags1,
+    changed: Flags1,
+    rate: Reals2,
+):
+    """Set rate (N, 2) to the change of velocities of `tipfem.remesh.energy_balance.exchange` in the cells ``changed``.
+
+    If ``grow``, the cells around these are marked before, too; near (N,) is for that.
+    """
+    ti.loop_config(serialize=True)
+    for p in range(mass.shape[0]):
+        near[p] = 0
+        for k in ti.static(range(2)):
+            rate[p, k] = 0.0
+    if grow != 0:
+        ti.loop_config(serialize=True)
+        for t in range(cells.shape[0]):
+            if changed[t] > 0:
+                for i in ti.static(range(3)):
+                    near[cells[t, i]] = 1
+        ti.loop_config(serialize=True)
+        for t in range(cells.shape[0]):
+            if near[cells[t, 0]] + near[cells[t, 1]] + near[cells[t, 2]] > 0:
+                changed[t] = 1
+    ti.loop_config(serialize=True)
+    for t in range(cells.shape[0]):
+        if changed[t] > 0:
+            gradient = gradient_of(position, period, velocity, cells, t)
+            if rough != 0:
+                total, count = gradient, 1.0
+                for i in ti.static(range(3)):
+                    o = neighbours[t, i]
+                    if o >= 0:
+                        if fluid[o] == fluid[t]:
+                            total += gradient_of(position, period, velocity, cells, o)
+                            count += 1.0
+                gradient -= total / count
+            for i in ti.static(range(3)):
+                one, other = cells[t, i], cells[t, ti.static((i + 1) % 3)]
+                if wall[one] + wall[other] == 0:
+                    edge = ti.Vector([difference(position, period, other, one, k) for k in ti.static(range(2))])
+                    momentum = cell_mass[t] / 6.0 * edge.dot(gradient @ edge) / edge.dot(edge) * edge
+                    for k in ti.static(range(2)):
+                        rate[one, k] += momentum[k]
+                        rate[other, k] -= momentum[k]
+    ti.loop_config(serialize=True)
+    for p in range(mass.shape[0]):
+        for k in ti.static(range(2)):
+            rate[p, k] /= ti.max(mass[p], 1e-300)
+
+
+@kernel
+def exchanged_energy(
+    velocity: Reals2,
+    rate: Reals2,
+    cells: Ints2,
+    cell_mass: Reals1,
+    lumping: Reals1,
+    consistent: float,
+    result: Reals1,
+):
+    """Add v^T M u and u^T M u (4,) with a rate u of the velocities v to result: with the part ``consistent`` of M
+    lumped, and with the part lumping (M,).
+    """
+    ti.loop_config(serialize=True)
+    for t in range(cells.shape[0]):
+        square = 0.0
+        for i in ti.static(range(3)):
+            square += ti.abs(rate[cells[t, i], 0]) + ti.abs(rate[cells[t, i], 1])
+        if square > 0.0:
+            vu, uu = 0.0, 0.0
+            v, u = ti.Vector.zero(float, 2), ti.Vector.zero(float, 2)
+            for i in ti.static(range(3)):
+                vi, ui = row(velocity, cells[t, i], 2), row(rate, cells[t, i], 2)
+                vu += vi.dot(ui) / 3.0
+                uu += ui.dot(ui) / 3.0
+                v += vi / 3.0
+                u += ui / 3.0
+            mean_vu, mean_uu, m, part = v.dot(u), u.dot(u), cell_mass[t], lumping[t]
+            result[0] += m * (consistent * vu + (1.0 - consistent) * mean_vu)
+            result[1] += m * (consistent * uu + (1.0 - consistent) * mean_uu)
+            result[2] += m * (part * vu + (1.0 - part) * mean_vu)
+            result[3] += m * (part * uu + (1.0 - part) * mean_uu)
