@@ -332,7 +332,7 @@ def test_without_gravity_the_volume_source_follows_the_flow(water, glycerin):
         simulation.volume_control.wanted = simulation.volume_control.wanted * [1.05, 0.95]
         for _ in range(40):
             simulation.step()
-        grown = simulation.volume(water) / simulation.state.start_volume[0] - 1
+        grown = simulation.volume(water) / simulation.state.wanted_volume[0] - 1
         assert grown == pytest.approx(0.05, abs=0.02)
 
 

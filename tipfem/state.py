@@ -118,7 +118,7 @@ class State:
         material: of the elements.
         mass: (N,) lumped mass of each particle [kg, per metre of depth in 2-D]; particles in no element have their own.
         volume: (F,) of each fluid [m^2, or m^3 in 3-D], that of particles in no element included.
-        start_volume: (F,) the same at the start of the simulation.
+        wanted_volume: (F,) the same that each fluid should have: at the start, what was added and what passed openings.
         grid_box: (2, d) lowest and highest coordinates that the multigrid's grids cover [m]; NaN before the first step.
         relocated: (N,) mask of the particles that the last remeshing relocated or inserted.
         relocations: how many particles it relocated because they crowded others, or inserted.
@@ -142,7 +142,7 @@ class State:
     material: Material
     mass: Array
     volume: Array
-    start_volume: Array
+    wanted_volume: Array
     grid_box: Array
     relocated: Array
     relocations: int = 0
@@ -162,9 +162,9 @@ class State:
 
     @property
     def volume_error(self) -> float:
-        """Largest change of a fluid's volume since the start, relative to its volume then."""
-        there = self.start_volume > 0
-        return float(np.abs(self.volume[there] / self.start_volume[there] - 1).max(initial=0.0))
+        """Largest difference of a fluid's volume from that wanted, relative to it."""
+        there = self.wanted_volume > 0
+        return float(np.abs(self.volume[there] / self.wanted_volume[there] - 1).max(initial=0.0))
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ class Stepper:
             self.state = dataclasses.replace(self.state, bodies=bodies)
         except TriangulationError as error:
             raise ValueError(f"Simulation: the initial particles cannot be meshed: {error}") from error
-        self.volume_control = VolumeControl(self.state.volume, self._restoring_rate(), balanced=case.closed)
+        self.volume_control = VolumeControl(self.state.volume, self._restoring_rate(), balanced=not case.grounded)
 
     @property
     def time(self) -> float:

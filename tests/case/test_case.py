@@ -65,7 +65,7 @@ def test_a_case_keeps_what_it_is_given(case, particles, water, air):
     assert c.fluids == [water, air]
     assert isinstance(c.gravity, np.ndarray)
     assert c.gravity.tolist() == [0, -9.81]
-    assert (c.title, c.interface, c.body_force, c.closed) == ("dam", "sharp", None, True)
+    assert (c.title, c.interface, c.body_force, c.grounded) == ("dam", "sharp", None, False)
     assert c.numerics == tp.Numerics()
 
 
@@ -332,7 +332,7 @@ def test_a_free_surface_chooses_the_interface_it_needs(water, air):
     """Interpolated when nothing is said; a sharp one is refused; a tank may then be filled in part."""
     tank = tp.tank((1, 1), 0.1).fill(water, box=((0, 0), (1, 0.5)))
     c = tp.Case(tank, [water], (0, -9.81), free_surface=True)
-    assert (c.interface, c.closed) == ("interpolated", False)
+    assert (c.interface, c.grounded) == ("interpolated", True)
     assert c.filled is not None
     assert c.filled(np.array([[0.5, 0.2], [0.5, 0.7]])).tolist() == [True, False]
     refusal(
@@ -368,7 +368,7 @@ def test_walls_inside_a_closed_case_are_refused(water):
     inner = np.flatnonzero(np.abs(p.position - 0.5).max(axis=1) < 0.06)
     words = f"wall particle {inner[0]} at ", "5 spacings inside", "closed case"
     refusal(ValueError, lambda: tp.Case(p, [water], (0, -9.81)), *words)
-    assert tp.Case(p, [water], (0, -9.81), free_surface=True).closed is False
+    assert tp.Case(p, [water], (0, -9.81), free_surface=True).grounded
 
 
 def test_a_tank_cannot_be_changed_after_its_case(water, air):

@@ -230,7 +230,7 @@ def test_a_rotating_drop_keeps_its_volume_and_momentum(tight):
 
     simulation = free_drop(0.05, rigid, 25, 0.02, **tight)
     history = simulation.history
-    start = simulation.state.start_volume[0]
+    start = simulation.state.wanted_volume[0]
     assert abs(simulation.volume("water") / start - 1) < 1e-13
     momentum = np.array([[row["momentum_x"], row["momentum_y"]] for row in history[1:]])
     scale = WATER.density * start * 0.25
@@ -248,7 +248,7 @@ def test_a_block_that_lands_keeps_its_volume(count, corner):
     box = ((left, 0.05), (left + count * h, 0.05 + count * h))
     tank = tp.tank((0.6, 0.4), h).fill(WATER, box=box, velocity=velocity)
     simulation = tp.Simulation(tp.Case(tank, [WATER], (0, -9.81), free_surface=True), time_step=1e-3)
-    start, landed = simulation.state.start_volume[0], False
+    start, landed = simulation.state.wanted_volume[0], False
     while simulation.time < 0.055:
         simulation.step(0.055)
         position, surface = simulation.particles.position, simulation.mesh.surface

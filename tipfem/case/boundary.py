@@ -45,7 +45,7 @@ class Boundary:
         walls: all walls that slip, slide or move.
         motion: rigid motion of the whole tank, or None.
         domain: that bounds the fluids; by default the convex hull of the particles.
-        closed: whether the fluids fill the tank, so that moving walls must keep its volume.
+        fixed_volume: whether the fluids fill the tank and cannot leave it, so that moving walls must keep its volume.
         period: of the domain; none by default. Then there are no sides across its periodic axes.
         bodies: number of loops of the domain, the last ones, that are outlines of bodies at t = 0.
 
@@ -86,12 +86,17 @@ class Boundary:
         motion: Motion | None,
         domain: Domain | Polyhedron | None = None,
         *,
-        closed: bool = True,
+        fixed_volume: bool = True,
         period: Period | None = None,
         bodies: int = 0,
     ) -> None:
         self.period = period or no_period(particles.dimension)
-        self.walls, self.motion, self.dimension, self.closed = tuple(walls), motion, particles.dimension, closed
+        self.walls, self.motion, self.dimension, self.fixed_volume = (
+            tuple(walls),
+            motion,
+            particles.dimension,
+            fixed_volume,
+        )
         self.active = bool(self.walls) or motion is not None
         self.curves: list[Curve] = []
         self.pieces: list[tuple[Array, Array | None]] = []
@@ -566,7 +571,7 @@ class Boundary:
 
     def volume_error(self, time: float) -> str:
         """What is wrong with the volume of a closed tank at a time [s]; empty if nothing is."""
-        if not self.closed:
+        if not self.fixed_volume:
             return ""
         change = self._volume_at(time) / self._volume - 1
         if abs(change) <= VOLUME_SLACK:

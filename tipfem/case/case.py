@@ -155,7 +155,7 @@ class Case:
             self.walls,
             self.tank_motion,
             self.domain,
-            closed=self.closed,
+            fixed_volume=not self.grounded,
             period=self.period,
             bodies=len(self.bodies),
         )
@@ -373,7 +373,7 @@ class Case:
                 "Case",
             )
         inner = particles.wall & (depth > INNER_WALL) & (self.body_label < 0)
-        if self.closed and inner.any():
+        if not self.free_surface and inner.any():
             i = int(np.argmax(inner))
             raise Invalid(
                 "particles",
@@ -413,9 +413,12 @@ class Case:
         return names.index(name)
 
     @property
-    def closed(self) -> bool:
-        """Whether walls surround the fluids on all sides, so that pressure is known up to a constant."""
-        return not self.free_surface
+    def grounded(self) -> bool:
+        """Whether the pressure is given somewhere, so that it is no longer known up to a constant only.
+
+        Then the volume of the fluids is not that of the tank, or fluids can leave it: walls may change it.
+        """
+        return self.free_surface
 
     def acceleration(self, position: Array, time: float) -> Array:
         """Gravity and body force per mass.

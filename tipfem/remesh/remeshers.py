@@ -108,12 +108,12 @@ class Remesher(ABC):
         for name in ("particles", "mesh", "material", "mass", "volume"):
             del kept[name]
         new = self._state(particles, mesh, *of_cells, **{**kept, **others})
-        return dataclasses.replace(new, start_volume=state.start_volume + new.volume - state.volume)
+        return dataclasses.replace(new, wanted_volume=state.wanted_volume + new.volume - state.volume)
 
     def _ended(self, solved: Solved, *values: Any, **others: Any) -> State:
         """The `_state` after a step's remeshing, with which its account ends."""
-        step, start = solved.before.step + 1, solved.before.start_volume
-        others |= {"time": solved.time, "step": step, "start_volume": start, "grid_box": solved.grid_box}
+        step, start = solved.before.step + 1, solved.before.wanted_volume
+        others |= {"time": solved.time, "step": step, "wanted_volume": start, "grid_box": solved.grid_box}
         state = self._state(*values, impact=solved.impact, **others)
         self.account.add(self.repairs[-1], state.particles, state.mesh, state.material)
         return state
@@ -123,7 +123,7 @@ class Remesher(ABC):
         volume = material.volumes(mesh.measure) + spray_volumes(mesh, particles.fluid, len(self.fluids))
         if mesh.surface.loose.any():
             mass = mass + self.density[particles.fluid] * mesh.surface.volume
-        others = {"start_volume": volume, "grid_box": np.full((2, mesh.dimension), np.nan), **others}
+        others = {"wanted_volume": volume, "grid_box": np.full((2, mesh.dimension), np.nan), **others}
         return State(particles=particles, mesh=mesh, material=material, mass=mass, volume=volume, **others)
 
 
@@ -161,7 +161,7 @@ class DelaunayRemesher(Remesher):
     def of(case: Case) -> DelaunayRemesher:
         """The remesher of a case."""
         numerics = case.numerics
-        if case.closed:
+        if not case.free_surface:
             repairs = numerics.triangulation == "repair" and case.particles.dimension == 2
             mesher: Mesher = TankMesher(repairs=repairs)
         else:
@@ -408,7 +408,7 @@ class FittedRemesher(Remesher):
             fixed,
             self.rule,
             slippery=slippery,
-            total=before.start_volume if self._keep else None,
+            total=before.wanted_volume if self._keep else None,
             graded=self._grading is not None,
             account=self.account,
             keep_cells=solved.keeps_cells,

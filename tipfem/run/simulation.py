@@ -433,7 +433,7 @@ class Simulation(Stepper):
         """Take over what a checkpoint in a results folder holds, and go on writing there; see `_content`."""
         self.state, self.forces, self.until = content["state"], content["forces"], content["until"]
         vars(self.control).update(content["control"])
-        self.volume_control.missing, self.volume_control.wanted = content["missing"], self.state.start_volume
+        self.volume_control.missing, self.volume_control.wanted = content["missing"], self.state.wanted_volume
         self.steering.restore(content["steering"], out)
         self.recorded.restore(content["history"])
         results = ResultsFolder.continued(out, content["results"], self.history, self.step_number)

@@ -100,7 +100,7 @@ class Steering:
             history: the rows.
         """
         step = np.array([row["step"] for row in history], dtype=np.int64)
-        wanted, fluids = np.tile(simulation.state.start_volume, (len(step), 1)), simulation.case.fluids
+        wanted, fluids = np.tile(simulation.state.wanted_volume, (len(step), 1)), simulation.case.fluids
         for record in self.applied:
             if record.effect and f"volume_{fluids[0].name}" in record.effect:
                 added = [float(record.effect[f"volume_{fluid.name}"]) for fluid in fluids]
@@ -157,7 +157,7 @@ def _drop(simulation: Stepper, command: Drop) -> dict[str, Any]:
     state = simulation.remesher.with_drop(before, at, command.radius, case.fluid_index(command.fluid), force)
     old, new = simulation.budget.totals(before), simulation.budget.totals(state)
     simulation.state = state
-    simulation.volume_control.wanted = state.start_volume
+    simulation.volume_control.wanted = state.wanted_volume
     momentum = (new.momentum - old.momentum).tolist()
     return {
         **{

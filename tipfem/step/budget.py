@@ -171,8 +171,8 @@ class Budget:
         zeros, none = np.zeros(len(self._gravity)), np.zeros(len(self._names))
         nothing = Totals(0.0, 0.0, zeros, none)
         balance = SolveBalance(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, none)
-        self._open = not case.closed
-        self._meshed = case.interface == "sharp" and case.closed
+        self._spray = case.free_surface
+        self._meshed = case.interface == "sharp" and not case.free_surface
         rough = self._roughness_columns(none.tolist(), 0.0) if self._meshed else {}
         self.columns = (*self._row(nothing, balance, nothing, none), *rough)
         self._last: tuple[State, Totals] | None = None
@@ -315,7 +315,7 @@ class Budget:
             ("solve_volume", step.after.volume - before.volume),
             ("source_volume", step.source_volume),
             ("remeshing_volume", now.volume - step.after.volume),
-            *([("spray_volume", spray)] if self._open else []),
+            *([("spray_volume", spray)] if self._spray else []),
         ):
             row.update({f"{name}_{fluid}": float(v) for fluid, v in zip(self._names, volumes, strict=True)})
         return row

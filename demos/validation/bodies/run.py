@@ -161,7 +161,7 @@ def stirring(across: int, short: bool) -> tuple[Figures, Curve]:
     """Volumes of two fluids after ten turns of a paddle."""
     simulation = tp.Simulation(flows.stirred(across))
     flows.advance(simulation, (2 if short else TURNS) * flows.TURN + 0.2)
-    change = np.abs(simulation.state.volume / simulation.state.start_volume - 1)
+    change = np.abs(simulation.state.volume / simulation.state.wanted_volume - 1)
     figures = {"turns": float(column(simulation, "paddle_angle")[-1] / (2 * math.pi)), "volume": float(change.max())}
     return figures, (column(simulation, "time"), column(simulation, "paddle_moment"), 0.0)
 
