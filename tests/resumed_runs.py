@@ -18,5 +18,5 @@ def require_same_when_resumed(case, folder):
     resumed = tp.Simulation.resume(folder / "part")
     resumed.run(0.08, progress=False)
     np.testing.assert_array_equal(resumed.particles.position, whole.particles.position)
-    np.testing.assert_array_equal(resumed.state.bodies.position, whole.state.bodies.position)
+    np.testing.assert_array_equal(resumed.state.parts["bodies"].position, whole.state.parts["bodies"].position)
     return resumed

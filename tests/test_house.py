@@ -49,14 +49,15 @@ TAICHI = (
     "step/roughness.py",
 )
 RENDER_TAICHI = ("ggui.py", "rasterizer.py", "runtime.py", "shapes.py")
-# For each physics: what names it, and how many files of tipfem/ outside its own folder or file may do so. The numbers
-# only fall: a physics that is threaded through other files makes the next one cost more than the last.
+# For each physics: what names it, and how many files of tipfem/ may do so, beside its own folder or file and the list
+# of all. The numbers only fall: a physics that is threaded through other files makes the next one cost more than the
+# last.
 PHYSICS = {
-    "bodies": (r"\b(Body\w*|bodies|body_\w+|\w+_bodies|FloatingBodies|MovedBodies)\b", 36),
+    "bodies": (r"\b(Body\w*|bodies|body_\w+|\w+_bodies|FloatingBodies|MovedBodies)\b", 33),
     "free_surface": (r"\b(free_surface|FreeSurface\w*|surface_volumes|SurfaceMesher|SurfaceRule)\b|\.surface\b", 27),
-    "layers": (r"\b(Layers|LayerFaces|LAYER|layers)\b", 20),
-    "sliding_liquids": (r"\b(InterfaceSlip|find_slip|may_slide|SlidingLiquids|sliding_liquids)\b|\.slip\b(?!\()", 14),
-    "side_pressures": (r"\b(pressure_jump|SidePressures|two_sided|side_pressures|pressures_on_sides)\b", 7),
+    "layers": (r"\b(Layers|LayerFaces|LAYER|layers)\b", 19),
+    "sliding_liquids": (r"\b(InterfaceSlip|find_slip|may_slide|SlidingLiquids|sliding_liquids)\b|\.slip\b(?!\()", 6),
+    "side_pressures": (r"\b(pressure_jump|SidePressures|two_sided|side_pressures|pressures_on_sides)\b", 5),
 }
 LINES = 700  # a longer file usually has two subjects
 
@@ -121,11 +122,11 @@ def test_files_are_short(path):
 @pytest.mark.parametrize("physics", PHYSICS)
 def test_few_files_name_a_physics(physics):
     pattern, most = PHYSICS[physics]
-    own = [path for path in TIPFEM if physics in path.relative_to(ROOT).as_posix()]
+    own = [path for path in TIPFEM if physics in path.relative_to(ROOT).as_posix() or path.name == "registry.py"]
     found = [name(path) for path in TIPFEM if path not in own and re.search(pattern, path.read_text("utf-8"))]
     assert len(found) <= most, f"{len(found)} files name {physics}, more than {most}: {', '.join(found)}"
     if physics != "layers":  # which are a file of the walls
-        assert own
+        assert len(own) > 1
     assert len(found) > most - 4, f"only {len(found)} files name {physics}: lower its ceiling of {most}"
 
 

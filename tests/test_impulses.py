@@ -11,6 +11,7 @@ import pytest
 import tipfem as tp
 from tipfem import probes as tpp
 from tipfem.fem.time_integration import BackwardEuler, GeneralizedAlpha
+from tipfem.physics.side_pressures.carried import PressureJump
 from tipfem.probes.impulses import TimeMeans
 
 G = 9.81
@@ -141,23 +142,24 @@ def test_at_a_particle_of_the_interface_each_cell_has_the_pressure_of_its_own_fl
     water = tpp.WallForce(name="f", wall="bottom", fluid="water")
     of_air, of_water = [probe.sample(broken_dam) for probe in air], water.sample(broken_dam)
 
-    pressure, jump = state.particles.pressure.copy(), state.pressure_jump.copy()
+    pressure, jump = state.particles.pressure.copy(), broken_dam.pressure_jump.copy()
     pressure[shared] += 1000.0  # of the water, the heaviest; the air's own pressure there stays what it was
     jump[1, shared] -= 1000.0
     particles = state.particles.shallow_copy(pressure=pressure)
-    broken_dam.state = dataclasses.replace(state, particles=particles, pressure_jump=jump)
+    broken_dam.state = dataclasses.replace(state, particles=particles, parts={"side_pressures": PressureJump(jump)})
     # The same in the solve, whose walls then hold more.
     solved = broken_dam.solved
     floor = wet_floor(solved.before)
     floor = floor[np.argsort(solved.before.particles.position[floor, 0])][-2:]  # the last but one, and that particle
     face = np.diff((solved.before.particles.position + solved.displacement)[floor, 0])[0]
-    pressure, jump = solved.particles.pressure.copy(), solved.pressure_jump.copy()
+    pressure, jump = solved.particles.pressure.copy(), solved.part(PressureJump).values.copy()
     pressure[floor[-1]] += 1000.0
     jump[1, floor[-1]] -= 1000.0
     reactions, walls = solved.reactions.copy(), np.flatnonzero(solved.before.particles.wall)
     reactions[np.searchsorted(walls, floor), 1] += 1000.0 * face * np.array([1 / 6, 1 / 3])
     particles = solved.particles.shallow_copy(pressure=pressure)
-    broken_dam.solved = dataclasses.replace(solved, particles=particles, pressure_jump=jump, reactions=reactions)
+    parts = {"side_pressures": PressureJump(jump)}
+    broken_dam.solved = dataclasses.replace(solved, particles=particles, parts=parts, reactions=reactions)
     for probe, before in zip(air, of_air, strict=True):
         assert probe.sample(broken_dam) == pytest.approx(before, rel=1e-9, abs=1e-9)
     # The water's face beside that particle, a spacing long, bears half of it.

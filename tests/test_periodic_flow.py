@@ -107,7 +107,7 @@ def stirred(*, interface="sharp", slip=True, fluids=(WATER, OIL), width=1.0, **o
 def total_momentum(simulation):
     """Along x, with that of liquids that slide along others."""
     state, velocity = simulation.state, simulation.particles.velocity
-    slid = state.slip.total(velocity)[0] if state.slip else 0.0
+    slid = sum(part.total(velocity)[0] for part in state.own_inertia)
     return state.mass @ velocity[:, 0] + slid
 
 

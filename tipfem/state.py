@@ -7,23 +7,19 @@ changed in place, so a step that is refused leaves the simulation unchanged.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from tipfem.backend.launch import launch
-from tipfem.case.body import Body
 from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem import work
 from tipfem.fem.time_integration import BackwardEuler, TimeScheme
 from tipfem.mesh.mesh import Mesh
-from tipfem.physics.bodies.contacts import hold_contacts
-from tipfem.physics.bodies.motion import BodyStates
-from tipfem.physics.sliding_liquids.slip import InterfaceSlip
+from tipfem.physics.carried import Carried, HasParts
 from tipfem.physics.term import StepWork
-from tipfem.physics.walls.layers import Layers
 from tipfem.physics.walls.step import Walls
 from tipfem.typing import Array
 
@@ -104,7 +100,7 @@ def lumped(mesh: Mesh, density: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class State:
+class State(HasParts):
     """A simulation between two steps: all that the flow depends on, besides the case and the controllers.
 
     Attributes:
@@ -123,11 +119,7 @@ class State:
         relocated: (N,) mask of the particles that the last remeshing relocated or inserted.
         relocations: how many particles it relocated because they crowded others, or inserted.
         rebuilt: how many meshes since the start were triangulated anew, because the last mesh could not be repaired.
-        pressure_jump: (F, N) pressure of each fluid at each particle less that of the particle [Pa], 0 where the fluid
-            is not; the next solve starts from it. None before the first step, and where pressure is continuous.
-        layers: the boundary layers on walls with that law; None before the first step, and without such walls.
-        bodies: the bodies in the fluids; None without any.
-        slip: where liquids slide along each other; None where none do.
+        parts: what the physics carry from step to step, by their names, see `tipfem.physics.registry`.
         owed: energy that remeshing has added and not yet taken back, see `tipfem.remesh.energy_balance` [J].
         impact: whether velocities jumped in the last step, see `tipfem.step.impacts`.
     """
@@ -147,10 +139,7 @@ class State:
     relocated: Array
     relocations: int = 0
     rebuilt: int = 0
-    pressure_jump: Array | None = None
-    layers: Layers | None = None
-    bodies: BodyStates | None = None
-    slip: InterfaceSlip | None = None
+    parts: Mapping[str, Carried] = field(default_factory=dict)
     owed: float = 0.0
     impact: bool = False
 
@@ -168,7 +157,7 @@ class State:
 
 
 @dataclass(frozen=True)
-class Solved:
+class Solved(HasParts):
     """A solved step, before its particles are meshed anew.
 
     Attributes:
@@ -185,9 +174,7 @@ class Solved:
         work: of the terms of the residual.
         newton_iterations, krylov_iterations: how many the solve took.
         residual: norm of the scaled residual after Newton's method [spacings].
-        pressure_jump: (F, N) as of `State`.
-        bodies: those at the end of the step, on the particles of ``before``; None without any.
-        body_acceleration: (B, 3) a_alpha of those that float [m/s^2, m/s^2, rad/s^2]; None without bodies.
+        parts: what the physics carry, on the particles of ``before``; where the step has found nothing new, from there.
         uniform: whether ``force`` is the same everywhere and at all times, as gravity is.
         reactions: (W, d) force of the walls and bodies on each of their particles, at the intermediate time and at the
             level of pressure of the solve [N, per metre of depth in 2-D].
@@ -209,9 +196,7 @@ class Solved:
     newton_iterations: int
     krylov_iterations: int
     residual: float
-    pressure_jump: Array | None = None
-    bodies: BodyStates | None = None
-    body_acceleration: Array | None = None
+    parts: Mapping[str, Carried] = field(default_factory=dict)
     uniform: bool = False
     reactions: Array = field(default_factory=lambda: np.zeros((0, 0)))
     level: float = 0.0
@@ -236,18 +221,3 @@ class Solved:
     def mesh(self) -> Mesh:
         """The mesh of ``before``, moved with the particles."""
         return self.before.mesh.moved(self.particles.position)
-
-
-def state_with_held_bodies(bodies: Sequence[Body], state: State) -> State:
-    """A state, with bodies that are in contact held; see `tipfem.physics.bodies.contacts.hold_contacts` for errors.
-
-    Args:
-        bodies: of the case.
-        state: after a step.
-    """
-    if state.bodies is None:
-        return state
-    states = hold_contacts(bodies, state.bodies, state.particles, state.mesh, state.boundary, state.time)
-    if states is state.bodies:
-        return state
-    return replace(state, bodies=states, particles=states.imposed(state.particles))

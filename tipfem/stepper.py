@@ -22,11 +22,12 @@ from tipfem.fem.time_integration import StepControl, require_felt, smallest_jaco
 from tipfem.logs import log
 from tipfem.mesh.measures import Energy
 from tipfem.mesh.mesh import Mesh
-from tipfem.physics.bodies.motion import BodyStates, body_columns
+from tipfem.physics.carried import Carried
+from tipfem.physics.side_pressures.carried import PressureJump
 from tipfem.physics.volume_source import VolumeControl
 from tipfem.physics.walls.motion import set_off
 from tipfem.remesh.remeshers import remesher_for
-from tipfem.state import Solved, State, state_with_held_bodies
+from tipfem.state import Solved, State
 from tipfem.step.budget import Budget
 from tipfem.step.solve import StepSolver, steps_between_repairs
 from tipfem.timers import Timings, timer
@@ -76,13 +77,13 @@ class Stepper:
         self.solver = StepSolver(case, self.control.reach)
         self.remesher, self.budget = remesher_for(case), Budget(case)
         try:
-            initial = set_off(case.boundary, case.particles.copy(), 0.25 * self.control.largest)
-            bodies = None
-            if case.bodies:
-                bodies = BodyStates.start(case.bodies, initial, case.body_label, 0.25 * self.control.largest)
-                initial = bodies.imposed(initial)
-            self.state: State = self.remesher.start(initial, case.boundary, case.pressure_reference())
-            self.state = dataclasses.replace(self.state, bodies=bodies)
+            part_of_step = 0.25 * self.control.largest
+            initial, parts = set_off(case.boundary, case.particles.copy(), part_of_step), dict[str, Carried]()
+            for physics in self.solver.physics:
+                part = physics.start(initial, part_of_step)
+                if part is not None:
+                    parts[physics.name], initial = part, part.imposed(initial)
+            self.state: State = self.remesher.start(initial, case.boundary, case.pressure_reference(), parts)
         except TriangulationError as error:
             raise ValueError(f"Simulation: the initial particles cannot be meshed: {error}") from error
         self.volume_control = VolumeControl(self.state.volume, self._restoring_rate(), balanced=not case.grounded)
@@ -109,8 +110,12 @@ class Stepper:
 
     @property
     def pressure_jump(self) -> Array | None:
-        """(F, N) pressure of each fluid at each particle less that of the particle [Pa]; see `tipfem.state.State`."""
-        return self.state.pressure_jump
+        """(F, N) pressure of each fluid at each particle less that of the particle [Pa], 0 where the fluid is not.
+
+        None before the first step, and where pressure is continuous.
+        """
+        part = self.state.part(PressureJump)
+        return None if part is None else part.values
 
     @property
     def boundary(self) -> Boundary:
@@ -129,7 +134,8 @@ class Stepper:
     @property
     def balance_columns(self) -> tuple[str, ...]:
         """Names of the columns that follow those of `_row` in a step's row."""
-        return (*self.budget.columns, *self.remesher.account.columns, *body_columns(self.case.bodies, None))
+        of_physics = (name for physics in self.solver.physics for name in physics.columns)
+        return (*self.budget.columns, *self.remesher.account.columns, *of_physics)
 
     def volume(self, name: str | Fluid) -> float:
         """Volume of a fluid or of that of a name [m^2 in 2-D, m^3 in 3-D], spray included; see `Case.fluid_index`."""
@@ -176,10 +182,11 @@ class Stepper:
             self.state, self.solved = state, solved
             with timer("history"), ExitStack() as recorded:  # also when one is interrupted: a step has its row
                 row = self._row(solved, refused) | balance | tank_columns(self.case, state.time)
-                row |= body_columns(self.case.bodies, state.bodies)
+                for physics in self.solver.physics:
+                    row |= physics.row(state.parts.get(physics.name))
                 for record in reversed(self.recorders):
                     recorded.callback(record, self, row)
-            self.state = state_with_held_bodies(self.case.bodies, state)
+            self.state = self._settled(state)
 
     def solve(self, state: State, dt: float, until: float = math.inf) -> Solved:
         """Solve a step of length ``dt`` [s] from a state, without taking it.
@@ -194,6 +201,18 @@ class Stepper:
         """
         end = until if abs(until - state.time - dt) < 1e-9 * dt else state.time + dt
         return self.solver.solve(state, dt, self.volume_control.source(state.mesh, state.material.fraction, dt), end)
+
+    def _settled(self, state: State) -> State:
+        """A state after a step with the parts that the next one starts from, see `Physics.settled`."""
+        changed, particles = dict[str, Carried](), state.particles
+        for physics in self.solver.physics:
+            before = state.parts.get(physics.name)
+            part = physics.settled(before, state.particles, state.mesh, state.boundary, state.time)
+            if part is not None and part is not before:
+                changed[physics.name], particles = part, part.imposed(particles)
+        if not changed:
+            return state
+        return dataclasses.replace(state, particles=particles, parts={**state.parts, **changed})
 
     def make_consistent(self) -> None:
         """Let the state at the start have its accelerations and pressures, see `StepSolver.consistent`."""

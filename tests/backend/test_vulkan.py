@@ -44,7 +44,7 @@ fluids = [water] if kind == "free surface" else [water, other]
 simulation = tp.Simulation(tp.Case(tank, fluids, gravity, **options), time_step=6e-3 if kind == "liquids" else 1.2e-3)
 for _ in range(int(steps)):
     simulation.step()
-assert (simulation.state.slip is not None) == (kind == "liquids")
+assert ("sliding_liquids" in simulation.state.parts) == (kind == "liquids")
 state = simulation.particles
 np.savez(out, x=state.position, v=state.velocity, p=state.pressure, cells=simulation.mesh.cells)
 """

@@ -240,7 +240,8 @@ def test_bodies_are_drawn_where_the_run_has_them(tmp_path):
     simulation.run(0.05, progress=False)
     source = LiveSource(describe(simulation.case, None), OneState(snapshot_of(simulation, 1.0)), lambda *_: None)
     box, paddle = source.scene(0).bodies
-    for body, seen, pose in zip(simulation.case.bodies, (box, paddle), simulation.state.bodies.position, strict=True):
+    poses = simulation.state.parts["bodies"].position
+    for body, seen, pose in zip(simulation.case.bodies, (box, paddle), poses, strict=True):
         x, y, angle = pose
         r = (body.corners - body.reference) @ np.array([1, 1j])  # as complex numbers
         assert seen.corners @ np.array([1, 1j]) == pytest.approx(x + 1j * y + r * np.exp(1j * angle), abs=1e-12)

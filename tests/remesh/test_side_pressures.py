@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem.remesh.side_pressures import pressures_on_sides
+from tipfem.physics.side_pressures.carried import pressures_on_sides
 
 DENSITY = np.array([1000.0, 1.2])
 PUSH = np.array([3.0, -9.81])  # b - a [m/s^2]

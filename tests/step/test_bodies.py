@@ -176,7 +176,7 @@ def test_energy_and_volumes_are_accounted_for(mass):
     assert abs(balance) < 3e-3 * moved
     for volume, first in zip(simulation.state.volume, simulation.state.wanted_volume, strict=True):
         assert volume == pytest.approx(first, rel=1e-12)
-    states, x = simulation.state.bodies, simulation.particles.position
+    states, x = simulation.state.parts["bodies"], simulation.particles.position
     for b, body in enumerate(simulation.case.bodies):  # particles stay where they are on their bodies
         mine = states.label == b
         c, s = np.cos(states.position[b, 2]), np.sin(states.position[b, 2])
@@ -255,7 +255,7 @@ def test_a_contact_stops_the_run_or_holds_the_body():
     assert 0.75 + simulation.time**2 == pytest.approx(0.98, abs=0.01)
     simulation = pushed("hold")
     simulation.run(0.6, progress=False)
-    states = simulation.state.bodies
+    states = simulation.state.parts["bodies"]
     assert states.held.all()
     assert 0.2 < states.position[0, 0] - 0.65 < 0.25
     assert not find_contacts(simulation.particles, simulation.mesh, np.full(len(simulation.particles), -1))

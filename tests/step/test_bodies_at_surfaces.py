@@ -36,7 +36,7 @@ def half_full(*bodies, spacing=0.05, fluids=(WATER,), law=None, depth=0.5):
 
 def require_outside(simulation):
     """No fluid is inside a body: no cell overlaps it, and no particle is in it; the outline is where the body is."""
-    states, particles, mesh = simulation.state.bodies, simulation.particles, simulation.mesh
+    states, particles, mesh = simulation.state.parts["bodies"], simulation.particles, simulation.mesh
     for number, body in enumerate(simulation.case.bodies):
         pose, outline = body_pose(body, states, number), outline_of(body)
         assert not outline.contains(pose.origin(particles.position[~particles.wall])).any()
@@ -83,10 +83,10 @@ def test_a_body_falls_into_the_water():
     """Through nothing as in vacuum; then the water takes it up, without flowing into it."""
     body = tp.Body(box((0.5, 0.72), turn=0.3), density=400.0)
     simulation = tp.Simulation(half_full(body, spacing=0.04, law="layer"))
-    centre = simulation.state.bodies.position[0].copy()
+    centre = simulation.state.parts["bodies"].position[0].copy()
     while simulation.time < 0.09:
         simulation.step(0.09)
-    fallen = simulation.state.bodies
+    fallen = simulation.state.parts["bodies"]
     np.testing.assert_allclose(fallen.position[0], centre + (0, -0.5 * 9.81 * 0.09**2, 0), atol=1e-9)
     np.testing.assert_allclose(fallen.velocity[0], (0, -9.81 * 0.09, 0), atol=1e-9)
     assert not simulation.history[-1]["body_force_y"]
@@ -94,7 +94,7 @@ def test_a_body_falls_into_the_water():
         simulation.step(0.45)
         require_outside(simulation)
     assert max(row["body_force_y"] for row in simulation.history) > 9.81 * simulation.case.bodies[0].total_mass
-    assert abs(simulation.state.bodies.velocity[0, 1]) < 0.7
+    assert abs(simulation.state.parts["bodies"].velocity[0, 1]) < 0.7
     assert simulation.state.volume == pytest.approx(simulation.state.wanted_volume, rel=1e-10)
     # A thin cell that bursts in the splash may take a shorter step.
     assert sum(row["refused_steps"] for row in simulation.history) <= 0.03 * len(simulation.history)
@@ -122,20 +122,20 @@ def test_contacts_are_found_where_there_is_no_mesh():
     simulation = tp.Simulation(half_full(lower, upper, depth=0.25, spacing=0.04))
     with pytest.raises(tp.SimulationError, match="body 'ball' is in contact with body 'shelf' at "):
         simulation.run(0.3, progress=False)
-    gap = simulation.state.bodies.position[1, 1] - 0.05 - 0.55
+    gap = simulation.state.parts["bodies"].position[1, 1] - 0.05 - 0.55
     assert 0.25 * 0.04 < gap < 0.6 * 0.04
     motion = tp.Motion(translation=lambda t: (t**2, 0.0))
     hammer = tp.Body(box((0.7, 0.8), size=(0.2, 0.1)), motion=motion, contact="hold", name="hammer")
     simulation = tp.Simulation(half_full(hammer, spacing=0.04), time_step=0.02)
     simulation.run(0.6, progress=False)
-    assert simulation.state.bodies.held.all()
-    assert 0.17 < simulation.state.bodies.position[0, 0] - 0.7 < 0.2
+    assert simulation.state.parts["bodies"].held.all()
+    assert 0.17 < simulation.state.parts["bodies"].position[0, 0] - 0.7 < 0.2
 
 
 def test_spray_does_not_fly_into_bodies():
     body = tp.Body(box((0.5, 0.7), turn=0.3), density=400.0, velocity=(0.5, 0.0), angular_velocity=2.0)
     simulation = tp.Simulation(half_full(body))
-    particles, states = simulation.particles.copy(), simulation.state.bodies
+    particles, states = simulation.particles.copy(), simulation.state.parts["bodies"]
     flying = np.flatnonzero(~particles.wall)[:3]
     loose = np.zeros(len(particles), dtype=bool)
     loose[flying] = True

@@ -195,7 +195,7 @@ def test_layers_in_3d():
     simulation = tp.Simulation(case, time_step=0.02)
     for _ in range(3):
         simulation.step()
-    layers = simulation.state.layers
+    layers = simulation.state.part(Layers)
     assert layers is not None
     assert (layers.fluid == 0).all()
     assert np.linalg.norm(layers.history, axis=1).max() > 0
@@ -261,7 +261,7 @@ def test_a_stream_between_periodic_sides_loses_the_momentum_of_two_layers(water,
     lost = (start - simulation.history[-1]["momentum_x"]) / exact
     assert lost == pytest.approx(1.0, abs=0.25) if law == "layer" else lost > 4
     if law == "layer":
-        layers = simulation.state.layers
+        layers = simulation.state.part(Layers)
         size = np.linalg.norm(layers.history, axis=1)
         assert size.min() > 0.5 * size.max()  # also beside the seam
 

@@ -22,6 +22,7 @@ from tipfem.case.case import Case
 from tipfem.case.forces import Forces
 from tipfem.case.outline import tank_outline, tank_pose
 from tipfem.liveview.memory import Snapshot, StateMemory, slot_size
+from tipfem.physics.bodies.motion import BodyStates
 from tipfem.state import State
 from tipfem.steering import Command, Gravity, Poke, Release, RunControl, command_from, limits
 from tipfem.stepper import Row, Stepper
@@ -291,6 +292,7 @@ def snapshot_of(simulation: Stepper, speed: float) -> Snapshot:
     state, forces = simulation.state, simulation.forces
     particles, mesh = state.particles, state.mesh
     gravity = simulation.case.gravity if forces.gravity is None else forces.gravity
+    bodies = state.part(BodyStates)
     return Snapshot(
         step=state.step,
         time=state.time,
@@ -304,9 +306,7 @@ def snapshot_of(simulation: Stepper, speed: float) -> Snapshot:
         wall=particles.wall,
         cells=mesh.cells,
         cell_fluid=mesh.fluid,
-        bodies=np.vstack(
-            [*([] if state.bodies is None else [state.bodies.position]), tank_pose(simulation.case, state.time)]
-        ),
+        bodies=np.vstack([*([] if bodies is None else [bodies.position]), tank_pose(simulation.case, state.time)]),
     )
 
 

@@ -1,14 +1,17 @@
-"""FreeSurface: where fluids end at empty space, in the equations of a step."""
+"""FreeSurfaces: where fluids end at empty space, in the equations of a step."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from tipfem.backend.launch import launch
+from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.fem import schur
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.mesh import parabola, volume_gradient
+from tipfem.physics.carried import Carried
+from tipfem.physics.physics import Physics, StepStart
 from tipfem.physics.term import Equations, Term
 from tipfem.physics.walls.step import Walls
 from tipfem.typing import Array
@@ -70,3 +73,18 @@ class FreeSurface(Term):
             work=(len(index), schur.GROUND),
         )
         return laplacian
+
+
+class FreeSurfaces(Physics[Carried]):
+    """See the module; the surface itself belongs to the mesh."""
+
+    name = "free_surface"
+
+    @classmethod
+    def of(cls, case: Case) -> FreeSurfaces | None:
+        """See `Physics.of`."""
+        return cls() if case.free_surface else None
+
+    def terms(self, part: Carried | None, step: StepStart) -> tuple[FreeSurface, ...]:
+        """See `Physics.terms`."""
+        return (FreeSurface(step.walls),) if step.mesh.surface.exists else ()

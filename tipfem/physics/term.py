@@ -21,6 +21,7 @@ from tipfem.fem.time_integration import TimeScheme
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.cut import CutMesh
 from tipfem.mesh.mesh import Mesh
+from tipfem.physics.carried import Carried
 from tipfem.typing import Array
 
 
@@ -277,9 +278,9 @@ class Term:
         """The particles at the end of the step, which the solution moved by (N, d), with what the term prescribes."""
         return particles
 
-    def results(self, x: Any) -> dict[str, Any]:
-        """What the solution found of the physics, by the names of `tipfem.state.Solved`."""
-        return {}
+    def carried(self, x: Any) -> Carried | None:
+        """What the physics carries on from the solution, on the particles of the step; None for what it had before."""
+        return None
 
     def forces(self, x: Any) -> Array | None:
         """(P, d) forces on the nodes beside those of the elements, at ``x`` [N]; None for none."""

@@ -13,6 +13,7 @@ from annotated_types import Len
 from tipfem.case.case import Case
 from tipfem.declaration import Unit
 from tipfem.mesh.mesh import Mesh
+from tipfem.physics.side_pressures.carried import PressureJump
 from tipfem.probes.impulses import LoadProbe
 from tipfem.probes.walls import WallLine, WallSide, side_names, wall_line, wall_of
 from tipfem.typing import Array
@@ -131,9 +132,10 @@ def _faces(case: Case, solved: Solved, walls: Sequence[WallLine | WallSide]) -> 
 def _pressure(solved: Solved, mesh: Mesh, particle: Array, cell: Array) -> Array:
     """Pressures (K,) of particles on the side of cells in a solve, see `tipfem.probes.probe.pressure_in`."""
     pressure = solved.particles.pressure[particle]
-    if solved.pressure_jump is None or mesh.fluid is None:
+    jump = solved.part(PressureJump)
+    if jump is None or mesh.fluid is None:
         return np.asarray(pressure)
-    return np.asarray(pressure + solved.pressure_jump[mesh.fluid[cell], particle])
+    return np.asarray(pressure + jump.values[mesh.fluid[cell], particle])
 
 
 def _rest(solved: Solved, faces: _Faces) -> Array:

@@ -24,7 +24,7 @@ from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.fem.mass import consistent_part, lumped_part
 from tipfem.mesh.mesh import Mesh
-from tipfem.physics.sliding_liquids.slip import InterfaceSlip
+from tipfem.physics.carried import OwnInertia
 from tipfem.remesh.energy_kernels import exchange_momentum, exchanged_energy, field_energy, mark_changed
 from tipfem.typing import Array
 
@@ -47,7 +47,7 @@ class Change:
             whose masses it was solved.
         renumbered: (N,) new number of each particle, -1 for those removed; None if no number changes.
         relocated: (N',) mask of the particles that were relocated or are new.
-        slip: where liquids slid along each other in the step; None where none did.
+        own: parts of the state before it with inertia of their own.
         dissipated: by viscosity and friction in the step before it [J, per metre of depth].
         dt: length of that step [s].
     """
@@ -56,7 +56,7 @@ class Change:
     mesh: Mesh
     renumbered: Array | None
     relocated: Array
-    slip: InterfaceSlip | None = None
+    own: Sequence[OwnInertia] = ()
     dissipated: float = 0.0
     dt: float = 0.0
 
@@ -93,7 +93,7 @@ class EnergyBalance:
         mesh: Mesh,
         mass: Array,
         owed: float,
-        slip: InterfaceSlip | None = None,
+        own: Sequence[OwnInertia] = (),
     ) -> tuple[Particles, float]:
         """Remeshed particles with no more energy than those before.
 
@@ -113,17 +113,17 @@ class EnergyBalance:
             mesh: their triangles, with fluids.
             mass: (N',) lumped masses [kg].
             owed: by the steps before; less than 0 if they lost it [J, per metre of depth].
-            slip: where liquids slide along each other after it.
+            own: parts of the state after it with inertia of their own.
 
         Returns:
             The particles, with other velocities; and what is still owed [J].
         """
         lumping = self._lumping(mesh)
-        now = self._energy(particles, mesh, lumping, slip)
-        before = self._energy(change.before, change.mesh, self._lumping(change.mesh), change.slip)
-        if change.slip:
+        now = self._energy(particles, mesh, lumping, own)
+        before = self._energy(change.before, change.mesh, self._lumping(change.mesh), change.own)
+        for part in change.own:
             path = change.mesh.period.shortest(change.before.position - change.mesh.position)
-            before[POTENTIAL] -= change.slip.total(path) @ self._gravity
+            before[POTENTIAL] -= part.total(path) @ self._gravity
         more = now - before
         gained, rise = more[FIELD] + more[POTENTIAL] + owed, more[CASE] + more[POTENTIAL]
         scale = np.abs(now[[FIELD, POTENTIAL]]).sum()
@@ -139,10 +139,10 @@ class EnergyBalance:
         for count in range(ROUNDS):
             rough, around = count < ROUGH_ROUNDS, count > 0
             rate = exchange(particles, mesh, cell_mass, mass, changed, rough=rough, around=around)
-            if slip:
-                rate = slip.without_momentum(rate, mass)
+            for part in own:
+                rate = part.without_momentum(rate, mass)
             factor, taken, lowered = _factor(
-                particles.velocity, rate, mesh.cells, cell_mass, lumping, gained, rise, slip
+                particles.velocity, rate, mesh.cells, cell_mass, lumping, gained, rise, own
             )
             particles.velocity = particles.velocity + factor * rate
             gained, rise = gained - taken, rise - lowered
@@ -158,7 +158,7 @@ class EnergyBalance:
             fluids = np.eye(len(self._density))[mesh.fluid]
         return lumped_part(self._mass, mesh.cells, fluids, len(mesh.position))
 
-    def _energy(self, particles: Particles, mesh: Mesh, lumping: Array, slip: InterfaceSlip | None) -> Array:
+    def _energy(self, particles: Particles, mesh: Mesh, lumping: Array, own: Sequence[OwnInertia]) -> Array:
         """Energies (3,) `FIELD`, `CASE` and `POTENTIAL` of a mesh with particles that may have moved since [J]."""
         result = np.zeros(3)
         assert mesh.fluid is not None
@@ -171,9 +171,9 @@ class EnergyBalance:
             partials(3),
             result,
         )
-        if slip:
-            v = particles.velocity
-            result[[FIELD, CASE]] += 0.5 * np.array(slip.products(v, v, (consistent_part(2), lumping[slip.cell])))
+        v = particles.velocity
+        for part in own:
+            result[[FIELD, CASE]] += 0.5 * np.array(part.products(v, v, (consistent_part(2), lumping[part.cell])))
         return result
 
 
@@ -258,7 +258,7 @@ def _factor(
     lumping: Array,
     gained: float,
     rise: float,
-    slip: InterfaceSlip | None,
+    own: Sequence[OwnInertia],
 ) -> tuple[float, float, float]:
     """The factor of a ``rate`` (N, 2) with which velocities lose at least ``gained`` and ``rise``, or its limit.
 
@@ -268,9 +268,9 @@ def _factor(
     fields = map(np.ascontiguousarray, (velocity, rate, cells))
     launch(exchanged_energy, *fields, cell_mass, lumping, consistent_part(2), sums)
     field, case = sums[:2].tolist(), sums[2:].tolist()
-    if slip:
-        lumpings = consistent_part(2), lumping[slip.cell]
-        added = slip.products(velocity, rate, lumpings), slip.products(rate, rate, lumpings)
+    for part in own:
+        lumpings = consistent_part(2), lumping[part.cell]
+        added = part.products(velocity, rate, lumpings), part.products(rate, rate, lumpings)
         field, case = (
             [slope + first, curvature + second]
             for (slope, curvature), first, second in zip((field, case), *added, strict=True)

@@ -9,11 +9,13 @@ moves at their velocity.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Mesh
-from tipfem.physics.sliding_liquids.slip import InterfaceSlip
+from tipfem.physics.carried import Carried, OwnInertia, own_inertia
 from tipfem.state import Solved
 from tipfem.typing import Array
 
@@ -21,9 +23,7 @@ from tipfem.typing import Array
 SMALLEST_INCREASE = 0.01
 
 
-def conserve_along_period(
-    solved: Solved, particles: Particles, mass: Array, slip: InterfaceSlip | None = None
-) -> Particles:
+def conserve_along_period(solved: Solved, particles: Particles, mass: Array, parts: Mapping[str, Carried]) -> Particles:
     """Remeshed particles with the momentum and the rate of momentum that a step must leave along periodic axes.
 
     Between walls that slip without friction only gravity and body forces change it:
@@ -37,26 +37,25 @@ def conserve_along_period(
         solved: the step.
         particles: after remeshing.
         mass: (N,) their lumped masses [kg].
-        slip: where liquids slide along each other then.
+        parts: of the state then.
     """
     boundary, scheme, old, before = solved.before.boundary, solved.scheme, solved.before.particles, solved.before.mass
     if not boundary.frictionless:
         return particles
     changed, shift = particles.copy(), (0.5 - scheme.alpha_f) * scheme.dt
-    slid = solved.before.slip
+    before_own, own = solved.before.own_inertia, own_inertia(parts)
     for k in boundary.period.axes:
         force = (before * solved.force[:, k]).sum()
-        rate = scheme.next_rate(force, _total(before, old.acceleration, slid, k))
-        momentum = _total(before, old.velocity + shift * old.acceleration, slid, k) + scheme.dt * force
+        rate = scheme.next_rate(force, _total(before, old.acceleration, before_own, k))
+        momentum = _total(before, old.velocity + shift * old.acceleration, before_own, k) + scheme.dt * force
         for values, wanted in ((changed.acceleration, rate), (changed.velocity, momentum - shift * rate)):
-            values[:, k] += (wanted - _total(mass, values, slip, k)) / mass.sum()
+            values[:, k] += (wanted - _total(mass, values, own, k)) / mass.sum()
     return changed
 
 
-def _total(mass: Array, field: Array, slip: InterfaceSlip | None, axis: int) -> float:
-    """Sum along an axis of mass (N,) times a field (N, d), with what slides along interfaces."""
-    total = float((mass * field[:, axis]).sum())
-    return total + float(slip.total(field)[axis]) if slip else total
+def _total(mass: Array, field: Array, own: Sequence[OwnInertia], axis: int) -> float:
+    """Sum along an axis of mass (N,) times a field (N, d), with the inertia that parts of the state have."""
+    return float((mass * field[:, axis]).sum()) + sum(float(part.total(field)[axis]) for part in own)
 
 
 def nodal_density(mass: Array, volume: Array) -> Array:

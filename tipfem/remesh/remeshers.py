@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import dataclasses
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from tipfem.case.body import Body
 from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.fluid import Fluid, ranks
@@ -27,8 +26,9 @@ from tipfem.mesh.delaunay import triangulate, wall_fluid
 from tipfem.mesh.free_surface import SurfaceMesher, spray_volumes
 from tipfem.mesh.interface import InterfaceRule, InterpolatedInterface, SharpInterface
 from tipfem.mesh.mesh import Mesh
-from tipfem.physics.bodies.motion import stopped_by_bodies
-from tipfem.physics.sliding_liquids.slip import InterfaceSlip, find_slip, may_slide
+from tipfem.physics.carried import Carried, Remap, own_inertia
+from tipfem.physics.physics import Physics
+from tipfem.physics.registry import physics_of
 from tipfem.remesh import drops, surface_volumes
 from tipfem.remesh.energy_balance import Change, EnergyBalance
 from tipfem.remesh.fitted import hull_corners, particle_fluid, repair, with_fluids
@@ -36,7 +36,6 @@ from tipfem.remesh.meshers import FreeSurfaceMesher, Mesher, TankMesher
 from tipfem.remesh.momentum_transfer import conserve_along_period, nodal_density, transfer_momentum
 from tipfem.remesh.relocation import relocate
 from tipfem.remesh.repair_account import INTERPOLATED, SHARP, NoAccount, RepairAccount
-from tipfem.remesh.side_pressures import of_renumbered, pressures_on_sides
 from tipfem.remesh.target_spacing import graded
 from tipfem.remesh.volumes import with_components
 from tipfem.state import InterpolatedMaterial, Material, SharpMaterial, Solved, State, lumped
@@ -49,6 +48,7 @@ class Remesher(ABC):
 
     Args:
         fluids: of the case.
+        physics: of the case.
 
     Attributes:
         interface: the rule for the properties of elements between fluids.
@@ -62,18 +62,25 @@ class Remesher(ABC):
     repairs: tuple[str, ...]
     account: NoAccount
 
-    def __init__(self, fluids: Sequence[Fluid]) -> None:
-        self.fluids, self.account = list(fluids), NoAccount()
+    def __init__(self, fluids: Sequence[Fluid], physics: Sequence[Physics[Any]] = ()) -> None:
+        self.fluids, self.account, self._physics = list(fluids), NoAccount(), physics
         self.density, self.rank = np.array([f.density for f in fluids], dtype=float), ranks(fluids)
 
     @abstractmethod
-    def start(self, particles: Particles, boundary: Boundary, reference: int) -> State:
+    def start(
+        self,
+        particles: Particles,
+        boundary: Boundary,
+        reference: int,
+        parts: Mapping[str, Carried] | None = None,
+    ) -> State:
         """The first state.
 
         Args:
             particles: the initial ones; they become the state's.
             boundary: of the case.
             reference: the particle at which the pressure of a closed tank is zero; -1 for none.
+            parts: what the physics carry before there is a mesh; nothing by default.
 
         Raises:
             TriangulationError: the particles cannot be meshed.
@@ -101,6 +108,17 @@ class Remesher(ABC):
         Raises:
             ValueError: there is no room for it.
         """
+
+    def _carried(
+        self, parts: Mapping[str, Carried], particles: Particles, remap: Remap
+    ) -> tuple[dict[str, Carried], Particles]:
+        """The parts of a state after a remeshing, and the particles with what they change of them."""
+        result = {}
+        for physics in self._physics:
+            part, particles = physics.remeshed(parts.get(physics.name), particles, remap)
+            if part is not None:
+                result[physics.name] = part
+        return result, particles
 
     def _changed(self, state: State, particles: Particles, mesh: Mesh, *of_cells: Any, **others: Any) -> State:
         """A state of the same time with other particles, cells and their properties (material and masses)."""
@@ -135,7 +153,7 @@ class DelaunayRemesher(Remesher):
         rule: of relocation.
         mesher: of the whole tank, or of the fluids below a free surface.
         momentum_transfer: whether momentum is transferred to particles that became heavier.
-        bodies: in the fluids.
+        physics: of the case.
     """
 
     interface = InterpolatedInterface()
@@ -149,10 +167,9 @@ class DelaunayRemesher(Remesher):
         mesher: Mesher,
         *,
         momentum_transfer: bool = True,
-        bodies: Sequence[Body] = (),
+        physics: Sequence[Physics[Any]] = (),
     ) -> None:
-        super().__init__(fluids)
-        self._bodies = bodies
+        super().__init__(fluids, physics)
         # Of one fluid with a free surface; what two of them exchange is left to the source.
         self.keeps_volumes = isinstance(mesher, FreeSurfaceMesher) and len(fluids) == 1
         self.rule, self.mesher, self.momentum_transfer = rule, mesher, momentum_transfer
@@ -171,14 +188,21 @@ class DelaunayRemesher(Remesher):
             numerics.relocation,
             mesher,
             momentum_transfer=numerics.momentum_transfer,
-            bodies=case.bodies,
+            physics=physics_of(case),
         )
 
-    def start(self, particles: Particles, boundary: Boundary, reference: int) -> State:
+    def start(
+        self,
+        particles: Particles,
+        boundary: Boundary,
+        reference: int,
+        parts: Mapping[str, Carried] | None = None,
+    ) -> State:
         """See `Remesher.start`."""
         mesh = self.mesher.start(particles, boundary)
         particles = self._labelled(particles, mesh)
         nowhere = np.zeros(len(particles), dtype=bool)
+        parts, particles = self._carried(parts or {}, particles, Remap.none(mesh))
         return self._state(
             particles,
             mesh,
@@ -189,6 +213,7 @@ class DelaunayRemesher(Remesher):
             reference=reference,
             fixed=nowhere,
             relocated=nowhere,
+            parts=parts,
         )
 
     @timer("remeshing")
@@ -201,12 +226,11 @@ class DelaunayRemesher(Remesher):
         start = surface_volumes.kept_inside(solved.particles) if convex else solved.particles
         with timer("relocation"):
             stopped = before.boundary.stopped(start, before.mesh.surface.loose, solved.time)
-            if solved.bodies is not None:
-                stopped = stopped_by_bodies(self._bodies, solved.bodies, stopped, before.mesh.surface.loose)
+            for physics in self._physics:
+                stopped = physics.stopped(solved.parts.get(physics.name), stopped, before.mesh.surface.loose)
             particles, moves = relocate(stopped, before.mesh, self.rule)
             particles, of_walls = walls.space(particles, before.mesh.surface)
-            if solved.bodies is not None:
-                particles = solved.bodies.imposed(particles)
+            particles = _imposed(solved.parts, particles)
         with timer("triangulation"):
             mesh, rebuilt = self.mesher.remesh(solved, particles, moves)
         if account.columns:
@@ -229,9 +253,12 @@ class DelaunayRemesher(Remesher):
             around = np.where(relocated, np.nan, before.material.nodal_density)
             particles = transfer_momentum(particles, mesh, around, material.nodal_density, before.boundary.still)
             account.add("transfer", particles, mesh, material)
+        remap = Remap(before.mesh, mesh, None, relocated, solved.force)
+        parts, particles = self._carried(solved.parts, particles, remap)
+        particles = _imposed(parts, walls.imposed(particles))
         return self._ended(
             solved,
-            conserve_along_period(solved, _imposed(solved, particles), mass),
+            conserve_along_period(solved, particles, mass, parts),
             mesh,
             material,
             mass,
@@ -241,8 +268,7 @@ class DelaunayRemesher(Remesher):
             relocated=relocated,
             relocations=len(moves) + of_walls,
             rebuilt=before.rebuilt + rebuilt,
-            layers=walls.layers,
-            bodies=solved.bodies,
+            parts=parts,
         )
 
     def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
@@ -260,11 +286,11 @@ class DelaunayRemesher(Remesher):
             particles = particles.shallow_copy(fluid=np.where(in_drop, fluid, particles.fluid).astype(np.int32))
             return self._changed(state, particles, mesh, *self._material(particles, mesh))
         drops.require_empty(particles, mesh.surface, at, radius)
-        before, bodies = len(particles), state.bodies
+        kept = np.arange(len(particles))
         particles, mesh = drops.with_disc(particles, mesh, at, radius, fluid, acceleration)
-        if bodies is not None:
-            label = np.append(bodies.label, np.full(len(particles) - before, -1, dtype=np.int32))
-            bodies = dataclasses.replace(bodies, label=label)
+        new = np.arange(len(particles)) >= len(kept)
+        remap = Remap(state.mesh, mesh, kept, new, acceleration[None])
+        parts, particles = self._carried(state.parts, particles, remap)
         return self._changed(
             state,
             particles,
@@ -273,7 +299,7 @@ class DelaunayRemesher(Remesher):
             boundary=drops.boundary_of_more(state.boundary, len(particles)),
             fixed=drops.longer(state.fixed, len(particles)),
             relocated=drops.longer(state.relocated, len(particles)),
-            bodies=bodies,
+            parts=parts,
         )
 
     def _labelled(self, particles: Particles, mesh: Mesh) -> Particles:
@@ -307,9 +333,8 @@ class FittedRemesher(Remesher):
             remeshing.
         grading: of the target spacings; None for the same spacing everywhere and a constant number of particles.
         first: cells and fluids of the first mesh; None for a Delaunay mesh of the particles.
-        bodies: in the fluids.
+        physics: of the case.
         balance: keeps the energy in each remeshing; None to let it change.
-        gravity: (2,) with which liquids may slide along each other [m/s^2]; None where they may not.
     """
 
     interface = SharpInterface()
@@ -325,12 +350,11 @@ class FittedRemesher(Remesher):
         keep: bool,
         grading: Grading | None = None,
         first: tuple[Array, Array] | None = None,
-        bodies: Sequence[Body] = (),
+        physics: Sequence[Physics[Any]] = (),
         balance: EnergyBalance | None = None,
-        gravity: Array | None = None,
     ) -> None:
-        super().__init__(fluids)
-        self.rule, self._bodies, self._balance, self._gravity = rule, bodies, balance, gravity
+        super().__init__(fluids, physics)
+        self.rule, self._balance = rule, balance
         self._first, self._names = first, [f.name for f in fluids]
         self._keep, self._walls_have_fluids, self._grading = keep, walls_have_fluids, grading
 
@@ -344,12 +368,17 @@ class FittedRemesher(Remesher):
             keep=case.numerics.volume_correction > 0,
             grading=case.grading,
             first=case.tank.first_cells(case.fluids) if isinstance(case.tank, MeshTank) else None,
-            bodies=case.bodies,
+            physics=physics_of(case),
             balance=EnergyBalance.of(case),
-            gravity=case.potential_gravity if case.two_sided and may_slide([f.density for f in case.fluids]) else None,
         )
 
-    def start(self, particles: Particles, boundary: Boundary, reference: int) -> State:
+    def start(
+        self,
+        particles: Particles,
+        boundary: Boundary,
+        reference: int,
+        parts: Mapping[str, Carried] | None = None,
+    ) -> State:
         """See `Remesher.start`; a triangle belongs to the lightest fluid among its particles'."""
         if self._first is None:
             edges = boundary.edges(particles, 0.0)
@@ -376,6 +405,7 @@ class FittedRemesher(Remesher):
             target=np.full(len(particles), float(particles.spacing)),
         )
         particles = self._graded(particles, mesh)
+        parts, particles = self._carried(parts or {}, particles, Remap.none(mesh))
         return self._state(
             particles,
             mesh,
@@ -386,7 +416,7 @@ class FittedRemesher(Remesher):
             reference=reference,
             fixed=fixed,
             relocated=np.zeros(len(particles), dtype=bool),
-            slip=self._slip(particles, mesh),
+            parts=parts,
         )
 
     @timer("remeshing")
@@ -413,38 +443,23 @@ class FittedRemesher(Remesher):
             account=self.account,
             keep_cells=solved.keeps_cells,
         )
-        fixed, reference, jump = before.fixed, before.reference, solved.pressure_jump
+        fixed, reference = before.fixed, before.reference
         if renumbered is not None:
             reference = int(renumbered[reference]) if reference >= 0 else -1
             fixed = np.zeros(len(particles), dtype=bool)
             fixed[renumbered[before.fixed]] = True
         particles = particles.shallow_copy(fluid=particle_fluid(mesh, len(particles), self.rank))
-        if jump is not None:
-            assert before.mesh.components is not None
-            known = of_renumbered(before.mesh.components.at_particle >= 0, renumbered, relocated)
-            pressure, jump = pressures_on_sides(
-                particles.pressure,
-                of_renumbered(jump, renumbered, relocated),
-                known,
-                mesh,
-                particles.fluid,
-                self.density,
-                solved.force.mean(axis=0) - particles.acceleration,
-            )
-            particles = particles.shallow_copy(pressure=pressure)
+        remap = Remap(before.mesh, mesh, renumbered, relocated, solved.force)
+        parts, particles = self._carried(solved.parts, particles, remap)
         particles, boundary = solved.walls.reassign(particles)
-        bodies = solved.bodies
-        if bodies is not None:
-            bodies = bodies.remeshed(self._bodies, particles, renumbered, relocated)
-            particles = bodies.imposed(particles)
-        material, mass = self._material(mesh)
-        slip, owed = self._slip(particles, mesh), 0.0
-        particles = conserve_along_period(solved, particles, mass, slip)
+        particles = _imposed(parts, particles)
+        (material, mass), owed = self._material(mesh), 0.0
+        particles = conserve_along_period(solved, particles, mass, parts)
         self.account.add("walls", particles, mesh, material)
         if self._balance is not None:
             work = solved.work.dissipated, solved.dt
-            change = Change(moved, before.mesh, renumbered, relocated, before.slip, *work)
-            particles, owed = self._balance.keep(change, particles, mesh, mass, before.owed, slip)
+            change = Change(moved, before.mesh, renumbered, relocated, before.own_inertia, *work)
+            particles, owed = self._balance.keep(change, particles, mesh, mass, before.owed, own_inertia(parts))
         return self._ended(
             solved,
             particles,
@@ -456,10 +471,7 @@ class FittedRemesher(Remesher):
             fixed=fixed,
             relocated=relocated,
             relocations=int(relocated.sum()),
-            pressure_jump=jump,
-            layers=solved.walls.layers,
-            bodies=bodies,
-            slip=slip,
+            parts=parts,
             owed=owed,
         )
 
@@ -468,11 +480,9 @@ class FittedRemesher(Remesher):
         particles, mesh = drops.with_fluid_in_circle(state.particles, state.mesh, at, radius, fluid, self._names)
         mesh = with_components(mesh, len(self.density))
         particles = particles.shallow_copy(fluid=particle_fluid(mesh, len(particles), self.rank))
-        return self._changed(state, particles, mesh, *self._material(mesh), slip=self._slip(particles, mesh))
-
-    def _slip(self, particles: Particles, mesh: Mesh) -> InterfaceSlip | None:
-        """Where liquids slide along each other."""
-        return None if self._gravity is None else find_slip(mesh, particles, self.density, self._gravity)
+        remap = Remap(state.mesh, mesh, None, np.zeros(len(particles), dtype=bool), acceleration[None])
+        parts, particles = self._carried(state.parts, particles, remap)
+        return self._changed(state, particles, mesh, *self._material(mesh), parts=parts)
 
     def _material(self, mesh: Mesh) -> tuple[SharpMaterial, Array]:
         """What the elements are made of, and the lumped masses (N,) [kg]."""
@@ -484,10 +494,11 @@ class FittedRemesher(Remesher):
         return graded(particles, mesh, self._names, self._grading)
 
 
-def _imposed(solved: Solved, particles: Particles) -> Particles:
-    """The particles with the rates that walls and bodies prescribe."""
-    particles = solved.walls.imposed(particles)
-    return particles if solved.bodies is None else solved.bodies.imposed(particles)
+def _imposed(parts: Mapping[str, Carried], particles: Particles) -> Particles:
+    """The particles with the velocities and accelerations that the parts of a state prescribe."""
+    for part in parts.values():
+        particles = part.imposed(particles)
+    return particles
 
 
 REMESHERS: dict[str, type[DelaunayRemesher] | type[FittedRemesher]] = {

@@ -5,7 +5,8 @@ pressures, give the energy balance (derived in docs/theory/energy.md):
 
     dKE + dPE + viscous + friction + (time + geometry + stabilisation + source + remeshing) - external = residual
 
-With bodies that float, their kinetic and potential energy is included on the left, and what their dampers take.
+What has unknowns of its own, such as bodies that float, has a `Balance` that is included: its energy and what it
+dissipates on the left, work from outside in the external work.
 
 Every term is computed from its own definition; the residual is the error that Newton's method left.
 """
@@ -13,7 +14,7 @@ Every term is computed from its own definition; the residual is the error that N
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,7 +24,8 @@ from tipfem.case.case import Case
 from tipfem.fem import mass as mass_kernels
 from tipfem.fem import work as work_kernels
 from tipfem.mesh.free_surface import spray_volumes
-from tipfem.physics.bodies.energy import BodyBalance, body_balance
+from tipfem.physics.physics import Balance
+from tipfem.physics.registry import physics_of
 from tipfem.state import Solved, State
 from tipfem.step.roughness import roughness
 from tipfem.timers import timer
@@ -69,10 +71,10 @@ class Totals:
             work=(len(mass), work_kernels.SUM),
         )
         sums[0] -= deviations(state, kind, [(particles.velocity, particles.velocity)])[0]
-        if state.slip:
-            lumping = lumping_of(state, kind)[state.slip.cell]
-            sums[0] += state.slip.product(particles.velocity, particles.velocity, lumping)
-            sums[1 + d :] += state.slip.total(particles.velocity)
+        v = particles.velocity
+        for part in state.own_inertia:
+            sums[0] += part.products(v, v, [lumping_of(state, kind)[part.cell]])[0]
+            sums[1 + d :] += part.total(v)
         return Totals.summed(sums, gravity, state.volume)
 
     @staticmethod
@@ -135,7 +137,7 @@ class SolveBalance:
         momentum_residual: (d,) change of sum m (v + (1/2 - alpha_f) dt a) less the impulse of all forces [N s]; wall
             particles, whose state is prescribed, contribute dt a_alpha.
         source_volume: (F,) volume that the volume source added [m^3].
-        bodies: balance of the bodies that float.
+        own: balances of what has unknowns of its own.
     """
 
     after: Totals
@@ -149,7 +151,7 @@ class SolveBalance:
     wall_force: Array
     momentum_residual: Array
     source_volume: Array
-    bodies: BodyBalance = field(default_factory=BodyBalance)
+    own: Sequence[Balance] = ()
 
 
 class Budget:
@@ -166,11 +168,11 @@ class Budget:
         self._names = [f.name for f in case.fluids]
         self._gravity = case.potential_gravity
         self._kind = case.numerics.mass
-        self._bodies = case.bodies
-        self._floats = any(body.floats for body in case.bodies)
+        self._physics = physics_of(case)
         zeros, none = np.zeros(len(self._gravity)), np.zeros(len(self._names))
+        own = [Balance(columns=dict.fromkeys(physics.balance_columns, 0.0)) for physics in self._physics]
         nothing = Totals(0.0, 0.0, zeros, none)
-        balance = SolveBalance(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, none)
+        balance = SolveBalance(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, none, own)
         self._spray = case.free_surface
         self._meshed = case.interface == "sharp" and not case.free_surface
         rough = self._roughness_columns(none.tolist(), 0.0) if self._meshed else {}
@@ -236,12 +238,12 @@ class Budget:
         sums[[0, 1, 2 + 2 * d]] -= deviations(start, self._kind, fields)
         sums[0] += work.inertia
         sums[2 : 2 + d] += scheme.dt * work.force
-        if start.slip:
-            lumping = lumping_of(start, self._kind)[start.slip.cell]
-            sums[1] += start.slip.work(solved.force - self._gravity, u, lumping)
-            sums[2 + 2 * d] += start.slip.product(end.velocity, end.velocity, lumping)
-            sums[3 + 2 * d : 3 + 3 * d] += start.slip.total(u)
-            sums[3 + 3 * d :] += start.slip.total(end.velocity)
+        for part in start.own_inertia:
+            lumping = lumping_of(start, self._kind)[part.cell]
+            sums[1] += part.work(solved.force - self._gravity, u, lumping)
+            sums[2 + 2 * d] += part.products(end.velocity, end.velocity, [lumping])[0]
+            sums[3 + 2 * d : 3 + 3 * d] += part.total(u)
+            sums[3 + 3 * d :] += part.total(end.velocity)
         count = len(self._names)
         volume = start.material.volumes(solved.mesh.measure) + spray_volumes(start.mesh, old.fluid, count)
         after = Totals.summed(sums[2 + 2 * d :], self._gravity, volume)
@@ -260,18 +262,17 @@ class Budget:
             wall_force=np.asarray(work.wall_force),
             momentum_residual=change - scheme.dt * (weight + work.wall_force),
             source_volume=start.material.volumes(growth * start.mesh.measure) if growth.any() else np.zeros(count),
-            bodies=self._of_bodies(solved),
+            own=self._own(solved),
         )
 
-    def _of_bodies(self, solved: Solved) -> BodyBalance:
-        """The balance of the bodies that float; nothing without any."""
-        if not self._floats:
-            return BodyBalance()
-        old, new, acceleration = solved.before.bodies, solved.bodies, solved.body_acceleration
-        assert old is not None
-        assert new is not None
-        assert acceleration is not None
-        return body_balance(self._bodies, self._gravity, old, new, acceleration, solved.scheme, solved.force)
+    def _own(self, solved: Solved) -> list[Balance]:
+        """The balances of what has unknowns of its own."""
+        result = []
+        for physics in self._physics:
+            old, new = (parts.get(physics.name) for parts in (solved.before.parts, solved.parts))
+            balance = physics.balance(old, new, solved.scheme, solved.force)
+            result += [] if balance is None else [balance]
+        return result
 
     def _row(self, before: Totals, step: SolveBalance, now: Totals, spray: Array) -> dict[str, float]:
         """Columns of the history, from the totals before the step, of its solve, and of the next state.
@@ -279,12 +280,11 @@ class Budget:
         Of the next state also the volume (F,) of each fluid that flies as ``spray``, for flows with a free surface.
         """
         remeshing = step.after.energy - now.energy
-        bodies = step.bodies
-        time = step.time + bodies.numerical
+        time = step.time + sum(own.numerical for own in step.own)
         numerical = time + step.geometry + step.stabilisation + step.source + remeshing
-        # What the fluids do to bodies that float stays within the system.
-        external = step.external + bodies.work + bodies.external
-        change = now.energy - before.energy + bodies.change
+        external = step.external + sum(own.external for own in step.own)
+        change = now.energy - before.energy + sum(own.change for own in step.own)
+        dissipated = step.viscous + step.friction + sum(own.dissipated for own in step.own)
         row = {
             "kinetic_energy": now.kinetic,
             "potential_energy": now.potential,
@@ -298,11 +298,10 @@ class Budget:
             "remeshing_dissipation": remeshing,
             "remeshing_potential_energy": now.potential - step.after.potential,
             "external_work": external,
-            "energy_residual": change + step.viscous + step.friction + bodies.dampers + numerical - external,
+            "energy_residual": change + dissipated + numerical - external,
         }
-        if self._floats:
-            row["body_kinetic_energy"], row["body_potential_energy"] = bodies.kinetic, bodies.potential
-            row["damper_dissipation"] = bodies.dampers
+        for own in step.own:
+            row.update(own.columns)
         for name, vector in (
             ("momentum", now.momentum),
             ("wall_force", step.wall_force),

@@ -73,8 +73,8 @@ def without_gain(case: Case, solved: Solved) -> Solved | None:
     ends, starts = _products(before, kind, [(v, v), (start.velocity, start.velocity)])
     falls = float(_products_of_particles(before, kind, [(solved.force, u)])[0])
     falls += work.weight
-    if before.slip:
-        falls += before.slip.work(solved.force, u, lumping_of(before, kind)[before.slip.cell])
+    for part in before.own_inertia:
+        falls += part.work(solved.force, u, lumping_of(before, kind)[part.cell])
     rise = 0.5 * (ends - starts) - falls - work.walls - work.friction
     height = -end.position @ case.potential_gravity
     energy = 0.5 * ends + float((mass * (height - height.min())).sum())
@@ -109,15 +109,15 @@ def _length(vectors: Array) -> Array:
 
 
 def _products(state: State, kind: str, pairs: Sequence[tuple[Array, Array]]) -> Array:
-    """a^T M b of pairs of fields (N, d) with a kind of mass matrix of a state, with what slides."""
+    """a^T M b of pairs of fields (N, d) with a kind of mass matrix of a state, with its parts' own inertia."""
     result = _products_of_particles(state, kind, pairs)
-    if state.slip:
-        lumping = lumping_of(state, kind)[state.slip.cell]
-        result += [state.slip.product(a, b, lumping) for a, b in pairs]
+    for part in state.own_inertia:
+        lumpings = [lumping_of(state, kind)[part.cell]]
+        result += [part.products(a, b, lumpings)[0] for a, b in pairs]
     return result
 
 
 def _products_of_particles(state: State, kind: str, pairs: Sequence[tuple[Array, Array]]) -> Array:
-    """The same as if nothing slid."""
+    """The same of the particles alone."""
     products = [np.einsum("i,ik,ik", state.mass, a, b) for a, b in pairs]
     return np.asarray(products - deviations(state, kind, pairs))

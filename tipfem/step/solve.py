@@ -17,14 +17,15 @@ from tipfem.fem.mass import lumped_part
 from tipfem.fem.time_integration import BackwardEuler, GeneralizedAlpha, TimeScheme
 from tipfem.linalg.newton import newton
 from tipfem.mesh.mesh import Mesh
+from tipfem.physics.carried import Carried
+from tipfem.physics.physics import StepStart
+from tipfem.physics.registry import physics_of
 from tipfem.physics.term import ElementProperties
 from tipfem.physics.walls.motion import set_off
-from tipfem.physics.walls.step import walls_in_step
 from tipfem.state import Solved, State, lumped
 from tipfem.step.impacts import JUMP, UNCERTAIN, velocity_jump, without_gain
 from tipfem.step.linear_system import Workspace
 from tipfem.step.problem import FlowProblem
-from tipfem.step.terms import terms_of
 from tipfem.timers import timer
 from tipfem.typing import Array
 
@@ -132,11 +133,12 @@ class StepSolver:
     Attributes:
         workspace: device arrays and the multigrid's hierarchy, which steps share.
         forces: what accelerates the fluids, by default the case's gravity and body force.
+        physics: of the case.
     """
 
     def __init__(self, case: Case, reach: float) -> None:
         self.case, self.reach, self.workspace = case, reach, Workspace(len(case.particles))
-        self.forces = Forces()
+        self.forces, self.physics = Forces(), physics_of(case)
         self._frequency = case.natural_frequency()
 
     @timer("solve")
@@ -208,10 +210,10 @@ class StepSolver:
         if numerics.mass != "lumped":
             lumping = lumped_part(numerics.mass, mesh.cells, state.material.fraction, len(before))
         material = ElementProperties(state.material.density, state.material.viscosity, growth, lumping)
-        walls = walls_in_step(
-            state.boundary, mesh, before, material.viscosity, scheme, state.time, material.density, state.layers
-        )
-        terms = terms_of(case, state, walls, scheme)
+        properties = material.density, material.viscosity
+        step = StepStart(before, mesh, state.boundary, *properties, scheme, state.time, state.parts)
+        acting = [(p.name, term) for p in self.physics for term in p.terms(state.parts.get(p.name), step)]
+        terms = [term for _, term in acting]
         time = flow_time(case, state, self._frequency)
         problem = FlowProblem(
             mesh,
@@ -268,12 +270,14 @@ class StepSolver:
         for term in terms:
             particles = term.finish(displacement, particles)
         particles = particles.shallow_copy(position=mesh.period.wrapped(particles.position))
+        found = ((name, term.carried(result.solution)) for name, term in acting)
+        carried: dict[str, Carried] = {name: part for name, part in found if part is not None}
         return Solved(
             before=state,
             time=state.time + dt if math.isnan(end) else end,
             scheme=scheme,
             particles=particles,
-            walls=walls,
+            walls=step.walls,
             displacement=displacement,
             inertia=problem.acceleration(displacement),
             force=force,
@@ -286,7 +290,7 @@ class StepSolver:
             uniform=not varies,
             reactions=problem.reactions(result.solution),
             level=level,
-            **{name: value for term in terms for name, value in term.results(result.solution).items()},
+            parts={**state.parts, **carried},
         )
 
     def divergence_free(self, state: State, dt: float) -> State:
@@ -298,14 +302,14 @@ class StepSolver:
         because the stabilisation leaves a part of what is rough. Two lengths tell it from what forces do meanwhile.
 
         Args:
-            state: any; only one that moves off the walls and has no bodies is changed.
+            state: any; only one that moves off the walls and has no bodies that move is changed.
             dt: length of the first step [s].
 
         Raises:
             StepRefused: see `solve`, for other errors too.
         """
         free = ~state.particles.wall
-        if state.bodies is not None or not state.particles.velocity[free].any():
+        if any(part.moves for part in state.parts.values()) or not state.particles.velocity[free].any():
             return state
         growth, length, given = np.zeros(len(state.mesh.cells)), SHORT * dt, state.particles.velocity
         for _ in range(2):
@@ -358,12 +362,9 @@ class StepSolver:
             if not state.boundary.active:
                 acceleration[particles.wall] = 0.0
             particles = set_off(state.boundary, particles.shallow_copy(acceleration=acceleration), 0.25 * dt)
-        bodies = state.bodies
-        if bodies is not None:
-            assert whole.body_acceleration is not None
-            assert half.body_acceleration is not None
-            floats = np.array([body.floats for body in self.case.bodies])[:, None]
-            acceleration = 2 * whole.body_acceleration - half.body_acceleration
-            bodies = dataclasses.replace(bodies, acceleration=np.where(floats, acceleration, bodies.acceleration))
-            particles = bodies.imposed(particles)
-        return dataclasses.replace(state, particles=particles, bodies=bodies)
+        parts = dict(state.parts)
+        for physics in self.physics:
+            part = physics.consistent(*(of.parts.get(physics.name) for of in (state, whole, half)))
+            if part is not None:
+                parts[physics.name], particles = part, part.imposed(particles)
+        return dataclasses.replace(state, particles=particles, parts=parts)

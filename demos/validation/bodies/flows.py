@@ -56,7 +56,7 @@ def floating_box(
 
 def draught(simulation: tp.Simulation) -> float:
     """Depth of the lowest corner of the box below the surface of the water at the sides of the tank [m]."""
-    states, x = simulation.state.bodies, simulation.particles.position
+    states, x = simulation.state.parts["bodies"], simulation.particles.position
     assert states is not None
     mesh = simulation.mesh
     if mesh.surface.exists:

@@ -46,7 +46,6 @@ def body_balance(
     gravity: Array,
     old: BodyStates,
     new: BodyStates,
-    acceleration: Array,
     scheme: TimeScheme,
     body_force: Array,
 ) -> BodyBalance:
@@ -57,7 +56,6 @@ def body_balance(
         gravity: (2,) [m/s^2].
         old: the bodies at the start of the step, on its N particles,
         new: and at its end.
-        acceleration: (B, 3) a_alpha of the bodies.
         scheme: time integration, with the step's length.
         body_force: (N, 2) acceleration by gravity and body force [m/s^2].
     """
@@ -77,7 +75,7 @@ def body_balance(
         stretched = scheme.alpha_f * old.position[b] + scheme.cf * new.position[b] - np.append(body.reference, 0.0)
         springs = (np.asarray(body.stiffness) * stretched) @ increment
         dampers = (np.asarray(body.damping) * velocity[b]) @ increment
-        inertial = (inertia * acceleration[b]) @ increment
+        inertial = (inertia * new.middle[b]) @ increment
         numerical = inertial + springs - weight - change.sum() + new.work[b] - new.force[b] @ increment
         kinetic, potential = after[0], after[1:].sum()
         total += kinetic, potential, change.sum(), dampers, numerical, new.work[b], further

@@ -17,6 +17,7 @@ from tipfem.case.particles import Particles
 from tipfem.case.walls import Pose
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.geometry.domain import Domain
+from tipfem.physics.carried import Carried, Remap
 from tipfem.typing import Array
 
 # A wall particle closer than this to the outline of a body is on the body [spacings].
@@ -35,7 +36,7 @@ def turned(r: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class BodyStates:
+class BodyStates(Carried):
     """The bodies of a simulation between two steps.
 
     Attributes:
@@ -47,7 +48,10 @@ class BodyStates:
         force: (B, 3) force [N/m] and moment about the reference point [N] of the fluids, at the intermediate time of
             the last step.
         work: (B,) of the fluids on the bodies in the last step [J, per metre of depth].
+        middle: (B, 3) a_alpha, the acceleration at that time [m/s^2, m/s^2, rad/s^2].
     """
+
+    moves = True
 
     label: Array
     position: Array
@@ -56,6 +60,7 @@ class BodyStates:
     held: Array
     force: Array
     work: Array
+    middle: Array
 
     @classmethod
     def start(cls, bodies: Sequence[Body], particles: Particles, label: Array, step: float) -> BodyStates:
@@ -81,6 +86,7 @@ class BodyStates:
             held=np.zeros(len(bodies), dtype=bool),
             force=np.zeros((len(bodies), 3)),
             work=np.zeros(len(bodies)),
+            middle=np.zeros((len(bodies), 3)),
         )
 
     def arms(self, x: Array) -> tuple[Array, Array, Array]:
@@ -96,23 +102,20 @@ class BodyStates:
         velocity[index], acceleration[index] = rigid_rates(r, self.velocity[of], self.acceleration[of])
         return particles.shallow_copy(velocity=velocity, acceleration=acceleration)
 
-    def remeshed(
-        self, bodies: Sequence[Body], particles: Particles, numbers: Array | None, relocated: Array
-    ) -> BodyStates:
+    def remeshed(self, bodies: Sequence[Body], particles: Particles, remap: Remap) -> BodyStates:
         """The same bodies on remeshed particles, of which those along straight edges of the bodies may be others.
 
         Args:
             bodies: of the case.
             particles: the N' particles after remeshing.
-            numbers: (N,) new number of each particle, -1 for those removed; None if no number changes.
-            relocated: (N',) mask of those that were relocated or are new.
+            remap: the remeshing.
         """
-        label = self.label
+        label, numbers = self.label, remap.renumbered
         if numbers is not None:
             kept = np.flatnonzero((numbers >= 0) & (label >= 0))
             label = np.full(len(particles), -1, dtype=np.int32)
             label[numbers[kept]] = self.label[kept]
-        moved = np.flatnonzero(relocated & (particles.wall | (label >= 0)))
+        moved = np.flatnonzero(remap.relocated & (particles.wall | (label >= 0)))
         if len(moved):
             label = label.copy()
             label[moved] = -1
@@ -174,20 +177,6 @@ def stopped_by_bodies(bodies: Sequence[Body], states: BodyStates, particles: Par
         if inside.any():
             particles = put_before(particles, index[inside], y[inside], outline, pose, -1.0)
     return particles
-
-
-def body_columns(bodies: Sequence[Body], states: BodyStates | None) -> dict[str, float]:
-    """Columns of the history: position and velocity of each body's reference point, force and moment of the fluids.
-
-    Args:
-        bodies: of the case.
-        states: of the bodies; None for zeros, where only the names are wanted.
-    """
-    row: dict[str, float] = {}
-    for b, body in enumerate(bodies):
-        values = [np.zeros(3)] * 3 if states is None else [states.position[b], states.velocity[b], states.force[b]]
-        row.update(zip((f"{body.name}_{name}" for name in COLUMNS), np.concatenate(values).tolist(), strict=True))
-    return row
 
 
 def rigid_rates(r: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
@@ -259,12 +248,6 @@ class BodyMotion:
             acceleration=np.where(free, a_next, self.after.acceleration),
         )
 
-    @property
-    def acceleration(self) -> Array:
-        """(B, 3) a_alpha of the bodies that float, at the present increments [m/s^2, m/s^2, rad/s^2]."""
-        states, s = self.states, self.scheme
-        return np.asarray(s.cm * self.increment + s.history(states.velocity, states.acceleration)[1])
-
     def measured(self, index: Array, force: Array) -> None:
         """Set what the fluids did to the bodies in the step.
 
@@ -278,7 +261,9 @@ class BodyMotion:
         r, of, count = arm[index], self.states.label[index], len(self.bodies)
         moment, work = r[:, 0] * force[:, 1] - r[:, 1] * force[:, 0], (force * u[index]).sum(axis=1)
         sums = [np.bincount(of, values, minlength=count) for values in (*force.T, moment, work)]
-        self.after = replace(self.after, force=np.stack(sums[:3], axis=1), work=sums[3])
+        states, s = self.states, self.scheme
+        middle = np.asarray(s.cm * self.increment + s.history(states.velocity, states.acceleration)[1])
+        self.after = replace(self.after, force=np.stack(sums[:3], axis=1), work=sums[3], middle=middle)
 
     def rates(self) -> tuple[Array, Array]:
         """v_alpha and a_alpha (K, 2) of the particles on bodies, with the present end of the step."""

@@ -29,7 +29,7 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.physics.bodies import kernels as kernels
 from tipfem.physics.bodies import layout as layout
 from tipfem.physics.bodies import mobility as coupling
-from tipfem.physics.bodies.motion import BodyMotion, rotated, turned
+from tipfem.physics.bodies.motion import BodyMotion, BodyStates, rotated, turned
 from tipfem.physics.term import Equations, Term
 from tipfem.typing import Array
 
@@ -73,9 +73,9 @@ class MovedBodies(Term):
         """See `Term.finish`."""
         return self.motion.finish(particles)
 
-    def results(self, x: Any) -> dict[str, Any]:
-        """See `Term.results`."""
-        return {"bodies": self.motion.after, "body_acceleration": self.motion.acceleration}
+    def carried(self, x: Any) -> BodyStates:
+        """See `Term.carried`."""
+        return self.motion.after
 
 
 class FloatingBodies(MovedBodies):

@@ -25,6 +25,7 @@ from tipfem.linalg import sparsity
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.cut import CutMesh
 from tipfem.physics.side_pressures import kernels as tie_kernels
+from tipfem.physics.side_pressures.carried import PressureJump
 from tipfem.physics.term import Equations, Term
 from tipfem.physics.walls.step import Walls
 from tipfem.typing import Array
@@ -74,9 +75,9 @@ class SidePressures(Term):
         result[cut.fluid[copied], owner] = pressure[copied] - pressure[owner]
         return result
 
-    def results(self, x: Any) -> dict[str, Any]:
-        """See `Term.results`."""
-        return {"pressure_jump": self.jump_at(x)}
+    def carried(self, x: Any) -> PressureJump:
+        """See `Term.carried`."""
+        return PressureJump(self.jump_at(x))
 
     def diagonal(self) -> None:
         """The scale of a particle's momentum rows is that of its copies' rows together."""

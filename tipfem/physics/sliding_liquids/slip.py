@@ -32,6 +32,7 @@ import numpy as np
 from tipfem.case.particles import Particles
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import Mesh
+from tipfem.physics.carried import OwnInertia
 from tipfem.typing import Array
 
 # Product of the densities over the square of their sum, 1/4 for equal ones, from which liquids slide. It is a factor of
@@ -55,7 +56,7 @@ Lumping = float | Array  # lambda of all cells, or of each, see `tipfem.fem.mass
 
 
 @dataclass(frozen=True)
-class InterfaceSlip:
+class InterfaceSlip(OwnInertia):
     """The C interface particles at which liquids slide, and the K cells of the lighter liquids around them.
 
     Attributes:

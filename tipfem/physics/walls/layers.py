@@ -37,6 +37,7 @@ from scipy.spatial import cKDTree
 
 from tipfem.case.boundary import Boundary
 from tipfem.geometry.period import Period
+from tipfem.physics.carried import Carried
 from tipfem.typing import Array
 
 LAYER = "layer"  # the law's name
@@ -50,7 +51,7 @@ DRY = -1  # the fluid at a point of the wall that none wets
 
 
 @dataclass(frozen=True)
-class Layers:
+class Layers(Carried):
     """The boundary layers at P points of the walls with the law; d dimensions.
 
     Attributes:

@@ -13,6 +13,7 @@ from tipfem.fem.condensation import Follows
 from tipfem.linalg.sparsity import Csr
 from tipfem.physics.term import Equations, Frame, Term, TermWork
 from tipfem.physics.walls import kernels as kernels
+from tipfem.physics.walls.layers import Layers
 from tipfem.physics.walls.step import Walls
 from tipfem.typing import Array
 
@@ -151,6 +152,10 @@ class WallTerm(Term):
     def finish(self, displacement: Array, particles: Particles) -> Particles:
         """See `Term.finish`."""
         return self.walls.finish(self._equations.particles, displacement, particles)
+
+    def carried(self, x: Any) -> Layers | None:
+        """See `Term.carried`."""
+        return self.walls.layers
 
     def work(self, x: Any, displacement: Array) -> TermWork | None:
         """Dissipation by friction, and the work done against it.

@@ -1,4 +1,4 @@
-"""Pressures on the sides of interfaces after remeshing, where a fluid came to a particle or left it.
+"""PressureJump: the pressures on the sides of interfaces between two steps, carried through remeshing.
 
 Each fluid at a particle has a pressure of its own. The solve of a step finds all of them, so that these values are its
 first guess, and what is stored. A light fluid needs a good one: in air, ten pascals over a spacing of 5 mm accelerate
@@ -7,12 +7,26 @@ by 1 700 m/s^2.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from tipfem.mesh.mesh import Mesh, corners_among
+from tipfem.physics.carried import Carried
 from tipfem.typing import Array
 
 SWEEPS = 3  # a particle that has no neighbour with a pressure in its fluid takes one in the next sweep
+
+
+@dataclass(frozen=True)
+class PressureJump(Carried):
+    """The pressures of the fluids at the particles; the next solve starts from them.
+
+    Attributes:
+        values: (F, N) pressure of each fluid at each particle less that of the particle [Pa], 0 where the fluid is not.
+    """
+
+    values: Array
 
 
 def pressures_on_sides(

@@ -1,0 +1,108 @@
+"""Bodies: the rigid bodies of a case, in its steps and between them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from tipfem.case.body import Body
+from tipfem.case.boundary import Boundary
+from tipfem.case.case import Case
+from tipfem.case.particles import Particles
+from tipfem.fem.time_integration import TimeScheme
+from tipfem.mesh.mesh import Mesh
+from tipfem.physics.bodies.contacts import hold_contacts
+from tipfem.physics.bodies.energy import body_balance
+from tipfem.physics.bodies.motion import COLUMNS, BodyMotion, BodyStates, stopped_by_bodies
+from tipfem.physics.bodies.term import FloatingBodies, MovedBodies
+from tipfem.physics.carried import Remap
+from tipfem.physics.physics import Balance, Physics, StepStart
+from tipfem.typing import Array
+
+
+class Bodies(Physics[BodyStates]):
+    """See the module; they carry where they are and how they move.
+
+    Args:
+        bodies: of the case.
+        label: (N,) number of the body that each of the case's particles is on, -1 for none.
+        gravity: (2,) [m/s^2].
+    """
+
+    name = "bodies"
+
+    def __init__(self, bodies: Sequence[Body], label: Array, gravity: Array) -> None:
+        self._bodies, self._label, self._gravity = bodies, label, gravity
+        self._floats = np.array([body.floats for body in bodies])
+        self.columns = tuple(f"{body.name}_{name}" for body in bodies for name in COLUMNS)
+        if self._floats.any():
+            self.balance_columns = ("body_kinetic_energy", "body_potential_energy", "damper_dissipation")
+
+    @classmethod
+    def of(cls, case: Case) -> Bodies | None:
+        """See `Physics.of`."""
+        return cls(case.bodies, case.body_label, case.potential_gravity) if case.bodies else None
+
+    def start(self, particles: Particles, step: float) -> BodyStates:
+        """See `Physics.start`."""
+        return BodyStates.start(self._bodies, particles, self._label, step)
+
+    def terms(self, part: BodyStates | None, step: StepStart) -> tuple[MovedBodies]:
+        """See `Physics.terms`."""
+        assert part is not None
+        motion = BodyMotion(step.scheme, self._bodies, part, step.particles, step.time)
+        return (FloatingBodies(motion, step.mesh.surface.pinned) if motion.floating.any() else MovedBodies(motion),)
+
+    def remeshed(
+        self, part: BodyStates | None, particles: Particles, remap: Remap
+    ) -> tuple[BodyStates | None, Particles]:
+        """See `Physics.remeshed`."""
+        assert part is not None
+        return part.remeshed(self._bodies, particles, remap), particles
+
+    def stopped(self, part: BodyStates | None, particles: Particles, loose: Array) -> Particles:
+        """See `Physics.stopped`."""
+        assert part is not None
+        return stopped_by_bodies(self._bodies, part, particles, loose)
+
+    def consistent(
+        self, part: BodyStates | None, whole: BodyStates | None, half: BodyStates | None
+    ) -> BodyStates | None:
+        """See `Physics.consistent`."""
+        assert part is not None
+        assert whole is not None
+        assert half is not None
+        acceleration = np.where(self._floats[:, None], 2 * whole.middle - half.middle, part.acceleration)
+        return dataclasses.replace(part, acceleration=acceleration)
+
+    def settled(
+        self, part: BodyStates | None, particles: Particles, mesh: Mesh, boundary: Boundary, time: float
+    ) -> BodyStates | None:
+        """See `Physics.settled`: bodies that are in contact are held."""
+        assert part is not None
+        return hold_contacts(self._bodies, part, particles, mesh, boundary, time)
+
+    def row(self, part: BodyStates | None) -> dict[str, float]:
+        """See `Physics.row`: position and velocity of each body's reference point, force and moment of the fluids."""
+        assert part is not None
+        values = np.stack([part.position, part.velocity, part.force], axis=1)
+        return dict(zip(self.columns, values.ravel().tolist(), strict=True))
+
+    def balance(
+        self, before: BodyStates | None, after: BodyStates | None, scheme: TimeScheme, force: Array
+    ) -> Balance | None:
+        """See `Physics.balance`: of the bodies that float."""
+        if not self.balance_columns:
+            return None
+        assert before is not None
+        assert after is not None
+        found = body_balance(self._bodies, self._gravity, before, after, scheme, force)
+        return Balance(
+            found.change,
+            found.dampers,
+            found.numerical,
+            found.work + found.external,
+            dict(zip(self.balance_columns, (found.kinetic, found.potential, found.dampers), strict=True)),
+        )

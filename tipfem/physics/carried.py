@@ -1,0 +1,112 @@
+"""Carried: what a physics carries from one step to the next, beside the particles.
+
+A state has such parts by the names of their physics (`tipfem.state.State.parts`). Each is a frozen dataclass, so that
+checkpoints hold it as it is. `tipfem.physics.physics.Physics` moves it through a remeshing.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from tipfem.case.particles import Particles
+from tipfem.mesh.mesh import Mesh
+from tipfem.typing import Array
+
+
+class Carried:
+    """A part of the state that belongs to a physics."""
+
+    moves = False  # whether it has velocities of its own, which those of particles follow
+
+    def imposed(self, particles: Particles) -> Particles:
+        """The particles with the velocities and accelerations that the part prescribes."""
+        return particles
+
+
+class OwnInertia(Carried, ABC):
+    """A part in which fluids have other velocities than those of the particles alone.
+
+    Attributes:
+        cell: (K,) numbers of the cells with such fluids.
+    """
+
+    cell: Array
+
+    @abstractmethod
+    def products(self, a: Array, b: Array, lumpings: Sequence[float | Array]) -> list[float]:
+        """What it adds to a^T M b of two fields (N, d), with several mass matrices M.
+
+        Args:
+            a: one field.
+            b: the other.
+            lumpings: the part of each matrix that is lumped, one or (K,), see `tipfem.fem.mass`.
+        """
+
+    @abstractmethod
+    def work(self, acceleration: Array, displacement: Array, lumping: float | Array = 1.0) -> float:
+        """What it adds to the work of accelerations (N, d) along displacements (N, d) [J]."""
+
+    @abstractmethod
+    def total(self, field: Array) -> Array:
+        """What it adds to the sum (d,) of mass times a field (N, d)."""
+
+    @abstractmethod
+    def without_momentum(self, field: Array, mass: Array) -> Array:
+        """Changes of velocities (N, d), whose sum with masses (N,) is 0, changed so that no momentum is made here."""
+
+
+Part = TypeVar("Part", bound=Carried)
+
+
+class HasParts:
+    """What has parts by the names of their physics.
+
+    Attributes:
+        parts: of the physics that carry something.
+    """
+
+    parts: Mapping[str, Carried]
+
+    def part(self, kind: type[Part]) -> Part | None:
+        """The part of a class; None where there is none."""
+        return next((part for part in self.parts.values() if isinstance(part, kind)), None)
+
+    @property
+    def own_inertia(self) -> list[OwnInertia]:
+        """The parts in which fluids have other velocities than those of the particles."""
+        return own_inertia(self.parts)
+
+
+def own_inertia(parts: Mapping[str, Carried]) -> list[OwnInertia]:
+    """Those of the parts of a state in which fluids have other velocities than those of the particles."""
+    return [part for part in parts.values() if isinstance(part, OwnInertia)]
+
+
+@dataclass(frozen=True)
+class Remap:
+    """A remeshing, from N particles to N'.
+
+    Attributes:
+        before: the mesh before it, with its components.
+        mesh: the mesh after it.
+        renumbered: (N,) new number of each particle, -1 for those removed; None if no number changes.
+        relocated: (N',) mask of the particles that were relocated or are new.
+        force: (N, d) acceleration by gravity and body force, or (1, d) where it is the same [m/s^2].
+    """
+
+    before: Mesh
+    mesh: Mesh
+    renumbered: Array | None
+    relocated: Array
+    force: Array
+
+    @classmethod
+    def none(cls, mesh: Mesh) -> Remap:
+        """That to the first mesh: nothing has changed, and nothing is accelerated yet."""
+        count, dimension = mesh.position.shape
+        return cls(mesh, mesh, None, np.zeros(count, dtype=bool), np.zeros((1, dimension)))

@@ -1,0 +1,178 @@
+"""Physics: what a case has beside the bulk flow, in its steps and between them.
+
+A physics is a file or a folder here, and a line in `tipfem.physics.registry`. The step, the remeshers, the budget and
+the checkpoints call the methods below for all of them in turn, and name none. Objects have what the case says and
+nothing that a step changes: that is the physics' part of the state, see `tipfem.physics.carried`. A physics has the
+methods that it needs; docs/develop/adding-a-term.md walks through one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Generic
+
+from tipfem.case.boundary import Boundary
+from tipfem.case.case import Case
+from tipfem.case.particles import Particles
+from tipfem.fem.time_integration import TimeScheme
+from tipfem.mesh.cut import CutMesh, cut_along_interfaces
+from tipfem.mesh.mesh import Mesh
+from tipfem.physics.carried import Carried, Part, Remap
+from tipfem.physics.term import Term
+from tipfem.physics.walls.layers import Layers
+from tipfem.physics.walls.step import Walls, walls_in_step
+from tipfem.typing import Array
+
+
+@dataclass(frozen=True)
+class StepStart:
+    """What a step starts from; N particles, M cells.
+
+    Attributes:
+        particles: at the step's start.
+        mesh: of them.
+        boundary: which of them lie on which walls.
+        density: (M,) of the cells [kg/m^3].
+        viscosity: (M,) of the cells [Pa s].
+        scheme: time integration, with the step's length.
+        time: [s].
+        parts: of the state.
+    """
+
+    particles: Particles
+    mesh: Mesh
+    boundary: Boundary
+    density: Array
+    viscosity: Array
+    scheme: TimeScheme
+    time: float
+    parts: Mapping[str, Carried]
+
+    @cached_property
+    def walls(self) -> Walls:
+        """What the walls prescribe in the step; see `tipfem.physics.walls.step.WallStep` for errors."""
+        layers = next((part for part in self.parts.values() if isinstance(part, Layers)), None)
+        properties = self.viscosity, self.scheme, self.time, self.density
+        return walls_in_step(self.boundary, self.mesh, self.particles, *properties, layers)
+
+    @cached_property
+    def cut(self) -> CutMesh:
+        """The mesh, cut along the interfaces between fluids."""
+        return cut_along_interfaces(self.mesh, self.density)
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Energies of what has unknowns of its own in a step, for the budget [J, per metre of depth in 2-D].
+
+    Attributes:
+        change: of its energy.
+        dissipated: what it takes of energy, by dampers for instance.
+        numerical: what the time integration takes.
+        external: work of forces from outside, and of the fluids, for which it is one: positive when energy is gained.
+        columns: of the history, named by `Physics.balance_columns`.
+    """
+
+    change: float = 0.0
+    dissipated: float = 0.0
+    numerical: float = 0.0
+    external: float = 0.0
+    columns: Mapping[str, float] = field(default_factory=dict)
+
+
+class Physics(Generic[Part]):
+    """A physics of a case; see the module. ``part`` is what it carries, None where there is nothing.
+
+    Attributes:
+        name: of its part of the state.
+        columns: names of its columns in the history, see `row`.
+        balance_columns: names of its columns in the budget, see `balance`.
+    """
+
+    name: str
+    columns: tuple[str, ...] = ()
+    balance_columns: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, case: Case) -> Physics[Part] | None:
+        """That of a case; None for a case without this physics."""
+        raise NotImplementedError
+
+    def start(self, particles: Particles, step: float) -> Part | None:
+        """What it carries at t = 0.
+
+        Args:
+            particles: the initial ones, not meshed yet.
+            step: of finite differences of functions of time [s].
+        """
+        return None
+
+    def terms(self, part: Part | None, step: StepStart) -> Iterable[Term]:
+        """The terms of a step.
+
+        Raises:
+            ValueError: a function of time of the case returns an invalid value.
+        """
+        return ()
+
+    def remeshed(self, part: Part | None, particles: Particles, remap: Remap) -> tuple[Part | None, Particles]:
+        """What it carries after a remeshing, and the particles with what that changes of them.
+
+        Also at the start, when the first mesh has been made.
+
+        Args:
+            part: before the remeshing.
+            particles: after it, before walls and parts have imposed their velocities.
+            remap: from the mesh before to that after.
+        """
+        return part, particles
+
+    def stopped(self, part: Part | None, particles: Particles, loose: Array) -> Particles:
+        """The particles at the end of a step, with those of a mask (N,), which fly freely, not where they cannot be."""
+        return particles
+
+    def consistent(self, part: Part | None, whole: Part | None, half: Part | None) -> Part | None:
+        """What it carries at t = 0, with the rates that follow from the equations.
+
+        Args:
+            part: at the start.
+            whole: at the end of a step that is not taken.
+            half: at the end of one of half its length; what is in proportion to 1 / dt is not in 2 whole - half.
+        """
+        return part
+
+    def settled(
+        self, part: Part | None, particles: Particles, mesh: Mesh, boundary: Boundary, time: float
+    ) -> Part | None:
+        """What the next step starts from, of what the last one has ended with.
+
+        Args:
+            part: at the end of the step, remeshed.
+            particles: of the same state.
+            mesh: of them.
+            boundary: which of them lie on which walls.
+            time: [s].
+
+        Raises:
+            SimulationError: the run cannot go on.
+        """
+        return part
+
+    # Accounts.
+
+    def row(self, part: Part | None) -> dict[str, float]:
+        """Columns of the history after a step, named by ``columns``."""
+        return {}
+
+    def balance(self, before: Part | None, after: Part | None, scheme: TimeScheme, force: Array) -> Balance | None:
+        """Balance of energy of what has unknowns of its own in a step; None without any.
+
+        Args:
+            before: at the start of the step.
+            after: at its end, not remeshed.
+            scheme: time integration, with the step's length.
+            force: (N, d) acceleration by gravity and body force [m/s^2].
+        """
+        return None

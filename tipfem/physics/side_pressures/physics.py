@@ -1,0 +1,55 @@
+"""InterfacePressures: a pressure on each side of interfaces, in steps and through remeshing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tipfem.case.case import Case
+from tipfem.case.particles import Particles
+from tipfem.physics.carried import Remap
+from tipfem.physics.physics import Physics, StepStart
+from tipfem.physics.side_pressures.carried import PressureJump, of_renumbered, pressures_on_sides
+from tipfem.physics.side_pressures.term import SidePressures
+from tipfem.typing import Array
+
+
+class InterfacePressures(Physics[PressureJump]):
+    """See the module; it carries a `PressureJump` from the first step on.
+
+    Args:
+        density: (F,) of the fluids [kg/m^3].
+    """
+
+    name = "side_pressures"
+
+    def __init__(self, density: Array) -> None:
+        self._density = density
+
+    @classmethod
+    def of(cls, case: Case) -> InterfacePressures | None:
+        """See `Physics.of`."""
+        return cls(np.array([f.density for f in case.fluids], dtype=float)) if case.two_sided else None
+
+    def terms(self, part: PressureJump | None, step: StepStart) -> tuple[SidePressures]:
+        """See `Physics.terms`."""
+        jump = np.zeros((len(self._density), len(step.particles))) if part is None else part.values
+        return (SidePressures(step.cut, jump, step.walls),)
+
+    def remeshed(
+        self, part: PressureJump | None, particles: Particles, remap: Remap
+    ) -> tuple[PressureJump | None, Particles]:
+        """See `Physics.remeshed`."""
+        if part is None:
+            return None, particles
+        assert remap.before.components is not None
+        known = of_renumbered(remap.before.components.at_particle >= 0, remap.renumbered, remap.relocated)
+        pressure, jump = pressures_on_sides(
+            particles.pressure,
+            of_renumbered(part.values, remap.renumbered, remap.relocated),
+            known,
+            remap.mesh,
+            particles.fluid,
+            self._density,
+            remap.force.mean(axis=0) - particles.acceleration,
+        )
+        return PressureJump(jump), particles.shallow_copy(pressure=pressure)
