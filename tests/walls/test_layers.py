@@ -10,8 +10,8 @@ import pytest
 
 import tipfem as tp
 from tipfem.case.boundary import Boundary
-from tipfem.geometry.period import no_period
-from tipfem.physics.walls.layers import DRY, RESOLVED, LayerFaces, Layers, advance, begin
+from tipfem.geometry.period import Period, no_period
+from tipfem.physics.walls.layers import DRY, RESOLVED, LayerFaces, Layers, _nearest, advance, begin
 
 NU, H = 1e-6, 0.005
 
@@ -302,3 +302,19 @@ def test_oil_between_circles_turns_as_between_no_slip_walls():
     power = sum(row["viscous_dissipation"] + row["friction_dissipation"] for row in rows) / dt
     assert power == pytest.approx(torque * speed / inner, rel=0.01)
     assert min(row["friction_dissipation"] for row in simulation.history) >= 0
+
+
+@pytest.mark.parametrize("width", [0.0, 1.0])
+def test_the_nearest_is_found_on_the_same_part_and_across_a_periodic_side(width):
+    """As by comparing all; a part without others has the number 0 and no distance that matters."""
+    rng = np.random.default_rng(2)
+    place, others = rng.random((40, 2)), rng.random((30, 2))
+    part, part_of_others = rng.integers(0, 4, 40), rng.integers(0, 3, 30)
+    apart = place[:, None] - others
+    apart[..., 0] -= width * np.round(apart[..., 0])
+    distance = np.where(part[:, None] == part_of_others, np.linalg.norm(apart, axis=2), np.inf)
+    found, number = _nearest(place, part, others, part_of_others, Period(np.array([width, 0.0])))
+    alone = part == 3
+    np.testing.assert_array_equal(number, np.where(alone, 0, distance.argmin(axis=1)))
+    np.testing.assert_allclose(found[~alone], distance.min(axis=1)[~alone], rtol=1e-12)
+    assert (found[alone] > 1e10).all()

@@ -251,3 +251,40 @@ def test_what_slides_on_a_turning_wall_feels_coriolis_and_the_centripetal_accele
     state = walls.imposed(state)
     got = (state.acceleration[place] - acceleration) @ (pose.rotation @ normal)
     assert abs(got) < 1e-5 * np.linalg.norm(acceleration)
+
+
+def test_walls_that_keep_their_particles_are_not_found_anew(monkeypatch):
+    """Particles that slid along their sides: the same as if all were found anew; not so once two changed places."""
+    tank = tp.tank((0.4, 0.3), 0.05).fill(tp.Fluid("water", 1000.0, 0.0))
+    for side in ("left", "right", "bottom", "top"):
+        tank.wall(side, slip=True)
+    case = tp.Case(tank, [tp.Fluid("water", 1000.0, 0.0)], (0, -9.81))
+    boundary, moved = case.boundary, case.particles.copy()
+    bottom = np.flatnonzero((moved.position[:, 1] == 0) & (moved.position[:, 0] > 0) & (moved.position[:, 0] < 0.4))
+    moved.position[bottom, 0] += 0.01
+    pose, still = boundary.pose(0.0, 1e-3), np.zeros(len(boundary.offset))
+    kept = boundary.reassigned(moved, pose, still)
+    assert kept.free is boundary.free
+    swapped = moved.copy()
+    swapped.position[bottom[:2], 0] = swapped.position[bottom[1::-1], 0]
+    assert boundary.reassigned(swapped, pose, still).free is not boundary.free
+    monkeypatch.setattr(type(boundary), "_remains", lambda *_: False)
+    anew = boundary.reassigned(moved, pose, still)
+    for name in (
+        "index",
+        "on_side",
+        "normal",
+        "side",
+        "inverse",
+        "free",
+        "slides",
+        "sliding",
+        "still",
+        "stays",
+        "tangent",
+    ):
+        np.testing.assert_array_equal(getattr(kept, name), getattr(anew, name))
+    for (one, _), (other, _) in zip(kept.pieces, anew.pieces, strict=True):
+        np.testing.assert_array_equal(one, other)
+    for one, other in zip(kept.members, anew.members, strict=True):
+        np.testing.assert_array_equal(one[2], other[2])

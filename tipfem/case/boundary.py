@@ -152,7 +152,7 @@ class Boundary:
     def _find_sides(self, on_side: Array) -> None:
         """Set which sides the wall particles are on, from a mask (W, S), and the directions in which they are held."""
         domain = self.domain
-        on_side[:, (domain.normal[:, self.period.axes] != 0.0).any(axis=1)] = False
+        on_side[:, self._across_period()] = False
         self.side_normal, self.offset, self.on_side = domain.normal, domain.offset, on_side
         self.normal, self.side = frames(self.side_normal, on_side)
         self.inverse = _inverses(self.normal, self.side)
@@ -442,7 +442,11 @@ class Boundary:
         new, slack = copy.copy(self), ON_SIDE * particles.spacing
         new.index = np.flatnonzero(particles.wall)
         new._y = pose.origin(particles.position[new.index])
-        new._find_sides(new._sides_of(displacement, slack))
+        on_side = new._sides_of(displacement, slack)
+        if self._remains(new, on_side, len(particles)):
+            new._turn()
+            return new
+        new._find_sides(on_side)
         for k in range(len(new.curves)):
             new._put_on_curve(k)
         new.members = []
@@ -457,6 +461,34 @@ class Boundary:
         new.still, new.stays = particles.wall.copy(), particles.wall.copy()
         new._assign()
         return new
+
+    def _remains(self, new: Boundary, on_side: Array, count: int) -> bool:
+        """Whether nothing but positions differs on ``count`` new particles: the same are on each side, in their order.
+
+        Args:
+            new: this one with the new wall particles.
+            on_side: (W, S) mask of the sides that they are on; set to that of the sides that are not periodic.
+            count: N.
+        """
+        on_side[:, self._across_period()] = False
+        if self.curves or len(self.still) != count or not np.array_equal(new.index, self.index):
+            return False
+        if not np.array_equal(on_side, self.on_side) or any(along is not None for _, along in self.pieces):
+            return False
+        sizes = self.on_side.sum(axis=0)
+        whole = all(len(members) == sizes[side] for _, side, members in self.members)
+        return whole and all(
+            bool((np.diff(new._y[members] @ self._tangent(side)) > 0).all()) for _, side, members in self.members
+        )
+
+    def _across_period(self) -> Array:
+        """(S,) mask of the sides that particles cannot be on, because the domain is periodic across them."""
+        return np.asarray((self.domain.normal[:, self.period.axes] != 0.0).any(axis=1))
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether no wall moves, nor slides, nor the whole tank."""
+        return self.motion is None and all(wall.velocity is None and wall.motion is None for wall in self.walls)
 
     def _sides_of(self, displacement: Array, slack: float) -> Array:
         """Mask (W, S) of the sides that particles are on, up to ``slack`` [m]; near a curve, on one edge of it."""

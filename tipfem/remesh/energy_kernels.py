@@ -226,8 +226,9 @@ def exchanged_energy(
     consistent: float,
     result: Reals1,
 ):
-    """Add v^T M u and u^T M u (4,) with a rate u of the velocities v to result: with the part ``consistent`` of M
-    lumped, and with the part lumping (M,).
+    """Add v^T M u and u^T M u (4,) with a rate u of the velocities v to result.
+
+    First with the part ``consistent`` of M lumped, then with the part lumping (M,) of each cell.
     """
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):

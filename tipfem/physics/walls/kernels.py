@@ -240,3 +240,33 @@ def add_friction(
                             force += record[f, 0] * cv
                         uu = block_entry(couplings, s, k, m, dim)
                         blocks[uu] += scale[i * (dim + 1) + k] * force / dim * coefficient[f]
+
+
+@kernel
+def find_nearest(
+    place: Reals2,
+    part: Ints1,
+    others: Reals2,
+    part_of_others: Ints1,
+    period: Periods,
+    distance: Reals1,
+    number: Ints1,
+):
+    """Distance (P,) from places (P, 2) to the nearest of others (Q, 2) on the same part of a wall, and its number (P,).
+
+    1e15 m, and 0, where there is none on that part; the first of several at the same distance.
+    """
+    ti.loop_config(serialize=True)
+    for i in range(place.shape[0]):
+        least, found = 1e30, 0
+        for j in range(others.shape[0]):
+            if part_of_others[j] == part[i]:
+                square = 0.0
+                for k in ti.static(range(2)):
+                    d = others[j, k] - place[i, k]
+                    if ti.static(len(period.shape) == 2):
+                        d -= period[0, k] * ti.floor(d * period[1, k] + 0.5)
+                    square += d * d
+                if square < least:
+                    least, found = square, j
+        distance[i], number[i] = ti.sqrt(least), found

@@ -35,9 +35,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from tipfem.backend.launch import launch
 from tipfem.case.boundary import Boundary
 from tipfem.geometry.period import Period
 from tipfem.physics.carried import Carried
+from tipfem.physics.walls.kernels import find_nearest
 from tipfem.typing import Array
 
 LAYER = "layer"  # the law's name
@@ -121,9 +123,14 @@ class LayerFaces:
 def _nearest(place: Array, part: Array, others: Array, part_of_others: Array, period: Period) -> tuple[Array, Array]:
     """Distance (P,) from places (P, d) to the nearest of ``others`` (Q, d) on the same part [m], and its number (P,).
 
-    Where there is none on that part, the distance is infinite and the number 0.
+    Where there is none on that part, the distance is 1e15 m or infinite, and the number 0.
     """
-    distance, number = np.full(len(place), np.inf), np.zeros(len(place), dtype=np.int64)
+    distance, number = np.empty(len(place)), np.empty(len(place), dtype=np.int32)
+    if place.shape[1] == 2:  # walls of few points
+        parts = part.astype(np.int32), part_of_others.astype(np.int32)
+        launch(find_nearest, place, parts[0], others, parts[1], period.array, distance, number)
+        return distance, number
+    distance[:], number[:] = np.inf, 0
     for k in np.unique(part):
         mine, there = np.flatnonzero(part == k), np.flatnonzero(part_of_others == k)
         if len(there):

@@ -202,9 +202,11 @@ class WallStep(Walls):
         self.boundary, self.scheme, self._time = boundary, scheme, time
         boundary.require_volume(time + scheme.dt)
         part = 0.25 * scheme.dt
-        self._before, self._after = WallMotion(boundary, time, part), WallMotion(boundary, time + scheme.dt, part)
         index, slides = boundary.index, boundary.slides
         b_curves = bool(boundary.curves)
+        self._before = self._after = WallMotion(boundary, time, part)
+        if b_curves or not boundary.at_rest:  # with curves, what is free changes in the step
+            self._after = WallMotion(boundary, time + scheme.dt, part)
         x, v, a = particles.position, particles.velocity[index], particles.acceleration[index]
         self.tank_moves = boundary.motion is not None
         self.frame = self._before.pose.origin(x) if self.tank_moves else x
@@ -347,7 +349,9 @@ class WallStep(Walls):
     def reassign(self, particles: Particles) -> tuple[Particles, Boundary]:
         """See `Walls.reassign`."""
         boundary = self.boundary.reassigned(particles, self._after.pose, self._after.displacement)
-        rates = WallMotion(boundary, self._time + self.scheme.dt, 0.25 * self.scheme.dt)
+        rates = self._after
+        if boundary.free is not self.boundary.free or not boundary.at_rest:
+            rates = WallMotion(boundary, self._time + self.scheme.dt, 0.25 * self.scheme.dt)
         return rates.imposed(particles), boundary
 
     def imposed(self, particles: Particles) -> Particles:
