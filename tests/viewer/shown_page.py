@@ -80,6 +80,10 @@ class ShownPage:
         self.wait(lambda: all(word in self.text(name) for word in words), f"{words} in {name}: {self.text(name)!r}")
         return self.text(name)
 
+    def at(self, number):
+        """Wait until the clock shows the stored time of this number, the first being 1."""
+        self.wait(lambda: self.text("clock").split()[-1].split("/")[0] == str(number), f"stored time {number}")
+
     def key(self, *keys):
         """Press keys."""
         for key in keys:

@@ -322,3 +322,27 @@ def test_all_times_of_two_results_are_reached():
             showing.step(1)
         assert seen == [0.0, 0.05, 0.1, 0.2]
         assert showing.status()["index"] == 3
+
+
+def test_playing_and_its_end_are_told_however_short_it_is():
+    """A page that is not told of a play would take the next press of its key for the opposite."""
+
+    class Ended(SlowingFlow):
+        def status(self):
+            return {"state": "complete"}
+
+    async def run():
+        session = Session([Ended()])
+        running = asyncio.ensure_future(session.run())
+        screen = Screen(session)
+        await until(lambda: screen.of("frame"))
+        screen.say("speed", value=1000.0)
+        before = len(screen.of("status"))
+        screen.say("play", on=True)
+        assert [status["playing"] for status in screen.of("status")[before:]] == [True]
+        await until(lambda: not screen.of("status")[-1]["playing"])
+        assert screen.of("status")[-1]["index"] == 2
+        session.close("that was it")
+        await running
+
+    asyncio.run(run())

@@ -216,6 +216,8 @@ class Session:
             if self.showing.go_on(passed):
                 self._change()
             self._new_status = True
+            if not self.showing.playing:
+                self._told = 0.0  # the end of playing is told at once: a key would otherwise pause what rests
 
     def _draw_if_wanted(self) -> bool:
         """Draw if something has changed and a page takes it, and send what pages lack; whether a picture was drawn."""
@@ -317,6 +319,8 @@ class Session:
             self.showing.time = first
         self.showing.playing, self._clock = on and not self.showing.live, time.monotonic()
         self._change()
+        self._told = 0.0
+        self._tell()
 
     def _take_speed(self, page: Page, value: float) -> None:
         self.showing.speed = value

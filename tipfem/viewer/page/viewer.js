@@ -475,11 +475,13 @@ export class Viewer {
   }
 
   play() {
-    if (this.hello.live) this.steering.toggle();
-    else this.send({ type: "play", on: !this.status.playing });
+    if (this.hello.live) return this.steering.toggle();
+    this.status.playing = !this.status.playing; // a second press means the opposite, whether or not the first was answered
+    this.send({ type: "play", on: this.status.playing });
   }
 
   layer(name, on) {
+    this.status.layers[name] = on;
     this.send({ type: "layers", [name]: name === "tracers" ? (on ? 200 : 0) : on });
   }
 
@@ -593,7 +595,7 @@ export class Viewer {
       const used = control(event);
       if (!used || used !== pointed) return;
       pointed = null;
-      setTimeout(() => used.blur());
+      used.blur(); // at once: a key may come before a timer does
     };
     this.root.addEventListener("pointerdown", (event) => {
       const label = event.target.closest("label");
