@@ -139,7 +139,8 @@ class Condensation:
             there = follows[first] | follows[second]
             i, j = np.concatenate([one, first[there]]), np.concatenate([other, second[there]])
             rows, columns = self._parents_of(i).T, self._parents_of(j).T
-            key = np.concatenate([one * self._nodes + other, *(a * self._nodes + b for a in rows for b in columns)])
+            added = [(a * self._nodes + b)[(a != i) | (b != j)] for a in rows for b in columns]  # the others are there
+            key = np.concatenate([one * self._nodes + other, *added])
         return np.divmod(np.unique(key), self._nodes)
 
     def _parents_of(self, nodes: Array) -> Array:

@@ -5,8 +5,9 @@
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Reals1, Template
+from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
+from tipfem.backend.periodic import difference
 from tipfem.linalg.multigrid.mesh_transfer import copies_of, tied_node
 
 TIE = 10.0  # nanoseconds of one thread for a tied particle
@@ -39,3 +40,144 @@ def copy_scales(ties: Ints1, scale: Reals1, count: ti.i32, dim: Template, serial
         for j in range(first, last):
             for k in ti.static(range(dim)):
                 scale[j * (dim + 1) + k] = scale[tied_node(ties, t) * (dim + 1) + k]
+
+
+@kernel
+def count_slopes(ties: Ints1, offsets: Ints1, starts: Ints1, count: ti.i32) -> ti.i32:
+    """Where in the lists of `list_slopes` those of each tied particle begin (T + 1,); the last is returned."""
+    ti.loop_config(serialize=True)
+    for t in range(count):
+        first, last = copies_of(ties, t)
+        own = tied_node(ties, t)
+        starts[t + 1] = starts[t] + 3 * (offsets[own + 1] - offsets[own] + offsets[last] - offsets[first])
+    return starts[count]
+
+
+@kernel
+def list_slopes(
+    ties: Ints1,
+    cells: Ints2,
+    offsets: Ints1,
+    corners: Ints1,
+    motion: Reals2,
+    period: Periods,
+    scale: Reals1,
+    slides: Ints1,
+    projectors: Reals2,
+    starts: Ints1,
+    ends: Ints1,
+    node: Ints1,
+    tie: Ints1,
+    following: Ints1,
+    slope: Reals2,
+    head: Ints1,
+    count: ti.i32,
+    nodes: ti.i32,
+):
+    """diag(A)^(-1/2) B_k of each tied particle for the nodes k of the cells around it, see `SidePressures`; in 2-D.
+
+    The lists of particle t are starts[t]:ends[t] of ``node``, of ``tie``, which is t, and of ``slope`` (., 2).
+    head (P,) is the first entry of each node, -1 for none, and ``following`` the next, particle by particle.
+    slides (T,): the row of ``projectors`` (K, 4) of the tied particles that slide, -1 for the others.
+    """
+    ti.loop_config(serialize=True)
+    for i in range(nodes):
+        head[i] = -1
+    ti.loop_config(serialize=True)
+    for backwards in range(count):
+        t = count - 1 - backwards
+        first, last = copies_of(ties, t)
+        end = starts[t]
+        for j in range(first - 1, last):
+            i = tied_node(ties, t) if j < first else j
+            for c in range(offsets[i], offsets[i + 1]):
+                e = corners[c] // 3
+                own = corners[c] - 3 * e
+                a, b = cells[e, (own + 1) % 3], cells[e, (own + 2) % 3]
+                # dV / dx of a triangle by a corner is half the opposite side, turned by a right angle; a third for
+                # each node.
+                v = ti.Vector([-difference(motion, period, b, a, 1), difference(motion, period, b, a, 0)]) / 6.0
+                s = slides[t]
+                if s >= 0:
+                    along = v
+                    for k in ti.static(range(2)):
+                        v[k] = projectors[s, 2 * k] * along[0] + projectors[s, 2 * k + 1] * along[1]
+                for k in ti.static(range(2)):
+                    v[k] *= ti.sqrt(scale[3 * tied_node(ties, t) + k])
+                for q in ti.static(range(3)):
+                    n, at = cells[e, q], starts[t]
+                    while at < end and node[at] != n:
+                        at += 1
+                    if at == end:
+                        node[at], tie[at], following[at], head[n] = n, t, head[n], at
+                        for k in ti.static(range(2)):
+                            slope[at, k] = 0.0
+                        end += 1
+                    for k in ti.static(range(2)):
+                        slope[at, k] += v[k]
+        ends[t] = end
+
+
+@kernel
+def count_added(
+    starts: Ints1,
+    ends: Ints1,
+    node: Ints1,
+    tie: Ints1,
+    following: Ints1,
+    head: Ints1,
+    mark: Ints1,
+    offsets: Ints1,
+    nodes: ti.i32,
+) -> ti.i32:
+    """Row offsets (P + 1,) of the matrix of `add_products`; the last is returned. mark (P,) is scratch."""
+    ti.loop_config(serialize=True)
+    for i in range(nodes):
+        mark[i] = -1
+    offsets[0] = 0
+    ti.loop_config(serialize=True)
+    for i in range(nodes):
+        number, e = 0, head[i]
+        while e >= 0:
+            for s in range(starts[tie[e]], ends[tie[e]]):
+                if mark[node[s]] != i:
+                    mark[node[s]] = i
+                    number += 1
+            e = following[e]
+        offsets[i + 1] = offsets[i] + number
+    return offsets[nodes]
+
+
+@kernel
+def add_products(
+    starts: Ints1,
+    ends: Ints1,
+    node: Ints1,
+    tie: Ints1,
+    following: Ints1,
+    slope: Reals2,
+    head: Ints1,
+    mark: Ints1,
+    offsets: Ints1,
+    columns: Ints1,
+    values: Reals1,
+    diagonal: Reals1,
+    nodes: ti.i32,
+):
+    """The matrix of the sums over the tied particles of the products of the nodes' slopes, and its diagonal (P,)."""
+    ti.loop_config(serialize=True)
+    for i in range(nodes):
+        mark[i] = -1
+    ti.loop_config(serialize=True)
+    for i in range(nodes):
+        end, e = offsets[i], head[i]
+        diagonal[i] = 0.0
+        while e >= 0:
+            for s in range(starts[tie[e]], ends[tie[e]]):
+                j = node[s]
+                if mark[j] < offsets[i]:
+                    mark[j], columns[end], values[end] = end, j, 0.0
+                    end += 1
+                values[mark[j]] += slope[e, 0] * slope[s, 0] + slope[e, 1] * slope[s, 1]
+            diagonal[i] += slope[e, 0] ** 2 + slope[e, 1] ** 2
+            e = following[e]

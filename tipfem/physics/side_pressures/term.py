@@ -17,14 +17,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 
 from tipfem.backend.arrays import download
 from tipfem.backend.launch import launch
 from tipfem.linalg import sparsity
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.cut import CutMesh
-from tipfem.physics.side_pressures import kernels as tie_kernels
+from tipfem.physics.side_pressures import kernels
 from tipfem.physics.side_pressures.carried import PressureJump
 from tipfem.physics.term import Equations, Term
 from tipfem.physics.walls.step import Walls
@@ -81,56 +80,58 @@ class SidePressures(Term):
 
     def diagonal(self) -> None:
         """The scale of a particle's momentum rows is that of its copies' rows together."""
-        self._launch(tie_kernels.join_scales)
+        self._launch(kernels.join_scales)
 
     def _launch(self, kernel: Any) -> None:
         if self.count:
-            e, work = self._equations, (self.count, tie_kernels.TIE)
+            e, work = self._equations, (self.count, kernels.TIE)
             launch(kernel, self.groups, e.scale, self.count, e.dimension, work=work)
 
     def schur_complement(self, laplacian: Csr) -> Csr:
         """The Laplacian of a cut mesh with what tied particles add to the Schur complement."""
-        self._launch(tie_kernels.copy_scales)
+        self._launch(kernels.copy_scales)
         if not self.count:
             return laplacian
         e, nodes = self._equations, len(self.cut.owner)
-        put, get = e.buffers.upload, e.buffers.get
-        added = self._added(download(e.scale, self.cut.particles * (e.dimension + 1)))
-        extra = put("ties.added_offsets", added.indptr), put("ties.added_columns", added.indices)
+        get = e.buffers.get
+        *extra, values, diagonal = self._added()
         row_offsets, work = get("ties.row_offsets", nodes + 1, integer=True), (nodes, sparsity.MERGED_ROW)
         counts = nodes, nodes
         old = laplacian.row_offsets, laplacian.columns
         launch(sparsity.count_merged, *old, *extra, row_offsets, *counts, work=work)
         count = launch(sparsity.running_sums, row_offsets, nodes)
         matrix = Csr(row_offsets, get("ties.columns", count, integer=True), get("ties.laplacian", count))
-        values = put("ties.added", added.data)
         launch(sparsity.merge_rows, *laplacian, *extra, values, *matrix, *counts, work=work)
         component = self.cut.component
-        strength = np.bincount(component, added.diagonal(), minlength=component.max(initial=0) + 1)
+        strength = np.bincount(component, diagonal, minlength=component.max(initial=0) + 1)
         self.labels = np.where(strength[component] > 0, component, -1).astype(np.int32)
         return matrix
 
-    def _added(self, scale: Array) -> sparse.csr_matrix:
-        """(P, P) sum over the tied particles of B_k . diag(A)^-1 B_l, from the scale (N (d + 1),) of the rows."""
-        cut, d, walls, mesh = self.cut, self._equations.dimension, self._walls, self.cut.mesh
-        group = np.full(cut.particles, -1)
-        group[self._tied] = np.arange(self.count)
-        cell, corner = np.divmod(np.flatnonzero((group[cut.owner] >= 0).take(mesh.cells)), mesh.cells.shape[1])
-        particle = cut.owner[mesh.cells[cell, corner]]
-        after, last = (mesh.position[mesh.cells[cell, (corner + k) % 3]] for k in (1, 2))
-        side = mesh.period.shortest(last - after)
-        # d V / d x of a triangle by a corner is half the opposite side, turned by a right angle; a third for each node.
-        slope = np.stack([-side[:, 1], side[:, 0]], axis=1) / 6
-        if len(walls.sliding):
-            number = np.full(cut.particles, -1)
-            number[walls.sliding] = np.arange(len(walls.sliding))
-            slide = np.flatnonzero(number[particle] >= 0)
-            projector = walls.columns.reshape(-1, d, d)[number[particle[slide]]]
-            slope[slide] = np.einsum("ijk,ik->ij", projector, slope[slide])
-        # diag(A)^-1, 0 where displacements are prescribed
-        slope *= np.sqrt(scale.reshape(-1, d + 1)[particle, :d])
-        row = np.repeat((d * group[particle])[:, None] + np.arange(d), 3)
-        column = np.repeat(mesh.cells[cell], d, axis=0).ravel()
-        entries = np.repeat(slope.ravel(), 3), (row, column)
-        slopes = sparse.csr_matrix(entries, shape=(d * self.count, len(cut.owner)))
-        return (slopes.T @ slopes).tocsr()
+    def _added(self) -> tuple[Any, Any, Any, Array]:
+        """(P, P) sum over the tied particles of B_k . diag(A)^-1 B_l: a matrix in CSR on the device, and its diagonal.
+
+        diag(A)^-1 is 0 where displacements are prescribed.
+        """
+        e, walls, nodes, count = self._equations, self._walls, len(self.cut.owner), self.count
+        put, get = e.buffers.upload, e.buffers.get
+        number = np.full(self.cut.particles, -1, dtype=np.int32)
+        number[walls.sliding] = np.arange(len(walls.sliding))
+        slides = put("ties.slides", number[self._tied])
+        projectors = put("ties.projectors", walls.columns if len(walls.sliding) else np.zeros((1, 4)))
+        starts = put("ties.starts", np.zeros(count + 1, dtype=np.int32))
+        size = launch(kernels.count_slopes, self.groups, e.topology.offsets, starts, count)
+        ends, head, mark = (
+            get(f"ties.{name}", n, integer=True) for name, n in (("ends", count), ("head", nodes), ("mark", nodes))
+        )
+        lists = [get(f"ties.{name}", size, integer=True) for name in ("node", "tie", "following")]
+        slope = get("ties.slope", size, 2)
+        of_walls = e.scale, slides, projectors
+        where = e.motion, e.mesh.period.array, *of_walls, starts, ends, *lists, slope, head
+        launch(kernels.list_slopes, self.groups, *e.topology, *where, count, nodes)
+        offsets = get("ties.added_offsets", nodes + 1, integer=True)
+        entries = launch(kernels.count_added, starts, ends, *lists, head, mark, offsets, nodes)
+        columns, values = get("ties.added_columns", entries, integer=True), get("ties.added", entries)
+        diagonal = get("ties.diagonal", nodes)
+        matrix = offsets, columns, values
+        launch(kernels.add_products, starts, ends, *lists, slope, head, mark, *matrix, diagonal, nodes)
+        return *matrix, download(diagonal, nodes)
