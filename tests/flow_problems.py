@@ -7,6 +7,7 @@ from tipfem.mesh.cut import cut_along_interfaces
 from tipfem.physics.free_surface import FreeSurface
 from tipfem.physics.side_pressures.term import SidePressures
 from tipfem.physics.sliding_liquids.term import SlidingLiquids
+from tipfem.physics.surface_tension.term import SurfaceTension
 from tipfem.physics.walls.step import FixedWalls
 from tipfem.physics.walls.term import WallTerm
 from tipfem.step.problem import FlowProblem
@@ -25,6 +26,7 @@ def flow_problem(
     jacobian="rows",
     pressure_jump=None,
     slip=None,
+    tension=None,
 ):
     """A `FlowProblem`; walls are fixed and no-slip by default, and pressures continuous without a ``pressure_jump``."""
     walls = walls or FixedWalls(Boundary(particles, (), None), mesh, particles, scheme)
@@ -36,6 +38,8 @@ def flow_problem(
         terms.append(SidePressures(cut, pressure_jump, walls))
     if slip is not None:
         terms.append(SlidingLiquids(slip, cut))
+    if tension is not None:
+        terms.append(SurfaceTension(tension))
     return FlowProblem(
         mesh,
         particles,

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from tipfem.run.case_file import CaseFile, load_case
     from tipfem.run.live import live
     from tipfem.run.simulation import Simulation
-    from tipfem.steering import Drop, Gravity, Poke, Release
+    from tipfem.steering import Drop, Gravity, Poke, Release, SurfaceTension
     from tipfem.tables import Table
     from tipfem.viewer.widget import View
 
@@ -73,6 +73,7 @@ __all__ = [
     "Simulation",
     "SimulationError",
     "SurfaceRule",
+    "SurfaceTension",
     "Table",
     "Tank",
     "View",
@@ -121,6 +122,7 @@ _MODULES = {
     "Simulation": "run.simulation",
     "SimulationError": "errors",
     "SurfaceRule": "case.numerics",
+    "SurfaceTension": "steering",
     "Table": "tables",
     "Tank": "case.tank",
     "View": "viewer.widget",

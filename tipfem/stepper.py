@@ -42,7 +42,8 @@ class Stepper:
     Args:
         case: what is simulated.
         time_step: largest time step [s]; by default 0.05 sqrt(h / |b|) with the largest acceleration b
-            by gravity and body force at the start, or 1e-3 s without any.
+            by gravity and body force at the start, at most the capillary time where there is surface tension (see
+            `tipfem.case.surface_tension`), or 1e-3 s without any of these.
 
     Attributes:
         state: the present state, frozen; `particles`, `mesh`, `boundary`, `time` and `step_number` are parts of it.
@@ -70,9 +71,10 @@ class Stepper:
         self.recorders: list[Callable[[Stepper, Row], None]] = []
         self._frequency = frequency = case.natural_frequency()
         largest = time_step or (DEFAULT / frequency if frequency else 1e-3)
-        require_felt(largest, frequency)
-        if largest > step_limit(frequency):
-            raise ValueError(f"Simulation: time step {too_long(largest, step_limit(frequency))}")
+        gravity = case.gravity_frequency()
+        require_felt(largest, gravity)
+        if largest > step_limit(gravity):
+            raise ValueError(f"Simulation: time step {too_long(largest, step_limit(gravity))}")
         self.control = StepControl(largest, target=case.numerics.largest_move)
         self.solver = StepSolver(case, self.control.reach)
         self.remesher, self.budget = remesher_for(case), Budget(case)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,10 @@ from tipfem.case.boundary import Boundary
 from tipfem.case.default_laws import Setting
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
+from tipfem.case.largest_step import DEFAULT
 from tipfem.case.numerics import Numerics
 from tipfem.case.particles import Particles
+from tipfem.case.surface_tension import Pair, TensionTable, tension_contradictions
 from tipfem.case.tank import Tank
 from tipfem.case.walls import Motion, Wall
 from tipfem.errors import Invalid
@@ -64,6 +66,8 @@ class Case:
             of the wall particles.
         period: (d,) width of the domain along each periodic axis [m], 0 along others, for particles given as arrays;
             in 2-D the first axis may be periodic, or both. A tank has its own.
+        surface_tension: by the names of two fluids, as ``{("water", "air"): 0.0728}``, or of one at a free surface
+            [N/m]; none by default. With the sharp interface, or with a free surface, in 2-D.
 
     Attributes:
         particles: the initial state, sampled from the tank if one was given.
@@ -75,6 +79,7 @@ class Case:
         domain: the polygon that bounds the fluids, of a tank with a shape; None for the convex hull of the particles.
         period: of the positions.
         bodies: list of the bodies.
+        surface_tension: that of each interface, see `tipfem.case.surface_tension.TensionTable`.
         body_label: (N,) number of the body that each particle is on, -1 for none.
         tank: the tank that the particles were sampled from; None for particles given as arrays.
         walls_have_fluids: whether the wall particles' fluids are known (from a tank) and need not be taken from
@@ -102,10 +107,12 @@ class Case:
         bodies: Sequence[Body] = (),
         shape: Any = None,
         period: Sequence[float] | None = None,
+        surface_tension: Mapping[Pair, float] | None = None,
     ) -> None:
         self.fluids = _checked_fluids(fluids)
         self.free_surface = free_surface
         self.interface = _checked_interface(interface, free_surface)
+        self.surface_tension = TensionTable(surface_tension, self.fluids, empty=free_surface)
         self.body_force = body_force
         self.numerics = Numerics() if numerics is None else numerics
         if not isinstance(title, str):
@@ -205,6 +212,7 @@ class Case:
             pressure=self.numerics.pressure,
             graded=self.grading is not None,
             dimension=dimension,
+            tension=self.surface_tension.given,
         ):
             raise Invalid(path, text, "Case")
 
@@ -452,6 +460,18 @@ class Case:
         return np.asarray(force)
 
     def natural_frequency(self) -> float:
+        """Frequency of the fastest motion that forces drive at the scale of a spacing [1/s].
+
+        It is that of `gravity_frequency`, or with surface tension 0.05 over the capillary time, if that is more. So in
+        either case 0.05 over it is a time step that resolves this motion.
+        """
+        return max(self.gravity_frequency(), DEFAULT / self.surface_tension.capillary_time(self.particles.spacing))
+
+    def restoring_acceleration(self) -> float:
+        """Largest acceleration of a particle that is off by a spacing, by other forces than gravity [m/s^2]."""
+        return self.surface_tension.acceleration(self.particles.spacing)
+
+    def gravity_frequency(self) -> float:
         """Frequency sqrt(|b| / h) with the largest acceleration b by gravity and body force at the start [1/s]."""
         force = self.acceleration(self.particles.position, 0.0)
         return float(np.sqrt(np.linalg.norm(force, axis=1).max() / self.particles.spacing))
@@ -474,7 +494,13 @@ class Case:
 
 
 def contradictions(
-    interface: str, *, free_surface: bool, pressure: str, graded: bool, dimension: int | None = None
+    interface: str,
+    *,
+    free_surface: bool,
+    pressure: str,
+    graded: bool,
+    dimension: int | None = None,
+    tension: Mapping[Pair, Any] | None = None,
 ) -> Iterator[tuple[str, str]]:
     """What of a case contradicts its interface rule: the keys of the wrong value, and what is wrong with it.
 
@@ -484,6 +510,7 @@ def contradictions(
         pressure: as of `Numerics`.
         graded: whether there is a grading.
         dimension: d; None where it is not known yet.
+        tension: by interface, if there is surface tension.
     """
     if free_surface and interface == "sharp":
         yield "interface", "is 'sharp'; with free_surface = true it must be 'interpolated', or left out"
@@ -499,6 +526,12 @@ def contradictions(
         )
     if dimension == 3 and interface == "sharp" and not free_surface:
         yield "interface", "is 'sharp', the default, in 3-D; it must be 'interpolated' there"
+    if tension:
+        pairs = any(not isinstance(pair, str) for pair in tension)
+        for text in tension_contradictions(
+            interface, empty=free_surface, pressure=pressure, pairs=pairs, dimension=dimension
+        ):
+            yield "surface_tension", text
 
 
 def _checked_fluids(fluids: Sequence[Fluid]) -> list[Fluid]:

@@ -199,7 +199,14 @@ class Numerics:
         require(self, ("numerics",))
 
     def tolerance(
-        self, force: Array, acceleration: float, cm: float, spacing: float, smallest: float, part: float = 1.0
+        self,
+        force: Array,
+        acceleration: float,
+        cm: float,
+        spacing: float,
+        smallest: float,
+        part: float = 1.0,
+        capillary: float = 0.0,
     ) -> float:
         """Tolerance of the largest scaled residual [spacings].
 
@@ -212,8 +219,9 @@ class Numerics:
             part: length of the step, relative to that which the flow asks for, at most 1. The tolerance of the
                 acceleration follows its square, as the error of the time integration does: runs with shorter and
                 shorter steps would otherwise end with errors of Newton's method, which do not fall with the step.
+            capillary: acceleration by surface tension, that counts as gravity does [m/s^2].
         """
-        gravity = largest_length(force)
+        gravity = max(largest_length(force), capillary)
         strength = min(max(acceleration, QUIET * gravity), gravity) * max(part * part, SHORT)
         by_force = self.acceleration_tolerance * strength / (cm * spacing) if strength > 0 else float("inf")
         return max(min(self.newton_tolerance, by_force), smallest)

@@ -17,6 +17,7 @@ from tipfem.case.grading import Grading
 from tipfem.case.memory import too_many
 from tipfem.case.numerics import Numerics
 from tipfem.case.particles import Particles
+from tipfem.case.surface_tension import Pair, TensionTable
 from tipfem.case.tank import Tank
 from tipfem.case.walls import Motion, Wall
 from tipfem.casefile.bodies import read_bodies
@@ -64,6 +65,7 @@ class Parts:
         self.walls = self._walls()
         self.motion = self._motion()
         self.grading = self._grading()
+        self.tension = self._tension()
         table = sections.get("numerics")
         self.numerics: Numerics | None = table and self._made(("numerics",), made, Numerics, table.model_dump())
         self._check_choices()
@@ -92,6 +94,7 @@ class Parts:
             walls=self.walls,
             tank_motion=self.motion,
             grading=self.grading,
+            surface_tension=self.tension,
         )
 
     def place_of(self, error: ValueError, around: Path = ()) -> tuple[Path, str]:
@@ -405,6 +408,19 @@ class Parts:
                 self.report(path, f"is {value} m; it must be at least the tank's spacing, {tank.spacing} m")
         return grading
 
+    def _tension(self) -> dict[Pair, float]:
+        """Surface tension by interface."""
+        given: dict[Pair, float] = {}
+        for one, value in (self.sections.get("surface_tension") or {}).items():
+            given.update(
+                {(one, other): each for other, each in value.items()} if isinstance(value, dict) else {one: value}
+            )
+        fluids, free = [Fluid(name, 1.0, 0.0) for name in self.fluid_names], bool(self.sections.get("free_surface"))
+        right = [self._made((), TensionTable, {pair: value}, fluids, empty=free) for pair, value in given.items()]
+        if all(table is not None for table in right):
+            self._made((), TensionTable, given, fluids, empty=free)
+        return given
+
     def _force(self) -> UniformForce | None:
         function = self._function(("body_force",), self.sections.get("body_force"), self.dimension or 0)
         return None if function is None else UniformForce(function)
@@ -437,6 +453,7 @@ class Parts:
             pressure=self.numerics.pressure if self.numerics else "auto",
             graded=self.sections.get("grading") is not None,
             dimension=self.dimension,
+            tension=self.tension,
         ):
             self.report(tuple(path.split(".")), text)
         tank = self.sections.get("tank")

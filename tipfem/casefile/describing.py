@@ -337,6 +337,13 @@ class _Writer:
                 limits = {"where": self.lost("grading.where", _named(where))}
             largest = {name: float(value) for name, value in case.grading.largest.items()}
             self.table(("grading",), {"largest": largest or None, "growth": float(case.grading.growth), **limits})
+        tension: dict[str, Any] = {}
+        for pair, value in case.surface_tension.given.items():
+            if isinstance(pair, str):
+                tension[pair] = value
+            else:
+                tension.setdefault(pair[0], {})[pair[1]] = value
+        self.table(("surface_tension",), tension)
         numerics = changed(case.numerics)
         rules = {key: numerics.pop(key) for key in list(numerics) if isinstance(numerics[key], dict)}
         self.table(("numerics",), numerics)

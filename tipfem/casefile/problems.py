@@ -19,7 +19,7 @@ CANNOT = {
     "slides drives the fluids",
     "turbulence turbulence_model k_epsilon k_omega les rans smagorinsky": "there is no model of turbulence",
     "temperature heat thermal conductivity buoyancy boiling phase_change evaporation": "there is no heat",
-    "surface_tension sigma contact_angle": "there is no surface tension",
+    "sigma": "surface tension is in the table surface_tension, as water.air = 0.0728",
     "axisymmetric axisymmetry cylindrical axial": "there are plane and 3-D flows, no axisymmetric ones",
     "stl obj step cad geometry mesh mesh_file": "a case file has boxes and plane outlines (tank.shape) only; a script "
     "reads meshes of Gmsh by tp.read_mesh",
@@ -220,12 +220,14 @@ class SchemaReader:
         return result
 
     def _chosen(self, node: Mapping[str, Any], value: Any) -> dict[str, Any]:
-        """A node with the choice made that the value has: by its form, or by being a list."""
+        """A node with the choice made that the value has: by its form, or by being a list or a table of any names."""
         resolved = self._resolved(node)
         for choice in resolved.get("oneOf") or resolved.get("anyOf") or ():
             is_list = self._resolved(choice).get("type") == "array"
             tag, forms = self._forms(choice)
-            if isinstance(value, list) if is_list else _child(value, tag) in forms:
+            is_map = isinstance(self._resolved(choice).get("additionalProperties"), Mapping)
+            named = (is_map and isinstance(value, Mapping)) or _child(value, tag) in forms
+            if isinstance(value, list) if is_list else named:
                 return self._resolved(choice)
         return resolved
 

@@ -9,7 +9,7 @@ from functools import cache, reduce
 from operator import or_
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, create_model
+from pydantic import Discriminator, Field, Tag, create_model
 
 from tipfem.case.body import Body
 from tipfem.case.fluid import Fluid
@@ -35,6 +35,11 @@ from tipfem.fields import FieldOutput
 from tipfem.probes import KINDS, Probe
 
 BODY = tuple(name for name in declared(Body) if name not in ("shape", "motion"))  # a table and a `Body` have them alike
+Tension = Annotated[float, Field(ge=0)]
+TensionOrTensions = Annotated[
+    Annotated[Tension, Tag("number")] | Annotated[dict[str, Tension], Tag("table")],
+    Discriminator(lambda value: "table" if isinstance(value, dict) else "number"),
+]
 SCHEMA_ID = "case.schema.json"  # beside the case file; `tipfem schema --out case.schema.json` writes it
 
 
@@ -209,6 +214,12 @@ class CaseTable(Model):
         default=None,
     )
     free_surface: bool = quantity("whether fluids may end where nothing is", default=False)
+    surface_tension: dict[str, TensionOrTensions] = quantity(
+        "surface tension by the names of the two fluids, as water.air = 0.0728, or of the one at a free surface, as "
+        "water = 0.0728",
+        "N/m",
+        {},
+    )
     fluids: dict[str, FluidTable] = Field(description="the fluids by their names", min_length=1)
     tank: TankTable | None = Field(None, description="the tank that is filled; or particles")
     particles: ParticlesTable | None = Field(None, description="particles given as arrays, in place of a tank")

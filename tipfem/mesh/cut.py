@@ -45,12 +45,13 @@ class CutMesh:
         return slice(self.particles, len(self.owner))
 
 
-def cut_along_interfaces(mesh: Mesh, density: Array) -> CutMesh:
+def cut_along_interfaces(mesh: Mesh, rank: Array) -> CutMesh:
     """Cut a mesh along its interfaces.
 
     Args:
         mesh: M cells on N particles, with the components of its fluids.
-        density: (M,) of the cells [kg/m^3].
+        rank: (M,) of the cells' fluids, more for heavier ones, see `tipfem.case.fluid.ranks`; densities will do where
+            no two fluids have the same.
 
     Raises:
         ValueError: the components of the mesh are not labelled.
@@ -63,14 +64,14 @@ def cut_along_interfaces(mesh: Mesh, density: Array) -> CutMesh:
     cell, corner = np.divmod(np.flatnonzero(on_interface.take(mesh.cells)), mesh.cells.shape[1])
     at = mesh.cells[cell, corner]
     there = np.unique(at)
-    rank = np.zeros(n, dtype=np.int64)
-    rank[there[np.argsort(places(mesh.position[there]), kind="stable")]] = np.arange(len(there))
-    pair = rank[at] * len(components) + components.label[cell]
+    turn = np.zeros(n, dtype=np.int64)
+    turn[there[np.argsort(places(mesh.position[there]), kind="stable")]] = np.arange(len(there))
+    pair = turn[at] * len(components) + components.label[cell]
     _, where, number = np.unique(pair, return_index=True, return_inverse=True)
     particle, label = at[where], components.label[cell[where]]
-    order = np.lexsort((label, -density[cell[where]], rank[particle]))
+    order = np.lexsort((label, -rank[cell[where]], turn[particle]))
     heaviest = np.zeros(len(where), dtype=bool)
-    heaviest[order[np.diff(rank[particle[order]], prepend=-1) > 0]] = True
+    heaviest[order[np.diff(turn[particle[order]], prepend=-1) > 0]] = True
     node = particle.copy()
     node[~heaviest] = n + np.arange(np.count_nonzero(~heaviest))
     cells = mesh.cells.copy()

@@ -15,6 +15,7 @@ import numpy as np
 
 from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.relabelled import Relabelled
 from tipfem.typing import Array
 
 
@@ -22,6 +23,11 @@ class Carried:
     """A part of the state that belongs to a physics."""
 
     moves = False  # whether it has velocities of its own, which those of particles follow
+    lost: float = 0.0  # energy that the remeshing which made it released for good, see `energy` [J]
+
+    def energy(self, position: Array) -> float:
+        """Energy that it has by the places (N, d) of the particles, gravity's excepted [J, per metre of depth]."""
+        return 0.0
 
     def imposed(self, particles: Particles) -> Particles:
         """The particles with the velocities and accelerations that the part prescribes."""
@@ -76,6 +82,10 @@ class HasParts:
         """The part of a class; None where there is none."""
         return next((part for part in self.parts.values() if isinstance(part, kind)), None)
 
+    def stored(self, position: Array) -> float:
+        """Energy that the parts have by the places (N, d) of the particles, see `Carried.energy` [J]."""
+        return sum(part.energy(position) for part in self.parts.values())
+
     @property
     def own_inertia(self) -> list[OwnInertia]:
         """The parts in which fluids have other velocities than those of the particles."""
@@ -97,6 +107,7 @@ class Remap:
         renumbered: (N,) new number of each particle, -1 for those removed; None if no number changes.
         relocated: (N',) mask of the particles that were relocated or are new.
         force: (N, d) acceleration by gravity and body force, or (1, d) where it is the same [m/s^2].
+        relabelled: what cells that changed their fluid, as where films break, did to interfaces; None for nothing.
     """
 
     before: Mesh
@@ -104,6 +115,7 @@ class Remap:
     renumbered: Array | None
     relocated: Array
     force: Array
+    relabelled: Relabelled | None = None
 
     @classmethod
     def none(cls, mesh: Mesh) -> Remap:

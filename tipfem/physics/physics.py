@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Generic
 
+import numpy as np
+
 from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
@@ -35,6 +37,7 @@ class StepStart:
         mesh: of them.
         boundary: which of them lie on which walls.
         density: (M,) of the cells [kg/m^3].
+        rank: (F,) of the fluids, see `tipfem.case.fluid.ranks`.
         viscosity: (M,) of the cells [Pa s].
         scheme: time integration, with the step's length.
         time: [s].
@@ -45,6 +48,7 @@ class StepStart:
     mesh: Mesh
     boundary: Boundary
     density: Array
+    rank: Array
     viscosity: Array
     scheme: TimeScheme
     time: float
@@ -60,7 +64,7 @@ class StepStart:
     @cached_property
     def cut(self) -> CutMesh:
         """The mesh, cut along the interfaces between fluids."""
-        return cut_along_interfaces(self.mesh, self.density)
+        return cut_along_interfaces(self.mesh, self.rank.take(np.asarray(self.mesh.fluid)))
 
 
 @dataclass(frozen=True)
@@ -86,14 +90,16 @@ class Physics(Generic[Part]):
     """A physics of a case; see the module. ``part`` is what it carries, None where there is nothing.
 
     Attributes:
-        name: of its part of the state.
-        columns: names of its columns in the history, see `row`.
-        balance_columns: names of its columns in the budget, see `balance`.
+        name: of its part of the state. columns: names of its columns in the history, see `row`. balance_columns: names
+        of its columns in the budget, see `balance`. stored_columns: where its part has an energy, names of the columns
+        of that, of what remeshing adds to it, of what
+            its forces dissipate, and of what is lost for good, see `tipfem.physics.carried.Carried`. One physics may.
     """
 
     name: str
     columns: tuple[str, ...] = ()
     balance_columns: tuple[str, ...] = ()
+    stored_columns: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, case: Case) -> Physics[Part] | None:

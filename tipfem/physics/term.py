@@ -124,6 +124,7 @@ class TermWork:
         geometry: of pressure and weight between the intermediate and the last positions.
         stabilisation: loss by the stabilisation of pressure.
         friction, friction_dissipation: work against friction, and what it dissipates.
+        stored: against forces that have a potential, gravity excepted; see `tipfem.physics.carried.Carried.energy`.
         walls: of the forces that walls and bodies exert in addition.
         weight: of the volumes that the term moves; a part of ``geometry``.
         wall_force: (d,) resultant of these forces [N]; 0 for none.
@@ -137,6 +138,7 @@ class TermWork:
     stabilisation: float = 0.0
     friction: float = 0.0
     friction_dissipation: float = 0.0
+    stored: float = 0.0
     walls: float = 0.0
     weight: float = 0.0
     wall_force: Array | float = 0.0

@@ -94,6 +94,7 @@ class EnergyBalance:
         mass: Array,
         owed: float,
         own: Sequence[OwnInertia] = (),
+        stored: float = 0.0,
     ) -> tuple[Particles, float]:
         """Remeshed particles with no more energy than those before.
 
@@ -114,6 +115,7 @@ class EnergyBalance:
             mass: (N',) lumped masses [kg].
             owed: by the steps before; less than 0 if they lost it [J, per metre of depth].
             own: parts of the state after it with inertia of their own.
+            stored: energy that it has added to parts of the state, see `tipfem.physics.carried.Carried.energy` [J].
 
         Returns:
             The particles, with other velocities; and what is still owed [J].
@@ -125,6 +127,7 @@ class EnergyBalance:
             path = change.mesh.period.shortest(change.before.position - change.mesh.position)
             before[POTENTIAL] -= part.total(path) @ self._gravity
         more = now - before
+        more[POTENTIAL] += stored
         gained, rise = more[FIELD] + more[POTENTIAL] + owed, more[CASE] + more[POTENTIAL]
         scale = np.abs(now[[FIELD, POTENTIAL]]).sum()
         unnoticed = change.unnoticed

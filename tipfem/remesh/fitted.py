@@ -16,6 +16,7 @@ from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.relabelled import Relabelled
 from tipfem.remesh.edges.edge_operations import ACCELERATION, SLIDES, TARGET, VELOCITY
 from tipfem.remesh.repair_account import NoAccount
 from tipfem.remesh.triangulation import Crowding, Triangulation
@@ -44,12 +45,14 @@ class Repaired(NamedTuple):
         mesh: the triangles.
         relocated: (N',) mask of the particles that were relocated or are new.
         renumbered: (N,) new number of each particle, -1 for those removed; None if no number changes.
+        relabelled: sides of the cells that changed their fluid, as where films break; None for none.
     """
 
     particles: Particles
     mesh: Mesh
     relocated: Array
     renumbered: Array | None = None
+    relabelled: Relabelled | None = None
 
 
 def repair(
@@ -109,6 +112,10 @@ def repair(
             film=rule.thin_film,
             sliver=SLIVER,
         )
+        changed = None
+        if broken or taken:
+            there = Mesh(t.state[:, :2], t.cells, t.fluid, period=mesh.period).with_(neighbours=t.neighbours)
+            changed = Relabelled.of(there, fluid)
         if taken:
             flips += taken + t.make_delaunay(rule.flip_tolerance, stale_only=True)
     places = [t.middles(np.flatnonzero(t.fluid != fluid))]
@@ -141,7 +148,7 @@ def repair(
         renumbered = numbers[: len(particles)]
         assert new.components is not None
         new = new.with_(components=new.components.renumbered(kept))
-    return Repaired(*_taken(t, particles, new, position), relocated, renumbered)
+    return Repaired(*_taken(t, particles, new, position), relocated, renumbered, changed)
 
 
 def _relocate_crowded(t: Triangulation, held: Array, rule: FittedRule) -> Array:

@@ -431,7 +431,7 @@ class FittedRemesher(Remesher):
         slippery[boundary.index[boundary.slides]] = 1
         if solved.walls.stuck is not None:
             slippery[solved.walls.stuck] = 0
-        particles, mesh, relocated, renumbered = repair(
+        particles, mesh, relocated, renumbered, relabelled = repair(
             particles,
             before.mesh,
             self.density,
@@ -449,7 +449,7 @@ class FittedRemesher(Remesher):
             fixed = np.zeros(len(particles), dtype=bool)
             fixed[renumbered[before.fixed]] = True
         particles = particles.shallow_copy(fluid=particle_fluid(mesh, len(particles), self.rank))
-        remap = Remap(before.mesh, mesh, renumbered, relocated, solved.force)
+        remap = Remap(before.mesh, mesh, renumbered, relocated, solved.force, relabelled)
         parts, particles = self._carried(solved.parts, particles, remap)
         particles, boundary = solved.walls.reassign(particles)
         particles = _imposed(parts, particles)
@@ -459,7 +459,10 @@ class FittedRemesher(Remesher):
         if self._balance is not None:
             work = solved.work.dissipated, solved.dt
             change = Change(moved, before.mesh, renumbered, relocated, before.own_inertia, *work)
-            particles, owed = self._balance.keep(change, particles, mesh, mass, before.owed, own_inertia(parts))
+            # What parts have lost for good stays lost.
+            stored = sum(part.energy(mesh.position) + part.lost for part in parts.values())
+            more = own_inertia(parts), stored - before.stored(moved.position)
+            particles, owed = self._balance.keep(change, particles, mesh, mass, before.owed, *more)
         return self._ended(
             solved,
             particles,

@@ -16,6 +16,7 @@ from .commands import (
     Poke,
     Release,
     Stop,
+    SurfaceTension,
     command_from,
     limits,
 )
@@ -38,6 +39,7 @@ __all__ = [
     "RunControl",
     "Steering",
     "Stop",
+    "SurfaceTension",
     "command_from",
     "limits",
     "read_records",

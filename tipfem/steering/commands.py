@@ -188,6 +188,40 @@ class Drop(Command):
             )
 
 
+@dataclass(frozen=True)
+class SurfaceTension(Command):
+    """Another surface tension of an interface from now on. The largest time step remains that of the case.
+
+    Args:
+        between: names of the two fluids, or of the one at a free surface; an interface that the case has a tension for.
+        value: surface tension [N/m].
+
+    Raises:
+        ValueError: the names are no texts, or the value is no number >= 0.
+    """
+
+    between: tuple[str, ...]
+    value: float
+    name = "surface_tension"
+
+    def __post_init__(self) -> None:
+        names = (self.between,) if isinstance(self.between, str) else self.between
+        if not (isinstance(names, Sequence) and len(names) in (1, 2) and all(isinstance(name, str) for name in names)):
+            raise ValueError(f"surface_tension: between is {self.between!r}; it must be the names of one or two fluids")
+        if not (is_number(self.value) and self.value >= 0):
+            raise ValueError(f"surface_tension: value is {self.value!r} N/m; it must be a number >= 0")
+        object.__setattr__(self, "between", tuple(names))
+        object.__setattr__(self, "value", float(self.value))
+
+    def require(self, case: Case) -> None:
+        """See `Command.require`."""
+        if not case.surface_tension.has(self.between):
+            known = list(case.surface_tension.given) or "none"
+            raise ValueError(
+                f"surface_tension: between is {list(self.between)}; the interfaces that have a tension are {known}"
+            )
+
+
 class _Timing(Command):
     """A command that changes when steps are taken only."""
 
@@ -237,7 +271,8 @@ class Stop(_Timing):
     name = "stop"
 
 
-_KINDS: dict[str, type[Command]] = {kind.name: kind for kind in (Gravity, Poke, Drop, Pause, Go, Advance, Stop)}
+_PHYSICAL = (Gravity, Poke, Drop, SurfaceTension)
+_KINDS: dict[str, type[Command]] = {kind.name: kind for kind in (*_PHYSICAL, Pause, Go, Advance, Stop)}
 NAMES = tuple(_KINDS)
 
 

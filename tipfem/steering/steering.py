@@ -13,7 +13,8 @@ import numpy as np
 from tipfem.case.forces import PokeForce
 from tipfem.errors import SimulationError
 from tipfem.output import ResultsFolder
-from tipfem.steering.commands import Command, Drop, Gravity, Poke, Release
+from tipfem.physics.surface_tension.edges import TensionEdges, find_edges
+from tipfem.steering.commands import Command, Drop, Gravity, Poke, Release, SurfaceTension
 from tipfem.steering.record import FILE, Record, read_records
 from tipfem.step.budget import AXES
 from tipfem.stepper import Row, Stepper
@@ -170,11 +171,26 @@ def _drop(simulation: Stepper, command: Drop) -> dict[str, Any]:
     }
 
 
+def _surface_tension(simulation: Stepper, command: SurfaceTension) -> dict[str, Any]:
+    """Change the tension of an interface; returns what it changed of the energy."""
+    case, state = simulation.case, simulation.state
+    edges = state.part(TensionEdges)
+    assert edges is not None
+    one, other = [*(case.fluid_index(name) for name in command.between), len(case.fluids)][:2]
+    table = edges.table.copy()
+    table[one, other] = table[other, one] = command.value
+    parts = {**state.parts, "surface_tension": find_edges(state.mesh, state.particles, table)}
+    simulation.state = new = dataclasses.replace(state, parts=parts)
+    position = state.particles.position
+    return {"surface_energy": new.stored(position) - state.stored(position)}
+
+
 _APPLIED: dict[type[Command], Callable[[Stepper, Any], dict[str, Any] | None]] = {
     Gravity: _gravity,
     Poke: _poke,
     Release: _release,
     Drop: _drop,
+    SurfaceTension: _surface_tension,
 }
 
 

@@ -3,8 +3,9 @@
 The momentum equation of the step, tested with its displacements u, and the continuity equation, tested with its
 pressures, give the energy balance (derived in docs/theory/energy.md):
 
-    dKE + dPE + viscous + friction + (time + geometry + stabilisation + source + remeshing) - external = residual
+    dKE + dPE + dE + viscous + friction + (time + geometry + stabilisation + source + remeshing) - external = residual
 
+E is the energy that parts of the state have by the places of the particles, as surfaces with tension do.
 What has unknowns of its own, such as bodies that float, has a `Balance` that is included: its energy and what it
 dissipates on the left, work from outside in the external work.
 
@@ -43,17 +44,19 @@ class Totals:
         potential: -sum m x . gravity [J].
         momentum: (d,) sum m v [N s].
         volume: (F,) of each fluid [m^3].
+        stored: energy of parts of the state, see `tipfem.physics.carried.Carried.energy` [J].
     """
 
     kinetic: float
     potential: float
     momentum: Array
     volume: Array
+    stored: float = 0.0
 
     @property
     def energy(self) -> float:
-        """Kinetic and potential energy [J]."""
-        return self.kinetic + self.potential
+        """Kinetic, potential and stored energy [J]."""
+        return self.kinetic + self.potential + self.stored
 
     @staticmethod
     def of(state: State, gravity: Array, kind: str = "lumped") -> Totals:
@@ -75,13 +78,13 @@ class Totals:
         for part in state.own_inertia:
             sums[0] += part.products(v, v, [lumping_of(state, kind)[part.cell]])[0]
             sums[1 + d :] += part.total(v)
-        return Totals.summed(sums, gravity, state.volume)
+        return Totals.summed(sums, gravity, state.volume, state.stored(particles.position))
 
     @staticmethod
-    def summed(sums: Array, gravity: Array, volume: Array) -> Totals:
-        """From v^T M v, sum m x and sum m v (1 + 2 d,), and the volumes (F,) of the fluids."""
+    def summed(sums: Array, gravity: Array, volume: Array, stored: float) -> Totals:
+        """From v^T M v, sum m x and sum m v (1 + 2 d,), the volumes (F,) of the fluids, and stored energy."""
         d = len(gravity)
-        return Totals(0.5 * float(sums[0]), -float((sums[1 : 1 + d] * gravity).sum()), sums[1 + d :], volume)
+        return Totals(0.5 * float(sums[0]), -float((sums[1 : 1 + d] * gravity).sum()), sums[1 + d :], volume, stored)
 
 
 def lumping_of(state: State, kind: str) -> Array:
@@ -137,6 +140,7 @@ class SolveBalance:
         momentum_residual: (d,) change of sum m (v + (1/2 - alpha_f) dt a) less the impulse of all forces [N s]; wall
             particles, whose state is prescribed, contribute dt a_alpha.
         source_volume: (F,) volume that the volume source added [m^3].
+        stored: of forces with a potential: their work less the change of the stored energy.
         own: balances of what has unknowns of its own.
     """
 
@@ -151,6 +155,7 @@ class SolveBalance:
     wall_force: Array
     momentum_residual: Array
     source_volume: Array
+    stored: float = 0.0
     own: Sequence[Balance] = ()
 
 
@@ -169,10 +174,11 @@ class Budget:
         self._gravity = case.potential_gravity
         self._kind = case.numerics.mass
         self._physics = physics_of(case)
+        self._stored = [physics.stored_columns for physics in self._physics if physics.stored_columns]
         zeros, none = np.zeros(len(self._gravity)), np.zeros(len(self._names))
         own = [Balance(columns=dict.fromkeys(physics.balance_columns, 0.0)) for physics in self._physics]
         nothing = Totals(0.0, 0.0, zeros, none)
-        balance = SolveBalance(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, none, own)
+        balance = SolveBalance(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, none, own=own)
         self._spray = case.free_surface
         self._meshed = case.interface == "sharp" and not case.free_surface
         rough = self._roughness_columns(none.tolist(), 0.0) if self._meshed else {}
@@ -198,7 +204,8 @@ class Budget:
         """
         before = self.totals(solved.before)
         spray = spray_volumes(state.mesh, state.particles.fluid, len(self._names))
-        row = self._row(before, self._balance(solved, before), self.totals(state), spray)
+        lost = sum(part.lost for part in state.parts.values())
+        row = self._row(before, self._balance(solved, before), self.totals(state), spray, lost)
         return row | self._roughness_columns(*roughness(state, len(self._names))) if self._meshed else row
 
     def _roughness_columns(self, parts: list[float], turning: float) -> dict[str, float]:
@@ -246,7 +253,7 @@ class Budget:
             sums[3 + 3 * d :] += part.total(end.velocity)
         count = len(self._names)
         volume = start.material.volumes(solved.mesh.measure) + spray_volumes(start.mesh, old.fluid, count)
-        after = Totals.summed(sums[2 + 2 * d :], self._gravity, volume)
+        after = Totals.summed(sums[2 + 2 * d :], self._gravity, volume, start.stored(end.position))
         inertia, external, change, weight = float(sums[0]), float(sums[1]), sums[2 : 2 + d], sums[2 + d : 2 + 2 * d]
         growth = solved.growth
         rest = work.viscous - work.viscous_dissipation + work.friction - work.friction_dissipation
@@ -262,6 +269,7 @@ class Budget:
             wall_force=np.asarray(work.wall_force),
             momentum_residual=change - scheme.dt * (weight + work.wall_force),
             source_volume=start.material.volumes(growth * start.mesh.measure) if growth.any() else np.zeros(count),
+            stored=work.stored - (after.stored - before.stored),
             own=self._own(solved),
         )
 
@@ -274,14 +282,17 @@ class Budget:
             result += [] if balance is None else [balance]
         return result
 
-    def _row(self, before: Totals, step: SolveBalance, now: Totals, spray: Array) -> dict[str, float]:
+    def _row(
+        self, before: Totals, step: SolveBalance, now: Totals, spray: Array, lost: float = 0.0
+    ) -> dict[str, float]:
         """Columns of the history, from the totals before the step, of its solve, and of the next state.
 
-        Of the next state also the volume (F,) of each fluid that flies as ``spray``, for flows with a free surface.
+        Of the next state also the volume (F,) of each fluid that flies as ``spray``, for flows with a free surface, and
+        the energy that its parts have ``lost`` for good [J].
         """
         remeshing = step.after.energy - now.energy
         time = step.time + sum(own.numerical for own in step.own)
-        numerical = time + step.geometry + step.stabilisation + step.source + remeshing
+        numerical = time + step.stored + step.geometry + step.stabilisation + step.source + remeshing
         external = step.external + sum(own.external for own in step.own)
         change = now.energy - before.energy + sum(own.change for own in step.own)
         dissipated = step.viscous + step.friction + sum(own.dissipated for own in step.own)
@@ -300,6 +311,8 @@ class Budget:
             "external_work": external,
             "energy_residual": change + dissipated + numerical - external,
         }
+        for names in self._stored:
+            row.update(zip(names, (now.stored, now.stored - step.after.stored, step.stored, lost), strict=True))
         for own in step.own:
             row.update(own.columns)
         for name, vector in (

@@ -10,6 +10,7 @@ import numpy as np
 
 from tipfem.backend import runtime
 from tipfem.case.case import Case
+from tipfem.case.fluid import ranks
 from tipfem.case.forces import Forces
 from tipfem.case.particles import Particles
 from tipfem.errors import StepRefused
@@ -65,19 +66,20 @@ OF_GRAVITY, OF_FLOW = 0.05, 0.35
 def flow_time(case: Case, state: State, frequency: float | None = None) -> float:
     """The time T in tau = c dt T of the stabilisation [s]: the length of step that the flow itself asks for.
 
-    It is the shorter of 0.05 sqrt(h / b) with the acceleration b by gravity and body force, and of 0.35 h / v with the
-    speed v of the fastest particle relative to the tank. Steps that are shorter, for an output or because others were
-    refused, and steps that are longer have the stabilisation of a step of that length: were tau to dt^2, there would be
-    another problem in space for each dt, and no convergence in dt.
+    It is the shortest of 0.05 sqrt(h / b) with the acceleration b by gravity and body force, of the capillary time
+    where there is surface tension (`tipfem.case.surface_tension`), and of 0.35 h / v with the speed v of the fastest
+    particle relative to the tank. Steps that are shorter, for an output or because others were refused, and steps that
+    are longer have the stabilisation of a step of that length: were tau to dt^2, there would be another problem in
+    space for each dt, and no convergence in dt.
 
     `FlowProblem` takes at least half a step and at most 100 for T: outside, linear systems take many more iterations.
     For a T far above the step, the Laplacian of the preconditioner is too stiff for smooth pressures, on which the
     stabilisation does not act.
 
-    Without gravity and body force, T is no longer than the time v / a in which the flow's acceleration a would give it
-    that speed. Where the flow's own inertia drives the pressure, a is about v^2 / L, and this is longer than h / v.
-    Where walls set a fluid in motion from rest, it is the time since then; where viscosity stops it, the time of the
-    decay. h / v alone would have no bound there.
+    Without gravity, body force and tension, T is no longer than the time v / a in which the flow's acceleration a would
+    give it that speed. Where the flow's own inertia drives the pressure, a is about v^2 / L, and this is longer than h
+    / v. Where walls set a fluid in motion from rest, it is the time since then; where viscosity stops it, the time of
+    the decay. h / v alone would have no bound there.
 
     T is 0, for steps' own lengths, in a flow without forces at rest, and where an interpolated interface divides fluids
     that fill their tank: a stronger stabilisation moves more volume between them.
@@ -105,10 +107,10 @@ def _speed_over_spacing(state: State, frequency: float) -> float:
 def steps_between_repairs(state: State, dt: float, frequency: float) -> int:
     """After how many steps the cells are repaired: 1, or if steps are short, the largest power of two in a time.
 
-    This time is the shorter of 0.05 sqrt(h / b) and 0.35 h / v, see `flow_time`. Each flip of an edge changes the
-    discrete equations, by a part to h^2 and not to dt. Were cells repaired after each short step, a flip would be made
-    when the first of them ends in which it is due, up to dt late, and solutions would be of first order in dt. In steps
-    of half the length, the cells are repaired at the same times.
+    This time is the shortest of 0.05 sqrt(h / b), the capillary time and 0.35 h / v, see `flow_time`. Each flip of an
+    edge changes the discrete equations, by a part to h^2 and not to dt. Were cells repaired after each short step, a
+    flip would be made when the first of them ends in which it is due, up to dt late, and solutions would be of first
+    order in dt. In steps of half the length, the cells are repaired at the same times.
 
     Args:
         state: at the start of a step.
@@ -139,7 +141,7 @@ class StepSolver:
     def __init__(self, case: Case, reach: float) -> None:
         self.case, self.reach, self.workspace = case, reach, Workspace(len(case.particles))
         self.forces, self.physics = Forces(), physics_of(case)
-        self._frequency = case.natural_frequency()
+        self._frequency, self._rank = case.natural_frequency(), ranks(case.fluids)
 
     @timer("solve")
     def solve(self, state: State, dt: float, growth: Array, end: float = math.nan) -> Solved:
@@ -210,7 +212,7 @@ class StepSolver:
         if numerics.mass != "lumped":
             lumping = lumped_part(numerics.mass, mesh.cells, state.material.fraction, len(before))
         material = ElementProperties(state.material.density, state.material.viscosity, growth, lumping)
-        properties = material.density, material.viscosity
+        properties = material.density, self._rank, material.viscosity
         step = StepStart(before, mesh, state.boundary, *properties, scheme, state.time, state.parts)
         acting = [(p.name, term) for p in self.physics for term in p.terms(state.parts.get(p.name), step)]
         terms = [term for _, term in acting]
@@ -235,6 +237,7 @@ class StepSolver:
             before.spacing,
             runtime.round_off(),
             min(1.0, dt / time) if time > 0 else 1.0,
+            case.restoring_acceleration(),
         )
         if state.step == 0:  # an error of pressure left by the first step would excite sloshing
             tolerance = min(tolerance, 10 * runtime.round_off())

@@ -1,0 +1,126 @@
+"""Surface tension as a case gives it, and the time and acceleration of the shortest capillary waves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from tipfem.arguments import is_number
+from tipfem.case.fluid import Fluid
+from tipfem.errors import Invalid
+
+Pair = str | tuple[str, str]
+
+
+class TensionTable:
+    """The tension of each interface of a case.
+
+    Args:
+        given: surface tension [N/m] by the names of two fluids, or of one at a free surface.
+        fluids: of the case.
+        empty: whether fluids may end at empty space, a free surface.
+
+    Attributes:
+        given: the same, checked.
+        sigma: (F + 1, F + 1) between each two of the F fluids, symmetric; the last one is empty space [N/m].
+
+    Raises:
+        Invalid: a fluid is unknown, a pair never meets or is given twice, or a value is no number >= 0.
+    """
+
+    def __init__(self, given: Mapping[Pair, float] | None, fluids: Sequence[Fluid], *, empty: bool) -> None:
+        self.given: dict[Pair, float] = {}
+        names = [fluid.name for fluid in fluids]
+        self.sigma = np.zeros((len(names) + 1, len(names) + 1))
+        self._density = np.append([fluid.density for fluid in fluids], 0.0)
+        if given is None:
+            return
+        if not isinstance(given, Mapping):
+            text = f"is {given!r}; it must be a dict from two fluids to a tension, as {{('water', 'air'): 0.0728}}"
+            raise Invalid("surface_tension", text, "Case")
+        for pair, value in given.items():
+            both = _checked_pair(pair, names, empty=empty)
+            if not (is_number(value) and value >= 0):
+                raise _invalid(both, f"it is {value!r} N/m; it must be a number >= 0")
+            if self.has(both):
+                raise _invalid(both, "it is given twice; the order of the two fluids does not matter")
+            i, j = ([names.index(name) for name in both] + [len(names)])[:2]
+            self.given[pair] = float(value)
+            self.sigma[i, j] = self.sigma[j, i] = value
+
+    def __bool__(self) -> bool:
+        """Whether any interface has tension."""
+        return bool(self.sigma.any())
+
+    def has(self, names: Sequence[str]) -> bool:
+        """Whether a tension is given between fluids of these names, in any order."""
+        return any({pair} == set(names) if isinstance(pair, str) else set(pair) == set(names) for pair in self.given)
+
+    def capillary_time(self, spacing: float) -> float:
+        """sqrt((rho_1 + rho_2) h^3 / (4 pi sigma)), the least of all interfaces [s]; infinite without tension.
+
+        In it a wave of length 2 h, the shortest that a mesh of the ``spacing`` h [m] has, advances by a radian or so; a
+        time integration that is explicit in the tension needs shorter steps (J. U. Brackbill, D. B. Kothe & C. Zemach,
+        A continuum method for modeling surface tension, Journal of Computational Physics 100, 1992).
+        """
+        return min(
+            (math.sqrt(both * spacing**3 / (4 * math.pi * s)) for both, s in self._interfaces()), default=math.inf
+        )
+
+    def acceleration(self, spacing: float) -> float:
+        """2 sigma / ((rho_1 + rho_2) h^2), the largest of all interfaces [m/s^2]: of a particle that is off by h."""
+        return max((2 * s / (both * spacing**2) for both, s in self._interfaces()), default=0.0)
+
+    def _interfaces(self) -> list[tuple[float, float]]:
+        """Sum of the densities [kg/m^3] and tension [N/m] of each interface that has some."""
+        total = self._density[:, None] + self._density
+        return [(float(total[i, j]), float(self.sigma[i, j])) for i, j in np.argwhere(np.triu(self.sigma) > 0)]
+
+
+def _invalid(names: Sequence[str], text: str) -> Invalid:
+    return Invalid(("surface_tension", *names), f": {text}", f"Case: surface_tension of {' and '.join(names)}")
+
+
+def _checked_pair(pair: Any, names: Sequence[str], *, empty: bool) -> tuple[str, ...]:
+    """The names of the one or two fluids of an interface; see `TensionTable` for errors."""
+    both = (pair,) if isinstance(pair, str) else pair
+    if not (isinstance(both, tuple) and len(both) in (1, 2) and all(isinstance(name, str) for name in both)):
+        text = f"has {pair!r}; it must be two names of fluids, as ('water', 'air'), or one at a free surface"
+        raise Invalid("surface_tension", text, "Case")
+    for name in both:
+        if name not in names:
+            raise _invalid(both, f"there is no fluid {name!r}; the fluids are {list(names)}")
+    if len(both) == 1 and not empty:
+        raise _invalid(both, "there is no free surface; name the two fluids of an interface, as ('water', 'air')")
+    if both[0] == both[-1] and len(both) == 2:
+        raise _invalid(both, "the same fluid twice has no interface")
+    return both
+
+
+def tension_contradictions(
+    interface: str, *, empty: bool, pressure: str, pairs: bool, dimension: int | None
+) -> list[str]:
+    """What of a case cannot be combined with surface tension, in words.
+
+    Args:
+        interface: name of the rule.
+        empty: whether fluids may end at empty space, a free surface.
+        pressure: as of `tipfem.Numerics`.
+        pairs: whether tension is given between two fluids.
+        dimension: d; None where it is not known yet.
+    """
+    found = []
+    if dimension == 3:
+        found.append("is given in 3-D; surface tension is for 2-D only")
+    elif pairs and (empty or interface != "sharp"):
+        why = "with a free surface" if empty else f"with interface = {interface!r}"
+        found.append(
+            f"is given between two fluids {why}, where interfaces run through cells; it needs interface = 'sharp' and "
+            "no free surface"
+        )
+    elif pairs and pressure == "continuous":
+        found.append("is given with numerics.pressure = 'continuous'; the pressures on both sides differ: say 'auto'")
+    return found

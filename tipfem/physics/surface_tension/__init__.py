@@ -1,0 +1,1 @@
+"""Surface tension of interfaces and free surfaces."""

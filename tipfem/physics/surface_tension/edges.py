@@ -1,0 +1,90 @@
+"""TensionEdges: the edges of a mesh that have surface tension, with their energy and its forces; 2-D.
+
+    E = sum_e sigma_e |x_b - x_a|    over the edges e = (a, b) between two fluids, or between a fluid and empty space
+
+With the unit vector t from a to b the forces on the fluids are sigma t on a and -sigma t on b. They are dE / dx with
+the other sign, so no momentum and no angular momentum is made, and their work is what E loses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tipfem.case.particles import Particles
+from tipfem.geometry.period import Period
+from tipfem.mesh.mesh import Mesh
+from tipfem.physics.carried import Carried
+from tipfem.typing import Array
+
+
+@dataclass(frozen=True)
+class TensionEdges(Carried):
+    """The E edges that have tension, on N particles.
+
+    Attributes:
+        one, other: (E,) the particles at their ends.
+        sigma: (E,) surface tension [N/m].
+        table: (F + 1, F + 1) that between each two of the F fluids, the last one for empty space, which steering may
+            have changed since the start [N/m].
+        period: of the positions.
+        lost: energy that films released that broke or merged, in the remeshing that made these edges [J/m].
+    """
+
+    one: Array
+    other: Array
+    sigma: Array
+    table: Array
+    period: Period
+    lost: float = 0.0
+
+    def energy(self, position: Array) -> float:
+        """E at positions (N, 2) [J, per metre of depth]."""
+        side = self.period.shortest(position[self.other] - position[self.one])
+        return float(self.sigma @ np.hypot(side[:, 0], side[:, 1]))
+
+    def gradient(self, position: Array) -> Array:
+        """dE / dx (N, 2) at positions (N, 2) [N, per metre of depth]."""
+        side = self.period.shortest(position[self.other] - position[self.one])
+        pull = (self.sigma / np.hypot(side[:, 0], side[:, 1]))[:, None] * side
+        count = len(position)
+        return np.stack([np.bincount(self.other, p, count) - np.bincount(self.one, p, count) for p in pull.T], axis=1)
+
+
+def find_edges(mesh: Mesh, particles: Particles, table: Array, lost: float = 0.0) -> TensionEdges:
+    """The edges that have tension: those between fluids, or with cells of several fluids those of the free surface.
+
+    Args:
+        mesh: 2-D.
+        particles: on it.
+        table: (F + 1, F + 1) tension, see `TensionEdges` [N/m].
+        lost: see `TensionEdges`.
+    """
+    one, other, sigma = _of_surface(mesh, particles, table) if mesh.fluid is None else _of_interfaces(mesh, table)
+    return TensionEdges(one, other, sigma, table, mesh.period, lost)
+
+
+def _of_interfaces(mesh: Mesh, table: Array) -> tuple[Array, Array, Array]:
+    """Ends (E,) and (E,), and tension (E,) [N/m], of the edges between fluids."""
+    fluid = np.asarray(mesh.fluid)
+    # The last one stands for no neighbour, and is never the higher one: each edge once.
+    across = np.append(fluid, -1).take(mesh.neighbours)
+    cell, corner = np.divmod(np.flatnonzero(fluid[:, None] < across), 3)
+    sigma = table[fluid[cell], across[cell, corner]]
+    there = np.flatnonzero(sigma)
+    one, other = (mesh.cells[cell[there], (corner[there] + k) % 3] for k in (1, 2))
+    return one, other, sigma[there]
+
+
+def _of_surface(mesh: Mesh, particles: Particles, table: Array) -> tuple[Array, Array, Array]:
+    """The same of the edges of one cell that are not on walls.
+
+    An edge has the lesser tension of its particles' fluids, and one between two particles of walls lies on the wall.
+    """
+    cell, corner = np.divmod(np.flatnonzero(mesh.neighbours < 0), 3)
+    one, other = (mesh.cells[cell, (corner + k) % 3] for k in (1, 2))
+    sigma = table[-1].take(particles.fluid)
+    sigma = np.minimum(sigma[one], sigma[other])
+    there = np.flatnonzero((sigma > 0) & ~(particles.wall[one] & particles.wall[other]))
+    return one[there], other[there], sigma[there]

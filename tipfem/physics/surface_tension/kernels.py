@@ -1,0 +1,117 @@
+"""Kernels of surface tension in the equations of a step, see `tipfem.physics.surface_tension.term`; 2-D.
+
+The edges are listed by their ends: those of the particle ``rows[r]`` are offsets[r] to offsets[r + 1], each with the
+particle at its ``other`` end and its tension ``sigma``. So every row is summed by one thread, in one order. Unknowns
+are interleaved as in `tipfem.fem.residual`; the first two columns of ``motion`` are positions at the step's start.
+"""
+
+import taichi as ti
+
+from tipfem.backend.array_types import Ints1, Periods, Reals1, Reals2, Template
+from tipfem.backend.launch import kernel
+from tipfem.backend.periodic import difference
+from tipfem.fem.jacobian import block_entry
+from tipfem.linalg.sparsity import find_column
+
+ROW = 40.0  # nanoseconds of one thread for a row
+
+
+@ti.func
+def stiffness(side, sigma):
+    """sigma / L (I - t t^T) of an edge with the vector ``side`` from one end to the other; its xx, xy and yy."""
+    length = side.norm()
+    t = side / length
+    return sigma / length * ti.Vector([1.0 - t[0] * t[0], -t[0] * t[1], 1.0 - t[1] * t[1]])
+
+
+@kernel
+def add_diagonal(
+    motion: Reals2,
+    period: Periods,
+    rows: Ints1,
+    offsets: Ints1,
+    other: Ints1,
+    sigma: Reals1,
+    scale: Reals1,
+    cf: float,
+    count: ti.i32,
+    serial: Template,
+):
+    """Make the scale of momentum rows one over the sum of 1 / scale and the diagonal at the step's start."""
+    ti.loop_config(serialize=serial)
+    for r in range(count):
+        i = rows[r]
+        total = ti.Vector([0.0, 0.0])
+        for s in range(offsets[r], offsets[r + 1]):
+            side = ti.Vector([difference(motion, period, other[s], i, 0), difference(motion, period, other[s], i, 1)])
+            h = stiffness(side, sigma[s])
+            total += ti.Vector([h[0], h[2]])
+        for k in ti.static(range(2)):
+            if scale[3 * i + k] > 0.0:
+                scale[3 * i + k] = 1.0 / (1.0 / scale[3 * i + k] + cf * total[k])
+
+
+@kernel
+def add_forces(
+    motion: Reals2,
+    period: Periods,
+    rows: Ints1,
+    offsets: Ints1,
+    other: Ints1,
+    sigma: Reals1,
+    scale: Reals1,
+    x: Reals1,
+    hessian: Reals2,
+    out: Reals1,
+    cf: float,
+    count: ti.i32,
+    serial: Template,
+):
+    """Add dE / dx at the intermediate positions to ``out``, scaled, and set the ``hessian`` of each entry.
+
+    That is c_f sigma / L (I - t t^T), its xx, xy and yy.
+    """
+    ti.loop_config(serialize=serial)
+    for r in range(count):
+        i = rows[r]
+        force = ti.Vector([0.0, 0.0])
+        for s in range(offsets[r], offsets[r + 1]):
+            j = other[s]
+            side = ti.Vector([difference(motion, period, j, i, 0), difference(motion, period, j, i, 1)])
+            for k in ti.static(range(2)):
+                side[k] += cf * (x[3 * j + k] - x[3 * i + k])
+            force -= sigma[s] / side.norm() * side
+            h = cf * stiffness(side, sigma[s])
+            for k in ti.static(range(3)):
+                hessian[s, k] = h[k]
+        for k in ti.static(range(2)):
+            out[3 * i + k] = out[3 * i + k] + scale[3 * i + k] * force[k]
+
+
+@kernel
+def add_blocks(
+    rows: Ints1,
+    offsets: Ints1,
+    other: Ints1,
+    hessian: Reals2,
+    scale: Reals1,
+    to_offsets: Ints1,
+    to_columns: Ints1,
+    to: Reals1,
+    nodes: ti.i32,
+    count: ti.i32,
+    serial: Template,
+):
+    """Add the hessians of all entries to a Jacobian in rows of ``nodes`` that has its columns, scaled."""
+    ti.loop_config(serialize=serial)
+    for r in range(count):
+        i, couplings = rows[r], to_offsets[nodes]
+        own = find_column(to_columns, to_offsets[i], to_offsets[i + 1], i)
+        for s in range(offsets[r], offsets[r + 1]):
+            at = find_column(to_columns, to_offsets[i], to_offsets[i + 1], other[s])
+            for k in ti.static(range(2)):
+                for m in ti.static(range(2)):
+                    h = scale[3 * i + k] * hessian[s, ti.static(k + m)]
+                    one, two = block_entry(couplings, own, k, m, 2), block_entry(couplings, at, k, m, 2)
+                    to[one] = to[one] + h
+                    to[two] = to[two] - h

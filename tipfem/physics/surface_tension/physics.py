@@ -1,0 +1,41 @@
+"""Tension: surface tension of a case, in steps and through remeshing."""
+
+from __future__ import annotations
+
+from tipfem.case.case import Case
+from tipfem.case.particles import Particles
+from tipfem.physics.carried import Remap
+from tipfem.physics.physics import Physics, StepStart
+from tipfem.physics.surface_tension.edges import TensionEdges, find_edges
+from tipfem.physics.surface_tension.term import SurfaceTension
+from tipfem.typing import Array
+
+
+class Tension(Physics[TensionEdges]):
+    """See the module; the edges are found anew on each mesh, with the tension that they had before.
+
+    Args:
+        table: (F + 1, F + 1) at the start, see `TensionEdges` [N/m].
+    """
+
+    name = "surface_tension"
+    stored_columns = ("surface_energy", "remeshing_surface_energy", "tension_dissipation", "breakup_energy")
+
+    def __init__(self, table: Array) -> None:
+        self._table = table
+
+    @classmethod
+    def of(cls, case: Case) -> Tension | None:
+        """See `Physics.of`."""
+        return cls(case.surface_tension.sigma) if case.surface_tension else None
+
+    def terms(self, part: TensionEdges | None, step: StepStart) -> tuple[SurfaceTension, ...]:
+        """See `Physics.terms`."""
+        return () if part is None else (SurfaceTension(part),)
+
+    def remeshed(self, part: TensionEdges | None, particles: Particles, remap: Remap) -> tuple[TensionEdges, Particles]:
+        """See `Physics.remeshed`."""
+        table, lost, sides = self._table if part is None else part.table, 0.0, remap.relabelled
+        if sides is not None:
+            lost = float(sides.length @ (table[tuple(sides.before.T)] - table[tuple(sides.now.T)]))
+        return find_edges(remap.mesh, particles, table, lost), particles

@@ -1,0 +1,115 @@
+"""SurfaceTension: the tension of interfaces and free surfaces in the equations of a step.
+
+With the energy E = sum_e sigma_e L_e of the edges e = (a, b), see `tipfem.physics.surface_tension.edges`, the weak form
+is added to by its derivative along u' at the intermediate positions x + c_f u: with t from a to b,
+
+    momentum:    sum_e sigma_e t . (u'_b - u'_a)
+    derivative:  c_f sum_e sigma_e / L_e (u'_b - u'_a) . (I - t t^T) (u_b - u_a)
+
+The derivative is exact, symmetric and never negative. Lengths are convex in the positions, so that the term takes
+energy for c_f = 1, and is stable in steps of any length. The capillary time sqrt((rho_1 + rho_2) h^3 / (4 pi sigma)) is
+one of accuracy only, see `tipfem.case.surface_tension`.
+
+Pressures on both sides of an interface balance it: the solve finds p_1 - p_2 = sigma / R, where R is that of a regular
+polygon, and nothing moves. At a free surface no pressure is prescribed, and the same follows from no traction.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tipfem.backend.launch import launch
+from tipfem.linalg.sparsity import Csr
+from tipfem.mesh.mesh import corners_among
+from tipfem.physics.surface_tension import kernels
+from tipfem.physics.surface_tension.edges import TensionEdges
+from tipfem.physics.term import Equations, Term, TermWork
+from tipfem.typing import Array
+
+
+class SurfaceTension(Term):
+    """The tension of edges of the step's mesh.
+
+    Args:
+        edges: on the particles at the start of the step.
+    """
+
+    def __init__(self, edges: TensionEdges) -> None:
+        self._edges = edges
+
+    def begin(self, equations: Equations, first_node: int) -> None:
+        """See `Term.begin`."""
+        e, edges = equations, self._edges
+        self._equations = e
+        ends, other = np.concatenate([edges.one, edges.other]), np.concatenate([edges.other, edges.one])
+        order = np.lexsort((other, ends))
+        self._end, self._other = ends[order], other[order]
+        first = np.flatnonzero(np.diff(self._end, prepend=-1))
+        put, self._count = e.buffers.upload, len(first)
+        self._lists = (
+            put("tension.rows", self._end[first]),
+            put("tension.offsets", np.append(first, len(ends)).astype(np.int32)),
+            put("tension.other", self._other),
+        )
+        self._sigma = put("tension.sigma", np.tile(edges.sigma, 2)[order])
+        self._hessian = e.buffers.get("tension.hessian", len(ends), 3)
+
+    def _launch(self, kernel: Any, *arguments: Any) -> None:
+        if self._count:
+            launch(kernel, *arguments, self._count, work=(self._count, kernels.ROW))
+
+    def couplings(self, *, near: bool) -> tuple[Array, Array]:
+        """See `Term.couplings`: where a particle has several nodes, its edges may be beside cells of others."""
+        rows, columns = self._end.astype(np.int64), self._other.astype(np.int64)
+        if near:
+            own = np.unique(rows)
+            return np.concatenate([rows, own]), np.concatenate([columns, own])
+        if self._equations.nodes is self._equations.mesh:
+            return rows[:0], columns[:0]
+        count, cells = len(self._equations.owner), self._equations.nodes.cells
+        here = np.zeros(count, dtype=bool)
+        here[rows] = True
+        beside = cells[corners_among(here, cells) > 1].astype(np.int64)
+        pairs = [beside[:, k] * count + beside[:, m] for k in range(3) for m in range(3) if k != m]
+        apart = ~np.isin(rows * count + columns, np.concatenate(pairs))
+        return rows[apart], columns[apart]
+
+    def diagonal(self) -> None:
+        """See `Term.diagonal`."""
+        e = self._equations
+        arrays = e.motion, e.mesh.period.array, *self._lists, self._sigma, e.scale
+        self._launch(kernels.add_diagonal, *arrays, e.scheme.cf)
+
+    def residual(self, x: Any, out: Any) -> None:
+        """See `Term.residual`."""
+        e = self._equations
+        arrays = e.motion, e.mesh.period.array, *self._lists, self._sigma, e.scale, x, self._hessian, out
+        self._launch(kernels.add_forces, *arrays, e.scheme.cf)
+
+    def gather(self, matrix: Csr) -> None:
+        """See `Term.gather`."""
+        e = self._equations
+        self._launch(kernels.add_blocks, *self._lists, self._hessian, e.scale, *matrix, e.rows)
+
+    def _gradient(self, displacement: Array) -> Array:
+        """dE / dx (N, 2) at the intermediate positions of displacements (N, 2) [N]."""
+        e = self._equations
+        return self._edges.gradient(e.mesh.position + e.scheme.cf * displacement)
+
+    def forces(self, x: Any) -> Array:
+        """See `Term.forces`."""
+        count, result = len(self._equations.particles), np.zeros((len(self._equations.owner), 2))
+        result[:count] = self._gradient(self._equations.values(x)[:count, :2])
+        return result
+
+    def work(self, x: Any, displacement: Array) -> TermWork:
+        """See `Term.work`."""
+        gradient, wall = self._gradient(displacement), self._equations.particles.wall
+        held = np.flatnonzero(wall & gradient.any(axis=1))
+        return TermWork(
+            stored=float(np.einsum("ik,ik", gradient, displacement)),
+            walls=float(np.einsum("ik,ik", gradient[held], displacement[held])),
+            wall_force=gradient[held].sum(axis=0),
+        )
