@@ -224,6 +224,44 @@ def test_a_run_may_follow_single_steps(water, air, tmp_path):
     assert 0.031 <= times[3] < 0.036
 
 
+def test_outputs_change_no_step(water, air, tmp_path):
+    """With and without them the same bits; where steps are longer than their interval, these end at them."""
+    ends, lengths = [], []
+    for name, interval in (("without", None), ("with", 5e-3), ("close", 1e-3)):
+        simulation = tp.Simulation(
+            dam_break(water, air), tmp_path / name, time_step=2e-3, output_interval=interval, fields="vtkhdf"
+        )
+        simulation.run(0.018, progress=False)
+        ends.append(simulation.particles.position)
+        lengths.append([row["time_step"] for row in simulation.history])
+        stored = tp.read_results(tmp_path / name)
+        wanted = np.append(np.arange(0, 0.018, interval), 0.018) if interval else [0, 0.018]
+        np.testing.assert_allclose([state.time for state in stored], wanted, atol=1e-15)
+    np.testing.assert_array_equal(ends[0], ends[1])
+    np.testing.assert_allclose(lengths[1], 2e-3)
+    np.testing.assert_allclose(lengths[2], 1e-3)
+
+
+def test_a_state_within_a_step_has_the_positions_and_velocities_of_both_ends(water, air):
+    simulation = tp.Simulation(dam_break(water, air), time_step=4e-3)
+    simulation.run(0.02, progress=False)
+    solved = simulation.solved
+    begin, end = solved.before.time, solved.time
+    for time, known in ((begin, solved.before.particles), (end, solved.particles)):
+        particles, mesh = solved.at(time)
+        for name in ("position", "velocity", "pressure"):
+            np.testing.assert_allclose(getattr(particles, name), getattr(known, name), atol=1e-12, rtol=1e-12)
+        small = 1e-6 * (end - begin)
+        other = begin + small if time == begin else end - small
+        rate = (solved.at(other)[0].position - particles.position) / (other - time)
+        np.testing.assert_allclose(rate, known.velocity, atol=1e-5 * np.abs(known.velocity).max())
+        assert mesh.position is particles.position
+    middle, mesh = solved.at(0.5 * (begin + end))
+    np.testing.assert_array_equal(mesh.cells, solved.before.mesh.cells)
+    assert (mesh.measure > 0).all()
+    np.testing.assert_allclose(middle.pressure, 0.5 * (solved.before.particles.pressure + solved.particles.pressure))
+
+
 def test_results_are_repeatable_bit_by_bit(water, air):
     """Two runs of the same case give the same numbers to the last digit."""
     states = []

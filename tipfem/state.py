@@ -221,3 +221,22 @@ class Solved(HasParts):
     def mesh(self) -> Mesh:
         """The mesh of ``before``, moved with the particles."""
         return self.before.mesh.moved(self.particles.position)
+
+    def at(self, time: float) -> tuple[Particles, Mesh]:
+        """The particles and their mesh at a time within the step [s], before any remeshing.
+
+        Positions are the cubic polynomials that have the velocities at both ends of the step, in an impact straight
+        lines; velocities and pressures are linear in time.
+        """
+        old, new, mesh = self.before.particles, self.particles, self.before.mesh
+        s = (time - self.before.time) / (self.time - self.before.time)
+        moved = mesh.period.shortest(new.position - old.position)
+        position = old.position + s * moved
+        if not self.impact:
+            ends = (1 - s) * (self.dt * old.velocity - moved) - s * (self.dt * new.velocity - moved)
+            position += s * (1 - s) * ends
+        position = mesh.period.wrapped(position)
+        velocity, pressure = (
+            (1 - s) * one + s * other for one, other in ((old.velocity, new.velocity), (old.pressure, new.pressure))
+        )
+        return old.shallow_copy(position=position, velocity=velocity, pressure=pressure), mesh.moved(position)

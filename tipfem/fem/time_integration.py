@@ -270,9 +270,9 @@ class StepControl:
             are refused. By default 0.15 more than ``target``.
         target: displacement of the fastest particle that the next step aims at, in spacings; more than half a
             spacing only if J of no element falls below a limit.
-        limit: what limited the last `length`: "maximum" (`largest`), "motion" (`target`), "smallest J", "output" (the
-            next output or the end of the run), "refusals" (growing back after a step that was refused) or "minimum"
-            (`smallest`).
+        limit: what limited the last `length`: "maximum" (`largest`), "motion" (`target`), "smallest J", "output" (a
+            time that a step is to end at: that of the run, or of outputs that are less than a step apart), "refusals"
+            (growing back after a step that was refused) or "minimum" (`smallest`).
     """
 
     largest: float
@@ -295,7 +295,7 @@ class StepControl:
 
         Args:
             speed: largest speed of a particle, in its target spacings [1/s].
-            remaining: time until the next output or the end of the run [s]; it is divided evenly.
+            remaining: time until the step is to end at the latest [s]; it is divided evenly.
             jacobian: smallest J of an element at the present velocities, as a function of the step's length.
         """
         dt = self.current

@@ -80,7 +80,10 @@ class History:
 
 
 class Fields(Observer):
-    """Writes fields at the start and the end of a run and at the times between, at which it lets steps end.
+    """Writes fields at the start and the end of a run and at the times between.
+
+    Steps pass these times: what is written there is interpolated between the ends of a step, see `tipfem.state.Solved`.
+    Where two of them may be in a step, or one beside the end of the run, steps end at them.
 
     Args:
         interval: between these times [s]; None for none.
@@ -92,32 +95,33 @@ class Fields(Observer):
     def __init__(self, interval: float | None) -> None:
         self.interval = interval
         self.results: ResultsFolder | None = None
-        self._due = self._until = math.inf
+        self._due = self._until = self._largest = math.inf
 
     def begin(self, flow: Stepper, until: float) -> None:
         """Write the present fields, unless they are written already."""
         self._until = until
         if self.results and not self.results.has_fields(flow.step_number):
             self.write(flow)
-        self._plan(flow.time)
+        self._plan(flow)
 
     def next_time(self) -> float:
-        """The next time at which fields are to be written [s]."""
-        return self._due
+        """The next time that a step is to end at [s]."""
+        following = min(self._due + (self.interval or math.inf), self._until)
+        return self._due if following <= self._due + self._largest else math.inf
 
     def after_step(self, flow: Stepper, row: Row) -> None:
-        """Write the present fields if they are due."""
+        """Write the fields if they are due."""
         if flow.time >= self._due:
-            self.write(flow)
-            self._plan(flow.time)
+            self.write(flow, self._due)
+            self._plan(flow)
 
     def finish(self, flow: Stepper, until: float) -> None:
-        """Write the present fields if the run ends before its time."""
-        if flow.time < until:
+        """Write the present fields if the run ends before its time, unless some of its last step are written."""
+        if flow.time < until and self.results and not self.results.has_fields(flow.step_number):
             self.write(flow)
 
-    def write(self, flow: Stepper) -> None:
-        """Write the present fields to disk.
+    def write(self, flow: Stepper, time: float = math.inf) -> None:
+        """Write fields to disk: the present ones, or those at an earlier time in the last step [s].
 
         Raises:
             OSError: they cannot be written.
@@ -126,12 +130,16 @@ class Fields(Observer):
             return
         with flow.timings.active(), timer("output"):
             flow.make_consistent()
-            particles = flow.particles
+            particles, mesh = flow.particles, flow.mesh
+            if time < flow.time:
+                assert flow.solved is not None
+                particles, mesh = flow.solved.at(time)
             density = np.array([fluid.density for fluid in flow.case.fluids])[particles.fluid]
-            self.results.write_fields(flow.step_number, flow.time, flow.mesh, particles, density)
+            self.results.write_fields(flow.step_number, min(time, flow.time), mesh, particles, density)
 
-    def _plan(self, time: float) -> None:
-        self._due = min(self._until, _next_multiple(time, self.interval))
+    def _plan(self, flow: Stepper) -> None:
+        self._due = min(self._until, _next_multiple(flow.time, self.interval))
+        self._largest = flow.control.largest
 
 
 class Checkpoints(Observer):

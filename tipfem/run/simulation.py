@@ -47,8 +47,9 @@ class Simulation(Stepper):
         out: folder for the results, or None to write none.
         time_step: largest time step [s]; by default 0.05 sqrt(h / |b|) with the largest acceleration b
             by gravity and body force at the start, or 1e-3 s without any.
-        output_interval: time between fields written to disk by `run` [s]; steps are shortened to end at
-            these times. By default only the first and the last state of a run.
+        output_interval: time between fields written to disk by `run` [s]; they are interpolated between the ends of
+            the steps that pass these times, see `tipfem.run.observers.Fields`. By default only the first and the last
+            state of a run.
         columns: further columns of the history, by name: functions of the simulation.
         probes: what is measured on the way, each in a file ``probes/NAME.csv``; see `tipfem.probes`.
         checkpoint_interval: simulated time between checkpoints of `run` [s]; None for none by simulated time.
@@ -472,7 +473,7 @@ def _require_outputs_apart(output_interval: float | None, time_step: float | Non
     if output_interval is not None and time_step is not None and output_interval < 0.1 * time_step:
         raise ValueError(
             f"Simulation: output_interval is {output_interval:g} s, far below the time step of {time_step:g} s; "
-            "every output shortens steps to end at it"
+            "steps then end at every output"
         )
 
 
