@@ -11,7 +11,7 @@ import tipfem as tp
 from tipfem.case.fluid import ranks
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.delaunay import triangulate
-from tipfem.physics.sliding_liquids.slip import FREE, InterfaceSlip, find_slip, may_slide
+from tipfem.physics.sliding_liquids.slip import FREE, HeldSheets, InterfaceSlip, find_slip, may_slide
 from tipfem.remesh.fitted import with_fluids
 
 SPACING, GRAVITY = 0.05, np.array([0.0, -9.81])
@@ -136,3 +136,59 @@ def test_films_without_a_particle_of_their_own_do_not_slide():
     on = np.unique(mesh.cells[np.asarray(mesh.fluid) == 1])
     inside = [i for i in on if (np.asarray(mesh.fluid)[(mesh.cells == i).any(axis=1)] == 1).all()]
     assert slip is None or set(slip.beside) <= set(inside)
+
+
+def held_sheets(fluids, sigma, **options):
+    tension = np.zeros((3, 3))
+    tension[0, 1] = tension[1, 0] = sigma
+    return HeldSheets(ranks(fluids), tension, np.array([f.viscosity for f in fluids]), **options)
+
+
+def test_tension_lets_liquids_of_equal_density_slide_until_the_longest_wave_that_must_be_stable_grows():
+    """By Lamb, section 268, with k = pi / 4 h; the fluid of the lower rank is the one beside which particles slide."""
+    fluids = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("oil", 1000.0, 2e-3)
+    particles, mesh = layers(fluids)
+    assert ranks(fluids).tolist() == [0, 1]
+    density, sigma = np.array([1000.0, 1000.0]), 50.0
+    assert find_slip(mesh, particles, density, GRAVITY) is None
+    critical = math.sqrt(2 / 1000.0 * sigma * math.pi / (4 * SPACING))
+    below = (particles.fluid == 0) & ((mesh.components.mark & ON_INTERFACE) == 0)
+    for factor, part in ((0.6, 1.0), (0.9, (1 - 0.81) / (1 - FREE))):
+        particles.velocity[below] = factor * critical, 0.0
+        slip = find_slip(mesh, particles, density, GRAVITY, held_sheets(fluids, sigma))
+        np.testing.assert_allclose(slip.part, part, rtol=2e-3)
+        assert (particles.fluid[slip.beside] == 0).all()
+    particles.velocity[below] = 1.001 * critical, 0.0
+    assert find_slip(mesh, particles, density, GRAVITY, held_sheets(fluids, sigma)) is None
+
+
+def test_tension_holds_a_heavier_liquid_above_only_if_it_is_strong():
+    """Where sigma k > g (rho_1 - rho_2) / k for all waves shorter than 8 h."""
+    particles, mesh = layers()
+    density, k = np.array([LOWER.density, UPPER.density]), math.pi / (4 * SPACING)
+    limit = 9.81 * 200.0 / k**2
+    for factor, slides in ((0.99, False), (1.05, True)):
+        slip = find_slip(mesh, particles, density, -GRAVITY, held_sheets((LOWER, UPPER), factor * limit))
+        assert (slip is not None) == slides
+
+
+def test_a_layer_that_is_resolved_slides_less():
+    particles, mesh = layers()
+    density, omega = np.array([LOWER.density, UPPER.density]), 2.0
+    thick = 2 * (2e-3 / 1800.0) / omega / SPACING**2
+    held = held_sheets((LOWER, UPPER), 1e3, rate=omega)
+    slip = find_slip(mesh, particles, density, GRAVITY, held)
+    np.testing.assert_allclose(slip.part, 1 / (1 + thick), rtol=1e-12)
+    held = held_sheets((LOWER, UPPER), 1e3, rate=omega * thick)
+    np.testing.assert_allclose(find_slip(mesh, particles, density, GRAVITY, held).part, 0.5, rtol=1e-12)
+
+
+def test_the_rate_is_that_of_the_slips():
+    """Of an oscillation from rest that becomes twice as fast; at first nothing has slid, and the layer is thin."""
+    slip, dt = found(*layers()), 1e-3
+    assert slip.rate == math.inf
+    for omega, periods in ((5.0, 3), (10.0, 8)):
+        for t in np.arange(0, periods * 2 * math.pi / omega, dt) + dt / 2:
+            shape = np.linspace(0.5, 1.0, len(slip.owner))
+            slip = slip.after(shape * math.sin(omega * t), shape * omega * math.cos(omega * t), dt)
+        assert slip.rate == pytest.approx(omega, rel=0.15)

@@ -285,3 +285,39 @@ def test_steering_changes_the_tension(water, air):
         simulation.steer(tp.SurfaceTension(("air", "oil"), 0.035))
     with pytest.raises(ValueError, match="it must be a number >= 0"):
         tp.SurfaceTension(("air", "oil"), -1.0)
+
+
+def standing_wave(**numerics):
+    """Periods of a capillary wave between equal liquids without viscosity, over Lamb's, from a zero of its height."""
+    h, wave = 1 / 16, 2 * np.pi
+    x, y = np.linspace(0, 0.5, 9), np.linspace(-0.5, 0.5, 17)
+    position = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    wall = (abs(position[:, 0] - 0.25) == 0.25) | (abs(position[:, 1]) == 0.5)
+    on = position[:, 1] == 0
+    jitter = 0.1 * h * np.random.default_rng(0).uniform(-1, 1, position.shape)
+    position += np.where((wall | on)[:, None], 0.0, jitter)
+    flow = np.exp(-wave * abs(position[:, 1])) * (1 - 2 * abs(position[:, 1]))
+    position[:, 1] += 0.01 * np.cos(wave * position[:, 0]) * flow
+    fluid = (position[:, 1] <= 0.01 * np.cos(wave * position[:, 0]) + 1e-9).astype(int)
+    sides = {"left": (0, -0.5, 0, 0.5), "right": (0.5, -0.5, 0.5, 0.5), "floor": (0, -0.5, 0.5, -0.5)}
+    sides["lid"] = (0, 0.5, 0.5, 0.5)
+    walls = [tp.Wall(name, between=(ends[:2], ends[2:]), slip=True) for name, ends in sides.items()]
+    fluids = [tp.Fluid("above", 1.0, 0.0), tp.Fluid("below", 1.0, 0.0)]
+    particles = tp.Particles(position, fluid, wall, spacing=h)
+    options = {"walls": walls, "numerics": tp.Numerics(**numerics), "surface_tension": {("above", "below"): 1.0}}
+    simulation = tp.Simulation(tp.Case(particles, fluids, (0, 0), **options))
+    heights = []
+    while not heights or heights[-1][1] > 0:
+        edges = simulation.state.part(TensionEdges)
+        x = simulation.particles.position
+        middle, width = 0.5 * (x[edges.one] + x[edges.other]), abs(x[edges.one, 0] - x[edges.other, 0])
+        heights.append((simulation.time, float((middle[:, 1] * np.cos(wave * middle[:, 0])) @ width)))
+        simulation.step()
+    (before, high), (after, low) = heights[-2:]
+    quarter = before + (after - before) * high / (high - low)
+    return 4 * quarter / (2 * np.pi / np.sqrt(wave**3 / 2 * np.tanh(wave / 2)))
+
+
+def test_liquids_of_equal_density_slide_so_that_waves_have_their_period():
+    assert standing_wave() == pytest.approx(1.0, abs=0.03)
+    assert standing_wave(sliding=False) > 1.05

@@ -155,6 +155,8 @@ class Numerics:
             for each connected component of a fluid there, so that the solve keeps the volume of each component.
             Results have the heaviest fluid's. "continuous": one a particle, so that the fluids on both sides share its
             equation of continuity. "auto": two-sided with the sharp interface, continuous otherwise.
+        sliding: whether liquids slide along each other at the sharp interface, where that is stable, see
+            docs/theory/sliding.md.
         mass: the mass matrix of the elements. "lumped": each particle has an equal part of the mass of its cells.
             "consistent": that of velocities that are linear in the cells. "interfaces": consistent in cells that touch
             an interface between fluids, lumped elsewhere. See docs/theory/equations.md.
@@ -185,6 +187,7 @@ class Numerics:
     newton_iterations: Annotated[int, Ge(1), Le(100)] = 12
     jacobian: Literal["rows", "matrix-free"] = "rows"
     pressure: Literal["auto", "continuous", "two-sided"] = "auto"
+    sliding: bool = True
     mass: Literal["lumped", "consistent", "interfaces"] = "lumped"
     largest_move: Annotated[float, Ge(0.01), Le(0.8), Unit("spacings")] = 0.35
     smallest_jacobian: Annotated[float, Ge(0), Le(0.9)] = 0.05

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from tipfem.case.case import Case
+from tipfem.case.fluid import ranks
 from tipfem.case.particles import Particles
 from tipfem.physics.carried import Remap
 from tipfem.physics.physics import Physics, StepStart
-from tipfem.physics.sliding_liquids.slip import InterfaceSlip, find_slip, may_slide
+from tipfem.physics.sliding_liquids.slip import HeldSheets, InterfaceSlip, find_slip, may_slide
 from tipfem.physics.sliding_liquids.term import SlidingLiquids
 from tipfem.typing import Array
 
@@ -19,26 +22,37 @@ class LiquidsThatSlide(Physics[InterfaceSlip]):
     Args:
         density: (F,) of the fluids [kg/m^3].
         gravity: (2,) [m/s^2].
+        held: what holds them beside gravity; None for nothing.
     """
 
     name = "sliding_liquids"
 
-    def __init__(self, density: Array, gravity: Array) -> None:
-        self._density, self._gravity = density, gravity
+    def __init__(self, density: Array, gravity: Array, held: HeldSheets | None = None) -> None:
+        self._density, self._gravity, self._held = density, gravity, held
 
     @classmethod
     def of(cls, case: Case) -> LiquidsThatSlide | None:
         """See `Physics.of`."""
-        density = [f.density for f in case.fluids]
-        slide = case.two_sided and may_slide(density)
-        return cls(np.array(density, dtype=float), case.potential_gravity) if slide else None
+        density, held = np.array([f.density for f in case.fluids], dtype=float), None
+        if case.surface_tension:
+            viscosity = np.array([f.viscosity for f in case.fluids], dtype=float)
+            held = HeldSheets(ranks(case.fluids), case.surface_tension.sigma, viscosity)
+        slide = may_slide(density.tolist()) or (held is not None and held.similar(density))
+        there = case.two_sided and case.numerics.sliding and slide
+        return cls(density, case.potential_gravity, held) if there else None
 
     def terms(self, part: InterfaceSlip | None, step: StepStart) -> tuple[SlidingLiquids, ...]:
         """See `Physics.terms`."""
-        return () if part is None else (SlidingLiquids(part, step.cut),)
+        return () if part is None else (SlidingLiquids(part, step.cut, follows_rate=self._held is not None),)
 
     def remeshed(
         self, part: InterfaceSlip | None, particles: Particles, remap: Remap
     ) -> tuple[InterfaceSlip | None, Particles]:
         """See `Physics.remeshed`."""
-        return find_slip(remap.mesh, particles, self._density, self._gravity), particles
+        held = self._held
+        if held is not None and part is not None:
+            held = held._replace(rate=part.rate)
+        found = find_slip(remap.mesh, particles, self._density, self._gravity, held)
+        if found is not None and part is not None:
+            found = dataclasses.replace(found, squares=part.squares)
+        return found, particles

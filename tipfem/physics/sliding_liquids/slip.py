@@ -18,14 +18,26 @@ heavier liquid below strongly enough, for slip s and the component g_n of gravit
 (H. Lamb, Hydrodynamics, 6th ed., 1932, section 232). No mesh could resolve the shortest of these. So liquids slide
 where all waves that the mesh resolves are stable, up to k = pi / h: freely up to half of that s^2, and less and less
 up to all of it. Elsewhere, where the heavier liquid lies on top or the shear is strong, velocity is continuous.
+
+Surface tension sigma holds the short waves, and these are stable where
+
+    s^2 < (rho_1 + rho_2) / (rho_1 rho_2) (g_n (rho_1 - rho_2) / k + sigma k)
+
+(ibid., section 268). The waves that no mesh could resolve are then those shorter than 8 h, k from pi / (4 h) to pi / h:
+longer ones may grow, and that is physics. So liquids slide at every density ratio, equal densities included; of these
+the one of the lower rank (`tipfem.case.fluid.ranks`) counts as the lighter one. But what slides is a layer without
+thickness, half a cell away from where a layer would be that viscosity has made thick. With its thickness
+delta = sqrt(2 nu / omega), nu of both together, the part 1 / (1 + (delta / h)^2) of the slip is let go. The rate omega
+of the flow is that of the slips themselves: the root mean square of their accelerations over that of theirs.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,6 +52,7 @@ from tipfem.typing import Array
 LEAST_PRODUCT = 0.01
 FREE = 0.5  # of the largest s^2, up to which they slide freely
 STEEPEST = 0.5  # least cosine of the angle between the normal and the direction to the mean place of those beside
+LONGEST = 8.0  # wavelength up to which waves must be stable, where tension holds short ones [spacings]
 LEAST_WEIGHT = 0.1  # factor that puts the mean place onto the normal
 
 
@@ -49,7 +62,32 @@ def may_slide(density: Sequence[float]) -> bool:
 
 
 def _slides(heavy: Array, light: Array) -> Array:
-    return np.asarray((light < heavy) & (heavy * light >= LEAST_PRODUCT * (heavy + light) ** 2))
+    return np.asarray((light < heavy) & _similar(heavy, light))
+
+
+def _similar(heavy: Array, light: Array) -> Array:
+    return np.asarray(heavy * light >= LEAST_PRODUCT * (heavy + light) ** 2)
+
+
+class HeldSheets(NamedTuple):
+    """What holds vortex sheets beside gravity, of F fluids.
+
+    Attributes:
+        rank: (F,) of the fluids, see `tipfem.case.fluid.ranks`.
+        sigma: (F, F) or larger, surface tension between each two of them [N/m].
+        viscosity: (F,) [Pa s].
+        rate: omega, of the slips in the last steps [1/s]; infinite where there were none.
+    """
+
+    rank: Array
+    sigma: Array
+    viscosity: Array
+    rate: float = math.inf
+
+    def similar(self, density: Array) -> bool:
+        """Whether any two fluids of densities (F,) [kg/m^3] with tension between them may slide."""
+        fluids, count = self.sigma[: len(density), : len(density)], len(density)
+        return any(fluids[i, j] > 0 and _similar(density[i], density[j]) for i in range(count) for j in range(i))
 
 
 Lumping = float | Array  # lambda of all cells, or of each, see `tipfem.fem.mass`
@@ -70,6 +108,7 @@ class InterfaceSlip(OwnInertia):
         nodes: (K, 3) particles at their corners.
         corner: (K, 3) at which of the C each corner is; -1 for others.
         cell_mass: (K,) [kg, per metre of depth].
+        squares: (2,) means over the last steps of the squares of the slips and of their accelerations, see `rate`.
     """
 
     owner: Array
@@ -82,6 +121,22 @@ class InterfaceSlip(OwnInertia):
     nodes: Array
     corner: Array
     cell_mass: Array
+    squares: Array = field(default_factory=lambda: np.zeros(2))
+
+    @property
+    def rate(self) -> float:
+        """omega [1/s], see the module; infinite where nothing has slid yet."""
+        slip, acceleration = self.squares
+        return math.sqrt(acceleration / slip) if slip > 0 else math.inf
+
+    def after(self, slip: Array, acceleration: Array, dt: float) -> InterfaceSlip:
+        """The same after a step of length dt [s] with slips (C,) and their accelerations (C,); see `rate`.
+
+        Older ones are forgotten within a period or so.
+        """
+        kept = math.exp(-min(dt * self.rate, 50.0) / (2 * math.pi)) if self.squares[0] > 0 else 1.0
+        more = np.array([(x * x * self.mass).sum() for x in (slip, acceleration)])
+        return replace(self, squares=kept * self.squares + dt * more)
 
     @cached_property
     def mass(self) -> Array:
@@ -152,7 +207,9 @@ class InterfaceSlip(OwnInertia):
         return result
 
 
-def find_slip(mesh: Mesh, particles: Particles, density: Array, gravity: Array) -> InterfaceSlip | None:
+def find_slip(
+    mesh: Mesh, particles: Particles, density: Array, gravity: Array, held: HeldSheets | None = None
+) -> InterfaceSlip | None:
     """Where liquids slide along each other; None where nothing does.
 
     They do at particles between two components of fluids, off walls and free surfaces, with a particle of the lighter
@@ -163,24 +220,31 @@ def find_slip(mesh: Mesh, particles: Particles, density: Array, gravity: Array) 
         particles: on it.
         density: (F,) of the fluids [kg/m^3].
         gravity: (2,) [m/s^2].
+        held: where surface tension holds vortex sheets, too.
     """
     components, n, cells, position = mesh.components, len(particles), mesh.cells, particles.position
     assert components is not None
     on_interface = (components.mark & ON_INTERFACE) > 0
     free = ~(particles.wall | mesh.surface.front | mesh.surface.loose)
     cell, corner = np.divmod(np.flatnonzero((on_interface & free).take(cells)), 3)
-    at, rho = cells[cell, corner], density.take(np.asarray(mesh.fluid)[cell])
+    order = np.argsort(np.argsort(density, kind="stable")) if held is None else held.rank
+    at, rank = cells[cell, corner], order.take(np.asarray(mesh.fluid)[cell])
     label = components.label[cell]
     # Where more than two components meet, one is neither the first nor the last.
     first, last = np.full(n, len(components)), np.full(n, -1)
-    heavy, light = np.zeros(n), np.full(n, density.max())
+    highest, lowest = np.zeros(n, dtype=np.int64), np.full(n, len(density) - 1)
     np.minimum.at(first, at, label)
     np.maximum.at(last, at, label)
-    np.maximum.at(heavy, at, rho)
-    np.minimum.at(light, at, rho)
-    slides = _slides(heavy, light)
+    np.maximum.at(highest, at, rank)
+    np.minimum.at(lowest, at, rank)
+    of_rank = np.argsort(order)
+    heavy, light = (density.take(of_rank.take(place)) for place in (highest, lowest))
+    slides, sigma = _slides(heavy, light), np.zeros(n)
+    if held is not None:
+        sigma = held.sigma[of_rank.take(highest), of_rank.take(lowest)]
+        slides |= (sigma > 0) & (lowest < highest) & _similar(heavy, light)
     slides[at[(label != first[at]) & (label != last[at])]] = False
-    chosen = slides[at] & (rho == light[at])
+    chosen = slides[at] & (rank == lowest[at])
     cell, corner, at = cell[chosen], corner[chosen], at[chosen]
     if not len(at):
         return None
@@ -202,7 +266,13 @@ def find_slip(mesh: Mesh, particles: Particles, density: Array, gravity: Array) 
     weight, there = _weights(of, (path * tangent[of]).sum(axis=1), (path * normal[of]).sum(axis=1), count)
     mean = np.stack([np.bincount(of, weight * particles.velocity[beside, k], count) for k in range(2)], axis=1)
     slip = ((mean - particles.velocity[owner]) * tangent).sum(axis=1)
-    part = np.where(there, _part(slip, heavy[owner], light[owner], -normal @ gravity, particles.target[owner]), 0.0)
+    pull, spacing = -normal @ gravity, particles.target[owner]
+    part = np.where(there, _part(slip, heavy[owner], light[owner], pull, spacing, sigma[owner]), 0.0)
+    if held is not None:
+        viscosity = held.viscosity.take(of_rank)
+        both = (viscosity.take(highest[owner]) + viscosity.take(lowest[owner])) / (heavy[owner] + light[owner])
+        thick = 2 * both / (held.rate * spacing**2)  # (delta / h)^2
+        part = np.where(sigma[owner] > 0, part / (1 + thick), part)
     there = part > 0
     if not there.any():
         return None
@@ -250,7 +320,7 @@ def _weights(of: Array, along: Array, across: Array, count: int) -> tuple[Array,
     return weight, across > STEEPEST * np.hypot(along, across)
 
 
-def _part(slip: Array, heavy: Array, light: Array, gravity: Array, spacing: Array) -> Array:
+def _part(slip: Array, heavy: Array, light: Array, gravity: Array, spacing: Array, tension: Array) -> Array:
     """Part (C,) of the slip that is let go.
 
     Args:
@@ -259,7 +329,15 @@ def _part(slip: Array, heavy: Array, light: Array, gravity: Array, spacing: Arra
         light: of the lighter one.
         gravity: g_n towards the heavier liquid [m/s^2].
         spacing: h of the particles [m].
+        tension: sigma [N/m].
     """
     largest = np.maximum(gravity, 0.0) * spacing / math.pi * (heavy / light - light / heavy)
+    if tension.any():
+        weight, shortest = gravity * (heavy - light), math.pi / spacing
+        sigma = np.maximum(tension, 1e-300)
+        # The least of g_n (rho_1 - rho_2) / k + sigma k for these k.
+        k = np.clip(np.sqrt(np.maximum(weight, 0.0) / sigma), 2 / LONGEST * shortest, shortest)
+        hold = np.maximum(weight / k + sigma * k, 0.0) * (heavy + light) / (heavy * light)
+        largest = np.where(tension > 0, hold, largest)
     used = np.divide(slip**2, largest, out=np.ones_like(slip), where=largest > 0)
     return np.asarray(np.clip((1 - used) / (1 - FREE), 0.0, 1.0))

@@ -43,10 +43,11 @@ class SlidingLiquids(Term):
     Args:
         slip: where liquids slide.
         cut: the mesh.
+        follows_rate: whether the rate of the slips is carried on, see `InterfaceSlip.after`.
     """
 
-    def __init__(self, slip: InterfaceSlip, cut: CutMesh) -> None:
-        self._slip, self._cut = slip, cut
+    def __init__(self, slip: InterfaceSlip, cut: CutMesh, *, follows_rate: bool = False) -> None:
+        self._slip, self._cut, self._follows_rate = slip, cut, follows_rate
 
     def begin(self, equations: Equations, first_node: int) -> None:
         """See `Term.begin`."""
@@ -154,6 +155,13 @@ class SlidingLiquids(Term):
         work = (self._count, slip_kernels.ROW)
         arrays = (*self._matrix, self._constant, self._equations.scale, x, out, self._count)
         launch(slip_kernels.add_product, *arrays, work=work)
+
+    def carried(self, x: Any) -> InterfaceSlip | None:
+        """See `Term.carried`."""
+        if not self._follows_rate:
+            return None
+        dt, (_, slid, slips) = self._equations.scheme.dt, self._slips(x)
+        return self._slip.after(slid / dt, slips, dt)
 
     def forces(self, x: Any) -> Array:
         """See `Term.forces`: all but what is tested with s(u')."""
