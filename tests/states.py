@@ -30,6 +30,7 @@ def moved_to(state, particles, dt=1e-3):
         grid_box=state.grid_box,
         growth=np.zeros(len(state.mesh.cells)),
         work=StepWork(*np.zeros(8), np.zeros(particles.dimension)),
+        acting=(),
         newton_iterations=0,
         krylov_iterations=0,
         residual=0.0,

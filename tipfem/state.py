@@ -172,6 +172,7 @@ class Solved(HasParts):
         growth: (M,) relative growth of the elements that was prescribed.
         grid_box: (2, d) that the multigrid's grids covered [m].
         work: of the terms of the residual.
+        acting: names of the physics of these terms, but for the elements, in their order.
         newton_iterations, krylov_iterations: how many the solve took.
         residual: norm of the scaled residual after Newton's method [spacings].
         parts: what the physics carry, on the particles of ``before``; where the step has found nothing new, from there.
@@ -193,6 +194,7 @@ class Solved(HasParts):
     growth: Array
     grid_box: Array
     work: StepWork
+    acting: tuple[str, ...]
     newton_iterations: int
     krylov_iterations: int
     residual: float

@@ -23,6 +23,7 @@ from tipfem.logs import log
 from tipfem.mesh.measures import Energy
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import Carried
+from tipfem.physics.registry import step_frequency
 from tipfem.physics.side_pressures.carried import PressureJump
 from tipfem.physics.volume_source import VolumeControl
 from tipfem.physics.walls.motion import set_off
@@ -69,7 +70,7 @@ class Stepper:
         self.solved: Solved | None = None
         self.timings = Timings()
         self.recorders: list[Callable[[Stepper, Row], None]] = []
-        self._frequency = frequency = case.natural_frequency()
+        self._frequency = frequency = step_frequency(case)
         largest = time_step or (DEFAULT / frequency if frequency else 1e-3)
         gravity = case.gravity_frequency()
         require_felt(largest, gravity)

@@ -82,9 +82,13 @@ class HasParts:
         """The part of a class; None where there is none."""
         return next((part for part in self.parts.values() if isinstance(part, kind)), None)
 
+    def energies(self, position: Array) -> dict[str, float]:
+        """Energies that the parts have by the places (N, d) of the particles, see `Carried.energy` [J]."""
+        return {name: part.energy(position) for name, part in self.parts.items()}
+
     def stored(self, position: Array) -> float:
-        """Energy that the parts have by the places (N, d) of the particles, see `Carried.energy` [J]."""
-        return sum(part.energy(position) for part in self.parts.values())
+        """The sum of `energies` [J]."""
+        return sum(self.energies(position).values())
 
     @property
     def own_inertia(self) -> list[OwnInertia]:

@@ -8,6 +8,7 @@ methods that it needs; docs/develop/adding-a-term.md walks through one.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -90,13 +91,18 @@ class Physics(Generic[Part]):
     """A physics of a case; see the module. ``part`` is what it carries, None where there is nothing.
 
     Attributes:
-        name: of its part of the state. columns: names of its columns in the history, see `row`. balance_columns: names
-        of its columns in the budget, see `balance`. stored_columns: where its part has an energy, names of the columns
-        of that, of what remeshing adds to it, of what
-            its forces dissipate, and of what is lost for good, see `tipfem.physics.carried.Carried`. One physics may.
+        name: of its part of the state.
+        longest_step: longest time step that resolves it [s], see `tipfem.physics.registry.step_frequency`. What a case
+            knows without it is in `Case.natural_frequency`, from which runs are estimated before they start.
+        columns: names of its columns in the history, see `row`.
+        balance_columns: names of its columns in the budget, see `balance`.
+        stored_columns: where its part has an energy, names of the columns of that, of what remeshing adds to it, of
+            what its forces dissipate, and of what is lost for good, see `tipfem.physics.carried.Carried`; or the first
+            of these.
     """
 
     name: str
+    longest_step: float = math.inf
     columns: tuple[str, ...] = ()
     balance_columns: tuple[str, ...] = ()
     stored_columns: tuple[str, ...] = ()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from tipfem.case.case import Case
+from tipfem.case.largest_step import DEFAULT
 from tipfem.physics.bodies.physics import Bodies
 from tipfem.physics.free_surface import FreeSurfaces
 from tipfem.physics.physics import Physics
@@ -27,3 +28,11 @@ PHYSICS: tuple[type[Physics[Any]], ...] = (
 def physics_of(case: Case) -> tuple[Physics[Any], ...]:
     """The physics that a case has."""
     return tuple(physics for kind in PHYSICS if (physics := kind.of(case)) is not None)
+
+
+def step_frequency(case: Case) -> float:
+    """Frequency of the fastest motion at the scale of a spacing [1/s]: 0.05 over it is a time step that resolves it.
+
+    It is `Case.natural_frequency`, or that of the shortest `Physics.longest_step`.
+    """
+    return max(case.natural_frequency(), *(DEFAULT / physics.longest_step for physics in physics_of(case)))

@@ -8,7 +8,7 @@ nothing. docs/develop/adding-a-term.md walks through one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
@@ -151,15 +151,19 @@ class StepWork(TermWork):
 
     Attributes:
         source: of pressure on the prescribed growth.
+        stored_by: ``stored`` of each term, in their order, that of the elements first.
     """
 
     source: float = 0.0
+    stored_by: tuple[float, ...] = ()
 
     @classmethod
-    def of(cls, parts: Iterable[TermWork | None], source: float) -> StepWork:
+    def of(cls, parts: Sequence[TermWork | None], source: float) -> StepWork:
         """The sum of the terms' parts, None for none."""
         there = [part for part in parts if part is not None]
-        return cls(**{f.name: sum(getattr(part, f.name) for part in there) for f in fields(TermWork)}, source=source)
+        sums = {f.name: sum(getattr(part, f.name) for part in there) for f in fields(TermWork)}
+        stored = tuple(0.0 if part is None else part.stored for part in parts)
+        return cls(**sums, source=source, stored_by=stored)
 
     @property
     def dissipated(self) -> float:

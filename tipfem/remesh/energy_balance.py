@@ -280,7 +280,7 @@ def _factor(
         )
     if field[0] >= 0 or case[0] >= 0:
         return 0.0, 0.0, 0.0
-    factor = min(STRONGEST, max(_root(*field, gained), _root(*case, max(rise, 0.0))))
+    factor = min(STRONGEST, max(_root(field[0], field[1], gained), _root(case[0], case[1], max(rise, 0.0))))
     lost = [-(slope + 0.5 * curvature * factor) * factor for slope, curvature in (field, case)]
     return factor, lost[0], lost[1]
 

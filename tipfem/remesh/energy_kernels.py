@@ -138,7 +138,7 @@ def mark_changed(
 
 
 @ti.func
-def gradient_of(x: ti.template(), period: ti.template(), velocity: ti.template(), cells: ti.template(), t):  # type: ignore[no-untyped-def]
+def gradient_of(x: ti.template(), period: ti.template(), velocity: ti.template(), cells: ti.template(), t):
     """Gradient of the velocity in a triangle, a row for each component."""
     a, b, c = cells[t, 0], cells[t, 1], cells[t, 2]
     ab = ti.Vector([difference(x, period, b, a, k) for k in ti.static(range(2))])

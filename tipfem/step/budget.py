@@ -14,8 +14,8 @@ Every term is computed from its own definition; the residual is the error that N
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -44,19 +44,20 @@ class Totals:
         potential: -sum m x . gravity [J].
         momentum: (d,) sum m v [N s].
         volume: (F,) of each fluid [m^3].
-        stored: energy of parts of the state, see `tipfem.physics.carried.Carried.energy` [J].
+        stored: energies of parts of the state by the names of their physics, see
+            `tipfem.physics.carried.Carried.energy` [J].
     """
 
     kinetic: float
     potential: float
     momentum: Array
     volume: Array
-    stored: float = 0.0
+    stored: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def energy(self) -> float:
         """Kinetic, potential and stored energy [J]."""
-        return self.kinetic + self.potential + self.stored
+        return self.kinetic + self.potential + sum(self.stored.values())
 
     @staticmethod
     def of(state: State, gravity: Array, kind: str = "lumped") -> Totals:
@@ -78,11 +79,11 @@ class Totals:
         for part in state.own_inertia:
             sums[0] += part.products(v, v, [lumping_of(state, kind)[part.cell]])[0]
             sums[1 + d :] += part.total(v)
-        return Totals.summed(sums, gravity, state.volume, state.stored(particles.position))
+        return Totals.summed(sums, gravity, state.volume, state.energies(particles.position))
 
     @staticmethod
-    def summed(sums: Array, gravity: Array, volume: Array, stored: float) -> Totals:
-        """From v^T M v, sum m x and sum m v (1 + 2 d,), the volumes (F,) of the fluids, and stored energy."""
+    def summed(sums: Array, gravity: Array, volume: Array, stored: Mapping[str, float]) -> Totals:
+        """From v^T M v, sum m x and sum m v (1 + 2 d,), the volumes (F,) of the fluids, and stored energies."""
         d = len(gravity)
         return Totals(0.5 * float(sums[0]), -float((sums[1 : 1 + d] * gravity).sum()), sums[1 + d :], volume, stored)
 
@@ -140,7 +141,7 @@ class SolveBalance:
         momentum_residual: (d,) change of sum m (v + (1/2 - alpha_f) dt a) less the impulse of all forces [N s]; wall
             particles, whose state is prescribed, contribute dt a_alpha.
         source_volume: (F,) volume that the volume source added [m^3].
-        stored: of forces with a potential: their work less the change of the stored energy.
+        stored: of forces with a potential, by the names of their physics: their work less the change of the energy.
         own: balances of what has unknowns of its own.
     """
 
@@ -155,7 +156,7 @@ class SolveBalance:
     wall_force: Array
     momentum_residual: Array
     source_volume: Array
-    stored: float = 0.0
+    stored: Mapping[str, float] = field(default_factory=dict)
     own: Sequence[Balance] = ()
 
 
@@ -174,7 +175,7 @@ class Budget:
         self._gravity = case.potential_gravity
         self._kind = case.numerics.mass
         self._physics = physics_of(case)
-        self._stored = [physics.stored_columns for physics in self._physics if physics.stored_columns]
+        self._stored = {physics.name: physics.stored_columns for physics in self._physics if physics.stored_columns}
         zeros, none = np.zeros(len(self._gravity)), np.zeros(len(self._names))
         own = [Balance(columns=dict.fromkeys(physics.balance_columns, 0.0)) for physics in self._physics]
         nothing = Totals(0.0, 0.0, zeros, none)
@@ -182,7 +183,7 @@ class Budget:
         self._spray = case.free_surface
         self._meshed = case.interface == "sharp" and not case.free_surface
         rough = self._roughness_columns(none.tolist(), 0.0) if self._meshed else {}
-        self.columns = (*self._row(nothing, balance, nothing, none), *rough)
+        self.columns = (*self._row(nothing, balance, nothing, none, {}), *rough)
         self._last: tuple[State, Totals] | None = None
 
     def totals(self, state: State) -> Totals:
@@ -204,7 +205,7 @@ class Budget:
         """
         before = self.totals(solved.before)
         spray = spray_volumes(state.mesh, state.particles.fluid, len(self._names))
-        lost = sum(part.lost for part in state.parts.values())
+        lost = {name: part.lost for name, part in state.parts.items()}
         row = self._row(before, self._balance(solved, before), self.totals(state), spray, lost)
         return row | self._roughness_columns(*roughness(state, len(self._names))) if self._meshed else row
 
@@ -253,7 +254,7 @@ class Budget:
             sums[3 + 3 * d :] += part.total(end.velocity)
         count = len(self._names)
         volume = start.material.volumes(solved.mesh.measure) + spray_volumes(start.mesh, old.fluid, count)
-        after = Totals.summed(sums[2 + 2 * d :], self._gravity, volume, start.stored(end.position))
+        after = Totals.summed(sums[2 + 2 * d :], self._gravity, volume, start.energies(end.position))
         inertia, external, change, weight = float(sums[0]), float(sums[1]), sums[2 : 2 + d], sums[2 + d : 2 + 2 * d]
         growth = solved.growth
         rest = work.viscous - work.viscous_dissipation + work.friction - work.friction_dissipation
@@ -269,9 +270,16 @@ class Budget:
             wall_force=np.asarray(work.wall_force),
             momentum_residual=change - scheme.dt * (weight + work.wall_force),
             source_volume=start.material.volumes(growth * start.mesh.measure) if growth.any() else np.zeros(count),
-            stored=work.stored - (after.stored - before.stored),
+            stored={
+                name: self._work_of(name, solved) - (after.stored[name] - was) for name, was in before.stored.items()
+            },
             own=self._own(solved),
         )
+
+    @staticmethod
+    def _work_of(name: str, solved: Solved) -> float:
+        """Work of a physics' terms against forces that have a potential [J]."""
+        return sum(work for of, work in zip(solved.acting, solved.work.stored_by[1:], strict=True) if of == name)
 
     def _own(self, solved: Solved) -> list[Balance]:
         """The balances of what has unknowns of its own."""
@@ -283,7 +291,7 @@ class Budget:
         return result
 
     def _row(
-        self, before: Totals, step: SolveBalance, now: Totals, spray: Array, lost: float = 0.0
+        self, before: Totals, step: SolveBalance, now: Totals, spray: Array, lost: Mapping[str, float]
     ) -> dict[str, float]:
         """Columns of the history, from the totals before the step, of its solve, and of the next state.
 
@@ -292,7 +300,7 @@ class Budget:
         """
         remeshing = step.after.energy - now.energy
         time = step.time + sum(own.numerical for own in step.own)
-        numerical = time + step.stored + step.geometry + step.stabilisation + step.source + remeshing
+        numerical = time + sum(step.stored.values()) + step.geometry + step.stabilisation + step.source + remeshing
         external = step.external + sum(own.external for own in step.own)
         change = now.energy - before.energy + sum(own.change for own in step.own)
         dissipated = step.viscous + step.friction + sum(own.dissipated for own in step.own)
@@ -311,8 +319,10 @@ class Budget:
             "external_work": external,
             "energy_residual": change + dissipated + numerical - external,
         }
-        for names in self._stored:
-            row.update(zip(names, (now.stored, now.stored - step.after.stored, step.stored, lost), strict=True))
+        for name, names in self._stored.items():
+            energies = [totals.stored.get(name, 0.0) for totals in (now, step.after)]
+            values = energies[0], energies[0] - energies[1], step.stored.get(name, 0.0), lost.get(name, 0.0)
+            row.update(zip(names, values, strict=False))
         for own in step.own:
             row.update(own.columns)
         for name, vector in (

@@ -20,7 +20,7 @@ from tipfem.linalg.newton import newton
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import Carried
 from tipfem.physics.physics import StepStart
-from tipfem.physics.registry import physics_of
+from tipfem.physics.registry import physics_of, step_frequency
 from tipfem.physics.term import ElementProperties
 from tipfem.physics.walls.motion import set_off
 from tipfem.state import Solved, State, lumped
@@ -87,11 +87,11 @@ def flow_time(case: Case, state: State, frequency: float | None = None) -> float
     Args:
         case: of the state.
         state: at the start of a step.
-        frequency: the case's natural frequency [1/s], if it is known already.
+        frequency: that of the case, see `tipfem.physics.registry.step_frequency` [1/s], if it is known already.
     """
     if case.interface == "interpolated" and not case.free_surface:
         return 0.0
-    frequency = case.natural_frequency() if frequency is None else frequency
+    frequency = step_frequency(case) if frequency is None else frequency
     speed = _speed_over_spacing(state, frequency)
     times = [part / rate for part, rate in ((OF_GRAVITY, frequency), (OF_FLOW, speed)) if rate > 0]
     if not frequency and speed and state.mean_acceleration:
@@ -115,7 +115,7 @@ def steps_between_repairs(state: State, dt: float, frequency: float) -> int:
     Args:
         state: at the start of a step.
         dt: length of the step [s].
-        frequency: the case's natural frequency [1/s].
+        frequency: that of the case, see `tipfem.physics.registry.step_frequency` [1/s].
     """
     longest = OF_GRAVITY / frequency if frequency > 0 else math.inf
     if longest < 1.99 * dt:
@@ -141,7 +141,7 @@ class StepSolver:
     def __init__(self, case: Case, reach: float) -> None:
         self.case, self.reach, self.workspace = case, reach, Workspace(len(case.particles))
         self.forces, self.physics = Forces(), physics_of(case)
-        self._frequency, self._rank = case.natural_frequency(), ranks(case.fluids)
+        self._frequency, self._rank = step_frequency(case), ranks(case.fluids)
 
     @timer("solve")
     def solve(self, state: State, dt: float, growth: Array, end: float = math.nan) -> Solved:
@@ -287,6 +287,7 @@ class StepSolver:
             growth=growth,
             grid_box=problem.box,
             work=problem.work(result.solution),
+            acting=tuple(name for name, _ in acting),
             newton_iterations=result.iterations,
             krylov_iterations=result.krylov_iterations,
             residual=result.norm,
