@@ -193,3 +193,13 @@ def test_a_checkpoint_is_written_once_a_step(start, tmp_path, monkeypatch):
     simulation = start(tmp_path)
     simulation.run(0.008, progress=False)  # it ends when one is due
     assert len(written) == len(set(written)) == 3
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_particle_that_is_nowhere_stops_the_run_at_once(start, tmp_path, value):
+    simulation = start(tmp_path)
+    simulation.step()
+    simulation.particles.position[30] = value
+    with pytest.raises(tp.SimulationError, match=rf"position of particle 30 at \[{value}, {value}\] is"):
+        simulation.step()
+    assert simulation.step_number == 1

@@ -30,7 +30,7 @@ from tipfem.physics.walls.motion import set_off
 from tipfem.remesh.remeshers import remesher_for
 from tipfem.state import Solved, State
 from tipfem.step.budget import Budget
-from tipfem.step.solve import StepSolver, steps_between_repairs
+from tipfem.step.solve import StepSolver, first_not_finite, steps_between_repairs
 from tipfem.timers import Timings, timer
 from tipfem.typing import Array
 
@@ -157,11 +157,12 @@ class Stepper:
 
         Raises:
             ValueError: ``until`` is no number, or not later than the present time.
-            SimulationError: even the smallest time step was refused; or the step was accepted, but a
+            SimulationError: even the smallest time step was refused; a position is not finite; or the step was accepted, but a
                 function in ``columns`` failed, and its value in the history is NaN.
         """
         require_later("step", until, self.time)
         with self.timings.active(), timer("step"):
+            self._require_positions()
             self.volume_control.rate = self._restoring_rate()
             self.solved = None  # two states in memory are enough
             refused = 0
@@ -247,6 +248,17 @@ class Stepper:
         if self.control.limit in ("refusals", "minimum"):
             return False
         return (solved.before.step + 1) % steps_between_repairs(solved.before, solved.dt, self._frequency) > 0
+
+    def _require_positions(self) -> None:
+        """See that all particles are somewhere: no grid covers what is not, and no shorter step mends it.
+
+        Raises:
+            SimulationError: a position is not finite.
+        """
+        particles = self.particles
+        text = first_not_finite(particles, "before the step", {"position": particles.position})
+        if text:
+            raise SimulationError(f"the run stops at t = {self.time:.6g} s, step {self.step_number}: {text}")
 
     def _refuse(self, dt: float, reason: Exception) -> None:
         """Halve the time step that was refused.

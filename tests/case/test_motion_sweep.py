@@ -77,3 +77,26 @@ def test_walls_that_meet_are_found():
     late = case(walls=[("right", lambda t: 0.1 * max(t - 2.0, 0.0) ** 3)])
     with pytest.raises(ValueError, match=r"at t = 2\.\d+ s the walls' motions change the volume of the closed tank"):
         require_room(late, 0.0, 5.0)
+
+
+def step_at(time, size, last=math.inf):
+    return lambda t: size if time < t < last else 0.0
+
+
+@pytest.mark.parametrize("last", [math.inf, 0.35])
+def test_a_motion_that_jumps_is_refused_with_its_name_the_time_and_the_length(last):
+    jump = step_at(0.3, 0.07, last)
+    for jumping, name in (
+        (case(tank_motion=tp.Motion(translation=lambda t: (jump(t), 0.0))), "Case: tank_motion"),
+        (case(tank_motion=tp.Motion(angle=jump)), "Case: tank_motion"),
+        (case(walls=[("top", jump)], free_surface=True), "Case: wall 'top': motion"),
+        (case(moved(translation=lambda t: (0.0, jump(t)))), "body 'gate': motion"),
+    ):
+        require_room(jumping, 0.0, 0.29)
+        with pytest.raises(ValueError, match=rf"{name} jumps by 0\.07 m at t = 0\.3 s"):
+            require_room(jumping, 0.0, 1.0)
+
+
+def test_a_fast_but_smooth_motion_is_no_jump():
+    fast = case(tank_motion=tp.Motion(translation=lambda t: (0.3 * math.tanh(t / 1e-4), 0.0)))
+    require_room(fast, 0.0, 10.0)

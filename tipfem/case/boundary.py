@@ -161,9 +161,8 @@ class Boundary:
     def _parts(self, number: int, wall: Wall, particles: Particles) -> list[tuple[int, int, Array]]:
         """The straight parts of a wall, see `members`; its curves are added to `curves`."""
         here = f"Case: wall {wall.name!r}"
-        if wall.motion is not None and not self.convex:
-            other = "with bodies" if len(self.tank) < len(self.domain) else "with a shape"
-            why = f"is given; a wall of a tank {other} cannot move along its normal"
+        if wall.motion is not None and isinstance(self.tank, Domain) and not self.tank.straight_and_convex:
+            why = "is given; a wall of a tank that is not convex, or has arcs, cannot move along its normal"
             raise Invalid(("walls", wall.name, "motion"), why, here)
         if wall.side is None:
             return [(number, *self._members(wall, particles))]
@@ -407,6 +406,13 @@ class Boundary:
         ]
         return np.array([*(p[0] for p in parts), 0.0]), np.array([*(p[1] for p in parts), 0.0])
 
+    def tank_at(self, time: float) -> Domain:
+        """The tank in two dimensions, in its frame, with the walls that move by themselves where they are at a time [s]."""
+        assert isinstance(self.tank, Domain)
+        if not self.active or (self.mover < 0).all():
+            return self.tank
+        return self.tank.moved(self.displacements(time, 1e-6)[0][: len(self.tank)])
+
     def pose(self, time: float, step: float) -> Pose:
         """Position and motion of the tank.
 
@@ -557,13 +563,12 @@ class Boundary:
         """
         if self.convex or not loose.any():
             return particles
-        assert isinstance(self.tank, Domain)
-        pose, index = self.pose(time, 1e-6), np.flatnonzero(loose)
+        tank, pose, index = self.tank_at(time), self.pose(time, 1e-6), np.flatnonzero(loose)
         y = pose.origin(particles.position[index])
-        out = np.flatnonzero(~self.tank.contains(y))
+        out = np.flatnonzero(~tank.contains(y))
         if not len(out):
             return particles
-        return put_before(particles, index[out], y[out], self.tank, pose, 1.0)
+        return put_before(particles, index[out], y[out], tank, pose, 1.0)
 
     def held(self, y: Array, displacement: Array) -> Array:
         """Project the wall particles onto their sides.

@@ -1,8 +1,11 @@
-"""Prescribed motions followed through the time of a run, before it starts: where they run into walls or each other."""
+"""Prescribed motions followed through the time of a run, before it starts.
+
+Where they jump, run into walls or each other, or squeeze the fluids.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -19,6 +22,7 @@ from tipfem.typing import Array
 TIMES = 200  # at which motions are looked at
 CLOSED = 3.0  # the least distance between walls that move towards each other [spacings]
 HALVINGS = 30  # of the interval in which they fail, to tell when
+JUMP = 0.1  # of a motion: what it moves by within the last of these intervals [spacings]
 
 
 @dataclass(frozen=True)
@@ -37,7 +41,7 @@ class Meeting:
 
 
 def require_room(case: Case, start: float, end: float) -> None:
-    """Check that prescribed motions of bodies and walls have room at all times of a run.
+    """Check that prescribed motions of bodies and walls do not jump, and have room at all times of a run.
 
     They are looked at `TIMES` times, so that a body that passes a wall and comes back in between is not found. Bodies
     that float, and those that contact='hold' stops, are left to the run.
@@ -48,12 +52,14 @@ def require_room(case: Case, start: float, end: float) -> None:
         end: of the run [s].
 
     Raises:
-        ValueError: a body leaves the tank, or comes too close to a wall or to another such body; or a wall does. The
-            message has the first time, and the place.
+        ValueError: a motion jumps; a body leaves the tank, or comes too close to a wall or to another such body; or a
+            wall does. The message has the first time, and the place.
     """
     if not start < end < np.inf:
         return
     times = np.linspace(start, end, TIMES + 1)
+    for path, subject, place in _motions(case):
+        _goes_smoothly(path, subject, place, case.particles.spacing, times)
     if any(wall.motion is not None for wall in case.walls):
         _walls_keep_apart(case.boundary, case.particles.spacing, times[1:])
     moving = [body for body in case.bodies if body.motion is not None and body.contact == "stop"]
@@ -62,9 +68,60 @@ def require_room(case: Case, start: float, end: float) -> None:
         _follow(case, body, [other for other in (*moving, *still) if other is not body], times)
 
 
+def _motions(case: Case) -> Iterator[tuple[tuple[str, ...], str, Callable[[float], Array]]]:
+    """Each motion of a case: its path, in words, and where it is at a time [m]; angles times the size of the tank."""
+    size = float(np.ptp(case.particles.position, axis=0).max())
+    lengths = np.array([1.0, 1.0, size])
+    for wall in case.walls:
+        if wall.motion is not None:
+            yield ("walls", wall.name, "motion"), f"Case: wall {wall.name!r}", wall.displacement
+    for body in case.bodies:
+        if (motion := body.motion) is not None:
+            yield (
+                ("bodies", body.name, "motion"),
+                f"body {body.name!r}",
+                lambda time, motion=motion: lengths * motion.freedoms(time),
+            )
+    if (motion := case.tank_motion) is not None:
+        d = case.particles.dimension
+        yield (
+            ("tank_motion",),
+            "Case",
+            lambda time: np.append(motion.shift(time, d), size * motion.turn(time)),
+        )
+
+
+def _goes_smoothly(
+    path: tuple[str, ...], subject: str, place: Callable[[float], Array], spacing: float, times: Array
+) -> None:
+    """Check that a motion has no jump at times (K,) [s]; see `require_room`."""
+    at = [place(time) for time in times.tolist()]
+    for k, (one, other) in enumerate(pairwise(at)):
+        if np.abs(other - one).max() < JUMP * spacing:
+            continue
+        before, after = times[k : k + 2].tolist()
+        for _ in range(HALVINGS):
+            middle = 0.5 * (before + after)
+            between = place(middle)
+            if np.abs(between - one).max() > np.abs(other - between).max():
+                after, other = middle, between
+            else:
+                before, one = middle, between
+        jump = float(np.abs(other - one).max())
+        if jump >= JUMP * spacing:
+            raise Invalid(
+                path,
+                f"jumps by {jump:.4g} m at t = {after:.6g} s, which no step can follow; let it go there "
+                f"within a time, as soft_start or a sine do",
+                subject,
+            )
+
+
 def _walls_keep_apart(boundary: Boundary, spacing: float, times: Array) -> None:
     """Check that walls keep the volume of a closed tank, and their distance, at times (K,) [s]; see `require_room`."""
     across = boundary.side_normal @ boundary.side_normal.T < -1 + 1e-9
+    if isinstance(boundary.tank, Domain):  # the sides behind those of the tank are bodies'
+        across[len(boundary.tank) :] = across[:, len(boundary.tank) :] = False
     least = CLOSED * spacing
     for time in times.tolist():
         offset = boundary.offset + boundary.displacements(time, 1e-6)[0]
@@ -122,9 +179,8 @@ def nearest_of(case: Case, body: Body, others: list[Body], time: float) -> Meeti
         others: further ones.
         time: [s].
     """
-    assert isinstance(case.boundary.tank, Domain)
-    pose = case.boundary.pose(time, 1e-6)
-    outline, tank = _outline(body, time), case.boundary.tank.with_corners(pose.place(case.boundary.tank.start))
+    pose, tank = case.boundary.pose(time, 1e-6), case.boundary.tank_at(time)
+    outline, tank = _outline(body, time), tank.with_corners(pose.place(tank.start))
     found = gap_between(outline, tank, outside=False)
     nearest = Meeting(found[0], found[1], f"the wall {tank.sides[tank.side[found[2]]]!r}")
     for other in others:

@@ -225,7 +225,8 @@ class Numerics:
             capillary: acceleration by surface tension, that counts as gravity does [m/s^2].
         """
         gravity = max(largest_length(force), capillary)
-        strength = min(max(acceleration, QUIET * gravity), gravity) * max(part * part, SHORT)
+        strength = min(max(acceleration, QUIET * gravity), gravity) if gravity > 0 else acceleration
+        strength *= max(part * part, SHORT)
         by_force = self.acceleration_tolerance * strength / (cm * spacing) if strength > 0 else float("inf")
         return max(min(self.newton_tolerance, by_force), smallest)
 

@@ -188,7 +188,7 @@ class Motion:
         """
         if self.pivot is not None and numbers(self.pivot).shape != (dimension,):
             raise Invalid("pivot", f"is {self.pivot!r} m; it must be a point of {dimension} coordinates", "Motion")
-        for name, value in (("translation", self._shift(0.0, dimension)), ("angle", self._angle(0.0))):
+        for name, value in (("translation", self.shift(0.0, dimension)), ("angle", self.turn(0.0))):
             if np.any(value != 0):
                 why = "it must be zero, because the particles stand where the walls are at that time"
                 raise Invalid(name, f"at t = 0 is {value.tolist()}; {why}", "Motion")
@@ -201,8 +201,8 @@ class Motion:
             step: of the finite differences [s].
             dimension: d of the case.
         """
-        shift, velocity, acceleration = rates(lambda t: self._shift(t, dimension), time, step)
-        angle, rate, rate_change = (float(value) for value in rates(self._angle, time, step))
+        shift, velocity, acceleration = rates(lambda t: self.shift(t, dimension), time, step)
+        angle, rate, rate_change = (float(value) for value in rates(self.turn, time, step))
         pivot = np.zeros(dimension) if self.pivot is None else numbers(self.pivot)
         if dimension == 2:
             skew = np.array([[0.0, -1.0], [1.0, 0.0]])
@@ -214,9 +214,10 @@ class Motion:
 
     def freedoms(self, time: float) -> Array:
         """Translation x, y [m] and angle [rad] at a time [s] (3,), in two dimensions."""
-        return np.append(self._shift(time, 2), self._angle(time))
+        return np.append(self.shift(time, 2), self.turn(time))
 
-    def _shift(self, time: float, dimension: int) -> Array:
+    def shift(self, time: float, dimension: int) -> Array:
+        """Translation (d,) [m] at a time [s]."""
         given = np.zeros(dimension) if self.translation is None else self.translation(time)
         value = numbers(given)
         if value.shape != (dimension,) or not np.isfinite(value).all():
@@ -224,7 +225,8 @@ class Motion:
             raise Invalid("translation", text, "Motion")
         return value
 
-    def _angle(self, time: float) -> Array:
+    def turn(self, time: float) -> Array:
+        """Angle () [rad] at a time [s]."""
         value = 0.0 if self.angle is None else self.angle(time)
         if not is_number(value):
             raise Invalid("angle", f"at t = {time:g} s gave {value!r}; it must be an angle in rad", "Motion")

@@ -205,6 +205,11 @@ class Domain:
         """The domain with its corners elsewhere, (S, 2) [m]."""
         return self._changed(start=start, end=start[self.following])
 
+    @property
+    def straight_and_convex(self) -> bool:
+        """Whether the domain is one convex polygon, without holes and arcs."""
+        return bool((self.loop == 0).all() and (self.curve < 0).all() and (self.turn > -1e-9).all())
+
     def moved(self, displacement: Array) -> Domain:
         """The domain with its edges displaced along their normals by (S,) [m]; its corners are where they meet then.
 

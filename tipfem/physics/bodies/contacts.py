@@ -86,8 +86,7 @@ def contacts_of_outlines(
         boundary: the walls.
         time: [s].
     """
-    assert isinstance(boundary.tank, Domain)
-    limit, tank = CONTACT * particles.spacing, boundary.pose(time, 1e-6)
+    limit, tank, frame = CONTACT * particles.spacing, boundary.tank_at(time), boundary.pose(time, 1e-6)
     poses = [body_pose(body, states, b) for b, body in enumerate(bodies)]
     outlines = [outline_of(body) for body in bodies]
     corners = [pose.place(outline.start) for pose, outline in zip(poses, outlines, strict=True)]
@@ -95,7 +94,7 @@ def contacts_of_outlines(
     for b in range(len(bodies)):
         for other in range(-1, b):
             domain, pose, ends = (
-                (boundary.tank, tank, tank.place(boundary.tank.start))
+                (tank, frame, frame.place(tank.start))
                 if other < 0
                 else (outlines[other], poses[other], corners[other])
             )
