@@ -157,8 +157,8 @@ class Stepper:
 
         Raises:
             ValueError: ``until`` is no number, or not later than the present time.
-            SimulationError: even the smallest time step was refused; a position is not finite; or the step was accepted, but a
-                function in ``columns`` failed, and its value in the history is NaN.
+            SimulationError: even the smallest time step was refused; a position is not finite; or the step was
+                accepted, but a function in ``columns`` failed, and its value in the history is NaN.
         """
         require_later("step", until, self.time)
         with self.timings.active(), timer("step"):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -15,6 +16,7 @@ from tipfem.arguments import rounded
 from tipfem.case.body import CONTACT, Body
 from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
+from tipfem.case.walls import Motion
 from tipfem.errors import Invalid
 from tipfem.geometry.domain import Domain, gap_between
 from tipfem.typing import Array
@@ -76,12 +78,8 @@ def _motions(case: Case) -> Iterator[tuple[tuple[str, ...], str, Callable[[float
         if wall.motion is not None:
             yield ("walls", wall.name, "motion"), f"Case: wall {wall.name!r}", wall.displacement
     for body in case.bodies:
-        if (motion := body.motion) is not None:
-            yield (
-                ("bodies", body.name, "motion"),
-                f"body {body.name!r}",
-                lambda time, motion=motion: lengths * motion.freedoms(time),
-            )
+        if body.motion is not None:
+            yield ("bodies", body.name, "motion"), f"body {body.name!r}", partial(_scaled, body.motion, lengths)
     if (motion := case.tank_motion) is not None:
         d = case.particles.dimension
         yield (
@@ -89,6 +87,11 @@ def _motions(case: Case) -> Iterator[tuple[tuple[str, ...], str, Callable[[float
             "Case",
             lambda time: np.append(motion.shift(time, d), size * motion.turn(time)),
         )
+
+
+def _scaled(motion: Motion, lengths: Array, time: float) -> Array:
+    """Where a motion in two dimensions is at a time [s], in lengths (3,) [m]."""
+    return lengths * motion.freedoms(time)
 
 
 def _goes_smoothly(

@@ -16,7 +16,6 @@ from tipfem.case.body import CONTACT, Body
 from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.errors import SimulationError
-from tipfem.geometry.domain import Domain
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.bodies.motion import BodyStates, body_pose, outline_of
 from tipfem.typing import Array
@@ -94,9 +93,7 @@ def contacts_of_outlines(
     for b in range(len(bodies)):
         for other in range(-1, b):
             domain, pose, ends = (
-                (tank, frame, frame.place(tank.start))
-                if other < 0
-                else (outlines[other], poses[other], corners[other])
+                (tank, frame, frame.place(tank.start)) if other < 0 else (outlines[other], poses[other], corners[other])
             )
             # Corners of one over edges of the other.
             gaps = np.concatenate(
