@@ -407,7 +407,7 @@ class Boundary:
         return np.array([*(p[0] for p in parts), 0.0]), np.array([*(p[1] for p in parts), 0.0])
 
     def tank_at(self, time: float) -> Domain:
-        """The tank in two dimensions, in its frame, with the walls that move by themselves where they are at a time [s]."""
+        """The tank in 2-D, in its frame, with the walls that move by themselves where they are at a time [s]."""
         assert isinstance(self.tank, Domain)
         if not self.active or (self.mover < 0).all():
             return self.tank
