@@ -140,12 +140,13 @@ def test_python_goes_on_with_a_case_file_s_run_and_its_motions(tmp_path, capsys)
     (tmp_path / "moved.toml").write_text((DEMOS / "cases" / "dam_break.toml").read_text("utf-8") + MOVED, "utf-8")
     (tmp_path / "shift.csv").write_text("0, 0, 0\n0.5, 0.05, 0\n1.0, 0.1, 0.1\n")
     whole, out = tmp_path / "whole", tmp_path / "out"
-    words = ["run", str(tmp_path / "moved.toml"), *COARSE]
-    assert main([*words, "--until", "0.012", "--out", str(whole)]) == 0
-    assert main([*words, "--until", "0.006", "--out", str(out)]) == 0
+    dt = 2**-10  # whose multiples are exact
+    words = ["run", str(tmp_path / "moved.toml"), *COARSE, "--set", f"time.largest_step={dt}"]
+    assert main([*words, "--until", str(12 * dt), "--out", str(whole)]) == 0
+    assert main([*words, "--until", str(6 * dt), "--out", str(out)]) == 0
     (tmp_path / "shift.csv").unlink()
     (tmp_path / "moved.toml").unlink()
-    tp.Simulation.resume(out).run(until=0.012)
+    tp.Simulation.resume(out).run(until=12 * dt)
     assert rows(out) == rows(whole)
 
 

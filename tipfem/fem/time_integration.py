@@ -318,7 +318,8 @@ class StepControl:
             divided = remaining / max(1, math.ceil(remaining / dt - 1e-9))
             if divided < (1 - 1e-6) * dt:
                 self.limit = "output"
-            dt = divided
+            if abs(divided - dt) > 1e-9 * dt:  # a run to another time has the same bits where its steps are the same
+                dt = divided
         return dt
 
     def accept(self, dt: float) -> None:

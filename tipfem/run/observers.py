@@ -79,6 +79,9 @@ class History:
         self.started = clock.perf_counter() - content["wall_seconds"]
 
 
+ROUND_OFF = 1e-9  # of the largest step: times that differ by less are the same
+
+
 class Fields(Observer):
     """Writes fields at the start and the end of a run and at the times between.
 
@@ -111,7 +114,7 @@ class Fields(Observer):
 
     def after_step(self, flow: Stepper, row: Row) -> None:
         """Write the fields if they are due."""
-        if flow.time >= self._due:
+        if flow.time >= self._due - ROUND_OFF * self._largest:
             self.write(flow, self._due)
             self._plan(flow)
 
@@ -120,8 +123,8 @@ class Fields(Observer):
         if flow.time < until and self.results and not self.results.has_fields(flow.step_number):
             self.write(flow)
 
-    def write(self, flow: Stepper, time: float = math.inf) -> None:
-        """Write fields to disk: the present ones, or those at an earlier time in the last step [s].
+    def write(self, flow: Stepper, time: float | None = None) -> None:
+        """Write fields to disk: the present ones, or those at a time in the last step [s].
 
         Raises:
             OSError: they cannot be written.
@@ -131,15 +134,17 @@ class Fields(Observer):
         with flow.timings.active(), timer("output"):
             flow.make_consistent()
             particles, mesh = flow.particles, flow.mesh
-            if time < flow.time:
+            if time is None:
+                time = flow.time
+            elif time < flow.time - ROUND_OFF * self._largest:
                 assert flow.solved is not None
                 particles, mesh = flow.solved.at(time)
             density = np.array([fluid.density for fluid in flow.case.fluids])[particles.fluid]
-            self.results.write_fields(flow.step_number, min(time, flow.time), mesh, particles, density)
+            self.results.write_fields(flow.step_number, time, mesh, particles, density)
 
     def _plan(self, flow: Stepper) -> None:
-        self._due = min(self._until, _next_multiple(flow.time, self.interval))
         self._largest = flow.control.largest
+        self._due = min(self._until, _next_multiple(flow.time + ROUND_OFF * self._largest, self.interval))
 
 
 class Checkpoints(Observer):
