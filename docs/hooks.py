@@ -29,6 +29,6 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 
 def _table(module: str, name: str) -> str:
-    from tipfem.declaration import table
+    from tipfem.case.declaration import table
 
     return table(getattr(import_module(module), name))

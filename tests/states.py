@@ -6,8 +6,8 @@ import numpy as np
 
 from tipfem.case.boundary import Boundary
 from tipfem.fem.time_integration import GeneralizedAlpha
+from tipfem.physics.state import Solved, StepWork
 from tipfem.physics.walls.step import FixedWalls
-from tipfem.state import Solved, StepWork
 
 
 def first_state(remesher, particles, reference=0):

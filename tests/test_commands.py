@@ -10,7 +10,7 @@ import sys
 import pytest
 from demo_runs import DEMOS, python
 
-from tipfem import commands
+from tipfem.app import main as commands
 
 SCRIPTS = sorted(path.stem for path in DEMOS.glob("*.py") if path.stem not in ("__init__", "harness"))
 
@@ -46,7 +46,7 @@ def test_the_list_has_every_demo_with_a_line(capsys):
 
 def test_help_needs_no_taichi():
     """Neither the help nor the list imports it: they are there at once."""
-    code = "import sys; from tipfem import commands; commands.demo(); sys.exit('taichi' in sys.modules)"
+    code = "import sys; from tipfem.app import main as commands; commands.demo(); sys.exit('taichi' in sys.modules)"
     done = python("-c", code)
     assert done.returncode == 0, done.stderr
     assert "dam_break" in done.stdout
@@ -97,7 +97,7 @@ def test_the_demos_are_listed(words, capsys):
 
 def test_the_console_script_is_the_same_command():
     scripts = (DEMOS.parent / "pyproject.toml").read_text().partition("[project.scripts]")[2]
-    assert scripts.split("\n")[1] == 'tipfem = "tipfem.commands:main"'
+    assert scripts.split("\n")[1] == 'tipfem = "tipfem.app.main:main"'
     assert callable(commands.main)
 
 
@@ -106,7 +106,7 @@ def test_a_source_tree_that_is_not_installed_in_place_has_pictures_and_demos():
     code = (
         "import sys; sys.meta_path = [one for one in sys.meta_path if 'editable' not in repr(one).lower()]; "
         f"sys.path.insert(0, {str(DEMOS.parent)!r}); import tipfem.render, tipfem.demos.support; "
-        "print(tipfem.render.__file__); from tipfem.commands import demo; demo()"
+        "print(tipfem.render.__file__); from tipfem.app.main import demo; demo()"
     )
     done = python("-c", code)
     assert done.returncode == 0, done.stderr

@@ -137,7 +137,7 @@ def test_there_is_no_drawer_for_odds_and_ends():
 
 
 def test_the_guards_see_what_they_should(tmp_path):
-    assert solver_imports("from tipfem.output import read", "tipfem.render") != []
+    assert solver_imports("from tipfem.results.output import read", "tipfem.render") != []
     assert solver_imports("from ..mesh import Mesh", "tipfem.render") != []
     assert solver_imports("from .frames import Frame\nimport tipfem.render.frames", "tipfem.render") == []
     late = tmp_path / "late.py"

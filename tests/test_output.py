@@ -1,4 +1,4 @@
-"""tipfem/output.py: the results folder, read back."""
+"""tipfem/results/output.py: the results folder, read back."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem.fields import FieldOutput
-from tipfem.folder_lock import LOCK
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh
-from tipfem.output import MANIFEST, STEP_COLUMNS, ResultsFolder, own_columns
+from tipfem.results.fields import FieldOutput
+from tipfem.results.folder_lock import LOCK
+from tipfem.results.output import MANIFEST, STEP_COLUMNS, ResultsFolder, own_columns
 from tipfem.run.checkpoint import file_name
 
 

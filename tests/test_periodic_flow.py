@@ -7,7 +7,7 @@ from tipfem.render import Results, render_frame
 
 import tipfem as tp
 from tipfem.mesh import measures
-from tipfem.state import lumped
+from tipfem.physics.state import lumped
 
 WATER = tp.Fluid("water", density=1000.0, viscosity=1.0)
 OIL = tp.Fluid("oil", density=800.0, viscosity=2.0)

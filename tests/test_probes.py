@@ -12,8 +12,8 @@ import tipfem as tp
 from tipfem import probes as tpp
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.mesh.measures import surface_height
-from tipfem.output import ResultsFolder
 from tipfem.probes.walls import wall_line
+from tipfem.results.output import ResultsFolder
 
 G = 9.81
 

@@ -11,11 +11,11 @@ import pytest
 from demo_runs import DEMOS
 
 import tipfem as tp
-from tipfem import progress
 from tipfem.app.commands import main
 from tipfem.errors import StepRefused
 from tipfem.logs import log_lines
-from tipfem.progress import RunProgress, StepReport, duration
+from tipfem.run import progress
+from tipfem.run.progress import RunProgress, StepReport, duration
 
 CASE = str(DEMOS / "cases" / "dam_break.toml")
 ROW = {

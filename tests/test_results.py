@@ -1,4 +1,4 @@
-"""tipfem/results.py, tables.py, notebook.py: what a run leaves, read back."""
+"""tipfem/results/reader.py, tables.py, notebook.py: what a run leaves, read back."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from tipfem.render import View
 
 import tipfem as tp
 from tipfem.app import commands
-from tipfem.fields import vtkhdf
-from tipfem.fields.atomic_file import journal_of
-from tipfem.folder_lock import LOCK
-from tipfem.output import MANIFEST
-from tipfem.tables import Table, package
+from tipfem.results.fields import vtkhdf
+from tipfem.results.fields.atomic_file import journal_of
+from tipfem.results.folder_lock import LOCK
+from tipfem.results.output import MANIFEST
+from tipfem.results.tables import Table, package
 
 END, INTERVAL = 8e-3, 2e-3
 

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from tipfem.casefile.describing import describe, write_case
     from tipfem.casefile.problems import CaseFileError
     from tipfem.errors import CheckpointError, SimulationError
-    from tipfem.fields import FieldOutput, FieldState
     from tipfem.geometry import shapes
     from tipfem.logs import log_json
     from tipfem.probes import (
@@ -36,12 +35,13 @@ if TYPE_CHECKING:
         WallPressure,
         WaveGauge,
     )
-    from tipfem.results import RunResults, read_results, to_vtkhdf
+    from tipfem.results.fields import FieldOutput, FieldState
+    from tipfem.results.reader import RunResults, read_results, to_vtkhdf
+    from tipfem.results.tables import Table
     from tipfem.run.case_file import CaseFile, load_case
     from tipfem.run.live import live
     from tipfem.run.simulation import Simulation
     from tipfem.steering import Drop, Gravity, Poke, Release, SurfaceTension
-    from tipfem.tables import Table
     from tipfem.viewer.widget import View
 
 __version__ = "0.1.0"
@@ -103,8 +103,8 @@ _MODULES = {
     "CheckpointError": "errors",
     "Drop": "steering",
     "EnergyProbe": "probes",
-    "FieldOutput": "fields",
-    "FieldState": "fields",
+    "FieldOutput": "results.fields",
+    "FieldState": "results.fields",
     "FittedRule": "case.numerics",
     "Fluid": "case.fluid",
     "FrontProbe": "probes",
@@ -118,12 +118,12 @@ _MODULES = {
     "Poke": "steering",
     "Release": "steering",
     "RelocationRule": "case.numerics",
-    "RunResults": "results",
+    "RunResults": "results.reader",
     "Simulation": "run.simulation",
     "SimulationError": "errors",
     "SurfaceRule": "case.numerics",
     "SurfaceTension": "steering",
-    "Table": "tables",
+    "Table": "results.tables",
     "Tank": "case.tank",
     "View": "viewer.widget",
     "VolumeProbe": "probes",
@@ -137,10 +137,10 @@ _MODULES = {
     "load_case": "run.case_file",
     "log_json": "logs",
     "read_mesh": "case.mesh_file",
-    "read_results": "results",
+    "read_results": "results.reader",
     "shapes": "geometry.shapes",
     "tank": "case.tank",
-    "to_vtkhdf": "results",
+    "to_vtkhdf": "results.reader",
     "write_case": "casefile.describing",
 }
 

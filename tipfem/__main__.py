@@ -1,6 +1,6 @@
 """Run as a command: ``python -m tipfem``."""
 
-from tipfem.commands import main
+from tipfem.app.main import main
 
 if __name__ == "__main__":
     main()

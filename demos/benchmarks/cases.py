@@ -19,7 +19,7 @@ from tipfem.demos.benchmarks.states import first_system, simulation_of
 
 import tipfem as tp
 from tipfem.linalg import fgmres
-from tipfem.output import ResultsFolder
+from tipfem.results.output import ResultsFolder
 from tipfem.step.linear_system import Workspace
 from tipfem.step.problem import FlowProblem
 from tipfem.timers import Timings

@@ -12,13 +12,13 @@ from test_bad_input import GOOD, MISTAKES
 
 import tipfem as tp
 from tipfem.app.commands import EXIT_CODES
+from tipfem.case.declaration import changed, declared, made, plain, table
 from tipfem.casefile import schema
 from tipfem.casefile.forms import table_of
 from tipfem.casefile.loading import read_case
 from tipfem.casefile.problems import CaseFileError
 from tipfem.casefile.schema import json_schema
 from tipfem.casefile.source import tomllib
-from tipfem.declaration import changed, declared, made, plain, table
 from tipfem.probes import KINDS
 
 DOCS = DEMOS.parent / "docs"

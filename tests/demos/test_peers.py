@@ -13,7 +13,7 @@ import pytest
 from tipfem.demos.benchmarks import interfoam, peers
 from tipfem.demos.validation.waves import run as waves
 
-from tipfem import commands
+from tipfem.app import main as commands
 
 
 def wave_of(cells, height):

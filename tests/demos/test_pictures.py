@@ -10,7 +10,7 @@ import pytest
 from demo_runs import called
 from tipfem.render import cli
 
-from tipfem import commands
+from tipfem.app import main as commands
 
 SPACINGS = {
     "dam_break": 0.04,

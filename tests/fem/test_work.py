@@ -13,7 +13,7 @@ from tipfem.backend.arrays import partials
 from tipfem.backend.launch import launch
 from tipfem.fem import work as work_kernels
 from tipfem.mesh.delaunay import triangulate
-from tipfem.state import lumped
+from tipfem.physics.state import lumped
 
 
 def works_in_numpy(step, u, p):

@@ -14,9 +14,9 @@ from vtkmodules.util.numpy_support import vtk_to_numpy
 from vtkmodules.vtkIOHDF import vtkHDFReader
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
-from tipfem.fields import FieldOutput, FieldState, vtkhdf, vtu
-from tipfem.fields import atomic_file as atomic
-from tipfem.fields.atomic_file import AtomicFile, journal_of, recover
+from tipfem.results.fields import FieldOutput, FieldState, vtkhdf, vtu
+from tipfem.results.fields import atomic_file as atomic
+from tipfem.results.fields.atomic_file import AtomicFile, journal_of, recover
 
 NAMES = ("velocity", "pressure", "fluid", "density", "wall")
 
@@ -273,7 +273,7 @@ import sys
 sys.path.insert(0, {folder!r})
 from pathlib import Path
 from test_vtkhdf import state
-from tipfem.fields import FieldOutput, vtkhdf
+from tipfem.results.fields import FieldOutput, vtkhdf
 for step in range(1, 100000):
     vtkhdf.append(Path({path!r}), state(step % 50 + 50 * (step // 50)), FieldOutput())
     print(step, flush=True)

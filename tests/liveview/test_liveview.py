@@ -21,10 +21,10 @@ from websockets.sync.client import connect
 
 import tipfem as tp
 from tipfem.app.commands import main
-from tipfem.liveview.control import LiveControl, describe, snapshot_of
-from tipfem.liveview.memory import Snapshot, StateMemory, slot_size
-from tipfem.liveview.source import LiveSource
 from tipfem.run.live import KernelRun
+from tipfem.run.liveview.control import LiveControl, describe, snapshot_of
+from tipfem.run.liveview.memory import Snapshot, StateMemory, slot_size
+from tipfem.run.liveview.source import LiveSource
 from tipfem.steering import FILE
 from tipfem.viewer import protocol
 
@@ -74,7 +74,7 @@ def test_no_state_is_read_while_it_is_written():
     memory = StateMemory(room=slot_size(3000, 6000, 2))
     memory.publish(snapshot(3000, 1))
     code = (
-        "import sys\nfrom tipfem.liveview.memory import StateMemory\n"
+        "import sys\nfrom tipfem.run.liveview.memory import StateMemory\n"
         "memory, seen = StateMemory(int(sys.argv[1])), set()\n"
         "memory.wanted = True\n"
         "while not memory.ended:\n"
@@ -414,7 +414,7 @@ def drawing_process(run):
     """Number of the process that draws a run; None while there is none."""
     for number in Path(f"/proc/{run.pid}/task/{run.pid}/children").read_text().split():
         with contextlib.suppress(OSError):
-            if b"tipfem.liveview.process" in Path(f"/proc/{number}/cmdline").read_bytes():
+            if b"tipfem.run.liveview.process" in Path(f"/proc/{number}/cmdline").read_bytes():
                 return number
     return None
 

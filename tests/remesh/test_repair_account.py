@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem.remeshing_table import remeshing_sums, remeshing_table
+from tipfem.results.remeshing_table import remeshing_sums, remeshing_table
 
 QUANTITIES = ("kinetic_energy", "potential_energy", "momentum_x", "momentum_y")
 

@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 from test_sweep import wait
 
-from tipfem.commands import app
-from tipfem.folder_lock import FolderLock
-from tipfem.study import worker
+from tipfem.app.main import app
+from tipfem.app.study import worker
+from tipfem.results.folder_lock import FolderLock
 
 distributed = pytest.importorskip("distributed")
 
@@ -139,7 +139,7 @@ def test_ctrl_c_stops_the_runs_in_order_and_the_same_command_goes_on(cluster, st
     ],
 )
 def test_a_scheduler_that_is_none_is_refused(words, message, study, capsys, monkeypatch):
-    monkeypatch.setattr("tipfem.study.cluster.CONNECT", 0.5)
+    monkeypatch.setattr("tipfem.app.study.cluster.CONNECT", 0.5)
     assert app(["sweep", "study.toml", *words], result_action="return_value") == 2
     said = capsys.readouterr().err
     assert message in said

@@ -17,9 +17,9 @@ from pathlib import Path
 
 import pytest
 
-from tipfem.commands import app
-from tipfem.study.running import LocalWorkers, Outcome, Sweep, usable_cores
-from tipfem.study.study import load_study
+from tipfem.app.main import app
+from tipfem.app.study.running import LocalWorkers, Outcome, Sweep, usable_cores
+from tipfem.app.study.study import load_study
 
 # Water alone, under a free surface: each process of a run has fewer kernels to make ready.
 BASE = """
@@ -193,7 +193,7 @@ ON_A_TERMINAL = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.argv[0] = "tipfem"
-from tipfem.commands import main
+from tipfem.app.main import main
 main()
 """
 

@@ -8,7 +8,7 @@ import imageio.v3 as iio
 import numpy as np
 from tipfem.demos.validation.dam_break import run as study
 
-from tipfem import commands
+from tipfem.app import main as commands
 
 
 def finished_run(folder, spacing, speed):

@@ -9,7 +9,7 @@ from typing import Any
 from tipfem.casefile.loading import left_case
 from tipfem.casefile.problems import CaseFileError, Problem
 from tipfem.casefile.source import Path, keys_of
-from tipfem.output import CASE_FILE
+from tipfem.results.output import CASE_FILE
 from tipfem.run.case_file import CaseFile
 from tipfem.run.case_record import case_record, differences
 from tipfem.run.resume import fields_refused

@@ -182,7 +182,7 @@ def convert(out: Path, /, *, precision: Literal["double", "single"] = "double", 
     compression
         Level of zlib, from 0 (none) to 9.
     """
-    from tipfem.results import to_vtkhdf
+    from tipfem.results.reader import to_vtkhdf
 
     with bad_input() as failed:
         path = to_vtkhdf(out, precision=precision, compression=compression)

@@ -1,7 +1,7 @@
 """The commands that run: run and resume.
 
 Both return an exit code, see `tipfem.app.commands.EXIT_CODES`, and end in an orderly way when they are told to
-stop; see `tipfem.stop_request.StopRequest`.
+stop; see `tipfem.steering.stop_request.StopRequest`.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from tipfem.arguments import is_number
 from tipfem.casefile.options import Flag, Number, Overrides, Shown, Whole
 from tipfem.casefile.problems import CaseFileError
 from tipfem.logs import log_json, log_lines
-from tipfem.output import CASE_FILE
-from tipfem.progress import on_terminal
-from tipfem.remeshing_table import remeshing_table
+from tipfem.results.output import CASE_FILE
+from tipfem.results.remeshing_table import remeshing_table
+from tipfem.run.progress import on_terminal
 
 if TYPE_CHECKING:
     from tipfem.case.case import Case
-    from tipfem.liveview.control import LiveControl
     from tipfem.run.case_file import CaseFile
+    from tipfem.run.liveview.control import LiveControl
     from tipfem.run.simulation import Simulation
     from tipfem.steering import RunControl
 
@@ -258,7 +258,7 @@ def viewer_of(simulation: Simulation, shown: Shown) -> LiveControl | None:
     """What shows a run in a browser or a window, or None; see `tipfem.live` for errors."""
     if not (shown.view or shown.native):
         return None
-    from tipfem.liveview.control import LiveControl
+    from tipfem.run.liveview.control import LiveControl
 
     return LiveControl(
         simulation,

@@ -12,8 +12,8 @@ import numpy as np
 from annotated_types import Ge, Gt, Len, MinLen
 
 from tipfem.arguments import numbers
+from tipfem.case.declaration import Unit, require
 from tipfem.case.walls import Motion, rates
-from tipfem.declaration import Unit, require
 from tipfem.errors import Invalid
 from tipfem.geometry.shapes import Shape
 from tipfem.typing import Array

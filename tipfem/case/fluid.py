@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge, Gt
 
-from tipfem.declaration import Unit, require
+from tipfem.case.declaration import Unit, require
 from tipfem.typing import Array
 
 

@@ -12,8 +12,8 @@ from annotated_types import Ge, Le
 from scipy.spatial import cKDTree
 
 from tipfem.arguments import is_number, numbers
+from tipfem.case.declaration import require
 from tipfem.case.fluid import Fluid
-from tipfem.declaration import require
 from tipfem.errors import Invalid
 from tipfem.geometry.box_points import BoxPoints
 from tipfem.geometry.lattice import Part

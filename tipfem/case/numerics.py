@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge, Gt, Le
 
+from tipfem.case.declaration import Unit, require
 from tipfem.case.particles import largest_length
-from tipfem.declaration import Unit, require
 from tipfem.errors import Invalid
 from tipfem.typing import Array
 

@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Gt, MinLen
 
 from tipfem.arguments import is_number, numbers
-from tipfem.declaration import Unit, require
+from tipfem.case.declaration import Unit, require
 from tipfem.errors import Invalid
 from tipfem.typing import Array
 

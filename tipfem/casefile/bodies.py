@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from tipfem.case.body import Body
+from tipfem.case.declaration import changed
 from tipfem.case.walls import Motion
 from tipfem.casefile.schema import BODY, BodyTable
 from tipfem.casefile.source import Path
-from tipfem.declaration import changed
 from tipfem.geometry import shapes
 
 Function = Callable[[Path, Any, int], Any]

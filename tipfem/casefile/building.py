@@ -12,6 +12,7 @@ import numpy as np
 
 from tipfem.case.body import Body
 from tipfem.case.case import DEFAULT_INTERFACE, SURFACE_INTERFACE, Case, contradictions
+from tipfem.case.declaration import made
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.memory import too_many
@@ -27,7 +28,6 @@ from tipfem.casefile.problems import cannot, listed, meant
 from tipfem.casefile.schema import FillTable, MotionTable, WallTable
 from tipfem.casefile.source import Path
 from tipfem.casefile.times import check_times
-from tipfem.declaration import made
 from tipfem.errors import Invalid
 from tipfem.geometry.box_points import SIDES
 from tipfem.geometry.shapes import Shape

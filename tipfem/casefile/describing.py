@@ -12,6 +12,7 @@ import numpy as np
 
 from tipfem.arguments import is_number, numbers
 from tipfem.case.case import Case
+from tipfem.case.declaration import changed
 from tipfem.case.mesh_file import MeshTank
 from tipfem.case.particles import Particles
 from tipfem.case.region import Region
@@ -31,10 +32,9 @@ from tipfem.casefile.forms import (
 from tipfem.casefile.outlines import shape_content
 from tipfem.casefile.schema import SCHEMA_ID, CheckpointTable
 from tipfem.casefile.source import BARE
-from tipfem.declaration import changed
-from tipfem.fields import FieldOutput
 from tipfem.probes import Probe, probe_record
-from tipfem.whole_file import replaced
+from tipfem.results.fields import FieldOutput
+from tipfem.results.whole_file import replaced
 
 NOT_KEPT = "not kept: "  # begins what stands in place of a part that a case file cannot keep
 ARRAYS = ("position", "fluid", "wall", "velocity", "acceleration", "pressure")

@@ -9,7 +9,7 @@ import numpy as np
 
 from tipfem.case.case import Case
 from tipfem.case.memory import BYTES_A_PARTICLE
-from tipfem.fields import FieldOutput
+from tipfem.results.fields import FieldOutput
 
 # Measured with dam breaks of 2 000 to 220 000 particles on one core of a 2.x GHz server of 2023 (x86-64), on an idle
 # machine; 3-D with 2 500 to 17 000 particles. Splashes cost up to twice as much as the first steps.

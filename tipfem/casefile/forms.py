@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, PlainValidator
 from pydantic_core import PydanticCustomError
 
 from tipfem.arguments import is_number
-from tipfem.declaration import Declared, declared
+from tipfem.case.declaration import Declared, declared
 from tipfem.typing import Array
 
 
@@ -42,7 +42,7 @@ M = TypeVar("M", bound=Model)
 
 
 def declares(kind: type, *names: str, **keys: str) -> Callable[[type[M]], type[M]]:
-    """Give a table the fields of a dataclass, as they are declared there; see `tipfem.declaration`.
+    """Give a table the fields of a dataclass, as they are declared there; see `tipfem.case.declaration`.
 
     Args:
         kind: the dataclass.

@@ -26,7 +26,7 @@ def _states(folder: Path) -> str:
     Raises:
         ValueError: the file cannot be read.
     """
-    from tipfem.fields import vtkhdf
+    from tipfem.results.fields import vtkhdf
 
     files = len(list((folder / "fields").glob("step_*.vtu")))
     if not (folder / vtkhdf.NAME).is_file():

@@ -18,9 +18,9 @@ from tipfem.casefile.describing import NOT_KEPT
 from tipfem.casefile.problems import CaseFileError, Problem, Translator, child_at, meant
 from tipfem.casefile.schema import CaseTable, FillTable, FluidTable, ProbeTable, WallTable, json_schema
 from tipfem.casefile.source import Key, Path, Source, SyntaxProblem, keys_of, parse, value_of
-from tipfem.fields import FieldOutput
 from tipfem.geometry.box_points import SIDES
-from tipfem.output import CASE_FILE
+from tipfem.results.fields import FieldOutput
+from tipfem.results.output import CASE_FILE
 
 if TYPE_CHECKING:
     from tipfem.case.case import Case

@@ -1,6 +1,6 @@
 """The schema of case files: every table and key with its unit, range and default.
 
-What a table has in common with the class that it becomes is declared there; see `tipfem.declaration`.
+What a table has in common with the class that it becomes is declared there; see `tipfem.case.declaration`.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag, create_model
 
 from tipfem.case.body import Body
+from tipfem.case.declaration import declared
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import Numerics
@@ -30,9 +31,8 @@ from tipfem.casefile.forms import (
     quantity,
 )
 from tipfem.casefile.outlines import ShapeTable
-from tipfem.declaration import declared
-from tipfem.fields import FieldOutput
 from tipfem.probes import KINDS, Probe
+from tipfem.results.fields import FieldOutput
 
 BODY = tuple(name for name in declared(Body) if name not in ("shape", "motion"))  # a table and a `Body` have them alike
 Tension = Annotated[float, Field(ge=0)]

@@ -1,7 +1,7 @@
 """Carried: what a physics carries from one step to the next, beside the particles.
 
-A state has such parts by the names of their physics (`tipfem.state.State.parts`). Each is a frozen dataclass, so that
-checkpoints hold it as it is. `tipfem.physics.physics.Physics` moves it through a remeshing.
+A state has such parts by the names of their physics (`tipfem.physics.state.State.parts`). Each is a frozen dataclass,
+so that checkpoints hold it as it is. `tipfem.physics.physics.Physics` moves it through a remeshing.
 """
 
 from __future__ import annotations

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 from annotated_types import Ge, Le
 
 from tipfem.case.case import Case
-from tipfem.declaration import Unit
+from tipfem.case.declaration import Unit
 from tipfem.mesh import measures
 from tipfem.probes.probe import Frame, Probe, per_depth, pose_of, require_plane
 
 if TYPE_CHECKING:
-    from tipfem.stepper import Stepper  # which starts Taichi
+    from tipfem.step.stepper import Stepper  # which starts Taichi
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ import numpy as np
 from annotated_types import Len
 
 from tipfem.case.case import Case
-from tipfem.declaration import Unit
+from tipfem.case.declaration import Unit
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.side_pressures.carried import PressureJump
 from tipfem.probes.impulses import LoadProbe
@@ -19,8 +19,8 @@ from tipfem.probes.walls import WallLine, WallSide, side_names, wall_line, wall_
 from tipfem.typing import Array
 
 if TYPE_CHECKING:
-    from tipfem.state import Solved  # which starts Taichi
-    from tipfem.stepper import Stepper
+    from tipfem.physics.state import Solved  # which starts Taichi
+    from tipfem.step.stepper import Stepper
 
 # Part of a load at a corner that a wall bears in any direction, where it bears all along its normal; see `_share`.
 ANY_DIRECTION = 0.01

@@ -17,7 +17,7 @@ import numpy as np
 from annotated_types import Gt
 
 from tipfem.case.case import Case
-from tipfem.declaration import Unit
+from tipfem.case.declaration import Unit
 from tipfem.probes.probe import Probe
 from tipfem.typing import Array
 

@@ -15,7 +15,7 @@ from tipfem.probes.probe import Frame, Place, Probe, floats, in_laboratory, pres
 from tipfem.typing import Array
 
 if TYPE_CHECKING:
-    from tipfem.stepper import Stepper  # which starts Taichi
+    from tipfem.step.stepper import Stepper  # which starts Taichi
 
 QUANTITIES = {"pressure": "Pa", "velocity_x": "m/s", "velocity_y": "m/s", "velocity_z": "m/s", "density": "kg/m3"}
 

@@ -11,13 +11,13 @@ from annotated_types import Gt, Len, MinLen
 
 from tipfem.arguments import numbers
 from tipfem.case.case import Case
+from tipfem.case.declaration import Unit, require
 from tipfem.case.walls import Pose
-from tipfem.declaration import Unit, require
 from tipfem.errors import Invalid
 from tipfem.typing import Array
 
 if TYPE_CHECKING:
-    from tipfem.stepper import Stepper  # which starts Taichi
+    from tipfem.step.stepper import Stepper  # which starts Taichi
 
 Frame = Literal["laboratory", "tank"]
 Place = Annotated[Sequence[float], Len(2, 3), Unit("m")]

@@ -14,8 +14,8 @@ from tipfem.probes.probe import Probe
 from tipfem.typing import Array
 
 if TYPE_CHECKING:
-    from tipfem.output import ResultsFolder
-    from tipfem.stepper import Row, Stepper  # which starts Taichi
+    from tipfem.results.output import ResultsFolder
+    from tipfem.step.stepper import Row, Stepper  # which starts Taichi
 
 
 class ProbeRecorder:

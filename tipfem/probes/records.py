@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from tipfem.declaration import plain
+from tipfem.case.declaration import plain
 from tipfem.errors import CheckpointError
 from tipfem.probes.fluids import EnergyProbe, FrontProbe, VolumeProbe, WaveGauge
 from tipfem.probes.forces import WallForce

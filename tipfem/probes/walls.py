@@ -12,16 +12,16 @@ from annotated_types import Len
 
 from tipfem.arguments import numbers
 from tipfem.case.case import Case
+from tipfem.case.declaration import Unit
 from tipfem.case.walls import Wall
-from tipfem.declaration import Unit
 from tipfem.geometry.domain import Domain
 from tipfem.probes.impulses import LoadProbe
 from tipfem.probes.probe import Probe, pose_of, pressure_in, require_plane
 from tipfem.typing import Array
 
 if TYPE_CHECKING:
-    from tipfem.state import State  # which starts Taichi
-    from tipfem.stepper import Stepper
+    from tipfem.physics.state import State  # which starts Taichi
+    from tipfem.step.stepper import Stepper
 
 SIDES = ("left", "right", "bottom", "top")  # of a rectangle of walls
 

@@ -9,8 +9,8 @@ from tipfem.case.particles import Particles
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.free_surface import SurfaceMesher
 from tipfem.mesh.mesh import Mesh
+from tipfem.physics.state import Solved
 from tipfem.remesh.delaunay_repair import repaired
-from tipfem.state import Solved
 from tipfem.typing import Array
 
 

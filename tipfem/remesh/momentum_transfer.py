@@ -16,7 +16,7 @@ import numpy as np
 from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import Carried, OwnInertia, own_inertia
-from tipfem.state import Solved
+from tipfem.physics.state import Solved
 from tipfem.typing import Array
 
 # Smallest relative increase of a particle's density for which momentum is transferred.

@@ -29,6 +29,7 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import Carried, Remap, own_inertia
 from tipfem.physics.physics import Physics
 from tipfem.physics.registry import physics_of
+from tipfem.physics.state import InterpolatedMaterial, Material, SharpMaterial, Solved, State, lumped
 from tipfem.remesh import drops, surface_volumes
 from tipfem.remesh.energy_balance import Change, EnergyBalance
 from tipfem.remesh.fitted import hull_corners, particle_fluid, repair, with_fluids
@@ -38,7 +39,6 @@ from tipfem.remesh.relocation import relocate
 from tipfem.remesh.repair_account import INTERPOLATED, SHARP, NoAccount, RepairAccount
 from tipfem.remesh.target_spacing import graded
 from tipfem.remesh.volumes import with_components
-from tipfem.state import InterpolatedMaterial, Material, SharpMaterial, Solved, State, lumped
 from tipfem.timers import timer
 from tipfem.typing import Array
 

@@ -18,7 +18,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from tipfem.case.particles import Particles
 from tipfem.mesh.mesh import Mesh, Surface, volume_gradient
-from tipfem.state import Solved
+from tipfem.physics.state import Solved
 from tipfem.typing import Array
 
 ROUNDS = 4  # of Newton's method in `restore_volumes` for cells that are too small

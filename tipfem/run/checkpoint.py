@@ -29,8 +29,8 @@ from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.errors import CheckpointError
 from tipfem.geometry.period import Period
+from tipfem.results.whole_file import replaced
 from tipfem.typing import Array
-from tipfem.whole_file import replaced
 
 _MAGIC = b"\ntipfem checkpoint 2\n"  # with the number of the format
 _SEALED = len(_MAGIC) + hashlib.sha256().digest_size

@@ -9,9 +9,9 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from tipfem.liveview.control import RATE, LiveControl, describe, snapshot_of
-from tipfem.liveview.memory import Snapshot
 from tipfem.notebook import in_notebook
+from tipfem.run.liveview.control import RATE, LiveControl, describe, snapshot_of
+from tipfem.run.liveview.memory import Snapshot
 from tipfem.run.simulation import Simulation
 from tipfem.steering import Command, RunControl, command_from
 
@@ -92,14 +92,14 @@ class KernelRun:
     Attributes:
         view: the widget.
         task: in which the run is, once it has begun.
-        published, wanted, ended, paused: see `tipfem.liveview.source.Feed`.
+        published, wanted, ended, paused: see `tipfem.run.liveview.source.Feed`.
 
     Raises:
         ValueError: the case is not in 2-D.
     """
 
     def __init__(self, simulation: Simulation, until: float, rate: float, paused: bool) -> None:
-        from tipfem.liveview.source import LiveSource
+        from tipfem.run.liveview.source import LiveSource
         from tipfem.viewer.widget import View
 
         if simulation.case.particles.dimension != 2:

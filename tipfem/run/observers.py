@@ -12,12 +12,12 @@ import numpy as np
 
 from tipfem.errors import SimulationError
 from tipfem.logs import log
-from tipfem.observer import Observer
-from tipfem.output import ResultsFolder, fill_columns, own_columns
+from tipfem.physics.state import State
+from tipfem.results.output import ResultsFolder, fill_columns, own_columns
 from tipfem.run.checkpoint import FOLDER, CheckpointFolder, file_name
-from tipfem.state import State
+from tipfem.step.observer import Observer
 from tipfem.step.solve import first_not_finite
-from tipfem.stepper import Row, Stepper
+from tipfem.step.stepper import Row, Stepper
 from tipfem.timers import timer
 
 
@@ -34,7 +34,7 @@ class History:
         started: when the run began, by `time.perf_counter` [s].
 
     Raises:
-        ValueError: see `tipfem.output.own_columns`.
+        ValueError: see `tipfem.results.output.own_columns`.
     """
 
     def __init__(self, columns: Mapping[str, Callable[[Any], float]], taken: Collection[str]) -> None:
@@ -85,8 +85,9 @@ ROUND_OFF = 1e-9  # of the largest step: times that differ by less are the same
 class Fields(Observer):
     """Writes fields at the start and the end of a run and at the times between.
 
-    Steps pass these times: what is written there is interpolated between the ends of a step, see `tipfem.state.Solved`.
-    Where two of them may be in a step, or one beside the end of the run, steps end at them.
+    Steps pass these times: what is written there is interpolated between the ends of a step, see
+    `tipfem.physics.state.Solved`. Where two of them may be in a step, or one beside the end of the run, steps end at
+    them.
 
     Args:
         interval: between these times [s]; None for none.

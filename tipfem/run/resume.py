@@ -12,9 +12,9 @@ from typing import Any, Final, Literal
 from tipfem.backend import runtime
 from tipfem.case.case import Case
 from tipfem.errors import CheckpointError
-from tipfem.fields import FieldOutput
-from tipfem.output import CASE_FILE, ResultsFolder
 from tipfem.probes import Probe, probe_from, probe_record
+from tipfem.results.fields import FieldOutput
+from tipfem.results.output import CASE_FILE, ResultsFolder
 from tipfem.run.case_record import case_from, case_record, differences, python_functions
 from tipfem.run.checkpoint import CheckpointFolder
 

@@ -17,22 +17,22 @@ from tipfem.backend import runtime
 from tipfem.case.case import Case
 from tipfem.case.motion_sweep import require_room
 from tipfem.errors import SimulationError
-from tipfem.fields import FieldOutput
-from tipfem.liveview.control import LiveControl
 from tipfem.logs import log
 from tipfem.notebook import facts
-from tipfem.observer import Observer
-from tipfem.output import ResultsFolder
 from tipfem.probes import Probe, ProbeRecorder, probe_record
-from tipfem.progress import RunProgress
-from tipfem.remeshing_table import Sums, remeshing_sums
+from tipfem.results.fields import FieldOutput
+from tipfem.results.output import ResultsFolder
+from tipfem.results.remeshing_table import Sums, remeshing_sums
 from tipfem.run.case_record import case_record
+from tipfem.run.liveview.control import LiveControl
 from tipfem.run.observers import Checkpoints, Fields, History
+from tipfem.run.progress import RunProgress
 from tipfem.run.resume import KEPT, Kept, continuation, environment, leave_case, leave_changes, note_on_edits
 from tipfem.steering import Command, Record, RunControl, Steering
+from tipfem.steering.stop_request import StopRequest
 from tipfem.step.numerical_error import numerical_error, summary_line
-from tipfem.stepper import Row, Stepper, require_later
-from tipfem.stop_request import StopRequest
+from tipfem.step.observer import Observer
+from tipfem.step.stepper import Row, Stepper, require_later
 
 COMPLETE, STOPPED = "complete", "stopped by a command"  # status in the summary
 

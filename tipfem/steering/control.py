@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from tipfem.observer import Observer
 from tipfem.steering.commands import Advance, Command, Go, Pause, Stop
+from tipfem.step.observer import Observer
 
 if TYPE_CHECKING:
-    from tipfem.stepper import Stepper  # which starts Taichi
+    from tipfem.step.stepper import Stepper  # which starts Taichi
 
 WAIT = 0.05  # longest wait for a command while paused, after which signals are looked at again [s]
 

@@ -12,12 +12,12 @@ import numpy as np
 
 from tipfem.case.forces import PokeForce
 from tipfem.errors import SimulationError
-from tipfem.output import ResultsFolder
 from tipfem.physics.surface_tension.edges import TensionEdges, find_edges
+from tipfem.results.output import ResultsFolder
 from tipfem.steering.commands import Command, Drop, Gravity, Poke, Release, SurfaceTension
 from tipfem.steering.record import FILE, Record, read_records
 from tipfem.step.budget import AXES
-from tipfem.stepper import Row, Stepper
+from tipfem.step.stepper import Row, Stepper
 from tipfem.typing import Array
 
 

@@ -27,7 +27,7 @@ from tipfem.fem import work as work_kernels
 from tipfem.mesh.free_surface import spray_volumes
 from tipfem.physics.physics import Balance
 from tipfem.physics.registry import physics_of
-from tipfem.state import Solved, State
+from tipfem.physics.state import Solved, State
 from tipfem.step.roughness import roughness
 from tipfem.timers import timer
 from tipfem.typing import Array

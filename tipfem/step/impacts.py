@@ -20,7 +20,7 @@ import numpy as np
 from tipfem.backend import runtime
 from tipfem.case.case import Case
 from tipfem.fem.time_integration import GeneralizedAlpha
-from tipfem.state import Solved, State
+from tipfem.physics.state import Solved, State
 from tipfem.step.budget import deviations, lumping_of
 from tipfem.typing import Array
 

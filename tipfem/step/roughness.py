@@ -6,7 +6,7 @@ import taichi as ti
 from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2
 from tipfem.backend.launch import kernel, launch
 from tipfem.backend.periodic import difference
-from tipfem.state import State
+from tipfem.physics.state import State
 
 # Columns of a particle's sums over its neighbours: how many, d, d d^T, u, and the components of u times d ...
 COUNT, AWAY, SQUARES, APART, PRODUCTS = 0, 1, 3, 6, 8

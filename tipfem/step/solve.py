@@ -21,9 +21,9 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import Carried
 from tipfem.physics.physics import StepStart
 from tipfem.physics.registry import physics_of, step_frequency
+from tipfem.physics.state import Solved, State, lumped
 from tipfem.physics.term import ElementProperties
 from tipfem.physics.walls.motion import set_off
-from tipfem.state import Solved, State, lumped
 from tipfem.step.impacts import JUMP, UNCERTAIN, velocity_jump, without_gain
 from tipfem.step.linear_system import Workspace
 from tipfem.step.problem import FlowProblem

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
-from tipfem.folder_lock import LOCK
 from tipfem.render import Results, ResultsError, Scene
-from tipfem.results import RunResults
+from tipfem.results.folder_lock import LOCK
+from tipfem.results.reader import RunResults
 
 KEPT = 64  # scenes that are kept with their geometry, to go back and forth in time
 # Seconds between looks at a results folder to which a run may be adding.

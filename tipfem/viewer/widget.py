@@ -9,7 +9,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from tipfem.results import RunResults
+from tipfem.results.reader import RunResults
 from tipfem.viewer.pane import png
 from tipfem.viewer.server import page_file
 from tipfem.viewer.session import Page, Session

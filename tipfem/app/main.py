@@ -21,7 +21,7 @@ from cyclopts import App, Parameter
 import tipfem
 from tipfem.app.commands import call, register
 from tipfem.app.running import said
-from tipfem.study.commands import register as register_study
+from tipfem.app.study.commands import register as register_study
 
 app = App(
     name="tipfem",

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.fields.field_state import FieldState, three_components
+from tipfem.results.fields.field_state import FieldState, three_components
 from tipfem.typing import Array
 
 

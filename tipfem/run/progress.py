@@ -17,10 +17,10 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from tipfem.logs import listened, log, logs
 from tipfem.notebook import NotebookProgress, in_notebook
-from tipfem.observer import Observer
+from tipfem.step.observer import Observer
 
 if TYPE_CHECKING:
-    from tipfem.stepper import Row, Stepper  # which starts Taichi
+    from tipfem.step.stepper import Row, Stepper  # which starts Taichi
 
 _REDRAWN = 0.2  # wall-clock time between pictures of the bar in a notebook [s]
 _LINES = 10.0  # wall-clock time between lines in the log [s]

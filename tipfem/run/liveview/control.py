@@ -21,12 +21,12 @@ from tipfem.arguments import is_number
 from tipfem.case.case import Case
 from tipfem.case.forces import Forces
 from tipfem.case.outline import tank_outline, tank_pose
-from tipfem.liveview.memory import Snapshot, StateMemory, slot_size
 from tipfem.physics.bodies.motion import BodyStates
-from tipfem.state import State
+from tipfem.physics.state import State
+from tipfem.run.liveview.memory import Snapshot, StateMemory, slot_size
 from tipfem.steering import Command, Gravity, Poke, Release, RunControl, command_from, limits
-from tipfem.stepper import Row, Stepper
-from tipfem.stop_request import StopRequest
+from tipfem.steering.stop_request import StopRequest
+from tipfem.step.stepper import Row, Stepper
 
 RATE = 5.0  # pictures per second, by default
 STARTS = 60.0  # longest wait for the process that draws [s]; with a cold cache Taichi compiles for a while
@@ -179,7 +179,7 @@ class LiveControl(RunControl):
         os.set_blocking(self._pipe, False)
         try:
             process = subprocess.Popen(
-                [sys.executable, "-m", "tipfem.liveview.process"],
+                [sys.executable, "-m", "tipfem.run.liveview.process"],
                 stdin=subprocess.PIPE,
                 pass_fds=(theirs, self._memory.descriptor),
                 start_new_session=True,  # Ctrl-C is for the run, which ends the process in good order

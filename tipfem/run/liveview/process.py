@@ -1,4 +1,4 @@
-"""The process that draws and serves a run: ``python -m tipfem.liveview.process``, started by `LiveControl`.
+"""The process that draws and serves a run: ``python -m tipfem.run.liveview.process``, started by `LiveControl`.
 
 It is told what it needs by a line of JSON on its standard input, which stays open as long as the run goes on, and
 writes lines of JSON to a pipe: ``{"say": line}`` for the terminal, and ``{"name", "values"}`` for commands.
@@ -73,8 +73,8 @@ def main() -> int:
     os.nice(NICE)
     # Read when Taichi starts: the cores are the run's.
     os.environ["TI_CPU_MAX_NUM_THREADS"] = "1"
-    from tipfem.liveview.memory import StateMemory
-    from tipfem.liveview.source import LiveSource
+    from tipfem.run.liveview.memory import StateMemory
+    from tipfem.run.liveview.source import LiveSource
 
     pipe, messages = Pipe(int(settings["pipe"])), Messages()
     memory = StateMemory(int(settings["memory"]))

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tipfem.stepper import Row, Stepper  # which starts Taichi
+    from tipfem.step.stepper import Row, Stepper  # which starts Taichi
 
 
 class Observer:

@@ -25,10 +25,10 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import Carried
 from tipfem.physics.registry import step_frequency
 from tipfem.physics.side_pressures.carried import PressureJump
+from tipfem.physics.state import Solved, State
 from tipfem.physics.volume_source import VolumeControl
 from tipfem.physics.walls.motion import set_off
 from tipfem.remesh.remeshers import remesher_for
-from tipfem.state import Solved, State
 from tipfem.step.budget import Budget
 from tipfem.step.solve import StepSolver, first_not_finite, steps_between_repairs
 from tipfem.timers import Timings, timer
@@ -275,7 +275,7 @@ class Stepper:
             ) from reason
 
     def _row(self, solved: Solved, refused: int) -> Row:
-        """The first columns of the history, see `tipfem.output.STEP_COLUMNS`, after a step.
+        """The first columns of the history, see `tipfem.results.output.STEP_COLUMNS`, after a step.
 
         Args:
             solved: the step's solve.

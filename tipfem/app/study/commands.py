@@ -8,9 +8,9 @@ from typing import Any
 from cyclopts import App
 
 from tipfem.app.running import bad_input, said
+from tipfem.app.study.study import Study, load_study
 from tipfem.casefile.describing import toml_value
 from tipfem.casefile.options import Flag, Whole
-from tipfem.study.study import Study, load_study
 
 
 def register(app: App) -> None:
@@ -55,8 +55,8 @@ def sweep(
             _list(read)
             return 0
         # Here, for they import Taichi, which a study with a mistake does not need.
-        from tipfem.study.cluster import DaskWorkers
-        from tipfem.study.running import LocalWorkers, Sweep, Workers, prepare, usable_cores
+        from tipfem.app.study.cluster import DaskWorkers
+        from tipfem.app.study.running import LocalWorkers, Sweep, Workers, prepare, usable_cores
 
         crew: Workers
         if scheduler is None:
@@ -88,8 +88,8 @@ def sweep(
 
 
 def _write(study: Study, failures: dict[str, str]) -> list[Path]:
-    from tipfem.study.running import folder_of
-    from tipfem.study.table import figures_of, status_of, write_table
+    from tipfem.app.study.running import folder_of
+    from tipfem.app.study.table import figures_of, status_of, write_table
 
     rows: list[dict[str, Any]] = []
     for run in study.runs:
@@ -101,9 +101,9 @@ def _write(study: Study, failures: dict[str, str]) -> list[Path]:
 
 def _list(study: Study) -> None:
     """Print the runs of a study."""
+    from tipfem.app.study.running import folder_of
+    from tipfem.app.study.table import status_of
     from tipfem.casefile.estimate import duration, estimate
-    from tipfem.study.running import folder_of
-    from tipfem.study.table import status_of
 
     total = 0.0
     for run in study.runs:

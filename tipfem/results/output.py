@@ -3,7 +3,7 @@
     case.json       what was simulated: fluids, walls' box, spacing
     history.csv     one row a step, SI units
     fields.pvd      the fields over time, for ParaView; fields/step_*.vtu
-    fields.vtkhdf   the same in one file, see `tipfem.fields.FieldOutput`
+    fields.vtkhdf   the same in one file, see `tipfem.results.fields.FieldOutput`
     summary.json    settings, versions, and figures of the whole run
     probes/*.csv    what probes have measured; checkpoints/*.h5
     steering.jsonl  commands given to the run, see `tipfem.steering`
@@ -31,13 +31,13 @@ from tipfem.arguments import path_of
 from tipfem.case.case import Case
 from tipfem.case.outline import tank_outline
 from tipfem.case.particles import Particles
-from tipfem.fields import FieldOutput, FieldState, vtkhdf, vtu
-from tipfem.fields.atomic_file import journal_of
-from tipfem.folder_lock import FolderLock
 from tipfem.logs import log
 from tipfem.mesh.mesh import Mesh
+from tipfem.results.fields import FieldOutput, FieldState, vtkhdf, vtu
+from tipfem.results.fields.atomic_file import journal_of
+from tipfem.results.folder_lock import FolderLock
+from tipfem.results.whole_file import replaced
 from tipfem.typing import Array
-from tipfem.whole_file import replaced
 
 CASE_FILE = "case.toml"  # the whole case
 MANIFEST = ".tipfem"

@@ -8,10 +8,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tipfem.liveview.memory import Snapshot
 from tipfem.render import Scene
 from tipfem.render.bodies import BodyOutline
 from tipfem.render.tank import TankOutline
+from tipfem.run.liveview.memory import Snapshot
 
 LOOKED_EVERY = 0.02  # seconds between looks at a run that somebody watches
 IDLE = 1.0  # seconds between looks at one that nobody watches
@@ -19,7 +19,7 @@ COMMANDS = frozenset({"pause", "go", "step", "stop", "gravity", "poke", "drop"})
 
 
 class Feed(Protocol):
-    """Where the states of a run come from; see `tipfem.liveview.memory.StateMemory`.
+    """Where the states of a run come from; see `tipfem.run.liveview.memory.StateMemory`.
 
     Attributes:
         published: number of states so far.

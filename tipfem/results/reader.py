@@ -13,13 +13,13 @@ from typing import Any, Literal
 import numpy as np
 
 from tipfem.arguments import is_number, path_of
-from tipfem.fields import FieldOutput, FieldState, vtkhdf, vtu
-from tipfem.fields.field_state import VTK_CELLS, three_components
-from tipfem.folder_lock import FolderLock
 from tipfem.notebook import Movie, facts
-from tipfem.output import MANIFEST
-from tipfem.remeshing_table import Sums, remeshing_sums, remeshing_table
-from tipfem.tables import Table, package
+from tipfem.results.fields import FieldOutput, FieldState, vtkhdf, vtu
+from tipfem.results.fields.field_state import VTK_CELLS, three_components
+from tipfem.results.folder_lock import FolderLock
+from tipfem.results.output import MANIFEST
+from tipfem.results.remeshing_table import Sums, remeshing_sums, remeshing_table
+from tipfem.results.tables import Table, package
 from tipfem.typing import Array
 
 FORMAT = 1

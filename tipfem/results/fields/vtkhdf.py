@@ -5,8 +5,8 @@ one behind the other in each dataset, and the group Steps has the time of each a
 cells may differ from time to time. The group tipfem, which VTK passes over, has the numbers of the steps. See
 https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/.
 
-A change comes into force in one piece, see `tipfem.fields.atomic_file`: a run that is killed while it appends leaves
-the file with the states before.
+A change comes into force in one piece, see `tipfem.results.fields.atomic_file`: a run that is killed while it appends
+leaves the file with the states before.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.fields.atomic_file import AtomicFile, recover
-from tipfem.fields.field_output import FieldOutput
-from tipfem.fields.field_state import VTK_CELLS, FieldState, three_components
+from tipfem.results.fields.atomic_file import AtomicFile, recover
+from tipfem.results.fields.field_output import FieldOutput
+from tipfem.results.fields.field_state import VTK_CELLS, FieldState, three_components
 from tipfem.typing import Array
 
 NAME = "fields.vtkhdf"

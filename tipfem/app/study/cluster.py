@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from tipfem.study.running import LOG, Outcome, outcome_of, start_process
+from tipfem.app.study.running import LOG, Outcome, outcome_of, start_process
 
 CONNECT = 30.0  # how long the command waits for the scheduler [s]
 POLL = 0.2  # of a task: how often it looks whether the study is to stop [s]

@@ -1,4 +1,4 @@
-"""Runs of a study in processes on this machine; `tipfem.study.cluster` has those on others."""
+"""Runs of a study in processes on this machine; `tipfem.app.study.cluster` has those on others."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
+from tipfem.app.study.study import Run, Study
+from tipfem.app.study.table import status_of
 from tipfem.casefile.describing import write_case
-from tipfem.folder_lock import FolderLock
-from tipfem.output import CASE_FILE
+from tipfem.results.folder_lock import FolderLock
+from tipfem.results.output import CASE_FILE
 from tipfem.run.checkpoint import FOLDER
-from tipfem.stop_request import StopRequest
-from tipfem.study.study import Run, Study
-from tipfem.study.table import status_of
+from tipfem.steering.stop_request import StopRequest
 
 LOG = "log.txt"
 MOST_STARTS = 4  # of a run that is killed again and again
@@ -51,7 +51,7 @@ def start_process(folder: Path, threads: int, cores: Sequence[int]) -> subproces
         threads: of the process.
         cores: that it is bound to.
     """
-    words = [sys.executable, "-m", "tipfem.study.worker", str(folder), "--threads", str(threads)]
+    words = [sys.executable, "-m", "tipfem.app.study.worker", str(folder), "--threads", str(threads)]
     words += ["--cores", *map(str, cores)]
     with open(folder / LOG, "ab") as log:
         # A session of its own: Ctrl-C on the terminal reaches the command alone, which then stops its runs.

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le
 
-from tipfem.declaration import require
+from tipfem.case.declaration import require
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,6 +1,6 @@
 """The process of one run of a study: goes on with the run in a folder, and stops when its parent has ended.
 
-    python -m tipfem.study.worker FOLDER --threads 1 --cores 0 1
+    python -m tipfem.app.study.worker FOLDER --threads 1 --cores 0 1
 
 Its standard input is a pipe whose other end the parent holds and never writes to. When it is closed, because the parent
 has been killed or wants to stop, the run finishes its step and writes a checkpoint.
@@ -18,7 +18,7 @@ from pathlib import Path
 
 from tipfem.app.running import resume
 from tipfem.casefile.options import Shown
-from tipfem.folder_lock import FolderLock
+from tipfem.results.folder_lock import FolderLock
 
 PATIENCE = 60.0  # how long a run that is about to stop may still hold the folder [s]
 BEAT = 5.0  # time between renewals of the lock [s]

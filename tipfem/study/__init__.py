@@ -1,1 +1,0 @@
-"""Studies: many runs of one case with other values, from one file; see `tipfem.study.study` for its format."""
