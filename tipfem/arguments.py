@@ -74,6 +74,12 @@ def rounded(values: Any) -> str:
     return f"{float(array):.6g}" if array.ndim == 0 else f"[{', '.join(rounded(value) for value in array)}]"
 
 
+def brief(value: Any) -> str:
+    """A value for messages, at most 60 characters of it."""
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
 def path_of(what: str, value: Any) -> Path:
     """A path that a user has given.
 

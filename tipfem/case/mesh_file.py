@@ -173,6 +173,8 @@ def read_mesh(
         raise ValueError(f"{here}: spacing is {spacing!r} m; it must be > 0")
     mesh = _read(Path(path), here)
     points = np.asarray(mesh.points, dtype=float)
+    if points.ndim != 2 or len(points) < 3 or not np.isfinite(points).all():
+        raise ValueError(f"{here}: it must have three points or more, with finite coordinates")
     if points.shape[1] == 3:
         if np.ptp(points[:, 2]) > 1e-9 * max(np.ptp(points), 1e-300):
             raise ValueError(f"{here}: its points are not in one plane of constant z; the mesh must be 2-D")

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from tipfem.arguments import is_number
+from tipfem.arguments import brief, is_number
 from tipfem.case.case import Case
 
 # Largest magnitude of a gravity or of a poke [m/s^2]: ten times that of the earth. More would shorten the steps, and
@@ -22,7 +22,7 @@ LEAST_DROP = 2.0  # radius, in spacings: a smaller drop has too few cells to kee
 def _vector(what: str, value: Any) -> tuple[float, ...]:
     given = tuple(value) if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str) else ()
     if len(given) not in (2, 3) or not all(is_number(each) for each in given):
-        raise ValueError(f"{what} is {value!r}; it must be 2 or 3 finite numbers")
+        raise ValueError(f"{what} is {brief(value)}; it must be 2 or 3 finite numbers")
     return tuple(float(each) for each in given)
 
 
@@ -38,7 +38,7 @@ def _acceleration(what: str, value: Any) -> tuple[float, ...]:
 
 def _positive(what: str, value: Any, unit: str) -> float:
     if not (is_number(value) and value > 0):
-        raise ValueError(f"{what} is {value!r} {unit}; it must be a number > 0")
+        raise ValueError(f"{what} is {brief(value)} {unit}; it must be a number > 0")
     return float(value)
 
 

@@ -9,11 +9,13 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from tipfem.arguments import brief, is_number
 from tipfem.steering.commands import Command, command_from
 
 FILE = "steering.jsonl"
@@ -59,15 +61,17 @@ class Record:
         if not isinstance(content, dict):
             raise ValueError(f"{line[:60]!r} is no JSON object")
         step, name = content.pop("step", None), content.pop("command", None)
-        time, effect = content.pop("time", float("nan")), content.pop("effect", None)
+        time, effect = content.pop("time", None), content.pop("effect", None)
         if not isinstance(step, int) or isinstance(step, bool) or step < 0:
-            raise ValueError(f"step is {step!r}; it must be a whole number, 0 or more")
+            raise ValueError(f"step is {brief(step)}; it must be a whole number, 0 or more")
+        if time is not None and not is_number(time):
+            raise ValueError(f"time is {brief(time)}; it must be a number, in s")
         if not isinstance(name, str):
-            raise ValueError(f"command is {name!r}; it must be the name of a command")
+            raise ValueError(f"command is {brief(name)}; it must be the name of a command")
         command = command_from(name, content)
         if not command.physical:
-            raise ValueError(f"command is {name!r}, which does not change the physics; it cannot be repeated")
-        return Record(step, command, float(time), effect)
+            raise ValueError(f"command is {brief(name)}, which does not change the physics; it cannot be repeated")
+        return Record(step, command, math.nan if time is None else float(time), effect)
 
 
 def read_records(path: str | Path) -> list[Record]:

@@ -68,10 +68,11 @@ colour; then the images, one after another |
 from __future__ import annotations
 
 import json
-import math
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
+
+from tipfem.arguments import brief, is_number
 
 VERSION = 1
 LARGEST = 16_384  # bytes of a message from a page
@@ -91,8 +92,8 @@ Check = Callable[[str, Any], Any]
 
 def _number(low: float = -_FARTHEST, high: float = _FARTHEST) -> Check:
     def check(name: str, value: Any) -> float:
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            raise ProtocolError(f"{name}: expected a number, got {_shown(value)}")
+        if not is_number(value):
+            raise ProtocolError(f"{name}: expected a number, got {brief(value)}")
         if not low <= value <= high:
             raise ProtocolError(f"{name}: {value:g}, expected {low:g} to {high:g}")
         return float(value)
@@ -103,7 +104,7 @@ def _number(low: float = -_FARTHEST, high: float = _FARTHEST) -> Check:
 def _whole(low: int, high: int) -> Check:
     def check(name: str, value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            raise ProtocolError(f"{name}: expected a whole number from {low} to {high}, got {_shown(value)}")
+            raise ProtocolError(f"{name}: expected a whole number from {low} to {high}, got {brief(value)}")
         return value
 
     return check
@@ -111,20 +112,20 @@ def _whole(low: int, high: int) -> Check:
 
 def _flag(name: str, value: Any) -> bool:
     if not isinstance(value, bool):
-        raise ProtocolError(f"{name}: expected true or false, got {_shown(value)}")
+        raise ProtocolError(f"{name}: expected true or false, got {brief(value)}")
     return value
 
 
 def _text(name: str, value: Any) -> str:
     if not isinstance(value, str) or not 0 < len(value) <= 200:
-        raise ProtocolError(f"{name}: expected text of 1 to 200 characters, got {_shown(value)}")
+        raise ProtocolError(f"{name}: expected text of 1 to 200 characters, got {brief(value)}")
     return value
 
 
 def _choice(*words: str) -> Check:
     def check(name: str, value: Any) -> str:
         if value not in words:
-            raise ProtocolError(f"{name}: expected one of {', '.join(words)}, got {_shown(value)}")
+            raise ProtocolError(f"{name}: expected one of {', '.join(words)}, got {brief(value)}")
         return str(value)
 
     return check
@@ -135,7 +136,7 @@ def _numbers(count: int) -> Check:
 
     def check(name: str, value: Any) -> tuple[float, ...]:
         if not isinstance(value, list) or len(value) != count:
-            raise ProtocolError(f"{name}: expected {count} numbers, got {_shown(value)}")
+            raise ProtocolError(f"{name}: expected {count} numbers, got {brief(value)}")
         return tuple(number(name, each) for each in value)
 
     return check
@@ -144,7 +145,7 @@ def _numbers(count: int) -> Check:
 def _window(name: str, value: Any) -> tuple[float, ...]:
     x0, y0, x1, y1 = _numbers(4)(name, value)
     if not (x1 - x0 > 1e-12 and y1 - y0 > 1e-12):
-        raise ProtocolError(f"{name}: expected x0 below x1 and y0 below y1, got {_shown(value)}")
+        raise ProtocolError(f"{name}: expected x0 below x1 and y0 below y1, got {brief(value)}")
     return x0, y0, x1, y1
 
 
@@ -206,20 +207,20 @@ def parse(text: str | bytes) -> dict[str, Any]:
     try:
         given = json.loads(text)
     except (ValueError, RecursionError):
-        raise ProtocolError(f"not JSON: {_shown(text)}") from None
+        raise ProtocolError(f"not JSON: {brief(text)}") from None
     if not isinstance(given, dict) or not isinstance(given.get("type"), str):
-        raise ProtocolError(f"expected an object with a type, got {_shown(given)}")
+        raise ProtocolError(f"expected an object with a type, got {brief(given)}")
     kind = given.pop("type")
     if kind == "command":
         name = given.pop("name", None)
         if not isinstance(name, str) or name not in _COMMANDS:
-            raise ProtocolError(f"command: expected one of {', '.join(_COMMANDS)}, got {_shown(name)}")
+            raise ProtocolError(f"command: expected one of {', '.join(_COMMANDS)}, got {brief(name)}")
         values = _checked(f"command {name}", given, _COMMANDS[name])
         if name == "poke" and values["at"] is not None and not {"acceleration", "radius"} <= values.keys():
             raise ProtocolError("command poke: expected at, acceleration and radius")
         return {"type": kind, "name": name, "values": values}
     if kind not in _MESSAGES:
-        raise ProtocolError(f"type: expected one of {', '.join(_MESSAGES)} or command, got {_shown(kind)}")
+        raise ProtocolError(f"type: expected one of {', '.join(_MESSAGES)} or command, got {brief(kind)}")
     message = _checked(kind, given, _MESSAGES[kind])
     if kind == "range" and message["mode"] == "given":
         if not {"low", "high"} <= message.keys() or not message["low"] < message["high"]:
@@ -259,7 +260,7 @@ def _checked(where: str, given: dict[str, Any], wanted: dict[str, Check]) -> dic
     names = {name.rstrip("?"): (name, check) for name, check in wanted.items()}
     for name in given:
         if name not in names:
-            raise ProtocolError(f"{where}: {_shown(name)} is not among {', '.join(names) or 'its values, it has none'}")
+            raise ProtocolError(f"{where}: {brief(name)} is not among {', '.join(names) or 'its values, it has none'}")
     found = {}
     for name, (key, check) in names.items():
         if name in given:
@@ -267,8 +268,3 @@ def _checked(where: str, given: dict[str, Any], wanted: dict[str, Check]) -> dic
         elif not key.endswith("?"):
             raise ProtocolError(f"{where}: {name} is missing")
     return found
-
-
-def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
