@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
+from tipfem.physics.bodies.motion import BodyStates
 
 G = 9.81
 ABOUT = np.array([0.03, -0.02])
@@ -82,9 +83,10 @@ def test_the_forces_on_all_walls_are_what_the_fluids_momentum_lacks(water, air, 
         table = np.array([[values[-1] for values in simulation.probes[wall].values()] for wall in walls]).sum(axis=0)
         force, moment = table[1:3] + table[3:5], table[5]
         place = start.particles.position + scheme.cf * solved.displacement - ABOUT
-        if start.bodies:
+        if bodies := start.part(BodyStates):
             on_body = np.array([last["disc_force_x"], last["disc_force_y"]])
-            arm = start.bodies.position[0, :2] + scheme.cf * (solved.bodies.position - start.bodies.position)[0, :2]
+            ends = bodies.position, solved.part(BodyStates).position
+            arm = ends[0][0, :2] + scheme.cf * (ends[1] - ends[0])[0, :2]
             arm -= ABOUT
             force, moment = force + on_body, moment + last["disc_moment"] + arm[0] * on_body[1] - arm[1] * on_body[0]
         inertia = start.mass[:, None] * solved.inertia

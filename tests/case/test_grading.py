@@ -197,7 +197,7 @@ def test_a_repair_creates_and_removes_by_the_targets(factor):
     count = len(particles)
     for _ in range(6):
         particles = particles.shallow_copy(target=np.full(len(particles), 0.02 * factor))
-        particles, mesh, _relocated, _renumbered = repair(
+        particles, mesh, *_ = repair(
             particles, mesh, np.array([998.0, 1.2]), hull_corners(mesh), FittedRule(), graded=True
         )
         particles.fluid[:] = 0

@@ -96,11 +96,6 @@ def test_overrides_beyond_all_bounds_are_refused(text):
             "case.toml:16: tank.stl is nothing that tipfem has: a case file",
         ),
         ("[walls.top]", "[walls.inlet]", "case.toml:24: walls.inlet is nothing that tipfem has: no fluid enters"),
-        (
-            "density = 998.2",
-            "density = 998.2\nsurface-tension = 0.07",
-            "water.surface-tension is nothing that tipfem has",
-        ),
         ("[[probes]]", "[gate]\n[[probes]]", "gate is nothing that tipfem has: no wall opens"),
         (
             "density = 998.2",
@@ -113,6 +108,12 @@ def test_what_tipfem_does_not_have_is_said(old, new, message):
     with pytest.raises(CaseFileError, match="What it cannot do") as error:
         read_case(GOOD.replace(old, new, 1), "case.toml")
     assert message in str(error.value)
+
+
+def test_what_stands_elsewhere_is_said():
+    text = GOOD.replace("density = 998.2", "density = 998.2\nsurface-tension = 0.07", 1)
+    with pytest.raises(CaseFileError, match=r"surface-tension is no key .* in the table surface_tension, as"):
+        read_case(text, "case.toml")
 
 
 @pytest.mark.parametrize("old", ['interface = "sharp"', "free_surface = true"])

@@ -88,6 +88,6 @@ def test_a_run_writes_the_figures_and_says_the_line_on_a_terminal(tmp_path, monk
         simulation = tp.Simulation(tp.Case(tank, [WATER, AIR], (0, -9.81)), tmp_path, time_step=2e-3)
         simulation.run(0.01, progress=progress)
         found = json.loads((tmp_path / "summary.json").read_text())["numerical_error"]
-        assert found == numerical_error(simulation.history, [WATER, AIR], simulation.state.start_volume)
+        assert found == numerical_error(simulation.history, [WATER, AIR], simulation.state.wanted_volume)
         assert {"energy", "momentum", "volume_water", "volume_air", "energy_lost", "roughness_water"} <= set(found)
         assert ("of the volume of water" in " ".join(stream.getvalue().split())) == progress

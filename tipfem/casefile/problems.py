@@ -19,7 +19,6 @@ CANNOT = {
     "slides drives the fluids",
     "turbulence turbulence_model k_epsilon k_omega les rans smagorinsky": "there is no model of turbulence",
     "temperature heat thermal conductivity buoyancy boiling phase_change evaporation": "there is no heat",
-    "sigma": "surface tension is in the table surface_tension, as water.air = 0.0728",
     "axisymmetric axisymmetry cylindrical axial": "there are plane and 3-D flows, no axisymmetric ones",
     "stl obj step cad geometry mesh mesh_file": "a case file has boxes and plane outlines (tank.shape) only; a script "
     "reads meshes of Gmsh by tp.read_mesh",
@@ -31,6 +30,11 @@ CANNOT = {
     "elastic youngs_modulus young poisson_ratio structure deformable": "bodies are rigid",
     "porous porosity permeability": "there are no porous media",
     "adaptive refinement amr": "the spacing is that of the tank, graded by the table grading; refine there",
+}
+# Keys of what tipfem has at another place.
+ELSEWHERE = {
+    "sigma surface_tension tension": "surface tension is of two fluids; it is in the table surface_tension, as "
+    "water.air = 0.0728",
 }
 LONGEST = 60  # characters of a value that are shown
 
@@ -104,9 +108,14 @@ def meant(word: str, choices: Sequence[str]) -> str:
 
 def cannot(word: str) -> str:
     """What there is to say of a word for something that tipfem does not have; empty for other words."""
-    known = word.lower().replace("-", "_")
-    why = next((why for words, why in CANNOT.items() if known in words.split()), "")
+    why = _found(CANNOT, word)
     return f"is nothing that tipfem has: {why}; see the page 'What it cannot do' of the documentation" if why else ""
+
+
+def _found(table: Mapping[str, str], word: str) -> str:
+    """What a table with several words a key says of a word; empty if it is not there."""
+    known = word.lower().replace("-", "_")
+    return next((text for words, text in table.items() if known in words.split()), "")
 
 
 def listed(words: Iterable[str]) -> str:
@@ -302,6 +311,8 @@ class Translator:
         hint = meant(name, keys)
         if why := cannot(name):
             return why
+        if place := _found(ELSEWHERE, name):
+            return f"is no key that is known here; {place}"
         if tag := next((tag for tag in TAGS if tag in keys and tag in table), ""):
             return f"is no key of the {tag} {table[tag]!r}{hint}; its keys are {', '.join(keys)}"
         tables = [table for table in self.reader.tables_with(name) if not hint]
