@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from tipfem.arguments import is_number, numbers
+from tipfem.case.openings import Opening, OpenLine, check_openings, line_of
 from tipfem.case.particles import Particles
+from tipfem.case.passages import Passages, edges_named, opened
+from tipfem.case.side_frames import frames, inverses
 from tipfem.case.walls import Motion, Pose, Wall, rates
 from tipfem.errors import Invalid, SimulationError
 from tipfem.geometry.curves import Curve, curve_of, runs_of
@@ -48,12 +52,17 @@ class Boundary:
         fixed_volume: whether the fluids fill the tank and cannot leave it, so that moving walls must keep its volume.
         period: of the domain; none by default. Then there are no sides across its periodic axes.
         bodies: number of loops of the domain, the last ones, that are outlines of bodies at t = 0.
+        openings: in the walls; 2-D. No wall holds the particles on them, but those at their ends.
+        sides: of a box, see `tipfem.case.passages.edges_named`; needed for the names of its openings' walls.
+        normal: which of the openings are crossed at right angles only.
 
     Attributes:
         tank: the domain without bodies.
         body_edges: (E, 2) the edges of a mesh along the bodies, as long as their particles are the initial ones.
-        active: whether any wall slips, slides or moves.
-        index: (W,) the wall particles.
+        active: whether any wall slips, slides or moves, or has an opening.
+        lines: the openings.
+        passages: their particles; None without any.
+        index: (W,) the wall particles, but for those on openings that no wall holds.
         normal: (W, d, d) for each wall particle a matrix whose rows are the normals of its sides; unused rows are zero.
         inverse: (W, d, d) pseudo-inverses of these matrices.
         side: (W, d) number of the side of each row.
@@ -89,6 +98,9 @@ class Boundary:
         fixed_volume: bool = True,
         period: Period | None = None,
         bodies: int = 0,
+        openings: Sequence[Opening] = (),
+        sides: Mapping[str, Array] | None = None,
+        normal: Sequence[bool] = (),
     ) -> None:
         self.period = period or no_period(particles.dimension)
         self.walls, self.motion, self.dimension, self.fixed_volume = (
@@ -97,7 +109,10 @@ class Boundary:
             particles.dimension,
             fixed_volume,
         )
-        self.active = bool(self.walls) or motion is not None
+        self.active = bool(self.walls) or motion is not None or bool(openings)
+        self.lines: list[OpenLine] = []
+        self.passages: Passages | None = None
+        self._normal = list(normal)
         self.curves: list[Curve] = []
         self.pieces: list[tuple[Array, Array | None]] = []
         self.endless: list[Array] = []
@@ -118,6 +133,9 @@ class Boundary:
         self._h = particles.spacing
         self._find_sides(self.domain.on_edges(self._y, ON_LINE * self._h))
         self.members = [part for number, wall in enumerate(self.walls) for part in self._parts(number, wall, particles)]
+        if openings:
+            self._find_lines(openings, sides or {}, len(particles))
+        self._open(len(particles))
         self._assign()
         self._check_start(particles)
         self._volume = self._volume_at(0.0)
@@ -155,7 +173,7 @@ class Boundary:
         on_side[:, self._across_period()] = False
         self.side_normal, self.offset, self.on_side = domain.normal, domain.offset, on_side
         self.normal, self.side = frames(self.side_normal, on_side)
-        self.inverse = _inverses(self.normal, self.side)
+        self.inverse = inverses(self.normal, self.side)
         self.on_curve = np.full(len(self.index), -1)
 
     def _parts(self, number: int, wall: Wall, particles: Particles) -> list[tuple[int, int, Array]]:
@@ -252,6 +270,34 @@ class Boundary:
         n = self.side_normal[side]
         return np.array([-n[1], n[0]])
 
+    def _find_lines(self, openings: Sequence[Opening], sides: Mapping[str, Array], count: int) -> None:
+        """Find the openings on the walls, and whether fluids slide along the walls at their ends."""
+        assert isinstance(self.domain, Domain)
+        named = edges_named(self.domain, sides, 1e-9 * self._h)
+        self.lines = [line_of(opening, self.domain, self._y, named, self._h) for opening in openings]
+        check_openings(self.lines, self._h, [(side, self.walls[number]) for number, side, _ in self.members])
+        # Once as if no fluid slid at the ends of inlets, to see where it does.
+        trial, slides = copy.copy(self), np.zeros(count, dtype=bool)
+        trial.still, trial.stays = self.still.copy(), self.stays.copy()
+        trial._open(count)
+        trial._assign()
+        slides[trial.index[trial.slides]] = True
+        assert trial.passages is not None
+        ends = [slides[on[[0, -1]]].tolist() for on in trial.passages.nodes]
+        self.lines = [dataclasses.replace(line, slips=tuple(at)) for line, at in zip(self.lines, ends, strict=True)]
+
+    def _open(self, count: int) -> None:
+        """Let no wall hold the particles on openings, of ``count`` particles in all."""
+        if not self.lines:
+            return
+        given = self.index, self._y, self.on_side, self.members
+        self.passages, kept, on_side, self.members = opened(self.lines, self._normal, *given, count, ON_SIDE * self._h)
+        self.index, self._y = self.index[kept], self._y[kept]
+        self.still[self.passages.open] = self.stays[self.passages.open] = False
+        self._find_sides(on_side)
+        for k in range(len(self.curves)):
+            self._put_on_curve(k)
+
     def _assign(self) -> None:
         """Find the free directions of each particle, and the rows of particles that are kept evenly spaced."""
         count, d = len(self.index), self.dimension
@@ -271,6 +317,9 @@ class Boundary:
                 pinned[found[[0, -1]]] = True
             if self.walls[number].motion is not None:
                 self.mover[side] = number
+        if self.passages is not None:
+            for row, side, wall in self.passages.corners:
+                owner[row, side], pinned[row] = wall, False
         slips = np.array([wall.slips for wall in self.walls] + [False])  # the last one is for no wall, -1
         for k, curve in enumerate(self.curves):
             rows = np.flatnonzero(self.on_curve == k)
@@ -456,15 +505,18 @@ class Boundary:
         for k in range(len(new.curves)):
             new._put_on_curve(k)
         new.members = []
-        for number, side, old in self.members:
+        p, own = self.passages, (self._y, self.on_side, self.members)
+        closed_y, closed_sides, closed = own if p is None else (p.y, p.on_side, p.members)
+        for number, side, old in closed:
             along = new._y @ self._tangent(side)
             found = np.flatnonzero(new.on_side[:, side])
-            if len(old) < self.on_side[:, side].sum():  # a part of its side
-                ends = self._y[old[[0, -1]]] @ self._tangent(side)
+            if len(old) < closed_sides[:, side].sum():  # a part of its side
+                ends = closed_y[old[[0, -1]]] @ self._tangent(side)
                 found = found[(along[found] > ends[0] - slack) & (along[found] < ends[1] + slack)]
             new.members.append((number, side, found[np.argsort(along[found])]))
         new.pieces, new.endless = [], []
         new.still, new.stays = particles.wall.copy(), particles.wall.copy()
+        new._open(len(particles))
         new._assign()
         return new
 
@@ -530,7 +582,7 @@ class Boundary:
             return None
         assert isinstance(self.domain, Domain)
         assert isinstance(self.tank, Domain)
-        if not self.active:
+        if not self.active or self.lines:  # whose particles are the initial ones
             return np.concatenate(
                 [self.tank.edges_of(particles.position, particles.wall, particles.spacing), self.body_edges]
             )
@@ -617,48 +669,6 @@ class Boundary:
             f"at t = {time:g} s the walls' motions change the volume of the closed tank by {100 * change:.2g} %, and "
             "fluids are incompressible; another wall must move outwards, the opposite one by motion=lambda t: -s(t)"
         )
-
-
-def _inverses(normal: Array, side: Array) -> Array:
-    """Pseudo-inverses (W, d, d) of the normals (W, d, d) of the sides (W, d), in 2-D once for the same normals."""
-    if normal.shape[1] == 3:
-        return np.asarray(np.linalg.pinv(normal, rcond=1e-9))
-    key = (side[:, 0] * (side.max(initial=0) + 1) + side[:, 1]) * 4
-    key += 2 * normal[:, 0].any(axis=1) + normal[:, 1].any(axis=1)
-    _, first, number = np.unique(key, return_index=True, return_inverse=True)
-    return np.asarray(np.linalg.pinv(normal[first], rcond=1e-9)[number])
-
-
-def frames(normals: Array, on_side: Array) -> tuple[Array, Array]:
-    """Normals (W, d, d) and numbers (W, d) of the first d sides of each wall particle that are independent."""
-    if normals.shape[1] == 3:
-        return _frames_in_3d(normals, on_side)
-    rows = np.arange(len(on_side))
-    first = np.argmax(on_side, axis=1)
-    cross = normals[first, 0][:, None] * normals[:, 1] - normals[first, 1][:, None] * normals[:, 0]
-    others = on_side & (np.abs(cross) > 1e-6)
-    others[rows, first] = False
-    second = np.argmax(others, axis=1)
-    side = np.stack([first, np.where(others.any(axis=1), second, 0)], axis=1)
-    normal = normals[side]
-    normal[~on_side.any(axis=1), 0] = 0.0
-    normal[~others.any(axis=1), 1] = 0.0
-    return normal, side
-
-
-def _frames_in_3d(normals: Array, on_side: Array) -> tuple[Array, Array]:
-    normal, side = np.zeros((len(on_side), 3, 3)), np.zeros((len(on_side), 3), dtype=np.int64)
-    for w, mask in enumerate(on_side):
-        rank = 0
-        for k in np.flatnonzero(mask):
-            normal[w, rank], side[w, rank] = normals[k], k
-            if np.linalg.matrix_rank(normal[w], tol=1e-6) > rank:
-                rank += 1
-            else:
-                normal[w, rank] = 0.0
-            if rank == 3:
-                break
-    return normal, side
 
 
 def put_before(particles: Particles, index: Array, y: Array, domain: Domain, pose: Pose, side: float) -> Particles:

@@ -16,6 +16,7 @@ from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.largest_step import DEFAULT
 from tipfem.case.numerics import Numerics
+from tipfem.case.openings import Inlet, Opening, Outlet
 from tipfem.case.particles import Particles
 from tipfem.case.surface_tension import Pair, TensionTable, tension_contradictions
 from tipfem.case.tank import Tank
@@ -68,6 +69,8 @@ class Case:
             in 2-D the first axis may be periodic, or both. A tank has its own.
         surface_tension: by the names of two fluids, as ``{("water", "air"): 0.0728}``, or of one at a free surface
             [N/m]; none by default. With the sharp interface, or with a free surface, in 2-D.
+        openings: inlets, outlets and vents in the walls, see `tipfem.Inlet`, `tipfem.Outlet` and `tipfem.Vent`; in 2-D,
+            with the sharp interface.
 
     Attributes:
         particles: the initial state, sampled from the tank if one was given.
@@ -80,6 +83,7 @@ class Case:
         period: of the positions.
         bodies: list of the bodies.
         surface_tension: that of each interface, see `tipfem.case.surface_tension.TensionTable`.
+        openings: list of the openings.
         body_label: (N,) number of the body that each particle is on, -1 for none.
         tank: the tank that the particles were sampled from; None for particles given as arrays.
         walls_have_fluids: whether the wall particles' fluids are known (from a tank) and need not be taken from
@@ -108,6 +112,7 @@ class Case:
         shape: Any = None,
         period: Sequence[float] | None = None,
         surface_tension: Mapping[Pair, float] | None = None,
+        openings: Sequence[Opening] = (),
     ) -> None:
         self.fluids = _checked_fluids(fluids)
         self.free_surface = free_surface
@@ -156,6 +161,7 @@ class Case:
         self.body_label = self._labelled(particles)
         if self.bodies and self.domain is None:
             self.domain = around_bodies(particles.position, particles.spacing, [body.corners for body in self.bodies])
+        self.openings = self._checked_openings(openings)
         self._check_particles(particles)
         self.boundary = Boundary(
             particles,
@@ -165,7 +171,12 @@ class Case:
             fixed_volume=not self.grounded,
             period=self.period,
             bodies=len(self.bodies),
+            openings=self.openings,
+            sides=self._box_sides() if self.openings and (self.tank is None or self.tank.shape is None) else None,
+            normal=[isinstance(o, Outlet) and o.normal(len(self.fluids)) for o in self.openings],
         )
+        if self.openings and self.tank is not None:
+            self.particles = self._moving_at_openings(self.tank)
         if self.tank is not None:
             self.tank.seal()
 
@@ -291,6 +302,55 @@ class Case:
         if self.numerics.jacobian == "matrix-free" and any(body.floats for body in result):
             raise ValueError("Case: with Numerics(jacobian='matrix-free') no body can float; say jacobian='rows'")
         return result
+
+    def _checked_openings(self, given: Sequence[Opening]) -> list[Opening]:
+        """The openings as a list; see the class for errors."""
+        if not (isinstance(given, Sequence) and all(isinstance(opening, Inlet | Outlet) for opening in given)):
+            raise Invalid("openings", f"is {given!r}; it must be a list of Inlet, Outlet and Vent", "Case")
+        refused = {
+            "the case is in 3-D": self.particles.dimension != 2,
+            "there is a free surface": self.free_surface,
+            f"interface is {self.interface!r}": self.interface != "sharp",
+            "sides are periodic": bool(self.period),
+            "tank_motion is given": self.tank_motion is not None,
+            "budget is 'detailed'": self.numerics.budget == "detailed",
+            "jacobian is 'matrix-free'": self.numerics.jacobian == "matrix-free",
+            "volume_correction is 0": self.numerics.volume_correction == 0,
+            "there is surface tension": bool(self.surface_tension.given),
+        }
+        for opening in given:
+            for what, there in refused.items():
+                if there:
+                    opening.refuse(
+                        "", f": {what}; openings are for cases in 2-D with the sharp interface, without that"
+                    )
+            opening.fluids([f.name for f in self.fluids])
+        return list(given)
+
+    def _moving_at_openings(self, tank: Tank) -> Particles:
+        """The particles, with those at openings as fast as the fluids that fill the tank there."""
+        passages, boundary = self.boundary.passages, self.boundary
+        assert passages is not None
+        on = np.unique(np.concatenate(passages.nodes))
+        fast = np.zeros((len(on), 2))
+        for region in tank.regions:
+            here = region.mask(self.particles.position[on])
+            fast[here] = region.initial_velocity(self.particles.position[on[here]])
+        free = np.zeros((len(self.particles), 2, 2))
+        free[boundary.index], free[passages.open] = boundary.free, np.eye(2)
+        velocity = self.particles.velocity.copy()
+        velocity[on] = np.einsum("kij,kj->ki", free[on], fast)
+        return self.particles.shallow_copy(velocity=velocity)
+
+    def _box_sides(self) -> dict[str, Array]:
+        """A point (2,) on each wall of a box, with NaN where any coordinate will do [m]."""
+        box, none = self.box, np.nan
+        return {
+            "left": np.array([box[0, 0], none]),
+            "right": np.array([box[1, 0], none]),
+            "bottom": np.array([none, box[0, 1]]),
+            "top": np.array([none, box[1, 1]]),
+        }
 
     def _labelled(self, particles: Particles) -> Array:
         """(N,) number of the body that each particle is on, -1 for none."""
@@ -426,7 +486,7 @@ class Case:
 
         Then the volume of the fluids is not that of the tank, or fluids can leave it: walls may change it.
         """
-        return self.free_surface
+        return self.free_surface or any(not opening.velocities for opening in self.openings)
 
     def acceleration(self, position: Array, time: float) -> Array:
         """Gravity and body force per mass.
@@ -483,7 +543,7 @@ class Case:
         -1: then the mean of the pressure is zero.
         """
         # Corners neither slide nor are relocated; a curve all around has none, and remeshing keeps the particle there.
-        if not self.particles.wall.any():
+        if not self.particles.wall.any() or any(not opening.velocities for opening in self.openings):
             return -1
         stays = self.boundary.stays
         wall = np.flatnonzero(stays if stays.any() else self.particles.wall)

@@ -69,6 +69,41 @@ class StepStart:
 
 
 @dataclass(frozen=True)
+class Entered:
+    """What has entered the fluids from outside in a step; less than 0 for what has left.
+
+    Attributes:
+        volume: (F,) of each fluid [m^2].
+        energy: kinetic and potential [J, per metre of depth].
+        momentum: (d,) [N s].
+    """
+
+    volume: Array
+    energy: float
+    momentum: Array
+
+
+@dataclass(frozen=True)
+class Moved:
+    """The end of a step, before its mesh is repaired.
+
+    Attributes:
+        start: the N particles at the step's start.
+        boundary: which of them lie on which walls.
+        particles: at the end.
+        mesh: the step's mesh, of the start. Where volume enters, the areas of its cells are their own and that, so that
+            what the solve has changed of them is still the difference to those at the end.
+        time: at the end [s].
+    """
+
+    start: Particles
+    boundary: Boundary
+    particles: Particles
+    mesh: Mesh
+    time: float
+
+
+@dataclass(frozen=True)
 class Balance:
     """Energies of what has unknowns of its own in a step, for the budget [J, per metre of depth in 2-D].
 
@@ -99,6 +134,7 @@ class Physics(Generic[Part]):
         stored_columns: where its part has an energy, names of the columns of that, of what remeshing adds to it, of
             what its forces dissipate, and of what is lost for good, see `tipfem.physics.carried.Carried`; or the first
             of these.
+        open: whether fluids enter or leave by it, so that remeshing makes and removes particles; see `before_repair`.
     """
 
     name: str
@@ -106,6 +142,7 @@ class Physics(Generic[Part]):
     columns: tuple[str, ...] = ()
     balance_columns: tuple[str, ...] = ()
     stored_columns: tuple[str, ...] = ()
+    open = False
 
     @classmethod
     def of(cls, case: Case) -> Physics[Part] | None:
@@ -140,6 +177,29 @@ class Physics(Generic[Part]):
             remap: from the mesh before to that after.
         """
         return part, particles
+
+    def first(self, mesh: Mesh, boundary: Boundary) -> Mesh:
+        """The first mesh, with cells of other fluids."""
+        return mesh
+
+    def before_repair(self, part: Part | None, moved: Moved) -> tuple[Part | None, Moved]:
+        """What it carries, and the end of a step, before the mesh is repaired."""
+        return part, moved
+
+    def imposed(self, particles: Particles, boundary: Boundary, time: float, step: float) -> Particles:
+        """Remeshed particles with the velocities and accelerations that the physics prescribes on the boundary.
+
+        Args:
+            particles: with those that walls prescribe.
+            boundary: which of them lie on which walls.
+            time: [s].
+            step: of finite differences [s].
+        """
+        return particles
+
+    def entered(self, part: Part | None) -> Entered | None:
+        """What has entered in the last step; None for nothing."""
+        return None
 
     def stopped(self, part: Part | None, particles: Particles, loose: Array) -> Particles:
         """The particles at the end of a step, with those of a mask (N,), which fly freely, not where they cannot be."""

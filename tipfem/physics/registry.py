@@ -8,6 +8,7 @@ from tipfem.case.case import Case
 from tipfem.case.largest_step import DEFAULT
 from tipfem.physics.bodies.physics import Bodies
 from tipfem.physics.free_surface import FreeSurfaces
+from tipfem.physics.openings.physics import WallOpenings
 from tipfem.physics.physics import Physics
 from tipfem.physics.side_pressures.physics import InterfacePressures
 from tipfem.physics.sliding_liquids.physics import LiquidsThatSlide
@@ -17,6 +18,7 @@ from tipfem.physics.walls.physics import TankWalls
 # In the order in which their terms prescribe displacements and pressures.
 PHYSICS: tuple[type[Physics[Any]], ...] = (
     TankWalls,
+    WallOpenings,
     Bodies,
     FreeSurfaces,
     InterfacePressures,

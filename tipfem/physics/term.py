@@ -129,6 +129,8 @@ class TermWork:
         weight: of the volumes that the term moves; a part of ``geometry``.
         wall_force: (d,) resultant of these forces [N]; 0 for none.
         force: (d,) part of the sum of mass times acceleration [N]; 0 for none.
+        openings: of the pressures and inlets at openings.
+        opening_force: (d,) resultant of these [N]; 0 for none.
     """
 
     inertia: float = 0.0
@@ -143,6 +145,8 @@ class TermWork:
     weight: float = 0.0
     wall_force: Array | float = 0.0
     force: Array | float = 0.0
+    openings: float = 0.0
+    opening_force: Array | float = 0.0
 
 
 @dataclass(frozen=True)
@@ -194,6 +198,7 @@ class Term:
         groups: device array of nodes at one place, see `tipfem.linalg.multigrid.mesh_transfer`; None for none.
         labels: (P,) which connected part of the pressure each node belongs to; None for those of the mesh.
         mobility: device arrays of bodies that the pressure moves, see `tipfem.physics.bodies.layout`; None for none.
+        unheld: (N,) mask of wall particles that no wall holds; None for none.
     """
 
     cut: CutMesh | None = None
@@ -202,6 +207,7 @@ class Term:
     groups: Any = None
     labels: Array | None = None
     mobility: tuple[Any, Any] | None = None
+    unheld: Array | None = None
 
     # What is prescribed.
 

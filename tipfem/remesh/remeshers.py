@@ -27,7 +27,7 @@ from tipfem.mesh.free_surface import SurfaceMesher, spray_volumes
 from tipfem.mesh.interface import InterfaceRule, InterpolatedInterface, SharpInterface
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import Carried, Remap, own_inertia
-from tipfem.physics.physics import Physics
+from tipfem.physics.physics import Moved, Physics
 from tipfem.physics.registry import physics_of
 from tipfem.physics.state import InterpolatedMaterial, Material, SharpMaterial, Solved, State, lumped
 from tipfem.remesh import drops, surface_volumes
@@ -41,6 +41,8 @@ from tipfem.remesh.target_spacing import graded
 from tipfem.remesh.volumes import with_components
 from tipfem.timers import timer
 from tipfem.typing import Array
+
+OUTSET = 1e-6  # of the differences for rates that are prescribed at the start [s]
 
 
 class Remesher(ABC):
@@ -130,8 +132,8 @@ class Remesher(ABC):
 
     def _ended(self, solved: Solved, *values: Any, **others: Any) -> State:
         """The `_state` after a step's remeshing, with which its account ends."""
-        step, start = solved.before.step + 1, solved.before.wanted_volume
-        others |= {"time": solved.time, "step": step, "wanted_volume": start, "grid_box": solved.grid_box}
+        step, wanted = solved.before.step + 1, {"wanted_volume": solved.before.wanted_volume}
+        others = wanted | others | {"time": solved.time, "step": step, "grid_box": solved.grid_box}
         state = self._state(*values, impact=solved.impact, **others)
         self.account.add(self.repairs[-1], state.particles, state.mesh, state.material)
         return state
@@ -391,6 +393,8 @@ class FittedRemesher(Remesher):
             mesh = with_fluids(mesh, particles, self.rank)
         else:
             mesh = with_components(Mesh(mesh.position, mesh.cells, self._first[1]), len(self.rank))
+        for physics in self._physics:
+            mesh = with_components(physics.first(mesh, boundary), len(self.rank))
         absent = np.setdiff1d(np.arange(len(self.density)), np.asarray(mesh.fluid))
         if len(absent):
             raise TriangulationError(
@@ -400,12 +404,16 @@ class FittedRemesher(Remesher):
         fixed = hull_corners(mesh)
         fixed[boundary.index[boundary.slides]] = False  # which slide on curves
         fixed[reference] |= reference >= 0
+        if boundary.passages is not None:
+            fixed[boundary.passages.ends] = True
         particles = particles.shallow_copy(
             fluid=particle_fluid(mesh, len(particles), self.rank),
             target=np.full(len(particles), float(particles.spacing)),
         )
         particles = self._graded(particles, mesh)
         parts, particles = self._carried(parts or {}, particles, Remap.none(mesh))
+        for physics in self._physics:
+            particles = physics.imposed(particles, boundary, 0.0, OUTSET)
         return self._state(
             particles,
             mesh,
@@ -424,22 +432,35 @@ class FittedRemesher(Remesher):
         """See `Remesher.remesh`."""
         before = solved.before
         self.account.start(solved)
-        particles = moved = self._graded(solved.walls.set_back(solved.particles), before.mesh)
+        parts, passages, wanted = dict(solved.parts), before.boundary.passages, before.wanted_volume
+        particles = solved.walls.set_back(solved.particles)
+        end = Moved(before.particles, before.boundary, particles, before.mesh, solved.time)
+        for physics in self._physics:
+            part, end = physics.before_repair(parts.get(physics.name), end)
+            if part is not None:
+                parts[physics.name] = part
+            if (entered := physics.entered(part)) is not None:
+                wanted = wanted + entered.volume
+        start_mesh = with_components(end.mesh, len(self.density))
+        particles = moved = self._graded(end.particles, start_mesh)
         boundary, fixed = before.boundary, before.fixed.copy()
         fixed[boundary.index[boundary.pinned]] = True
         slippery = np.zeros(len(fixed), dtype=np.int32)
         slippery[boundary.index[boundary.slides]] = 1
         if solved.walls.stuck is not None:
             slippery[solved.walls.stuck] = 0
+        if passages is not None:
+            slippery[passages.open] = passages.free[passages.open]
+            slippery[passages.ends], fixed[passages.ends] = 0, True
         particles, mesh, relocated, renumbered, relabelled = repair(
             particles,
-            before.mesh,
+            start_mesh,
             self.density,
             fixed,
             self.rule,
             slippery=slippery,
-            total=before.wanted_volume if self._keep else None,
-            graded=self._grading is not None,
+            total=wanted if self._keep else None,
+            graded=self._grading is not None or any(physics.open for physics in self._physics),
             account=self.account,
             keep_cells=solved.keeps_cells,
         )
@@ -450,15 +471,17 @@ class FittedRemesher(Remesher):
             fixed[renumbered[before.fixed]] = True
         particles = particles.shallow_copy(fluid=particle_fluid(mesh, len(particles), self.rank))
         remap = Remap(before.mesh, mesh, renumbered, relocated, solved.force, relabelled)
-        parts, particles = self._carried(solved.parts, particles, remap)
+        parts, particles = self._carried(parts, particles, remap)
         particles, boundary = solved.walls.reassign(particles)
+        for physics in self._physics:
+            particles = physics.imposed(particles, boundary, solved.time, 0.25 * solved.dt)
         particles = _imposed(parts, particles)
         (material, mass), owed = self._material(mesh), 0.0
         particles = conserve_along_period(solved, particles, mass, parts)
         self.account.add("walls", particles, mesh, material)
         if self._balance is not None:
             work = solved.work.dissipated, solved.dt
-            change = Change(moved, before.mesh, renumbered, relocated, before.own_inertia, *work)
+            change = Change(moved, start_mesh, renumbered, relocated, before.own_inertia, *work)
             # What parts have lost for good stays lost.
             stored = sum(part.energy(mesh.position) + part.lost for part in parts.values())
             more = own_inertia(parts), stored - before.stored(moved.position)
@@ -476,6 +499,7 @@ class FittedRemesher(Remesher):
             relocations=int(relocated.sum()),
             parts=parts,
             owed=owed,
+            wanted_volume=wanted,
         )
 
     def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:

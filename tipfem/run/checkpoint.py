@@ -27,6 +27,7 @@ import numpy as np
 from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
+from tipfem.case.passages import Passages
 from tipfem.errors import CheckpointError
 from tipfem.geometry.period import Period
 from tipfem.results.whole_file import replaced
@@ -239,7 +240,7 @@ def _is_fortran(array: Array) -> bool:
 
 def _is_stored(value: Any) -> bool:
     """Whether a boundary's attribute is data of its own; its walls and motion are the case's."""
-    if isinstance(value, np.ndarray | bool | int | float) or value is None:
+    if isinstance(value, np.ndarray | bool | int | float | Passages) or value is None:
         return True
     return isinstance(value, list) and all(
         isinstance(item, tuple) and all(_is_stored(part) or isinstance(part, np.integer) for part in item)

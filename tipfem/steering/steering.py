@@ -94,7 +94,7 @@ class Steering:
         return record
 
     def wanted_volumes(self, simulation: Stepper, history: Sequence[Row]) -> Array:
-        """(K, F) volumes that the fluids should have had in the K rows of the history, drops included.
+        """(K, F) volumes that the fluids should have had in the K rows of the history, with drops and what entered.
 
         Args:
             simulation: whose history it is.
@@ -106,6 +106,9 @@ class Steering:
             if record.effect and f"volume_{fluids[0].name}" in record.effect:
                 added = [float(record.effect[f"volume_{fluid.name}"]) for fluid in fluids]
                 wanted[step <= record.step] -= added
+        for column, fluid in zip(wanted.T, fluids, strict=True):
+            entered = np.cumsum([row.get(f"opening_volume_{fluid.name}", 0.0) for row in history])
+            column -= entered[-1:].sum() - entered
         return wanted
 
     def content(self) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from tipfem.case.case import Case
 from tipfem.fem import mass as mass_kernels
 from tipfem.fem import work as work_kernels
 from tipfem.mesh.free_surface import spray_volumes
-from tipfem.physics.physics import Balance
+from tipfem.physics.physics import Balance, Entered
 from tipfem.physics.registry import physics_of
 from tipfem.physics.state import Solved, State
 from tipfem.step.roughness import roughness
@@ -136,8 +136,10 @@ class SolveBalance:
         geometry: work of pressure on volume that changes between the intermediate and the last positions.
         stabilisation: of the stabilisation of pressure.
         source: of the volume source; a gain or a loss.
-        external: work of the body force (gravity excepted) and of the walls; positive when energy is gained.
+        external: work of the body force (gravity excepted), the walls and openings; positive when energy is gained.
         wall_force: (d,) of the walls on the fluids, at the intermediate time [N].
+        openings: the part of ``external`` that is done at openings.
+        opening_force: (d,) on the fluids there, at the intermediate time [N].
         momentum_residual: (d,) change of sum m (v + (1/2 - alpha_f) dt a) less the impulse of all forces [N s]; wall
             particles, whose state is prescribed, contribute dt a_alpha.
         source_volume: (F,) volume that the volume source added [m^3].
@@ -158,6 +160,8 @@ class SolveBalance:
     source_volume: Array
     stored: Mapping[str, float] = field(default_factory=dict)
     own: Sequence[Balance] = ()
+    openings: float = 0.0
+    opening_force: Array = field(default_factory=lambda: np.zeros(3))
 
 
 class Budget:
@@ -180,10 +184,12 @@ class Budget:
         own = [Balance(columns=dict.fromkeys(physics.balance_columns, 0.0)) for physics in self._physics]
         nothing = Totals(0.0, 0.0, zeros, none)
         balance = SolveBalance(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, none, own=own)
-        self._spray = case.free_surface
-        self._meshed = case.interface == "sharp" and not case.free_surface
+        self._spray = case.interface != "sharp" and case.grounded
+        self._meshed = case.interface == "sharp"
         rough = self._roughness_columns(none.tolist(), 0.0) if self._meshed else {}
-        self.columns = (*self._row(nothing, balance, nothing, none, {}), *rough)
+        self._open = any(physics.open for physics in self._physics)
+        entered = Entered(none, 0.0, zeros)
+        self.columns = (*self._row(nothing, balance, entered, nothing, none, {}), *rough)
         self._last: tuple[State, Totals] | None = None
 
     def totals(self, state: State) -> Totals:
@@ -205,8 +211,11 @@ class Budget:
         """
         before = self.totals(solved.before)
         spray = spray_volumes(state.mesh, state.particles.fluid, len(self._names))
+        entered = Entered(np.zeros(len(self._names)), 0.0, np.zeros(len(self._gravity)))
+        for physics in self._physics:
+            entered = physics.entered(state.parts.get(physics.name)) or entered
         lost = {name: part.lost for name, part in state.parts.items()}
-        row = self._row(before, self._balance(solved, before), self.totals(state), spray, lost)
+        row = self._row(before, self._balance(solved, before), entered, self.totals(state), spray, lost)
         return row | self._roughness_columns(*roughness(state, len(self._names))) if self._meshed else row
 
     def _roughness_columns(self, parts: list[float], turning: float) -> dict[str, float]:
@@ -266,9 +275,11 @@ class Budget:
             geometry=-work.geometry,
             stabilisation=work.stabilisation,
             source=-work.source,
-            external=external + work.walls + work.friction,
+            external=external + work.walls + work.friction + work.openings,
+            openings=work.openings,
+            opening_force=np.zeros(d) + work.opening_force,
             wall_force=np.asarray(work.wall_force),
-            momentum_residual=change - scheme.dt * (weight + work.wall_force),
+            momentum_residual=change - scheme.dt * (weight + work.wall_force + work.opening_force),
             source_volume=start.material.volumes(growth * start.mesh.measure) if growth.any() else np.zeros(count),
             stored={
                 name: self._work_of(name, solved) - (after.stored[name] - was) for name, was in before.stored.items()
@@ -291,14 +302,20 @@ class Budget:
         return result
 
     def _row(
-        self, before: Totals, step: SolveBalance, now: Totals, spray: Array, lost: Mapping[str, float]
+        self,
+        before: Totals,
+        step: SolveBalance,
+        entered: Entered,
+        now: Totals,
+        spray: Array,
+        lost: Mapping[str, float],
     ) -> dict[str, float]:
-        """Columns of the history, from the totals before the step, of its solve, and of the next state.
+        """Columns of the history, from the totals before the step, of its solve, what entered, and of the next state.
 
         Of the next state also the volume (F,) of each fluid that flies as ``spray``, for flows with a free surface, and
         the energy that its parts have ``lost`` for good [J].
         """
-        remeshing = step.after.energy - now.energy
+        remeshing = step.after.energy + entered.energy - now.energy
         time = step.time + sum(own.numerical for own in step.own)
         numerical = time + sum(step.stored.values()) + step.geometry + step.stabilisation + step.source + remeshing
         external = step.external + sum(own.external for own in step.own)
@@ -317,26 +334,30 @@ class Budget:
             "remeshing_dissipation": remeshing,
             "remeshing_potential_energy": now.potential - step.after.potential,
             "external_work": external,
-            "energy_residual": change + dissipated + numerical - external,
+            "energy_residual": change + dissipated + numerical - external - entered.energy,
         }
         for name, names in self._stored.items():
             energies = [totals.stored.get(name, 0.0) for totals in (now, step.after)]
             values = energies[0], energies[0] - energies[1], step.stored.get(name, 0.0), lost.get(name, 0.0)
             row.update(zip(names, values, strict=False))
+        if self._open:
+            row["opening_work"], row["opening_energy"] = step.openings, entered.energy
         for own in step.own:
             row.update(own.columns)
         for name, vector in (
             ("momentum", now.momentum),
             ("wall_force", step.wall_force),
-            ("remeshing_momentum", now.momentum - step.after.momentum),
+            ("remeshing_momentum", now.momentum - step.after.momentum - entered.momentum),
             ("momentum_residual", step.momentum_residual),
+            *([("opening_force", step.opening_force), ("opening_momentum", entered.momentum)] if self._open else []),
         ):
             row.update({f"{name}_{axis}": float(value) for axis, value in zip(AXES, vector, strict=False)})
         for name, volumes in (
             ("volume", now.volume),
             ("solve_volume", step.after.volume - before.volume),
             ("source_volume", step.source_volume),
-            ("remeshing_volume", now.volume - step.after.volume),
+            ("remeshing_volume", now.volume - step.after.volume - entered.volume),
+            *([("opening_volume", entered.volume)] if self._open else []),
             *([("spray_volume", spray)] if self._spray else []),
         ):
             row.update({f"{name}_{fluid}": float(v) for fluid, v in zip(self._names, volumes, strict=True)})

@@ -125,7 +125,10 @@ class FlowProblem:
         launch(vector_kernels.fill, e.scale, 0.0, self.size, work=(self.size, vector_kernels.ENTRY))
         e.local = get("local", self.elements * (d + 1), d + 1)
         e.record = get("record", self.elements, assembly.record_width(d))
-        self._wall = put("wall", particles.wall[of_node])
+        walls = particles.wall
+        for term in terms:
+            walls = walls if term.unheld is None else walls & ~term.unheld
+        self._walls, self._wall = walls, put("wall", walls[of_node])
         self._r, self._dx = get("residual", self.size), get("correction", self.size)
         self._linearised = self._corrected = False
         self._norm = self._smallest = math.nan
@@ -254,7 +257,7 @@ class FlowProblem:
         in 2-D].
         """
         wall = self.particles.wall
-        index, rank = self.equations.nodes_of(wall), np.cumsum(wall) - 1
+        index, rank = self.equations.nodes_of(self._walls), np.cumsum(wall) - 1
         force, of = self._node_forces(x, index), rank[self.equations.owner[index]]
         return np.stack([np.bincount(of, axis, minlength=int(wall.sum())) for axis in force.T], axis=1)
 

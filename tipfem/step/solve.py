@@ -266,7 +266,8 @@ class StepSolver:
         result.require()
         limits.require(numerics.smallest_jacobian, self.reach)
         level = 0.0
-        if not mesh.surface.front.any():
+        passages = state.boundary.passages
+        if not (mesh.surface.front.any() or (passages is not None and passages.free.any())):
             level = float(pressure[state.reference] if state.reference >= 0 else _mean(mesh, pressure))
             pressure -= level
         particles = scheme.advance(before, displacement, pressure)

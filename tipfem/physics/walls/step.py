@@ -219,8 +219,11 @@ class WallStep(Walls):
         w = self._after.held(self._home + slid @ self._after.pose.rotation.T - x[index])
         self.displacement = np.zeros_like(x)
         self.displacement[index] = w
-        self.sliding = index[slides]
+        self.sliding, passages = index[slides], boundary.passages
         self.fixed = particles.wall.copy()
+        if passages is not None:  # those that cross openings are constrained as if they slid along a wall
+            self.sliding = np.concatenate([self.sliding, passages.crossing])
+            self.fixed[passages.free] = False
         self.fixed[self.sliding] = False
         # Predicted positions of the wall particles, exact for the fixed ones.
         self._predicted = x.copy()
@@ -233,6 +236,9 @@ class WallStep(Walls):
         self._rotation = u @ vt
         self.rows = (self._rotation @ boundary.free[slides] @ self._rotation.T).reshape(len(slides), x.shape[1] ** 2)
         self.columns = self._after.free[slides].reshape(len(slides), x.shape[1] ** 2)
+        if passages is not None:
+            across = np.einsum("ki,kj->kij", passages.across, passages.across).reshape(-1, 4)
+            self.rows, self.columns = np.concatenate([self.rows, across]), np.concatenate([self.columns, across])
         if self.curves is not None:
             here = np.flatnonzero(boundary.on_curve[slides] >= 0)
             self.rows[here] = self.columns[here]

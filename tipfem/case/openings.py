@@ -1,0 +1,413 @@
+"""Openings: straight parts of the walls of a tank in 2-D through which fluids enter and leave."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from tipfem.arguments import is_number, numbers
+from tipfem.case.fluid import Fluid
+from tipfem.case.walls import Wall
+from tipfem.errors import Invalid
+from tipfem.geometry.domain import Domain
+from tipfem.typing import Array
+
+# Spacings across an opening, at least: its ends are at rest, and a profile needs some particles between them.
+LEAST_SPACINGS = 4
+APART = 3  # spacings between two openings, at least: the cells at a particle belong to one of them
+RAMP_POINTS, RAMP_WEIGHTS = np.polynomial.legendre.leggauss(4)  # of integrals over a step
+PROFILES = ("plug", "parabola", "power")
+ENTERS = 1e-3  # part of the mean speed below which nothing is said to enter
+
+
+@dataclass(frozen=True, kw_only=True)
+class Opening:
+    """A straight part of a wall that is open.
+
+    Attributes:
+        wall: name of the wall: left, right, bottom or top of a box, or a straight side of a shape. It may be left out
+            where ``between`` is given.
+        between: ((x, y), (x, y)) its two ends [m]; by default the whole wall. They are moved to the nearest particles.
+        name: of its columns in the history; by default the kind and the wall, as in "inlet_left".
+    """
+
+    wall: str = ""
+    between: Sequence[Sequence[float]] | None = None
+    name: str = ""
+    kind: ClassVar[str] = "opening"
+    velocities: ClassVar[bool] = False  # whether it prescribes velocities; the others prescribe a pressure
+
+    def __post_init__(self) -> None:
+        for key in ("wall", "name"):
+            if not isinstance(getattr(self, key), str):
+                raise self._invalid(key, f"is {getattr(self, key)!r}; it must be a text")
+        if not self.wall and self.between is None:
+            raise self._invalid("wall", "is left out; give the name of a wall, or the two ends, between")
+        if self.between is not None:
+            ends = numbers(self.between)
+            if ends.shape != (2, 2) or not np.isfinite(ends).all() or (ends[0] == ends[1]).all():
+                raise self._invalid("between", f"is {self.between!r}; it must be two different points (x, y) in m")
+        if not self.name:
+            object.__setattr__(self, "name", f"{self.kind}_{self.wall}" if self.wall else self.kind)
+
+    @property
+    def path(self) -> tuple[str, ...]:
+        """Keys that lead to it in a case file."""
+        return f"{self.kind}s", self.name
+
+    def refuse(self, key: str, text: str) -> None:
+        """Raise `Invalid`: one of its keys, or all of it, is wrong as the text says."""
+        raise self._invalid(key, text)
+
+    def _invalid(self, key: str, text: str) -> Invalid:
+        return Invalid((*self.path, *((key,) if key else ())), text, f"{self.kind} {self.name or self.wall!r}")
+
+    def fluids(self, names: Sequence[str]) -> None:
+        """Check the fluids that it names against those of the case."""
+
+    def _index(self, key: str, fluid: Fluid | str, names: Sequence[str]) -> int:
+        name = fluid.name if isinstance(fluid, Fluid) else fluid
+        if name not in names:
+            raise self._invalid(key, f"is {name!r}; the case has {', '.join(names)}")
+        return list(names).index(name)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inlet(Opening):
+    """Where a fluid enters with a given discharge or velocity, at right angles to the wall.
+
+    Attributes:
+        fluid: what enters: a `Fluid` or its name; or a function of positions (K, 2) [m] and time [s] to the numbers
+            (K,) of fluids in the case, for an inlet of several.
+        discharge: that enters [m^2/s], a number or a function of time; less than 0 for what is drawn off.
+        velocity: the mean speed into the tank, in place of the discharge [m/s], a number or a function of time.
+        profile: how the speed varies over the part r of the width: "plug", not at all; "parabola", as r (1 - r);
+            "power", of a turbulent flow over a bottom at the lower end, r to the power of 1/7; or a function of the
+            distances (K,) from the lower or left end [m] and of time [s] to speeds (K,), which discharge or velocity
+            scales, and which are in m/s where neither is given. Where a no-slip wall ends at it the speed is zero.
+        ramp: time in which discharge or velocity rise smoothly from zero [s].
+    """
+
+    fluid: Fluid | str | Callable[[Array, float], Array] = ""
+    discharge: float | Callable[[float], float] | None = None
+    velocity: float | Callable[[float], float] | None = None
+    profile: str | Callable[[Array, float], Array] = "plug"
+    ramp: float = 0.0
+    kind: ClassVar[str] = "inlet"
+    velocities: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (callable(self.fluid) or isinstance(self.fluid, Fluid) or (isinstance(self.fluid, str) and self.fluid)):
+            raise self._invalid("fluid", f"is {self.fluid!r}; it must be a fluid of the case")
+        if self.discharge is not None and self.velocity is not None:
+            text = ": discharge and velocity are given; give one, and profile for its shape"
+            raise Invalid(self.path, text, f"inlet {self.name!r}")
+        if self.discharge is None and self.velocity is None and not callable(self.profile):
+            raise Invalid(self.path, ": give discharge or velocity, or a profile in m/s", f"inlet {self.name!r}")
+        for key in ("discharge", "velocity"):
+            value = getattr(self, key)
+            if value is not None and not callable(value) and not is_number(value):
+                unit = "m^2/s" if key == "discharge" else "m/s"
+                raise self._invalid(key, f"is {value!r}; it must be a number in {unit}, or a function of time")
+        if not callable(self.profile) and self.profile not in PROFILES:
+            raise self._invalid("profile", f"is {self.profile!r}; it must be one of {', '.join(PROFILES)}")
+        if not (is_number(self.ramp) and self.ramp >= 0):
+            raise self._invalid("ramp", f"is {self.ramp!r}; it must be a time >= 0 in s")
+
+    def fluids(self, names: Sequence[str]) -> None:
+        """See `Opening.fluids`."""
+        if not callable(self.fluid):
+            self._index("fluid", self.fluid, names)
+
+    def entering(self, position: Array, time: float, names: Sequence[str]) -> Array:
+        """Numbers (K,) of the fluids that enter at positions (K, 2) [m]."""
+        if not callable(self.fluid):
+            return np.full(len(position), self._index("fluid", self.fluid, names), dtype=np.int32)
+        value = np.asarray(self.fluid(position.copy(), time))
+        if (
+            value.shape != (len(position),)
+            or value.dtype.kind not in "iub"
+            or (value < 0).any()
+            or (value.max(initial=0) >= len(names))
+        ):
+            text = f"at t = {time:g} s gave {value!r}; it must be {len(position)} numbers of fluids, 0 to"
+            raise self._invalid("fluid", f"{text} {len(names) - 1}")
+        return value.astype(np.int32)
+
+    def strength(self, time: float, width: float) -> float:
+        """Discharge that is prescribed at a time, for an opening of a width [m^2/s]; NaN where the profile says it."""
+        given = self.discharge if self.discharge is not None else self.velocity
+        if given is None:
+            return math.nan
+        value = given(time) if callable(given) else given
+        if not is_number(value):
+            key, unit = ("discharge", "m^2/s") if self.discharge is not None else ("velocity", "m/s")
+            raise self._invalid(key, f"at t = {time:g} s gave {value!r}; it must be a number in {unit}")
+        return float(value) * (1.0 if self.discharge is not None else width) * self.begun(time)
+
+    def begun(self, time: float) -> float:
+        """Factor from 0 to 1 of the ramp at a time [s]."""
+        part = min(max(time / self.ramp, 0.0), 1.0) if self.ramp > 0 else 1.0
+        return part * part * (3 - 2 * part)
+
+    def shape(self, s: Array, width: float, time: float) -> Array:
+        """Speeds (K,) at distances (K,) from the first end, before they are scaled."""
+        r = s / width
+        if callable(self.profile):
+            value = np.asarray(self.profile(s.copy(), time), dtype=float)
+            value = np.broadcast_to(value, s.shape).copy() if value.ndim == 0 else value
+            if value.shape != s.shape or not np.isfinite(value).all():
+                raise self._invalid("profile", f"at t = {time:g} s gave {value!r}; it must be {len(s)} finite speeds")
+            return np.asarray(value)
+        if self.profile == "parabola":
+            return np.asarray(6 * r * (1 - r))
+        return np.ones_like(r) if self.profile == "plug" else np.asarray(r ** (1 / 7))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outlet(Opening):
+    """Where fluids leave, and enter if they are drawn in, by a pressure that is given.
+
+    What flows in comes from a reservoir at rest: its pressure at the opening is less than that given by rho v^2 / 2.
+
+    Attributes:
+        pressure: on the opening [Pa], a number, or a function of positions (K, 2) [m] and time [s] to (K,); or
+            "hydrostatic", the weight of what stands in the opening below its upper end, for flows that are slower than
+            their waves.
+        level: height of the surface of ``fluid`` outside [m], in place of the pressure, a number or a function of time;
+            above it stands the lightest fluid of the case, whose pressure is 0 at the upper end of the opening.
+        fluid: that the level belongs to.
+        direction: "normal", fluids cross at right angles to the wall, or "free", as for jets. By default normal in a
+            case of one fluid, free in others.
+    """
+
+    pressure: float | Callable[[Array, float], Array] | Literal["hydrostatic"] | None = None
+    level: float | Callable[[float], float] | None = None
+    fluid: Fluid | str | None = None
+    direction: str | None = None
+    kind: ClassVar[str] = "outlet"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        p = self.pressure
+        if self.level is not None and p is not None:
+            raise Invalid(self.path, ": level and pressure are given; give one of the two", f"outlet {self.name!r}")
+        if not (p is None or callable(p) or is_number(p) or p == "hydrostatic"):
+            raise self._invalid("pressure", f"is {p!r}; it must be a number in Pa, a function, or 'hydrostatic'")
+        if self.level is not None and not callable(self.level) and not is_number(self.level):
+            raise self._invalid("level", f"is {self.level!r}; it must be a height in m, or a function of time")
+        if (self.level is None) != (self.fluid is None):
+            said, missing = ("level", "fluid") if self.fluid is None else ("fluid", "level")
+            raise self._invalid(missing, f"is left out; {said} is given, and a level needs both")
+        if self.direction not in (None, "normal", "free"):
+            raise self._invalid("direction", f"is {self.direction!r}; it must be 'normal' or 'free'")
+
+    def fluids(self, names: Sequence[str]) -> None:
+        """See `Opening.fluids`."""
+        if self.fluid is not None:
+            self._index("fluid", self.fluid, names)
+
+    def normal(self, fluids: int) -> bool:
+        """Whether fluids cross at right angles, in a case of a number of fluids."""
+        return self.direction == "normal" or (self.direction is None and fluids == 1)
+
+    def level_at(self, time: float) -> float:
+        """The level at a time [m]."""
+        value = self.level(time) if callable(self.level) else self.level
+        if not is_number(value):
+            raise self._invalid("level", f"at t = {time:g} s gave {value!r}; it must be a height in m")
+        return float(value)  # type: ignore[arg-type]
+
+    def level_fluid(self, names: Sequence[str]) -> int:
+        """Number of the fluid of the level."""
+        assert self.fluid is not None
+        return self._index("fluid", self.fluid, names)
+
+    def pressure_at(self, position: Array, time: float) -> Array:
+        """Pressures (K,) at positions (K, 2) [Pa], where it is a number or a function."""
+        if not callable(self.pressure):
+            return np.full(len(position), float(self.pressure or 0.0))
+        value = np.asarray(self.pressure(position.copy(), time), dtype=float)
+        value = np.broadcast_to(value, len(position)) if value.ndim == 0 else value
+        if value.shape != (len(position),) or not np.isfinite(value).all():
+            text = f"at t = {time:g} s gave {value!r}; it must be {len(position)} finite pressures in Pa"
+            raise self._invalid("pressure", text)
+        return np.asarray(value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Vent(Outlet):
+    """An outlet of pressure 0 where fluids cross at right angles, so that a gas can leave a tank that is filled."""
+
+    kind: ClassVar[str] = "vent"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for key in ("pressure", "level", "direction"):
+            if getattr(self, key) is not None:
+                raise self._invalid(key, f"is {getattr(self, key)!r}; a vent has the pressure 0, an outlet any other")
+
+    def normal(self, fluids: int) -> bool:
+        """See `Outlet.normal`."""
+        return True
+
+
+@dataclass(frozen=True)
+class OpenLine:
+    """An opening on the walls of a case.
+
+    Attributes:
+        opening: as given.
+        side: number of the straight side of the domain.
+        a, b: (2,) its ends, with the fluid on the left from a to b [m].
+        slips: whether the fluid slides, at a and at b, along another wall that ends there in a corner.
+    """
+
+    opening: Opening
+    side: int
+    a: Array
+    b: Array
+    slips: tuple[bool, bool] = (False, False)
+
+    @cached_property
+    def length(self) -> float:
+        """Distance of its ends [m]."""
+        return float(np.linalg.norm(self.b - self.a))
+
+    @cached_property
+    def along(self) -> Array:
+        """(2,) unit vector from a to b."""
+        return np.asarray((self.b - self.a) / self.length)
+
+    @cached_property
+    def inwards(self) -> Array:
+        """(2,) unit normal into the fluid."""
+        return np.array([-self.along[1], self.along[0]])
+
+    def coordinates(self, x: Array) -> Array:
+        """Distances (K,) from a along the line of positions (K, 2) [m]."""
+        return np.asarray((x - self.a) @ self.along)
+
+    def speeds(self, x: Array, time: float) -> Array:
+        """Speeds (K,) into the tank at the particles (K, 2) of an inlet, from a to b [m/s]."""
+        inlet = self.opening
+        assert isinstance(inlet, Inlet)
+        s = np.clip(self.coordinates(x), 0.0, self.length)
+        # Users count from the lower or the left end.
+        turned = (self.b - self.a) @ (1.0, 1.0 + 1e-9) < 0
+        v = inlet.shape(self.length - s if turned else s, self.length, time)
+        for end, slips in zip((0, -1), self.slips, strict=True):
+            v[end] = v[end] if slips else 0.0
+        wanted = inlet.strength(time, self.length)
+        if math.isnan(wanted):
+            return np.asarray(v * inlet.begun(time))
+        flux = float((0.5 * (v[1:] + v[:-1]) * np.diff(s)).sum())
+        if wanted and not abs(flux) > ENTERS * np.abs(v).max(initial=0.0) * self.length:
+            raise inlet._invalid("profile", f"at t = {time:g} s lets nothing in, and {wanted:g} m^2/s are to enter")
+        return np.asarray(v * (wanted / flux if flux else 0.0))
+
+    def displacements(self, x: Array, start: float, end: float) -> Array:
+        """Integral (K,) of the `speeds` over a time [m]."""
+        ramp, total = self.opening.ramp, np.zeros(len(x))  # type: ignore[attr-defined]
+        stops = [start, *([ramp] if start < ramp < end else []), end]
+        for one, other in itertools.pairwise(stops):
+            middle, half = 0.5 * (one + other), 0.5 * (other - one)
+            for point, weight in zip(RAMP_POINTS.tolist(), RAMP_WEIGHTS.tolist(), strict=True):
+                total += weight * half * self.speeds(x, middle + half * point)
+        return np.asarray(total)
+
+    def rates(self, x: Array, time: float, step: float) -> tuple[Array, Array]:
+        """Speeds (K,) and their derivatives, by differences over ``step`` [s]."""
+        now, early = self.speeds(x, time), max(time - step, 0.0)
+        return now, (self.speeds(x, time + step) - self.speeds(x, early)) / (time + step - early)
+
+
+def line_of(opening: Opening, domain: Domain, position: Array, named: dict[str, Array], spacing: float) -> OpenLine:
+    """An opening on the boundary of a domain, with its ends at particles.
+
+    Args:
+        opening: as given.
+        domain: that bounds the fluids.
+        position: (W, 2) of the wall particles [m].
+        named: edges (E,) of the domain by names of walls.
+        spacing: of the particles [m].
+
+    Raises:
+        Invalid: there is no such straight part, or it is too narrow.
+    """
+    slack = 0.5 * spacing
+    if opening.wall and opening.wall not in named:
+        raise opening._invalid("wall", f"is {opening.wall!r}; the tank has {', '.join(named)}")
+    edges = named[opening.wall] if opening.wall else np.arange(len(domain))
+    if opening.between is None:
+        if len(edges) > 1 and np.ptp(domain.direction[edges], axis=0).max() > 1e-9:
+            raise opening._invalid("wall", f"is {opening.wall!r}, which is not straight; openings are straight")
+        side = int(edges[0])
+        ends = np.stack([domain.start[side], domain.end[side]])
+    else:
+        ends = numbers(opening.between)
+        apart, _ = domain.distances(ends, edges)
+        on = (apart < slack).all(axis=0)
+        if not on.any():
+            where = f"wall {opening.wall!r}" if opening.wall else "walls"
+            raise opening._invalid("between", f"is {ends.tolist()}; it is not on one straight part of the {where}")
+        side = int(edges[np.argmax(on)])
+    if domain.curve[side] >= 0:
+        raise opening._invalid("", ": it is on an arc; openings are straight")
+    if (ends[1] - ends[0]) @ domain.direction[side] < 0:
+        ends = ends[::-1]
+    here = np.flatnonzero(np.abs((position - domain.start[side]) @ domain.normal[side]) < 1e-6 * spacing)
+    along = position[here] @ domain.direction[side]
+    first, last = (int(here[np.argmin(np.abs(along - end @ domain.direction[side]))]) for end in ends)
+    line = OpenLine(opening, side, position[first], position[last])
+    count = int(((along > along[here == first]) & (along <= along[here == last])).sum())
+    if count < LEAST_SPACINGS:
+        text = (
+            f": {count} spacings wide; its profile needs {LEAST_SPACINGS} or more: a finer spacing or a wider opening"
+        )
+        raise opening._invalid("", text)
+    return line
+
+
+def check_openings(lines: Sequence[OpenLine], spacing: float, walls: Sequence[tuple[int, Wall]]) -> None:
+    """Check openings against each other and the walls that they are in, given with the numbers of their sides.
+
+    Raises:
+        Invalid: two have one name, or overlap or are too close; a wall moves; or what enters cannot leave.
+    """
+    for k, line in enumerate(lines):
+        for wall in (wall for side, wall in walls if side == line.side):
+            for what in ("motion", "velocity"):
+                if getattr(wall, what) is not None:
+                    line.opening.refuse("wall", f"is {wall.name!r}, which has a {what}; openings stand still")
+        for other in lines[:k]:
+            one, two = line.opening, other.opening
+            if one.name == two.name:
+                raise one._invalid("name", f"is {one.name!r}, as of another opening; give it a name of its own")
+            s = sorted(line.coordinates(np.stack([other.a, other.b])).tolist())
+            if line.side == other.side and s[0] < line.length + APART * spacing and s[1] > -APART * spacing:
+                text = f": from {np.round(line.a, 6).tolist()} to {np.round(line.b, 6).tolist()}; {two.name} is from"
+                text += f" {np.round(other.a, 6).tolist()} to {np.round(other.b, 6).tolist()} m, closer than {APART}"
+                raise one._invalid("", f"{text} spacings")
+    closed = [line.opening for line in lines if line.opening.velocities]
+    if closed and len(closed) == len(lines):
+        raise closed[0]._invalid("", ": what flows in cannot leave; add a vent or an outlet to the tank")
+
+
+def warn_of_impact(line: OpenLine, x: Array, step: float, spacing: float) -> None:
+    """Warn where an inlet begins with a velocity at t = 0, on particles (K, 2), for steps of a length [s]."""
+    if line.opening.velocities:
+        speed = float(np.abs(line.speeds(x, 0.0)).max())
+        if speed * step > 0.3 * spacing:
+            warnings.warn(
+                f"{line.opening.name} sets off at {speed:.3g} m/s at t = 0, an impact; ramp = 0.1 begins smoothly",
+                stacklevel=3,
+            )

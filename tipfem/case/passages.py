@@ -1,0 +1,145 @@
+"""Passages: the particles of openings on the boundary of a case, which no wall holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tipfem.case.openings import OpenLine
+from tipfem.geometry.domain import Domain
+from tipfem.typing import Array
+
+Member = tuple[int, int, Array]  # number of a wall, number of its side, particles on it; see `Boundary.members`
+
+
+@dataclass(frozen=True)
+class Passages:
+    """The openings among the W wall particles of a boundary with S sides, and N particles.
+
+    Attributes:
+        nodes: the particles of each opening, from one end to the other, ends included.
+        open: (N,) mask of those that no wall holds: all but the ends, and these too where an inlet begins in a corner
+            with a wall along which fluids slide.
+        free: (N,) mask of those whose displacements are unknowns: they are on outlets and vents.
+        crossing: (K,) those that cross their opening at right angles only, and
+        across: (K, 2) the directions in which they do.
+        y, on_side, members: positions (W, 2), sides (W, S) and members of the walls as if there were no openings.
+        corners: row, side and number of the wall (-1 for one that is fixed and no-slip) of each particle that is the
+            last one of its wall because of an opening in the corner, and slides if the wall lets it. Rows are those of
+            the particles that are left.
+    """
+
+    nodes: list[Array]
+    open: Array
+    free: Array
+    crossing: Array
+    across: Array
+    y: Array
+    on_side: Array
+    members: list[Member]
+    corners: list[tuple[int, int, int]]
+
+    @property
+    def ends(self) -> Array:
+        """The particles at the ends of openings."""
+        return np.concatenate([on[[0, -1]] for on in self.nodes])
+
+
+def opened(
+    lines: Sequence[OpenLine],
+    normal: Sequence[bool],
+    index: Array,
+    y: Array,
+    on_side: Array,
+    members: list[Member],
+    count: int,
+    slack: float,
+) -> tuple[Passages, Array, Array, list[Member]]:
+    """The openings on wall particles, and what is left to the walls.
+
+    Args:
+        lines: the openings.
+        normal: which of them are crossed at right angles only.
+        index: (W,) the wall particles.
+        y: (W, 2) their positions in the tank [m].
+        on_side: (W, S) mask of the sides that they are on.
+        members: of the walls, with particles as rows of ``index``.
+        count: N, of all particles.
+        slack: distance to an end at which a particle is there [m].
+
+    Returns:
+        The passages; a mask (W,) of the particles that walls hold; the sides (W', S) of these, and the walls' members
+        among them: two where an opening interrupts a wall.
+    """
+    left, kept, corners, rows_of = on_side.copy(), np.ones(len(index), dtype=bool), list[int](), list[Array]()
+    none = np.zeros(0, dtype=np.int64), np.zeros((0, y.shape[1]))
+    crossing = [none]
+    for line, right_angles in zip(lines, normal, strict=True):
+        row = np.flatnonzero(on_side[:, line.side])
+        s = line.coordinates(y[row])
+        order = np.argsort(s, kind="stable")
+        first, last = np.searchsorted(s[order], [-slack, line.length + slack])
+        row = row[order[first:last]]
+        rows_of.append(row)
+        free = row[1:-1]
+        if right_angles:
+            crossing.append((index[free], np.tile(line.inwards, (len(free), 1))))
+        for end, slips in zip(row[[0, -1]].tolist(), line.slips, strict=True):
+            if on_side[end].sum() > 1:
+                left[end, line.side] = False
+                corners.append(end)
+                if slips and line.opening.velocities:
+                    free = np.append(free, end)
+        kept[free] = False
+    number = np.cumsum(kept) - 1
+    among, slides = list[Member](), list[tuple[int, int, int]]()
+    for wall, side, found in members:
+        part = np.zeros(len(found), dtype=np.int64)
+        for line, row in zip(lines, rows_of, strict=True):
+            if line.side == side:
+                on = np.isin(found, row)
+                part[1:] += np.cumsum(on[1:] & on[:-1])
+        stays = left[found, side] & kept[found]
+        for own in np.unique(part[stays]):
+            rows = found[(part == own) & stays]
+            if len(rows) > 1:
+                among.append((wall, side, number[rows]))
+                # Where the end is an inlet's, the last one of the wall slides as those beside it do.
+                whole = found[part == own]
+                slides += [
+                    (int(number[row]), side, wall)
+                    for row, end in zip(rows[[0, -1]], whole[[0, -1]], strict=True)
+                    if not kept[end]
+                ]
+    owner = {side: wall for wall, side, _ in members}
+    is_open = np.zeros(count, dtype=bool)
+    is_open[index[~kept]] = True
+    nodes, is_free = [index[row] for row in rows_of], np.zeros(count, dtype=bool)
+    for line, on in zip(lines, nodes, strict=True):
+        if not line.opening.velocities:
+            is_free[on[1:-1]] = True
+    across = (np.concatenate(column) for column in zip(*crossing, strict=True))
+    ends = [(int(number[end]), int(np.argmax(left[end]))) for end in corners if kept[end]]
+    slides += [(row, side, owner.get(side, -1)) for row, side in ends]
+    passages = Passages(nodes, is_open, is_free, next(across), next(across), y, on_side, members, slides)
+    return passages, kept, left[kept], among
+
+
+def edges_named(domain: Domain, sides: Mapping[str, Array], slack: float) -> dict[str, Array]:
+    """Edges (E,) of a domain by the names of walls.
+
+    Args:
+        domain: that bounds the fluids.
+        sides: of a box, whose edges have no names: one point (2,) on each, NaN where any coordinate will do [m]; empty
+            where they have.
+        slack: distance at which an edge is on a side [m].
+    """
+    if not sides:
+        return {name: np.flatnonzero(domain.side == k) for k, name in enumerate(domain.sides)}
+    on = {
+        name: [(np.abs(ends - point) < slack).any(axis=1) for ends in (domain.start, domain.end)]
+        for name, point in sides.items()
+    }
+    return {name: np.flatnonzero(first & last) for name, (first, last) in on.items()}

@@ -1,0 +1,1 @@
+"""Openings in the walls: inlets, outlets and vents."""

@@ -1,0 +1,72 @@
+"""WallOpenings: inlets, outlets and vents of a case, in its steps and between them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from tipfem.case.boundary import Boundary
+from tipfem.case.case import Case
+from tipfem.case.particles import Particles
+from tipfem.mesh.mesh import Mesh
+from tipfem.physics.openings.lines import Openings
+from tipfem.physics.openings.passed import Passed
+from tipfem.physics.openings.put_back import Gate
+from tipfem.physics.openings.term import OpeningTerm
+from tipfem.physics.physics import Entered, Moved, Physics, StepStart
+
+
+class WallOpenings(Physics[Passed]):
+    """See the module; they carry what has passed.
+
+    Args:
+        case: with openings.
+    """
+
+    name = "openings"
+    open = True
+
+    def __init__(self, case: Case) -> None:
+        self._openings = Openings(case)
+        self._gate = Gate(self._openings, case)
+        names = [line.opening.name for line in self._openings.lines]
+        self.columns = tuple(f"through_{name}_{fluid}" for name in names for fluid in self._openings.names)
+
+    @classmethod
+    def of(cls, case: Case) -> WallOpenings | None:
+        """See `Physics.of`."""
+        return cls(case) if case.openings else None
+
+    def start(self, particles: Particles, step: float) -> Passed:
+        """See `Physics.start`."""
+        return Passed.nothing(len(self._openings.lines), len(self._openings.names))
+
+    def terms(self, part: Passed | None, step: StepStart) -> tuple[OpeningTerm]:
+        """See `Physics.terms`."""
+        return (OpeningTerm(self._openings, step.walls, step.particles, step.mesh, step.scheme, step.time),)
+
+    def first(self, mesh: Mesh, boundary: Boundary) -> Mesh:
+        """See `Physics.first`: cells at inlets are of the fluids that enter."""
+        assert boundary.passages is not None
+        return self._gate.first(mesh, boundary.passages.nodes)
+
+    def before_repair(self, part: Passed | None, moved: Moved) -> tuple[Passed, Moved]:
+        """See `Physics.before_repair`: the particles of openings are put back."""
+        assert part is not None
+        assert moved.boundary.passages is not None
+        done = self._gate.put_back(moved, moved.boundary.passages.nodes, part)
+        return done.passed, dataclasses.replace(moved, particles=done.particles, mesh=done.mesh)
+
+    def imposed(self, particles: Particles, boundary: Boundary, time: float, step: float) -> Particles:
+        """See `Physics.imposed`."""
+        assert boundary.passages is not None
+        return self._openings.imposed(particles, boundary.passages, time, step)
+
+    def entered(self, part: Passed | None) -> Entered:
+        """See `Physics.entered`."""
+        assert part is not None
+        return Entered(part.volume.sum(axis=0), part.energy_in, part.momentum_in)
+
+    def row(self, part: Passed | None) -> dict[str, float]:
+        """See `Physics.row`: the volume of each fluid that has entered by each opening in the step [m^2]."""
+        assert part is not None
+        return dict(zip(self.columns, part.volume.ravel().tolist(), strict=True))

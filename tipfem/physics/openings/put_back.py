@@ -1,0 +1,235 @@
+"""Putting back: after a step, the particles of openings are brought back onto their lines, before the mesh is repaired.
+
+So the cells behind an inlet grow and those before an outlet shrink, by the volume that has passed, and the repair
+splits and collapses edges. A particle of the fluid that comes close to an outlet becomes one of its particles, and the
+cell between is left out.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tipfem.case.case import Case
+from tipfem.case.particles import Particles
+from tipfem.fem.mass import lumped_part
+from tipfem.mesh.mesh import Mesh, corners_among
+from tipfem.physics.openings.lines import Openings
+from tipfem.physics.openings.passed import Passed
+from tipfem.physics.physics import Moved
+from tipfem.typing import Array
+
+SNAP = 0.15  # height over an edge of an outlet below which a particle becomes one of its particles [targets]
+BESIDE = 0.2  # from the ends of the edge, by its length: closer ones are moved to the particle there by the repair
+OFF_LINE = 0.05  # where these are left [targets]
+END = 1e-3  # distance of what drifts along an outlet from its ends [spacings]
+INSIDE = -1e-9  # least barycentric coordinate of a place in a cell
+
+
+class PutBack(NamedTuple):
+    """A step's particles and mesh with the openings closed again.
+
+    Attributes:
+        particles: N, those of openings on their lines.
+        mesh: the step's mesh at its start, without cells that have left, see `Moved`; its components are labelled only
+            if no cell has left or has another fluid.
+        passed: through the openings.
+    """
+
+    particles: Particles
+    mesh: Mesh
+    passed: Passed
+
+
+class Gate:
+    """Puts back the particles of openings.
+
+    Args:
+        openings: of the case.
+        case: with its gravity and mass matrix.
+    """
+
+    def __init__(self, openings: Openings, case: Case) -> None:
+        self.openings = openings
+        self._fluids, self._gravity, self._mass = len(case.fluids), case.potential_gravity, case.numerics.mass
+
+    def first(self, mesh: Mesh, nodes: list[Array]) -> Mesh:
+        """The first mesh, whose cells at inlets are of the fluids that enter."""
+        fluid = self._flooded(mesh, nodes, mesh.position, 0.0)[0]
+        return Mesh(mesh.position, mesh.cells, fluid, period=mesh.period)
+
+    def _flooded(self, mesh: Mesh, nodes: list[Array], position: Array, time: float) -> tuple[Array, Array]:
+        """Fluids (M,) of cells, with those that enter at the particles of inlets; and of what enters into each cell.
+
+        The cells at the inner particles are of the entering fluid. Else another one that touches an inlet would grow.
+        """
+        assert mesh.fluid is not None
+        fluid, source = np.array(mesh.fluid), np.array(mesh.fluid)
+        for line, on in zip(self.openings.lines, nodes, strict=True):
+            if line.opening.velocities:
+                mask = np.zeros(len(position), dtype=bool)
+                mask[on] = True
+                at = np.flatnonzero(corners_among(mask, mesh.cells))
+                source[at] = self.openings.fluids_in(line, position[mesh.cells[at]].mean(axis=1), time)
+                mask[on[[0, -1]]] = False
+                inner = at[corners_among(mask, mesh.cells[at]) > 0]
+                fluid[inner] = source[inner]
+        return fluid, source
+
+    def put_back(self, end: Moved, nodes: list[Array], passed: Passed) -> PutBack:
+        """Put back the particles of openings.
+
+        Args:
+            end: of the step.
+            nodes: of each opening at its start.
+            passed: until then.
+        """
+        before, mesh, moved, time = end.start, end.mesh, end.particles, end.time
+        x, wall, goal, lines = moved.position, moved.wall.copy(), moved.position.copy(), self.openings.lines
+        after, touches = mesh.moved(x).measure, np.full(len(x), -1)
+        gone = np.zeros(len(mesh.cells), dtype=bool)
+        for k, (line, on) in enumerate(zip(lines, nodes, strict=True)):
+            touches[on], goal[on] = k, before.position[on]
+            if not line.opening.velocities:
+                least = END * before.spacing
+                s = np.clip(line.coordinates(x[on[1:-1]]), least, line.length - least)
+                goal[on[1:-1]] = line.a + s[:, None] * line.along
+                self._taken_in(k, on, mesh, moved, goal, wall, touches, gone)
+        changed = np.flatnonzero((goal != x).any(axis=1))
+        done = _interpolated(moved, goal, changed, mesh, wall)
+        corner = goal[mesh.cells]
+        area = 0.5 * _cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        gain = np.where(gone, 0.0, area) - after
+        fluid, source = self._flooded(mesh, nodes, goal, time)
+        at = np.flatnonzero(gain)
+        of = touches[mesh.cells[at]].max(axis=1)
+        volume = self._balanced(of, source[at], gain[at], after.sum() - mesh.measure.sum())
+        measure = mesh.measure + gain
+        if gone.any() or (fluid != mesh.fluid).any():
+            kept = np.flatnonzero(~gone)
+            new = Mesh(mesh.position, mesh.cells[kept], fluid[kept], period=mesh.period)
+            new = new.with_(measure=measure[kept])
+        else:
+            new = mesh.with_(measure=measure)
+        (energy, momentum), (energy_before, momentum_before) = self._totals(done, new), self._totals(moved, mesh)
+        passed = passed.and_then(volume, energy - energy_before, momentum - momentum_before)
+        return PutBack(done, new, passed)
+
+    def _taken_in(
+        self, k: int, on: Array, mesh: Mesh, moved: Particles, goal: Array, wall: Array, touches: Array, gone: Array
+    ) -> None:
+        """Let particles that come close to an outlet be of it: sets ``goal``, ``wall``, ``touches`` and ``gone``."""
+        line, x, target = self.openings.lines[k], moved.position, moved.target
+        mask = np.zeros(len(x), dtype=bool)
+        mask[on] = True
+        beside = np.unique(mesh.cells[corners_among(mask, mesh.cells) > 0])
+        # Those on walls that end at the opening stay on them.
+        slid = beside[wall[beside] & ~mask[beside]]
+        for end in on[[0, -1]]:
+            way = mesh.position[slid] - mesh.position[end]
+            rise, least = way @ line.inwards, OFF_LINE * target[slid]
+            past = (rise > least) & (np.linalg.norm(way, axis=1) < 2 * target[slid])
+            past &= (x[slid] - line.a) @ line.inwards < least
+            goal[slid[past]] = mesh.position[end] + way[past] * (least / np.where(past, rise, 1.0))[past, None]
+            touches[slid[past]] = k
+        beside = beside[~wall[beside]]
+        height, s = (x[beside] - line.a) @ line.inwards, line.coordinates(x[beside])
+        low = (height < SNAP * target[beside]) & (s > 0) & (s < line.length)
+        if not low.any():
+            return
+        beside, height, s = beside[low], height[low], s[low]
+        # By default they are left just off the line, where the repair moves them into the particle next to them.
+        up = np.maximum(height, OFF_LINE * target[beside])
+        goal[beside], touches[beside] = line.a + s[:, None] * line.along + up[:, None] * line.inwards, k
+        near = np.zeros(len(x), dtype=bool)
+        near[beside] = True
+        cell, i = np.nonzero(mesh.neighbours < 0)
+        apex, one, other = (mesh.cells[cell, (i + j) % 3] for j in range(3))
+        face = np.flatnonzero(mask[one] & mask[other] & near[apex])
+        cell, apex, one, other = cell[face], apex[face], one[face], other[face]
+        s, start, end = (line.coordinates(place) for place in (x[apex], goal[one], goal[other]))
+        part = (s - start) / (end - start)
+        over = np.flatnonzero((part > BESIDE) & (part < 1 - BESIDE))
+        # Of two that would leave a cell without area between them and the particle of the opening, one.
+        taken = np.zeros(len(x), dtype=bool)
+        taken[apex[over]] = True
+        flat = mesh.cells[(corners_among(taken, mesh.cells) == 2) & (corners_among(mask | taken, mesh.cells) == 3)]
+        taken[np.where(taken[flat], flat, -1).max(axis=1)] = False
+        over = over[taken[apex[over]]]
+        apex = apex[over]
+        goal[apex] = line.a + s[over, None] * line.along
+        wall[apex], gone[cell[over]] = True, True
+
+    def _balanced(self, of: Array, fluid: Array, gain: Array, surplus: float) -> Array:
+        """Volumes (K, F) that have passed each opening.
+
+        The ``surplus``, by which the solve has changed the total volume, is what putting back takes away in addition.
+        Where walls do not move it is what Newton's method has left; that of a piston was pushed out. It is counted at
+        the outlets, so that what has passed is the change of the tank's volume.
+
+        Args:
+            of: (C,) opening of each cell that has gained.
+            fluid: (C,) that it gains.
+            gain: (C,) [m^2].
+            surplus: by which the cells have grown in the solve [m^2].
+        """
+        count = len(self.openings.lines)
+        volume = np.bincount(of * self._fluids + fluid, gain, count * self._fluids).reshape(count, self._fluids)
+        outlets = np.array([not line.opening.velocities for line in self.openings.lines])
+        share = np.abs(volume) * outlets[:, None]
+        if not share.any():
+            share = np.outer(outlets, np.eye(self._fluids)[0])
+        return np.asarray(volume + surplus * share / share.sum())
+
+    def _totals(self, particles: Particles, mesh: Mesh) -> tuple[float, Array]:
+        """Kinetic and potential energy, and momentum (2,), of particles with the masses of a mesh."""
+        assert mesh.fluid is not None
+        mass = self.openings.density[mesh.fluid] * mesh.measure
+        fluids = np.eye(self._fluids)[mesh.fluid] if self._mass == "interfaces" else np.zeros((0, 0))
+        lumping = lumped_part(self._mass, mesh.cells, fluids, len(particles))
+        v, height = particles.velocity[mesh.cells], particles.position @ self._gravity
+        total = v.sum(axis=1)
+        own, mean = np.einsum("mak,mak->m", v, v) / 3, np.einsum("mk,mk->m", total, total) / 9
+        kinetic = 0.5 * float(mass @ (lumping * own + (1 - lumping) * mean))
+        return kinetic - float(mass @ height[mesh.cells].mean(axis=1)), mass @ total / 3
+
+
+def _interpolated(moved: Particles, goal: Array, changed: Array, mesh: Mesh, wall: Array) -> Particles:
+    """The particles at other places, with the state that was there.
+
+    Args:
+        moved: the particles with their cells.
+        goal: (N, 2) the places [m].
+        changed: (K,) particles that are put there.
+        mesh: of the cells.
+        wall: (N,) mask of those on the hull then.
+
+    Returns:
+        The particles. A place in none of a particle's cells has the velocity of the particle: nothing is known of the
+        fluid that comes.
+    """
+    velocity, acceleration, pressure = moved.velocity.copy(), moved.acceleration.copy(), moved.pressure.copy()
+    if len(changed):
+        offsets, corners = mesh.incidence
+        count = np.diff(offsets)[changed]
+        first = np.cumsum(count) - count
+        row = np.repeat(np.arange(len(changed)), count)
+        cell = corners[np.repeat(offsets[changed] - first, count) + np.arange(count.sum())] // 3
+        x, place = moved.position[mesh.cells[cell]], goal[changed][row]
+        a, b, c = x[:, 0] - place, x[:, 1] - place, x[:, 2] - place
+        part = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)
+        part /= part.sum(axis=1)[:, None]
+        least = part.min(axis=1)
+        best = np.lexsort((-least, row))[first]
+        weight, node = part[best], mesh.cells[cell[best]]
+        pressure[changed] = np.einsum("ka,ka->k", weight, moved.pressure[node])
+        known = least[best] > INSIDE
+        for values, old in ((velocity, moved.velocity), (acceleration, moved.acceleration)):
+            values[changed[known]] = np.einsum("ka,kai->ki", weight[known], old[node[known]])
+    return moved.shallow_copy(position=goal, velocity=velocity, acceleration=acceleration, pressure=pressure, wall=wall)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Third components (K,) of the cross products of vectors (K, 2)."""
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])

@@ -1,0 +1,155 @@
+"""OpeningTerm: openings in the equations of a step.
+
+At an inlet displacements are prescribed. At an outlet they are unknowns, and pressure is one as on a free surface: the
+natural condition of the momentum equation is a traction, -p n of the pressure p that is given,
+
+    - int_opening (-p n) . u' ,
+
+a force that does not depend on the unknowns, taken along the line at the start of the step. So the particles move with
+the fluid in the step; `tipfem.physics.openings.put_back` brings them back onto their line after it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from tipfem.backend.launch import launch
+from tipfem.case.particles import Particles
+from tipfem.case.passages import Passages
+from tipfem.fem import schur
+from tipfem.fem.time_integration import TimeScheme
+from tipfem.linalg.sparsity import Csr
+from tipfem.mesh.mesh import Mesh, volume_gradient
+from tipfem.physics.openings import kernels
+from tipfem.physics.openings.lines import Openings
+from tipfem.physics.term import Equations, Term, TermWork
+from tipfem.physics.walls.step import Walls
+from tipfem.typing import Array
+
+
+class OpeningTerm(Term):
+    """What openings prescribe, and the pressures that are given at them.
+
+    Args:
+        openings: of the case.
+        walls: of the step.
+        particles: at the step's start.
+        mesh: of them.
+        scheme: time integration, with the step's length.
+        time: at the step's start [s].
+    """
+
+    def __init__(
+        self, openings: Openings, walls: Walls, particles: Particles, mesh: Mesh, scheme: TimeScheme, time: float
+    ) -> None:
+        passages = walls.boundary.passages
+        assert passages is not None
+        self._passages: Passages = passages
+        self.unheld: Array = passages.open
+        self._walls, self._scheme, self._particles = walls, scheme, particles
+        self._inlets = inlets = openings.prescribed(passages.nodes, particles.position, time, scheme.dt)
+        beyond = scheme.cf * scheme.predict(particles.velocity, particles.acceleration)
+        self._force = openings.tractions(passages.nodes, particles, mesh, time + scheme.cf * scheme.dt, beyond)
+        start, end = inlets.velocity
+        self._velocity = (1 - scheme.alpha_f) * end + scheme.alpha_f * start - scheme.cv * inlets.displacement
+        start, end = inlets.acceleration
+        self._acceleration = (1 - scheme.alpha_m) * end + scheme.alpha_m * start - scheme.cm * inlets.displacement
+        self._holding = np.zeros((len(inlets.particles), 2))
+
+    def _across(self, values: Array) -> Array:
+        """Fields (N, d) whose values at particles that cross at right angles do."""
+        on, n = self._passages.crossing, self._passages.across
+        result = values.copy()
+        result[on] = np.einsum("ki,ki->k", values[on], n)[:, None] * n
+        return np.asarray(result)
+
+    def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+        """See `Term.histories`."""
+        v, a, on = self._across(velocity), self._across(acceleration), self._inlets.particles
+        v[on], a[on] = self._velocity, self._acceleration
+        return v, a
+
+    def prescribe(self, displacement: Array, pressure: Array) -> tuple[Array, Array]:
+        """See `Term.prescribe`."""
+        u = self._across(displacement)
+        u[self._inlets.particles] = self._inlets.displacement
+        return u, pressure
+
+    def begin(self, equations: Equations, first_node: int) -> None:
+        """See `Term.begin`."""
+        self._equations, put = equations, equations.buffers.upload
+        self._loaded = np.flatnonzero(self._force.any(axis=1)).astype(np.int32)
+        if len(self._loaded):
+            self._arrays = put("openings.loaded", self._loaded), put("openings.force", self._force[self._loaded])
+
+    def schur_complement(self, laplacian: Csr) -> Csr:
+        """See `Term.schur_complement`: particles that move off their opening change the volume of the fluid.
+
+        Those on interfaces are left out where each fluid has a pressure: their own entries are there already.
+        """
+        e, walls, d = self._equations, self._walls, self._equations.dimension
+        ends = self._passages.ends
+        near = self._passages.free.copy()
+        near[ends] = ~walls.fixed[ends]
+        near[e.owner[len(near) :]] = False
+        index = np.flatnonzero(near)
+        if not len(index):
+            return laplacian
+        gradient = volume_gradient(e.mesh, near)
+        if len(walls.sliding):
+            projected = np.einsum("kij,kj->ki", walls.columns.reshape(-1, d, d), gradient[walls.sliding])
+            gradient[walls.sliding] = projected
+        put = e.buffers.upload
+        arrays = put("openings.grounds", index.astype(np.int32)), put("openings.gradient", gradient[index])
+        rest = laplacian.row_offsets, laplacian.values, schur.SCHUR_SCALE, len(index), d
+        launch(schur.add_grounds, *arrays, e.scale, *rest, work=(len(index), schur.GROUND))
+        return laplacian
+
+    def residual(self, x: Any, out: Any) -> None:
+        """See `Term.residual`."""
+        e, count = self._equations, len(self._loaded)
+        if count:
+            work = (count, kernels.FORCE)
+            launch(kernels.add_forces, *self._arrays, e.scale, out, count, e.dimension, work=work)
+
+    def forces(self, x: Any) -> Array:
+        """See `Term.forces`."""
+        result = np.zeros((len(self._equations.owner), 2))
+        result[: len(self._force)] = -self._force
+        return result
+
+    def settle(self, x: Any, forces: Callable[[Any, Array], Array]) -> None:
+        """See `Term.settle`: the forces that hold the particles of inlets, with their copies."""
+        e, mask = self._equations, np.zeros(len(self._force), dtype=bool)
+        mask[self._inlets.particles] = True
+        mask &= self.unheld
+        nodes = e.nodes_of(mask)
+        self._held, of = np.unique(e.owner[nodes], return_inverse=True)
+        holding = forces(x, nodes)
+        self._holding = np.stack([np.bincount(of, axis, minlength=len(self._held)) for axis in holding.T], axis=1)
+
+    def finish(self, displacement: Array, particles: Particles) -> Particles:
+        """See `Term.finish`."""
+        done, before, inlets = particles.copy(), self._particles, self._inlets
+        on = np.flatnonzero(self._passages.free)
+        v, a = self._scheme.rates(displacement[on], before.velocity[on], before.acceleration[on])
+        done.position[on] = before.position[on] + displacement[on]
+        done.velocity[on], done.acceleration[on] = v, a
+        done.velocity, done.acceleration = self._across(done.velocity), self._across(done.acceleration)
+        on = inlets.particles
+        done.position[on] = before.position[on] + inlets.displacement
+        done.velocity[on], done.acceleration[on] = inlets.velocity[1], inlets.acceleration[1]
+        return done
+
+    def work(self, x: Any, displacement: Array) -> TermWork:
+        """See `Term.work`: what pressures and inlets do is not what walls do, at the ends of openings either."""
+        force, u, walls = self._force, displacement, ~self.unheld
+        return TermWork(
+            walls=-float((force[walls] * u[walls]).sum()),
+            wall_force=-force[walls].sum(axis=0),
+            openings=float((force * u).sum() + (self._holding * u[self._held]).sum()),
+            opening_force=force.sum(axis=0) + self._holding.sum(axis=0),
+        )
