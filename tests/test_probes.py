@@ -107,6 +107,63 @@ def test_heights_fronts_volumes_and_energies(layers, water, air):
     assert values(tpp.EnergyProbe(name="e"), layers)["potential_energy"] == layers.energy().potential
 
 
+def test_fronts_have_two_ends_and_a_wide_gauge_the_mean_level(water, air):
+    tank = tp.tank((0.4, 0.4), 0.02).fill(air).fill(water, box=((0, 0), (0.4, 0.1)))
+    tank.fill(water, box=((0, 0), (0.1, 0.2)))
+    simulation = tp.Simulation(tp.Case(tank, [water, air], (0, -G)))
+    assert values(tpp.FrontProbe(name="f", fluid="air", axis=1, end="lower"), simulation)["front"] == pytest.approx(0.1)
+    assert values(tpp.FrontProbe(name="f", fluid="water", end="lower"), simulation)["front"] == 0.0
+    # Half of the strip is in the tank, and a quarter of that is beyond the step.
+    wide = values(tpp.WaveGauge(name="g", x=0.0, fluid="water", width=0.24), simulation)
+    corner = simulation.volume("water") - 0.05  # the mesh cuts corners of the step
+    assert corner == pytest.approx(0.0, abs=4e-4)
+    assert wide["depth"] == pytest.approx((0.1 * 0.2 + 0.02 * 0.1) / 0.12, abs=4e-4 / 0.12)
+    assert wide["depth"] == pytest.approx(
+        values(tpp.VolumeProbe(name="v", fluid="water", box=((0, 0), (0.12, 0.4))), simulation)["volume"] / 0.12
+    )
+
+
+@pytest.mark.parametrize("interface", ["sharp", "interpolated"])
+def test_boxes_share_the_volume_of_a_fluid(water, air, interface):
+    tank = tp.tank((0.4, 0.4), 0.02, jitter=0.2).fill(air).fill(water, box=((0, 0), (0.23, 0.17)))
+    simulation = tp.Simulation(tp.Case(tank, [water, air], (0, -G), interface=interface))
+    x, y = [0.0, 0.071, 0.2, 0.233, 0.4], [0.0, 0.05, 0.163, 0.4]
+    parts = [
+        values(tpp.VolumeProbe(name="v", fluid="water", box=((x[i], y[j]), (x[i + 1], y[j + 1]))), simulation)["volume"]
+        for i in range(4)
+        for j in range(3)
+    ]
+    assert sum(parts) == pytest.approx(simulation.volume("water"), rel=1e-12)
+    assert parts[0] == pytest.approx(0.071 * 0.05, rel=1e-12)
+    outside = tpp.VolumeProbe(name="v", fluid="water", box=((1.0, 1.0), (2.0, 2.0)))
+    assert values(outside, simulation)["volume"] == 0.0
+
+
+@pytest.mark.parametrize("periodic", [None, "x"])
+def test_the_amplitudes_of_waves_are_those_of_their_theory(water, air, periodic):
+    length = 0.4
+    k = (2 if periodic else 1) * 3 * math.pi / length
+
+    def surface(x):
+        return 0.2 + 0.01 * np.cos(k * x) + (0.02 * np.sin(k * x) if periodic else 0.0)
+
+    tank = tp.tank((length, 0.4), 0.01, periodic=periodic).fill(air).fill(water, box=((0, 0), (length, 0.2)))
+    case = tp.Case(tank, [water, air], (0, -G))
+    simulation = tp.Simulation(case)
+    position = simulation.particles.position
+    lifted = surface(position[:, 0]) - 0.2
+    height = position[:, 1]
+    position[:, 1] += lifted * np.where(height < 0.2, height / 0.2, (0.4 - height) / 0.2)
+    moved = simulation.mesh.moved(position)
+    simulation.state = dataclasses.replace(simulation.state, mesh=moved)
+    for fluid, sign in (("water", 1), ("air", -1)):
+        found = values(tpp.WaveProbe(name="w", fluid=fluid, number=3), simulation)
+        expected = sign * np.array([0.01, 0.02] if periodic else [0.01])
+        np.testing.assert_allclose(list(found.values()), expected, rtol=0.02)
+        none = values(tpp.WaveProbe(name="w", fluid=fluid, number=2), simulation)
+        np.testing.assert_allclose(list(none.values()), 0.0, atol=1e-5)
+
+
 def test_the_height_is_that_of_the_highest_piece_and_the_depth_counts_only_fluid(water, air):
     tank = tp.tank((0.4, 0.4), 0.02).fill(air).fill(water, box=((0, 0), (0.4, 0.1)))
     tank.fill(water, box=((0.1, 0.2), (0.3, 0.3)))
@@ -288,7 +345,12 @@ def test_the_recorder_samples_at_the_interval_and_writes_what_it_keeps(layers, t
         (lambda: tpp.WaveGauge(name="p", x=0.1, fluid="water", frame="moon"), "frame is 'moon'"),
         (lambda: tpp.WaveGauge(name="p", x=0.1, fluid="oil"), "there is no fluid 'oil'"),
         (lambda: tpp.FrontProbe(name="p", fluid="water", axis=2), "axis is 2"),
+        (lambda: tpp.FrontProbe(name="p", fluid="water", end="left"), "end is 'left'"),
         (lambda: tpp.VolumeProbe(name="p", fluid="oil"), "there is no fluid 'oil'"),
+        (lambda: tpp.VolumeProbe(name="p", fluid="water", box=((0.2, 0.2), (0.1, 0.3))), "must be lower left"),
+        (lambda: tpp.VolumeProbe(name="p", fluid="water", box=((0, 0, 0), (1, 1, 1))), "it must be 2 coordinates"),
+        (lambda: tpp.WaveProbe(name="p", fluid="water", number=0), "number is 0"),
+        (lambda: tpp.WaveGauge(name="p", x=0.1, fluid="water", width=-1), "width is -1"),
         (lambda: tpp.WallPressure(name="p", wall="door", at=(0, 0)), "there is no wall 'door'.*'left'"),
         (lambda: tpp.WallPressure(name="p", wall="left", at=(0.1, 0.1)), "is not on the wall 'left', from"),
         (lambda: tpp.WallForce(name="p", wall="left", fluid="oil"), "there is no fluid 'oil'"),

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         WallForce,
         WallPressure,
         WaveGauge,
+        WaveProbe,
     )
     from tipfem.results.fields import FieldOutput, FieldState
     from tipfem.results.reader import RunResults, read_results, to_vtkhdf
@@ -85,6 +86,7 @@ __all__ = [
     "WallForce",
     "WallPressure",
     "WaveGauge",
+    "WaveProbe",
     "describe",
     "init",
     "live",
@@ -137,6 +139,7 @@ _MODULES = {
     "WallForce": "probes",
     "WallPressure": "probes",
     "WaveGauge": "probes",
+    "WaveProbe": "probes",
     "describe": "casefile.describing",
     "init": "backend.runtime",
     "live": "run.live",

@@ -174,6 +174,58 @@ def _chord(x: Array, y: Array) -> Array:
     return np.where(cut, np.abs(long_side - other), 0.0)
 
 
+def area_within(corners: Array, lower: Array, upper: Array) -> Array:
+    """Area (K,) [m^2] of triangles with corners (K, 3, 2) inside a box from ``lower`` (2,) to ``upper`` (2,) [m]."""
+    polygon = corners
+    for axis in (0, 1):
+        for sense, bound in ((1.0, lower[axis]), (-1.0, upper[axis])):
+            if math.isfinite(bound):
+                polygon = _clipped(polygon, sense * (polygon[..., axis] - bound))
+    x, y = polygon[..., 0], polygon[..., 1]
+    area = 0.5 * (x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1)
+    return np.asarray(np.abs(area))
+
+
+def _clipped(polygon: Array, height: Array) -> Array:
+    """Convex polygons (K, 2n, 2): the parts of others (K, n, 2) where a linear ``height`` (K, n) is not negative.
+
+    The corners outside become the point where the outline leaves, but the last of them has that where it enters, too.
+    """
+    inside, after = height >= 0, np.roll(height, -1, axis=1)
+    differ = height != after
+    part = np.where(differ, height / np.where(differ, height - after, 1.0), 0.0)
+    ends = polygon + part[..., None] * (np.roll(polygon, -1, axis=1) - polygon)
+    leaves, enters = inside & (after < 0), ~inside & (after >= 0)
+    rows = np.arange(len(polygon))
+    left, entered = (ends[rows, np.argmax(there, axis=1)][:, None] for there in (leaves, enters))
+    first = np.where(inside[..., None], polygon, left)
+    second = np.where(inside[..., None], polygon, np.where(enters[..., None], entered, left))
+    clipped = np.stack([first, second], axis=2).reshape(len(polygon), 2 * polygon.shape[1], 2)
+    clipped[~inside.any(axis=1)] = 0.0
+    return np.asarray(clipped)
+
+
+# Points of Dunavant's rule of degree 5 for triangles, in barycentric coordinates, and their weights. D. A. Dunavant,
+# "High degree efficient symmetrical Gaussian quadrature rules for the triangle", 1985, doi:10.1002/nme.1620210612.
+_NEAR, _FAR = (6 + math.sqrt(15)) / 21, (6 - math.sqrt(15)) / 21
+_POINTS = np.array(
+    [[1 / 3] * 3] + [[1 - 2 * a if k == j else a for k in range(3)] for a in (_NEAR, _FAR) for j in range(3)]
+)
+_WEIGHTS = np.array([9 / 40] + [(155 + math.sqrt(15)) / 1200] * 3 + [(155 - math.sqrt(15)) / 1200] * 3)
+
+
+def wave_integrals(x: Array, area: Array, number: float) -> tuple[float, float]:
+    """Integrals of cos(k x) and sin(k x) over triangles [m^2].
+
+    Args:
+        x: (K, 3) of their corners [m].
+        area: (K,) of each, or what of it counts [m^2].
+        number: k [1/m].
+    """
+    phase = number * (x @ _POINTS.T)
+    return float(area @ (np.cos(phase) @ _WEIGHTS)), float(area @ (np.sin(phase) @ _WEIGHTS))
+
+
 def hydrostatic_pressure(height: Array, layers: Sequence[tuple[Fluid, float]], gravity: float = 9.81) -> Array:
     """Pressure (K,) [Pa] of layers at rest, zero at their top.
 

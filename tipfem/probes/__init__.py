@@ -4,7 +4,7 @@ A probe is given to `tipfem.Simulation` and sampled after the steps. Values betw
 shape functions, as in the solution; of a fluid at rest the pressure is exact.
 """
 
-from tipfem.probes.fluids import EnergyProbe, FrontProbe, VolumeProbe, WaveGauge
+from tipfem.probes.fluids import EnergyProbe, FrontProbe, VolumeProbe, WaveGauge, WaveProbe
 from tipfem.probes.forces import WallForce
 from tipfem.probes.impulses import LoadProbe
 from tipfem.probes.points import LineProbe, PointProbe
@@ -26,6 +26,7 @@ __all__ = [
     "WallForce",
     "WallPressure",
     "WaveGauge",
+    "WaveProbe",
     "probe_from",
     "probe_record",
 ]

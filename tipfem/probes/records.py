@@ -7,7 +7,7 @@ from typing import Any
 
 from tipfem.case.declaration import plain
 from tipfem.errors import CheckpointError
-from tipfem.probes.fluids import EnergyProbe, FrontProbe, VolumeProbe, WaveGauge
+from tipfem.probes.fluids import EnergyProbe, FrontProbe, VolumeProbe, WaveGauge, WaveProbe
 from tipfem.probes.forces import WallForce
 from tipfem.probes.points import LineProbe, PointProbe
 from tipfem.probes.probe import Probe
@@ -20,6 +20,7 @@ KINDS: dict[str, type[Probe]] = {
     "wall pressure": WallPressure,
     "wall force": WallForce,
     "wave gauge": WaveGauge,
+    "wave": WaveProbe,
     "front": FrontProbe,
     "volume": VolumeProbe,
     "energy": EnergyProbe,
