@@ -24,6 +24,7 @@ from tipfem.case.walls import Motion, Wall
 from tipfem.casefile.bodies import read_bodies
 from tipfem.casefile.fills import shape_of, shapes_of
 from tipfem.casefile.forms import Limits, Polyline, Ramp, Table, UniformForce
+from tipfem.casefile.openings import opening_name, read_openings
 from tipfem.casefile.problems import cannot, listed, meant
 from tipfem.casefile.schema import FillTable, MotionTable, WallTable
 from tipfem.casefile.source import Path
@@ -63,6 +64,7 @@ class Parts:
         self._fill()
         self.bodies = self._bodies()
         self.walls = self._walls()
+        self.openings = read_openings(sections, self.fluid_names, self._function, self._made, report)
         self.motion = self._motion()
         self.grading = self._grading()
         self.tension = self._tension()
@@ -95,6 +97,7 @@ class Parts:
             tank_motion=self.motion,
             grading=self.grading,
             surface_tension=self.tension,
+            openings=self.openings,
         )
 
     def place_of(self, error: ValueError, around: Path = ()) -> tuple[Path, str]:
@@ -113,7 +116,7 @@ class Parts:
             return (*around, *path), error.text
         items = self.sections.get(str(path[0])) if path else None
         if isinstance(items, list) and len(path) > 1 and isinstance(path[1], str):  # an item by its name
-            names = [table.name for table in items if table is not None]
+            names = [opening_name(str(path[0]), table) or table.name for table in items if table is not None]
             path = (path[0], *(() if path[1] not in names else (names.index(path[1]), *path[2:])))
         return path, error.text
 

@@ -29,6 +29,7 @@ from tipfem.casefile.forms import (
     Table,
     UniformForce,
 )
+from tipfem.casefile.openings import opening_content
 from tipfem.casefile.outlines import shape_content
 from tipfem.casefile.schema import SCHEMA_ID, CheckpointTable
 from tipfem.casefile.source import BARE
@@ -110,6 +111,8 @@ def describe(
     for wall in case.walls:
         if wall.name not in own:
             writer.wall(wall, len(case.particles))
+    for opening in case.openings:
+        writer.table((f"{opening.kind}s",), opening_content(opening, writer.function, writer.lost), item=True)
     writer.rest(case)
     writer.table(("time",), {"end": end, "largest_step": largest_step})
     chosen, usual = (fields or FieldOutput()).record(), FieldOutput().record()

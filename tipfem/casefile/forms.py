@@ -314,6 +314,17 @@ VectorOrFunction = Annotated[
 """A constant vector, or a function of time to one."""
 
 
+NumberOrFunction = Annotated[
+    Annotated[float, Tag("number")]
+    | Annotated[Constant, Tag("constant")]
+    | Annotated[Sine, Tag("sine")]
+    | Annotated[Ramp, Tag("ramp")]
+    | Annotated[Table, Tag("table")],
+    Discriminator(lambda value: "number" if isinstance(value, int | float) else _tag(value)),
+]
+"""A number, or a function of time to one."""
+
+
 class SineCurve(Model):
     """y = height + amplitude sin(2 pi (x - origin) / wavelength), or cos with form = "cosine"."""
 

@@ -13,10 +13,9 @@ from tipfem.casefile.source import BARE, Path
 TAGS = ("form", "type")  # keys by which tables of several forms are told apart
 # Keys that users of other programs try, and what there is to say of them; docs/howto/cannot.md has more.
 CANNOT = {
-    "inlet inlets inflow outlet outlets outflow open_boundary open_boundaries vent vents boundary boundaries boundary_"
-    "conditions bc": "no fluid enters or leaves a tank; periodic sides with a body_force make a flow that goes on",
-    "pump pumps fan fans source sources sink sinks mass_source": "nothing pumps; a body_force or a wall that moves or "
-    "slides drives the fluids",
+    "pump pumps fan fans source sources sink sinks mass_source": "nothing pumps from one place to another; an inlet of "
+    "a discharge below 0 draws a fluid off, and another one lets it in",
+    "sponge beach damping_zone relaxation_zone": "nothing damps waves but viscosity",
     "turbulence turbulence_model k_epsilon k_omega les rans smagorinsky": "there is no model of turbulence",
     "temperature heat thermal conductivity buoyancy boiling phase_change evaporation": "there is no heat",
     "axisymmetric axisymmetry cylindrical axial": "there are plane and 3-D flows, no axisymmetric ones",
@@ -33,6 +32,11 @@ CANNOT = {
 }
 # Keys of what tipfem has at another place.
 ELSEWHERE = {
+    "inlet inflow": "what flows in is in tables [[inlets]], each with wall = 'left', say, fluid and discharge",
+    "outlet outflow": "where fluids leave is in tables [[outlets]], each with wall = 'right', say",
+    "vent": "where gas leaves is in tables [[vents]], each with wall = 'top', say",
+    "open_boundary open_boundaries opening openings boundary boundaries boundary_conditions bc": "openings are in "
+    "tables [[inlets]], [[outlets]] and [[vents]]; all that is not open is a wall",
     "sigma surface_tension tension": "surface tension is of two fluids; it is in the table surface_tension, as "
     "water.air = 0.0728",
 }

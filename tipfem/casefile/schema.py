@@ -23,6 +23,7 @@ from tipfem.casefile.forms import (
     HalfSpace,
     Limit,
     Model,
+    NumberOrFunction,
     Point,
     TimeFunction,
     Vector,
@@ -118,6 +119,48 @@ class WallTable(Model):
         "m",
         None,
     )
+
+
+class OpeningTable(Model):
+    """A straight part of a wall that is open; in 2-D, with the sharp interface."""
+
+    wall: str = quantity("name of the wall, or of a side of the shape", default="")
+    between: list[Point] | None = quantity(
+        "its two ends; left out, the whole wall is open", "m", None, min_length=2, max_length=2
+    )
+    name: str = quantity("of its columns in the history; by default kind and wall, as in inlet_left", default="")
+
+
+class InletTable(OpeningTable):
+    """Where a fluid enters, at right angles to the wall."""
+
+    fluid: str = quantity("name of the fluid that enters")
+    discharge: NumberOrFunction | None = quantity("what enters; less than 0 for what is drawn off", "m^2/s", None)
+    velocity: NumberOrFunction | None = quantity("mean speed into the tank, in place of discharge", "m/s", None)
+    profile: Literal["plug", "parabola", "power"] = quantity(
+        "how the speed varies across: not at all, as a parabola, or as that of a turbulent flow over a bottom at the "
+        "lower end",
+        default="plug",
+    )
+    ramp: float = quantity("time in which discharge or velocity rise smoothly from zero", "s", 0.0, ge=0)
+
+
+class OutletTable(OpeningTable):
+    """Where fluids leave, and enter if they are drawn in, by a pressure or a level that is given."""
+
+    pressure: float | Literal["hydrostatic"] | None = quantity(
+        "on the opening; hydrostatic: the weight of what stands in it; by default 0", "Pa", None
+    )
+    level: NumberOrFunction | None = quantity("height of the surface of a fluid outside", "m", None)
+    fluid: str | None = quantity("the fluid that the level belongs to", default=None)
+    direction: Literal["normal", "free"] | None = quantity(
+        "normal: fluids cross at right angles to the wall; free: as jets do. By default normal for one fluid, or free",
+        default=None,
+    )
+
+
+class VentTable(OpeningTable):
+    """An outlet of pressure 0, by which a gas can leave a tank that is filled."""
 
 
 class MotionTable(Model):
@@ -226,6 +269,9 @@ class CaseTable(Model):
     fill: list[FillTable] = Field([], description="what the tank is filled with, in order")
     bodies: list[BodyTable] = Field([], description="rigid bodies in the tank")
     walls: dict[str, WallTable] = Field({}, description="walls that slip, slide or move, by their names")
+    inlets: list[InletTable] = Field([], description="where fluids enter the tank")
+    outlets: list[OutletTable] = Field([], description="where fluids leave the tank")
+    vents: list[VentTable] = Field([], description="outlets of pressure 0, for gas")
     tank_motion: MotionTable | None = Field(None, description="rigid motion of the whole tank")
     grading: GradingTable | None = Field(None, description="distances between particles by place and fluid")
     numerics: NumericsTable = Field(default_factory=NumericsTable, description="the numbers of the method")

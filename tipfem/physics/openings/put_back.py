@@ -151,10 +151,13 @@ class Gate:
         s, start, end = (line.coordinates(place) for place in (x[apex], goal[one], goal[other]))
         part = (s - start) / (end - start)
         over = np.flatnonzero((part > BESIDE) & (part < 1 - BESIDE))
-        # Of two that would leave a cell without area between them and the particle of the opening, one.
+        # Not those that would leave another cell without area: one of two at a particle of the opening, or one that is
+        # over two edges. They stay just off the line.
         taken = np.zeros(len(x), dtype=bool)
         taken[apex[over]] = True
-        flat = mesh.cells[(corners_among(taken, mesh.cells) == 2) & (corners_among(mask | taken, mesh.cells) == 3)]
+        all_on = (corners_among(taken, mesh.cells) > 0) & (corners_among(mask | taken, mesh.cells) == 3)
+        all_on[cell[over]] = False
+        flat = mesh.cells[all_on]
         taken[np.where(taken[flat], flat, -1).max(axis=1)] = False
         over = over[taken[apex[over]]]
         apex = apex[over]

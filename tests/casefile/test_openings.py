@@ -1,0 +1,94 @@
+"""Openings in case files."""
+
+from __future__ import annotations
+
+import pytest
+
+import tipfem as tp
+from tipfem.casefile.describing import describe
+from tipfem.casefile.loading import read_case
+from tipfem.casefile.problems import CaseFileError
+
+GOOD = """
+gravity = [0, -9.81]
+[fluids.water]
+density = 1000.0
+viscosity = 1e-3
+[fluids.air]
+density = 1.2
+viscosity = 1.8e-5
+[tank]
+size = [0.4, 0.3]
+spacing = 0.02
+[[fill]]
+fluid = "air"
+[[fill]]
+fluid = "water"
+box = [[0, 0], [0.4, 0.1]]
+[[inlets]]
+wall = "left"
+fluid = "water"
+between = [[0, 0], [0, 0.1]]
+discharge = { form = "sine", amplitude = 0.01, frequency = 1.0 }
+profile = "power"
+ramp = 0.1
+[[outlets]]
+wall = "right"
+level = 0.1
+fluid = "water"
+[[vents]]
+wall = "top"
+name = "chimney"
+between = [[0.1, 0.3], [0.3, 0.3]]
+[time]
+end = 1.0
+"""
+
+
+def test_a_case_file_has_openings_and_is_written_back():
+    case = read_case(GOOD, "case.toml").case()
+    inlet, outlet, vent = case.openings
+    assert (inlet.name, inlet.fluid, inlet.profile, inlet.ramp) == ("inlet_left", "water", "power", 0.1)
+    assert inlet.discharge(0.25) == pytest.approx(0.01)
+    assert (outlet.level, outlet.fluid, vent.name) == (0.1, "water", "chimney")
+    text = str(describe(case, 1.0))
+    again = read_case(text, "again.toml").case()
+    assert again.openings == case.openings
+    assert case.grounded
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[[inlets]]", "[[inflow]]", "inflow is no key that is known here; what flows in is in tables [[inlets]]"),
+        ("[[outlets]]", "[[outflow]]", "outflow is no key that is known here; where fluids leave is in tables"),
+        ("[[vents]]", "[[sponge]]", "sponge is nothing that tipfem has: nothing damps waves but viscosity"),
+        ("[[vents]]", "[[pump]]", "pump is nothing that tipfem has: nothing pumps from one place to another"),
+        (
+            'fluid = "water"\nbetween',
+            'fluid = "watr"\nbetween',
+            "inlets[0].fluid is 'watr'; the fluids are",
+        ),
+        (
+            "profile = ",
+            "velocity = 1.0\nprofile = ",
+            "inlets[0]: discharge and velocity are given; give one",
+        ),
+        ("level = 0.1\n", "", "outlets[0].level is left out; fluid is given, and a level needs both"),
+        ("size = [0.4, 0.3]", 'periodic = "x"\nsize = [0.4, 0.3]', "sides are periodic; openings are for cases in 2-D"),
+        ('wall = "left"', 'wall = "lefft"', "wall is 'lefft'; the tank has left, right, bottom, top"),
+    ],
+)
+def test_mistakes_have_their_place(old, new, message):
+    assert old in GOOD
+    with pytest.raises(CaseFileError) as error:
+        read_case(GOOD.replace(old, new, 1), "case.toml").case()
+    assert message in str(error.value)
+
+
+def test_what_no_file_can_hold_is_said():
+    tank = tp.tank((0.4, 0.3), 0.02).fill(tp.Fluid("water", 1000.0, 1e-3))
+    water = tp.Fluid("water", 1000.0, 1e-3)
+    outlet = tp.Outlet(wall="left", pressure=lambda x, t: 0 * x[:, 0])
+    found = describe(tp.Case(tank, [water], (0, 0), openings=[outlet]), 1.0)
+    assert any("outlets.outlet_left.pressure" in line for line in found.missing)
