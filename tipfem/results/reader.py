@@ -17,6 +17,7 @@ from tipfem.notebook import Movie, facts
 from tipfem.results.fields import FieldOutput, FieldState, vtkhdf, vtu
 from tipfem.results.fields.field_state import VTK_CELLS, three_components
 from tipfem.results.folder_lock import FolderLock
+from tipfem.results.history_columns import history_columns
 from tipfem.results.output import MANIFEST
 from tipfem.results.remeshing_table import Sums, remeshing_sums, remeshing_table
 from tipfem.results.tables import Table, package
@@ -24,7 +25,6 @@ from tipfem.typing import Array
 
 FORMAT = 1
 # Units of the history's columns; in 2-D, budgets are per metre of depth.
-_UNITS = {"time": "s", "time_step": "s", "max_speed": "m/s", "wall_seconds": "s"}
 
 
 def read_results(out: str | Path) -> RunResults:
@@ -76,9 +76,11 @@ class RunResults:
 
     @cached_property
     def history(self) -> Table:
-        """One row a step, see the table of columns in the documentation."""
+        """One row a step, with units, see the table of columns in the documentation."""
         table = Table.read(self.folder / "history.csv")
-        return Table(table, {name: unit for name, unit in _UNITS.items() if name in table}, table.name)
+        fluids, bodies = ([each["name"] for each in self.case.get(key, [])] for key in ("fluids", "bodies"))
+        columns = history_columns(table, self.dimension, fluids, bodies)
+        return Table(table, {name: column.unit for name, column in columns.items() if column.unit}, table.name)
 
     @cached_property
     def probes(self) -> dict[str, Table]:

@@ -21,6 +21,7 @@ from tipfem.logs import log
 from tipfem.notebook import facts
 from tipfem.probes import Probe, ProbeRecorder, probe_record
 from tipfem.results.fields import FieldOutput
+from tipfem.results.history_columns import history_columns
 from tipfem.results.output import ResultsFolder
 from tipfem.results.remeshing_table import Sums, remeshing_sums
 from tipfem.run.case_record import case_record
@@ -272,6 +273,12 @@ class Simulation(Stepper):
         """What numerics took from the run so far, relative to the flow's own; see `tipfem.step.numerical_error`."""
         return numerical_error(self.history, self.case.fluids, self.steering.wanted_volumes(self, self.history))
 
+    def sums(self) -> dict[str, float]:
+        """Sums over the run so far of the columns of the history that are of a step, by their names."""
+        history, d = self.history, self.case.particles.dimension
+        columns = history_columns(history[0] if history else (), d, [fluid.name for fluid in self.case.fluids])
+        return {name: sum(row[name] for row in history) for name, column in columns.items() if column.of_step}
+
     def remeshing_sums(self) -> Sums:
         """What each kind of repair of the mesh added to energy and momentum so far: by fluid, kind and quantity.
 
@@ -312,6 +319,7 @@ class Simulation(Stepper):
                 "numerics": dataclasses.asdict(self.case.numerics),
                 "fluids": [vars(f) for f in self.case.fluids],
                 "numerical_error": self.numerical_error(),
+                "sums": self.sums(),
                 **({"remeshing": self.remeshing_sums()} if self.remesher.account.columns else {}),
                 **(content or {}),
             }

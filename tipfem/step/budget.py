@@ -6,7 +6,7 @@ pressures, give the energy balance (derived in docs/theory/energy.md):
     dKE + dPE + dE + viscous + friction + (time + geometry + stabilisation + source + remeshing) - external = residual
 
 E is the energy that parts of the state have by the places of the particles, as surfaces with tension do.
-What has unknowns of its own, such as bodies that float, has a `Balance` that is included: its energy and what it
+What has unknowns of its own, as what floats, has a `Balance` that is included: its energy and what it
 dissipates on the left, work from outside in the external work.
 
 Every term is computed from its own definition; the residual is the error that Newton's method left.

@@ -307,7 +307,7 @@ class StepSolver:
         because the stabilisation leaves a part of what is rough. Two lengths tell it from what forces do meanwhile.
 
         Args:
-            state: any; only one that moves off the walls and has no bodies that move is changed.
+            state: any; only one that moves off the walls is changed, where nothing floats or is moved.
             dt: length of the first step [s].
 
         Raises:

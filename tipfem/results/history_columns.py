@@ -1,0 +1,70 @@
+"""Units of the columns of a history, and which of them are of a step, so that their sums are of the run."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import NamedTuple
+
+
+class Column(NamedTuple):
+    """What a column of the history is.
+
+    Attributes:
+        unit: of its values; empty for counts and ratios. J, N and N s are per metre of depth in 2-D.
+        of_step: whether it has what happened in the step, so that a sum over rows is of the run; otherwise it has the
+            value at the end of the step.
+    """
+
+    unit: str
+    of_step: bool = False
+
+
+# By patterns of their whole names, the first that fits. FLUID stands for the names of the fluids, "V" for the unit of a
+# volume; "/m" is added in 2-D.
+_PATTERNS: list[tuple[str, str, bool]] = [
+    ("step|particles|rebuilt|impact", "", False),
+    ("newton_iterations|krylov_iterations|refused_steps|relocated", "", True),
+    ("newton_residual", "spacings", False),
+    ("time|wall_seconds", "s", False),
+    ("time_step", "s", True),
+    ("max_speed", "m/s", False),
+    ("remeshing_(potential|surface)_energy|breakup_energy|opening_energy", "J", True),
+    (r"\w*_dissipation|external_work|opening_work|energy_residual", "J", True),
+    (r"(\w+_)?(kinetic|potential|surface)_energy", "J", False),
+    ("(remeshing|opening)_momentum_[xyz]|momentum_residual_[xyz]", "N s", True),
+    ("momentum_[xyz]", "N s", False),
+    ("(wall|opening)_force_[xyz]", "N", False),
+    ("(solve|source|remeshing|opening)_volume_FLUID", "V", True),
+    ("(spray_)?volume_FLUID|through_.+_FLUID", "V", False),
+    ("roughness_FLUID", "", False),
+    ("interface_turning", "degrees", False),
+]
+_OF_WHAT_MOVES = {
+    **{"x": "m", "y": "m", "angle": "rad", "velocity_x": "m/s", "velocity_y": "m/s", "angular_velocity": "rad/s"},
+    **{"force_x": "N", "force_y": "N", "moment": "N m"},
+}
+_PER_DEPTH = ("J", "N", "N s", "N m")
+
+
+def history_columns(
+    names: Iterable[str], dimension: int, fluids: Iterable[str], moving: Iterable[str] = ()
+) -> dict[str, Column]:
+    """What columns are, by their names; those of the user and of a detailed budget are not in it.
+
+    Args:
+        names: of the columns.
+        dimension: d of the case.
+        fluids: names of the fluids.
+        moving: names of what is rigid and moves, beside the tank.
+    """
+    fluid = f"({'|'.join(map(re.escape, fluids))})"
+    found = {f"{body}_{what}": Column(unit) for body in (*moving, "tank") for what, unit in _OF_WHAT_MOVES.items()}
+    patterns = [(re.compile(words.replace("FLUID", fluid)), Column(unit, of)) for words, unit, of in _PATTERNS]
+    result = {}
+    for name in names:
+        column = found.get(name) or next((what for words, what in patterns if words.fullmatch(name)), None)
+        if column is not None:
+            unit = f"m{dimension}" if column.unit == "V" else column.unit
+            result[name] = column._replace(unit=f"{unit}/m" if unit in _PER_DEPTH and dimension == 2 else unit)
+    return result
