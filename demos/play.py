@@ -34,7 +34,6 @@ def main(
     rate: Positive = 15.0,
     port: Whole | None = None,
     no_browser: Flag = False,
-    native: Flag = False,
     paused: Flag = False,
     steering: Path | None = None,
     threads: Count = 1,
@@ -49,7 +48,6 @@ def main(
         rate: most pictures per second.
         port: of 127.0.0.1; by default 8800 or one of the next.
         no_browser: open none; the address is printed in either case.
-        native: in a window of its own, not in a browser.
         paused: begin with a pause.
         steering: the steering.jsonl of an earlier run, to repeat what was done in it.
         threads: of the simulation; the viewer has a core of its own.
@@ -65,7 +63,6 @@ def main(
             rate=rate,
             browser=not no_browser,
             paused=paused,
-            native=native,
             say=lambda line: print(line, flush=True),
         )
     except KeyboardInterrupt:

@@ -239,7 +239,6 @@ def view(
     *,
     port: Whole | None = None,
     no_browser: Flag = False,
-    native: Flag = False,
 ) -> int:
     """Look at a results folder in a browser, also while its run is going on; or compare two at equal times.
 
@@ -253,20 +252,14 @@ def view(
         Of 127.0.0.1, where the page is served; by default 8800, or one of the next. 0 takes any.
     no_browser
         Open no browser; the address is printed in either case.
-    native
-        Show it in a window of its own instead, with the same keys; needs a display.
     """
     from tipfem.viewer import ResultsSource, serve
-    from tipfem.viewer.native import show_window
 
     with bad_input() as failed:
         if port is not None and not 0 <= port <= 65535:
             raise ValueError(f"--port is {port}; it must be from 0 to 65535")
         sources = [ResultsSource(folder) for folder in (out, compared) if folder is not None]
-        if native:
-            show_window(sources, lambda line: print(line, flush=True))
-        else:
-            serve(sources, port, not no_browser, lambda line: print(line, flush=True))
+        serve(sources, port, not no_browser, lambda line: print(line, flush=True))
     return 2 if failed else 0
 
 

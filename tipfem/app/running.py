@@ -255,8 +255,8 @@ def started(file: CaseFile, case: Case, folder: Path, steering: Path | None = No
 
 
 def viewer_of(simulation: Simulation, shown: Shown) -> LiveControl | None:
-    """What shows a run in a browser or a window, or None; see `tipfem.live` for errors."""
-    if not (shown.view or shown.native):
+    """What shows a run in a browser, or None; see `tipfem.live` for errors."""
+    if not shown.view:
         return None
     from tipfem.run.liveview.control import LiveControl
 
@@ -265,7 +265,6 @@ def viewer_of(simulation: Simulation, shown: Shown) -> LiveControl | None:
         out=simulation.results.path if simulation.results else None,
         port=shown.port,
         browser=not shown.no_browser,
-        native=shown.native,
         say=lambda line: print(line, flush=True),
     )
 

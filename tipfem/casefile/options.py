@@ -51,8 +51,6 @@ class Shown:
         Of 127.0.0.1, where the page of --view is served; by default 8800, or one of the next. 0 takes any.
     no_browser
         Open no browser for --view; the address is printed in either case.
-    native
-        Show the run in a window of its own instead, with the same keys; needs a display.
     log_json
         A file for the log, one JSON object a line, every step among them; it is continued if it is there.
     log_level
@@ -63,6 +61,5 @@ class Shown:
     view: Flag = False
     port: Whole | None = None
     no_browser: Flag = False
-    native: Flag = False
     log_json: Path | None = None
     log_level: LogLevel = "info"

@@ -29,7 +29,6 @@ def live(
     rate: float = RATE,
     browser: bool = True,
     paused: bool = False,
-    native: bool = False,
     say: Callable[[str], None] = print,
 ) -> View | None:
     """Run a simulation, and show and steer it in a browser meanwhile; in a notebook, in a widget.
@@ -46,7 +45,6 @@ def live(
         rate: most pictures per second.
         browser: open a browser where there is a display; the address is said in either case.
         paused: begin with a pause.
-        native: show it in a window of its own, not in a browser; needs a display.
         say: takes lines of text: the address, and what becomes of the viewer.
 
     Returns:
@@ -56,7 +54,7 @@ def live(
         ValueError: an argument is not possible, the case is not in 2-D, or the page cannot be served.
         SimulationError: see `Simulation.run`.
     """
-    if in_notebook() and not native:
+    if in_notebook():
         run = KernelRun(simulation, until, rate, paused)
         run.task = asyncio.get_running_loop().create_task(run.run())
         return run.view
@@ -67,7 +65,6 @@ def live(
         rate=rate,
         browser=browser,
         paused=paused,
-        native=native,
         say=say,
     )
     try:

@@ -45,12 +45,11 @@ class LiveControl(RunControl):
         rate: most pictures per second.
         browser: open a browser where there is a display.
         paused: whether the run begins with a pause.
-        native: show it in a window of its own, not in a browser; needs a display.
         backend: of the pictures, see `tipfem.render.Renderer`.
         say: takes lines of text: the address, and what becomes of the process.
 
     Attributes:
-        address: of the page, with its token, or "in a window"; "" while there is none.
+        address: of the page, with its token; "" while there is none.
 
     Raises:
         ValueError: an argument is not possible, the case is not in 2-D, or the process cannot serve a page.
@@ -65,7 +64,6 @@ class LiveControl(RunControl):
         rate: float = RATE,
         browser: bool = True,
         paused: bool = False,
-        native: bool = False,
         backend: str = "raster",
         say: Callable[[str], None] = print,
     ) -> None:
@@ -76,7 +74,7 @@ class LiveControl(RunControl):
             raise ValueError(f"rate is {rate!r}; it must be a number of pictures per second, at most 60")
         if port is not None and not (isinstance(port, int) and 0 <= port <= 65535):
             raise ValueError(f"port is {port!r}; it must be a whole number from 0 to 65535")
-        if not native and importlib.util.find_spec("websockets") is None:
+        if importlib.util.find_spec("websockets") is None:
             raise ValueError("the viewer needs websockets, which is not installed: pip install 'tipfem[view]'")
         self.address = ""
         self._say, self._rate = say, float(rate)
@@ -90,7 +88,7 @@ class LiveControl(RunControl):
         self._memory = StateMemory(room=slot_size(2 * len(state.particles), 2 * len(state.mesh.cells), bodies))
         self._memory.paused = paused
         self._publish(simulation)
-        settings = {"facts": describe(simulation.case, out), "port": port, "browser": browser, "native": native}
+        settings = {"facts": describe(simulation.case, out), "port": port, "browser": browser}
         with StopRequest() as request:  # obeyed only once the process is known: none is left behind
             self._process: subprocess.Popen[bytes] | None = self._start({**settings, "backend": backend})
             try:

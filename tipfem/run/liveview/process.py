@@ -97,13 +97,9 @@ def main() -> int:
             pipe.send({"say": line})
 
     from tipfem.viewer import serve
-    from tipfem.viewer.native import show_window
 
     try:
-        if settings["native"]:
-            show_window([source], say, settings["backend"])
-        else:
-            serve([source], settings["port"], settings["browser"], say, settings["backend"])
+        serve([source], settings["port"], settings["browser"], say, settings["backend"])
     except (ValueError, RuntimeError) as error:
         with contextlib.suppress(ValueError):
             pipe.send({"failed": str(error)})
