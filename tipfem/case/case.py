@@ -84,6 +84,7 @@ class Case:
         bodies: list of the bodies.
         surface_tension: that of each interface, see `tipfem.case.surface_tension.TensionTable`.
         openings: list of the openings.
+        contact_cosines: cosines of the contact angles on each of ``walls``, see `TensionTable.cosines`.
         body_label: (N,) number of the body that each particle is on, -1 for none.
         tank: the tank that the particles were sampled from; None for particles given as arrays.
         walls_have_fluids: whether the wall particles' fluids are known (from a tank) and need not be taken from
@@ -156,6 +157,7 @@ class Case:
             self.walls_have_fluids, self.filled = True, self.tank.holds
             self.walls = [*self.tank.walls(particles), *self.walls]
         self.period = self._checked_period(period)
+        self.contact_cosines = [self.surface_tension.cosines(wall) for wall in self.walls]
         self.gravity = self._checked_gravity(gravity)
         self.bodies = self._checked_bodies(bodies)
         self.body_label = self._labelled(particles)

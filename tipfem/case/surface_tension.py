@@ -10,7 +10,9 @@ import numpy as np
 
 from tipfem.arguments import is_number
 from tipfem.case.fluid import Fluid
+from tipfem.case.walls import Wall
 from tipfem.errors import Invalid
+from tipfem.typing import Array
 
 Pair = str | tuple[str, str]
 
@@ -33,7 +35,7 @@ class TensionTable:
 
     def __init__(self, given: Mapping[Pair, float] | None, fluids: Sequence[Fluid], *, empty: bool) -> None:
         self.given: dict[Pair, float] = {}
-        names = [fluid.name for fluid in fluids]
+        self._names = names = [fluid.name for fluid in fluids]
         self.sigma = np.zeros((len(names) + 1, len(names) + 1))
         self._density = np.append([fluid.density for fluid in fluids], 0.0)
         if given is None:
@@ -59,6 +61,33 @@ class TensionTable:
         """Whether a tension is given between fluids of these names, in any order."""
         return any({pair} == set(names) if isinstance(pair, str) else set(pair) == set(names) for pair in self.given)
 
+    def cosines(self, wall: Wall) -> dict[tuple[int, int], float]:
+        """Cosines of a wall's contact angles by the numbers of the two fluids, the first one that they are measured in.
+
+        Raises:
+            Invalid: an interface has no tension, or an angle is no number from 0 to 180 degrees.
+        """
+        found: dict[tuple[int, int], float] = {}
+        path, subject = ("walls", wall.name, "contact_angle"), f"wall {wall.name!r}"
+        if not isinstance(wall.contact_angle or {}, Mapping):
+            wanted = "a dict from two fluids to an angle, as {('water', 'air'): 60}"
+            text = f"is {wall.contact_angle!r}; it must be {wanted}"
+            raise Invalid(path, text, subject)
+        for pair, angle in (wall.contact_angle or {}).items():
+            both = (pair,) if isinstance(pair, str) else pair
+            if not (isinstance(both, tuple) and self.has(both)):
+                known = list(self.given) or "none"
+                text = f"has {pair!r}, an interface without surface tension; those that have one are {known}"
+                raise Invalid(path, text, subject)
+            if not (is_number(angle) and 0 <= angle <= 180):
+                raise Invalid((*path, *both), f": it is {angle!r}; it must be from 0 to 180 degrees", subject)
+            one, other = ([self._names.index(name) for name in both] + [len(self._names)])[:2]
+            if (one, other) in found or (other, one) in found:
+                raise Invalid((*path, *both), ": the angle of this interface is given twice", subject)
+            found[one, other] = math.cos(math.radians(angle))
+        wall_energies(found, self.sigma, wall.name)
+        return found
+
     def capillary_time(self, spacing: float) -> float:
         """sqrt((rho_1 + rho_2) h^3 / (4 pi sigma)), the least of all interfaces [s]; infinite without tension.
 
@@ -78,6 +107,42 @@ class TensionTable:
         """Sum of the densities [kg/m^3] and tension [N/m] of each interface that has some."""
         total = self._density[:, None] + self._density
         return [(float(total[i, j]), float(self.sigma[i, j])) for i, j in np.argwhere(np.triu(self.sigma) > 0)]
+
+
+def wall_energies(cosines: Mapping[tuple[int, int], float], sigma: Array, wall: str = "") -> Array:
+    """Energies (F + 1,) per area of a wall that each fluid wets, the last one for a dry wall [N/m].
+
+    By Young's law gamma_j - gamma_i = sigma_ij cos(theta), with the angle theta measured in fluid i; without an angle
+    it is 90 degrees. Energies of fluids that no angle connects are relative to 0.
+
+    Args:
+        cosines: of the angles, see `TensionTable.cosines`.
+        sigma: (F + 1, F + 1) tension [N/m].
+        wall: for messages.
+
+    Raises:
+        Invalid: angles between three fluids contradict each other.
+    """
+    count = len(sigma)
+    steps = np.full((count, count), np.nan)
+    for (i, j), cosine in cosines.items():
+        steps[i, j] = sigma[i, j] * cosine
+        steps[j, i] = -steps[i, j]
+    energy = np.full(count, np.nan)
+    for first in range(count):
+        if np.isnan(energy[first]):
+            energy[first], ahead = 0.0, [first]
+            while ahead:
+                i = ahead.pop()
+                for j in np.flatnonzero(~np.isnan(steps[i])).tolist():
+                    wanted = energy[i] + steps[i, j]
+                    if np.isnan(energy[j]):
+                        energy[j] = wanted
+                        ahead.append(j)
+                    elif abs(energy[j] - wanted) > 1e-6 * sigma.max():
+                        text = ": the angles contradict each other; two of three interfaces decide the third (Young)"
+                        raise Invalid(("walls", wall, "contact_angle"), text, f"wall {wall!r}")
+    return energy
 
 
 def _invalid(names: Sequence[str], text: str) -> Invalid:

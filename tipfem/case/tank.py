@@ -230,12 +230,12 @@ class Tank:
         """Let a wall slip, slide or move: ``wall("top", velocity=(1, 0))``, ``wall("left", slip=True)``.
 
         Straight walls that are not described have the law "layer" in 2-D; for others see `tipfem.case.default_laws`.
-        Walls of which only a velocity or a motion is said are no-slip walls.
+        Walls of which only a velocity, a motion or a contact angle is said are no-slip walls.
 
         Args:
             side: left, right, bottom or top; back or front (low and high z) too in 3-D. The name of a side, where the
                 tank has another shape.
-            what: law, slip, slip_length, velocity or motion, see `Wall`.
+            what: law, slip, slip_length, velocity, motion or contact_angle, see `Wall`.
 
         Returns:
             The tank itself, so that calls can be chained.
@@ -250,7 +250,7 @@ class Tank:
             raise ValueError(f"wall: {side!r} is no wall of this tank; it has {has}")
         if side in self._walls:
             raise ValueError(f"wall {side!r} is described twice; give all of its properties in one call")
-        options = {"law", "slip", "slip_length", "velocity", "motion"}
+        options = {"law", "slip", "slip_length", "velocity", "motion", "contact_angle"}
         if not what or set(what) - options:
             raise Invalid(
                 ("walls", side), f": {sorted(what)} given; it takes one or more of {sorted(options)}", f"wall {side!r}"

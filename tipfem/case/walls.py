@@ -40,6 +40,9 @@ class Wall:
             this is thinner than the particles' spacing, and moves with the wall elsewhere; see
             `tipfem.physics.walls.layers`. None: by ``slip`` and ``slip_length``, and no-slip without these. For walls
             of a tank of which nothing is said see `tipfem.case.default_laws`.
+        contact_angle: of interfaces with surface tension [degrees], by the names of two fluids, the first one that it
+            is measured in, as ``{("water", "air"): 60}``, or of one at a free surface. Contacts then slide along the
+            wall by the forces there, also along a no-slip wall, see docs/theory/surface-tension.md.
         side: name of a side of the tank's shape, instead of ``between`` and ``particles``.
         velocity: of a wall that slides along itself, relative to the tank: (d,) [m/s], or a function of time
             [s] that returns it. The wall's particles do not move along with it. In 2-D it may be a number, the speed,
@@ -61,6 +64,7 @@ class Wall:
     motion: Function | None = None
     law: Literal["no-slip", "layer"] | None = None
     side: str | None = None
+    contact_angle: Any = None
 
     def __post_init__(self) -> None:
         require(self, subject="wall", names=("name",))
@@ -89,7 +93,12 @@ class Wall:
     @property
     def slips(self) -> bool:
         """Whether fluid slides along the wall, with friction or without."""
-        return self.slip or self.slip_length is not None or self.law == "layer"
+        return self.slip or self.has_friction
+
+    @property
+    def has_friction(self) -> bool:
+        """Whether fluid slides along it with friction; along a no-slip wall only where contacts slide."""
+        return self.slip_length is not None or self.law == "layer" or (bool(self.contact_angle) and not self.slip)
 
     def displacement(self, time: float) -> Array:
         """Displacement along the inward normal.

@@ -267,7 +267,7 @@ class Parts:
                 continue
             options = self._wall_options(name, table)
             if not options:
-                keys = "law, slip, slip_length, velocity and motion"
+                keys = "law, slip, slip_length, velocity, motion and contact_angle"
                 self.report(path, f"has nothing to say; give one or more of {keys}, or leave the table out")
                 continue
             place = {key: value for key in ("between", "particles") if (value := getattr(table, key)) is not None}
@@ -307,6 +307,8 @@ class Parts:
                 options[key] = self._loaded(value)
         if table.speed is not None:
             options["velocity"] = table.speed
+        if table.contact_angle:
+            options["contact_angle"] = _by_pairs(table.contact_angle)
         return options
 
     def _loaded(self, function: Any) -> Any:
@@ -413,11 +415,7 @@ class Parts:
 
     def _tension(self) -> dict[Pair, float]:
         """Surface tension by interface."""
-        given: dict[Pair, float] = {}
-        for one, value in (self.sections.get("surface_tension") or {}).items():
-            given.update(
-                {(one, other): each for other, each in value.items()} if isinstance(value, dict) else {one: value}
-            )
+        given = _by_pairs(self.sections.get("surface_tension") or {})
         fluids, free = [Fluid(name, 1.0, 0.0) for name in self.fluid_names], bool(self.sections.get("free_surface"))
         right = [self._made((), TensionTable, {pair: value}, fluids, empty=free) for pair, value in given.items()]
         if all(table is not None for table in right):
@@ -486,3 +484,11 @@ class Parts:
             arrays["spacing"] = arrays["spacing"].item()
         particles: Particles | None = self._made(("particles", "file"), Particles, **arrays)
         return particles
+
+
+def _by_pairs(table: Mapping[str, Any]) -> dict[Pair, float]:
+    """Values by the names of two fluids, or of one at a free surface, of a table of tables of the second names."""
+    found: dict[Pair, float] = {}
+    for one, value in table.items():
+        found.update({(one, other): each for other, each in value.items()} if isinstance(value, dict) else {one: value})
+    return found

@@ -288,7 +288,9 @@ class _Writer:
         place: dict[str, Any] = {}
         if wall.side is not None:
             options = {
-                key: getattr(wall, key) for key in ("law", "slip", "slip_length", "velocity") if getattr(wall, key)
+                key: getattr(wall, key)
+                for key in ("law", "slip", "slip_length", "velocity", "contact_angle")
+                if getattr(wall, key)
             }
             self.table(("walls", wall.side), self.wall_options(wall.side, options))
             return
@@ -297,7 +299,9 @@ class _Writer:
         else:
             particles = np.asarray(wall.particles)
             place["particles"] = (np.flatnonzero(particles) if particles.dtype == bool else particles).tolist()
-        options = {key: getattr(wall, key) for key in ("law", "slip", "slip_length", "velocity", "motion")}
+        options = {
+            key: getattr(wall, key) for key in ("law", "slip", "slip_length", "velocity", "motion", "contact_angle")
+        }
         options = {key: value for key, value in options.items() if value is not None and value is not False}
         self.table(("walls", wall.name), {**place, **(self.wall_options(wall.name, options) or {"slip": False})})
 
@@ -307,6 +311,8 @@ class _Writer:
         for key, value in options.items():
             if callable(value):
                 result[key] = self.function(f"walls.{name}.{key}", value)
+            elif key == "contact_angle":
+                result[key] = _by_names(value)
             elif key == "velocity" and is_number(value):
                 result["speed"] = float(value)
             else:
@@ -340,18 +346,23 @@ class _Writer:
                 limits = {"where": self.lost("grading.where", _named(where))}
             largest = {name: float(value) for name, value in case.grading.largest.items()}
             self.table(("grading",), {"largest": largest or None, "growth": float(case.grading.growth), **limits})
-        tension: dict[str, Any] = {}
-        for pair, value in case.surface_tension.given.items():
-            if isinstance(pair, str):
-                tension[pair] = value
-            else:
-                tension.setdefault(pair[0], {})[pair[1]] = value
-        self.table(("surface_tension",), tension)
+        self.table(("surface_tension",), _by_names(case.surface_tension.given))
         numerics = changed(case.numerics)
         rules = {key: numerics.pop(key) for key in list(numerics) if isinstance(numerics[key], dict)}
         self.table(("numerics",), numerics)
         for key, rule in rules.items():
             self.table(("numerics", key), rule)
+
+
+def _by_names(pairs: Mapping[Any, float]) -> dict[str, Any]:
+    """Values of interfaces as a table of tables: by the first fluid's name, and by the second's."""
+    result: dict[str, Any] = {}
+    for pair, value in pairs.items():
+        if isinstance(pair, str):
+            result[pair] = value
+        else:
+            result.setdefault(pair[0], {})[pair[1]] = value
+    return result
 
 
 def _plain(model: Model) -> dict[str, Any]:

@@ -41,6 +41,11 @@ TensionOrTensions = Annotated[
     Annotated[Tension, Tag("number")] | Annotated[dict[str, Tension], Tag("table")],
     Discriminator(lambda value: "table" if isinstance(value, dict) else "number"),
 ]
+Angle = Annotated[float, Field(ge=0, le=180)]
+AngleOrAngles = Annotated[
+    Annotated[Angle, Tag("number")] | Annotated[dict[str, Angle], Tag("table")],
+    Discriminator(lambda value: "table" if isinstance(value, dict) else "number"),
+]
 SCHEMA_ID = "case.schema.json"  # beside the case file; `tipfem schema --out case.schema.json` writes it
 
 
@@ -113,6 +118,12 @@ class WallTable(Model):
         "speed of a side of a shape along itself, anticlockwise about what its outline encloses; in place of velocity",
         "m/s",
         None,
+    )
+    contact_angle: dict[str, AngleOrAngles] = quantity(
+        "contact angle by the names of the two fluids, measured in the first one, as water.air = 60, or by the one "
+        "at a free surface, as water = 60",
+        "degrees",
+        {},
     )
     motion: TimeFunction | None = quantity(
         "displacement along the wall's normal into the fluid, a smooth function of time that is zero at t = 0",

@@ -8,10 +8,12 @@ the other sign, so no momentum and no angular momentum is made, and their work i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.geometry.period import Period
 from tipfem.mesh.mesh import Mesh
@@ -88,3 +90,48 @@ def _of_surface(mesh: Mesh, particles: Particles, table: Array) -> tuple[Array, 
     sigma = np.minimum(sigma[one], sigma[other])
     there = np.flatnonzero((sigma > 0) & ~(particles.wall[one] & particles.wall[other]))
     return one[there], other[there], sigma[there]
+
+
+def young_forces(
+    edges: TensionEdges, mesh: Mesh, particles: Particles, boundary: Boundary, energies: Sequence[Array]
+) -> Array:
+    """Forces (N, 2) of the wetting of walls at contacts, 0 elsewhere; with the other sign [N, per metre of depth].
+
+    They are the derivatives of sum_f gamma_f |x_b - x_a| over the faces f = (a, b) of walls, by the places of contacts:
+    on a straight wall (gamma_1 - gamma_2) t, t along the wall out of fluid 1, that is -sigma cos(theta) t.
+
+    Args:
+        edges: whose ends on walls are the contacts.
+        mesh: of the particles; 2-D.
+        particles: on it.
+        boundary: which of them lie on which walls.
+        energies: gamma (F + 1,) of each fluid on each wall, the last one for empty space, see `wall_energies` [N/m].
+    """
+    result = np.zeros((len(particles), 2))
+    if not any(energy.any() for energy in energies):
+        return result
+    contact = np.zeros(len(particles), dtype=bool)
+    contact[edges.one], contact[edges.other] = True, True
+    contact &= particles.wall
+    cell, corner = np.divmod(np.flatnonzero(mesh.neighbours < 0), 3)
+    one, other = (mesh.cells[cell, (corner + k) % 3] for k in (1, 2))
+    there = np.flatnonzero(contact[one] | contact[other])
+    cell, one, other = cell[there], one[there], other[there]
+    fluid = particles.fluid[one] if mesh.fluid is None else np.asarray(mesh.fluid)[cell]
+    gamma = np.zeros(len(cell))
+    on = np.zeros(len(particles), dtype=bool)
+    parts = [(wall, members) for wall, _, members in boundary.members]
+    parts += [(curve.wall, np.flatnonzero(boundary.on_curve == k)) for k, curve in enumerate(boundary.curves)]
+    for wall, members in parts:
+        energy = energies[wall]
+        on[:] = False
+        on[boundary.index[members]] = True
+        both = on[one] & on[other]
+        gamma = np.where(both, (energy - energy[-1])[fluid] if mesh.fluid is None else energy[fluid], gamma)
+    side = mesh.sides(one, other)
+    pull = (gamma / np.hypot(side[:, 0], side[:, 1]))[:, None] * side
+    for k in range(2):
+        count = len(particles)
+        result[:, k] = np.bincount(other, pull[:, k], count) - np.bincount(one, pull[:, k], count)
+    result[~contact] = 0.0
+    return result

@@ -59,6 +59,7 @@ def add_forces(
     offsets: Ints1,
     other: Ints1,
     sigma: Reals1,
+    pull: Reals2,
     scale: Reals1,
     x: Reals1,
     hessian: Reals2,
@@ -69,12 +70,12 @@ def add_forces(
 ):
     """Add dE / dx at the intermediate positions to ``out``, scaled, and set the ``hessian`` of each entry.
 
-    That is c_f sigma / L (I - t t^T), its xx, xy and yy.
+    Each row has a constant force ``pull`` in addition. The hessian is c_f sigma / L (I - t t^T), its xx, xy and yy.
     """
     ti.loop_config(serialize=serial)
     for r in range(count):
         i = rows[r]
-        force = ti.Vector([0.0, 0.0])
+        force = ti.Vector([pull[r, 0], pull[r, 1]])
         for s in range(offsets[r], offsets[r + 1]):
             j = other[s]
             side = ti.Vector([difference(motion, period, j, i, 0), difference(motion, period, j, i, 1)])

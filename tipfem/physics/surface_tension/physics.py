@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
+from tipfem.case.surface_tension import wall_energies
 from tipfem.physics.carried import Remap
 from tipfem.physics.physics import Physics, StepStart
-from tipfem.physics.surface_tension.edges import TensionEdges, find_edges
+from tipfem.physics.surface_tension.edges import TensionEdges, find_edges, young_forces
 from tipfem.physics.surface_tension.term import SurfaceTension
 from tipfem.typing import Array
 
@@ -16,22 +19,26 @@ class Tension(Physics[TensionEdges]):
 
     Args:
         table: (F + 1, F + 1) at the start, see `TensionEdges` [N/m].
+        cosines: of the contact angles on each wall, see `tipfem.case.surface_tension.TensionTable.cosines`.
     """
 
     name = "surface_tension"
     stored_columns = ("surface_energy", "remeshing_surface_energy", "tension_dissipation", "breakup_energy")
 
-    def __init__(self, table: Array) -> None:
-        self._table = table
+    def __init__(self, table: Array, cosines: Sequence[Mapping[tuple[int, int], float]] = ()) -> None:
+        self._table, self._cosines = table, cosines
 
     @classmethod
     def of(cls, case: Case) -> Tension | None:
         """See `Physics.of`."""
-        return cls(case.surface_tension.sigma) if case.surface_tension else None
+        return cls(case.surface_tension.sigma, case.contact_cosines) if case.surface_tension else None
 
     def terms(self, part: TensionEdges | None, step: StepStart) -> tuple[SurfaceTension, ...]:
         """See `Physics.terms`."""
-        return () if part is None else (SurfaceTension(part),)
+        if part is None:
+            return ()
+        energies = [wall_energies(cosines, part.table) for cosines in self._cosines]
+        return (SurfaceTension(part, young_forces(part, step.mesh, step.particles, step.boundary, energies)),)
 
     def remeshed(self, part: TensionEdges | None, particles: Particles, remap: Remap) -> tuple[TensionEdges, Particles]:
         """See `Physics.remeshed`."""

@@ -10,6 +10,9 @@ The derivative is exact, symmetric and never negative. Lengths are convex in the
 energy for c_f = 1, and is stable in steps of any length. The capillary time sqrt((rho_1 + rho_2) h^3 / (4 pi sigma)) is
 one of accuracy only, see `tipfem.case.surface_tension`.
 
+At contacts with walls Young's force is added, which is constant in a step. It is one of the walls on the fluids: its
+work is a part of the external work.
+
 Pressures on both sides of an interface balance it: the solve finds p_1 - p_2 = sigma / R, where R is that of a regular
 polygon, and nothing moves. At a free surface no pressure is prescribed, and the same follows from no traction.
 """
@@ -34,10 +37,11 @@ class SurfaceTension(Term):
 
     Args:
         edges: on the particles at the start of the step.
+        pull: (N, 2) forces at contacts, see `tipfem.physics.surface_tension.edges.young_forces` [N]; None for none.
     """
 
-    def __init__(self, edges: TensionEdges) -> None:
-        self._edges = edges
+    def __init__(self, edges: TensionEdges, pull: Array | None = None) -> None:
+        self._edges, self._pull = edges, pull
 
     def begin(self, equations: Equations, first_node: int) -> None:
         """See `Term.begin`."""
@@ -53,6 +57,8 @@ class SurfaceTension(Term):
             put("tension.offsets", np.append(first, len(ends)).astype(np.int32)),
             put("tension.other", self._other),
         )
+        pull = np.zeros((len(e.particles), 2)) if self._pull is None else self._pull
+        self._young = put("tension.pull", pull[self._end[first]])
         self._sigma = put("tension.sigma", np.tile(edges.sigma, 2)[order])
         self._hessian = e.buffers.get("tension.hessian", len(ends), 3)
 
@@ -85,7 +91,7 @@ class SurfaceTension(Term):
     def residual(self, x: Any, out: Any) -> None:
         """See `Term.residual`."""
         e = self._equations
-        arrays = e.motion, e.mesh.period.array, *self._lists, self._sigma, e.scale, x, self._hessian, out
+        arrays = e.motion, e.mesh.period.array, *self._lists, self._sigma, self._young, e.scale, x, self._hessian, out
         self._launch(kernels.add_forces, *arrays, e.scheme.cf)
 
     def gather(self, matrix: Csr) -> None:

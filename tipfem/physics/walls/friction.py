@@ -13,9 +13,10 @@ import numpy as np
 from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme
+from tipfem.mesh.components import ON_HULL, ON_INTERFACE
 from tipfem.mesh.mesh import Mesh, corners_among
 from tipfem.physics.walls.curve_step import CurveStep
-from tipfem.physics.walls.layers import LAYER, LayerFaces, Layers, advance, begin
+from tipfem.physics.walls.layers import LAYER, RESOLVED, LayerFaces, Layers, advance, begin
 from tipfem.physics.walls.motion import WallMotion
 from tipfem.typing import Array
 
@@ -152,6 +153,7 @@ def friction_in_step(
             node, weight = layered.nodes[mine].ravel(), np.repeat(mu[mine], d)
             sticking = np.bincount(node, weight * np.repeat(resolved[mine], d), count)
             stuck |= sticking > 0.5 * np.bincount(node, weight, count)
+    length, stuck = _beside_contacts(length, stuck, faces, boundary, mesh, particles)
     face, coefficient = faces.nodes, viscosity[faces.cell] / length
     now = _velocity(faces, start.before, mesh.position[face])
     then = _velocity(faces, start.after, start.predicted[face])
@@ -162,6 +164,35 @@ def friction_in_step(
     # Of integers where all of these walls are dry.
     friction = np.bincount(face.ravel(), share, minlength=len(mesh.position))[start.sliding].astype(float)
     return Faces(face, faces.cell, coefficient, faces.normal, wall_velocity, friction), layers, stuck
+
+
+def _beside_contacts(
+    length: Array, stuck: Array | None, faces: WallFaces, boundary: Boundary, mesh: Mesh, particles: Particles
+) -> tuple[Array, Array | None]:
+    """Slip lengths (F,) and stuck particles, as contacts with an angle need them; see `friction_in_step`.
+
+    A no-slip wall holds the fluid as a resolved layer does. Beside a contact the slip length is at least a spacing,
+    unless the wall has one of its own: a line of contact on a wall that held it could not move (C. Huh & L. E. Scriven,
+    Hydrodynamic model of steady movement of a solid/liquid/fluid contact line, Journal of Colloid and Interface Science
+    35, 1971). The spacing stands for the length on which it slips in nature.
+    """
+    angled = np.array([wall.contact_angle is not None for wall in boundary.walls])[faces.wall]
+    if not angled.any():
+        return length, stuck
+    spacing = particles.target[faces.nodes].mean(axis=1)
+    if mesh.components is not None:
+        contact = mesh.components.mark == ON_INTERFACE + ON_HULL
+    else:  # where the fluid ends along a wall
+        contact = np.bincount(faces.nodes.ravel(), minlength=len(particles)) == 1
+        contact[boundary.index[boundary.pinned]] = False
+    own = np.array([wall.slip_length is not None for wall in boundary.walls])[faces.wall]
+    length = np.where(angled & (length == 0), RESOLVED * spacing, length)
+    length = np.where(angled & ~own & contact[faces.nodes].any(axis=1), np.maximum(length, spacing), length)
+    if stuck is not None:
+        moves = np.zeros(len(contact), dtype=bool)
+        moves[faces.nodes[angled]] = True
+        stuck = stuck & ~(contact & moves)
+    return length, stuck
 
 
 def _faces_on_walls(start: WallStart, mesh: Mesh, particles: Particles) -> WallFaces | None:
@@ -209,7 +240,7 @@ def _faces_on_walls(start: WallStart, mesh: Mesh, particles: Particles) -> WallF
 
 def _has_friction(boundary: Boundary, wall: int) -> bool:
     """Whether a wall slips with friction, by its number."""
-    return boundary.walls[wall].slip_length is not None or boundary.walls[wall].law == LAYER
+    return boundary.walls[wall].has_friction
 
 
 def _velocity(faces: WallFaces, motion: WallMotion, x: Array) -> Array:

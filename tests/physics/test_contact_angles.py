@@ -1,0 +1,160 @@
+"""Contact angles: Young's force where interfaces end on walls, drops that come to their angle, and what is refused."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from drop_particles import RADIUS
+
+import tipfem as tp
+from tipfem.case.surface_tension import wall_energies
+from tipfem.casefile.describing import describe
+from tipfem.casefile.loading import read_case
+from tipfem.casefile.problems import CaseFileError
+from tipfem.errors import Invalid
+from tipfem.physics.surface_tension.edges import TensionEdges, young_forces
+
+
+def half_disc(angle, spacings=5, names=("drop", "outside"), **wall):
+    """A drop that begins as half a disc on a floor, with a contact angle there."""
+    h, size, rng = RADIUS / spacings, (5 * RADIUS, 2.4 * RADIUS), np.random.default_rng(0)
+    axes = [np.linspace(0, length, round(length / h) + 1) for length in size]
+    lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    held = [(lattice[:, k] == axes[k][0]) | (lattice[:, k] == axes[k][-1]) for k in range(2)]
+    on_wall = held[0] | held[1]
+    lattice += np.where(on_wall[:, None], 0.0, 0.12 * h * rng.uniform(-1, 1, lattice.shape))
+    count = round(math.pi * spacings)
+    phi = np.pi * np.arange(1, count) / count
+    ring = np.array([size[0] / 2, 0]) + RADIUS * np.stack([np.cos(phi), np.sin(phi)], axis=1)
+    away = np.hypot(lattice[:, 0] - size[0] / 2, lattice[:, 1])
+    keep = on_wall | (abs(away - RADIUS) > 0.62 * h)
+    position = np.concatenate([lattice[keep], ring])
+    on_wall = np.append(on_wall[keep], np.zeros(len(ring), dtype=bool))
+    inside = np.hypot(position[:, 0] - size[0] / 2, position[:, 1]) < RADIUS * (1 + 1e-9)
+    fluids = [tp.Fluid("outside", 0.1, 0.02), tp.Fluid("drop", 1.0, 0.2)]
+    floor = tp.Wall("floor", between=((0, 0), (size[0], 0)), contact_angle={names: angle}, **wall)
+    particles = tp.Particles(position, inside.astype(int), on_wall, spacing=h)
+    return tp.Case(particles, fluids, (0, 0), walls=[floor], surface_tension={("drop", "outside"): 1.0})
+
+
+def fitted(simulation):
+    """Radius, and angle in degrees through the drop, of the circle through the interface."""
+    edges = simulation.state.part(TensionEdges)
+    x = simulation.particles.position[np.unique(np.concatenate([edges.one, edges.other]))]
+    unknown = np.linalg.lstsq(np.column_stack([2 * x, np.ones(len(x))]), (x**2).sum(axis=1), rcond=None)[0]
+    radius = math.sqrt(unknown[2] + unknown[0] ** 2 + unknown[1] ** 2)
+    return radius, math.degrees(math.acos(-unknown[1] / radius))
+
+
+@pytest.mark.parametrize("names", [("drop", "outside"), ("outside", "drop")])
+def test_the_force_at_contacts_is_that_of_young(names):
+    angle = 60 if names[0] == "drop" else 120
+    case = half_disc(angle, slip=True, names=names)
+    simulation = tp.Simulation(case)
+    edges, wall = simulation.state.part(TensionEdges), simulation.particles.wall
+    energies = [wall_energies(cosines, edges.table) for cosines in case.contact_cosines]
+    force = -young_forces(edges, simulation.mesh, simulation.particles, simulation.boundary, energies)
+    contact = np.flatnonzero(force.any(axis=1))
+    ends = np.unique(np.concatenate([edges.one, edges.other]))
+    np.testing.assert_array_equal(contact, ends[wall[ends]])
+    assert len(contact) == 2
+    outwards = np.sign(simulation.particles.position[contact, 0] - case.particles.position[:, 0].max() / 2)
+    np.testing.assert_allclose(force[contact, 0], 0.5 * outwards, rtol=1e-12)
+    np.testing.assert_allclose(force[contact, 1], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("wall", "within"), [({"slip": True}, 0.015), ({"law": "layer"}, 0.05), ({}, 0.05)])
+def test_a_drop_comes_to_its_angle(wall, within):
+    """On walls that hold the fluid the contact is slower; there it is still on its way."""
+    case = half_disc(70, **wall)
+    simulation = tp.Simulation(case)
+    area, theta = simulation.volume("drop"), math.radians(70)
+    radius = math.sqrt(area / (theta - math.sin(theta) * math.cos(theta)))
+    for _ in range(220):
+        simulation.step()
+        row = simulation.history[-1]
+        assert abs(row["energy_residual"]) < 1e-6
+    found, angle = fitted(simulation)
+    assert found == pytest.approx(radius, rel=within)
+    assert angle == pytest.approx(70, abs=150 * within)
+    assert simulation.volume("drop") == pytest.approx(area, rel=1e-12)
+
+
+def test_the_work_of_youngs_force_is_external():
+    case = half_disc(70, slip=True)
+    simulation = tp.Simulation(case)
+    for _ in range(3):
+        before, boundary = simulation.state, simulation.boundary
+        simulation.step()
+        edges = before.part(TensionEdges)
+        energies = [wall_energies(cosines, edges.table) for cosines in case.contact_cosines]
+        force = -young_forces(edges, before.mesh, before.particles, boundary, energies)
+        work = float((force * simulation.solved.displacement).sum())
+        assert simulation.history[-1]["external_work"] == pytest.approx(work, rel=1e-4)
+        assert abs(work) > 1e-5
+
+
+def test_energies_of_walls_follow_from_the_angles_and_contradictions_are_refused():
+    sigma = np.array([[0, 3.0, 2.0], [3.0, 0, 4.0], [2.0, 4.0, 0]])
+    energy = wall_energies({(0, 1): 0.5, (2, 1): -0.25}, sigma)
+    assert energy[1] - energy[0] == pytest.approx(1.5)
+    assert energy[1] - energy[2] == pytest.approx(-1.0)
+    with pytest.raises(Invalid, match="contradict each other"):
+        wall_energies({(0, 1): 0.5, (1, 2): 0.25, (0, 2): 0.9}, sigma, "floor")
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({("drop", "oil"): 60}, "an interface without surface tension"),
+        ({("drop", "outside"): 190}, "it is 190; it must be from 0 to 180 degrees"),
+        ({("drop", "outside"): 60, ("outside", "drop"): 100}, "given twice"),
+        (60, "it must be a dict"),
+    ],
+)
+def test_wrong_angles_are_refused(given, text):
+    fluids = [tp.Fluid("outside", 0.1, 0.02), tp.Fluid("drop", 1.0, 0.2)]
+    tank = tp.tank((1.0, 1.0), 0.1).fill(fluids[0]).fill(fluids[1], box=((0, 0), (1, 0.5)))
+    tank.wall("left", contact_angle=given)
+    with pytest.raises(Invalid, match=text):
+        tp.Case(tank, fluids, (0, 0), surface_tension={("drop", "outside"): 1.0})
+
+
+CASE = """
+gravity = [0, -9.81]
+[fluids.water]
+density = 1000
+viscosity = 1e-3
+[fluids.air]
+density = 1.2
+viscosity = 1.8e-5
+[tank]
+size = [0.4, 0.3]
+spacing = 0.02
+[[fill]]
+fluid = "air"
+[[fill]]
+fluid = "water"
+box = [[0, 0], [0.4, 0.2]]
+[surface_tension]
+water.air = 0.0728
+[walls.left]
+slip = true
+contact_angle.water.air = 60
+[time]
+end = 0.1
+"""
+
+
+def test_case_files_have_angles():
+    case = read_case(CASE, "case.toml").case()
+    wall = next(wall for wall in case.walls if wall.name == "left")
+    assert wall.contact_angle == {("water", "air"): 60}
+    again = read_case(describe(case, 0.1).text, "again.toml").case()
+    assert again.contact_cosines == case.contact_cosines
+    with pytest.raises(
+        CaseFileError, match=r"contact_angle\.water\.air is 200 degrees; it must be a number from 0 to 180"
+    ):
+        read_case(CASE.replace("= 60", "= 200"), "case.toml")
