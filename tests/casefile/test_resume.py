@@ -17,7 +17,7 @@ from tipfem.app.commands import main
 from tipfem.errors import CheckpointError
 
 CASE = str(DEMOS / "cases" / "dam_break.toml")
-COARSE = ("--set", "tank.spacing=0.04", "--no-progress")
+COARSE = ("--set", "tank.spacing=0.04", "--set", "time.largest_step=0.0012", "--no-progress")
 
 
 def rows(out):

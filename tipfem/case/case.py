@@ -14,7 +14,7 @@ from tipfem.case.boundary import Boundary
 from tipfem.case.default_laws import Setting
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
-from tipfem.case.largest_step import DEFAULT
+from tipfem.case.largest_step import DEFAULT, RESOLVED
 from tipfem.case.numerics import Numerics
 from tipfem.case.openings import Inlet, Opening, Outlet
 from tipfem.case.particles import Particles
@@ -527,7 +527,15 @@ class Case:
         It is that of `gravity_frequency`, or with surface tension 0.05 over the capillary time, if that is more. So in
         either case 0.05 over it is a time step that resolves this motion.
         """
-        return max(self.gravity_frequency(), DEFAULT / self.surface_tension.capillary_time(self.particles.spacing))
+        return max(self.gravity_frequency(), RESOLVED / self.surface_tension.capillary_time(self.particles.spacing))
+
+    def default_step(self) -> float:
+        """Largest time step where none is given [s]: 0.1 over `gravity_frequency`, or the capillary time if shorter.
+
+        Infinite without gravity, body force and surface tension.
+        """
+        gravity, capillary = self.gravity_frequency(), self.surface_tension.capillary_time(self.particles.spacing)
+        return min(DEFAULT / gravity, capillary) if gravity else capillary
 
     def restoring_acceleration(self) -> float:
         """Largest acceleration of a particle that is off by a spacing, by other forces than gravity [m/s^2]."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-DEFAULT = 0.05  # of sqrt(h / |b|), the largest time step where none is given
+DEFAULT = 0.1  # of sqrt(h / |b|), the largest time step where none is given
+RESOLVED = 0.05  # of sqrt(h / |b|), a time step that resolves the motion by gravity at the scale of a spacing
 LONGEST = 10.0  # of sqrt(h / |b|), far beyond what any step reaches: a mistake
 
 

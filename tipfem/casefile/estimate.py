@@ -76,14 +76,14 @@ def estimate(
         fields: how states are written, or None for the default.
     """
     particles, d = case.particles, case.particles.dimension
-    frequency = case.natural_frequency()
-    step = largest_step or (0.05 / frequency if frequency else 1e-3)
+    default = case.default_step()
+    step = largest_step or (default if math.isfinite(default) else 1e-3)
     outputs = math.ceil(end / interval) if interval else 0
     few = max(math.ceil(end / step - 1e-9), outputs)
     move = case.numerics.largest_move * particles.spacing
     densities = [fluid.density for fluid in case.fluids]
     splash = SPLASH if not case.free_surface and min(densities) < GAS * max(densities) else 1.0
-    many = max(few, math.ceil(splash * end * largest_speed(case) / move) + outputs // 2)
+    many = max(few, math.ceil(splash * end * largest_speed(case) / move))
     kind = "3-D" if d == 3 else "free surface" if case.free_surface else case.interface
     count = len(particles)
     a_step = STEP + 1e-6 * MICROSECONDS[kind] * count

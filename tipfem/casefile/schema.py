@@ -221,7 +221,7 @@ class TimeTable(Model):
 
     end: float = quantity("simulated time to run to", "s", gt=0)
     largest_step: float | None = quantity(
-        "largest time step; by default 0.05 sqrt(h / |b|) with the largest acceleration b", "s", None, gt=0
+        "largest time step; by default 0.1 sqrt(h / |b|) with the largest acceleration b", "s", None, gt=0
     )
 
 

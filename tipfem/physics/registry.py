@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from tipfem.case.case import Case
-from tipfem.case.largest_step import DEFAULT
+from tipfem.case.largest_step import RESOLVED
 from tipfem.physics.bodies.physics import Bodies
 from tipfem.physics.free_surface import FreeSurfaces
 from tipfem.physics.openings.physics import WallOpenings
@@ -37,4 +38,10 @@ def step_frequency(case: Case) -> float:
 
     It is `Case.natural_frequency`, or that of the shortest `Physics.longest_step`.
     """
-    return max(case.natural_frequency(), *(DEFAULT / physics.longest_step for physics in physics_of(case)))
+    return max(case.natural_frequency(), *(RESOLVED / physics.longest_step for physics in physics_of(case)))
+
+
+def default_step(case: Case) -> float:
+    """Largest time step where none is given [s]: `Case.default_step`, or the shortest `Physics.longest_step`."""
+    step = min(case.default_step(), *(physics.longest_step for physics in physics_of(case)))
+    return step if math.isfinite(step) else 1e-3

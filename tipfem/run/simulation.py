@@ -46,7 +46,7 @@ class Simulation(Stepper):
     Args:
         case: what is simulated.
         out: folder for the results, or None to write none.
-        time_step: largest time step [s]; by default 0.05 sqrt(h / |b|) with the largest acceleration b
+        time_step: largest time step [s]; by default 0.1 sqrt(h / |b|) with the largest acceleration b
             by gravity and body force at the start, or 1e-3 s without any.
         output_interval: time between fields written to disk by `run` [s]; they are interpolated between the ends of
             the steps that pass these times, see `tipfem.run.observers.Fields`. By default only the first and the last

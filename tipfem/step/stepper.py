@@ -14,7 +14,7 @@ from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.fluid import Fluid
 from tipfem.case.forces import Forces
-from tipfem.case.largest_step import DEFAULT, step_limit, too_long
+from tipfem.case.largest_step import step_limit, too_long
 from tipfem.case.outline import tank_columns
 from tipfem.case.particles import Particles
 from tipfem.errors import SimulationError, StepRefused, TriangulationError
@@ -23,7 +23,7 @@ from tipfem.logs import log
 from tipfem.mesh.measures import Energy
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import Carried
-from tipfem.physics.registry import step_frequency
+from tipfem.physics.registry import default_step, step_frequency
 from tipfem.physics.side_pressures.carried import PressureJump
 from tipfem.physics.state import Solved, State
 from tipfem.physics.volume_source import VolumeControl
@@ -42,7 +42,7 @@ class Stepper:
 
     Args:
         case: what is simulated.
-        time_step: largest time step [s]; by default 0.05 sqrt(h / |b|) with the largest acceleration b
+        time_step: largest time step [s]; by default 0.1 sqrt(h / |b|) with the largest acceleration b
             by gravity and body force at the start, at most the capillary time where there is surface tension (see
             `tipfem.case.surface_tension`), or 1e-3 s without any of these.
 
@@ -70,8 +70,8 @@ class Stepper:
         self.solved: Solved | None = None
         self.timings = Timings()
         self.recorders: list[Callable[[Stepper, Row], None]] = []
-        self._frequency = frequency = step_frequency(case)
-        largest = time_step or (DEFAULT / frequency if frequency else 1e-3)
+        self._frequency = step_frequency(case)
+        largest = time_step or default_step(case)
         gravity = case.gravity_frequency()
         require_felt(largest, gravity)
         if largest > step_limit(gravity):
