@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from tipfem.geometry import shapes
     from tipfem.logs import log_json
     from tipfem.probes import (
+        DropProbe,
         EnergyProbe,
         FrontProbe,
         LineProbe,
@@ -54,6 +55,7 @@ __all__ = [
     "CaseFileError",
     "CheckpointError",
     "Drop",
+    "DropProbe",
     "EnergyProbe",
     "FieldOutput",
     "FieldState",
@@ -107,6 +109,7 @@ _MODULES = {
     "CaseFileError": "casefile.problems",
     "CheckpointError": "errors",
     "Drop": "steering",
+    "DropProbe": "probes",
     "EnergyProbe": "probes",
     "FieldOutput": "results.fields",
     "FieldState": "results.fields",

@@ -19,7 +19,7 @@ from tipfem.physics.surface_tension.edges import TensionEdges, young_forces
 
 def half_disc(angle, spacings=5, names=("drop", "outside"), **wall):
     """A drop that begins as half a disc on a floor, with a contact angle there."""
-    h, size, rng = RADIUS / spacings, (5 * RADIUS, 2.4 * RADIUS), np.random.default_rng(0)
+    h, size, rng = RADIUS / spacings, (4 * RADIUS, 2.4 * RADIUS), np.random.default_rng(0)
     axes = [np.linspace(0, length, round(length / h) + 1) for length in size]
     lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     held = [(lattice[:, k] == axes[k][0]) | (lattice[:, k] == axes[k][-1]) for k in range(2)]
@@ -46,6 +46,36 @@ def fitted(simulation):
     unknown = np.linalg.lstsq(np.column_stack([2 * x, np.ones(len(x))]), (x**2).sum(axis=1), rcond=None)[0]
     radius = math.sqrt(unknown[2] + unknown[0] ** 2 + unknown[1] ** 2)
     return radius, math.degrees(math.acos(-unknown[1] / radius))
+
+
+def test_a_probe_measures_drops():
+    simulation = tp.Simulation(half_disc(70, slip=True))
+    drop, outside = (tp.DropProbe(name="p", fluid=name) for name in ("drop", "outside"))
+    assert [name for name, _ in drop.columns(simulation.case)][:3] == ["number", "x", "y"]
+    number, x, y, *velocity, circularity, angle = drop.sample(simulation)
+    assert number == 1
+    assert np.isnan(velocity).all()
+    assert x == pytest.approx(2 * RADIUS)
+    assert y == pytest.approx(4 * RADIUS / (3 * np.pi), rel=0.02)
+    assert circularity == pytest.approx(np.sqrt(2) * np.pi / (np.pi + 2), rel=0.01)
+    assert angle == pytest.approx(90, abs=1e-3)
+    assert angle == pytest.approx(fitted(simulation)[1])
+    assert outside.sample(simulation)[-1] == pytest.approx(180 - angle)
+    for _ in range(20):
+        simulation.step()
+    before = simulation.state
+    simulation.step()
+    area = before.mesh.measure * (before.mesh.fluid == 1)
+    start = area @ before.mesh.corners().mean(axis=1) / area.sum()
+    _, _, _, vx, vy, _, angle = drop.sample(simulation)
+    moved = simulation.solved.mesh
+    area = moved.measure * (moved.fluid == 1)
+    end = area @ moved.corners().mean(axis=1) / area.sum()
+    np.testing.assert_allclose([vx, vy], (end - start) / simulation.solved.dt, rtol=1e-9)
+    assert vy < 0
+    assert angle < 90
+    with pytest.raises(Invalid, match="with interface = 'interpolated'"):
+        drop.columns(tp.Case(simulation.case.particles, simulation.case.fluids, (0, 0), interface="interpolated"))
 
 
 @pytest.mark.parametrize("names", [("drop", "outside"), ("outside", "drop")])

@@ -4,6 +4,7 @@ A probe is given to `tipfem.Simulation` and sampled after the steps. Values betw
 shape functions, as in the solution; of a fluid at rest the pressure is exact.
 """
 
+from tipfem.probes.drops import DropProbe
 from tipfem.probes.fluids import EnergyProbe, FrontProbe, VolumeProbe, WaveGauge, WaveProbe
 from tipfem.probes.forces import WallForce
 from tipfem.probes.impulses import LoadProbe
@@ -15,6 +16,7 @@ from tipfem.probes.walls import WallPressure
 
 __all__ = [
     "KINDS",
+    "DropProbe",
     "EnergyProbe",
     "FrontProbe",
     "LineProbe",

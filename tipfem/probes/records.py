@@ -7,6 +7,7 @@ from typing import Any
 
 from tipfem.case.declaration import plain
 from tipfem.errors import CheckpointError
+from tipfem.probes.drops import DropProbe
 from tipfem.probes.fluids import EnergyProbe, FrontProbe, VolumeProbe, WaveGauge, WaveProbe
 from tipfem.probes.forces import WallForce
 from tipfem.probes.points import LineProbe, PointProbe
@@ -24,6 +25,7 @@ KINDS: dict[str, type[Probe]] = {
     "front": FrontProbe,
     "volume": VolumeProbe,
     "energy": EnergyProbe,
+    "drops": DropProbe,
 }
 _NAMES = {kind: name for name, kind in KINDS.items()}
 

@@ -1,0 +1,102 @@
+"""Shape and motion of drops and bubbles."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tipfem.case.case import Case
+from tipfem.mesh.mesh import Mesh
+from tipfem.probes.probe import Probe, require_plane
+from tipfem.typing import Array
+
+if TYPE_CHECKING:
+    from tipfem.step.stepper import Stepper  # which starts Taichi
+
+
+@dataclass(frozen=True, kw_only=True)
+class DropProbe(Probe):
+    """Number of drops of a fluid, and the place, velocity and shape of all of it together; 2-D, sharp interface.
+
+    The velocity is that of the centre of the fluid's area in the last step, NaN before the first one. (The mean of the
+    particles' velocities would be another, where liquids slide.) The circularity is the circumference of the circle of
+    the same area over the length of the outline, 1 for one circle. The contact angle is that of the circle fitted to
+    the interface at the line through the two contacts with walls, through the fluid; NaN unless there are two.
+
+    Attributes:
+        fluid: name of the fluid.
+
+    Raises:
+        ValueError: see `Probe`; no such fluid; the case is 3-D, periodic, or has no sharp interface.
+    """
+
+    fluid: str
+
+    def columns(self, case: Case) -> list[tuple[str, str]]:
+        """Names and units of the values; raises ValueError if the probe does not fit the case."""
+        self._fluid(case, self.fluid)
+        require_plane(self, case)
+        if case.interface != "sharp" or case.period:
+            why = "between periodic sides" if case.period else f"with interface = {case.interface!r}"
+            raise self.invalid("fluid", f": drops are not measured {why}")
+        place = [("x", "m"), ("y", "m"), ("velocity_x", "m/s"), ("velocity_y", "m/s")]
+        return [("number", ""), *place, ("circularity", ""), ("contact_angle", "degrees")]
+
+    def sample(self, simulation: Stepper) -> list[float]:
+        """The values at the present time."""
+        mesh, index = simulation.mesh, simulation.case.fluid_index(self.fluid)
+        assert mesh.fluid is not None
+        assert mesh.components is not None
+        area, centre = _centre(mesh, index)
+        velocity, solved = np.full(2, math.nan), simulation.solved
+        if solved is not None:
+            ends = (_centre(each, index)[1] for each in (solved.before.mesh, solved.mesh))
+            velocity = np.subtract(*reversed(list(ends))) / solved.dt
+        one, other, on_wall = _outline(mesh, index)
+        length = float(np.linalg.norm(mesh.sides(one, other), axis=1).sum())
+        number = float((mesh.components.fluid == index).sum())
+        angle = _contact_angle(mesh, one[~on_wall], other[~on_wall], simulation.particles.wall)
+        return [number, *centre.tolist(), *velocity.tolist(), 2 * math.sqrt(math.pi * area) / length, angle]
+
+
+def _centre(mesh: Mesh, index: int) -> tuple[float, Array]:
+    """Area of a fluid [m^2] and its centre (2,) [m]."""
+    cells = np.flatnonzero(np.asarray(mesh.fluid) == index)
+    area = mesh.measure[cells]
+    return float(area.sum()), area @ mesh.corners(cells).mean(axis=1) / area.sum()
+
+
+def _outline(mesh: Mesh, index: int) -> tuple[Array, Array, Array]:
+    """Ends (E,) and (E,) of a fluid's outline, with the fluid on the left, and the mask (E,) of its sides on walls."""
+    fluid = np.asarray(mesh.fluid)
+    across = np.append(fluid, -1).take(mesh.neighbours)
+    cell, corner = np.nonzero((fluid == index)[:, None] & (across != index))
+    one, other = (mesh.cells[cell, (corner + k) % 3] for k in (1, 2))
+    return one, other, mesh.neighbours[cell, corner] < 0
+
+
+def _contact_angle(mesh: Mesh, one: Array, other: Array, wall: Array) -> float:
+    """Angle of the circle fitted to an interface at its contacts [degrees]; NaN unless there are two.
+
+    Args:
+        mesh: 2-D.
+        one: (E,) first ends of its sides, the fluid on the left,
+        other: (E,) and their second ends.
+        wall: (N,) mask of the particles on walls.
+    """
+    first, last = one[wall[one]], other[wall[other]]
+    if len(first) != 1 or len(last) != 1 or len(one) < 3:
+        return math.nan
+    x = mesh.position[np.unique(np.concatenate([one, other]))]
+    # x^2 = 2 x . c + (R^2 - c^2), by least squares
+    unknown = np.linalg.lstsq(np.column_stack([2 * x, np.ones(len(x))]), (x**2).sum(axis=1), rcond=None)[0]
+    centre = unknown[:2]
+    radius = math.sqrt(unknown[2] + centre @ centre)
+    chord = mesh.position[last[0]] - mesh.position[first[0]]
+    # From the first contact to the last, the fluid between the interface and the chord lies on the left of the former.
+    normal = np.array([chord[1], -chord[0]]) / np.linalg.norm(chord)
+    height = float(normal @ (centre - mesh.position[first[0]]))
+    return math.degrees(math.acos(min(max(-height / radius, -1.0), 1.0)))
