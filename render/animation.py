@@ -61,6 +61,7 @@ def animate(
     samples: int = 2,
     title: str | None = None,
     name: str | None = None,
+    frame: str = "room",
 ) -> Animation:
     """Draw every stored time of a results folder, one picture each.
 
@@ -84,6 +85,7 @@ def animate(
         samples: of the rasteriser along a side of a pixel, 1 or 2, see `Renderer`.
         title: a line above the tank; None takes that of the case.
         name: in place of the options in the names of what is written: out/frames_NAME/, animation_NAME.mp4.
+        frame: "tank" draws a tank that moves as if it rested, see `Results`.
 
     Raises:
         ValueError: an argument is invalid.
@@ -102,13 +104,13 @@ def animate(
         if field is None:
             raise ValueError("a field range is given, but no field to colour by")
         field_range = check_range(field_range)
-    results = Results(out)
+    results = Results(out, frame=frame)
     if title is not None:
         results.title = title
     view = View() if view is None else view
     tail = name
     if tail is None:
-        tail = picture_name(field, field_range, mesh, particles, view, size, fluid_colours or {})
+        tail = picture_name(field, field_range, mesh, particles, view, size, fluid_colours or {}, frame)
     tail = f"_{tail}" if tail else ""
     if field is not None:
         results.scene(0).field_values(field)
@@ -157,6 +159,7 @@ def picture_name(
     view: View,
     size: tuple[int, int] | None,
     fluid_colours: Mapping[str, str],
+    frame: str = "room",
 ) -> str:
     """What the names of pictures say of the options, such as "speed_streamlines_window_0_0_0.3_0.2"; "" for none.
 
@@ -171,12 +174,14 @@ def picture_name(
         view: as it was given.
         size: as it was given.
         fluid_colours: as they were given.
+        frame: as it was given.
     """
 
     def numbers(values: Iterable[float]) -> str:
         return "_".join(f"{value:.6g}" for value in values)
 
     words = [field] if field else []
+    words += ["in_the_tank"] * (frame == "tank")
     words += [f"range_{numbers(field_range)}"] if field_range is not None else []
     words += ["all"] * (view.muted == ()) + [f"without_{name}" for name in view.muted or ()]
     words += [view.colour_map] if view.colour_map else []

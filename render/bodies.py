@@ -81,6 +81,10 @@ class Tracks:
             found.append((x, y, angle))
         return found
 
+    def moves(self, name: str) -> bool:
+        """Whether the history has places of a body, or of the tank."""
+        return bool(self._start) and name in self._rows()[1]
+
     def _rows(self) -> tuple[Array, dict[str, Array]]:
         """Times (K,) [s] of the history, and places and angles (K, 3) by name; read again when the file has changed."""
         stamp = self._history.stat().st_mtime_ns if self._history.is_file() else 0

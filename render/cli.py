@@ -63,6 +63,7 @@ def render(
     particles: Flag = False,
     window: tuple[float, float, float, float] | None = None,
     follow: str | None = None,
+    frame: Literal["room", "tank"] = "room",
     no_fill: Flag = False,
     arrows: Flag = False,
     arrow_speed: float | None = None,
@@ -108,6 +109,9 @@ def render(
     follow
         Move the window with the front of the heaviest fluid (front), of another one (front:NAME) or with the centre of
         a fluid (NAME); its size is that of --window, else a third of the domain.
+    frame
+        tank draws a tank that moves as if it rested: what moves relative to it is seen. Velocities stay those in the
+        room, given along the tank's axes.
     no_fill
         Leave the cells white: the interface alone, or with --particles dots by fluid.
     arrows
@@ -166,6 +170,7 @@ def render(
             "fluid_colours": colours,
             "samples": samples,
             "name": name,
+            "frame": frame,
             "view": View(
                 window=window,
                 follow=follow,

@@ -19,6 +19,7 @@ from .tank import TankOutline
 
 FORMAT = 1
 VTKHDF = "fields.vtkhdf"
+FRAMES = ("room", "tank")
 
 
 class ResultsError(ValueError):
@@ -36,6 +37,8 @@ class Results:
         out: results folder.
         keep: number of scenes that are kept with their geometry, the latest used. 64 suit a viewer that goes back
             and forth in time.
+        frame: "tank" draws what moves with the tank as if the tank rested: places are turned and shifted back to where
+            the tank was at t = 0. Velocities stay those in the room, given along the tank's axes.
 
     Attributes:
         folder: its path.
@@ -50,18 +53,23 @@ class Results:
         title: of the case.
 
     Raises:
+        ValueError: ``keep`` or ``frame`` is not possible; a tank that does not move has no frame of its own.
         ResultsError: the folder cannot be read.
     """
 
-    def __init__(self, out: str | PathLike[str], keep: int = 1) -> None:
+    def __init__(self, out: str | PathLike[str], keep: int = 1, frame: str = "room") -> None:
+        if frame not in FRAMES:
+            raise ValueError(f"frame {frame!r}: expected one of {', '.join(FRAMES)}")
         if keep < 1:
             raise ValueError(f"keep {keep}: expected a number of scenes, 1 or more")
         self._keep = keep
         self._kept: dict[tuple[Path, int, int], Scene] = {}
-        self.folder = Path(out)
+        self.folder, self._frame = Path(out), frame
         if not self.folder.is_dir():
             raise ResultsError(f"results folder {self.folder}: there is no such folder")
         self.refresh()
+        if frame == "tank" and not self._tracks.moves("tank"):
+            raise ValueError(f"frame 'tank': the tank of {self.folder} does not move, or its history is not there")
 
     def refresh(self) -> None:
         """Read case.json and the list of stored times again; scenes of files that are unchanged are kept.
@@ -144,10 +152,18 @@ class Results:
             cell_fluid = np.concatenate(owners).astype(np.int64)
             if "density" in data:  # the value of a particle on an interface is that of one side
                 cell_fields["density"] = np.take(self.fluid_densities, cell_fluid, mode="clip")
-        poses = self._tracks.at(self.times[i])
+        poses, points = self._tracks.at(self.times[i]), mesh.points[:, :2]
+        if self._frame == "tank" and self._tank is not None:
+            x, y, angle = poses[-1]
+            turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])  # rows are turned back
+            points = (points - (x, y)) @ turn + self._tank.reference
+            places = (np.array([pose[:2] for pose in poses]) - (x, y)) @ turn + self._tank.reference
+            poses = [(float(at[0]), float(at[1]), pose[2] - angle) for at, pose in zip(places, poses, strict=True)]
+            if "velocity" in data:
+                data = data | {"velocity": data["velocity"][:, :2] @ turn}
         try:
             return Scene(
-                position=mesh.points[:, :2],
+                position=points,
                 cells=np.concatenate(cells) if cells else np.empty((0, 3), np.int64),
                 fluid=np.ravel(data["fluid"]),
                 wall=np.ravel(data["wall"]) if "wall" in data else None,

@@ -43,6 +43,7 @@ def strip(
     view: View | None = None,
     samples: int = 2,
     name: str | None = None,
+    frame: str = "room",
 ) -> Path:
     """Draw a results folder at several times, side by side in one PNG, with one legend and one scale for all.
 
@@ -64,6 +65,7 @@ def strip(
             drawn: they are followed from time to time.
         samples: of the rasteriser along a side of a pixel, 1 or 2, see `Renderer`.
         name: in place of the options in the name: strip_NAME.png.
+        frame: "tank" draws a tank that moves as if it rested, see `Results`.
 
     Returns:
         The path of the picture.
@@ -73,7 +75,7 @@ def strip(
         ResultsError: the results folder cannot be read.
         OSError: the picture cannot be written.
     """
-    results = Results(out)
+    results = Results(out, frame=frame)
     chosen = closest(results.times, times)
     view = View() if view is None else view
     if view.tracers:
@@ -83,7 +85,7 @@ def strip(
     if columns is not None and columns < 1:
         raise ValueError(f"strip: columns is {columns}; it must be 1 or more")
     if path is None:
-        tail = name or picture_name(field, field_range, mesh, particles, view, None, fluid_colours or {})
+        tail = name or picture_name(field, field_range, mesh, particles, view, None, fluid_colours or {}, frame)
         path = results.folder / f"strip{'_' if tail else ''}{tail}.png"
     scenes = [results.scene(k) for k in chosen]
     for wanted in (field, view.contours):

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from render_results import write_results
-from tipfem.render import Results, Scene, View, render_frame
+from tipfem.render import Results, Scene, View, render_frame, strip
 from tipfem.render.layout import make_layout
 from tipfem.render.polygons import fill_loops
 from tipfem.render.renderer import contents
@@ -97,3 +97,26 @@ def test_results_have_the_outline_where_the_tank_is(tmp_path):
     np.testing.assert_allclose(at_start.points[corner], (0.0, 0.0), atol=1e-12)
     expected = np.array([1.5, 0.0]) - 0.5 * np.array([math.cos(0.2), math.sin(0.2)])
     np.testing.assert_allclose(later.points[corner], expected, atol=1e-9)
+
+
+def test_a_tank_that_moves_rests_in_its_own_frame(tmp_path):
+    """Places are turned and shifted back, velocities turned with them, and the picture is named after it."""
+    made = case(tank_motion=tp.Motion(angle=lambda t: 0.2 * t**2, translation=lambda t: (t**2, 0.0), pivot=(0.5, 0.0)))
+    out = write_results(tmp_path / "run", times=(0.0, 1.0))
+    with pytest.raises(ValueError, match="does not move"):
+        Results(out, frame="tank")
+    facts = json.loads((out / "case.json").read_text()) | {"tank": tank_outline(made)}
+    (out / "case.json").write_text(json.dumps(facts))
+    row = ",".join(map(repr, (1.0, *tank_pose(made, 1.0))))
+    (out / "history.csv").write_text(f"time,tank_x,tank_y,tank_angle\n{row}\n")
+    room, tank = (Results(out, frame=frame).scene(1) for frame in ("room", "tank"))
+    corners = tank.tank.points[tank.tank.loops[0]]
+    np.testing.assert_allclose(corners, TankOutline(tank_outline(made), tank.spacing).at_start().points, atol=1e-12)
+    turn = np.array([[math.cos(0.2), math.sin(0.2)], [-math.sin(0.2), math.cos(0.2)]])  # of rows, with the tank
+    np.testing.assert_allclose((tank.position - (0.5, 0.0)) @ turn + (1.5, 0.0), room.position, atol=1e-6)
+    velocity = [np.stack([s.fields["velocity_x"], s.fields["velocity_y"]], axis=1) for s in (room, tank)]
+    np.testing.assert_allclose(velocity[1] @ turn, velocity[0], atol=1e-6)
+    np.testing.assert_allclose(tank.fields["speed"], room.fields["speed"], rtol=1e-5, atol=1e-9)
+    assert strip(out, 1.0, frame="tank", width=640).name == "strip_in_the_tank.png"
+    with pytest.raises(ValueError, match="frame 'moon'"):
+        Results(out, frame="moon")
