@@ -15,7 +15,7 @@ from tipfem.case.declaration import Unit
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.side_pressures.carried import PressureJump
 from tipfem.probes.impulses import LoadProbe
-from tipfem.probes.walls import WallLine, WallSide, side_names, wall_line, wall_of
+from tipfem.probes.walls import WallLine, WallSide, inlet_faces, side_names, wall_line, wall_of
 from tipfem.typing import Array
 
 if TYPE_CHECKING:
@@ -119,9 +119,14 @@ class _Faces(NamedTuple):
 
 def _faces(case: Case, solved: Solved, walls: Sequence[WallLine | WallSide]) -> _Faces:
     """The faces of the step's mesh on walls."""
-    state, cf = solved.before, solved.scheme.cf
+    state = solved.before
     parts = [wall.faces(case, state) for wall in walls]
-    a, b, cell = (np.concatenate([part[k] for part in parts]) for k in range(3))
+    return _of_faces(solved, *(np.concatenate([part[k] for part in parts]) for k in range(3)))
+
+
+def _of_faces(solved: Solved, a: Array, b: Array, cell: Array) -> _Faces:
+    """Faces (F,), (F,) with their cells (F,) at the intermediate positions of a step."""
+    state, cf = solved.before, solved.scheme.cf
     u = solved.displacement
     edge = state.mesh.sides(a, b) + cf * (u[b] - u[a])
     normal = np.stack([edge[:, 1], -edge[:, 0]], axis=1)  # cells are positively oriented
@@ -141,15 +146,26 @@ def _pressure(solved: Solved, mesh: Mesh, particle: Array, cell: Array) -> Array
 def _rest(solved: Solved, faces: _Faces) -> Array:
     """(W, 2) force of the fluids on each wall particle, less the integral of the pressure over the faces there [N/m].
 
-    That integral has the weights of the particle's shape function, as the momentum equation has.
+    That integral has the weights of the particle's shape function, as the momentum equation has. At the ends of inlets
+    it is that over the inlet's face, too, which is no load on the wall.
     """
+    result = -solved.reactions - _by_particle(solved, faces)
+    state = solved.before
+    if state.boundary.passages is not None:
+        held = ~state.boundary.passages.open[state.particles.wall]
+        result -= held[:, None] * _by_particle(solved, _of_faces(solved, *inlet_faces(state)))
+    return np.asarray(result)
+
+
+def _by_particle(solved: Solved, faces: _Faces) -> Array:
+    """(W, 2) integral of the pressure on faces with the shape function of each wall particle [N/m]."""
     p = faces.pressure + solved.level  # the reactions are those of the solve's own pressures
-    count, result = len(faces.place), -solved.reactions
-    nodes = np.flatnonzero(solved.before.particles.wall)
+    count, nodes = len(faces.place), np.flatnonzero(solved.before.particles.wall)
+    result = np.zeros((len(nodes), 2))
     for end, weight in ((faces.a, p @ (1 / 3, 1 / 6)), (faces.b, p @ (1 / 6, 1 / 3))):
         for k in range(2):
-            result[:, k] -= np.bincount(end, weight * faces.normal[:, k], minlength=count)[nodes]
-    return np.asarray(result)
+            result[:, k] += np.bincount(end, weight * faces.normal[:, k], minlength=count)[nodes]
+    return result
 
 
 def _of_fluid(solved: Solved, faces: _Faces, index: int | None) -> Array:

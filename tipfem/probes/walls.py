@@ -221,11 +221,31 @@ class WallSide:
 
 
 def _wall_faces(state: State) -> tuple[Array, Array, Array]:
-    """The faces of the mesh between two wall particles (K,) and (K,), and their cells (K,); on bodies, too."""
-    mesh, wall = state.mesh, state.particles.wall
+    """The faces of the mesh between two wall particles (K,) and (K,), and their cells (K,); on bodies, too.
+
+    Those on openings are no walls.
+    """
+    a, b, cell, opening = _hull_faces(state)
+    on = state.particles.wall[a] & state.particles.wall[b] & (opening < 0)
+    return a[on], b[on], cell[on]
+
+
+def _hull_faces(state: State) -> tuple[Array, Array, Array, Array]:
+    """The faces (K,), (K,) of the hull of a mesh, their cells (K,), and the number (K,) of their opening, or -1."""
+    mesh, passages = state.mesh, state.boundary.passages
     cell, i = np.nonzero(mesh.neighbours < 0)
     a, b = mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]
-    on = wall[a] & wall[b]
+    of = np.full(len(mesh.position), -1)
+    for k, nodes in enumerate(passages.nodes if passages is not None else []):
+        of[nodes] = k
+    return a, b, cell, np.where(of[a] == of[b], of[a], -1)
+
+
+def inlet_faces(state: State) -> tuple[Array, Array, Array]:
+    """The faces of the mesh on inlets, as of `WallLine.faces`."""
+    a, b, cell, opening = _hull_faces(state)
+    velocities = np.array([line.opening.velocities for line in state.boundary.lines] + [False])
+    on = velocities[opening]
     return a[on], b[on], cell[on]
 
 

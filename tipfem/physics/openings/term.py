@@ -146,10 +146,21 @@ class OpeningTerm(Term):
 
     def work(self, x: Any, displacement: Array) -> TermWork:
         """See `Term.work`: what pressures and inlets do is not what walls do, at the ends of openings either."""
-        force, u, walls = self._force, displacement, ~self.unheld
+        force, u, walls = self._force + self._at_ends(x), displacement, ~self.unheld
         return TermWork(
             walls=-float((force[walls] * u[walls]).sum()),
             wall_force=-force[walls].sum(axis=0),
             openings=float((force * u).sum() + (self._holding * u[self._held]).sum()),
             opening_force=force.sum(axis=0) + self._holding.sum(axis=0),
         )
+
+    def _at_ends(self, x: Any) -> Array:
+        """(N, 2) forces of the pressure on the last faces of inlets, on the particles at their ends that walls hold."""
+        result, place = np.zeros_like(self._force), self._particles.position
+        pressure = self._equations.values(x)[:, -1]
+        for line, on in zip(self._walls.boundary.lines, self._passages.nodes, strict=True):
+            for end, beside in ((on[0], on[1]), (on[-1], on[-2])):
+                if line.opening.velocities and not self.unheld[end]:
+                    length = np.linalg.norm(place[beside] - place[end])
+                    result[end] += length * (pressure[end] / 3 + pressure[beside] / 6) * line.inwards
+        return result
