@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 import tipfem as tp
+from tipfem.app.commands import main
 from tipfem.casefile.describing import describe
 from tipfem.casefile.loading import read_case
 from tipfem.casefile.problems import CaseFileError
@@ -92,3 +93,17 @@ def test_what_no_file_can_hold_is_said():
     outlet = tp.Outlet(wall="left", pressure=lambda x, t: 0 * x[:, 0])
     found = describe(tp.Case(tank, [water], (0, 0), openings=[outlet]), 1.0)
     assert any("outlets.outlet_left.pressure" in line for line in found.missing)
+
+
+def test_check_says_what_passes(tmp_path, capsys):
+    path = tmp_path / "case.toml"
+    path.write_text(
+        GOOD.replace('{ form = "sine", amplitude = 0.01, frequency = 1.0 }', "0.02").replace("ramp = 0.1", "")
+    )
+    assert main(["check", str(path), "--no-mesh"]) == 0
+    said = capsys.readouterr().out
+    assert "opening     inlet_left: water, 0.02 m^2/s, 0.2 m/s in the mean and" in said
+    assert "0.1 m wide, 5 spacings; Froude number 0.2; Reynolds number 2e+04; the tank's volume in 6 s" in said
+    assert "opening     outlet_right: a level of 0.1 m, freely; 0.3 m wide, 15 spacings" in said
+    assert "opening     chimney: 0 Pa, at right angles; 0.2 m wide, 10 spacings" in said
+    assert "note: inlet_left sets off at" in said

@@ -16,12 +16,14 @@ SPACINGS = {
     "dam_break": 0.04,
     "dam_break_free_surface": 0.04,
     "floating": 0.03,
+    "fountain": 0.025,
     "layer_inversion": 0.01,
     "layers_at_rest": 0.01,
     "obstacle": 0.02,
     "oil_on_water": 0.04,
     "sinking_drop": 0.005,
     "sloshing": 0.05,
+    "sluice_gate": 0.0125,
 }
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import App, Parameter
 
 from tipfem.app.running import bad_input, loaded, resume, run, said
+from tipfem.casefile.openings import opening_lines
 from tipfem.casefile.options import Flag, Overrides, Whole
 
 if TYPE_CHECKING:
@@ -97,6 +98,8 @@ def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, 
         extent = made.extent
         print(f"size        {' x '.join(f'{edge:g}' for edge in extent)} m, spacing {made.particles.spacing:g} m")
         print(f"scales      {scales(made)}")
+        for line in opening_lines(made):
+            print(f"opening     {line}")
         needed = estimate(made, file.end, table.time.largest_step, table.output.interval, file.fields)
         for line in [*wall_lines(made), *needed.lines()]:
             print(line)

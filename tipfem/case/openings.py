@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -400,14 +399,3 @@ def check_openings(lines: Sequence[OpenLine], spacing: float, walls: Sequence[tu
     closed = [line.opening for line in lines if line.opening.velocities]
     if closed and len(closed) == len(lines):
         raise closed[0]._invalid("", ": what flows in cannot leave; add a vent or an outlet to the tank")
-
-
-def warn_of_impact(line: OpenLine, x: Array, step: float, spacing: float) -> None:
-    """Warn where an inlet begins with a velocity at t = 0, on particles (K, 2), for steps of a length [s]."""
-    if line.opening.velocities:
-        speed = float(np.abs(line.speeds(x, 0.0)).max())
-        if speed * step > 0.3 * spacing:
-            warnings.warn(
-                f"{line.opening.name} sets off at {speed:.3g} m/s at t = 0, an impact; ramp = 0.1 begins smoothly",
-                stacklevel=3,
-            )

@@ -8,6 +8,7 @@ import numpy as np
 
 from tipfem.case.case import Case
 from tipfem.casefile.estimate import largest_speed
+from tipfem.casefile.openings import impacts
 from tipfem.typing import Array
 
 KINEMATIC = (1e-7, 1e-1)  # viscosities of fluids that flow [m^2/s]: liquid metals have the least, honey 1e-2
@@ -36,6 +37,7 @@ def hints(case: Case, end: float, interval: float | None) -> list[str]:
                 f"of {low:g} to {high:g}; is it in Pa s? 1 cP is 1e-3 Pa s"
             )
     found += _gravity(case)
+    found += impacts(case)
     found += _upside_down(case)
     if interval is not None and interval > end:
         found.append(f"states are to be written every {interval:g} s, and the run is {end:g} s long")

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from tipfem.arguments import numbers
+from tipfem.case.case import Case
 from tipfem.case.fluid import Fluid
 from tipfem.case.openings import Inlet, Opening, Outlet, Vent
 from tipfem.casefile.problems import listed, meant
@@ -85,3 +87,51 @@ def opening_content(
             value = np.asarray(numbers(value)).tolist()
         content[field.name] = value
     return content
+
+
+def opening_lines(case: Case) -> list[str]:
+    """A line on each opening of a case: what passes, how fast, and what the spacing resolves."""
+    found, passages = [], case.boundary.passages
+    for line, on in zip(case.boundary.lines, passages.nodes if passages is not None else [], strict=True):
+        opening = line.opening
+        width = f"{line.length:.4g} m wide, {len(on) - 1} spacings"
+        if isinstance(opening, Inlet):
+            x = case.particles.position[on]
+            v = line.speeds(x, opening.ramp)
+            discharge = float((0.5 * (v[1:] + v[:-1]) * np.diff(line.coordinates(x))).sum())
+            kind = opening.entering(x, 0.0, [fluid.name for fluid in case.fluids])
+            entering = [case.fluids[k] for k in np.unique(kind)]
+            mean, gravity = discharge / line.length, float(np.linalg.norm(case.gravity))
+            numbers_of = [f"Froude number {abs(mean) / math.sqrt(gravity * line.length):.2g}"] if gravity else []
+            viscosity = entering[0].viscosity / entering[0].density
+            numbers_of += [f"Reynolds number {abs(discharge) / viscosity:.2g}"] if viscosity else []
+            text = (
+                f"{' and '.join(fluid.name for fluid in entering)}, {discharge:.4g} m^2/s, {mean:.3g} m/s in the mean "
+            )
+            text += f"and {np.abs(v).max():.3g} m/s at most; {width}"
+            text += "".join(f"; {number}" for number in numbers_of)
+            area = float(np.prod(case.extent)) if case.domain is None else case.domain.area
+            text += f"; the tank's volume in {abs(area / discharge):.3g} s" if discharge else ""
+        else:
+            assert isinstance(opening, Outlet)
+            pressure = opening.pressure
+            held = "a pressure by a function" if callable(pressure) else f"{pressure} pressure"
+            if not (callable(pressure) or isinstance(pressure, str)):
+                held = f"{pressure or 0.0:g} Pa"
+            if opening.level is not None:
+                held = "a level by a function" if callable(opening.level) else f"a level of {opening.level:g} m"
+            text = f"{held}, {'at right angles' if opening.normal(len(case.fluids)) else 'freely'}; {width}"
+        found.append(f"{opening.name}: {text}")
+    return found
+
+
+def impacts(case: Case) -> list[str]:
+    """A line on each inlet that sets off at once while the fluids are at rest."""
+    passages, lines = case.boundary.passages, []
+    for line, on in zip(case.boundary.lines, passages.nodes if passages is not None else [], strict=True):
+        if line.opening.velocities and not case.particles.velocity[~case.particles.wall].any():
+            speed = float(np.abs(line.speeds(case.particles.position[on], 0.0)).max())
+            if speed > 0:
+                text = f"sets off at {speed:.3g} m/s at t = 0, an impact; ramp = 0.1 begins smoothly"
+                lines.append(f"{line.opening.name} {text}")
+    return lines

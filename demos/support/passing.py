@@ -1,0 +1,66 @@
+"""Checks of demos whose fluids enter and leave the tank."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from tipfem.demos.harness import Check, Options, Probe
+
+import tipfem as tp
+from tipfem.mesh.measures import depth
+
+LARGEST_IMBALANCE = 1e-9  # of the volumes of the fluids, relative to what has passed
+CONTRACTION = 0.61  # of the jet below a sharp gate, from potential theory (von Mises)
+
+
+class Balance(Check):
+    """The volumes of the fluids change by what passes the openings."""
+
+    def figures(self, simulation: tp.Simulation) -> dict[str, float]:
+        """See `Check.figures`."""
+        state, history = simulation.state, simulation.history
+        moved = sum(abs(value) for row in history for name, value in row.items() if name.startswith("through_"))
+        error = np.abs(state.volume - state.wanted_volume).max()
+        return {"passed": moved, "imbalance": float(error / moved) if moved else 0.0}
+
+    def missed(self, figures: Mapping[str, float], options: Options) -> list[str]:
+        """See `Check.missed`."""
+        found = figures["imbalance"]
+        return [] if found <= LARGEST_IMBALANCE else [f"volumes differ by {found:.1e} from what has passed"]
+
+
+class Gate(Balance):
+    """The discharge below a sluice gate, as a coefficient of that of Torricelli's speed in its opening.
+
+    Args:
+        opening: height of the lip above the floor [m].
+        gate: place of the gate [m].
+        outlet: name of the opening by which the water leaves.
+    """
+
+    def __init__(self, opening: float, gate: float, outlet: str) -> None:
+        self.opening, self.gate, self.outlet = opening, gate, outlet
+
+    def columns(self) -> dict[str, Probe]:
+        """See `Check.columns`: the depth of the water in the reservoir [m]."""
+        return {"depth": lambda run: depth(run.mesh, run.particles.fluid, 0, 0.5 * self.gate)}
+
+    def figures(self, simulation: tp.Simulation) -> dict[str, float]:
+        """See `Check.figures`; means over the second half of the run."""
+        rows = [row for row in simulation.history if row["time"] > 0.5 * simulation.time]
+        time = sum(row["time_step"] for row in rows)
+        leaves = -sum(row[f"through_{self.outlet}_water"] for row in rows) / time
+        level = sum(row["depth"] * row["time_step"] for row in rows) / time
+        coefficient = leaves / (self.opening * math.sqrt(2 * 9.81 * level))
+        theory = CONTRACTION / math.sqrt(1 + CONTRACTION * self.opening / level)
+        return {**super().figures(simulation), "coefficient": coefficient, "theory": theory}
+
+    def missed(self, figures: Mapping[str, float], options: Options) -> list[str]:
+        """See `Check.missed`: the coefficient is looked at where the jet has come to the outlet."""
+        found, wanted = figures["coefficient"], figures["theory"]
+        late = options.end_time >= 1.8 and options.spacing <= 0.013
+        wrong = late and not abs(found / wanted - 1) < 0.04
+        line = f"the coefficient of discharge is {found:.3f}, not {wanted:.3f} within 4 %"
+        return [*super().missed(figures, options), *([line] if wrong else [])]
