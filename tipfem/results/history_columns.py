@@ -35,8 +35,8 @@ _PATTERNS: list[tuple[str, str, bool]] = [
     ("(remeshing|opening)_momentum_[xyz]|momentum_residual_[xyz]", "N s", True),
     ("momentum_[xyz]", "N s", False),
     ("(wall|opening)_force_[xyz]", "N", False),
-    ("(solve|source|remeshing|opening)_volume_FLUID", "V", True),
-    ("(spray_)?volume_FLUID|through_.+_FLUID", "V", False),
+    ("(solve|source|remeshing|opening)_volume_FLUID|through_.+_FLUID", "V", True),
+    ("(spray_)?volume_FLUID", "V", False),
     ("roughness_FLUID", "", False),
     ("interface_turning", "degrees", False),
 ]
