@@ -36,3 +36,14 @@ def test_a_run_goes_on_to_the_bit_while_particles_come_and_go(tmp_path):
     assert np.array_equal(whole.mesh.cells, resumed.mesh.cells)
     for name in ("volume", "total"):
         assert np.array_equal(*(getattr(run.state.parts["openings"], name) for run in (whole, resumed)))
+
+
+def test_within_a_step_openings_are_drawn_on_their_lines():
+    run = tp.Simulation(fountain(), time_step=4e-3)
+    for _ in range(20):
+        run.step()
+    start = run.solved.before
+    particles, _ = run.solved.at(0.5 * (start.time + run.time))
+    for line, on in zip(start.boundary.lines, start.boundary.passages.nodes, strict=True):
+        assert np.abs((particles.position[on] - line.a) @ line.inwards).max() < 1e-12
+    assert np.abs(run.solved.particles.position[on] - start.particles.position[on]).max() > 1e-4

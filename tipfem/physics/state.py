@@ -228,7 +228,7 @@ class Solved(HasParts):
         """The particles and their mesh at a time within the step [s], before any remeshing.
 
         Positions are the cubic polynomials that have the velocities at both ends of the step, in an impact straight
-        lines; velocities and pressures are linear in time.
+        lines; velocities and pressures are linear in time. The particles of openings are on their lines.
         """
         old, new, mesh = self.before.particles, self.particles, self.before.mesh
         s = (time - self.before.time) / (self.time - self.before.time)
@@ -237,6 +237,9 @@ class Solved(HasParts):
         if not self.impact:
             ends = (1 - s) * (self.dt * old.velocity - moved) - s * (self.dt * new.velocity - moved)
             position += s * (1 - s) * ends
+        if self.before.boundary.passages is not None:  # which are put back after the step
+            on = np.concatenate(self.before.boundary.passages.nodes)
+            position[on] = old.position[on]
         position = mesh.period.wrapped(position)
         velocity, pressure = (
             (1 - s) * one + s * other for one, other in ((old.velocity, new.velocity), (old.pressure, new.pressure))
