@@ -97,6 +97,9 @@ class Results:
             self.period = None if period is None else np.asarray(period, float)[:2]
             outline = case.get("tank")
             self._tank = None if outline is None else TankOutline(outline, self.spacing)
+            if self._frame == "tank" and self._tank is not None:  # the box of the case is that of all its places
+                walls = self._tank.at_start().points
+                self.lower, self.upper = walls.min(axis=0), walls.max(axis=0)
             self._tracks = Tracks(_moving(case), self.folder / "history.csv")
             self._outlines = [BodyOutline(body) for body in case.get("bodies", ())]
         except KeyError as error:

@@ -117,6 +117,7 @@ def test_a_tank_that_moves_rests_in_its_own_frame(tmp_path):
     velocity = [np.stack([s.fields["velocity_x"], s.fields["velocity_y"]], axis=1) for s in (room, tank)]
     np.testing.assert_allclose(velocity[1] @ turn, velocity[0], atol=1e-6)
     np.testing.assert_allclose(tank.fields["speed"], room.fields["speed"], rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose((tank.lower, tank.upper), ((0.0, 0.0), (1.0, 0.5)))  # framed as the tank is
     assert strip(out, 1.0, frame="tank", width=640).name == "strip_in_the_tank.png"
     with pytest.raises(ValueError, match="frame 'moon'"):
         Results(out, frame="moon")
