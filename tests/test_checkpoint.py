@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import math
 import os
@@ -177,6 +178,40 @@ def test_cases_are_compared_value_by_value(water, air):
     assert lines[2] == "numerics.rho_inf: 0.0, now 0.5"
     finer = differences(one, case_record(dam_break(water, air, 0.02)))
     assert "particles.position: other values at the start" in finer
+
+
+def test_a_record_has_all_that_a_case_is_made_of(water, air):
+    asked = set(inspect.signature(tp.Case).parameters)
+    beside = {"shape", "period"}  # in the walls; there where it is periodic
+    assert asked - set(case_record(dam_break(water, air, 0.04))) == beside
+
+
+def tank_of_drop(water, air, **options):
+    tank = tp.tank((0.04, 0.04), 0.0025).fill(air).fill(water, disc=((0.02, 0.02), 0.01))
+    return tp.Case(tank, [water, air], (0, 0), **options)
+
+
+def openings(air, velocity):
+    ends = ((0, 0.01), (0, 0.03)), ((0.04, 0.01), (0.04, 0.03))
+    inlet = tp.Inlet(wall="left", between=ends[0], fluid=air, velocity=velocity)
+    return [inlet, tp.Vent(wall="right", between=ends[1])]
+
+
+@pytest.mark.parametrize("what", ["surface_tension", "openings"])
+def test_what_a_case_is_given_stays_when_it_is_found_in_its_folder(tmp_path, water, air, what):
+    def case(value):
+        given = {("water", "air"): value} if what == "surface_tension" else openings(air, value)
+        return tank_of_drop(water, air, **{what: given})
+
+    simulation = tp.Simulation(case(0.05), tmp_path, time_step=1e-3)
+    simulation.run(2e-3, progress=False)
+    resumed = tp.Simulation.resume(tmp_path)
+    resumed.run(4e-3, progress=False)
+    simulation.run(4e-3, progress=False)
+    for field in ("position", "velocity", "pressure"):
+        assert getattr(resumed.particles, field).tobytes() == getattr(simulation.particles, field).tobytes(), field
+    with pytest.raises(CheckpointError, match=rf"{what}\..*: 0.05, now 0.03"):
+        tp.Simulation.resume(tmp_path, case(0.03))
 
 
 def tidy(path):

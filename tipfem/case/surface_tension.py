@@ -157,7 +157,7 @@ def _checked_pair(pair: Any, names: Sequence[str], *, empty: bool) -> tuple[str,
         raise Invalid("surface_tension", text, "Case")
     for name in both:
         if name not in names:
-            raise _invalid(both, f"there is no fluid {name!r}; the fluids are {list(names)}")
+            raise _invalid(both, f"there is no fluid {name!r}; the fluids are {', '.join(names)}")
     if len(both) == 1 and not empty:
         raise _invalid(both, "there is no free surface; name the two fluids of an interface, as ('water', 'air')")
     if both[0] == both[-1] and len(both) == 2:

@@ -14,9 +14,12 @@ from tipfem.case.case import Case
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import FittedRule, Numerics, RelocationRule, SurfaceRule
+from tipfem.case.openings import Inlet, Opening, Outlet, Vent
 from tipfem.case.particles import Particles
 from tipfem.case.walls import Wall
 from tipfem.errors import CheckpointError
+
+OPENINGS = {kind.kind: kind for kind in (Inlet, Outlet, Vent)}
 
 
 def case_record(case: Case) -> dict[str, Any]:
@@ -37,6 +40,8 @@ def case_record(case: Case) -> dict[str, Any]:
         "grading": _plain(case.grading),
         # As polygons, which a body in a tank has.
         "bodies": [{**_plain(body), "shape": body.corners} for body in case.bodies],
+        "surface_tension": _tensions(case),
+        "openings": [_opening(opening) for opening in case.openings],
         "walls_have_fluids": case.walls_have_fluids,
         "particles": dict(vars(case.particles)),
         **({"period": case.period.width.tolist()} if case.period else {}),
@@ -72,6 +77,8 @@ def case_from(record: Mapping[str, Any]) -> Case:
         grading=None if grading is None else Grading(**grading),
         bodies=[Body(**body) for body in record.get("bodies", [])],
         period=record.get("period"),
+        surface_tension={tuple(given["between"]): given["value"] for given in record["surface_tension"]},
+        openings=[OPENINGS[given["kind"]](**given["values"]) for given in record["openings"]],
     )
     case.walls_have_fluids = record["walls_have_fluids"]
     return case
@@ -85,6 +92,20 @@ def python_functions(record: Mapping[str, Any]) -> list[str]:
 
 def _is_function(value: Any) -> bool:
     return isinstance(value, Mapping) and set(value) == {"function"}
+
+
+def _tensions(case: Case) -> list[dict[str, Any]]:
+    """The tension of each interface, whose fluids are in the order of the alphabet."""
+    pairs = {(one,) if isinstance(one, str) else tuple(sorted(one)): s for one, s in case.surface_tension.given.items()}
+    return [{"name": " and ".join(pair), "between": list(pair), "value": pairs[pair]} for pair in sorted(pairs)]
+
+
+def _opening(opening: Opening) -> dict[str, Any]:
+    """An opening as plain values, with its fluid by name."""
+    values = {field.name: getattr(opening, field.name) for field in dataclasses.fields(opening) if field.init}
+    if isinstance(values.get("fluid"), Fluid):
+        values["fluid"] = values["fluid"].name
+    return {"name": opening.name, "kind": opening.kind, "values": _plain(values)}
 
 
 def _plain(value: Any) -> Any:

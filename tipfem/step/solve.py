@@ -67,7 +67,7 @@ def flow_time(case: Case, state: State, frequency: float | None = None) -> float
     """The time T in tau = c dt T of the stabilisation [s]: the length of step that the flow itself asks for.
 
     It is the shortest of 0.05 sqrt(h / b) with the acceleration b by gravity and body force, of the capillary time
-    where there is surface tension (`tipfem.case.surface_tension`), and of 0.35 h / v with the speed v of the fastest
+    where interfaces have a tension, and of 0.35 h / v with the speed v of the fastest
     particle relative to the tank. Steps that are shorter, for an output or because others were refused, and steps that
     are longer have the stabilisation of a step of that length: were tau to dt^2, there would be another problem in
     space for each dt, and no convergence in dt.

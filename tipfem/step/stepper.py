@@ -43,8 +43,8 @@ class Stepper:
     Args:
         case: what is simulated.
         time_step: largest time step [s]; by default 0.1 sqrt(h / |b|) with the largest acceleration b
-            by gravity and body force at the start, at most the capillary time where there is surface tension (see
-            `tipfem.case.surface_tension`), or 1e-3 s without any of these.
+            by gravity and body force at the start, at most the capillary time where interfaces have a
+            tension, or 1e-3 s without any of these.
 
     Attributes:
         state: the present state, frozen; `particles`, `mesh`, `boundary`, `time` and `step_number` are parts of it.
