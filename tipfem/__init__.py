@@ -17,9 +17,11 @@ if TYPE_CHECKING:
     from tipfem.case.grading import Grading
     from tipfem.case.mesh_file import read_mesh
     from tipfem.case.numerics import FittedRule, Numerics, RelocationRule, SurfaceRule
+    from tipfem.case.openings import Inlet, Outlet, Vent
     from tipfem.case.particles import Particles
     from tipfem.case.tank import Tank, tank
     from tipfem.case.walls import Motion, Wall
+    from tipfem.case.waves import WavePiston
     from tipfem.casefile.describing import describe, write_case
     from tipfem.casefile.problems import CaseFileError
     from tipfem.errors import CheckpointError, SimulationError
