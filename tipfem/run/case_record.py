@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -35,12 +35,12 @@ def case_record(case: Case) -> dict[str, Any]:
         "free_surface": case.free_surface,
         "title": case.title,
         "numerics": _plain(case.numerics),
-        "walls": [_plain(wall) for wall in case.walls],
+        "walls": [_wall(wall) for wall in case.walls],
         "tank_motion": _plain(case.tank_motion),
         "grading": _plain(case.grading),
         # As polygons, which a body in a tank has.
         "bodies": [{**_plain(body), "shape": body.corners} for body in case.bodies],
-        "surface_tension": _tensions(case),
+        "surface_tension": _by_interface(case.surface_tension.given),
         "openings": [_opening(opening) for opening in case.openings],
         "walls_have_fluids": case.walls_have_fluids,
         "particles": dict(vars(case.particles)),
@@ -73,11 +73,11 @@ def case_from(record: Mapping[str, Any]) -> Case:
         free_surface=record["free_surface"],
         numerics=Numerics(**numerics),
         title=record["title"],
-        walls=[Wall(**wall) for wall in record["walls"]],
+        walls=[Wall(**{**w, "contact_angle": _from_interfaces(w["contact_angle"])}) for w in record["walls"]],
         grading=None if grading is None else Grading(**grading),
         bodies=[Body(**body) for body in record.get("bodies", [])],
         period=record.get("period"),
-        surface_tension={tuple(given["between"]): given["value"] for given in record["surface_tension"]},
+        surface_tension=_from_interfaces(record["surface_tension"]),
         openings=[OPENINGS[given["kind"]](**given["values"]) for given in record["openings"]],
     )
     case.walls_have_fluids = record["walls_have_fluids"]
@@ -94,10 +94,20 @@ def _is_function(value: Any) -> bool:
     return isinstance(value, Mapping) and set(value) == {"function"}
 
 
-def _tensions(case: Case) -> list[dict[str, Any]]:
-    """The tension of each interface, whose fluids are in the order of the alphabet."""
-    pairs = {(one,) if isinstance(one, str) else tuple(sorted(one)): s for one, s in case.surface_tension.given.items()}
+def _by_interface(given: Mapping[Any, float]) -> list[dict[str, Any]]:
+    """Values of interfaces, by one or two fluids, without keys that are tuples."""
+    pairs = {(one,) if isinstance(one, str) else one: value for one, value in given.items()}
     return [{"name": " and ".join(pair), "between": list(pair), "value": pairs[pair]} for pair in sorted(pairs)]
+
+
+def _from_interfaces(record: Sequence[Mapping[str, Any]] | None) -> dict[Any, float] | None:
+    return None if record is None else {tuple(each["between"]): each["value"] for each in record}
+
+
+def _wall(wall: Wall) -> dict[str, Any]:
+    """A wall as plain values."""
+    angles = None if wall.contact_angle is None else _by_interface(wall.contact_angle)
+    return {**_plain(dataclasses.replace(wall, contact_angle=None)), "contact_angle": angles}
 
 
 def _opening(opening: Opening) -> dict[str, Any]:
