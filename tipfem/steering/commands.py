@@ -216,9 +216,11 @@ class SurfaceTension(Command):
     def require(self, case: Case) -> None:
         """See `Command.require`."""
         if not case.surface_tension.has(self.between):
-            known = list(case.surface_tension.given) or "none"
+            pairs = [(one,) if isinstance(one, str) else one for one in case.surface_tension.given]
+            known = ", ".join(" and ".join(pair) for pair in pairs) or "none"
             raise ValueError(
-                f"surface_tension: between is {list(self.between)}; the interfaces that have a tension are {known}"
+                f"surface_tension: between is {' and '.join(self.between)}; the interfaces that have a tension are "
+                f"{known}"
             )
 
 

@@ -176,7 +176,7 @@ def _beside_contacts(
     Hydrodynamic model of steady movement of a solid/liquid/fluid contact line, Journal of Colloid and Interface Science
     35, 1971). The spacing stands for the length on which it slips in nature.
     """
-    angled = np.array([wall.contact_angle is not None for wall in boundary.walls])[faces.wall]
+    angled = np.array([bool(wall.contact_angle) for wall in boundary.walls])[faces.wall]
     if not angled.any():
         return length, stuck
     spacing = particles.target[faces.nodes].mean(axis=1)
