@@ -152,7 +152,8 @@ def test_durations_and_unknown_ones():
 
 def test_commands_print_lines_and_write_the_log(tmp_path, capfd, monkeypatch):
     monkeypatch.setattr(progress, "_LINES", 0.0)
-    words = ["run", CASE, "--set", "tank.spacing=0.04", "--until", "0.004", "--out", str(tmp_path / "out")]
+    coarse = ["--set", "tank.spacing=0.04", "--set", "time.largest_step=1e-3"]
+    words = ["run", CASE, *coarse, "--until", "0.004", "--out", str(tmp_path / "out")]
     assert main([*words, "--log-json", str(tmp_path / "log.jsonl")]) == 0
     said = capfd.readouterr()
     assert "run from t = 0 s, step 0, to t = 0.004 s" in said.err

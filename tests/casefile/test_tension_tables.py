@@ -51,7 +51,7 @@ def test_a_free_surface_has_one_fluid():
     [
         ("water.air = -1", "surface_tension.water.air is -1 N/m; it must be a number >= 0 in N/m"),
         ('water.air = "0.07"', "surface_tension.water.air is '0.07'; it must be a number >= 0 in N/m"),
-        ("water.oil = 1", "surface_tension.water.oil: there is no fluid 'oil'; the fluids are ['water', 'air']"),
+        ("water.oil = 1", "surface_tension.water.oil: there is no fluid 'oil'; the fluids are water, air"),
         ("water = 1", "surface_tension.water: there is no free surface"),
         ("water.water = 1", "surface_tension.water.water: the same fluid twice"),
         ("water.air = 1\nair.water = 1", "surface_tension.air.water: it is given twice"),

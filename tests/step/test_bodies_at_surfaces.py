@@ -119,7 +119,7 @@ def test_contacts_are_found_where_there_is_no_mesh():
     """A body that falls on another in the air, and one that is moved against a wall above the water."""
     lower = tp.Body(box((0.5, 0.5), size=(0.3, 0.1)), name="shelf")
     upper = tp.Body(tp.shapes.circle((0.5, 0.8), 0.05), density=500.0, name="ball")
-    simulation = tp.Simulation(half_full(lower, upper, depth=0.25, spacing=0.04))
+    simulation = tp.Simulation(half_full(lower, upper, depth=0.25, spacing=0.04), time_step=3e-3)
     with pytest.raises(tp.SimulationError, match="body 'ball' is in contact with body 'shelf' at "):
         simulation.run(0.3, progress=False)
     gap = simulation.state.parts["bodies"].position[1, 1] - 0.05 - 0.55

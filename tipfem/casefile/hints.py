@@ -88,8 +88,7 @@ def scales(case: Case) -> str:
     heaviest = max(range(len(case.fluids)), key=lambda k: case.fluids[k].density)
     fluid, own = case.fluids[heaviest], particles.position[particles.fluid == heaviest]
     if not speed > 0 or not len(own):
-        moved = "surface tension moves the fluids" if case.surface_tension.given else "no gravity does"
-        return f"nothing moves at the start, and {moved}"
+        return "nothing moves at the start, and no gravity does"
     height = _heights(case)
     values = own[:, -1] if height is None else height[particles.fluid == heaviest]
     length = float(np.ptp(values))

@@ -12,7 +12,7 @@ from tipfem.mesh import measures
 
 # Resolution: 5 mm is the coarser of the paper's two.
 SPACING = 0.005  # [m]
-TIME_STEP = 1.2e-3  # [s]
+TIME_STEP = 2.25e-3  # [s]
 LARGEST_MOVE = 0.8  # of a particle in a step, in spacings; more than 0.5 where no element would be inverted
 
 # Fluids, at 20 degrees Celsius.
