@@ -1,4 +1,4 @@
-"""tipfem/checkpoint.py: a run goes on to the bit, and what is damaged or foreign is refused in one line."""
+"""tipfem/run/checkpoint.py: a run goes on to the bit, and what is damaged or foreign is refused in one line."""
 
 from __future__ import annotations
 

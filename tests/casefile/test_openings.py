@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from case_texts import WATER_IN_AIR
 
 import tipfem as tp
 from tipfem.app.commands import main
@@ -10,21 +11,9 @@ from tipfem.casefile.describing import describe
 from tipfem.casefile.loading import read_case
 from tipfem.casefile.problems import CaseFileError
 
-GOOD = """
-gravity = [0, -9.81]
-[fluids.water]
-density = 1000.0
-viscosity = 1e-3
-[fluids.air]
-density = 1.2
-viscosity = 1.8e-5
-[tank]
-size = [0.4, 0.3]
-spacing = 0.02
-[[fill]]
-fluid = "air"
-[[fill]]
-fluid = "water"
+GOOD = (
+    WATER_IN_AIR
+    + """\
 box = [[0, 0], [0.4, 0.1]]
 [[inlets]]
 wall = "left"
@@ -44,6 +33,7 @@ between = [[0.1, 0.3], [0.3, 0.3]]
 [time]
 end = 1.0
 """
+)
 
 
 def test_a_case_file_has_openings_and_is_written_back():

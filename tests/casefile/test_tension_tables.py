@@ -3,32 +3,22 @@
 from __future__ import annotations
 
 import pytest
+from case_texts import WATER_IN_AIR
 
 from tipfem.casefile.describing import describe
 from tipfem.casefile.loading import read_case
 from tipfem.casefile.problems import CaseFileError
 
-CASE = """
-gravity = [0, -9.81]
-[fluids.water]
-density = 1000
-viscosity = 1e-3
-[fluids.air]
-density = 1.2
-viscosity = 1.8e-5
-[tank]
-size = [0.4, 0.3]
-spacing = 0.02
-[[fill]]
-fluid = "air"
-[[fill]]
-fluid = "water"
+CASE = (
+    WATER_IN_AIR
+    + """\
 box = [[0, 0], [0.1, 0.2]]
 [surface_tension]
 water.air = 0.0728
 [time]
 end = 0.1
 """
+)
 
 
 def test_a_case_file_keeps_the_tension():

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from case_texts import WATER_IN_AIR
 from drop_particles import RADIUS
 
 import tipfem as tp
@@ -152,21 +153,9 @@ def test_wrong_angles_are_refused(given, text):
         tp.Case(tank, fluids, (0, 0), surface_tension={("drop", "outside"): 1.0})
 
 
-CASE = """
-gravity = [0, -9.81]
-[fluids.water]
-density = 1000
-viscosity = 1e-3
-[fluids.air]
-density = 1.2
-viscosity = 1.8e-5
-[tank]
-size = [0.4, 0.3]
-spacing = 0.02
-[[fill]]
-fluid = "air"
-[[fill]]
-fluid = "water"
+CASE = (
+    WATER_IN_AIR
+    + """\
 box = [[0, 0], [0.4, 0.2]]
 [surface_tension]
 water.air = 0.0728
@@ -176,6 +165,7 @@ contact_angle.water.air = 60
 [time]
 end = 0.1
 """
+)
 
 
 def test_case_files_have_angles():
