@@ -65,7 +65,7 @@ def depth(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
     Raises:
         ValueError: the line does not cross the mesh.
     """
-    left, right = _ends(mesh)
+    left, right = ends(mesh)
     if not left <= place <= right:
         raise ValueError(f"depth: the line x = {place:g} m does not cross the mesh of {left:g} to {right:g} m")
     # A line along the left wall would be in no element's interior.
@@ -93,7 +93,7 @@ def surface_height(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
     Raises:
         ValueError: the line does not cross the mesh.
     """
-    left, right = _ends(mesh)
+    left, right = ends(mesh)
     if not left <= place <= right:
         raise ValueError(f"height: the line x = {place:g} m does not cross the mesh of {left:g} to {right:g} m")
     line = max(place, left + 1e-9 * (right - left))  # as in `depth`
@@ -113,7 +113,7 @@ def surface_height(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
     return highest
 
 
-def _ends(mesh: Mesh) -> tuple[float, float]:
+def ends(mesh: Mesh) -> tuple[float, float]:
     """The least and the largest x of a mesh [m]; with a periodic first axis, of its domain."""
     if mesh.period:
         return 0.0, float(mesh.period.width[0])

@@ -66,7 +66,7 @@ class WaveGauge(Probe):
             x = min(max(x, left + slack), right - slack) if left - slack <= x <= right + slack else x
         try:
             if self.width > 0:
-                left, right = float(mesh.position[:, 0].min()), float(mesh.position[:, 0].max())
+                left, right = measures.ends(mesh)
                 left, right = max(left, x - 0.5 * self.width), min(right, x + 0.5 * self.width)
                 depth = _area_within(simulation, mesh, index, (left, -math.inf), (right, math.inf)) / (right - left)
             else:
