@@ -20,6 +20,7 @@ from tipfem.errors import Invalid
 from tipfem.geometry.box_points import SIDES, BoxPoints
 from tipfem.geometry.curves import has_curve
 from tipfem.geometry.domain import LEAST_GAP, Domain, domain_of, gap_between
+from tipfem.geometry.even_faces import evened
 from tipfem.geometry.lattice import Part, heaviest_beside
 from tipfem.geometry.period import Period, no_period
 from tipfem.geometry.shape_points import ShapePoints
@@ -328,8 +329,9 @@ class Tank:
         if part is not None:
             points = points.fitted(part)
         fluid, on_face = filling.label(points.position), points.on_face
+        rank = np.append(ranks(fluids), -1)
         if on_face.any():
-            face, rank = points.position[on_face], np.append(ranks(fluids), -1)
+            face = points.position[on_face]
             fluid[on_face] = heaviest_beside(face, self.box, self.spacing, filling.fluid, rank, self.period)
         if self.jitter:
             by = np.random.default_rng(self.seed).uniform(-1, 1, points.position.shape) * self.jitter * self.spacing
@@ -338,6 +340,12 @@ class Tank:
         if grading:
             kept &= thinned(grading, points, fluid, filling.fluid, fluids, self.spacing)
         position, fluid, wall = self.period.wrapped(points.position)[kept], fluid[kept], points.wall[kept]
+        if part is not None:
+            domain = points.domain if isinstance(points, ShapePoints) else None
+            stays, added = evened(position, wall, on_face[kept], self.spacing, part, domain)
+            new = heaviest_beside(added, self.box, self.spacing, filling.fluid, rank, self.period)
+            position, fluid = np.concatenate([position[stays], added]), np.append(fluid[stays], new)
+            wall = np.append(wall[stays], np.zeros(len(added), dtype=bool))
         velocity = filling.velocity(position, fluid, self.spacing, self.period)
         velocity[wall] = points.along_walls(position[wall], velocity[wall], self._slips)
         return Particles(position, fluid, wall, velocity, spacing=self.spacing)
