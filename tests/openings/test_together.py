@@ -1,4 +1,4 @@
-"""Openings with what else a case may have: bodies, gradings, layers at walls, liquids that slide, shapes; and threads."""
+"""Openings with bodies, gradings, layers at walls, liquids that slide, inclined sides, and several threads."""
 
 from __future__ import annotations
 
