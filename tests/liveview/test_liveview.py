@@ -8,6 +8,7 @@ import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -21,9 +22,12 @@ from websockets.sync.client import connect
 
 import tipfem as tp
 from tipfem.app.commands import main
+from tipfem.results.folder_lock import FolderLock
 from tipfem.run.live import KernelRun
 from tipfem.run.liveview.control import LiveControl, describe, snapshot_of
+from tipfem.run.liveview.link import Link
 from tipfem.run.liveview.memory import Snapshot, StateMemory, slot_size
+from tipfem.run.liveview.process import guest_of, serve_guest
 from tipfem.run.liveview.source import LiveSource
 from tipfem.steering import FILE
 from tipfem.viewer import protocol
@@ -38,6 +42,7 @@ def snapshot(count, value, owned=True):
         time=float(value),
         gravity=(0.0, -float(value)),
         speed=1.0,
+        pace=0.5,
         poked=False,
         position=np.full((count, 2), float(value)),
         velocity=np.full((count, 2), float(value)),
@@ -286,21 +291,65 @@ def test_while_nobody_looks_nothing_is_copied():
 def test_no_command_is_dropped_however_many_come_between_two_steps():
     simulation = tp.Simulation(layers(), time_step=0.01)
     control, _ = shown(simulation)
-    theirs, (ours, end) = control._pipe, os.pipe()
-    control._pipe = ours
+    theirs, (ours, end) = control._link, socket.socketpair()
+    control._link = Link(ours)
     try:
         pushes = [{"name": "gravity", "values": {"value": [0.01 * k, -9.0]}} for k in range(500)]
         lines = [*pushes, {"name": "pause", "values": {}}, *pushes, {"name": "drop", "values": {}}]
-        os.write(end, "".join(json.dumps(line) + "\n" for line in lines).encode())
+        end.sendall("".join(json.dumps(line) + "\n" for line in lines).encode())
         found = control._receive_commands(1.0)
     finally:
-        control._pipe = theirs
-        os.close(ours)
-        os.close(end)
+        control._link.close()
+        control._link = theirs
+        end.close()
         control.close()
     # Of pushes that follow each other in one step the last counts.
     assert [command.name for command in found] == ["gravity", "pause", "gravity"]
     assert found[0].value == found[2].value == (4.99, -9.0)
+
+
+def test_a_viewer_attaches_to_a_run_begun_without_one_and_again_when_it_died(tmp_path):
+    """`tipfem view` finds the run by its folder; while it is shown, another one is told where."""
+    out, said, pages = tmp_path / "run", [], []
+
+    def visit(script):
+        words = [sys.executable, "-m", "tipfem", "view", str(out), "--no-browser", "--port", "0"]
+        process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+        said.append(process.stdout.readline().strip())
+        pages.append(Client(said[-1].split()[1], script))
+        pages[-1].run()
+        return process
+
+    def steer(page):
+        page.until(lambda: page.frames >= 1)
+        page.command("gravity", value=[1.0, -9.0])
+        page.until(lambda: page.status["gravity"] == [1.0, -9.0])
+        page.command("stop")
+        page.until(lambda: page.bye)
+
+    def watched():
+        while FolderLock(out).door() is None:
+            time.sleep(0.01)
+        first = visit(lambda page: page.until(lambda: page.frames >= 2))
+        serve_guest(guest_of(out), None, False, said.append)
+        first.kill()
+        first.wait()
+        step = simulation.step_number
+        while simulation.step_number < step + 2:  # by which the run knows
+            time.sleep(0.01)
+        visit(steer).wait(PATIENCE)
+
+    simulation = tp.Simulation(layers(), out, time_step=0.01)
+    thread = threading.Thread(target=watched, daemon=True)
+    thread.start()
+    simulation.run(1000.0, progress=False)
+    thread.join(PATIENCE)
+    assert [page.error for page in pages if not page.bye] == [None]
+    assert pages[0].hello["live"]
+    assert pages[1].bye == "the run has ended"
+    assert said[0] == said[1] != said[2]
+    assert [record.command.name for record in simulation.steering.applied] == ["gravity"]
+    assert guest_of(out) is None  # the door has gone with the run
 
 
 @pytest.mark.parametrize("paused", [False, True])

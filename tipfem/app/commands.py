@@ -242,8 +242,9 @@ def view(
     *,
     port: Whole | None = None,
     no_browser: Flag = False,
+    stored: Flag = False,
 ) -> int:
-    """Look at a results folder in a browser, also while its run is going on; or compare two at equal times.
+    """Look at a results folder in a browser, or steer the run that is writing into it; or compare two at equal times.
 
     Parameters
     ----------
@@ -255,14 +256,24 @@ def view(
         Of 127.0.0.1, where the page is served; by default 8800, or one of the next. 0 takes any.
     no_browser
         Open no browser; the address is printed in either case.
+    stored
+        Show the stored times of a run that is going on, and follow them, instead of its present state.
     """
+    from tipfem.run.liveview.process import guest_of, serve_guest
     from tipfem.viewer import ResultsSource, serve
+
+    def say(line: str) -> None:
+        print(line, flush=True)
 
     with bad_input() as failed:
         if port is not None and not 0 <= port <= 65535:
             raise ValueError(f"--port is {port}; it must be from 0 to 65535")
-        sources = [ResultsSource(folder) for folder in (out, compared) if folder is not None]
-        serve(sources, port, not no_browser, lambda line: print(line, flush=True))
+        run = None if stored or compared is not None else guest_of(out)
+        if run is not None:
+            serve_guest(run, port, not no_browser, say)
+        else:
+            sources = [ResultsSource(folder) for folder in (out, compared) if folder is not None]
+            serve(sources, port, not no_browser, say)
     return 2 if failed else 0
 
 

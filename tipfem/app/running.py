@@ -262,7 +262,6 @@ def viewer_of(simulation: Simulation, shown: Shown) -> LiveControl | None:
 
     return LiveControl(
         simulation,
-        out=simulation.results.path if simulation.results else None,
         port=shown.port,
         browser=not shown.no_browser,
         say=lambda line: print(line, flush=True),

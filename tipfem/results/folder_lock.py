@@ -69,10 +69,26 @@ class FolderLock:
                         f"{str(self.path.parent)!r} is in use by process {holder['process']} on {holder['host']}; name "
                         f"another folder, or remove {LOCK} there if that run has ended"
                     ) from None
-            temporary = self.path.with_name(f"{LOCK}.{os.getpid()}")
-            temporary.write_text(json.dumps(own), encoding="utf-8")
-            os.replace(temporary, self.path)
+            self._replace(own)
         atexit.register(self.release)
+
+    def show_door(self, path: str) -> None:
+        """Name the socket by which the run that holds this lock can be seen, see `tipfem.run.liveview.link.Door`."""
+        holder = self._holder()
+        if holder and holder["process"] == os.getpid() and holder["host"] == socket.gethostname():
+            with suppress(OSError):
+                self._replace({**holder, "door": path})
+
+    def door(self) -> str | None:
+        """The socket of a run on this host that holds the lock; None if there is none."""
+        holder = self._holder()
+        here = holder is not None and holder["host"] == socket.gethostname() and not _has_ended(holder["process"])
+        if not here:
+            return None
+        try:
+            return str(json.loads(self.path.read_text(encoding="utf-8"))["door"])
+        except (OSError, ValueError, KeyError):
+            return None
 
     def release(self) -> None:
         """Unlock the folder, if this process has locked it."""
@@ -85,6 +101,11 @@ class FolderLock:
         """Whether a run is writing into the folder; of a run on another host, whether it has not said that it ended."""
         holder = self._holder()
         return holder is not None and not (holder["host"] == socket.gethostname() and _has_ended(holder["process"]))
+
+    def _replace(self, content: dict[str, Any]) -> None:
+        temporary = self.path.with_name(f"{LOCK}.{os.getpid()}")
+        temporary.write_text(json.dumps(content), encoding="utf-8")
+        os.replace(temporary, self.path)
 
     def _holder(self) -> dict[str, Any] | None:
         """Who has locked the folder; None for nobody, or a file that says nothing."""

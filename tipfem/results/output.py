@@ -335,6 +335,10 @@ class ResultsFolder:
         """
         self._lock.take()
 
+    def show_door(self, path: str) -> None:
+        """Let `tipfem view` find the socket by which the run can be seen; see `FolderLock.show_door`."""
+        self._lock.show_door(path)
+
     def close(self) -> None:
         """Close the history, and let other runs write into the folder."""
         if self._history is not None:

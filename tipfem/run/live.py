@@ -60,7 +60,6 @@ def live(
         return run.view
     control = LiveControl(
         simulation,
-        out=simulation.results.path if simulation.results else None,
         port=port,
         rate=rate,
         browser=browser,

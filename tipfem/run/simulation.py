@@ -25,7 +25,7 @@ from tipfem.results.history_columns import history_columns
 from tipfem.results.output import ResultsFolder
 from tipfem.results.remeshing_table import Sums, remeshing_sums
 from tipfem.run.case_record import case_record
-from tipfem.run.liveview.control import LiveControl
+from tipfem.run.liveview.control import LiveControl, WatchedControl
 from tipfem.run.observers import Checkpoints, Fields, History
 from tipfem.run.progress import RunProgress
 from tipfem.run.resume import KEPT, Kept, continuation, environment, leave_case, leave_changes, note_on_edits
@@ -168,8 +168,7 @@ class Simulation(Stepper):
         """
         require_later("run", until, self.time)
         require_room(self.case, self.time, until)
-        out = self.results.path if self.results else None
-        with closing(LiveControl(self, out=out)) if view else nullcontext(control) as taken, StopRequest() as stop:
+        with closing(LiveControl(self)) if view else nullcontext(control) as taken, StopRequest() as stop:
             for _ in self.steps(until, progress=progress, control=taken, stop=stop):
                 pass
 
@@ -189,7 +188,9 @@ class Simulation(Stepper):
             control: see `run`.
             stop: whether the process has been told to stop.
         """
-        control, stop = control or RunControl(), stop or StopRequest()
+        if control is None:
+            control = WatchedControl(self) if self.case.particles.dimension == 2 else RunControl()
+        stop = stop or StopRequest()
         bar = RunProgress(self.time, until, enabled=progress)
         observers: tuple[Observer, ...] = (bar, control, self.fields, self.checkpoints)
         status, said, level = "stopped", "", logging.ERROR

@@ -1,19 +1,17 @@
-"""LiveControl: publishes a running simulation to the process that draws it, and takes the commands from there."""
+"""WatchedControl publishes a run to the process that draws it, and takes its commands; LiveControl starts one."""
 
 from __future__ import annotations
 
 import contextlib
 import importlib.util
-import json
 import math
-import os
-import select
+import socket
 import subprocess
 import sys
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,24 +21,244 @@ from tipfem.case.forces import Forces
 from tipfem.case.outline import tank_outline, tank_pose
 from tipfem.physics.bodies.motion import BodyStates
 from tipfem.physics.state import State
+from tipfem.run.liveview.link import Door, Link, hand_over
 from tipfem.run.liveview.memory import Snapshot, StateMemory, slot_size
 from tipfem.steering import Command, Gravity, Poke, Release, RunControl, command_from, limits
 from tipfem.steering.stop_request import StopRequest
 from tipfem.step.stepper import Row, Stepper
 
+if TYPE_CHECKING:
+    from tipfem.run.simulation import Simulation
+
 RATE = 5.0  # pictures per second, by default
 STARTS = 60.0  # longest wait for the process that draws [s]; with a cold cache Taichi compiles for a while
-_MOST = 65536  # bytes that are taken between two steps; the rest wait in the pipe
-_LONGEST = 4096  # bytes of a line from the process that draws
 _MEAN = 1.0  # seconds over which steps per second are taken
 
 
-class LiveControl(RunControl):
+class WatchedControl(RunControl):
+    """Lets a run be seen and steered by processes that draw it: those that it starts, and those that knock.
+
+    A run with a results folder has a door for `tipfem view`, see `tipfem.run.liveview.link`. One process draws it at a
+    time. While nobody looks, it costs a call to the system a step.
+
+    Args:
+        simulation: in 2-D.
+        rate: most pictures per second.
+        paused: whether the run begins with a pause.
+        say: takes lines of text: the address, and what becomes of the process.
+
+    Attributes:
+        address: of the page, with its token; "" while there is none.
+    """
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        *,
+        rate: float = RATE,
+        paused: bool = False,
+        say: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        super().__init__(self._receive_commands, paused=paused, report=self._tell)
+        self.address = ""
+        self._simulation, self._say, self._rate = simulation, say, float(rate)
+        self._door: Door | None = None
+        self._link: Link | None = None
+        self._memory: StateMemory | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self._failed, self._left = "", False
+        self._published: tuple[State, Forces] | None = None
+        self._when, self._prompt = -math.inf, False
+        self._steps: list[tuple[float, int, float]] = []
+
+    # What a run calls
+
+    def begin(self, flow: Stepper, until: float) -> None:
+        """Open the door."""
+        results = self._simulation.results
+        if results is None or self._door is not None or not hasattr(socket, "AF_UNIX"):
+            return
+        with contextlib.suppress(OSError):  # a run that cannot be seen goes on
+            self._door = Door()
+            results.show_door(self._door.path)
+
+    def ready(self, flow: Stepper, steer: Callable[[Command], None]) -> bool:
+        """See `RunControl.ready`; a poke that nobody is left to release is released."""
+        guest = self._door.guest() if self._door is not None else None
+        if guest is not None:
+            self._welcome(guest)
+        goes_on = super().ready(flow, steer)
+        if self._memory is not None:
+            self._memory.paused = self.waits
+        poke = flow.forces.poke
+        if self._left and poke is not None and math.isinf(poke.end):
+            steer(Release())
+        self._left = False
+        return goes_on
+
+    def after_step(self, flow: Stepper, row: Row) -> None:
+        """Publish the state if somebody looks and it is time."""
+        if self._link is None:
+            return
+        now, state = clock.monotonic(), flow.state
+        self._steps.append((now, state.step, state.time))
+        while now - self._steps[0][0] > _MEAN and len(self._steps) > 2:
+            self._steps.pop(0)
+        self._publish_if_due(now)
+
+    def idle(self, flow: Stepper) -> None:
+        """Publish what a command has changed during a pause."""
+        self._steps.clear()
+        if self._memory is None:  # nobody is left to let it go on
+            self.paused = False
+            return
+        self._memory.paused = True
+        self._publish_if_due(clock.monotonic())
+
+    def finish(self, flow: Stepper, until: float) -> None:
+        """Publish the last state, and end the process."""
+        if self._memory is not None and self._memory.wanted:
+            self._publish()
+        self.close()
+
+    def close(self) -> None:
+        """Close the door, and end the process that draws."""
+        if self._door is not None:
+            self._door.close()
+            self._door = None
+        if self._memory is not None:
+            self._memory.ended = True
+        self._let_go()
+        process, self._process = self._process, None
+        if process is not None:
+            try:
+                process.wait(5)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+    # The states
+
+    def _publish_if_due(self, now: float) -> None:
+        if self._memory is None or not self._memory.wanted:
+            return
+        changed = self._published is None or self._published != (self._simulation.state, self._simulation.forces)
+        if changed and (self._prompt or now - self._when >= 1 / self._rate):
+            self._publish()
+
+    def _publish(self) -> None:
+        assert self._memory is not None, "the callers have asked"
+        self._memory.publish(snapshot_of(self._simulation, *self._speed()))
+        self._published = self._simulation.state, self._simulation.forces
+        self._when, self._prompt = clock.monotonic(), False
+
+    def _speed(self) -> tuple[float, float]:
+        """Steps, and simulated seconds, per second of late; NaN before there are two steps."""
+        if len(self._steps) < 2:
+            return math.nan, math.nan
+        (start, first, then), (end, last, now) = self._steps[0], self._steps[-1]
+        passed = max(end - start, 1e-9)
+        return (last - first) / passed, (now - then) / passed
+
+    # The process that draws
+
+    def _welcome(self, guest: socket.socket) -> None:
+        """Let a process that has knocked draw the run, or tell it where the run is shown already."""
+        with contextlib.suppress(OSError):
+            if self._link is None:
+                self._connect(guest, {})
+            else:
+                hand_over(guest, {"shown": self.address}, None).close()
+
+    def _connect(self, end: socket.socket, settings: Mapping[str, Any]) -> None:
+        """Share the states with the process at the other end.
+
+        Raises:
+            OSError: it has gone.
+        """
+        state, case = self._simulation.state, self._simulation.case
+        # Room for twice the particles, so that drops do not move the memory.
+        sizes = 2 * len(state.particles), 2 * len(state.mesh.cells), len(case.bodies) + 1
+        self._memory = StateMemory(room=slot_size(*sizes))
+        self._memory.paused = self.waits
+        self._publish()
+        results = self._simulation.results
+        facts = describe(case, results.path if results else None)
+        try:
+            self._link = hand_over(end, {"facts": facts, **settings}, self._memory.descriptor)
+        except OSError:
+            self._let_go()
+            end.close()
+            raise
+
+    def _let_go(self) -> None:
+        """End the line to the process."""
+        if self._link is not None:
+            self._link.close()
+        if self._memory is not None:
+            self._memory.close()
+        self._link, self._memory, self._published, self.address = None, None, None, ""
+
+    def _lost(self) -> None:
+        """The process has ended before the run, which goes on."""
+        shown = bool(self.address)
+        self._let_go()
+        process, self._process = self._process, None
+        if process is not None:
+            process.wait()
+        self.paused, self._left = False, True
+        if shown:
+            self._say(f"the viewer has ended{f': {self._failed}' if self._failed else ''}; the run goes on")
+
+    def _receive_commands(self, wait: float) -> Sequence[Command]:
+        found: list[Command] = []
+        for line in self._read(wait):
+            try:
+                command = command_from(str(line["name"]), dict(line["values"]))
+                if found and type(command) is type(found[-1]) and isinstance(command, Gravity | Poke):
+                    found.pop()  # of a pointer that was moved in one step, the last place counts
+                found.append(command)
+            except (KeyError, TypeError, ValueError) as error:
+                self._tell(str(error))
+        if found:
+            self._prompt = True
+            self._tell("")
+        return found
+
+    def _read(self, wait: float) -> list[dict[str, Any]]:
+        """The lines with commands that have come; those for the terminal are said."""
+        if self._link is None:
+            if wait:
+                clock.sleep(wait)
+            return []
+        found = []
+        for line in self._link.read(wait):
+            if "say" in line:
+                if (text := str(line["say"])).startswith("Open "):
+                    self.address = text.removeprefix("Open ")
+                self._say(text)
+            elif "address" in line:
+                self.address = str(line["address"])
+            elif "failed" in line:
+                self._failed = str(line["failed"])
+            else:
+                found.append(line)
+        if self._link.closed:
+            self._lost()
+        return found
+
+    def _tell(self, message: str) -> None:
+        """Let the page show a line about a command; left out if the process does not take it."""
+        if self._link is not None:
+            with contextlib.suppress(ValueError):
+                self._link.send({"message": message})
+
+
+class LiveControl(WatchedControl):
     """Shows a run while it goes on, and lets it be steered; give it to `Simulation.run` as ``control``.
 
     Args:
         simulation: in 2-D.
-        out: its results folder, or None.
         port: of 127.0.0.1, where the page is served; 0 for any, None for 8800 or one of the next.
         rate: most pictures per second.
         browser: open a browser where there is a display.
@@ -48,18 +266,14 @@ class LiveControl(RunControl):
         backend: of the pictures, see `tipfem.render.Renderer`.
         say: takes lines of text: the address, and what becomes of the process.
 
-    Attributes:
-        address: of the page, with its token; "" while there is none.
-
     Raises:
         ValueError: an argument is not possible, the case is not in 2-D, or the process cannot serve a page.
     """
 
     def __init__(
         self,
-        simulation: Stepper,
+        simulation: Simulation,
         *,
-        out: Path | None = None,
         port: int | None = None,
         rate: float = RATE,
         browser: bool = True,
@@ -67,7 +281,6 @@ class LiveControl(RunControl):
         backend: str = "raster",
         say: Callable[[str], None] = print,
     ) -> None:
-        super().__init__(self._receive_commands, paused=paused, report=self._tell)
         if simulation.case.particles.dimension != 2:
             raise ValueError("the viewer shows cases in 2-D only; this one is in 3-D")
         if not (is_number(rate) and 0 < rate <= 60):
@@ -76,120 +289,24 @@ class LiveControl(RunControl):
             raise ValueError(f"port is {port!r}; it must be a whole number from 0 to 65535")
         if importlib.util.find_spec("websockets") is None:
             raise ValueError("the viewer needs websockets, which is not installed: pip install 'tipfem[view]'")
-        self.address = ""
-        self._say, self._rate = say, float(rate)
-        self._rest, self._failed = b"", ""
-        self._published: tuple[State, Forces] | None = None
-        self._when, self._prompt = -math.inf, False
-        self._steps: list[tuple[float, int]] = []
+        super().__init__(simulation, rate=rate, paused=paused, say=say)
         simulation.make_consistent()
-        state, bodies = simulation.state, len(simulation.case.bodies) + 1
-        # Room for twice the particles, so that drops do not move the memory.
-        self._memory = StateMemory(room=slot_size(2 * len(state.particles), 2 * len(state.mesh.cells), bodies))
-        self._memory.paused = paused
-        self._publish(simulation)
-        settings = {"facts": describe(simulation.case, out), "port": port, "browser": browser}
+        ours, theirs = socket.socketpair()
         with StopRequest() as request:  # obeyed only once the process is known: none is left behind
-            self._process: subprocess.Popen[bytes] | None = self._start({**settings, "backend": backend})
             try:
+                with theirs:
+                    self._process = subprocess.Popen(
+                        [sys.executable, "-m", "tipfem.run.liveview.process", str(theirs.fileno())],
+                        pass_fds=(theirs.fileno(),),
+                        start_new_session=True,  # Ctrl-C is for the run, which ends the process in good order
+                    )
+                self._connect(ours, {"port": port, "browser": browser, "backend": backend})
                 self._wait_for_address(request)
             except BaseException:  # also when the process is told to end
                 if self._process is not None:
                     self._process.kill()
                 self.close()
                 raise
-
-    # What a run calls
-
-    def ready(self, flow: Stepper, steer: Callable[[Command], None]) -> bool:
-        """See `RunControl.ready`; a poke that nobody is left to release is released."""
-        goes_on = super().ready(flow, steer)
-        self._memory.paused = self.waits
-        poke = flow.forces.poke
-        if self._process is None and poke is not None and math.isinf(poke.end):
-            steer(Release())
-        return goes_on
-
-    def after_step(self, flow: Stepper, row: Row) -> None:
-        """Publish the state if somebody looks and it is time."""
-        now, step = clock.monotonic(), flow.state.step
-        self._steps.append((now, step))
-        while now - self._steps[0][0] > _MEAN and len(self._steps) > 2:
-            self._steps.pop(0)
-        self._publish_if_due(flow, now)
-
-    def idle(self, flow: Stepper) -> None:
-        """Publish what a command has changed during a pause."""
-        self._memory.paused = True
-        self._steps.clear()
-        if self._process is None:  # nobody is left to let it go on
-            self.paused = False
-        self._publish_if_due(flow, clock.monotonic())
-
-    def finish(self, flow: Stepper, until: float) -> None:
-        """Publish the last state, and end the process."""
-        if self._process is not None and self._memory.wanted:
-            self._publish(flow)
-        self.close()
-
-    def close(self) -> None:
-        """End the process that draws."""
-        process, self._process = self._process, None
-        if process is None:
-            return
-        self._memory.ended = True
-        assert process.stdin is not None
-        with contextlib.suppress(OSError):
-            process.stdin.close()
-        try:
-            process.wait(5)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-        os.close(self._pipe)
-        self._memory.close()
-
-    # The states
-
-    def _publish_if_due(self, simulation: Stepper, now: float) -> None:
-        if self._process is None or not self._memory.wanted:
-            return
-        changed = self._published is None or self._published != (simulation.state, simulation.forces)
-        if changed and (self._prompt or now - self._when >= 1 / self._rate):
-            self._publish(simulation)
-
-    def _publish(self, simulation: Stepper) -> None:
-        self._memory.publish(snapshot_of(simulation, self._speed()))
-        state, forces = simulation.state, simulation.forces
-        self._published, self._when, self._prompt = (state, forces), clock.monotonic(), False
-
-    def _speed(self) -> float:
-        """Steps per second of late; NaN before there are two."""
-        if len(self._steps) < 2:
-            return math.nan
-        (start, first), (end, last) = self._steps[0], self._steps[-1]
-        return (last - first) / max(end - start, 1e-9)
-
-    # The process
-
-    def _start(self, settings: dict[str, Any]) -> subprocess.Popen[bytes]:
-        self._pipe, theirs = os.pipe()
-        os.set_blocking(self._pipe, False)
-        try:
-            process = subprocess.Popen(
-                [sys.executable, "-m", "tipfem.run.liveview.process"],
-                stdin=subprocess.PIPE,
-                pass_fds=(theirs, self._memory.descriptor),
-                start_new_session=True,  # Ctrl-C is for the run, which ends the process in good order
-            )
-        finally:
-            os.close(theirs)
-        assert process.stdin is not None
-        line = json.dumps({**settings, "pipe": theirs, "memory": self._memory.descriptor})
-        process.stdin.write(line.encode() + b"\n")
-        process.stdin.flush()
-        os.set_blocking(process.stdin.fileno(), False)
-        return process
 
     def _wait_for_address(self, request: StopRequest) -> None:
         """Wait until the page is served.
@@ -209,83 +326,14 @@ class LiveControl(RunControl):
         why = self._failed or f"the process that draws did not begin within {STARTS:g} s"
         raise ValueError(f"the run cannot be shown: {why}")
 
-    def _receive_commands(self, wait: float) -> Sequence[Command]:
-        found: list[Command] = []
-        for line in self._read(wait):
-            try:
-                command = command_from(str(line["name"]), dict(line["values"]))
-                if found and type(command) is type(found[-1]) and isinstance(command, Gravity | Poke):
-                    found.pop()  # of a pointer that was moved in one step, the last place counts
-                found.append(command)
-            except (KeyError, TypeError, ValueError) as error:
-                self._tell(str(error))
-        if found:
-            self._prompt = True
-            self._tell("")
-        return found
 
-    def _read(self, wait: float) -> list[dict[str, Any]]:
-        """The lines with commands that have come; those for the terminal are said."""
-        if self._process is None:
-            if wait:
-                clock.sleep(wait)
-            return []
-        if not select.select([self._pipe], [], [], wait)[0]:
-            return []
-        try:
-            read = os.read(self._pipe, _MOST)
-        except BlockingIOError:
-            return []
-        if not read:
-            self._lost()
-            return []
-        *lines, self._rest = (self._rest + read).split(b"\n")
-        self._rest = self._rest[:_LONGEST]
-        found = []
-        for text in lines:
-            try:
-                line = json.loads(text)
-            except ValueError:
-                continue
-            if not isinstance(line, dict):
-                continue
-            if "say" in line:
-                self._hear(str(line["say"]))
-            elif "failed" in line:
-                self._failed = str(line["failed"])
-            else:
-                found.append(line)
-        return found
-
-    def _hear(self, line: str) -> None:
-        if line.startswith("Open "):
-            self.address = line.removeprefix("Open ")
-        self._say(line)
-
-    def _lost(self) -> None:
-        """The process has ended before the run, which goes on."""
-        process, self._process = self._process, None
-        assert process is not None
-        process.wait()
-        os.close(self._pipe)
-        self._memory.close()
-        self.paused = False
-        if self.address:
-            self._say(f"the viewer has ended{f': {self._failed}' if self._failed else ''}; the run goes on")
-
-    def _tell(self, message: str) -> None:
-        """Let the page show a line about a command; left out if the process does not take it."""
-        if self._process is not None and self._process.stdin is not None:
-            with contextlib.suppress(OSError):
-                os.write(self._process.stdin.fileno(), json.dumps({"message": message}).encode() + b"\n")
-
-
-def snapshot_of(simulation: Stepper, speed: float) -> Snapshot:
+def snapshot_of(simulation: Stepper, speed: float, pace: float = math.nan) -> Snapshot:
     """The present state as it is drawn; it shares the arrays.
 
     Args:
         simulation: in 2-D.
         speed: steps per second by the clock.
+        pace: simulated seconds per second.
     """
     state, forces = simulation.state, simulation.forces
     particles, mesh = state.particles, state.mesh
@@ -296,6 +344,7 @@ def snapshot_of(simulation: Stepper, speed: float) -> Snapshot:
         time=state.time,
         gravity=(float(gravity[0]), float(gravity[1])),
         speed=speed,
+        pace=pace,
         poked=forces.pokes(state.time),
         position=particles.position,
         velocity=particles.velocity,

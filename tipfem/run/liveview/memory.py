@@ -16,7 +16,7 @@ import numpy as np
 
 from tipfem.typing import Array
 
-_MAGIC = 0x7469_7066_656D_0002  # "tipfem", and the version of the layout
+_MAGIC = 0x7469_7066_656D_0003  # "tipfem", and the version of the layout
 _HEADER = 4096  # bytes
 # Numbers of the header.
 _VERSION, _PUBLISHED, _WANTED, _ENDED, _PAUSED, _SIZE = range(6)
@@ -33,6 +33,7 @@ class Snapshot:
         time: [s].
         gravity: (2,) [m/s^2].
         speed: steps per second by the clock.
+        pace: simulated seconds per second.
         poked: whether a poke acts.
         position: (N, 2) of the particles [m], float64.
         velocity: (N, 2) [m/s], float32.
@@ -49,6 +50,7 @@ class Snapshot:
     time: float
     gravity: tuple[float, float]
     speed: float
+    pace: float
     poked: bool
     position: Array
     velocity: Array
@@ -164,7 +166,7 @@ class StateMemory:
         whole[0] = 2 * number + 1  # odd: being written
         whole[1:5] = particles, cells, state.step, state.cell_fluid is not None
         whole[5:7] = state.poked, bodies
-        real[0:4] = state.time, *state.gravity, state.speed
+        real[0:5] = state.time, *state.gravity, state.speed, state.pace
         for name, array in self._arrays(particles, cells, state.cell_fluid is not None, bodies, start).items():
             array[...] = getattr(state, name)
         whole[0] = 2 * number
@@ -185,12 +187,11 @@ class StateMemory:
             particles, cells, step, owned, poked, bodies = (int(value) for value in whole[1:7])
             if slot_size(particles, cells, bodies) > self._header[_SIZE]:
                 continue
-            time, gx, gy, speed = (float(value) for value in real[:4])
+            time, gx, gy, speed, pace = (float(value) for value in real[:5])
             arrays = {n: a.copy() for n, a in self._arrays(particles, cells, bool(owned), bodies, start).items()}
             if int(whole[0]) == before:
-                return Snapshot(
-                    step, time, (gx, gy), speed, bool(poked), cell_fluid=arrays.pop("cell_fluid", None), **arrays
-                )
+                owner = arrays.pop("cell_fluid", None)
+                return Snapshot(step, time, (gx, gy), speed, pace, bool(poked), cell_fluid=owner, **arrays)
         return None
 
     def close(self) -> None:

@@ -1,116 +1,128 @@
-"""The process that draws and serves a run: ``python -m tipfem.run.liveview.process``, started by `LiveControl`.
+"""The process that draws and serves a run.
 
-It is told what it needs by a line of JSON on its standard input, which stays open as long as the run goes on, and
-writes lines of JSON to a pipe: ``{"say": line}`` for the terminal, and ``{"name", "values"}`` for commands.
+`LiveControl` starts it as ``python -m tipfem.run.liveview.process`` with the number of its end of the line;
+`tipfem view` becomes one by knocking at the run's door. What is said between the two is in `tipfem.run.liveview.link`:
+``{"say": line}`` for the terminal, ``{"address"}`` of the page, ``{"failed": why}``, and commands as
+``{"name", "values"}``; from the run, ``{"message"}`` about a command.
 """
 
 from __future__ import annotations
 
 import contextlib
-import json
 import os
+import socket
 import sys
-import threading
-from collections.abc import Mapping
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
+
+from tipfem.results.folder_lock import FolderLock
+from tipfem.run.liveview.link import Link, knock, take_over
 
 NICE = 5  # the run comes first
 
 
-class Pipe:
-    """Writes lines of JSON, and never waits.
+def guest_of(folder: Path) -> socket.socket | None:
+    """A connection with the run that is writing into a results folder; None if there is none on this machine.
 
     Args:
-        descriptor: of the pipe.
+        folder: the results folder.
     """
-
-    def __init__(self, descriptor: int) -> None:
-        self._descriptor = descriptor
-        os.set_blocking(descriptor, False)
-
-    def send(self, message: Mapping[str, Any]) -> None:
-        """Write a message.
-
-        Raises:
-            ValueError: the run has not taken the earlier ones yet, or has ended.
-        """
-        line = json.dumps(message, allow_nan=False).encode() + b"\n"
-        try:
-            done = os.write(self._descriptor, line)  # whole or not at all: lines are shorter than PIPE_BUF
-        except BlockingIOError:
-            done = 0
-        except OSError:
-            raise ValueError("the run has ended") from None
-        if done < len(line):
-            raise ValueError("the run is busy with the commands before; try again")
+    door = FolderLock(folder).door()
+    return None if door is None else knock(door)
 
 
-class Messages:
-    """Reads lines of JSON from the run, in a thread of its own; the end of them is the end of the run.
+def serve_guest(end: socket.socket, port: int | None, browser: bool, say: Callable[[str], None]) -> None:
+    """Serve the run that a connection leads to, until it ends; say where it is shown if it is shown already.
 
-    Attributes:
-        latest: the latest line about a command.
-        ended: whether the run has ended.
+    Args:
+        end: see `guest_of`.
+        port: see `tipfem.viewer.serve`.
+        browser: open one where there is a display.
+        say: takes lines of text.
+
+    Raises:
+        ValueError: the run has ended, or the page cannot be served.
     """
+    link, told, memory = take_over(end)
+    if memory is None:
+        link.close()
+        if not told["shown"]:
+            raise ValueError("another viewer of this run is just starting; try again")
+        say(f"Open {told['shown']}")
+        return
 
-    def __init__(self) -> None:
-        self.latest, self.ended = "", False
+    def hear(line: str) -> None:
+        if line.startswith("Open "):
+            link.send({"address": line.removeprefix("Open ")})
+        say(line)
 
-    def read(self) -> None:
-        """Read until there is no more."""
-        with contextlib.suppress(OSError, ValueError):
-            for line in sys.stdin:
-                self.latest = str(json.loads(line).get("message", ""))
-        self.ended = True
+    serve_run(link, told["facts"], memory, {"port": port, "browser": browser, "backend": "raster"}, hear)
 
 
-def main() -> int:
-    """Serve the run that standard input describes; returns the exit code."""
-    line = sys.stdin.readline()
-    if not line.endswith("\n"):  # the run has ended before it could say what it is
-        return 0
-    settings = json.loads(line)
+def serve_run(
+    link: Link, facts: dict[str, Any], descriptor: int, settings: dict[str, Any], say: Callable[[str], None]
+) -> None:
+    """Serve a run until it ends.
+
+    Args:
+        link: to it.
+        facts: of its case.
+        descriptor: of the memory with its states.
+        settings: ``port``, ``browser`` and ``backend``, see `tipfem.viewer.serve`.
+        say: takes lines of text.
+
+    Raises:
+        ValueError: the page cannot be served.
+    """
     os.nice(NICE)
     # Read when Taichi starts: the cores are the run's.
     os.environ["TI_CPU_MAX_NUM_THREADS"] = "1"
     from tipfem.run.liveview.memory import StateMemory
     from tipfem.run.liveview.source import LiveSource
+    from tipfem.viewer import serve
 
-    pipe, messages = Pipe(int(settings["pipe"])), Messages()
-    memory = StateMemory(int(settings["memory"]))
+    memory, latest = StateMemory(descriptor), [""]
+
+    def messages() -> str:
+        for line in link.read():
+            latest.append(str(line.get("message", "")))
+        del latest[:-1]
+        return latest[0]
 
     class Source(LiveSource):
         @property
         def ended(self) -> bool:
-            return memory.ended or messages.ended
+            return memory.ended or link.closed
 
-    source = Source(
-        settings["facts"],
-        memory,
-        lambda name, values: pipe.send({"name": name, "values": values}),
-        lambda: messages.latest,
-    )
-    threading.Thread(target=messages.read, daemon=True).start()
-
-    def say(line: str) -> None:
-        with contextlib.suppress(ValueError):
-            pipe.send({"say": line})
-
-    from tipfem.viewer import serve
-
+    source = Source(facts, memory, lambda name, values: link.send({"name": name, "values": values}), messages)
     try:
         serve([source], settings["port"], settings["browser"], say, settings["backend"])
-    except (ValueError, RuntimeError) as error:
-        with contextlib.suppress(ValueError):
-            pipe.send({"failed": str(error)})
-        return 1
     finally:
         memory.wanted = False
+
+
+def main() -> int:
+    """Serve the run at the other end of the socket whose number is given; returns the exit code."""
+    try:
+        link, told, memory = take_over(socket.socket(fileno=int(sys.argv[1])))
+    except (ValueError, OSError):  # the run has ended before it could say what it is
+        return 0
+    assert memory is not None, "the run that started this process shares its states"
+
+    def tell(**line: str) -> None:
+        with contextlib.suppress(ValueError):
+            link.send(line)
+
+    try:
+        serve_run(link, told["facts"], memory, told, lambda line: tell(say=line))
+    except (ValueError, RuntimeError) as error:
+        tell(failed=str(error))
+        return 1
     return 0
 
 
 if __name__ == "__main__":
-    # Neither an exit of the thread that reads nor Taichi's are waited for.
     code = main()
     sys.stdout.flush()
-    os._exit(code)
+    os._exit(code)  # Taichi's exit is not waited for

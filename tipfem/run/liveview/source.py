@@ -165,6 +165,8 @@ class LiveSource:
         found: dict[str, Any] = {"state": state, "step": latest.step, "gravity": list(latest.gravity)}
         if state == "running" and math.isfinite(latest.speed):
             found["steps_per_second"] = latest.speed
+            if math.isfinite(latest.pace):
+                found["pace"] = latest.pace
         if message := self._messages():
             found["message"] = message
         return found

@@ -67,6 +67,7 @@ export class Steering {
     const facts = [];
     if (run.step !== undefined) facts.push(`step ${run.step}`);
     if (run.steps_per_second) facts.push(`${number(run.steps_per_second, 3)} steps/s`);
+    if (run.pace) facts.push(`${number(run.pace, 2)} × real time`);
     if (run.message && this.told !== undefined && run.message !== this.told) this.viewer.note(run.message);
     else if (!run.message && this.told) this.viewer.note("");
     this.told = run.message || "";
