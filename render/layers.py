@@ -9,6 +9,8 @@ from . import colours, flow
 from .arrays import Array
 from .drawing import Drawing
 from .layout import Layout
+from .openings import COLOURS as OPENING_COLOURS
+from .openings import Gap, kinds_of
 from .scales import LABELS, MUTED_FIELD, FieldSample, field_ends
 from .scene import Scene
 from .streamlines import streamlines
@@ -24,6 +26,7 @@ STREAMLINES_APART = 26.0
 MOST_LEVELS = 1000  # of contours with an interval that is far too small
 HEAD_SLOPE = 0.4  # half the width of an arrowhead by its length
 TRACER_RADIUS = 2.6
+GAPS_APART, GAP_REACH, GAP_HEAD = 26.0, 13.0, 9.0  # arrows of openings: how far apart, into the tank, their heads
 
 
 class Key(NamedTuple):
@@ -92,13 +95,42 @@ def draw_layers(
         speed = view.arrow_speed or flow.arrow_speed([scene], view)
         shafts = layout.pixels(flow.arrows(scene, lower, upper, ARROWS_APART * unit / layout.scale, speed))
         length = np.linalg.norm(shafts[:, 1] - shafts[:, 0], axis=1)
-        _arrows(drawing, shafts, np.minimum(9 * unit, 0.6 * length), unit, on_field)
         line, rim = (colours.HALO, colours.INTERFACE) if on_field else (colours.INTERFACE, colours.HALO)
+        _arrows(drawing, shafts, np.minimum(9 * unit, 0.6 * length), unit, (line, rim))
         keys.append(Key(arrow_text(speed), line, rim, True, flow.ARROW_SHARE * ARROWS_APART))
     if scene.trails is not None and scene.trails.size:
         _tails(drawing, layout.pixels(scene.trails), unit)
         keys.append(Key("paths of tracers", colours.TRACER, colours.HALO))
     return keys
+
+
+def draw_openings(drawing: Drawing, openings: Sequence[Gap], layout: Layout, background: Sequence[float]) -> list[Key]:
+    """Add openings: gaps in the lines of walls, with arrows that point into the tank or out of it.
+
+    Args:
+        drawing: to which they are added.
+        openings: of the tank.
+        layout: of the picture.
+        background: red, green and blue outside the tank, 0 to 1.
+
+    Returns:
+        Entries of the legend.
+    """
+    unit = layout.unit
+    for gap in openings:
+        one, other = layout.pixels(gap.ends)
+        inwards = np.array([gap.inwards[0], -gap.inwards[1]])  # pixels count downwards
+        out = -(WALL_THICKNESS + 1) * unit * inwards
+        corners = np.stack([one, other, other + out, one + out])
+        drawing.triangles(corners[[[0, 1, 2], [0, 2, 3]]], np.array(background))
+        count = max(1, round(float(np.linalg.norm(other - one)) / (GAPS_APART * unit)))
+        part = (np.arange(count) + 0.5)[:, None] / count
+        at = one + part * (other - one)
+        shafts = np.stack([at - WALL_THICKNESS * unit * inwards, at + GAP_REACH * unit * inwards], axis=1)
+        if gap.kind != "inlet":
+            shafts = shafts[:, ::-1]
+        _arrows(drawing, shafts, np.full(count, GAP_HEAD * unit), unit, (OPENING_COLOURS[gap.kind], colours.HALO))
+    return [Key(kind, OPENING_COLOURS[kind], colours.HALO, True) for kind in kinds_of(openings)]
 
 
 def layer_texts(scene: Scene, view: View, field: str | None) -> list[str]:
@@ -115,7 +147,8 @@ def layer_texts(scene: Scene, view: View, field: str | None) -> list[str]:
     texts += ["streamlines"] * view.streamlines
     if view.arrows and view.arrow_speed is not None:
         texts.append(arrow_text(view.arrow_speed))
-    return texts + ["paths of tracers"] * (scene.trails is not None)
+    texts += ["paths of tracers"] * (scene.trails is not None)
+    return texts + kinds_of(scene.openings)
 
 
 def is_muted(scene: Scene, view: View, tolerance: float) -> Array:
@@ -244,16 +277,14 @@ def _heads(drawing: Drawing, tips: Array, along: Array, length: Array | float, r
     drawing.triangles(halves.reshape(-1, 3, 2), colour)
 
 
-def _arrows(drawing: Drawing, shafts: Array, head: Array, unit: float, light: bool) -> None:
-    """Arrows along shafts (P, 2, 2) with heads of a length (P,) [px]; light ones with a dark rim, or the reverse."""
-    core, rim = colours.rgb(colours.INTERFACE), colours.rgb(colours.HALO)
-    if light:
-        core, rim = rim, core
+def _arrows(drawing: Drawing, shafts: Array, head: Array, unit: float, shades: tuple[str, str]) -> None:
+    """Arrows along shafts (P, 2, 2) with heads of a length (P,) [px], in a colour "#rrggbb", and that of their rim."""
+    line, rim = shades
     along = shafts[:, 1] - shafts[:, 0]
     forward = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
     # A shaft ends inside its head.
     short = np.stack([shafts[:, 0], shafts[:, 1] - 0.7 * head[:, None] * forward], axis=1)
-    for colour, more in ((rim, 0.8 * unit), (core, 0.0)):
+    for colour, more in ((colours.rgb(rim), 0.8 * unit), (colours.rgb(line), 0.0)):
         drawing.lines(short, 1.7 * unit + 2 * more, colour, cap=more)
         _heads(drawing, shafts[:, 1], along, head, more, colour)
 

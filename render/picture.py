@@ -8,7 +8,7 @@ from .bodies import draw_bodies
 from .drawing import Drawing
 from .interface import edge_means, particle_fluids
 from .joints import draw_walls
-from .layers import INTERFACE, WALL_THICKNESS, Key, cover_ends, draw_layers, is_muted, mask_outside
+from .layers import INTERFACE, WALL_THICKNESS, Key, cover_ends, draw_layers, draw_openings, is_muted, mask_outside
 from .layout import Layout
 from .scales import MUTED_FIELD, MUTED_SHARE, colour_map_of
 from .scene import Scene
@@ -165,6 +165,7 @@ def draw_scene(
     if len(interface) and (field is not None or not view.fill):
         keys.append(Key(INTERFACE, colours.INTERFACE, colours.HALO))
     keys += draw_layers(drawing, scene, seen, layout, view, field is not None and view.fill and not muting)
+    keys += draw_openings(drawing, scene.openings, layout, scheme.background)
     if scene.period is not None:
         cover_ends(drawing, scene, layout, scheme.background)
     if (view.window is not None or view.follow is not None) and not bare:

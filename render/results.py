@@ -14,6 +14,7 @@ import numpy as np
 
 from .arrays import Array
 from .bodies import BodyOutline, Tracks
+from .openings import gaps_of
 from .scene import Scene
 from .tank import TankOutline
 
@@ -50,6 +51,7 @@ class Results:
         upper: (2,) upper corner of the domain [m].
         spacing: of the particles [m].
         period: (2,) width of the domain along the axes that are periodic, 0 for others [m]; None if none is.
+        openings: in the walls of the tank.
         title: of the case.
 
     Raises:
@@ -101,6 +103,7 @@ class Results:
                 walls = self._tank.at_start().points
                 self.lower, self.upper = walls.min(axis=0), walls.max(axis=0)
             self._tracks = Tracks(_moving(case), self.folder / "history.csv")
+            self.openings = gaps_of(case.get("openings", ()))
             self._outlines = [BodyOutline(body) for body in case.get("bodies", ())]
         except KeyError as error:
             raise ResultsError(f"{self.folder / 'case.json'}: the entry {error} is missing") from None
@@ -182,6 +185,7 @@ class Results:
                 title=self.title,
                 bodies=tuple(body.placed(*pose) for body, pose in zip(self._outlines, poses, strict=False)),
                 tank=None if self._tank is None else self._tank.placed(*poses[-1]),
+                openings=self.openings,
                 period=self.period,
             )
         except ValueError as error:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from .arrays import Array
 from .bodies import PlacedBody
 from .geometry import Geometry
+from .openings import Gap
 from .periodic import with_images
 from .tank import PlacedTank
 
@@ -41,6 +42,7 @@ class Scene:
         trails: (P, K, 2) paths of tracers up to this time [m], the oldest point first; None for none.
         bodies: rigid bodies in the fluids.
         tank: its walls; None where they are those of the cells, or the convex hull of their particles.
+        openings: in the walls.
         period: (2,) width of the domain along the axes that are periodic, 0 for others [m], for a domain that begins
             at 0 there. Particles and cells have images then, see `tipfem.render.periodic.with_images`.
 
@@ -65,6 +67,7 @@ class Scene:
     trails: Array | None = None
     bodies: tuple[PlacedBody, ...] = ()
     tank: PlacedTank | None = None
+    openings: tuple[Gap, ...] = ()
     period: Array | None = None
 
     def __post_init__(self) -> None:

@@ -127,9 +127,10 @@ def draw_state(simulation: Simulation, path: Path) -> None:
     """
     import imageio.v3 as imageio
 
-    from tipfem.case.outline import tank_outline
+    from tipfem.case.outline import tank_outline, wall_openings
     from tipfem.render import Scene, render_frame
     from tipfem.render.bodies import body_at_start
+    from tipfem.render.openings import gaps_of
     from tipfem.render.tank import TankOutline
 
     case, particles, mesh = simulation.case, simulation.particles, simulation.mesh
@@ -149,6 +150,7 @@ def draw_state(simulation: Simulation, path: Path) -> None:
         title=case.title,
         bodies=tuple(body_at_start(body.corners) for body in case.bodies),
         tank=None if outline is None else TankOutline(outline, particles.spacing).at_start(),
+        openings=gaps_of(wall_openings(case)),
         period=case.period.width if case.period else None,
     )
     image = render_frame(scene, mesh=len(particles) < 5000, backend="raster")

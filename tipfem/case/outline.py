@@ -31,6 +31,19 @@ def tank_outline(case: Case) -> dict[str, Any] | None:
     return {"loops": loops, "reference": case.boundary.pose(0.0, 1e-6).pivot.tolist()}
 
 
+def wall_openings(case: Case) -> list[dict[str, Any]]:
+    """The openings in the walls, as JSON: name, kind, ends (2, 2) [m], and the unit vector into the tank, inwards."""
+    return [
+        {
+            "name": line.opening.name,
+            "kind": line.opening.kind,
+            "ends": [line.a.tolist(), line.b.tolist()],
+            "inwards": line.inwards.tolist(),
+        }
+        for line in case.boundary.lines
+    ]
+
+
 def tank_pose(case: Case, time: float) -> tuple[float, float, float]:
     """Place of the tank's reference point (x, y) [m], and the angle [rad] by which the tank has turned since t = 0.
 

@@ -29,7 +29,7 @@ import numpy as np
 
 from tipfem.arguments import path_of
 from tipfem.case.case import Case
-from tipfem.case.outline import tank_outline
+from tipfem.case.outline import tank_outline, wall_openings
 from tipfem.case.particles import Particles
 from tipfem.logs import log
 from tipfem.mesh.mesh import Mesh
@@ -192,6 +192,7 @@ class ResultsFolder:
             "interface": case.interface,
             "free_surface": case.free_surface,
             **({} if (outline := tank_outline(case)) is None else {"tank": outline}),
+            **({"openings": wall_openings(case)} if case.openings else {}),
             **({"period": case.period.width.tolist()} if case.period else {}),
             "bodies": [
                 {"name": b.name, "corners": b.corners.tolist(), "reference": b.reference.tolist()} for b in case.bodies

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from tipfem.render import Results, colours
+from tipfem.render.openings import COLOURS, kinds_of
 from tipfem.render.outlines import Loop, background_fluid, picture_loops
 from tipfem.typing import Array
 
@@ -64,6 +65,8 @@ def share(out: str | PathLike[str], path: str | PathLike[str] | None = None) -> 
         "times": [float(f"{time:.7g}") for time in results.times],
         "rate": STATES_PER_SECOND,
         "fluids": [[name, _hex(fills[k]), k != dropped] for k, name in enumerate(results.fluid_names)],
+        "openings": [[gap.kind, *gap.ends.ravel().tolist(), *gap.inwards.tolist()] for gap in results.openings],
+        "marks": {kind: COLOURS[kind] for kind in kinds_of(results.openings)},
         "plots": _plots(results.folder / "probes"),
     }
     squeezed = zlib.compressobj(9, zlib.DEFLATED, -15)

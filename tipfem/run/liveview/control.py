@@ -18,7 +18,7 @@ import numpy as np
 from tipfem.arguments import is_number
 from tipfem.case.case import Case
 from tipfem.case.forces import Forces
-from tipfem.case.outline import tank_outline, tank_pose
+from tipfem.case.outline import tank_outline, tank_pose, wall_openings
 from tipfem.physics.bodies.motion import BodyStates
 from tipfem.physics.state import State
 from tipfem.run.liveview.link import Door, Link, hand_over
@@ -372,4 +372,5 @@ def describe(case: Case, out: Path | None) -> dict[str, Any]:
         "limits": limits(case),
         "bodies": [{"corners": body.corners.tolist(), "reference": body.reference.tolist()} for body in case.bodies],
         "tank": tank_outline(case),
+        "openings": wall_openings(case),
     }

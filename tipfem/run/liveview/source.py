@@ -10,6 +10,7 @@ import numpy as np
 
 from tipfem.render import Scene
 from tipfem.render.bodies import BodyOutline
+from tipfem.render.openings import gaps_of
 from tipfem.render.tank import TankOutline
 from tipfem.run.liveview.memory import Snapshot
 
@@ -75,6 +76,7 @@ class LiveSource:
         self._lower, self._upper = np.array(facts["lower"]), np.array(facts["upper"])
         self._period = None if facts["period"] is None else np.array(facts["period"])
         self._bodies = [BodyOutline(body) for body in facts["bodies"]]
+        self._openings = gaps_of(facts["openings"])
         self._tank = None if facts["tank"] is None else TankOutline(facts["tank"], self.spacing)
         self._feed, self._send, self._messages = feed, send, messages
         self._seen: tuple[Any, ...] = ()
@@ -153,6 +155,7 @@ class LiveSource:
                     for body, pose in zip(self._bodies, latest.bodies[:-1], strict=True)
                 ),
                 tank=None if self._tank is None else self._tank.placed(*(float(value) for value in latest.bodies[-1])),
+                openings=self._openings,
                 period=self._period,
             )
             self._shown = latest, scene

@@ -1,0 +1,38 @@
+"""Openings in the walls of a tank, to be drawn as gaps in their lines."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .arrays import Array
+
+COLOURS = {"inlet": "#007a5e", "outlet": "#b34700", "vent": "#5a6675"}
+
+
+@dataclass(frozen=True)
+class Gap:
+    """An opening.
+
+    Attributes:
+        kind: "inlet", "outlet" or "vent".
+        ends: (2, 2) of it [m].
+        inwards: (2,) unit vector into the tank.
+    """
+
+    kind: str
+    ends: Array
+    inwards: Array
+
+
+def gaps_of(facts: Iterable[Mapping[str, Any]]) -> tuple[Gap, ...]:
+    """The openings that case.json describes, each by ``kind``, ``ends`` [m] and ``inwards``."""
+    return tuple(
+        Gap(str(one["kind"]), np.asarray(one["ends"], float), np.asarray(one["inwards"], float)) for one in facts
+    )
+
+
+def kinds_of(openings: Sequence[Gap]) -> list[str]:
+    """The kinds of openings that there are, for the legend."""
+    return [kind for kind in COLOURS if any(gap.kind == kind for gap in openings)]

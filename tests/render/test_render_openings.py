@@ -1,0 +1,52 @@
+"""Openings in pictures: gaps in walls, arrows, legend, and case.json."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+from tipfem.render import Results, View, render_frame
+from tipfem.render.layers import layer_texts
+from tipfem.render.layout import make_layout
+from tipfem.render.openings import COLOURS
+from tipfem.render.renderer import contents
+
+import tipfem as tp
+from tipfem.viewer.share import share
+
+SIZE = (640, 480)
+
+
+def test_openings_are_gaps_in_walls_with_arrows_and_a_legend(tmp_path):
+    water, air = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("air", 1.2, 1.8e-5)
+    tank = tp.tank((0.4, 0.3), 0.02).fill(air).fill(water, box=((0, 0), (0.4, 0.1)))
+    openings = [
+        tp.Inlet(wall="left", between=((0, 0), (0, 0.08)), fluid=water, discharge=0.01),
+        tp.Vent(wall="top", between=((0.1, 0.3), (0.3, 0.3))),
+    ]
+    case = tp.Case(tank, [water, air], (0, -9.81), openings=openings)
+    tp.Simulation(case, tmp_path, time_step=2e-3, output_interval=2e-3).run(2e-3, progress=False)
+    facts = json.loads((tmp_path / "case.json").read_text())["openings"]
+    assert [(one["name"], one["kind"]) for one in facts] == [("inlet_left", "inlet"), ("vent_top", "vent")]
+    np.testing.assert_allclose(sorted(facts[1]["ends"]), [[0.1, 0.3], [0.3, 0.3]], atol=1e-12)
+    np.testing.assert_allclose([one["inwards"] for one in facts], [[1, 0], [0, -1]], atol=1e-12)
+
+    scene = Results(tmp_path).scene(-1)
+    assert layer_texts(scene, View(), None)[-2:] == ["inlet", "vent"]
+    image = render_frame(scene, SIZE, backend="raster").astype(int)
+    layout = make_layout(SIZE, *contents(scene, None, View()))
+
+    def beyond(x, y, out):
+        """The picture 4 design pixels outside of a place on a wall."""
+        column, row = (layout.pixels([x, y]) + 4 * layout.unit * np.array([out[0], -out[1]])).astype(int)
+        return image[row, column]
+
+    assert (beyond(0.05, 0.3, (0, 1)) < 100).all()
+    assert (beyond(0.0, 0.2, (-1, 0)) < 100).all()
+    gap = [beyond(x, 0.3, (0, 1)) for x in np.linspace(0.11, 0.29, 60)]
+    assert sum((colour > 240).all() for colour in gap) > 30
+    dark = np.array([int(COLOURS["vent"][k : k + 2], 16) for k in (1, 3, 5)])
+    assert any(np.abs(colour - dark).max() < 20 for colour in gap)
+
+    page = share(tmp_path).read_text()
+    assert '"marks":{"inlet":"#007a5e","vent":"#5a6675"}' in page
