@@ -105,7 +105,7 @@ def without_gain(case: Case, solved: Solved) -> Solved | None:
 
 def _length(vectors: Array) -> Array:
     """(N,) lengths of vectors (N, d)."""
-    return np.asarray(np.sqrt(np.einsum("ik,ik->i", vectors, vectors)))
+    return np.asarray(np.sqrt(sum(axis * axis for axis in vectors.T)))
 
 
 def _products(state: State, kind: str, pairs: Sequence[tuple[Array, Array]]) -> Array:

@@ -38,20 +38,19 @@ def sum_roughness(
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):
         for i in ti.static(range(3)):
-            p, b, c = cells[t, i], cells[t, ti.static((i + 1) % 3)], cells[t, ti.static((i + 2) % 3)]
+            p, q = cells[t, i], cells[t, ti.static((i + 1) % 3)]  # inside, each neighbour is met once like this
             own[p] = fluid[t] if own[p] == NONE or own[p] == fluid[t] else SEVERAL
-            for q in ti.static((b, c)):  # each neighbour inside is met in two cells
-                d = ti.Vector([difference(position, period, q, p, k) for k in ti.static(range(2))])
-                u = ti.Vector([velocity[q, k] - velocity[p, k] for k in ti.static(range(2))])
-                fit[p, COUNT] += 1.0
-                fit[p, SQUARES] += d[0] * d[0]
-                fit[p, SQUARES + 1] += d[0] * d[1]
-                fit[p, SQUARES + 2] += d[1] * d[1]
-                for k in ti.static(range(2)):
-                    fit[p, AWAY + k] += d[k]
-                    fit[p, APART + k] += u[k]
-                    fit[p, PRODUCTS + 2 * k] += u[k] * d[0]
-                    fit[p, PRODUCTS + 2 * k + 1] += u[k] * d[1]
+            d = ti.Vector([difference(position, period, q, p, k) for k in ti.static(range(2))])
+            u = ti.Vector([velocity[q, k] - velocity[p, k] for k in ti.static(range(2))])
+            fit[p, COUNT] += 1.0
+            fit[p, SQUARES] += d[0] * d[0]
+            fit[p, SQUARES + 1] += d[0] * d[1]
+            fit[p, SQUARES + 2] += d[1] * d[1]
+            for k in ti.static(range(2)):
+                fit[p, AWAY + k] += d[k]
+                fit[p, APART + k] += u[k]
+                fit[p, PRODUCTS + 2 * k] += u[k] * d[0]
+                fit[p, PRODUCTS + 2 * k + 1] += u[k] * d[1]
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):
         for i in ti.static(range(3)):
@@ -71,7 +70,7 @@ def sum_roughness(
             turning[0] += ti.abs(ti.atan2(ax * by - ay * bx, ax * bx + ay * by))
             turning[1] += 1.0
         n = fit[p, COUNT]
-        if own[p] >= 0 and n >= 8.0:
+        if own[p] >= 0 and n >= 4.0:
             x, y = fit[p, AWAY] / n, fit[p, AWAY + 1] / n
             xx, xy = fit[p, SQUARES] - n * x * x, fit[p, SQUARES + 1] - n * x * y
             yy = fit[p, SQUARES + 2] - n * y * y

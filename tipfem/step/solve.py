@@ -43,10 +43,11 @@ def first_not_finite(particles: Particles, when: str, fields: Mapping[str, Array
     if fields is None:
         fields = {name: getattr(particles, name) for name in ("position", "velocity", "acceleration", "pressure")}
     for name, values in fields.items():
+        if np.isfinite(values).all():
+            continue
         bad = ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
-        if bad.any():
-            i = int(np.argmax(bad))
-            return f"{name} of particle {i} at {position[i].tolist()} is {values[i].tolist()} {when}"
+        i = int(np.argmax(bad))
+        return f"{name} of particle {i} at {position[i].tolist()} is {values[i].tolist()} {when}"
     return ""
 
 

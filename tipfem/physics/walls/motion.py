@@ -35,6 +35,11 @@ class WallMotion:
     def __init__(self, boundary: Boundary, time: float, step: float) -> None:
         self._boundary = b = boundary
         self.pose = b.pose(time, step)
+        self._at_rest = b.at_rest
+        if self._at_rest:
+            self.displacement, self._speed = np.zeros(len(b.offset)), np.zeros(len(b.walls) + 1)
+            self.free, self.sliding = b.free.copy(), np.zeros_like(b.tangent)
+            return
         self.displacement, *speeds = b.displacements(time, step)
         self._own, own_rate = b.sliding_velocities(time, step)
         self.sliding, sliding_rate = self._own[b.sliding], own_rate[b.sliding]
@@ -50,7 +55,8 @@ class WallMotion:
 
     def place(self, y: Array) -> Array:
         """Positions (W, d) [m] of the wall particles whose positions in the tank at t = 0 are y (W, d) [m]."""
-        return self.pose.place(self._boundary.held(y, self.displacement))
+        held = self._boundary.held(y, self.displacement)
+        return held if self._at_rest else self.pose.place(held)
 
     def held(self, values: Array) -> Array:
         """The components of vectors (W, d) in the directions that the walls constrain."""
@@ -65,6 +71,8 @@ class WallMotion:
 
         velocity (W, d) is that of the particles: those that slide along a rotating wall have a Coriolis acceleration.
         """
+        if self._at_rest:
+            return np.zeros_like(x), np.zeros_like(x)
         rigid = self.pose.rigid_velocity(x)
         v = rigid + self._relative
         relative = self.slid(velocity) + self.held(v) - rigid
@@ -80,6 +88,8 @@ class WallMotion:
 
         A wall whose velocity is a number slides in a ``direction`` (K, d) in the tank's frame, see `Boundary.tangent`.
         """
+        if self._at_rest:
+            return np.zeros_like(x)
         own = self._own[wall] + self._speed[wall][:, None] * direction
         return np.asarray(self.pose.rigid_velocity(x) + own @ self.pose.rotation.T)
 

@@ -232,8 +232,10 @@ class WallStep(Walls):
         self._velocity = self._after.held((1 - scheme.alpha_f) * v_next + scheme.alpha_f * v)
         self._acceleration = self._after.held((1 - scheme.alpha_m) * a_next + scheme.alpha_m * a)
         # The rotation in between: the direction of the chords from the old positions to the new.
-        u, _, vt = np.linalg.svd(scheme.cf * self._after.pose.rotation + scheme.alpha_f * self._before.pose.rotation)
-        self._rotation = u @ vt
+        self._rotation = self._after.pose.rotation
+        if self.tank_moves:
+            u, _, vt = np.linalg.svd(scheme.cf * self._rotation + scheme.alpha_f * self._before.pose.rotation)
+            self._rotation = u @ vt
         self.rows = (self._rotation @ boundary.free[slides] @ self._rotation.T).reshape(len(slides), x.shape[1] ** 2)
         self.columns = self._after.free[slides].reshape(len(slides), x.shape[1] ** 2)
         if passages is not None:
@@ -261,6 +263,8 @@ class WallStep(Walls):
         """Displacements (W, d) of wall particles at y (W, d) along walls that slide, in the tank's frame [m]."""
         slid = 0.5 * self.scheme.dt * (self._before.sliding + self._after.sliding)
         b = self.boundary
+        if not slid.any():
+            return np.asarray(slid)
         # On an arc, the particle turns about the centre by as much: along a chord, not along the tangent.
         angle = np.linalg.norm(slid, axis=1) * np.linalg.norm(b.curvature, axis=1)
         turns = np.flatnonzero(angle > 0)
@@ -304,14 +308,16 @@ class WallStep(Walls):
             before = before.shallow_copy(
                 velocity=self.curves.turned(before.velocity), acceleration=self.curves.turned(before.acceleration)
             )
-        (velocity, acceleration), done = self.scheme.rates(u, before.velocity, before.acceleration), moved.copy()
+        velocity, acceleration = self.scheme.rates(u[index], before.velocity[index], before.acceleration[index])
+        done = moved.shallow_copy(
+            **{name: getattr(moved, name).copy() for name in ("position", "velocity", "acceleration")}
+        )
         # Not x + u: in single precision the solution's w is not exact.
-        done.position[index] = before.position[index] + self.constrain(u)[index]
+        done.position[index] = before.position[index] + (self.displacement[index] + self._after.slid(u[index]))
         if self.curves is not None:  # whose directions corrections have changed
             curved = index[self.curves.rows]
             done.position[curved] = before.position[curved] + u[curved]
-        done.acceleration[index] = acceleration[index]
-        done.velocity[index] = velocity[index]
+        done.acceleration[index], done.velocity[index] = acceleration, velocity
         if self.curves is not None:
             done, free_at_end = self.curves.finished(done)
             self._after.free[self.curves.rows] = free_at_end
