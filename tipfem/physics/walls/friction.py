@@ -7,14 +7,17 @@ A wall has friction by a slip length of its own (Navier), or by that of the laye
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from tipfem.backend.launch import launch
 from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE
-from tipfem.mesh.mesh import Mesh, corners_among
+from tipfem.mesh.mesh import Mesh
+from tipfem.physics.walls import kernels
 from tipfem.physics.walls.curve_step import CurveStep
 from tipfem.physics.walls.layers import LAYER, RESOLVED, LayerFaces, Layers, advance, begin
 from tipfem.physics.walls.motion import WallMotion
@@ -98,17 +101,6 @@ class WallFaces:
     inward: Array
     direction: Array
 
-    def __getitem__(self, index: Array) -> WallFaces:
-        return WallFaces(
-            self.part[index],
-            self.wall[index],
-            self.nodes[index],
-            self.cell[index],
-            self.normal[index],
-            self.inward[index],
-            self.direction[index],
-        )
-
 
 def friction_in_step(
     start: WallStart,
@@ -132,38 +124,33 @@ def friction_in_step(
         The faces; the layers at the end of the step, None without walls of that law; and a mask (N,) of the particles
         at which layers are resolved, None without such walls.
     """
-    boundary, scheme, d = start.boundary, start.scheme, mesh.dimension
+    boundary, scheme, d, count = start.boundary, start.scheme, mesh.dimension, len(mesh.position)
     begins, stuck = layers is None, None
     layers = layers or Layers.on(boundary, start.frame[boundary.index])
     faces = _faces_on_walls(start, mesh, particles)
     if faces is None:
         return Faces.none(d, len(start.sliding)), layers, stuck
     length = np.array([wall.slip_length or 0.0 for wall in boundary.walls])[faces.wall]
+    seen = _seen(start, faces, mesh, particles)
     if layers is not None:
         assert density is not None
         on = np.flatnonzero(np.array([wall.law == LAYER for wall in boundary.walls])[faces.wall])
-        layered = faces[on]
-        mu = viscosity[layered.cell]
-        seen = _layer_faces(start, layered, mesh, particles, mu / density[layered.cell])
-        layers, length[on], resolved = advance(begin(layers, seen) if begins else layers, seen, scheme.dt)
+        nodes, part, cell = faces.nodes[on], faces.part[on], faces.cell[on]
+        mu = viscosity[cell]
+        fluid = particles.fluid[nodes[:, 0]] if mesh.fluid is None else mesh.fluid[cell]
+        middle, outer, slip, spacing = seen.middle[on], seen.outer[on], seen.slip[on], seen.spacing[on]
+        near = LayerFaces(part, middle, outer, slip, mu / density[cell], fluid, spacing, mesh.period)
+        layers, length[on], resolved = advance(begin(layers, near) if begins else layers, near, scheme.dt)
         # Where fluids meet, the more viscous one decides.
-        count, stuck = len(mesh.position), np.zeros(len(mesh.position), dtype=bool)
-        for part in np.unique(layered.part):
-            mine = np.flatnonzero(layered.part == part)
-            node, weight = layered.nodes[mine].ravel(), np.repeat(mu[mine], d)
-            sticking = np.bincount(node, weight * np.repeat(resolved[mine], d), count)
-            stuck |= sticking > 0.5 * np.bincount(node, weight, count)
+        stuck, weight = np.zeros(count, dtype=bool), np.zeros((count, 2))
+        flags = resolved.view(np.int8), weight, stuck.view(np.int8)
+        launch(kernels.stick_to_layers, nodes, part, mu, *flags, d)
     length, stuck = _beside_contacts(length, stuck, faces, boundary, mesh, particles)
     face, coefficient = faces.nodes, viscosity[faces.cell] / length
-    now = _velocity(faces, start.before, mesh.position[face])
-    then = _velocity(faces, start.after, start.predicted[face])
-    wall_velocity = (scheme.alpha_f * now + scheme.cf * then).reshape(-1, d * d)
-    edge = mesh.period.shortest(mesh.position[face[:, 1:]] - mesh.position[face[:, :1]])
-    measure = np.linalg.norm(edge[:, 0] if d == 2 else 0.5 * np.cross(edge[:, 0], edge[:, 1]), axis=1)
-    share = np.repeat(scheme.cv * coefficient * measure / d, d)
+    share = np.repeat(scheme.cv * coefficient * seen.measure / d, d)
     # Of integers where all of these walls are dry.
-    friction = np.bincount(face.ravel(), share, minlength=len(mesh.position))[start.sliding].astype(float)
-    return Faces(face, faces.cell, coefficient, faces.normal, wall_velocity, friction), layers, stuck
+    friction = np.bincount(face.ravel(), share, minlength=count)[start.sliding].astype(float)
+    return Faces(face, faces.cell, coefficient, faces.normal, seen.wall_velocity, friction), layers, stuck
 
 
 def _beside_contacts(
@@ -176,7 +163,8 @@ def _beside_contacts(
     Hydrodynamic model of steady movement of a solid/liquid/fluid contact line, Journal of Colloid and Interface Science
     35, 1971). The spacing stands for the length on which it slips in nature.
     """
-    angled = np.array([bool(wall.contact_angle) for wall in boundary.walls])[faces.wall]
+    angles = [bool(wall.contact_angle) for wall in boundary.walls]
+    angled = np.array(angles)[faces.wall] if any(angles) else np.zeros(0, dtype=bool)
     if not angled.any():
         return length, stuck
     spacing = particles.target[faces.nodes].mean(axis=1)
@@ -198,28 +186,37 @@ def _beside_contacts(
 def _faces_on_walls(start: WallStart, mesh: Mesh, particles: Particles) -> WallFaces | None:
     """The faces on walls with friction, part by part; None without such walls."""
     b, d, parts = start.boundary, mesh.dimension, list[tuple[Array, ...]]()
-    mask, directions = np.zeros(len(mesh.position), dtype=bool), b.domain.direction * b.domain.sense[:, None]
-    mask[b.index] = True
-    beside = np.flatnonzero(corners_among(mask, mesh.cells) >= d)  # the cells that may have a face on a wall
-    corners = mesh.cells[beside]
-    for number, (k, side, members) in enumerate(b.members):
-        if not _has_friction(b, k):
-            continue
-        mask[:] = False
-        mask[b.index[members]] = True
-        # A cell has one face on a straight wall: with all of its corners there it would have no volume.
-        one_face = np.flatnonzero(corners_among(mask, corners) == d)
-        cell = beside[one_face]
-        face = corners[one_face][mask[corners[one_face]]].reshape(-1, d)
-        n = start.rotation @ b.side_normal[side]
-        edge = mesh.period.shortest(mesh.position[face[:, 1:]] - mesh.position[face[:, :1]])
-        measure = n[0] * edge[:, 0, 1] - n[1] * edge[:, 0, 0] if d == 2 else np.cross(edge[:, 0], edge[:, 1]) @ n
-        face[measure < 0, :2] = face[measure < 0, 1::-1]
-        of_part = (np.tile(vector, (len(face), 1)) for vector in (n, b.side_normal[side], directions[side]))
-        parts.append((np.full(len(face), number), np.full(len(face), k), face, cell, *of_part))
+    straight = [number for number, (wall, *_) in enumerate(b.members) if b.walls[wall].has_friction]
+    if straight:
+        wall, side = (np.array([b.members[number][k] for number in straight]) for k in range(2))
+        on = np.zeros((len(straight), len(mesh.position)), dtype=np.int8)
+        for flags, number in zip(on, straight, strict=True):
+            flags[b.index[b.members[number][2]]] = 1
+        # No more than both sides of a wall have, for which a plane has two triangles a particle at most.
+        most = 2 * (d - 1) * int(on.sum())
+        count, (part, cell), face = np.zeros(1, dtype=np.int32), np.empty((2, most), dtype=np.int32), _empty(most, d)
+        launch(
+            kernels.list_faces,
+            np.ascontiguousarray(mesh.cells),
+            particles.wall.view(np.int8),
+            on.ravel(),
+            b.side_normal[side] @ start.rotation.T,
+            mesh.position,
+            mesh.period.array,
+            np.empty(len(mesh.cells), dtype=np.int32),
+            count,
+            part,
+            cell,
+            face,
+            d,
+        )
+        part, cell, face = (values[: count[0]] for values in (part, cell, face))
+        normal, direction = b.side_normal[side], (b.domain.direction * b.domain.sense[:, None])[side]
+        vectors = (normal @ start.rotation.T)[part], normal[part], direction[part]
+        parts.append((np.array(straight)[part], wall[part], face, cell, *vectors))
     for number, curve in enumerate(b.curves if start.curves is not None else ()):
         assert start.curves is not None
-        if not _has_friction(b, curve.wall):
+        if not b.walls[curve.wall].has_friction:
             continue
         # Where the fluid ends on a curve, the face beside the last one is of its surface.
         whole = particles.wall[start.curves.pressed].all(axis=1)
@@ -234,43 +231,51 @@ def _faces_on_walls(start: WallStart, mesh: Mesh, particles: Particles) -> WallF
         parts.append((*of_wall, face, cell, n, n @ turn, direction))
     if not parts:
         return None
-    part, wall, nodes, cells, normal, inward, along = (np.concatenate(column) for column in zip(*parts, strict=True))
+    columns = parts[0] if len(parts) == 1 else tuple(np.concatenate(column) for column in zip(*parts, strict=True))
+    *numbers, normal, inward, along = columns
+    part, wall, nodes, cells = (np.ascontiguousarray(column, dtype=np.int32) for column in numbers)
     return WallFaces(part, wall, nodes, cells, normal, inward, along)
 
 
-def _has_friction(boundary: Boundary, wall: int) -> bool:
-    """Whether a wall slips with friction, by its number."""
-    return boundary.walls[wall].has_friction
+class _Seen(NamedTuple):
+    """What `kernels.see_faces` finds of F faces."""
+
+    outer: Array
+    slip: Array
+    middle: Array
+    spacing: Array
+    wall_velocity: Array
+    measure: Array
 
 
-def _velocity(faces: WallFaces, motion: WallMotion, x: Array) -> Array:
-    """Velocities (F, n, d) of the walls at points x (F, n, d), n beside each face [m/s]."""
-    n = x.shape[1]
-    direction = np.repeat(faces.direction, n, axis=0)
-    return motion.along(np.repeat(faces.wall, n), x.reshape(-1, x.shape[-1]), direction).reshape(x.shape)
+def _seen(start: WallStart, faces: WallFaces, mesh: Mesh, particles: Particles) -> _Seen:
+    """What friction has to know of faces: see `kernels.see_faces`."""
+    count, d = faces.nodes.shape
+    motions = start.before, start.after
+    poses = np.stack([motion.array for motion in motions])
+    own = np.stack([motion.along_walls.ravel() for motion in motions])
+    seen = _Seen(*np.empty((3, count, d)), np.empty(count), np.empty((count, d * d)), np.empty(count))
+    fields = particles.position, particles.velocity, particles.acceleration, start.predicted, start.frame
+    launch(
+        kernels.see_faces,
+        faces.nodes,
+        faces.cell,
+        faces.wall,
+        faces.inward,
+        faces.direction,
+        np.ascontiguousarray(mesh.cells),
+        *map(np.ascontiguousarray, fields),
+        particles.target,
+        mesh.period.array,
+        poses,
+        own,
+        *seen,
+        start.scheme.dt,
+        start.scheme.cf,
+        d,
+    )
+    return seen
 
 
-def _layer_faces(start: WallStart, faces: WallFaces, mesh: Mesh, particles: Particles, viscosity: Array) -> LayerFaces:
-    """Faces as the layers there see them.
-
-    Args:
-        start: of the step.
-        faces: F, on walls with layers.
-        mesh: of the step.
-        particles: the state at t_n.
-        viscosity: (F,) kinematic viscosity [m^2/s].
-    """
-    face, turn = faces.nodes, start.before.pose.rotation
-    apex = mesh.cells[faces.cell].sum(axis=1) - face.sum(axis=1)
-    x = particles.position[apex][:, None]
-    v = particles.velocity[apex] + 0.5 * start.scheme.dt * particles.acceleration[apex]
-    along = 0.5 * (_velocity(faces, start.before, x) + _velocity(faces, start.after, x))[:, 0]
-    wall = _velocity(faces, start.before, particles.position[face])
-    u, slip = (v - along) @ turn, (particles.velocity[face] - wall).mean(axis=1) @ turn
-    u -= (u * faces.inward).sum(axis=1)[:, None] * faces.inward
-    slip -= (slip * faces.inward).sum(axis=1)[:, None] * faces.inward
-    fluid = particles.fluid[face[:, 0]] if mesh.fluid is None else mesh.fluid[faces.cell]
-    period, place = mesh.period, start.frame[face]
-    middle = period.wrapped(period.unwrapped(place).mean(axis=1))
-    spacing = particles.target[face].mean(axis=1)
-    return LayerFaces(faces.part, middle, u, slip, viscosity, fluid, spacing, period)
+def _empty(rows: int, columns: int) -> Array:
+    return np.empty((rows, columns), dtype=np.int32)

@@ -5,8 +5,9 @@ They add to the results of `tipfem.fem.residual` and `tipfem.fem.jacobian`; vect
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
+from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
+from tipfem.backend.periodic import difference
 from tipfem.fem.element import row
 from tipfem.fem.jacobian import block_entry
 from tipfem.fem.residual import displacement_of
@@ -243,6 +244,256 @@ def add_friction(
 
 
 @kernel
+def list_faces(
+    cells: Ints2,
+    wall: Flags1,
+    on: Flags1,
+    normal: Reals2,
+    position: Reals2,
+    period: Periods,
+    near: Ints1,
+    count: Ints1,
+    part: Ints1,
+    cell: Ints1,
+    nodes: Ints2,
+    dim: Template,
+):
+    """The faces of a mesh on the straight parts of walls, part by part, and in each as their cells are numbered.
+
+    A cell has one face on a straight wall: with all of its corners there it would have no volume. wall (N,): whether
+    particles are on a wall; on (P N,): whether on each part, whose normals into the fluid are ``normal`` (P, d). Of
+    each face its ``part`` (F,), ``cell`` (F,) and ``nodes`` (F, d), in the order in which its measure is positive;
+    count (1,): how many there are. near (M,) is scratch.
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        beside, found, n = 0, 0, wall.shape[0]
+        for c in range(cells.shape[0]):
+            corners = 0
+            for i in ti.static(range(dim + 1)):
+                corners += ti.cast(wall[cells[c, i]], ti.i32)
+            if corners >= dim:
+                near[beside] = c
+                beside += 1
+        for p in range(normal.shape[0]):
+            for b in range(beside):
+                c, corners = near[b], 0
+                for i in ti.static(range(dim + 1)):
+                    corners += ti.cast(on[p * n + cells[c, i]], ti.i32)
+                if corners == dim:
+                    k = 0
+                    for i in ti.static(range(dim + 1)):
+                        if on[p * n + cells[c, i]]:
+                            nodes[found, k] = cells[c, i]
+                            k += 1
+                    side = ti.Matrix.zero(float, dim - 1, dim)
+                    for a, m in ti.static(ti.ndrange(dim - 1, dim)):
+                        side[a, m] = difference(position, period, nodes[found, a + 1], nodes[found, 0], m)
+                    if face_measure(side, row(normal, p, dim)) < 0:
+                        nodes[found, 0], nodes[found, 1] = nodes[found, 1], nodes[found, 0]
+                    part[found], cell[found] = p, c
+                    found += 1
+        count[0] = found
+
+
+@ti.func
+def velocity_of_wall(poses: Template, own: Template, m: Template, w, x, direction):
+    """Velocity of wall ``w`` at x at the start (m = 0) or the end (1) of a step, see `see_faces`."""
+    d = ti.static(x.n)
+    v = ti.Vector.zero(float, d)
+    for i in ti.static(range(d)):
+        v[i] = poses[m, i]
+        for j in ti.static(range(d)):
+            v[i] += poses[m, 2 * d + i * d + j] * (x[j] - poses[m, d + j])
+            along = own[m, w * (d + 1) + j] + own[m, w * (d + 1) + d] * direction[j]
+            v[i] += poses[m, (2 + d) * d + i * d + j] * along
+    return v
+
+
+@kernel
+def see_faces(
+    nodes: Ints2,
+    cell: Ints1,
+    wall: Ints1,
+    inward: Reals2,
+    direction: Reals2,
+    cells: Ints2,
+    position: Reals2,
+    velocity: Reals2,
+    acceleration: Reals2,
+    predicted: Reals2,
+    frame: Reals2,
+    target: Reals1,
+    period: Periods,
+    poses: Reals2,
+    own: Reals2,
+    outer: Reals2,
+    slip: Reals2,
+    middle: Reals2,
+    spacing: Reals1,
+    wall_velocity: Reals2,
+    measure: Reals1,
+    dt: float,
+    cf: float,
+    dim: Template,
+):
+    """What friction has to know of the F faces on walls, see `tipfem.physics.walls.friction.WallFaces`.
+
+    Of the particles in the next row the velocity relative to the wall, along it, in the tank's frame, in the middle of
+    the step: outer (F, d); the same of those of the face at its start: slip (F, d). In that frame the face's
+    ``middle`` (F, d), from the positions there, ``frame`` (N, d); the mean ``spacing`` (F,) of its particles' targets;
+    the wall's velocity at each of its nodes at the intermediate time, wall_velocity (F, d d), with the positions
+    ``predicted`` (N, d); and its ``measure`` (F,).
+
+    poses (2, 2 d + 2 d^2): velocity, centre, angular velocity and rotation of the tank before and after the step;
+    own (2, W (d + 1)): velocity of each of W walls along itself, and its speed in the ``direction`` (F, d).
+    """
+    ti.loop_config(serialize=True)
+    for f in range(nodes.shape[0]):
+        along, n, apex = row(direction, f, dim), row(inward, f, dim), cells[cell[f], dim]
+        for a in ti.static(range(dim)):
+            apex += cells[cell[f], a] - nodes[f, a]
+        x = row(position, apex, dim)
+        v = row(velocity, apex, dim) + 0.5 * dt * row(acceleration, apex, dim)
+        for m in ti.static(range(2)):
+            v -= 0.5 * velocity_of_wall(poses, own, m, wall[f], x, along)
+        mean, mid, size = ti.Vector.zero(float, dim), ti.Vector.zero(float, dim), 0.0
+        side = ti.Matrix.zero(float, dim, dim)
+        for a in ti.static(range(dim)):
+            i = nodes[f, a]
+            now = velocity_of_wall(poses, own, 0, wall[f], row(position, i, dim), along)
+            then = velocity_of_wall(poses, own, 1, wall[f], row(predicted, i, dim), along)
+            mean += (row(velocity, i, dim) - now) / dim
+            size += target[i] / dim
+            for k in ti.static(range(dim)):
+                mid[k] += difference(frame, period, i, nodes[f, 0], k) / dim
+                side[a, k] = difference(position, period, i, nodes[f, 0], k)
+                wall_velocity[f, a * dim + k] = (1.0 - cf) * now[k] + cf * then[k]
+        if ti.static(dim == 2):
+            measure[f] = ti.sqrt(side[1, 0] ** 2 + side[1, 1] ** 2)
+        else:
+            one = ti.Vector([side[1, k] for k in ti.static(range(3))])
+            two = ti.Vector([side[2, k] for k in ti.static(range(3))])
+            measure[f] = 0.5 * one.cross(two).norm()
+        spacing[f] = size
+        u, s = ti.Vector.zero(float, dim), ti.Vector.zero(float, dim)  # in the tank's frame
+        for i, j in ti.static(ti.ndrange(dim, dim)):
+            u[j] += v[i] * poses[0, (2 + dim) * dim + i * dim + j]
+            s[j] += mean[i] * poses[0, (2 + dim) * dim + i * dim + j]
+        u, s = u - u.dot(n) * n, s - s.dot(n) * n
+        for k in ti.static(range(dim)):
+            outer[f, k], slip[f, k] = u[k], s[k]
+            middle[f, k] = frame[nodes[f, 0], k] + mid[k]
+            if ti.static(len(period.shape) == 2):
+                if period[0, k] > 0.0:
+                    middle[f, k] -= period[0, k] * ti.floor(middle[f, k] / period[0, k])
+                    if middle[f, k] >= period[0, k]:
+                        middle[f, k] = 0.0
+
+
+@kernel
+def advance_layers(
+    distance: Reals1,
+    face: Ints1,
+    before: Ints1,
+    history: Reals2,
+    fluid: Ints1,
+    velocity: Reals2,
+    viscosity: Reals1,
+    spacing: Reals1,
+    part: Ints1,
+    point: Ints1,
+    dt: float,
+    reach: float,
+    flows: float,
+    least: float,
+    here: Ints1,
+    after: Reals2,
+    flux: Reals1,
+    length: Reals1,
+    resolved: Flags1,
+    dim: Template,
+):
+    """See `tipfem.physics.walls.layers.advance`.
+
+    Of the points, ``distance`` and number (P,) of the nearest ``face``, the fluid ``before`` (P,) and ``history``; of
+    the faces, part by part, those of `tipfem.physics.walls.layers.LayerFaces`, and the nearest ``point`` (F,). After
+    the step: the fluid ``here`` (P,), the history ``after`` (P, d) and |U delta| ``flux`` (P,) of the points; of the
+    faces the slip ``length`` (F,), at least ``least`` spacings, and whether the layer is ``resolved`` (F,).
+    """
+    ti.loop_config(serialize=True)
+    for i in range(face.shape[0]):
+        f = face[i]
+        h, u = spacing[f], row(velocity, f, dim)
+        here[i] = fluid[f] if distance[i] < reach * h else -1
+        old = row(history, i, dim)
+        if here[i] != before[i]:
+            old *= 0.0
+        speed = u.norm()
+        new = old + 4.0 / ti.math.pi * dt * viscosity[f] * speed * u
+        # A layer that the mesh resolves needs no more of a history than that: after a reversal it must be thin again.
+        size, most = new.norm(), ti.max((h * speed) ** 2, old.norm())
+        if size > most:
+            new *= most / size
+        flux[i] = 0.5 * (ti.sqrt(old.norm()) + ti.sqrt(new.norm()))
+        for k in ti.static(range(dim)):
+            after[i, k] = new[k] if here[i] >= 0 else 0.0
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        first = 0
+        while first < part.shape[0]:
+            last, square = first, 0.0
+            while last < part.shape[0] and part[last] == part[first]:
+                square += row(velocity, last, dim).norm_sqr()
+                last += 1
+            usual = ti.sqrt(square / (last - first))
+            for f in range(first, last):
+                # Where several fluids meet, a face takes the nearest point of its own.
+                mean, h, speed = 0.0, spacing[f], row(velocity, f, dim).norm()
+                if here[point[f]] == fluid[f]:
+                    mean = flux[point[f]]
+                thickness = mean / speed if mean < 0.5 * h * speed else 0.5 * h
+                length[f] = ti.max(0.5 * ti.math.pi * thickness * (1.0 - 2.0 * thickness / h), least * h)
+                # Where the flow stops or turns round, u delta is that of before, and tells nothing about delta.
+                resolved[f] = mean > 0.0 and mean >= 0.5 * h * ti.max(speed, flows * usual)
+            first = last
+
+
+@kernel
+def stick_to_layers(
+    nodes: Ints2,
+    part: Ints1,
+    viscosity: Reals1,
+    resolved: Flags1,
+    weight: Reals2,
+    stuck: Flags1,
+    dim: Template,
+):
+    """Mark as ``stuck`` (N,) the particles on faces of one part with a resolved layer; the more viscous fluid decides.
+
+    The faces (F,) are sorted by their ``part``; weight (N, 2), zero before and after, is scratch.
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        first = 0
+        while first < part.shape[0]:
+            last = first
+            while last < part.shape[0] and part[last] == part[first]:
+                for a in ti.static(range(dim)):
+                    weight[nodes[last, a], 0] += viscosity[last]
+                    weight[nodes[last, a], 1] += viscosity[last] if resolved[last] else 0.0
+                last += 1
+            for f in range(first, last):
+                for a in ti.static(range(dim)):
+                    if weight[nodes[f, a], 1] > 0.5 * weight[nodes[f, a], 0]:
+                        stuck[nodes[f, a]] = 1
+            for f in range(first, last):
+                for a in ti.static(range(dim)):
+                    weight[nodes[f, a], 0], weight[nodes[f, a], 1] = 0.0, 0.0
+            first = last
+
+
+@kernel
 def find_nearest(
     place: Reals2,
     part: Ints1,
@@ -254,13 +505,17 @@ def find_nearest(
 ):
     """Distance (P,) from places (P, 2) to the nearest of others (Q, 2) on the same part of a wall, and its number (P,).
 
-    1e15 m, and 0, where there is none on that part; the first of several at the same distance.
+    1e15 m, and 0, where there is none on that part; the first of several at the same distance. Both are sorted by part.
     """
     ti.loop_config(serialize=True)
-    for i in range(place.shape[0]):
-        least, found = 1e30, 0
-        for j in range(others.shape[0]):
-            if part_of_others[j] == part[i]:
+    for _ in range(1):
+        first = 0
+        for i in range(place.shape[0]):
+            least, found = 1e30, 0
+            while first < others.shape[0] and part_of_others[first] < part[i]:
+                first += 1
+            j = first
+            while j < others.shape[0] and part_of_others[j] == part[i]:
                 square = 0.0
                 for k in ti.static(range(2)):
                     d = others[j, k] - place[i, k]
@@ -269,4 +524,5 @@ def find_nearest(
                     square += d * d
                 if square < least:
                     least, found = square, j
-        distance[i], number[i] = ti.sqrt(least), found
+                j += 1
+            distance[i], number[i] = ti.sqrt(least), found

@@ -39,7 +39,7 @@ from tipfem.backend.launch import launch
 from tipfem.case.boundary import Boundary
 from tipfem.geometry.period import Period
 from tipfem.physics.carried import Carried
-from tipfem.physics.walls.kernels import find_nearest
+from tipfem.physics.walls.kernels import advance_layers, find_nearest
 from tipfem.typing import Array
 
 LAYER = "layer"  # the law's name
@@ -127,8 +127,8 @@ def _nearest(place: Array, part: Array, others: Array, part_of_others: Array, pe
     """
     distance, number = np.empty(len(place)), np.empty(len(place), dtype=np.int32)
     if place.shape[1] == 2:  # walls of few points
-        parts = part.astype(np.int32), part_of_others.astype(np.int32)
-        launch(find_nearest, place, parts[0], others, parts[1], period.array, distance, number)
+        parts = (numbers.astype(np.int32, copy=False) for numbers in (part, part_of_others))
+        launch(find_nearest, place, next(parts), others, next(parts), period.array, distance, number)
         return distance, number
     distance[:], number[:] = np.inf, 0
     for k in np.unique(part):
@@ -174,39 +174,33 @@ def advance(layers: Layers, faces: LayerFaces, dt: float) -> tuple[Layers, Array
         dry = replace(layers, fluid=np.full_like(layers.fluid, DRY), history=np.zeros_like(layers.history))
         return dry, np.zeros(0), np.zeros(0, dtype=bool)
     distance, face = faces.nearest(layers)
-    here = np.where(distance < REACH * faces.spacing[face], faces.fluid[face], DRY).astype(layers.fluid.dtype)
-    old = np.where((here == layers.fluid)[:, None], layers.history, 0.0)
-    u = faces.velocity[face]
-    speed = np.linalg.norm(u, axis=1)
-    new = old + (4 / np.pi * dt * faces.viscosity[face] * speed)[:, None] * u
-    # A layer that the mesh resolves needs no more of a history than that: after a reversal it must be thin again.
-    size, most = np.linalg.norm(new, axis=1), (faces.spacing[face] * speed) ** 2
-    most = np.maximum(most, np.linalg.norm(old, axis=1))
-    new = np.where(
-        (size > most)[:, None], new * np.divide(most, size, out=np.ones_like(size), where=size > 0)[:, None], new
-    )
-    history = np.where((here != DRY)[:, None], new, 0.0)
-    flux = 0.5 * (np.linalg.norm(old, axis=1) ** 0.5 + np.linalg.norm(new, axis=1) ** 0.5)  # mean of |U delta|
     # Where several fluids meet, a face takes the nearest point of its own.
     _, point = _nearest(faces.middle, faces.part, layers.place, layers.part, faces.period)
-    mean = np.where(here[point] == faces.fluid, flux[point], 0.0)
-    length = slip_length(thickness_of(mean, faces), faces.spacing)
-    # Where the flow stops or turns round, u delta is that of before, and tells nothing about delta.
-    speed = np.linalg.norm(faces.velocity, axis=1)
-    usual = np.empty(len(speed))
-    for part in np.unique(faces.part):
-        mine = faces.part == part
-        usual[mine] = np.sqrt((speed[mine] ** 2).mean())
-    resolved = np.asarray((mean > 0) & (mean >= 0.5 * faces.spacing * np.maximum(speed, FLOWS * usual)))
-    return replace(layers, fluid=here, history=history), length, resolved
-
-
-def thickness_of(flux: Array, faces: LayerFaces) -> Array:
-    """Displacement thickness (F,) [m] of layers with |U delta| = ``flux`` (F,) [m^2/s], at most half a spacing."""
-    speed, h = np.linalg.norm(faces.velocity, axis=1), faces.spacing
-    return np.asarray(np.divide(flux, speed, out=0.5 * h, where=flux < 0.5 * h * speed))
-
-
-def slip_length(thickness: Array, spacing: Array) -> Array:
-    """Slip lengths (F,) [m] of layers of a ``thickness`` (F,), with a ``spacing`` (F,) [m]; see the module's text."""
-    return np.asarray(np.maximum(0.5 * np.pi * thickness * (1 - 2 * thickness / spacing), RESOLVED * spacing))
+    count, d = layers.place.shape
+    here, history, flux = np.empty(count, dtype=np.int32), np.empty((count, d)), np.empty(count)
+    length, resolved = np.empty(len(point)), np.empty(len(point), dtype=np.int8)
+    fluids = (fluid.astype(np.int32, copy=False) for fluid in (layers.fluid, faces.fluid))
+    launch(
+        advance_layers,
+        distance,
+        face,
+        next(fluids),
+        layers.history,
+        np.ascontiguousarray(next(fluids)),
+        faces.velocity,
+        faces.viscosity,
+        faces.spacing,
+        faces.part.astype(np.int32, copy=False),
+        point,
+        dt,
+        REACH,
+        FLOWS,
+        RESOLVED,
+        here,
+        history,
+        flux,
+        length,
+        resolved,
+        d,
+    )
+    return replace(layers, fluid=here, history=history), length, resolved.astype(bool)

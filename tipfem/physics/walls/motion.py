@@ -35,9 +35,10 @@ class WallMotion:
     def __init__(self, boundary: Boundary, time: float, step: float) -> None:
         self._boundary = b = boundary
         self.pose = b.pose(time, step)
-        self._at_rest = b.at_rest
+        self._at_rest, d = b.at_rest, b.dimension
         if self._at_rest:
-            self.displacement, self._speed = np.zeros(len(b.offset)), np.zeros(len(b.walls) + 1)
+            count = len(b.walls) + 1
+            self.displacement, self._own, self._speed = np.zeros(len(b.offset)), np.zeros((count, d)), np.zeros(count)
             self.free, self.sliding = b.free.copy(), np.zeros_like(b.tangent)
             return
         self.displacement, *speeds = b.displacements(time, step)
@@ -83,15 +84,19 @@ class WallMotion:
         """Speed of a wall along itself, by its number, where its velocity is a number; 0 elsewhere [m/s]."""
         return float(self._speed[wall])
 
-    def along(self, wall: Array, x: Array, direction: Array) -> Array:
-        """Velocities (K, d) of walls along themselves at x (K, d), by the numbers (K,) of the walls.
+    @property
+    def array(self) -> Array:
+        """(2 d + 2 d^2,) velocity, centre, angular velocity and rotation of the tank, for kernels."""
+        pose = self.pose
+        return np.concatenate([pose.velocity, pose.centre, pose.angular_velocity.ravel(), pose.rotation.ravel()])
 
-        A wall whose velocity is a number slides in a ``direction`` (K, d) in the tank's frame, see `Boundary.tangent`.
+    @property
+    def along_walls(self) -> Array:
+        """(K + 1, d + 1) velocity of the K walls along themselves, and speed of those where it is a number [m/s].
+
+        These slide in the direction of `Boundary.tangent`, in the tank's frame; the last row is zero.
         """
-        if self._at_rest:
-            return np.zeros_like(x)
-        own = self._own[wall] + self._speed[wall][:, None] * direction
-        return np.asarray(self.pose.rigid_velocity(x) + own @ self.pose.rotation.T)
+        return np.concatenate([self._own, self._speed[:, None]], axis=1)
 
     def imposed(self, particles: Particles) -> Particles:
         """The particles with the velocities and accelerations that the walls prescribe."""
