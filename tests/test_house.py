@@ -36,6 +36,7 @@ TAICHI = (
     "linalg/multigrid/grid_transfer.py",
     "linalg/multigrid/mesh_transfer.py",
     "linalg/multigrid/v_cycle.py",
+    "mesh/cut.py",
     "physics/*/kernels.py",
     "physics/bodies/layout.py",
     "physics/bodies/mobility.py",

@@ -52,6 +52,22 @@ def test_particles_keep_their_numbers_in_the_heaviest_fluid():
     np.testing.assert_array_equal(DENSITY[cut.fluid[: cut.particles]], heaviest)
 
 
+def test_the_cut_equals_that_by_numpy():
+    """Node by node: copies are sorted by places and components."""
+    mesh = three_fluids()
+    rank, label, n = DENSITY[mesh.fluid], mesh.components.label, len(mesh.position)
+    cut = cut_along_interfaces(mesh, rank)
+    pairs = sorted({(i, k) for cell, k in zip(mesh.cells.tolist(), label.tolist(), strict=True) for i in cell})
+    at, density = places(mesh.position), DENSITY[mesh.components.fluid]
+    heaviest = {i: k for i, k in sorted(pairs, key=lambda pair: (density[pair[1]], -pair[1]))}
+    copies = sorted((at[i], k, i) for i, k in pairs if heaviest[i] != k)
+    node = {(i, k): n + number for number, (_, k, i) in enumerate(copies)}
+    cells = [[node.get((i, k), i) for i in cell] for cell, k in zip(mesh.cells.tolist(), label.tolist(), strict=True)]
+    np.testing.assert_array_equal(cut.mesh.cells, cells)
+    np.testing.assert_array_equal(cut.owner[n:], [i for *_, i in copies])
+    np.testing.assert_array_equal(cut.component[n:], [k for _, k, _ in copies])
+
+
 def test_one_fluid_is_not_cut():
     mesh = three_fluids()
     water = with_fluids(Mesh(mesh.position, mesh.cells), particles_of_one(mesh), ranks(FLUIDS))

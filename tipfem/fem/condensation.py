@@ -22,6 +22,7 @@ from tipfem.backend.arrays import Buffers
 from tipfem.backend.launch import launch
 from tipfem.fem import condensation_kernels as kernels
 from tipfem.linalg.sparsity import Csr
+from tipfem.mesh.mesh import corners_among
 from tipfem.typing import Array
 
 
@@ -133,7 +134,7 @@ class Condensation:
         else:
             follows = np.zeros(self._nodes, dtype=bool)
             follows[self._followers[self._own :]] = True
-            near = cells[follows[cells].any(axis=1)].astype(np.int64)
+            near = cells[np.flatnonzero(corners_among(follows, cells))].astype(np.int64)
             width = near.shape[1]
             first, second = np.repeat(near, width, axis=1).ravel(), np.tile(near, (1, width)).ravel()
             there = follows[first] | follows[second]

@@ -1,11 +1,12 @@
 """CutMesh: a mesh cut open along its interfaces, so that a field can have a value on each side of them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
+import taichi as ti
 
+from tipfem.backend.array_types import Ints1, Ints2, Reals1
+from tipfem.backend.launch import kernel, launch
 from tipfem.geometry.place import places
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import Mesh
@@ -59,30 +60,92 @@ def cut_along_interfaces(mesh: Mesh, rank: Array) -> CutMesh:
     components = mesh.components
     if components is None:
         raise ValueError("cut_along_interfaces: the components of this mesh are not labelled")
-    n = len(mesh.position)
-    on_interface = (components.mark & ON_INTERFACE) > 0
-    cell, corner = np.divmod(np.flatnonzero(on_interface.take(mesh.cells)), mesh.cells.shape[1])
-    at = mesh.cells[cell, corner]
-    there = np.unique(at)
-    turn = np.zeros(n, dtype=np.int64)
-    turn[there[np.argsort(places(mesh.position[there]), kind="stable")]] = np.arange(len(there))
-    pair = turn[at] * len(components) + components.label[cell]
-    _, where, number = np.unique(pair, return_index=True, return_inverse=True)
-    particle, label = at[where], components.label[cell[where]]
-    order = np.lexsort((label, -rank[cell[where]], turn[particle]))
-    heaviest = np.zeros(len(where), dtype=bool)
-    heaviest[order[np.diff(turn[particle[order]], prepend=-1) > 0]] = True
-    node = particle.copy()
-    node[~heaviest] = n + np.arange(np.count_nonzero(~heaviest))
-    cells = mesh.cells.copy()
-    cells[cell, corner] = node[number]
-    owner = np.concatenate([np.arange(n), particle[~heaviest]])
-    component = np.zeros(len(owner), dtype=np.int32)
-    component[cells] = components.label[:, None]
+    n, cells = len(mesh.position), mesh.cells
+    tied = np.flatnonzero(components.mark & ON_INTERFACE).astype(np.int32)
+    tied = tied[np.argsort(places(mesh.position[tied]), kind="stable")]
+    turn = np.full(n, -1, dtype=np.int32)
+    turn[tied] = np.arange(len(tied), dtype=np.int32)
+    most = n + len(tied) * len(components)
+    new, (owner, component) = np.empty(cells.shape, dtype=np.int32), np.empty((2, min(most, n + cells.size)), np.int32)
+    scratch = np.empty(len(tied), dtype=np.int32), np.empty((cells.size, 4), dtype=np.int32)
+    given = np.ascontiguousarray(cells), components.label, np.ascontiguousarray(rank, dtype=np.float64), tied, turn
+    count = np.zeros(1, dtype=np.int32)
+    launch(cut_cells, *given, *scratch, new, owner, component, count)
+    owner, component = owner[: count[0]], component[: count[0]]
     return CutMesh(
-        Mesh(mesh.position[owner], cells, mesh.fluid, period=mesh.period),
+        Mesh(mesh.position.take(owner, axis=0), new, mesh.fluid, period=mesh.period),
         owner,
         component,
-        components.fluid[component],
+        components.fluid.take(component),
         n,
     )
+
+
+LABEL, CELL, NODE, NEXT = 0, 1, 2, 3  # of an entry of `cut_cells`: a component at a particle, and one of its cells
+
+
+@kernel
+def cut_cells(
+    cells: Ints2,
+    label: Ints1,
+    rank: Reals1,
+    tied: Ints1,
+    turn: Ints1,
+    head: Ints1,
+    entry: Ints2,
+    new: Ints2,
+    owner: Ints1,
+    component: Ints1,
+    count: Ints1,
+):
+    """The nodes of the corners of ``cells``, of each node its owner and component, and how many there are.
+
+    ``tied`` (T,): the particles on interfaces; ``turn`` (N,) the place of each there, -1 for others. ``head`` (T,) and
+    ``entry`` are scratch: for each of them a list of its components, ascending.
+    """
+    ti.loop_config(serialize=True)
+    for i in range(turn.shape[0]):
+        owner[i], component[i] = i, 0
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        for t in range(tied.shape[0]):
+            head[t] = -1
+        end = 0
+        for c in range(cells.shape[0]):
+            for i in ti.static(range(3)):
+                t = turn[cells[c, i]]
+                if t >= 0:
+                    before, e = -1, head[t]
+                    while e >= 0 and entry[ti.max(e, 0), LABEL] < label[c]:
+                        before, e = e, entry[e, NEXT]
+                    if e < 0 or entry[ti.max(e, 0), LABEL] > label[c]:
+                        entry[end, LABEL], entry[end, CELL], entry[end, NEXT] = label[c], c, e
+                        if before < 0:
+                            head[t] = end
+                        else:
+                            entry[before, NEXT] = end
+                        end += 1
+        nodes = turn.shape[0]
+        for t in range(tied.shape[0]):
+            heaviest, e = head[t], head[t]
+            while e >= 0:
+                if rank[entry[e, CELL]] > rank[entry[heaviest, CELL]]:
+                    heaviest = e
+                e = entry[e, NEXT]
+            e = head[t]
+            while e >= 0:
+                entry[e, NODE] = tied[t]
+                if e != heaviest:
+                    entry[e, NODE], owner[nodes] = nodes, tied[t]
+                    nodes += 1
+                e = entry[e, NEXT]
+        for c in range(cells.shape[0]):
+            for i in ti.static(range(3)):
+                node, t = cells[c, i], turn[cells[c, i]]
+                if t >= 0:
+                    e = head[t]
+                    while entry[e, LABEL] != label[c]:
+                        e = entry[e, NEXT]
+                    node = entry[e, NODE]
+                new[c, i], component[node] = node, label[c]
+        count[0] = nodes

@@ -138,8 +138,8 @@ def friction_in_step(
         nodes, part, cell = faces.nodes[on], faces.part[on], faces.cell[on]
         mu = viscosity[cell]
         fluid = particles.fluid[nodes[:, 0]] if mesh.fluid is None else mesh.fluid[cell]
-        middle, outer, slip, spacing = seen.middle[on], seen.outer[on], seen.slip[on], seen.spacing[on]
-        near = LayerFaces(part, middle, outer, slip, mu / density[cell], fluid, spacing, mesh.period)
+        middle, outer, inner, spacing = (values[on] for values in (seen.middle, seen.outer, seen.inner, seen.spacing))
+        near = LayerFaces(part, middle, outer, inner, mu / density[cell], fluid, spacing, mesh.period)
         layers, length[on], resolved = advance(begin(layers, near) if begins else layers, near, scheme.dt)
         # Where fluids meet, the more viscous one decides.
         stuck, weight = np.zeros(count, dtype=bool), np.zeros((count, 2))
@@ -186,15 +186,15 @@ def _beside_contacts(
 def _faces_on_walls(start: WallStart, mesh: Mesh, particles: Particles) -> WallFaces | None:
     """The faces on walls with friction, part by part; None without such walls."""
     b, d, parts = start.boundary, mesh.dimension, list[tuple[Array, ...]]()
-    straight = [number for number, (wall, *_) in enumerate(b.members) if b.walls[wall].has_friction]
+    straight = [number for number, (k, *_) in enumerate(b.members) if b.walls[k].has_friction]
     if straight:
-        wall, side = (np.array([b.members[number][k] for number in straight]) for k in range(2))
+        walls, side = (np.array([b.members[number][k] for number in straight]) for k in range(2))
         on = np.zeros((len(straight), len(mesh.position)), dtype=np.int8)
-        for flags, number in zip(on, straight, strict=True):
-            flags[b.index[b.members[number][2]]] = 1
+        for row, number in enumerate(straight):
+            on[row, b.index[b.members[number][2]]] = 1
         # No more than both sides of a wall have, for which a plane has two triangles a particle at most.
         most = 2 * (d - 1) * int(on.sum())
-        count, (part, cell), face = np.zeros(1, dtype=np.int32), np.empty((2, most), dtype=np.int32), _empty(most, d)
+        count, part, cell, face = (np.empty(shape, dtype=np.int32) for shape in (1, most, most, (most, d)))
         launch(
             kernels.list_faces,
             np.ascontiguousarray(mesh.cells),
@@ -210,10 +210,10 @@ def _faces_on_walls(start: WallStart, mesh: Mesh, particles: Particles) -> WallF
             face,
             d,
         )
-        part, cell, face = (values[: count[0]] for values in (part, cell, face))
+        part, cell, face = part[: count[0]], cell[: count[0]], face[: count[0]]
         normal, direction = b.side_normal[side], (b.domain.direction * b.domain.sense[:, None])[side]
         vectors = (normal @ start.rotation.T)[part], normal[part], direction[part]
-        parts.append((np.array(straight)[part], wall[part], face, cell, *vectors))
+        parts.append((np.array(straight)[part], walls[part], face, cell, *vectors))
     for number, curve in enumerate(b.curves if start.curves is not None else ()):
         assert start.curves is not None
         if not b.walls[curve.wall].has_friction:
@@ -221,14 +221,14 @@ def _faces_on_walls(start: WallStart, mesh: Mesh, particles: Particles) -> WallF
         # Where the fluid ends on a curve, the face beside the last one is of its surface.
         whole = particles.wall[start.curves.pressed].all(axis=1)
         here = np.flatnonzero((start.curves.curve == number) & whole)
-        face, cell = start.curves.pressed[here][:, ::-1], start.curves.cell[here]  # with the fluid on the right
-        edge = mesh.position[face[:, 0]] - mesh.position[face[:, 1]]
+        chord, of = start.curves.pressed[here][:, ::-1], start.curves.cell[here]  # with the fluid on the right
+        edge = mesh.position[chord[:, 0]] - mesh.position[chord[:, 1]]
         edge /= np.linalg.norm(edge, axis=1)[:, None]
         n = np.stack([-edge[:, 1], edge[:, 0]], axis=1)
         turn = start.before.pose.rotation
         direction = b.domain.sense[curve.edges[0]] * (edge @ turn)
-        of_wall = np.full(len(face), len(b.members) + number), np.full(len(face), curve.wall)
-        parts.append((*of_wall, face, cell, n, n @ turn, direction))
+        of_wall = np.full(len(chord), len(b.members) + number), np.full(len(chord), curve.wall)
+        parts.append((*of_wall, chord, of, n, n @ turn, direction))
     if not parts:
         return None
     columns = parts[0] if len(parts) == 1 else tuple(np.concatenate(column) for column in zip(*parts, strict=True))
@@ -241,7 +241,7 @@ class _Seen(NamedTuple):
     """What `kernels.see_faces` finds of F faces."""
 
     outer: Array
-    slip: Array
+    inner: Array
     middle: Array
     spacing: Array
     wall_velocity: Array
@@ -254,7 +254,8 @@ def _seen(start: WallStart, faces: WallFaces, mesh: Mesh, particles: Particles) 
     motions = start.before, start.after
     poses = np.stack([motion.array for motion in motions])
     own = np.stack([motion.along_walls.ravel() for motion in motions])
-    seen = _Seen(*np.empty((3, count, d)), np.empty(count), np.empty((count, d * d)), np.empty(count))
+    outer, inner, middle = np.empty((3, count, d))
+    seen = _Seen(outer, inner, middle, np.empty(count), np.empty((count, d * d)), np.empty(count))
     fields = particles.position, particles.velocity, particles.acceleration, start.predicted, start.frame
     launch(
         kernels.see_faces,
@@ -275,7 +276,3 @@ def _seen(start: WallStart, faces: WallFaces, mesh: Mesh, particles: Particles) 
         d,
     )
     return seen
-
-
-def _empty(rows: int, columns: int) -> Array:
-    return np.empty((rows, columns), dtype=np.int32)

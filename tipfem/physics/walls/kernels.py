@@ -328,7 +328,7 @@ def see_faces(
     poses: Reals2,
     own: Reals2,
     outer: Reals2,
-    slip: Reals2,
+    inner: Reals2,
     middle: Reals2,
     spacing: Reals1,
     wall_velocity: Reals2,
@@ -340,7 +340,7 @@ def see_faces(
     """What friction has to know of the F faces on walls, see `tipfem.physics.walls.friction.WallFaces`.
 
     Of the particles in the next row the velocity relative to the wall, along it, in the tank's frame, in the middle of
-    the step: outer (F, d); the same of those of the face at its start: slip (F, d). In that frame the face's
+    the step: outer (F, d); the same of those of the face at its start: inner (F, d). In that frame the face's
     ``middle`` (F, d), from the positions there, ``frame`` (N, d); the mean ``spacing`` (F,) of its particles' targets;
     the wall's velocity at each of its nodes at the intermediate time, wall_velocity (F, d d), with the positions
     ``predicted`` (N, d); and its ``measure`` (F,).
@@ -382,7 +382,7 @@ def see_faces(
             s[j] += mean[i] * poses[0, (2 + dim) * dim + i * dim + j]
         u, s = u - u.dot(n) * n, s - s.dot(n) * n
         for k in ti.static(range(dim)):
-            outer[f, k], slip[f, k] = u[k], s[k]
+            outer[f, k], inner[f, k] = u[k], s[k]
             middle[f, k] = frame[nodes[f, 0], k] + mid[k]
             if ti.static(len(period.shape) == 2):
                 if period[0, k] > 0.0:
