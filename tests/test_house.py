@@ -40,6 +40,7 @@ TAICHI = (
     "physics/*/kernels.py",
     "physics/bodies/layout.py",
     "physics/bodies/mobility.py",
+    "physics/linear_rows.py",
     "remesh/energy_kernels.py",
     "remesh/edges/*",
     "remesh/insertion_kernels.py",

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tipfem.backend.runtime import init
+    from tipfem.case.beaches import Beach
     from tipfem.case.body import Body
     from tipfem.case.case import Case
     from tipfem.case.fluid import Fluid
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from tipfem.case.particles import Particles
     from tipfem.case.tank import Tank, tank
     from tipfem.case.walls import Motion, Wall
-    from tipfem.case.waves import WavePiston
+    from tipfem.case.waves import IrregularWaves, WavePiston
     from tipfem.casefile.describing import describe, write_case
     from tipfem.casefile.problems import CaseFileError
     from tipfem.errors import CheckpointError, SimulationError
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "Beach",
     "Body",
     "Case",
     "CaseFile",
@@ -67,6 +69,7 @@ __all__ = [
     "Grading",
     "Gravity",
     "Inlet",
+    "IrregularWaves",
     "LineProbe",
     "Motion",
     "Numerics",
@@ -145,7 +148,9 @@ _MODULES = {
     "WallForce": "probes",
     "WallPressure": "probes",
     "WaveGauge": "probes",
+    "IrregularWaves": "case.waves",
     "WavePiston": "case.waves",
+    "Beach": "case.beaches",
     "WaveProbe": "probes",
     "describe": "casefile.describing",
     "init": "backend.runtime",

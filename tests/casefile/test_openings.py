@@ -53,7 +53,8 @@ def test_a_case_file_has_openings_and_is_written_back():
     [
         ("[[inlets]]", "[[inflow]]", "inflow is no key that is known here; what flows in is in tables [[inlets]]"),
         ("[[outlets]]", "[[outflow]]", "outflow is no key that is known here; where fluids leave is in tables"),
-        ("[[vents]]", "[[sponge]]", "sponge is nothing that tipfem has: nothing damps waves but viscosity"),
+        ("[[vents]]", "[[sponge]]", "sponge is no key that is known here; what damps waves is in tables [[beaches]]"),
+        ("[[vents]]", "[[beaches]]", "beaches[0].length"),
         ("[[vents]]", "[[pump]]", "pump is nothing that tipfem has: nothing pumps from one place to another"),
         (
             'fluid = "water"\nbetween',

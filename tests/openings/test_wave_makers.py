@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 import tipfem as tp
@@ -33,14 +34,37 @@ def test_a_piston_begins_smoothly_and_is_of_its_period():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"height": 0.3}, "waves break above"),
+        ({"height": 0.3}, "waves of that period and depth break above"),
         ({"height": -1.0}, "height is -1.0 m; it must be a number > 0 in m"),
-        ({"order": 3}, "order is 3; it must be 1 or 2"),
+        ({"order": 3}, "order is 3; it must be a whole number from 1 to 2"),
     ],
 )
 def test_impossible_waves_are_refused(options, message):
     with pytest.raises(ValueError, match=message):
         tp.WavePiston(**{"height": 0.03, "period": 1.0, "depth": 0.2, **options})
+
+
+@pytest.mark.parametrize(("spectrum", "peak"), [("jonswap", 3.3), ("pierson-moskowitz", 1.0)])
+def test_irregular_waves_have_their_spectrum(spectrum, peak):
+    waves = tp.IrregularWaves(height=0.03, period=1.2, depth=0.4, spectrum=spectrum, components=400)
+    amplitude, omega, _ = waves.waves
+    assert 4 * math.sqrt(0.5 * (amplitude**2).sum()) == pytest.approx(0.03)
+    frequency = omega * 1.2 / (2 * math.pi)
+    # The spectrum of Pierson and Moskowitz, f^-5 exp(-5/4 f^-4), times the enhancement at the peak.
+    bare = frequency**-5 * np.exp(-1.25 * frequency**-4)
+    ratio = amplitude**2 / bare
+    assert ratio[np.abs(frequency - 1) < 0.005].max() / ratio[-1] == pytest.approx(peak, rel=0.02)
+    again, other = (tp.IrregularWaves(height=0.03, period=1.2, depth=0.4, seed=seed) for seed in (1, 2))
+    first = tp.IrregularWaves(height=0.03, period=1.2, depth=0.4)
+    assert first(7.3) == again(7.3) != other(7.3)
+    assert first(0.0) == 0.0
+    # Each wave has the stroke of its own frequency.
+    steady = np.array([waves.steady(t) for t in np.arange(0, 600, 0.11)])
+    pistons = [
+        tp.WavePiston(height=2 * a, period=2 * math.pi / w, depth=0.4) for a, w in zip(amplitude, omega, strict=True)
+    ]
+    expected = math.sqrt(0.5 * sum((0.5 * piston.stroke) ** 2 for piston in pistons))
+    assert steady.std() == pytest.approx(expected, rel=0.05)
 
 
 def test_a_piston_drives_air_out_of_a_vent():

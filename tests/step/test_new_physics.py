@@ -9,10 +9,9 @@ import pytest
 
 import tipfem as tp
 from tipfem.backend.launch import launch
-from tipfem.physics import registry
+from tipfem.physics import linear_rows, registry
 from tipfem.physics.carried import Carried
 from tipfem.physics.physics import Physics
-from tipfem.physics.sliding_liquids import kernels  # of any linear rows
 from tipfem.physics.term import Term, TermWork
 
 STIFFNESS = 400.0  # of the spring of a particle [N/m, per metre of depth]
@@ -53,15 +52,17 @@ class SpringTerm(Term):
         self.constant = put("springs.constant", constant.ravel())
 
     def diagonal(self):
-        launch(kernels.add_diagonal, *self.matrix, self.equations.scale, self.count, work=(self.count, kernels.ROW))
+        launch(
+            linear_rows.add_diagonal, *self.matrix, self.equations.scale, self.count, work=(self.count, linear_rows.ROW)
+        )
 
     def residual(self, x, out):
         arrays = (*self.matrix, self.constant, self.equations.scale, x, out, self.count)
-        launch(kernels.add_product, *arrays, work=(self.count, kernels.ROW))
+        launch(linear_rows.add_product, *arrays, work=(self.count, linear_rows.ROW))
 
     def gather(self, matrix):
-        e, work = self.equations, (self.count, kernels.ROW)
-        launch(kernels.add_blocks, *self.matrix, e.scale, *matrix, e.rows, self.count, work=work)
+        e, work = self.equations, (self.count, linear_rows.ROW)
+        launch(linear_rows.add_blocks, *self.matrix, e.scale, *matrix, e.rows, self.count, work=work)
 
     def work(self, x, displacement):
         e, u = self.equations, displacement[self.free]

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from tipfem.arguments import numbers
+from tipfem.case.beaches import Beach, zones_of
 from tipfem.case.body import Body
 from tipfem.case.boundary import Boundary
 from tipfem.case.default_laws import Setting
@@ -71,6 +72,7 @@ class Case:
             [N/m]; none by default. With the sharp interface, or with a free surface, in 2-D.
         openings: inlets, outlets and vents in the walls, see `tipfem.Inlet`, `tipfem.Outlet` and `tipfem.Vent`; in 2-D,
             with the sharp interface.
+        beaches: where the fluids are damped, see `tipfem.Beach`; in 2-D.
 
     Attributes:
         particles: the initial state, sampled from the tank if one was given.
@@ -84,6 +86,7 @@ class Case:
         bodies: list of the bodies.
         surface_tension: that of each interface, see `tipfem.case.surface_tension.TensionTable`.
         openings: list of the openings.
+        beaches: list of the zones in which fluids are damped.
         contact_cosines: cosines of the contact angles on each of ``walls``, see `TensionTable.cosines`.
         body_label: (N,) number of the body that each particle is on, -1 for none.
         tank: the tank that the particles were sampled from; None for particles given as arrays.
@@ -114,6 +117,7 @@ class Case:
         period: Sequence[float] | None = None,
         surface_tension: Mapping[Pair, float] | None = None,
         openings: Sequence[Opening] = (),
+        beaches: Sequence[Beach] = (),
     ) -> None:
         self.fluids = _checked_fluids(fluids)
         self.free_surface = free_surface
@@ -164,6 +168,8 @@ class Case:
         if self.bodies and self.domain is None:
             self.domain = around_bodies(particles.position, particles.spacing, [body.corners for body in self.bodies])
         self.openings = self._checked_openings(openings)
+        is_box = particles.dimension == 2 and (self.tank is None or self.tank.shape is None)
+        box = self._box_sides() if is_box and (self.openings or beaches) else {}
         self._check_particles(particles)
         self.boundary = Boundary(
             particles,
@@ -174,9 +180,13 @@ class Case:
             period=self.period,
             bodies=len(self.bodies),
             openings=self.openings,
-            sides=self._box_sides() if self.openings and (self.tank is None or self.tank.shape is None) else None,
+            sides=box,
             normal=[isinstance(o, Outlet) and o.normal(len(self.fluids)) for o in self.openings],
         )
+        refused = {"the case is in 3-D": self.particles.dimension != 2, "tank_motion is given": tank_motion is not None}
+        refused["sides are periodic"] = bool(self.period)
+        why = next((what for what, there in refused.items() if there), "")
+        self.beaches = zones_of(beaches, self.boundary.domain, box, 1e-9 * particles.spacing, why)
         if self.openings and self.tank is not None:
             self.particles = self._moving_at_openings(self.tank)
         if self.tank is not None:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from tipfem.case.beaches import Beach
 from tipfem.case.body import Body
 from tipfem.case.case import DEFAULT_INTERFACE, SURFACE_INTERFACE, Case, contradictions
 from tipfem.case.declaration import made
@@ -23,7 +24,7 @@ from tipfem.case.tank import Tank
 from tipfem.case.walls import Motion, Wall
 from tipfem.casefile.bodies import read_bodies
 from tipfem.casefile.fills import shape_of, shapes_of
-from tipfem.casefile.forms import Limits, Polyline, Ramp, Table, UniformForce
+from tipfem.casefile.forms import Constant, Limits, Polyline, Ramp, Table, UniformForce, WaveForm
 from tipfem.casefile.openings import opening_name, read_openings
 from tipfem.casefile.problems import cannot, listed, meant
 from tipfem.casefile.schema import FillTable, MotionTable, WallTable
@@ -65,6 +66,9 @@ class Parts:
         self.bodies = self._bodies()
         self.walls = self._walls()
         self.openings = read_openings(sections, self.fluid_names, self._function, self._made, report)
+        tables = sections.get("beaches") or []
+        made_beaches = (self._made(("beaches", k), lambda t=t: Beach(**t.given())) for k, t in enumerate(tables) if t)
+        self.beaches: list[Beach] = [beach for beach in made_beaches if beach is not None]
         self.motion = self._motion()
         self.grading = self._grading()
         self.tension = self._tension()
@@ -98,6 +102,7 @@ class Parts:
             grading=self.grading,
             surface_tension=self.tension,
             openings=self.openings,
+            beaches=self.beaches,
         )
 
     def place_of(self, error: ValueError, around: Path = ()) -> tuple[Path, str]:
@@ -116,7 +121,7 @@ class Parts:
             return (*around, *path), error.text
         items = self.sections.get(str(path[0])) if path else None
         if isinstance(items, list) and len(path) > 1 and isinstance(path[1], str):  # an item by its name
-            names = [opening_name(str(path[0]), table) or table.name for table in items if table is not None]
+            names = [opening_name(str(path[0]), t) or getattr(t, "name", "") or t.wall for t in items if t is not None]
             path = (path[0], *(() if path[1] not in names else (names.index(path[1]), *path[2:])))
         return path, error.text
 
@@ -312,13 +317,13 @@ class Parts:
         return options
 
     def _loaded(self, function: Any) -> Any:
-        """A function of time with its table read; as it is where it cannot be read, which is reported elsewhere."""
-        if isinstance(function, Table):
-            try:
+        """A function of time, its table read, or waves; 0 where that cannot be, which is reported elsewhere."""
+        try:
+            if isinstance(function, Table):
                 return function.read(self.folder)
-            except ValueError:
-                return function
-        return function
+            return function.made() if isinstance(function, WaveForm) else function
+        except ValueError:
+            return Constant(form="constant", value=0.0)
 
     def _function(self, path: Path, function: Any, size: int) -> Any:
         """A function of time, checked: its table read, its values of ``size`` coordinates; None with a mistake.
@@ -336,6 +341,8 @@ class Parts:
                 f"is {function.end_time} s; it must be later than start_time, {function.start_time} s",
             )
             return None
+        if isinstance(function, WaveForm):
+            return self._made(path, function.made)
         if isinstance(function, Table):
             function = self._read_table(path, function)
             if function is None:

@@ -18,6 +18,7 @@ from tipfem.case.particles import Particles
 from tipfem.case.region import Region
 from tipfem.case.tank import Tank
 from tipfem.case.walls import Wall
+from tipfem.case.waves import WaveMaker
 from tipfem.casefile.bodies import body_content
 from tipfem.casefile.forms import (
     FORMS,
@@ -113,6 +114,8 @@ def describe(
             writer.wall(wall, len(case.particles))
     for opening in case.openings:
         writer.table((f"{opening.kind}s",), opening_content(opening, writer.function, writer.lost), item=True)
+    for zone in case.beaches:
+        writer.table(("beaches",), changed(zone.beach), item=True)
     writer.rest(case)
     writer.table(("time",), {"end": end, "largest_step": largest_step})
     chosen, usual = (fields or FieldOutput()).record(), FieldOutput().record()
@@ -321,6 +324,8 @@ class _Writer:
 
     def function(self, part: str, function: Callable[..., Any]) -> Any:
         """A function of time: a named form, or what stands for one that cannot be kept."""
+        if isinstance(function, WaveMaker):
+            return {"form": function.form, **changed(function)}
         if not isinstance(function, FUNCTIONS):
             return self.lost(part, _named(function))
         content = _plain(function)

@@ -21,6 +21,7 @@ from pydantic_core import PydanticCustomError
 
 from tipfem.arguments import is_number
 from tipfem.case.declaration import Declared, declared
+from tipfem.case.waves import WAVE_MAKERS, IrregularWaves, WaveMaker, WavePiston
 from tipfem.typing import Array
 
 
@@ -289,6 +290,39 @@ def _is_float(text: str) -> bool:
     except ValueError:
         return False
 
+
+class WaveForm(Model):
+    """Displacement of a wall that makes waves."""
+
+    def sizes(self) -> Iterator[tuple[str, int]]:
+        """Keys that hold values, and how many numbers each has: none, for their units are known."""
+        yield from ()
+
+    def made(self) -> WaveMaker:
+        """The wave maker of that form.
+
+        Raises:
+            ValueError: a value does not fit the others.
+        """
+        return WAVE_MAKERS[self.form](**{key: value for key, value in self.given().items() if key != "form"})
+
+
+@declares(WavePiston)
+class Waves(WaveForm):
+    """The motion of a piston that makes waves of a height and a period."""
+
+    form: Literal["waves"] = Field(description="the kind of function")
+
+
+@declares(IrregularWaves)
+class Irregular(WaveForm):
+    """The motion of a piston that makes irregular waves of a spectrum."""
+
+    form: Literal["irregular_waves"] = Field(description="the kind of function")
+
+
+WallMotion = Annotated[Constant | Sine | Ramp | Table | Waves | Irregular, Field(discriminator="form")]
+"""A function of time for the displacement of a wall, or waves, told apart by ``form``."""
 
 FORMS = {"constant": Constant, "sine": Sine, "ramp": Ramp, "table": Table}
 TimeFunction = Annotated[Constant | Sine | Ramp | Table, Field(discriminator="form")]

@@ -15,7 +15,6 @@ TAGS = ("form", "type")  # keys by which tables of several forms are told apart
 CANNOT = {
     "pump pumps fan fans source sources sink sinks mass_source": "nothing pumps from one place to another; an inlet of "
     "a discharge below 0 draws a fluid off, and another one lets it in",
-    "sponge beach damping_zone relaxation_zone": "nothing damps waves but viscosity",
     "turbulence turbulence_model k_epsilon k_omega les rans smagorinsky": "there is no model of turbulence",
     "temperature heat thermal conductivity buoyancy boiling phase_change evaporation": "there is no heat",
     "axisymmetric axisymmetry cylindrical axial": "there are plane and 3-D flows, no axisymmetric ones",
@@ -37,6 +36,10 @@ ELSEWHERE = {
     "vent": "where gas leaves is in tables [[vents]], each with wall = 'top', say",
     "open_boundary open_boundaries opening openings boundary boundaries boundary_conditions bc": "openings are in "
     "tables [[inlets]], [[outlets]] and [[vents]]; all that is not open is a wall",
+    "sponge beach damping_zone relaxation_zone damping absorber": "what damps waves is in tables [[beaches]], each "
+    "with wall = 'right', say, length and period",
+    "wave waves wave_maker piston": "waves are the motion of a wall, as walls.left.motion = { form = 'waves', height = "
+    "0.03, period = 1.0, depth = 0.2 }",
     "sigma surface_tension tension": "surface tension is of two fluids; it is in the table surface_tension, as "
     "water.air = 0.0728",
 }
@@ -154,7 +157,7 @@ class SchemaReader:
             else:
                 more = node.get("additionalProperties")
                 node = dict(more) if isinstance(more, Mapping) else {}
-            unit = node.get("unit", unit)
+            unit = node.get("unit", "" if node.get("type") == "integer" else unit)
             data = _child(data, key)
         return self._resolved(node), unit
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, create_model
 
+from tipfem.case.beaches import Beach
 from tipfem.case.body import Body
 from tipfem.case.declaration import declared
 from tipfem.case.fluid import Fluid
@@ -28,6 +29,7 @@ from tipfem.casefile.forms import (
     TimeFunction,
     Vector,
     VectorOrFunction,
+    WallMotion,
     declares,
     quantity,
 )
@@ -125,7 +127,7 @@ class WallTable(Model):
         "degrees",
         {},
     )
-    motion: TimeFunction | None = quantity(
+    motion: WallMotion | None = quantity(
         "displacement along the wall's normal into the fluid, a smooth function of time that is zero at t = 0",
         "m",
         None,
@@ -172,6 +174,11 @@ class OutletTable(OpeningTable):
 
 class VentTable(OpeningTable):
     """An outlet of pressure 0, by which a gas can leave a tank that is filled."""
+
+
+@declares(Beach)
+class BeachTable(Model):
+    """Damping of the fluids before a wall, so that waves do not come back."""
 
 
 class MotionTable(Model):
@@ -283,6 +290,7 @@ class CaseTable(Model):
     inlets: list[InletTable] = Field([], description="where fluids enter the tank")
     outlets: list[OutletTable] = Field([], description="where fluids leave the tank")
     vents: list[VentTable] = Field([], description="outlets of pressure 0, for gas")
+    beaches: list[BeachTable] = Field([], description="where fluids are damped before a wall")
     tank_motion: MotionTable | None = Field(None, description="rigid motion of the whole tank")
     grading: GradingTable | None = Field(None, description="distances between particles by place and fluid")
     numerics: NumericsTable = Field(default_factory=NumericsTable, description="the numbers of the method")

@@ -7,6 +7,7 @@ from typing import Any
 
 from tipfem.case.case import Case
 from tipfem.case.largest_step import RESOLVED
+from tipfem.physics.beaches import Beaches
 from tipfem.physics.bodies.physics import Bodies
 from tipfem.physics.free_surface import FreeSurfaces
 from tipfem.physics.openings.physics import WallOpenings
@@ -25,6 +26,7 @@ PHYSICS: tuple[type[Physics[Any]], ...] = (
     InterfacePressures,
     LiquidsThatSlide,
     Tension,
+    Beaches,
 )
 
 

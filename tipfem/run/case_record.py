@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tipfem.case.beaches import Beach
 from tipfem.case.body import Body
 from tipfem.case.case import Case
 from tipfem.case.fluid import Fluid
@@ -17,6 +18,7 @@ from tipfem.case.numerics import FittedRule, Numerics, RelocationRule, SurfaceRu
 from tipfem.case.openings import Inlet, Opening, Outlet, Vent
 from tipfem.case.particles import Particles
 from tipfem.case.walls import Wall
+from tipfem.case.waves import WAVE_MAKERS, WaveMaker
 from tipfem.errors import CheckpointError
 
 OPENINGS = {kind.kind: kind for kind in (Inlet, Outlet, Vent)}
@@ -42,6 +44,7 @@ def case_record(case: Case) -> dict[str, Any]:
         "bodies": [{**_plain(body), "shape": body.corners} for body in case.bodies],
         "surface_tension": _by_interface(case.surface_tension.given),
         "openings": [_opening(opening) for opening in case.openings],
+        "beaches": [_plain(zone.beach) for zone in case.beaches],
         "walls_have_fluids": case.walls_have_fluids,
         "particles": dict(vars(case.particles)),
         **({"period": case.period.width.tolist()} if case.period else {}),
@@ -73,12 +76,13 @@ def case_from(record: Mapping[str, Any]) -> Case:
         free_surface=record["free_surface"],
         numerics=Numerics(**numerics),
         title=record["title"],
-        walls=[Wall(**{**w, "contact_angle": _from_interfaces(w["contact_angle"])}) for w in record["walls"]],
+        walls=[_wall_from(wall) for wall in record["walls"]],
         grading=None if grading is None else Grading(**grading),
         bodies=[Body(**body) for body in record.get("bodies", [])],
         period=record.get("period"),
         surface_tension=_from_interfaces(record["surface_tension"]),
         openings=[OPENINGS[given["kind"]](**given["values"]) for given in record["openings"]],
+        beaches=[Beach(**beach) for beach in record.get("beaches", [])],
     )
     case.walls_have_fluids = record["walls_have_fluids"]
     return case
@@ -110,6 +114,14 @@ def _wall(wall: Wall) -> dict[str, Any]:
     return {**_plain(dataclasses.replace(wall, contact_angle=None)), "contact_angle": angles}
 
 
+def _wall_from(record: Mapping[str, Any]) -> Wall:
+    """The wall of a record; the displacement that makes waves is kept, functions of Python's are not."""
+    motion = record["motion"]
+    if isinstance(motion, Mapping):
+        motion = WAVE_MAKERS[motion["form"]](**{key: value for key, value in motion.items() if key != "form"})
+    return Wall(**{**record, "motion": motion, "contact_angle": _from_interfaces(record["contact_angle"])})
+
+
 def _opening(opening: Opening) -> dict[str, Any]:
     """An opening as plain values, with its fluid by name."""
     values = {field.name: getattr(opening, field.name) for field in dataclasses.fields(opening) if field.init}
@@ -120,6 +132,8 @@ def _opening(opening: Opening) -> dict[str, Any]:
 
 def _plain(value: Any) -> Any:
     """A value as nested dicts of plain values."""
+    if isinstance(value, WaveMaker):
+        return {"form": value.form, **{field.name: getattr(value, field.name) for field in dataclasses.fields(value)}}
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value) if field.init}
     if isinstance(value, Mapping):

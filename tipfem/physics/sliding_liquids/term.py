@@ -31,7 +31,7 @@ import numpy as np
 from tipfem.backend.launch import launch
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.cut import CutMesh
-from tipfem.physics.sliding_liquids import kernels as slip_kernels
+from tipfem.physics import linear_rows
 from tipfem.physics.sliding_liquids.slip import InterfaceSlip
 from tipfem.physics.term import Equations, Term, TermWork
 from tipfem.typing import Array
@@ -142,19 +142,19 @@ class SlidingLiquids(Term):
 
     def diagonal(self) -> None:
         """See `Term.diagonal`."""
-        work = (self._count, slip_kernels.ROW)
-        launch(slip_kernels.add_diagonal, *self._matrix, self._equations.scale, self._count, work=work)
+        work = (self._count, linear_rows.ROW)
+        launch(linear_rows.add_diagonal, *self._matrix, self._equations.scale, self._count, work=work)
 
     def gather(self, matrix: Csr) -> None:
         """See `Term.gather`."""
-        e, work = self._equations, (self._count, slip_kernels.ROW)
-        launch(slip_kernels.add_blocks, *self._matrix, e.scale, *matrix, e.rows, self._count, work=work)
+        e, work = self._equations, (self._count, linear_rows.ROW)
+        launch(linear_rows.add_blocks, *self._matrix, e.scale, *matrix, e.rows, self._count, work=work)
 
     def residual(self, x: Any, out: Any) -> None:
         """See `Term.residual`."""
-        work = (self._count, slip_kernels.ROW)
+        work = (self._count, linear_rows.ROW)
         arrays = (*self._matrix, self._constant, self._equations.scale, x, out, self._count)
-        launch(slip_kernels.add_product, *arrays, work=work)
+        launch(linear_rows.add_product, *arrays, work=work)
 
     def carried(self, x: Any) -> InterfaceSlip | None:
         """See `Term.carried`."""

@@ -1,4 +1,4 @@
-"""Kernels of the equations of liquids that slide along each other, see `tipfem.physics.sliding_liquids.term`; 2-D.
+"""Kernels of linear equations of a term: a matrix of few rows, added to the residual and the Jacobian; 2-D.
 
 The matrix is in CSR by blocks of 3 x 3, with the rows of R nodes, ``rows``, alone. Unknowns are interleaved as in
 `tipfem.fem.residual`, and so are the rows of each block: two of momentum, one of continuity.
