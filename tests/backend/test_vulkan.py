@@ -19,6 +19,7 @@ from tipfem.backend.array_types import Ints1
 from tipfem.backend.launch import kernel, launch
 
 ROOT = Path(__file__).resolve().parents[2]
+KINDS = ("sharp", "interpolated", "free surface", "graded", "two-sided", "liquids", "floating", "tension", "open")
 
 STEPS = """
 import sys
@@ -34,11 +35,21 @@ if kind != "free surface":
     tank.fill(other)
 tank.fill(water, box=((0, 0), (0.584 if kind == "liquids" else 0.146, 0.292)))
 gravity = (6.0 if kind == "liquids" else 0.0, -9.81)
+if kind == "floating":
+    tank.add(tp.Body(tp.shapes.circle((0.34, 0.3), 0.1), density=300.0, angular_velocity=3.0))
+    tank.wall("bottom", law="layer")
 options = {
     "interpolated": {"interface": "interpolated"},
     "free surface": {"free_surface": True},
     "graded": {"grading": tp.Grading({"air": 0.16})},
     "two-sided": {"numerics": tp.Numerics(pressure="two-sided")},
+    "tension": {"surface_tension": {("water", "air"): 20.0}},
+    "open": {
+        "openings": [
+            tp.Inlet(wall="bottom", between=((0.3, 0), (0.5, 0)), fluid=water, velocity=0.5),
+            tp.Vent(wall="top", between=((0.1, 0.584), (0.3, 0.584))),
+        ]
+    },
 }.get(kind, {})
 fluids = [water] if kind == "free surface" else [water, other]
 simulation = tp.Simulation(tp.Case(tank, fluids, gravity, **options), time_step=6e-3 if kind == "liquids" else 1.2e-3)
@@ -91,7 +102,7 @@ def test_kernels_equal_their_twins():
 @pytest.mark.vulkan
 @pytest.mark.slow
 @pytest.mark.usefixtures("driver")
-@pytest.mark.parametrize("kind", ["sharp", "interpolated", "free surface", "graded", "two-sided", "liquids"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_steps_equal_those_of_the_cpu(tmp_path, kind):
     """20 steps of a dam break, or of liquids that slide; kernels take a minute to compile."""
     found = []

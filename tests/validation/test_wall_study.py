@@ -6,6 +6,7 @@ import imageio.v3 as iio
 import numpy as np
 import pytest
 from demo_runs import called
+from tipfem.demos.validation.walls import floor
 from tipfem.demos.validation.walls import run as study
 
 
@@ -42,6 +43,22 @@ def test_reference_data_of_the_driven_cavity():
         assert np.abs(v).max() < 0.5
 
 
+def test_the_layer_of_the_floor_is_that_of_a_stagnating_flow():
+    """U = k x: the steady traction is 1.2326 rho sqrt(nu k) U (Hiemenz; Schlichting & Gersten, section 5.1)."""
+    k, length, nu = 10.0, 0.584, 1e-6
+    x = np.linspace(0.005, length - 0.005, 60)
+    course = [floor.Outer(t, x, k * x, length) for t in np.linspace(0.0, 0.4, 5)]
+    taken, before = (floor.friction(part, length, 1e3 * nu, 1e3) for part in (course, course[:-1]))
+    traction = 1.2326 * 1e3 * np.sqrt(nu * k) * k
+    assert taken[0] - before[0] == pytest.approx(0.1 * traction * length**2 / 2, rel=0.03)
+    assert taken[1] - before[1] == pytest.approx(0.1 * traction * k * length**3 / 3, rel=0.03)
+
+
+def test_friction_on_the_floor_of_a_dam_break(tmp_path):
+    figures = run(tmp_path, "--short", "--only", "floor")["figures"]
+    assert 0.5 < 1 - figures["floor_impulse"] < 1
+
+
 @pytest.mark.slow
 def test_driven_cavity_against_ghia(tmp_path):
     """Re = 100 and 400 within 3 % of the lid's speed."""
@@ -52,4 +69,4 @@ def test_driven_cavity_against_ghia(tmp_path):
 
 @pytest.mark.slow
 def test_everything_else_as_fine_as_by_default(tmp_path):
-    run(tmp_path, "--only", "vortex", "long", "dam", "moving")
+    run(tmp_path, "--only", "vortex", "long", "dam", "floor", "moving")

@@ -1,4 +1,6 @@
-"""Functions of reals that not every device has in 64 bits."""
+"""Functions of reals that not every device has in 64 bits: GPUs have the powers and the sines of 32."""
+
+import math
 
 import taichi as ti
 
@@ -7,9 +9,28 @@ import taichi as ti
 def cube_root(x):  # type: ignore[no-untyped-def]
     """Cube root of ``x`` between 1e-37 and 1e38, to round-off.
 
-    GPUs have powers in 32 bits at least; Newton's method doubles the number of right digits in each iteration.
+    Newton's method doubles the number of right digits in each iteration.
     """
     y = ti.cast(ti.cast(x, ti.f32) ** ti.cast(1.0 / 3.0, ti.f32), float)
     for _ in ti.static(range(3)):
         y = y - (y - x / (y * y)) / 3.0
     return y
+
+
+@ti.func
+def sine(x):  # type: ignore[no-untyped-def]
+    """Sine of ``x``, to round-off where it is an angle of a few turns: its series, within a right angle of a zero."""
+    turns = ti.floor(x / math.pi + 0.5)
+    y = x - turns * math.pi
+    total = ti.cast(1.0, float)
+    for k in ti.static(range(11, 0, -1)):
+        total = 1.0 - y * y / (2 * k * (2 * k + 1)) * total
+    half = 0.5 * turns
+    return y * total * (1.0 - 4.0 * (half - ti.floor(half)))
+
+
+@ti.func
+def angle_between(across, along):  # type: ignore[no-untyped-def]
+    """Absolute angle of the direction (``along``, ``across``), from 0 to pi, with the digits of 32 bits."""
+    size = ti.abs(across) + ti.abs(along)
+    return ti.cast(ti.atan2(ti.cast(ti.abs(across) / size, ti.f32), ti.cast(along / size, ti.f32)), float)

@@ -6,6 +6,7 @@ import taichi as ti
 from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2
 from tipfem.backend.launch import kernel, launch
 from tipfem.backend.periodic import difference
+from tipfem.backend.real_functions import angle_between
 from tipfem.physics.state import State
 
 # Columns of a particle's sums over its neighbours: how many, d, d d^T, u, and the components of u times d ...
@@ -67,7 +68,7 @@ def sum_roughness(
     for p in range(own.shape[0]):
         if fit[p, ARRIVING] == 1.0 and fit[p, LEAVING] == 1.0:
             ax, ay, bx, by = fit[p, FROM], fit[p, FROM + 1], fit[p, TO], fit[p, TO + 1]
-            turning[0] += ti.abs(ti.atan2(ax * by - ay * bx, ax * bx + ay * by))
+            turning[0] += angle_between(ax * by - ay * bx, ax * bx + ay * by)
             turning[1] += 1.0
         n = fit[p, COUNT]
         if own[p] >= 0 and n >= 4.0:

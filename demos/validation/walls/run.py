@@ -3,7 +3,8 @@
 Taylor-Green vortex between walls of free slip (Taylor & Green, Proc. R. Soc. A 158, 1937); long cavities under a lid,
 with no slip, with Navier's slip, and with two fluids; the driven cavity of U. Ghia, K. N. Ghia and C. T. Shin, J.
 Comput. Phys. 48 (1982) 387-411, whose tables are in data/; the dam break of Martin & Moyce (1952) between walls
-that slip and between walls that do not; tanks that are shaken, tanks that roll, and pistons.
+that slip and between walls that do not; the boundary layer on its floor; tanks that are shaken, tanks that roll, and
+pistons.
 
     python -m tipfem demo validation/walls --short
 """
@@ -22,7 +23,7 @@ from tipfem.demos import harness
 from tipfem.demos.support.options import Arch, Flag, Several
 from tipfem.demos.validation.dam_break import case as dam_break
 from tipfem.demos.validation.dam_break import experiments
-from tipfem.demos.validation.walls import flows, pictures
+from tipfem.demos.validation.walls import floor, flows, pictures
 
 import tipfem as tp
 
@@ -35,6 +36,7 @@ FINE = {
     "long": 16,
     "driven": {100: 40, 400: 56},
     "dam": 0.01,
+    "floor": (0.01, 0.005),
     "sloshed": 32,
     "rolled": (16, 32),
     "pistons": 10,
@@ -44,12 +46,14 @@ SHORT = {
     "long": 10,
     "driven": {100: 14},
     "dam": 0.584 / 24,
+    "floor": (0.584 / 24,),
     "sloshed": 12,
     "rolled": (9, 18),
     "pistons": 7,
 }
 DRIVEN_END = {100: 10.0, 400: 20.0}  # [s], by which the flow is steady; --short goes a third of the way
 DAM_END = 0.24  # [s]; T = 2.8
+FLOOR_END = 0.26  # [s], when the front is at the right wall
 
 # Fluids and geometry: in flows.py, and in dam_break/case.py.
 
@@ -63,6 +67,8 @@ LIMITS = {
     "driven_400": 0.03,
     "dam_no_slip_rms": 0.075,  # runs from perturbed starts: 0.044 +- 0.014, from 0.027 to 0.062
     "dam_slip_rms": 0.10,
+    "floor_impulse": 0.2,
+    "floor_dissipation": 0.2,
     "sway_pressure": 2e-3,
     "slosh_moment": 0.06,
     "roll_velocity": 0.03,
@@ -76,6 +82,8 @@ SHORT_LIMITS = {
     "dam_slip_rms": 0.2,
     "dam_no_slip_rms": 0.2,
     "long_two_fluids": 0.03,
+    "floor_impulse": 0.3,
+    "floor_dissipation": 0.3,
     "slosh_moment": 0.1,
 }
 SMALLEST_ORDER = 1.7  # of the vortex's velocity
@@ -174,6 +182,32 @@ def dam_breaks(sizes: Mapping[str, Any], out: Path) -> dict[str, float]:
     return figures
 
 
+def floors(sizes: Mapping[str, Any], out: Path) -> dict[str, float]:
+    """What the law "layer" takes of momentum and energy on a dam break's floor, over the layer's own equations, less 1.
+
+    The other walls slip.
+    """
+    figures, fluid = dict[str, float](), dam_break.WATER
+    for spacing in sizes["floor"]:
+        tank = tp.tank(dam_break.TANK, spacing).fill(dam_break.AIR).fill(fluid, box=((0, 0), dam_break.COLUMN))
+        for side in ("left", "right", "top"):
+            tank.wall(side, slip=True)
+        case = tp.Case(tank, [fluid, dam_break.AIR], (0, -dam_break.GRAVITY))
+        force = tp.WallForce(name="floor", wall="bottom", fluid="water", impulse=True)
+        simulation = tp.Simulation(case, probes=[force])
+        course = [floor.outer(simulation)]
+        while simulation.time < FLOOR_END:
+            simulation.step(FLOOR_END)
+            course.append(floor.outer(simulation))
+        impulse = simulation.probes["floor"]["viscous_force_x_impulse"][-1]
+        dissipation = sum(row["friction_dissipation"] for row in simulation.history)
+        taken = floor.friction(course, dam_break.TANK[0], fluid.viscosity, fluid.density)
+        for name, found, own in zip(("impulse", "dissipation"), (impulse, dissipation), taken, strict=True):
+            figures[f"floor_{name}_{1e3 * spacing:.0f}_mm"] = float(found / own - 1)
+            figures[f"floor_{name}"] = abs(float(found / own - 1))
+    return figures
+
+
 def moving_tanks(sizes: Mapping[str, Any], out: Path) -> dict[str, float]:
     """Errors of pressure in a shaken tank, of waves between two layers, of velocity in a roll, and of pistons' flow."""
     simulation, rates = flows.swayed(20, slip=True)
@@ -209,12 +243,13 @@ def moving_tanks(sizes: Mapping[str, Any], out: Path) -> dict[str, float]:
     return figures
 
 
-Study = Literal["vortex", "long", "driven", "dam", "moving"]
+Study = Literal["vortex", "long", "driven", "dam", "floor", "moving"]
 STUDIES: dict[str, Callable[[Mapping[str, Any], Path], dict[str, float]]] = {
     "vortex": vortex,
     "long": long_cavities,
     "driven": driven_cavities,
     "dam": dam_breaks,
+    "floor": floors,
     "moving": moving_tanks,
 }
 

@@ -8,6 +8,7 @@ import taichi as ti
 
 from tipfem.backend.array_types import Ints1, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
+from tipfem.backend.real_functions import sine
 from tipfem.fem.element import gradient
 from tipfem.fem.jacobian import block_entry
 from tipfem.fem.residual import linearisation
@@ -77,7 +78,7 @@ def place(bodies: Ints1, data: Reals1, motion: Reals2, x: Reals1, base: ti.i32):
         length = constant(bodies, data, b, LENGTH)
         ux, uy = increment(bodies, data, x, b, 0, base), increment(bodies, data, x, b, 1, base)
         angle = increment(bodies, data, x, b, 2, base) / length
-        sine, versed = ti.sin(angle), 2.0 * ti.sin(0.5 * angle) * ti.sin(0.5 * angle)
+        across, versed = sine(angle), 2.0 * sine(0.5 * angle) ** 2
         cm, cv = coefficient(bodies, data, CM), coefficient(bodies, data, CV)
         cf, alpha_m = coefficient(bodies, data, CF), coefficient(bodies, data, ALPHA_M)
         q = ti.Vector([ux, uy, angle])
@@ -97,7 +98,7 @@ def place(bodies: Ints1, data: Reals1, motion: Reals2, x: Reals1, base: ti.i32):
         first, last = numbers_on(bodies, b)
         for s in range(first, last):
             i, r = node_on_body(bodies, s), arm(bodies, data, s, START)
-            d = -versed * r + sine * ti.Vector([-r[1], r[0]])
+            d = -versed * r + across * ti.Vector([-r[1], r[0]])
             e = r + d
             set_arm(bodies, data, s, END, e)
             set_arm(bodies, data, s, MIDDLE, r + cf * d)
@@ -137,10 +138,10 @@ def collect_residual(bodies: Ints1, data: Reals1, x: Reals1, r: Reals1, base: ti
             for m in ti.static(range(3)):
                 data[own(bodies, b, MATRIX + 3 * k + m)] = 0.0
         angle = increment(bodies, data, x, b, 2, base) / length
-        sine, versed = ti.sin(angle), 2.0 * ti.sin(0.5 * angle) * ti.sin(0.5 * angle)
+        across, versed = sine(angle), 2.0 * sine(0.5 * angle) ** 2
         p = ti.Vector([constant(bodies, data, b, CENTRE), constant(bodies, data, b, CENTRE + 1)])
         g = ti.Vector([constant(bodies, data, b, GRAVITY), constant(bodies, data, b, GRAVITY + 1)])
-        d = -versed * p + sine * ti.Vector([-p[1], p[0]])
+        d = -versed * p + across * ti.Vector([-p[1], p[0]])
         mass = constant(bodies, data, b, MASS)
         weight = mass * ti.Vector([g[0], g[1], moment(p + cf * d, g)])
         for k in ti.static(range(3)):
