@@ -319,20 +319,20 @@ def annotate(
     shades = tuple((name, tuple(map(float, fill))) for name, fill in swatches)
     where, colour = _constant_pixels(layout.key, scene.title, shades, tuple(keys), field, field_range, colour_map)
     image.reshape(-1, 3)[where] = colour
-    clock(image, scene.time, layout)
+    clock(image, scene, layout)
     return image
 
 
-def clock(image: Array, time: float, layout: Layout) -> None:
+def clock(image: Array, scene: Scene, layout: Layout) -> None:
     """Write the time on a picture.
 
     Args:
         image: (H, W, 3) uint8; changed.
-        time: [s].
+        scene: whose time it is.
         layout: of the picture.
     """
     left, top = layout.panel[:2]
-    u, text = layout.unit, f"t = {time:.3f} s"
+    u, text = layout.unit, f"t = {scene.time:.{scene.digits}f} s"
     if not layout.beside:
         top += 20 * u
     # Only the part of the picture about the text is copied to Pillow and back.

@@ -15,6 +15,7 @@ import numpy as np
 from .arrays import Array
 from .bodies import BodyOutline, Tracks
 from .openings import gaps_of
+from .scales import digits_of
 from .scene import Scene
 from .tank import TankOutline
 
@@ -183,6 +184,7 @@ class Results:
                 cell_fluid=cell_fluid,
                 spacing=self.spacing,
                 title=self.title,
+                digits=max(3, digits_of(self.times)),
                 bodies=tuple(body.placed(*pose) for body, pose in zip(self._outlines, poses, strict=False)),
                 tank=None if self._tank is None else self._tank.placed(*poses[-1]),
                 openings=self.openings,

@@ -25,6 +25,16 @@ _ENDS = (1, 99)  # [%] of the values, at the ends of the colours
 _NEAR_ZERO = 0.05  # of a range: what it may pass zero by without going on beyond
 
 
+def digits_of(times: ArrayLike) -> int:
+    """Digits behind the point, one to six, that distinguish times (K,) [s]; three for a single one."""
+    steps = np.diff(np.unique(times))
+    if not len(steps):
+        return 3
+    step = float(steps.min())
+    least = min(max(3, math.ceil(-math.log10(step))), 6)
+    return next((n for n in range(1, 6) if abs(round(step, n) - step) < 1e-9 * max(1.0, step)), least)
+
+
 def is_signed(field: str) -> bool:
     """Whether the field has a direction, and zero is the middle of its colours."""
     return field.startswith("velocity_")

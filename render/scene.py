@@ -39,6 +39,7 @@ class Scene:
             is cut at the mid-points of its edges.
         spacing: mean particle spacing [m], the scale of the dots; by default from the mean area per particle.
         title: a line above the picture.
+        digits: of the time behind the point.
         trails: (P, K, 2) paths of tracers up to this time [m], the oldest point first; None for none.
         bodies: rigid bodies in the fluids.
         tank: its walls; None where they are those of the cells, or the convex hull of their particles.
@@ -64,6 +65,7 @@ class Scene:
     cell_fluid: Array | None = None
     spacing: float | None = None
     title: str = ""
+    digits: int = 3
     trails: Array | None = None
     bodies: tuple[PlacedBody, ...] = ()
     tank: PlacedTank | None = None

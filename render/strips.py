@@ -17,7 +17,7 @@ from .layers import WALL_THICKNESS, Key
 from .layout import LARGEST, SMALLEST, Layout
 from .renderer import Renderer, settled, swatches_of
 from .results import Results
-from .scales import check_range, field_label
+from .scales import check_range, digits_of, field_label
 from .view import View
 
 WIDTH = 1600  # [px] of a whole strip
@@ -158,11 +158,7 @@ def label(time: float, stored: ArrayLike) -> str:
         time: [s].
         stored: (K,) stored times [s].
     """
-    step = np.diff(np.unique(stored))
-    digits = 3
-    if len(step):  # 0.25 needs two digits
-        digits = next((n for n in (1, 2) if abs(round(step.min(), n) - step.min()) < 1e-9), 3)
-    return f"t = {time:.{digits}f} s"
+    return f"t = {time:.{digits_of(stored)}f} s"
 
 
 def usual_columns(count: int, width: int, lower: ArrayLike, upper: ArrayLike) -> int:

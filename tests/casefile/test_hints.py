@@ -20,6 +20,15 @@ def made(**fluids):
     return file.case()
 
 
+def test_a_drop_without_gravity_is_said_to_move():
+    fluids = [tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("air", 1.0, 1e-5)]
+    tank = tp.tank((0.01, 0.01), 0.001).fill(fluids[1]).fill(fluids[0], disc=((0.005, 0.005), 0.002))
+    assert scales(tp.Case(tank, fluids, (0, 0))) == "nothing moves at the start, and no gravity does"
+    line = scales(tp.Case(tank, fluids, (0, 0), surface_tension={("water", "air"): 0.07}))
+    assert line.startswith("forces that are no gravity")
+    assert "0.0011 s" in line
+
+
 def test_a_sound_case_has_no_hints():
     assert hints(made(), 0.4, 0.004) == []
 

@@ -24,6 +24,7 @@ SPACINGS = {
     "sinking_drop": 0.005,
     "sloshing": 0.05,
     "sluice_gate": 0.0125,
+    "splash": 0.0005,
 }
 
 

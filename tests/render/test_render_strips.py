@@ -71,10 +71,12 @@ def test_the_closest_stored_times_are_shown_once():
         (40.75, (0.0, 0.25, 40.75), "t = 40.75 s"),
         (10.0, (0.0, 5.0, 10.0), "t = 10.0 s"),
         (1.0, (1.0,), "t = 1.000 s"),
+        (0.0012, (0.0, 1.5e-4, 0.0012), "t = 0.00120 s"),
+        (0.5, (0.0, 1.0 / 3.0, 0.5), "t = 0.500 s"),
     ],
 )
 def test_labels_tell_times_apart(time, stored, text):
-    """One to three digits, as many as the shortest distance needs."""
+    """One digit or more, as many as the shortest distance needs."""
     assert strips.label(time, stored) == text
 
 

@@ -61,6 +61,14 @@ def test_round_off_of_fluids_at_rest_is_no_error(water):
     assert errors["energy"] == errors["momentum"] == 0.0
 
 
+def test_energy_is_relative_to_that_of_surfaces_where_it_is_the_largest(water):
+    """A drop that becomes round: it gives 9 J, 4 J of them as motion. A drop at rest has round-off only."""
+    rows = [row(surface_energy=29.0, potential_energy=0.0), row(surface_energy=20.0, potential_energy=0.0)]
+    assert numerical_error(rows, [water], np.array([0.5]))["energy_of_flow"] == 9.0
+    rest = {"surface_energy": 20.0, "potential_energy": 0.0, "kinetic_energy": 1e-20, "numerical_dissipation": 1e-19}
+    assert numerical_error([row(**rest)] * 2, [water], np.array([0.5]))["energy"] == 0.0
+
+
 def test_the_line_names_what_is_above_one_per_cent():
     when = {"energy_lost": 0.16, "energy_of_flow": 40.0, "early_time": 0.1, "early_loss": 0.2, "time_of_loss": 0.26}
     small = {"energy": 0.004, "momentum": 0.001, "volume_water": -0.002, **when}

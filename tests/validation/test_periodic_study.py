@@ -16,6 +16,15 @@ def test_the_stability_of_a_shear_layer_is_that_of_the_literature():
     assert mode.speed.real == pytest.approx(0.0, abs=1e-6)
 
 
+def test_gravity_and_tension_hold_an_interface():
+    """Almost without viscosity, in a steady stream: a heavy fluid on a light one grows at the rate of theory."""
+    along = lambda y: np.ones(len(y))  # noqa: E731
+    none = lambda y: np.zeros(len(y))  # noqa: E731
+    for gravity, tension in ((0.1, 0.0), (0.1, 0.1), (0.0, -0.1)):
+        flow = Shear(3.0, (1.0, 3.0), 1e-4, along, none, none, gravity, tension)
+        assert fastest(flow, 1.0).growth == pytest.approx(((2 * gravity - tension) / 4) ** 0.5, rel=0.02)
+
+
 def test_the_check_names_what_is_missed():
     good = {"error": 0.02, "volume": 1e-15}
     assert study.check("shear", {3: good}) == []

@@ -88,7 +88,10 @@ def scales(case: Case) -> str:
     heaviest = max(range(len(case.fluids)), key=lambda k: case.fluids[k].density)
     fluid, own = case.fluids[heaviest], particles.position[particles.fluid == heaviest]
     if not speed > 0 or not len(own):
-        return "nothing moves at the start, and no gravity does"
+        step = case.default_step()
+        if math.isinf(step):
+            return "nothing moves at the start, and no gravity does"
+        return f"forces that are no gravity set the fluids in motion, by default in steps of up to {step:.2g} s"
     height = _heights(case)
     values = own[:, -1] if height is None else height[particles.fluid == heaviest]
     length = float(np.ptp(values))

@@ -15,7 +15,7 @@ LARGE = 0.01  # from here on a part is a warning
 EARLY, PARTS = 0.25, 50  # the early part of a run, and how many parts are searched for the largest loss of energy
 TELLING = 1e-3  # part of the flow's energy, from which on it is told when it was lost
 ROUGH = "roughness_"
-AT_REST = 1e-10  # of the potential energy: energies below it are round-off of fluids at rest
+AT_REST = 1e-10  # of the potential energy, or that of surfaces: energies below it are round-off of fluids at rest
 
 
 def numerical_error(
@@ -31,8 +31,9 @@ def numerical_error(
 
     Returns:
         Relative to the flow's own: ``energy``, numerical dissipation less the residual of Newton's method, over the
-        larger of the largest kinetic energy and the range of the potential energy; ``momentum``, what remeshing and the
-        residual took, over sqrt(2 m E) with the mass m of the fluids and the largest kinetic energy E;
+        largest of the largest kinetic energy and the ranges of the potential energy and that of surfaces; ``momentum``,
+        what remeshing and the residual took, over sqrt(2 m E) with the mass m of the fluids and the largest kinetic
+        energy E;
         ``volume_<fluid>``, part of each fluid's volume, where it is largest in the run.
         To ``energy`` also: numerator ``energy_lost`` and denominator ``energy_of_flow`` [J, in 2-D per metre of depth];
         ``early_time``, a quarter of the last time, and ``early_loss`` until then, a part of ``energy_lost``; and
@@ -49,8 +50,10 @@ def numerical_error(
     def relative(part: float, whole: float) -> float:
         return part / whole if whole > 0 else 0.0
 
-    kinetic, potential = float(column("kinetic_energy").max()), column("potential_energy")
-    own, least = max(kinetic, float(np.ptp(potential))), AT_REST * abs(potential).max()
+    kinetic = float(column("kinetic_energy").max())
+    stored = [column(name) for name in ("potential_energy", "surface_energy") if name in history[0]]
+    own = max(kinetic, *(float(np.ptp(each)) for each in stored))
+    least = AT_REST * max(abs(each).max() for each in stored)
     losses, times = column("numerical_dissipation") - column("energy_residual"), column("time")
     energy, end = float(losses.sum()), float(times[-1])
     axes = [axis for axis in AXES if f"momentum_{axis}" in history[0]]

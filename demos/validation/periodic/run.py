@@ -97,8 +97,12 @@ def channel(across: int) -> dict[str, Any]:
     return {"errors": errors, "krylov_iterations": float(simulation.history[-1]["krylov_iterations"])}
 
 
-def shear_flow() -> tuple[Shear, Mode]:
-    """U tanh(y / delta) with U = 1 m/s and delta = 0.1 m between walls five delta away, and its fastest mode."""
+def shear_flow(tension: float = 0.0) -> tuple[Shear, Mode]:
+    """U tanh(y / delta) with U = 1 m/s and delta = 0.1 m between walls five delta away, and its fastest mode.
+
+    Args:
+        tension: of the interface [N/m].
+    """
     delta, speed = 0.1, 1.0
     flow = Shear(
         5 * delta,
@@ -107,6 +111,7 @@ def shear_flow() -> tuple[Shear, Mode]:
         lambda y: speed * np.tanh(y / delta),
         lambda y: speed / delta / np.cosh(y / delta) ** 2,
         lambda y: -2 * speed / delta**2 * np.tanh(y / delta) / np.cosh(y / delta) ** 2,
+        tension=tension,
     )
     return flow, fastest(flow, WAVE_NUMBER / delta)
 
@@ -123,14 +128,15 @@ def interface_mode(simulation: tp.Simulation, k: float) -> complex:
     return complex(2 / mesh.period.width[0] * (-edge[:, 0] * height * np.exp(-1j * k * middle[:, 0])).sum())
 
 
-def shear(across: int, duration: float = 12.0) -> dict[str, Any]:
+def shear(across: int, duration: float = 12.0, tension: float = 0.0) -> dict[str, Any]:
     """The instability from its linear mode, with ``across`` particles in delta: growth of the interface's amplitude.
 
     Args:
         across: particles in delta.
         duration: in delta / U.
+        tension: of the interface [N/m].
     """
-    flow, mode = shear_flow()
+    flow, mode = shear_flow(tension)
     k, delta, middle = mode.wave_number, 0.1, flow.height
     start = START * delta
     lower, upper = (
@@ -155,7 +161,8 @@ def shear(across: int, duration: float = 12.0) -> dict[str, Any]:
     below = lambda x: x[:, 1] <= middle + start * np.cos(k * x[:, 0])  # noqa: E731
     tank.fill(lower, where=below, velocity=lambda x: initial(0, x))
     tank.wall("bottom", slip=True).wall("top", slip=True)
-    simulation = tp.Simulation(tp.Case(tank, [lower, upper], (0, 0), body_force=force))
+    given = {("lower", "upper"): tension} if tension else None
+    simulation = tp.Simulation(tp.Case(tank, [lower, upper], (0, 0), body_force=force, surface_tension=given))
     course = [(0.0, interface_mode(simulation, k))]
     while simulation.time < duration * delta:
         simulation.step()

@@ -8,7 +8,8 @@ fluid
 
 (Orr and Sommerfeld). At the interface, of height eta e^{ik(x - ct)} with phi = (c - U) eta, phi, phi' and the shear
 stress, hence phi'', are continuous, and so is the normal stress: rho ((U - c) phi' - U' phi) - mu / (i k) phi''' jumps
-by (rho_lower - rho_upper) g eta. At the walls phi = phi'' = 0. L. N. Trefethen, Spectral Methods in MATLAB, SIAM, 2000.
+by ((rho_lower - rho_upper) g + sigma k^2) eta from below. At the walls phi = phi'' = 0. L. N. Trefethen, Spectral
+Methods in MATLAB, SIAM, 2000.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ class Shear:
         viscosity: mu of both [Pa s].
         velocity, slope, curvature: U, U' and U'' as functions of y.
         gravity: g [m/s^2].
+        tension: sigma of the interface [N/m].
     """
 
     height: float
@@ -46,6 +48,7 @@ class Shear:
     slope: Profile
     curvature: Profile
     gravity: float = 0.0
+    tension: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -106,7 +109,7 @@ def fastest(shear: Shear, k: float) -> Mode:
         stress += sign * rho * (u * d - slope * value(layer, one, point))
         stress -= sign * shear.viscosity / (1j * k) * value(layer, d3, point)
         stress_c += sign * rho * d
-    stress[-1] = -(shear.density[0] - shear.density[1]) * shear.gravity
+    stress[-1] = (shear.density[0] - shear.density[1]) * shear.gravity + shear.tension * k**2
     moves, moves_c = value(0, one, 0), np.zeros(2 * count + 1, dtype=complex)
     moves[-1], moves_c[-1] = u, 1.0
     nothing = np.zeros(2 * count + 1, dtype=complex)

@@ -1,0 +1,147 @@
+"""Drops and menisci at rest: they stay there, and they come there."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tipfem.demos.validation.drops import theory
+
+import tipfem as tp
+from tipfem.physics.surface_tension.edges import TensionEdges
+
+Array = NDArray[np.float64]
+
+RADIUS = 0.4  # [m]; tension and the drop's density are 1
+LAPLACE = 12000.0  # sigma rho D / mu^2 of the drop that stays at rest
+OHNESORGE = 0.3  # mu / sqrt(rho sigma R) of those that come to rest
+BOND = 1.0  # rho g R^2 / sigma of the meniscus, R half the gap
+
+
+def simulated(tank: tp.Tank, fluids: list[tp.Fluid], gravity: float = 0.0, **options: Any) -> tp.Simulation:
+    """A simulation with the tension 1 N/m between two fluids."""
+    tension = {(fluids[0].name, fluids[1].name): 1.0}
+    return tp.Simulation(tp.Case(tank, fluids, (0, -gravity), surface_tension=tension, **options))
+
+
+def pair(ratio: float, viscosity: float) -> list[tp.Fluid]:
+    """A liquid of density 1, and what is around it, of the density ``ratio`` and the same kinematic viscosity."""
+    return [tp.Fluid("liquid", 1.0, viscosity), tp.Fluid("around", ratio, ratio * viscosity)]
+
+
+def interface(simulation: tp.Simulation) -> tuple[Array, Array]:
+    """The two ends (E, 2) of the edges of the interface [m]."""
+    edges, x = simulation.state.part(TensionEdges), simulation.particles.position
+    return x[edges.one], x[edges.other]
+
+
+def static(ratio: float, across: int = 8, steps: int = 1000) -> dict[str, float]:
+    """A round drop at rest: largest capillary number mu u / sigma of all steps, jump of the pressure, volume.
+
+    Args:
+        ratio: density around the drop, over its own.
+        across: spacings in its diameter.
+        steps: of the capillary time.
+    """
+    viscosity, size = math.sqrt(2 * RADIUS / LAPLACE), 5 * RADIUS
+    fluids = pair(ratio, viscosity)
+    tank = tp.tank((size, size), 2 * RADIUS / across).fill(fluids[1])
+    simulation = simulated(tank.fill(fluids[0], disc=((size / 2, size / 2), RADIUS)), fluids)
+    fastest, volume, iterations = 0.0, simulation.volume("liquid"), 0.0
+    for _ in range(steps):
+        simulation.step()
+        fastest = max(fastest, simulation.particles.max_speed)
+        iterations += simulation.history[-1]["krylov_iterations"]
+    nodes = np.unique(simulation.state.part(TensionEdges).one)
+    jump = np.abs(np.asarray(simulation.pressure_jump)[:, nodes]).max(axis=0).mean()
+    return {
+        "capillary_number": viscosity * fastest * max(ratio, 1.0),
+        "jump": float(jump) * RADIUS - 1,
+        "jump_of_polygon": 1 / math.cos(math.pi / len(nodes)) - 1,
+        "volume": abs(simulation.volume("liquid") / volume - 1),
+        "krylov_iterations": iterations / steps,
+    }
+
+
+def sessile(angle: float, wall: str, across: int = 16, steps: int = 800) -> dict[str, float]:
+    """A half disc on a floor that is let go: radius and angle of the circle through its interface at rest.
+
+    Args:
+        angle: of the contacts [degrees].
+        wall: law of the floor, "slip", "layer" or "no-slip".
+        across: spacings in the diameter at the start.
+        steps: of the capillary time.
+    """
+    fluids, spacing = pair(0.1, OHNESORGE * math.sqrt(RADIUS)), 2 * RADIUS / across
+    tank = tp.tank((6 * RADIUS, 3 * RADIUS), spacing, jitter=0.15).fill(fluids[1])
+    tank.fill(fluids[0], disc=((3 * RADIUS, 0.0), RADIUS))
+    law = {"slip": True} if wall == "slip" else {"law": wall}
+    tank.wall("bottom", contact_angle={("liquid", "around"): angle}, **law)
+    simulation = simulated(tank, fluids)
+    for _ in range(steps):
+        simulation.step()
+    x = np.concatenate(interface(simulation))
+    unknown = np.linalg.lstsq(np.column_stack([2 * x, np.ones(len(x))]), (x**2).sum(axis=1), rcond=None)[0]
+    radius = math.sqrt(unknown[2] + unknown[:2] @ unknown[:2])
+    wanted = theory.sessile_radius(simulation.volume("liquid"), math.radians(angle))
+    return {"radius": radius / wanted - 1, "angle": math.degrees(math.acos(-unknown[1] / radius)) - angle}
+
+
+def meniscus(angle: float, half: int = 8, steps: int = 800) -> dict[str, float]:
+    """A liquid between two plates that slip: height of its contacts above the middle.
+
+    Args:
+        angle: of the contacts [degrees].
+        half: spacings in half the gap.
+        steps: of the largest step.
+    """
+    fluids, ratio = pair(0.01, OHNESORGE * math.sqrt(RADIUS)), 0.01
+    gravity = BOND / ((1 - ratio) * RADIUS**2)
+    tank = tp.tank((2 * RADIUS, 4 * RADIUS), RADIUS / half, jitter=0.1).fill(fluids[1])
+    tank.fill(fluids[0], box=((0, 0), (2 * RADIUS, 2 * RADIUS)))
+    for side in ("left", "right"):
+        tank.wall(side, slip=True, contact_angle={("liquid", "around"): angle})
+    simulation = simulated(tank, fluids, gravity)
+    for _ in range(steps):
+        simulation.step()
+    x = np.concatenate(interface(simulation))
+    x = x[np.argsort(x[:, 0])]
+    height = 0.5 * (x[0, 1] + x[-1, 1]) - np.interp(RADIUS, x[:, 0], x[:, 1])
+    length = RADIUS / math.sqrt(BOND)
+    return {"height": float(height) / theory.meniscus(RADIUS, length, math.radians(angle)) - 1}
+
+
+def rise(angle: float, half: int = 4, steps: int = 2500) -> dict[str, float]:
+    """A liquid in two arms, one three times as wide as the other: difference of the mean heights.
+
+    By the balance of forces on what stands in an arm of the half width R, sigma cos(angle) / (rho g R) each.
+
+    Args:
+        angle: of the contacts on all sides of the arms [degrees].
+        half: spacings in half the narrow arm.
+        steps: of the largest step.
+    """
+    narrow, plate, low, high = RADIUS, RADIUS, 1.2 * RADIUS, 6 * RADIUS
+    fluids, ratio, left = pair(0.01, OHNESORGE * math.sqrt(RADIUS)), 0.01, 2 * narrow
+    gravity = BOND / ((1 - ratio) * RADIUS**2)
+    width = left + plate + 6 * narrow
+    shape = tp.shapes.polygon(
+        [(0, 0), (width, 0), (width, high + low), (0, high + low)],
+        names=["floor", "right", "lid", "left"],
+        holes=[tp.shapes.rectangle((left, low), (left + plate, high), names=["plate"] * 4)],
+    )
+    tank = tp.tank(shape=shape, spacing=narrow / half).fill(fluids[1])
+    wanted = math.cos(math.radians(angle)) * (1 / narrow - 1 / (3 * narrow)) / (gravity * (1 - ratio))
+    tank.fill(fluids[0], box=((0, 0), (width, 3 * RADIUS)))
+    for side in ("left", "right", "plate", "floor"):
+        given = {} if side == "floor" else {"contact_angle": {("liquid", "around"): angle}}
+        tank.wall(side, law="no-slip", **given)
+    simulation = simulated(tank, fluids, gravity)
+    for _ in range(steps):
+        simulation.step()
+    one, other = interface(simulation)
+    middle, along = 0.5 * (one + other), np.abs(one - other)[:, 0]
+    means = [middle[here, 1] @ along[here] / along[here].sum() for here in (middle[:, 0] < left, middle[:, 0] > left)]
+    return {"height": float(means[0] - means[1]) / wanted - 1, "speed": simulation.particles.max_speed}

@@ -1,0 +1,147 @@
+"""Flows with surface tension, against closed forms and reference solutions.
+
+static           a drop at rest: capillary number over 1000 steps, jump of the pressure
+sessile          drops that come to rest on a floor, at angles from 30 to 150 degrees
+meniscus         between two plates: height of its contacts, and its order
+rise             a liquid in a narrow and a wide arm: difference of the heights
+oscillating      a drop that swings: its frequency
+wave             a standing capillary wave, against Prosperetti's solution
+bubble           a bubble that rises, against the benchmark of Hysing et al.
+rayleigh-taylor  a heavy fluid on a light one: critical wave number
+kelvin-helmholtz two streams: rate of growth with tension
+film             a film with a free end: its speed
+
+summary.json     figures of all runs
+drops.csv        the same, beside what is expected
+bubble.png       the bubble's height, velocity and circularity
+
+python -m tipfem demo validation/drops --flow static bubble
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from tipfem.demos import harness
+from tipfem.demos.support.figures import COLOURS, new_figure, save
+from tipfem.demos.support.options import Arch, Several
+from tipfem.demos.validation.drops import at_rest, in_motion, theory
+from tipfem.demos.validation.periodic import run as periodic
+
+import tipfem as tp
+
+TENSION = 100.0  # of the interface between two streams [N/m]; their instability grows at 0.56 of the rate without
+Figures = dict[str, Any]
+
+
+def _named(measure: Callable[..., Figures], text: str, values: tuple[Any, ...]) -> dict[str, Callable[[], Figures]]:
+    """Runs of a measure, by their names: a text with the value in it."""
+    return {text.format(value): lambda value=value: measure(value) for value in values}  # type: ignore[misc]
+
+
+RUNS: dict[str, dict[str, Callable[[], Figures]]] = {
+    "static": _named(at_rest.static, "density ratio {}", (0.001, 1.0, 1000.0))
+    | {"density ratio 1.0, 16 spacings": lambda: at_rest.static(1.0, 16, 200)},
+    "sessile": {
+        f"{angle} degrees, {wall}": lambda angle=angle, wall=wall: at_rest.sessile(float(angle), wall)  # type: ignore[misc]
+        for angle, wall in [*((a, "slip") for a in (30, 60, 120, 150)), (60, "layer"), (120, "no-slip")]
+    },
+    "meniscus": _named(lambda half: at_rest.meniscus(30.0, half), "{} spacings in half the gap", (8, 16)),
+    "rise": _named(lambda half: at_rest.rise(30.0, half), "{} spacings in half the narrow arm", (4, 6)),
+    "oscillating": _named(in_motion.oscillating, "density ratio {}", (0.001, 1.0)),
+    "wave": _named(in_motion.wave, "{} spacings", (16, 32)),
+    "bubble": _named(in_motion.bubble, "{} spacings", (40, 80)),
+    "rayleigh-taylor": _named(in_motion.rayleigh_taylor, "{} spacings", (16, 32)),
+    "kelvin-helmholtz": _named(lambda n: periodic.shear(n, 12.0, TENSION), "{} particles in the thickness", (3, 6)),
+    "film": _named(in_motion.film, "{} spacings in the thickness", (4, 6)),
+}
+Flow = Literal[
+    "static", "sessile", "meniscus", "rise", "oscillating", "wave", "bubble", "rayleigh-taylor", "kelvin-helmholtz",
+    "film",
+]  # fmt: skip
+# The largest magnitude of each figure: in all runs of a flow, or in those whose names begin with a text.
+LARGEST: dict[str, list[tuple[str, str, float]]] = {
+    "static": [("", "capillary_number", 1e-10), ("", "volume", 1e-12)],
+    "sessile": [("", "radius", 0.005), ("60 degrees, layer", "angle", 1.0), ("120 degrees, no-slip", "angle", 1.0)],
+    "meniscus": [("", "height", 0.01)],
+    "rise": [("", "height", 0.01)],
+    "oscillating": [("density ratio 0.001", "frequency", 0.005), ("density ratio 1.0", "frequency", 0.01)],
+    "wave": [("16", "error", 0.018), ("32", "error", 0.005)],
+    "bubble": [("80", "height", 1e-4), ("80", "velocity", 1e-3), ("80", "circularity", 5e-4)],
+    "rayleigh-taylor": [("32", "wave_number", 0.02)],
+    "kelvin-helmholtz": [("6", "error", 0.02)],
+    "film": [("", "speed", 0.02)],
+}
+
+
+def check(flow: str, results: Mapping[str, Figures]) -> list[str]:
+    """What the runs of a flow, by their names, miss of what is expected; an empty list when all is well."""
+    return [
+        f"{flow}, {run}: {name} is {figures[name]:.3g}, not {largest:g} at most"
+        for begin, name, largest in LARGEST[flow]
+        for run, figures in results.items()
+        if run.startswith(begin) and not abs(figures[name]) <= largest
+    ]
+
+
+def write_table(path: Path, results: Mapping[str, Mapping[str, Figures]]) -> None:
+    """Write the figures of all runs with the largest magnitudes that are allowed."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(["flow", "run", "figure", "found", "allowed"])
+        for flow, runs in results.items():
+            for run, figures in runs.items():
+                allowed = {name: most for begin, name, most in LARGEST[flow] if run.startswith(begin)}
+                for name, value in figures.items():
+                    if name != "course":
+                        table.writerow([flow, run, name, f"{value:.3g}", allowed.get(name, "")])
+
+
+def plot(path: Path, results: Mapping[str, Figures]) -> None:
+    """Draw the course of the bubble beside the benchmark's.
+
+    Raises:
+        ImportError: there is no matplotlib.
+    """
+    figure, wanted = new_figure(10, 3.6), theory.rising_bubble()
+    labels = {"height": "height of the centre [m]", "velocity": "velocity [m/s]", "circularity": "circularity"}
+    columns = ("time", "circularity", "height", "velocity")
+    for axes, (name, label) in zip(figure.subplots(1, 3), labels.items(), strict=True):
+        for number, (run, figures) in enumerate(results.items()):
+            course = np.array(figures["course"])
+            axes.plot(course[:, 0], course[:, columns.index(name)], color=COLOURS[number], label=run)
+        axes.plot(wanted["time"], wanted[name], "k--", linewidth=1, label="Hysing et al., finest mesh")
+        axes.set(xlabel="time [s]", ylabel=label)
+        axes.grid(alpha=0.3)
+    axes.legend()
+    save(figure, path)
+
+
+def main(*, flow: Several[Flow] | None = None, arch: Arch = "cpu", out: Path = Path("out/validation/drops")) -> int:
+    """Run the flows at all resolutions.
+
+    Args:
+        flow: which flows; by default all.
+        arch: where the kernels run.
+        out: folder for the results.
+    """
+    tp.init(arch=arch)
+    out.mkdir(parents=True, exist_ok=True)
+    results: dict[str, dict[str, Figures]] = {}
+    for name in flow or RUNS:
+        results[name] = {}
+        for run, measured in RUNS[name].items():
+            results[name][run] = figures = measured()
+            print(name, run, {key: value for key, value in figures.items() if key != "course"}, flush=True)
+    write_table(out / "drops.csv", results)
+    if "bubble" in results:
+        plot(out / "bubble.png", results["bubble"])
+    return harness.report(out, results, [text for name in results for text in check(name, results[name])])
+
+
+if __name__ == "__main__":
+    harness.command(__name__)

@@ -1,0 +1,34 @@
+"""The demo of a drop that falls into a pool, coarse, until the crater is open."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import pytest
+from demo_runs import called, load
+from tipfem.demos.support.splashing import Crater
+
+
+def test_a_drop_opens_a_crater(tmp_path, capsys):
+    words = ["--spacing", "0.0004", "--time-step", "0.0003", "--end-time", "0.009", "--no-frames"]
+    figures = called("splash", tmp_path, *words)["validation"]
+    assert "check: passed" in capsys.readouterr().out
+    assert figures["broken"] > 0  # the film of air under the drop
+    assert 1.5 < figures["depth"] < figures["deepest"]
+
+
+def test_the_check_names_what_is_missed():
+    check = Crater(load("splash").case)
+    deep = check.deepest()
+    half_disc = 2 / 3 * 998.2 * 9.81 * deep**3 + (math.pi - 2) * deep * 0.0728
+    drop = 998.2 * math.pi * 0.0015**2 * (0.5 * 1.3**2 + 9.81 * 0.0021)
+    assert half_disc == pytest.approx(drop + 2 * math.pi * 0.0015 * 0.0728)
+    good = {"volume_error": 1e-14, "energy_rise": 0.0, "depth": 2.0, "deepest": 6.0}
+    late, early = (SimpleNamespace(end_time=time) for time in (0.015, 0.001))
+    assert check.missed(good, late) == []
+    for name, value in (("volume_error", 1e-6), ("energy_rise", 0.1), ("energy_rise", float("nan"))):
+        assert name in check.missed({**good, name: value}, late)[0]
+    for depth in (0.5, 7.0):
+        assert "radii deep" in check.missed({**good, "depth": depth}, late)[0]
+    assert check.missed({**good, "depth": -1.0}, early) == []
