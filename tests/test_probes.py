@@ -38,6 +38,19 @@ def layers(request, water, air):
     return two_layers(water, air, request.param)
 
 
+def test_velocities_beside_an_interface_are_those_of_the_fluid_there(water):
+    """Oil slides over water, each with its own velocity up to the interface, at which particles are the water's."""
+    oil = tp.Fluid("oil", 850.0, 1e-3)
+    tank = tp.tank((0.4, 0.4), 0.02, periodic="x").fill(oil, velocity=(0.02, 0.0))
+    tank.fill(water, box=((0, 0), (0.4, 0.2)), velocity=(-0.02, 0.0))
+    simulation = tp.Simulation(tp.Case(tank, [water, oil], (0, -G)), time_step=1e-3)
+    line = tpp.LineProbe(name="l", start=(0.2, 0.197), end=(0.2, 0.203), count=2, quantities=("velocity_x",))
+    for _ in range(2):
+        below, above = values(line, simulation).values()
+        assert [below, above] == pytest.approx([-0.02, 0.02], abs=1e-4)
+        simulation.step()
+
+
 def values(probe, simulation):
     return dict(zip([name for name, _ in probe.columns(simulation.case)], probe.sample(simulation), strict=True))
 

@@ -58,6 +58,10 @@ class OwnInertia(Carried, ABC):
         """What it adds to the work of accelerations (N, d) along displacements (N, d) [J]."""
 
     @abstractmethod
+    def at_corners(self, field: Array) -> Array:
+        """What it adds at the corners of its cells (K, d + 1, d) to a field of velocities (N, d)."""
+
+    @abstractmethod
     def total(self, field: Array) -> Array:
         """What it adds to the sum (d,) of mass times a field (N, d)."""
 

@@ -89,13 +89,19 @@ class LineProbe(Probe):
 
 
 def values_at(simulation: Stepper, places: Array, quantities: Sequence[str]) -> Array:
-    """Values (K, Q) of ``quantities`` at ``places`` (K, d) [m]; NaN outside of the fluid."""
+    """Values (K, Q) of ``quantities`` at ``places`` (K, d) [m], those of the fluid there; NaN outside of all fluids."""
     case, particles, mesh = simulation.case, simulation.particles, simulation.mesh
     cell, weights = locate(mesh, places)
     found = cell >= 0
     result = np.full((len(places), len(quantities)), np.nan)
     corners = mesh.cells[cell[found]]
     density = np.array([fluid.density for fluid in case.fluids])
+    velocity = particles.velocity[corners]
+    for part in simulation.state.own_inertia:  # where the fluid of a cell has velocities of its own
+        number = np.full(len(mesh.cells), -1)
+        number[part.cell] = np.arange(len(part.cell))
+        own = number[cell[found]]
+        velocity[own >= 0] += part.at_corners(particles.velocity)[own[own >= 0]]
     for k, name in enumerate(quantities):
         if name == "density" and mesh.fluid is not None:
             result[found, k] = density[mesh.fluid[cell[found]]]
@@ -107,7 +113,8 @@ def values_at(simulation: Stepper, places: Array, quantities: Sequence[str]) -> 
             result[found, k] = (pressure_in(simulation, corners, sides) * weights[found]).sum(axis=1)
             continue
         else:
-            values = particles.velocity[:, "xyz".index(name[-1])]
+            result[found, k] = (velocity[:, :, "xyz".index(name[-1])] * weights[found]).sum(axis=1)
+            continue
         result[found, k] = (values[corners] * weights[found]).sum(axis=1)
     return result
 

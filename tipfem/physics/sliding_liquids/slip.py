@@ -158,6 +158,10 @@ class InterfaceSlip(OwnInertia):
         """Z s (K, 3, 2) of a slip (C,): s t at the corners that slide, 0 at others."""
         return np.asarray(slip[self.corner][:, :, None] * self._along)
 
+    def at_corners(self, field: Array) -> Array:
+        """See `OwnInertia.at_corners`."""
+        return self.slid(self.slip(field))
+
     def carried(self, field: Array, lumping: Lumping = 1.0) -> Array:
         """Z^T M of a field (K, 3, 2) at the cells' corners: what it would carry along t, by mass, (C,).
 
