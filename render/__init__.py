@@ -11,6 +11,7 @@ from .results import Results, ResultsError
 from .scene import Scene
 from .stage import Stage
 from .strips import strip
+from .vector import draw_vectors
 from .view import View
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "Stage",
     "View",
     "animate",
+    "draw_vectors",
     "render_frame",
     "strip",
 ]

@@ -2,7 +2,7 @@
 
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from os import PathLike
@@ -108,9 +108,10 @@ def animate(
     if title is not None:
         results.title = title
     view = View() if view is None else view
+    shown, view = view, view.for_files(field, mesh, particles)
     tail = name
     if tail is None:
-        tail = picture_name(field, field_range, mesh, particles, view, size, fluid_colours or {}, frame)
+        tail = picture_name(field, field_range, mesh, particles, shown, size, fluid_colours or {}, frame)
     tail = f"_{tail}" if tail else ""
     if field is not None:
         results.scene(0).field_values(field)
@@ -121,6 +122,7 @@ def animate(
     if size is None:
         size = natural_size(results.scene(0), field, view)
 
+    lapse = time_lapse(results.times, playback_rate)
     folder = results.folder / f"frames{tail}"
     written = []
     with ExitStack() as stack:
@@ -139,7 +141,7 @@ def animate(
             if view.tracers:
                 tracers = Tracers(scene, view.tracers) if tracers is None else tracers
                 scene = replace(scene, trails=tracers.advance(scene))
-            image = renderer.frame(scene, field, field_range, mesh, particles, view)
+            image = renderer.frame(scene, field, field_range, mesh, particles, view, lapse)
             if frames:
                 written.append(_write_png(folder / f"frame_{i:04d}.png", image))
             for writer in writers:
@@ -186,6 +188,7 @@ def picture_name(
     words += ["all"] * (view.muted == ()) + [f"without_{name}" for name in view.muted or ()]
     words += [view.colour_map] if view.colour_map else []
     words += ["mesh"] * mesh + ["particles"] * particles + ["nofill"] * (not view.fill)
+    words += ["edges"] * (view.smooth is False)
     words += ["arrows"] * view.arrows
     words += [f"of_{view.arrow_speed:.6g}"] if view.arrows and view.arrow_speed else []
     words += ["streamlines"] * view.streamlines
@@ -198,6 +201,21 @@ def picture_name(
     words += [f"{fluid}={code.lstrip('#')}" for fluid, code in sorted(fluid_colours.items())]
     # Names of fluids and fields may hold anything.
     return re.sub(r"[^\w.=+-]+", "-", "_".join(words))
+
+
+def time_lapse(times: Sequence[float], playback_rate: float) -> str:
+    """How a movie of stored times goes: "10 times slower", "2.5 times faster", "real time"; "" for uneven times.
+
+    Args:
+        times: (K,) stored times [s].
+        playback_rate: of them a second [1/s].
+    """
+    apart = np.diff(times)
+    if not len(apart) or apart.max() > 1.5 * np.median(apart):
+        return ""
+    pace = float(np.median(apart)) * playback_rate
+    told = f"{max(pace, 1 / pace):.2g}"
+    return "real time" if told == "1" else f"{float(told):g} times {'slower' if pace < 1 else 'faster'}"
 
 
 class _Sampled:

@@ -298,6 +298,7 @@ def annotate(
     field_range: Range | None = None,
     colour_map: str | None = None,
     keys: Sequence[Key] = (),
+    lapse: str = "",
 ) -> Array:
     """Write all text and scales on a picture, outside of its tank.
 
@@ -312,12 +313,15 @@ def annotate(
         field_range: (low, high) of its colours.
         colour_map: of the field; None takes the usual one.
         keys: of the lines in the picture.
+        lapse: how the movie goes, below the time; "" for none.
 
     Returns:
         The image.
     """
     shades = tuple((name, tuple(map(float, fill))) for name, fill in swatches)
-    where, colour = _constant_pixels(layout.key, scene.title, shades, tuple(keys), field, field_range, colour_map)
+    where, colour = _constant_pixels(
+        layout.key, scene.title, shades, tuple(keys), field, field_range, colour_map, lapse
+    )
     image.reshape(-1, 3)[where] = colour
     clock(image, scene, layout)
     return image
@@ -353,6 +357,7 @@ def _constant_pixels(
     field: str | None,
     field_range: Range | None,
     colour_map: str | None,
+    lapse: str,
 ) -> tuple[Array, Array]:
     """Axes, title, legend and colour bar: the pixels (K,) that they change in a picture, and their colours (K, 3)."""
     layout = Layout.from_key(layout_key)
@@ -361,6 +366,9 @@ def _constant_pixels(
     annotator.axes()
     if title:
         annotator.title(title)
+    left, top = layout.panel[:2]
+    below = (30 if layout.beside else 50) * layout.unit
+    annotator.text((left, top + below), lapse, SMALL, colours.SUBTLE)
     annotator.panel([(name, np.array(fill)) for name, fill in shades], keys, field, field_range)
     pixels = np.asarray(annotator.image).reshape(-1, 3)
     red, green, blue = (pixels != 255).T

@@ -10,6 +10,7 @@ from cyclopts import App, CycloptsError, Parameter
 
 from .animation import animate
 from .strips import strip as draw_strip
+from .vector import draw_vectors
 from .view import View
 
 EXAMPLES = """\
@@ -28,6 +29,8 @@ tipfem render out --follow front --arrows --mesh
 tipfem render out --window 0 0 0.3 0.2 --contours pressure --no-fill
 
 tipfem render out --strip 0 0.1 0.2 0.3 --no-frames --no-movie
+
+tipfem render out --strip 0 0.1 0.2 0.3 --svg --pdf
 
 It reads the times that are stored when it starts, so it can also be used while a run is under way. One stored time is
 one picture; the movie shows them evenly, at the playback rate. The options are part of the names of what is written, so
@@ -65,6 +68,7 @@ def render(
     follow: str | None = None,
     frame: Literal["room", "tank"] = "room",
     no_fill: Flag = False,
+    outlines: Literal["smooth", "mesh"] | None = None,
     arrows: Flag = False,
     arrow_speed: float | None = None,
     streamlines: Flag = False,
@@ -81,6 +85,8 @@ def render(
     no_movie: Flag = False,
     playback_rate: float = 25.0,
     strip: Several[float] | None = None,
+    svg: Flag = False,
+    pdf: Flag = False,
     title: str | None = None,
     name: str | None = None,
     no_frames: Flag = False,
@@ -114,6 +120,9 @@ def render(
         room, given along the tank's axes.
     no_fill
         Leave the cells white: the interface alone, or with --particles dots by fluid.
+    outlines
+        Of the fluids: smooth, as the legend says, or along the edges of the mesh; by default smooth where the fluids
+        alone are shown, without a field, mesh or particles.
     arrows
         Draw arrows of the velocity, to one scale in all pictures.
     arrow_speed
@@ -143,6 +152,11 @@ def render(
         Pictures shown a second [1/s].
     strip
         Draw these times [s] side by side in one picture, OUT/strip.png.
+    svg
+        Write the times of --strip, or the last one, as vectors, OUT/strip.svg or OUT/picture.svg, and no movie or
+        frames unless they are named; needs tipfem[plot].
+    pdf
+        The same as PDF.
     title
         A line above the tank; by default the title of the case.
     name
@@ -183,8 +197,17 @@ def render(
                 tracers=0 if tracers is None else (*tracers, TRACERS)[0],
                 colour_map=colour_map,
                 muted=() if colour_all else None,
+                smooth=None if outlines is None else outlines == "smooth",
             ),
         }
+        if svg or pdf:
+            suffixes = [".svg"] * svg + [".pdf"] * pdf
+            kept = {key: value for key, value in looks.items() if key not in ("backend", "samples")}
+            for path in draw_vectors(out, strip or None, suffixes, **kept):
+                print(path)
+            if not movie:
+                return 0
+            strip, no_frames = (), True
         if strip:
             try:
                 print(draw_strip(out, strip, **looks))

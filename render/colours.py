@@ -96,6 +96,11 @@ def rgb(code: str) -> Array:
     return np.array([int(code[k : k + 2], 16) for k in (1, 3, 5)]) / 255
 
 
+def hex_code(colour: ArrayLike) -> str:
+    """The colour (3,) in [0, 1] as "#rrggbb"."""
+    return "#" + "".join(f"{round(255 * float(part)):02x}" for part in np.asarray(colour))
+
+
 def mix(colour: ArrayLike, other: ArrayLike, share: float) -> Array:
     """Mixture of two colours (..., 3) with a ``share`` of the other one."""
     return np.asarray((1 - share) * np.asarray(colour) + share * np.asarray(other))

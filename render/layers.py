@@ -11,6 +11,7 @@ from .drawing import Drawing
 from .layout import Layout
 from .openings import COLOURS as OPENING_COLOURS
 from .openings import Gap, kinds_of
+from .outlines import SMOOTHED
 from .scales import LABELS, MUTED_FIELD, FieldSample, field_ends
 from .scene import Scene
 from .streamlines import streamlines
@@ -142,6 +143,7 @@ def layer_texts(scene: Scene, view: View, field: str | None) -> list[str]:
         field: name of the field shown, or None.
     """
     texts = [INTERFACE] if len(scene.fluid_names) > 1 and (field is not None or not view.fill) else []
+    texts += [SMOOTHED] * bool(view.smooth)
     if view.contours is not None and view.interval is not None:
         texts.append(contour_text(view.contours, view.interval))
     texts += ["streamlines"] * view.streamlines

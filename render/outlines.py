@@ -14,12 +14,17 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from .arrays import Array
-from .picture import SPRAY_RADIUS
+from .drawing import Drawing
+from .layout import Layout
+from .polygons import fill_loops
 from .scene import Scene
 
+SPRAY_RADIUS = 0.4  # of a particle in no cell, in spacings
 PASSES = 2
 SHRINK, GROW = 0.5, -0.53  # of Taubin's filter
 CUTS = 3  # of all corners
+ROWS = 4  # to a pixel, on which the ends of areas are put
+SMOOTHED = "smoothed outlines"  # in the legend
 
 
 class Loop(NamedTuple):
@@ -100,7 +105,7 @@ def picture_loops(scene: Scene, background: int | None) -> list[list[Loop]]:
     """
     fluids = [fluid for fluid in range(len(scene.fluid_names)) if fluid != background]
     layers = [fluid_loops(scene, fluid) + _drops(scene, fluid) for fluid in fluids]
-    return [*layers, _whole([body.corners for body in scene.bodies]), _whole(_walls(scene))]
+    return [*layers, _whole([body.corners for body in scene.bodies]), wall_loops(scene)]
 
 
 def background_fluid(scene: Scene) -> int | None:
@@ -113,12 +118,54 @@ def background_fluid(scene: Scene) -> int | None:
     return int(densities.argmin()) if full and len(scene.fluid_names) > 1 and len(densities) else None
 
 
+def draw_smoothed(drawing: Drawing, scene: Scene, layout: Layout, fills: Array, width: float, colour: Array) -> None:
+    """Add the fluids within their smoothed outlines, and these as lines where several fluids are.
+
+    Args:
+        drawing: to which they are added.
+        scene: what is drawn.
+        layout: of the picture.
+        fills: (F, 3) colours of the fluids.
+        width: of the lines [px].
+        colour: (3,) of the lines.
+    """
+    background, lines = background_fluid(scene), []
+    if background is not None and scene.tank is not None:
+        drawing.triangles(layout.pixels(scene.tank.inside), fills[background])
+    elif background is not None:
+        drawing.triangles(layout.pixels(scene.geometry.regions.triangles), fills[background])
+    for fluid in range(len(scene.fluid_names)):
+        if fluid == background:
+            continue
+        smooth = [smoothed(loop) for loop in fluid_loops(scene, fluid)]
+        curves = [layout.pixels(loop.points) for loop in smooth]
+        # Trapezoids end at rows, so that there are not more of them than points or rows.
+        drawing.triangles(
+            fill_loops([np.stack([curve[:, 0], np.rint(ROWS * curve[:, 1]) / ROWS], axis=1) for curve in curves]),
+            fills[fluid],
+        )
+        for (_, fixed), curve in zip(smooth, curves, strict=True):
+            free = ~(fixed & np.roll(fixed, -1))
+            lines.append(np.stack([curve, np.roll(curve, -1, axis=0)], axis=1)[free])
+    if len(scene.fluid_names) > 1 and lines:
+        drawing.lines(np.concatenate(lines), width, colour, cap=0.2 * width)
+
+
 def _drops(scene: Scene, fluid: int) -> list[Loop]:
     """The particles of a fluid in no cell as small squares, which smoothing makes round."""
     assert scene.spacing is not None, "a Scene fills in what was left out"
     loose = scene.geometry.surroundings.spray & (scene.fluid == fluid)
     corners = SPRAY_RADIUS * scene.spacing * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
     return [Loop(place + corners, np.zeros(4, bool)) for place in scene.position[loose]]
+
+
+def wall_loops(scene: Scene) -> list[Loop]:
+    """The outline of the tank and its holes; where no outline is known, the convex hull of the walls.
+
+    Args:
+        scene: what is drawn.
+    """
+    return _whole(_walls(scene))
 
 
 def _walls(scene: Scene) -> list[Array]:

@@ -10,6 +10,7 @@ from .interface import edge_means, particle_fluids
 from .joints import draw_walls
 from .layers import INTERFACE, WALL_THICKNESS, Key, cover_ends, draw_layers, draw_openings, is_muted, mask_outside
 from .layout import Layout
+from .outlines import SMOOTHED, SPRAY_RADIUS, draw_smoothed
 from .scales import MUTED_FIELD, MUTED_SHARE, colour_map_of
 from .scene import Scene
 from .view import View
@@ -17,7 +18,6 @@ from .view import View
 INTERFACE_WIDTH = 2.0  # in design pixels, like the widths below
 HALO_WIDTH = 4.2
 SIDE_WIDTH = 3.6  # of the stripes on both sides of an interface
-SPRAY_RADIUS = 0.4  # in spacings
 MESH_WIDTH = 0.8
 THIN_SOLID = 2.0  # circumradius of triangles of what is filled between walls, in thicknesses of a wall
 
@@ -96,7 +96,9 @@ def draw_scene(
     # Colours are those of cells, (M, 3), where fields or fluids jump between them, else of particles, (N, 3).
     if field is None:
         shown = colours.mix(fills, 1.0, 0.62) if particles else fills
-        if view.fill:
+        if view.smooth:
+            draw_smoothed(drawing, scene, layout, fills, INTERFACE_WIDTH * unit, colours.rgb(colours.INTERFACE))
+        elif view.fill:
             drawing.triangles(layout.pixels(regions.triangles[parts]), shown[regions.fluid[parts]])
         tones = colours.tone(shown)[scene.fluid if scene.cell_fluid is None else scene.cell_fluid]
         by_cell = scene.cell_fluid is not None
@@ -156,7 +158,8 @@ def draw_scene(
         # A light line under the dark one, so that it is visible on every colour of the table.
         drawing.lines(interface, HALO_WIDTH * unit, light, cap=0.5 * unit)
         drawing.dots(beads, radius + (HALO_WIDTH - INTERFACE_WIDTH) / 2 * unit, light)
-    drawing.lines(interface, INTERFACE_WIDTH * unit, dark, cap=0.3 * unit)
+    if not view.smooth:
+        drawing.lines(interface, INTERFACE_WIDTH * unit, dark, cap=0.3 * unit)
     # Particles on the interface belong to both fluids and have its colour.
     drawing.dots(beads, radius, dark)
     draw_bodies(drawing, scene.bodies, layout)
@@ -164,6 +167,8 @@ def draw_scene(
     keys = []
     if len(interface) and (field is not None or not view.fill):
         keys.append(Key(INTERFACE, colours.INTERFACE, colours.HALO))
+    if view.smooth:
+        keys.append(Key(SMOOTHED, colours.INTERFACE, colours.HALO))
     keys += draw_layers(drawing, scene, seen, layout, view, field is not None and view.fill and not muting)
     keys += draw_openings(drawing, scene.openings, layout, scheme.background)
     if scene.period is not None:

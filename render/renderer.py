@@ -74,6 +74,7 @@ class Renderer:
         mesh: bool = False,
         particles: bool = False,
         view: View | None = None,
+        lapse: str = "",
     ) -> Array:
         """A picture of a scene, (H, W, 3) uint8.
 
@@ -84,6 +85,7 @@ class Renderer:
             mesh: draw the edges of the cells.
             particles: draw the particles as dots.
             view: the part shown, the layers and the colour map; None for all of the scene without layers.
+            lapse: of the movie that the picture is for, see `tipfem.render.animation.time_lapse`.
 
         Raises:
             ValueError: there is no such field, or the range is invalid.
@@ -99,7 +101,7 @@ class Renderer:
         )
         image = self._canvas.paint(drawing, colours.BACKGROUND)
         swatches = swatches_of(scene, field, view, fills)
-        return annotate(image, scene, layout, swatches, field, field_range, view.colour_map, keys)
+        return annotate(image, scene, layout, swatches, field, field_range, view.colour_map, keys, lapse)
 
     def tank(
         self,

@@ -84,8 +84,9 @@ def strip(
         raise ValueError("a field range is given, but no field to colour by")
     if columns is not None and columns < 1:
         raise ValueError(f"strip: columns is {columns}; it must be 1 or more")
+    shown, view = view, view.for_files(field, mesh, particles)
     if path is None:
-        tail = name or picture_name(field, field_range, mesh, particles, view, None, fluid_colours or {}, frame)
+        tail = name or picture_name(field, field_range, mesh, particles, shown, None, fluid_colours or {}, frame)
         path = results.folder / f"strip{'_' if tail else ''}{tail}.png"
     scenes = [results.scene(k) for k in chosen]
     for wanted in (field, view.contours):

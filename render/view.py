@@ -1,6 +1,6 @@
 """What a picture shows of a scene: the part of the domain, and the layers drawn over the fluids."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,6 +34,8 @@ class View:
             None takes blue-red for components of the velocity and viridis for other fields.
         muted: names of fluids that keep their own colour, and have no contours, where the pressure is shown. None takes
             light ones whose pressure hardly varies, see `tipfem.render.scales.FieldSample`; () takes none.
+        smooth: draw the fluids within smoothed outlines, see `tipfem.render.outlines`; False follows the edges of the
+            mesh. None smooths in files where the fluids alone are shown, see `for_files`.
 
     Raises:
         ValueError: a value is invalid; the message names it.
@@ -50,6 +52,30 @@ class View:
     tracers: int = 0
     colour_map: str | None = None
     muted: tuple[str, ...] | None = None
+    smooth: bool | None = None
+
+    def for_files(self, field: str | None, mesh: bool, particles: bool) -> "View":
+        """This view with the outlines of movies and strips: smoothed where nothing but the fluids is shown.
+
+        Args:
+            field: name of the field that colours, or None.
+            mesh: whether edges of the cells are drawn.
+            particles: whether the particles are drawn.
+
+        Raises:
+            ValueError: outlines are to be smoothed beside what follows the mesh.
+        """
+        measured = {
+            "a field": field is not None,
+            "the mesh": mesh,
+            "the particles": particles,
+            "contours": self.contours is not None,
+            "cells that are not filled": not self.fill,
+        }
+        beside = [name for name, there in measured.items() if there]
+        if self.smooth and beside:
+            raise ValueError(f"smoothed outlines do not fit {beside[0]}, which follows the mesh; leave out one of them")
+        return replace(self, smooth=not beside if self.smooth is None else self.smooth)
 
     def __post_init__(self) -> None:
         if self.window is not None:

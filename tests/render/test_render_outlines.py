@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from render_results import write_results
-from tipfem.render import Results
+from render_results import SIDE, write_results
+from tipfem.render import Renderer, Results, View
+from tipfem.render.animation import time_lapse
+from tipfem.render.layout import make_layout
 from tipfem.render.outlines import area_within, fluid_loops, smoothed
+from tipfem.render.renderer import contents
+from tipfem.render.vector import draw_vectors
 
 
 def area_of(scene, fluid):
@@ -46,3 +50,52 @@ def test_smoothing_keeps_the_area_and_the_walls(scene, fluid):
 def test_nothing_has_no_outline(scene):
     """A fluid that is not there has no loops."""
     assert fluid_loops(scene, 2) == []
+
+
+def test_movies_of_fluids_have_smoothed_outlines_and_say_so(tmp_path):
+    """The water's area in the picture is that of the smooth loops; the mesh's edges can be drawn."""
+    out = write_results(tmp_path / "run", sharp=True)
+    scene, smooth = Results(out).scene(0), View().for_files(None, False, False)
+    layout = make_layout((640, 480), *contents(scene, None, smooth))
+    with Renderer((640, 480), "raster") as renderer:
+        image, keys = renderer.tank(scene, layout, view=smooth)
+        plain, _ = renderer.tank(scene, layout)
+    assert [key.text for key in keys] == ["smoothed outlines"]
+    blue = (abs(image.astype(int) - [0x00, 0x72, 0xB2]) < 4).all(axis=2)
+    area = area_within([smoothed(loop) for loop in fluid_loops(scene, 0)]) * layout.scale**2
+    length = 1.3 * SIDE * layout.scale  # of the interface, which covers half its width of the water
+    assert blue.sum() == pytest.approx(area - length * layout.unit, rel=0.01)
+    differ = (image != plain).any(axis=2)
+    assert 0.001 < differ.mean() < 0.03
+    assert not View(smooth=False).for_files(None, False, False).smooth
+    assert not View().for_files("speed", False, False).smooth
+    with pytest.raises(ValueError, match="smoothed outlines do not fit the mesh"):
+        View(smooth=True).for_files(None, True, False)
+
+
+def test_a_movie_says_how_fast_it_goes():
+    """By its stored times and the pictures a second; nothing where the times are uneven."""
+    times = np.linspace(0, 1, 251)
+    assert time_lapse(times, 25.0) == "10 times slower"
+    assert time_lapse(times, 250.0) == "real time"
+    assert time_lapse(times, 625.0) == "2.5 times faster"
+    assert time_lapse([0.0, 0.1, 0.5], 25.0) == time_lapse([0.0], 25.0) == ""
+
+
+def test_vectors_for_papers(tmp_path):
+    """The same loops as SVG with its text, and as PDF; fields are pixels; what cannot be drawn is refused."""
+    out = write_results(tmp_path / "run", sharp=True)
+    svg, pdf = draw_vectors(out, [0.0, 0.2])
+    text = svg.read_text()
+    assert pdf.read_bytes()[:5] == b"%PDF-"
+    assert (svg.name, pdf.name) == ("strip.svg", "strip.pdf")
+    for words in ("t = 0.0 s", "t = 0.2 s", "water", "smoothed outlines", "x [m]"):
+        assert words in text
+    points = sum(len(smoothed(loop).points) for k in (0, 2) for loop in fluid_loops(Results(out).scene(k), 0))
+    assert text.count("\nL ") > points
+    assert "<image" not in text
+    [field] = draw_vectors(out, None, [".svg"], field="speed")
+    assert field.name == "picture_speed.svg"
+    assert "<image" in field.read_text()
+    with pytest.raises(ValueError, match="leave out arrows"):
+        draw_vectors(out, view=View(arrows=True))

@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image
 
 from tipfem.render import Renderer, Scene, Stage, View
-from tipfem.render.colours import colour_table, fluid_colours
+from tipfem.render.colours import colour_table, fluid_colours, hex_code
 from tipfem.render.flow import Tracers, arrow_speed
 from tipfem.render.scales import MUTED_FIELD, FieldSample, colour_map_of, muted_fluids, round_limits
 from tipfem.typing import Array
@@ -241,7 +241,9 @@ class Pane:
         """Names and colours of the fluids."""
         source = self.source
         shades = fluid_colours(source.fluid_names, source.fluid_densities)
-        return [{"name": name, "colour": _hex(shade)} for name, shade in zip(source.fluid_names, shades, strict=True)]
+        return [
+            {"name": name, "colour": hex_code(shade)} for name, shade in zip(source.fluid_names, shades, strict=True)
+        ]
 
     def close(self) -> None:
         """Free the buffers and the source."""
@@ -352,13 +354,9 @@ def map_colours(name: str, steps: int = 17) -> list[str]:
         steps: their number.
     """
     table = colour_table(name)
-    return [_hex(table[round(k * (len(table) - 1) / (steps - 1))]) for k in range(steps)]
+    return [hex_code(table[round(k * (len(table) - 1) / (steps - 1))]) for k in range(steps)]
 
 
 def usual_map(field: str) -> str:
     """The colour map of a field if no other is chosen."""
     return str(colour_map_of(field))
-
-
-def _hex(colour: Array) -> str:
-    return "#" + "".join(f"{round(255 * float(channel)):02x}" for channel in colour)

@@ -64,7 +64,7 @@ def share(out: str | PathLike[str], path: str | PathLike[str] | None = None) -> 
         "box": [*results.lower.tolist(), *results.upper.tolist()],
         "times": [float(f"{time:.7g}") for time in results.times],
         "rate": STATES_PER_SECOND,
-        "fluids": [[name, _hex(fills[k]), k != dropped] for k, name in enumerate(results.fluid_names)],
+        "fluids": [[name, colours.hex_code(fills[k]), k != dropped] for k, name in enumerate(results.fluid_names)],
         "openings": [[gap.kind, *gap.ends.ravel().tolist(), *gap.inwards.tolist()] for gap in results.openings],
         "marks": {kind: COLOURS[kind] for kind in kinds_of(results.openings)},
         "plots": _plots(results.folder / "probes"),
@@ -93,10 +93,6 @@ def _packed(loops: list[Loop], lower: Array, scale: Array) -> bytes:
         steps = np.diff(places, axis=0, prepend=0).astype(np.uint16)  # differences are taken modulo 65536
         parts += [np.uint16(len(points)).tobytes(), steps.T.astype("<u2").tobytes(), np.packbits(fixed).tobytes()]
     return b"".join(parts)
-
-
-def _hex(colour: Array) -> str:
-    return "#" + "".join(f"{round(255 * float(part)):02x}" for part in colour)
 
 
 def _plots(folder: Path) -> list[dict[str, Any]]:

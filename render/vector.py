@@ -1,0 +1,212 @@
+"""Stored times of a run as vectors for papers, SVG and PDF, by matplotlib."""
+
+from collections.abc import Iterable, Mapping
+from math import ceil
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import bodies, colours
+from .animation import picture_name
+from .arrays import Array, Range
+from .outlines import SMOOTHED, SPRAY_RADIUS, Loop, background_fluid, fluid_loops, smoothed, wall_loops
+from .renderer import settled, swatches_of
+from .results import Results
+from .scales import check_range, colour_map_of, field_label
+from .scene import Scene
+from .strips import closest, label, usual_columns
+from .view import View
+
+SUFFIXES = (".svg", ".pdf")
+WIDTH = 6.7  # of the whole, as wide as the text of a page [inch]
+_FIELD_DPI = 300  # of fields, which are pixels within the file
+_WALL, _LINE = 2.2, 0.7  # widths of lines [pt]
+
+
+def draw_vectors(
+    out: str | PathLike[str],
+    times: Iterable[float] | None = None,
+    suffixes: Iterable[str] = SUFFIXES,
+    *,
+    columns: int | None = None,
+    field: str | None = None,
+    field_range: Range | None = None,
+    mesh: bool = False,
+    particles: bool = False,
+    fluid_colours: Mapping[str, str] | None = None,
+    view: View | None = None,
+    name: str | None = None,
+    frame: str = "room",
+) -> list[Path]:
+    """Draw a results folder at one or several times, side by side, as vectors.
+
+    Args:
+        out: results folder.
+        times: of the panels [s]; None takes the last one.
+        suffixes: ".svg", ".pdf" or both.
+        columns: panels in a row; at most 4 by default.
+        field: name of a field to colour by; None shows the fluids. Fields are pixels within the file.
+        field_range: (low, high) of the colours; None takes it from the times drawn.
+        mesh: draw the edges of the cells.
+        particles: not drawn as vectors.
+        fluid_colours: colours "#rrggbb" by the names of fluids.
+        view: the part shown, the outlines and the colour map.
+        name: in place of the options in the name: strip_NAME.svg.
+        frame: "tank" draws a tank that moves as if it rested, see `Results`.
+
+    Returns:
+        The paths, strip.svg and strip.pdf in the results folder, or picture.svg and picture.pdf without times.
+
+    Raises:
+        ValueError: an argument is invalid, or matplotlib is not installed.
+        ResultsError: the results folder cannot be read.
+        OSError: a file cannot be written.
+    """
+    view = View() if view is None else view
+    asked = {
+        "particles": particles,
+        "arrows": view.arrows,
+        "streamlines": view.streamlines,
+        "contours": view.contours is not None,
+        "tracers": view.tracers > 0,
+        "no-fill": not view.fill,
+    }
+    if beside := [word for word, there in asked.items() if there]:
+        raise ValueError(f"SVG and PDF show fluids, a field and the mesh; leave out {beside[0]}, or draw PNG files")
+    try:
+        import matplotlib
+    except ImportError:
+        raise ValueError("SVG and PDF need matplotlib, which is not installed: pip install 'tipfem[plot]'") from None
+    from matplotlib.figure import Figure
+
+    results = Results(out, frame=frame)
+    chosen = [len(results) - 1] if times is None else closest(results.times, times)
+    scenes = [results.scene(k) for k in chosen]
+    if field is not None:
+        scenes[0].field_values(field)
+        field_range = None if field_range is None else check_range(field_range)
+    tail = name or picture_name(field, field_range, mesh, False, view, None, fluid_colours or {}, frame)
+    view = view.for_files(field, mesh, particles)
+    view, field_range = settled(view, scenes, field, field_range)
+    fills = colours.fluid_colours(results.fluid_names, results.fluid_densities, fluid_colours)
+    columns = min(columns or usual_columns(len(chosen), 1600, *view.bounds(scenes[0])), len(chosen))
+    rows = ceil(len(chosen) / columns)
+    lower, upper = view.bounds(scenes[0])
+    wide = (WIDTH - 0.5) / columns if len(chosen) > 1 else 4.2
+    high = wide * float((upper - lower)[1] / (upper - lower)[0])
+    with matplotlib.rc_context({"svg.fonttype": "none", "pdf.fonttype": 42, "font.size": 8, "axes.linewidth": 0.6}):
+        size = (wide * columns + 0.5, (high + 0.3) * rows + 0.5 + 0.5 * (field is not None))
+        figure = Figure(size, layout="compressed")
+        panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+        shades = None
+        for number, axes in enumerate(panels.ravel()):
+            if number >= len(chosen):
+                axes.set_axis_off()
+                continue
+            shades = _panel(axes, scenes[number], field, field_range, mesh, view, fills) or shades
+            if len(chosen) > 1 or results.times[-1] > 0:
+                axes.set_title(label(scenes[number].time, results.times), fontsize=8, pad=6)
+            if number >= len(chosen) - columns:
+                axes.set_xlabel("x [m]")
+                axes.tick_params(labelbottom=True)
+            if number % columns == 0:
+                axes.set_ylabel("y [m]")
+        if shades is not None and field is not None:
+            bar = figure.colorbar(shades, ax=panels, location="bottom", aspect=50, shrink=0.6, extend="both")
+            bar.set_label(field_label(field).replace("^2", "²").replace("^3", "³"))
+        handles = [_patch(fill, text) for text, fill in swatches_of(scenes[0], field, view, fills)]
+        if view.smooth:
+            handles.append(_stroke(SMOOTHED))
+        if handles:
+            figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
+        written = []
+        for suffix in suffixes:
+            path = results.folder / f"{'picture' if times is None else 'strip'}{'_' if tail else ''}{tail}{suffix}"
+            figure.savefig(
+                path, dpi=_FIELD_DPI, metadata={"Date": None} if suffix == ".svg" else {"CreationDate": None}
+            )
+            written.append(path)
+    return written
+
+
+def _panel(
+    axes: Any, scene: Scene, field: str | None, field_range: Range | None, mesh: bool, view: View, fills: Array
+) -> Any:
+    """Draw a scene into matplotlib's axes; returns what a colour bar is made of, None without a field."""
+    lower, upper = view.bounds(scene)
+    margin = 0.02 * float((upper - lower).max()) * (view.window is None)
+    axes.set(xlim=(lower[0] - margin, upper[0] + margin), ylim=(lower[1] - margin, upper[1] + margin), aspect="equal")
+    axes.spines[:].set_visible(False)
+    regions, shades = scene.geometry.regions, None
+    walls = wall_loops(scene)
+    _fill(axes, walls, "none", colours.WALL, 2 * _WALL)
+    _fill(axes, walls, "white", "none", 0)
+    dark = colours.INTERFACE if len(scene.fluid_names) > 1 else "none"
+    if field is not None:
+        ends = field_range or (0.0, 1.0)
+        from matplotlib.colors import LinearSegmentedColormap
+
+        table = colours.colour_table(view.colour_map or colour_map_of(field))
+        options = {"cmap": LinearSegmentedColormap.from_list(field, table), "vmin": ends[0], "vmax": ends[1]}
+        x, y = scene.position.T
+        if field in scene.cell_fields:
+            shades = axes.tripcolor(x, y, scene.cells, facecolors=scene.cell_values(field)[:, 0], **options)
+        else:
+            shades = axes.tripcolor(x, y, scene.cells, scene.field_values(field), shading="gouraud", **options)
+        shades.set_rasterized(True)
+    elif view.smooth:
+        background = background_fluid(scene)
+        if background is not None:
+            _fill(axes, walls, colours.hex_code(fills[background]), "none", 0)
+        for fluid in range(len(scene.fluid_names)):
+            if fluid != background:
+                loops = [smoothed(loop) for loop in fluid_loops(scene, fluid)]
+                _fill(axes, loops, colours.hex_code(fills[fluid]), dark, _LINE)
+    else:
+        for fluid in range(len(scene.fluid_names)):
+            _fill(axes, fluid_loops(scene, fluid), colours.hex_code(fills[fluid]), "none", 0)
+    if not view.smooth and len(regions.segments):
+        for colour, width in [(colours.HALO, 3 * _LINE)] * (field is not None) + [(colours.INTERFACE, _LINE)]:
+            _lines(axes, regions.segments, colour, width)
+    if mesh:
+        _lines(axes, scene.position[scene.geometry.edges.pairs], colours.SUBTLE, 0.2)
+    spray = scene.geometry.surroundings.spray
+    if spray.any() and scene.spacing is not None:
+        from matplotlib.patches import Circle
+
+        for place, fluid in zip(scene.position[spray], scene.fluid[spray], strict=True):
+            axes.add_patch(Circle(place, SPRAY_RADIUS * scene.spacing, color=colours.hex_code(fills[fluid]), lw=0))
+    for body in scene.bodies:
+        _fill(axes, [Loop(body.corners, np.ones(len(body.corners), bool))], bodies.FILL, bodies.MARK, _LINE)
+    return shades
+
+
+def _fill(axes: Any, loops: list[Loop], fill: str, line: str, width: float) -> None:
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path as Curve
+
+    if not loops:
+        return
+    places = np.concatenate([np.vstack([points, points[:1]]) for points, _ in loops])
+    codes = np.concatenate([[Curve.MOVETO, *[Curve.LINETO] * (len(p) - 1), Curve.CLOSEPOLY] for p, _ in loops])
+    axes.add_patch(PathPatch(Curve(places, codes), fc=fill, ec=line, lw=width, joinstyle="round"))
+
+
+def _lines(axes: Any, segments: Array, colour: str, width: float) -> None:
+    from matplotlib.collections import LineCollection
+
+    axes.add_collection(LineCollection(list(segments), colors=colour, linewidths=width, capstyle="round"))
+
+
+def _patch(fill: Array, text: str) -> Any:
+    from matplotlib.patches import Patch
+
+    return Patch(fc=colours.hex_code(fill), ec=colours.WALL, lw=0.6, label=text)
+
+
+def _stroke(text: str) -> Any:
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], color=colours.INTERFACE, lw=_LINE, label=text)
