@@ -33,6 +33,7 @@ if TYPE_CHECKING:
         EnergyProbe,
         FrontProbe,
         LineProbe,
+        OpeningProbe,
         PointProbe,
         VolumeProbe,
         WallForce,
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
     from tipfem.run.case_file import CaseFile, load_case
     from tipfem.run.live import live
     from tipfem.run.simulation import Simulation
-    from tipfem.steering import Drop, Gravity, Poke, Release, SurfaceTension
+    from tipfem.steering import Discharge, Drop, Gravity, Poke, Release, SurfaceTension, Valve
     from tipfem.viewer.widget import View
 
 __version__ = "0.1.0"
@@ -58,6 +59,7 @@ __all__ = [
     "CaseFile",
     "CaseFileError",
     "CheckpointError",
+    "Discharge",
     "Drop",
     "DropProbe",
     "EnergyProbe",
@@ -73,6 +75,7 @@ __all__ = [
     "LineProbe",
     "Motion",
     "Numerics",
+    "OpeningProbe",
     "Outlet",
     "Particles",
     "PointProbe",
@@ -86,6 +89,7 @@ __all__ = [
     "SurfaceTension",
     "Table",
     "Tank",
+    "Valve",
     "Vent",
     "View",
     "VolumeProbe",
@@ -139,10 +143,13 @@ _MODULES = {
     "SimulationError": "errors",
     "SurfaceRule": "case.numerics",
     "SurfaceTension": "steering",
+    "Discharge": "steering",
+    "Valve": "steering",
     "Table": "results.tables",
     "Tank": "case.tank",
     "Vent": "case.openings",
     "View": "viewer.widget",
+    "OpeningProbe": "probes",
     "VolumeProbe": "probes",
     "Wall": "case.walls",
     "WallForce": "probes",

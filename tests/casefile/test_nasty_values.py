@@ -95,7 +95,7 @@ def test_overrides_beyond_all_bounds_are_refused(text):
             "spacing = 0.02\nstl = 'a.stl'",
             "case.toml:16: tank.stl is nothing that tipfem has: a case file",
         ),
-        ("[walls.top]", "[walls.pump]", "case.toml:24: walls.pump is nothing that tipfem has: nothing pumps"),
+        ("[walls.top]", "[walls.sink]", "case.toml:24: walls.sink is nothing that tipfem has: nothing makes or takes"),
         ("[[probes]]", "[gate]\n[[probes]]", "gate is nothing that tipfem has: no wall opens"),
         (
             "density = 998.2",

@@ -28,6 +28,7 @@ level = 0.1
 fluid = "water"
 [[vents]]
 wall = "top"
+open = [[0.1, 0.5], [1.0, 2.0]]
 name = "chimney"
 between = [[0.1, 0.3], [0.3, 0.3]]
 [time]
@@ -55,7 +56,8 @@ def test_a_case_file_has_openings_and_is_written_back():
         ("[[outlets]]", "[[outflow]]", "outflow is no key that is known here; where fluids leave is in tables"),
         ("[[vents]]", "[[sponge]]", "sponge is no key that is known here; what damps waves is in tables [[beaches]]"),
         ("[[vents]]", "[[beaches]]", "beaches[0].length"),
-        ("[[vents]]", "[[pump]]", "pump is nothing that tipfem has: nothing pumps from one place to another"),
+        ("[[vents]]", "[[pump]]", "pump is no key that is known here; a pump is an inlet, [[inlets]], whose key pump"),
+        ("ramp = 0.1", "open = [[1.0, 0.5]]", "inlets[0].open is [[1.0, 0.5]]; it must be pairs of times"),
         (
             'fluid = "water"\nbetween',
             'fluid = "watr"\nbetween',
@@ -96,5 +98,5 @@ def test_check_says_what_passes(tmp_path, capsys):
     assert "opening     inlet_left: water, 0.02 m^2/s, 0.2 m/s in the mean and" in said
     assert "0.1 m wide, 5 spacings; Froude number 0.2; Reynolds number 2e+04; the tank's volume in 6 s" in said
     assert "opening     outlet_right: a level of 0.1 m, freely; 0.3 m wide, 15 spacings" in said
-    assert "opening     chimney: 0 Pa, at right angles; 0.2 m wide, 10 spacings" in said
+    assert "opening     chimney: 0 Pa, at right angles; 0.2 m wide, 10 spacings; open 0.1 to 0.5 s, 1 to 2 s" in said
     assert "note: inlet_left sets off at" in said

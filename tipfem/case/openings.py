@@ -23,6 +23,7 @@ LEAST_SPACINGS = 4
 APART = 3  # spacings between two openings, at least: the cells at a particle belong to one of them
 RAMP_POINTS, RAMP_WEIGHTS = np.polynomial.legendre.leggauss(4)  # of integrals over a step
 PROFILES = ("plug", "parabola", "power")
+Strength = Callable[[float], float]  # discharge over time
 ENTERS = 1e-3  # part of the mean speed below which nothing is said to enter
 
 
@@ -35,11 +36,14 @@ class Opening:
             where ``between`` is given.
         between: ((x, y), (x, y)) its two ends [m]; by default the whole wall. They are moved to the nearest particles.
         name: of its columns in the history; by default the kind and the wall, as in "inlet_left".
+        open: a valve: ((start, end), ...) times in which it is open, and closed in all others [s]; always by default.
+            Fluids are at rest at an opening that is closed, as at a wall.
     """
 
     wall: str = ""
     between: Sequence[Sequence[float]] | None = None
     name: str = ""
+    open: Sequence[Sequence[float]] | None = None
     kind: ClassVar[str] = "opening"
     velocities: ClassVar[bool] = False  # whether it prescribes velocities; the others prescribe a pressure
 
@@ -53,6 +57,12 @@ class Opening:
             ends = numbers(self.between)
             if ends.shape != (2, 2) or not np.isfinite(ends).all() or (ends[0] == ends[1]).all():
                 raise self._invalid("between", f"is {self.between!r}; it must be two different points (x, y) in m")
+        if self.open is not None:
+            times = numbers(self.open)
+            if times.ndim != 2 or times.shape[1:] != (2,) or not (np.diff(times.ravel()) > 0).all():
+                text = f"is {self.open!r}; it must be pairs of times (start, end) in s, each later than the one before"
+                raise self._invalid("open", text)
+            object.__setattr__(self, "open", tuple(map(tuple, times.tolist())))
         if not self.name:
             object.__setattr__(self, "name", f"{self.kind}_{self.wall}" if self.wall else self.kind)
 
@@ -67,6 +77,10 @@ class Opening:
 
     def _invalid(self, key: str, text: str) -> Invalid:
         return Invalid((*self.path, *((key,) if key else ())), text, f"{self.kind} {self.name or self.wall!r}")
+
+    def is_open(self, time: float) -> bool:
+        """Whether its valve is open at a time [s]."""
+        return self.open is None or any(start <= time < end for start, end in self.open)
 
     def fluids(self, names: Sequence[str]) -> None:
         """Check the fluids that it names against those of the case."""
@@ -91,7 +105,11 @@ class Inlet(Opening):
             "power", of a turbulent flow over a bottom at the lower end, r to the power of 1/7; or a function of the
             distances (K,) from the lower or left end [m] and of time [s] to speeds (K,), which discharge or velocity
             scales, and which are in m/s where neither is given. Where a no-slip wall ends at it the speed is zero.
-        ramp: time in which discharge or velocity rise smoothly from zero [s].
+        ramp: time in which discharge or velocity rise smoothly from zero, at the start and where a valve opens, and
+            fall where it closes [s].
+        pump: name of another opening, in place of discharge and velocity: what leaves by that enters here. From an
+            inlet that draws off at the same time, so that a closed tank keeps its volume; from an outlet one step
+            later, by what has left in the last one.
     """
 
     fluid: Fluid | str | Callable[[Array, float], Array] = ""
@@ -99,6 +117,7 @@ class Inlet(Opening):
     velocity: float | Callable[[float], float] | None = None
     profile: str | Callable[[Array, float], Array] = "plug"
     ramp: float = 0.0
+    pump: str = ""
     kind: ClassVar[str] = "inlet"
     velocities: ClassVar[bool] = True
 
@@ -109,7 +128,12 @@ class Inlet(Opening):
         if self.discharge is not None and self.velocity is not None:
             text = ": discharge and velocity are given; give one, and profile for its shape"
             raise Invalid(self.path, text, f"inlet {self.name!r}")
-        if self.discharge is None and self.velocity is None and not callable(self.profile):
+        if not isinstance(self.pump, str):
+            raise self._invalid("pump", f"is {self.pump!r}; it must be the name of another opening")
+        if self.pump and not (self.discharge is None and self.velocity is None):
+            text = ": discharge or velocity is given beside pump; the opening that it names says what enters"
+            raise Invalid(self.path, text, f"inlet {self.name!r}")
+        if self.discharge is None and self.velocity is None and not callable(self.profile) and not self.pump:
             raise Invalid(self.path, ": give discharge or velocity, or a profile in m/s", f"inlet {self.name!r}")
         for key in ("discharge", "velocity"):
             value = getattr(self, key)
@@ -145,7 +169,7 @@ class Inlet(Opening):
         """Discharge that is prescribed at a time, for an opening of a width [m^2/s]; NaN where the profile says it."""
         given = self.discharge if self.discharge is not None else self.velocity
         if given is None:
-            return math.nan
+            return 0.0 if self.pump else math.nan
         value = given(time) if callable(given) else given
         if not is_number(value):
             key, unit = ("discharge", "m^2/s") if self.discharge is not None else ("velocity", "m/s")
@@ -153,9 +177,20 @@ class Inlet(Opening):
         return float(value) * (1.0 if self.discharge is not None else width) * self.begun(time)
 
     def begun(self, time: float) -> float:
-        """Factor from 0 to 1 of the ramp at a time [s]."""
-        part = min(max(time / self.ramp, 0.0), 1.0) if self.ramp > 0 else 1.0
+        """Factor from 0 to 1 of ramp and valve at a time [s]."""
+        if self.open is None:
+            return self._risen(time)
+        return sum(self._risen(time - start) - self._risen(time - end) for start, end in self.open)
+
+    def _risen(self, time: float) -> float:
+        """The ramp from 0 to 1, a time after its start [s]."""
+        part = min(max(time / self.ramp, 0.0), 1.0) if self.ramp > 0 else float(time >= 0)
         return part * part * (3 - 2 * part)
+
+    def turns(self, start: float, end: float) -> list[float]:
+        """Times between two at which ramp or valve have a kink or a jump [s]."""
+        edges = {0.0} if self.open is None else {time for pair in self.open for time in pair}
+        return sorted(time for edge in edges for time in {edge, edge + self.ramp} if start < time < end)
 
     def shape(self, s: Array, width: float, time: float) -> Array:
         """Speeds (K,) at distances (K,) from the first end, before they are scaled."""
@@ -295,8 +330,14 @@ class OpenLine:
         """Distances (K,) from a along the line of positions (K, 2) [m]."""
         return np.asarray((x - self.a) @ self.along)
 
-    def speeds(self, x: Array, time: float) -> Array:
-        """Speeds (K,) into the tank at the particles (K, 2) of an inlet, from a to b [m/s]."""
+    def speeds(self, x: Array, time: float, given: Strength | None = None) -> Array:
+        """Speeds (K,) into the tank at the particles (K, 2) of an inlet, from a to b [m/s].
+
+        Args:
+            x: places of the particles [m].
+            time: [s].
+            given: discharge in place of the inlet's own, a function of time [m^2/s].
+        """
         inlet = self.opening
         assert isinstance(inlet, Inlet)
         s = np.clip(self.coordinates(x), 0.0, self.length)
@@ -305,7 +346,7 @@ class OpenLine:
         v = inlet.shape(self.length - s if turned else s, self.length, time)
         for end, slips in zip((0, -1), self.slips, strict=True):
             v[end] = v[end] if slips else 0.0
-        wanted = inlet.strength(time, self.length)
+        wanted = inlet.strength(time, self.length) if given is None else given(time)
         if math.isnan(wanted):
             return np.asarray(v * inlet.begun(time))
         flux = float((0.5 * (v[1:] + v[:-1]) * np.diff(s)).sum())
@@ -313,20 +354,24 @@ class OpenLine:
             raise inlet._invalid("profile", f"at t = {time:g} s lets nothing in, and {wanted:g} m^2/s are to enter")
         return np.asarray(v * (wanted / flux if flux else 0.0))
 
-    def displacements(self, x: Array, start: float, end: float) -> Array:
+    def displacements(self, x: Array, start: float, end: float, given: Strength | None = None) -> Array:
         """Integral (K,) of the `speeds` over a time [m]."""
-        ramp, total = self.opening.ramp, np.zeros(len(x))  # type: ignore[attr-defined]
-        stops = [start, *([ramp] if start < ramp < end else []), end]
+        assert isinstance(self.opening, Inlet)
+        total, stops = np.zeros(len(x)), [start, *self.opening.turns(start, end), end]
         for one, other in itertools.pairwise(stops):
             middle, half = 0.5 * (one + other), 0.5 * (other - one)
             for point, weight in zip(RAMP_POINTS.tolist(), RAMP_WEIGHTS.tolist(), strict=True):
-                total += weight * half * self.speeds(x, middle + half * point)
+                total += weight * half * self.speeds(x, middle + half * point, given)
         return np.asarray(total)
 
-    def rates(self, x: Array, time: float, step: float) -> tuple[Array, Array]:
-        """Speeds (K,) and their derivatives, by differences over ``step`` [s]."""
-        now, early = self.speeds(x, time), max(time - step, 0.0)
-        return now, (self.speeds(x, time + step) - self.speeds(x, early)) / (time + step - early)
+    def rates(self, x: Array, time: float, step: float, given: Strength | None = None) -> tuple[Array, Array]:
+        """Speeds (K,) and their derivatives, by differences over ``step`` [s]; 0 beside a jump of a valve."""
+        assert isinstance(self.opening, Inlet)
+        now, early = self.speeds(x, time, given), max(time - step, 0.0)
+        if self.opening.ramp == 0 and self.opening.open and self.opening.turns(early - step, time + 2 * step):
+            return now, np.zeros_like(now)
+        later = self.speeds(x, time + step, given)
+        return now, (later - self.speeds(x, early, given)) / (time + step - early)
 
 
 def line_of(opening: Opening, domain: Domain, position: Array, named: dict[str, Array], spacing: float) -> OpenLine:
@@ -396,6 +441,27 @@ def check_openings(lines: Sequence[OpenLine], spacing: float, walls: Sequence[tu
                 text = f": from {np.round(line.a, 6).tolist()} to {np.round(line.b, 6).tolist()}; {two.name} is from"
                 text += f" {np.round(other.a, 6).tolist()} to {np.round(other.b, 6).tolist()} m, closer than {APART}"
                 raise one._invalid("", f"{text} spacings")
-    closed = [line.opening for line in lines if line.opening.velocities]
-    if closed and len(closed) == len(lines):
-        raise closed[0]._invalid("", ": what flows in cannot leave; add a vent or an outlet to the tank")
+    _check_balance([line.opening for line in lines])
+
+
+def _check_balance(openings: Sequence[Opening]) -> None:
+    """Check that pumps draw from other openings, and that what enters can leave.
+
+    Raises:
+        Invalid: see `check_openings`.
+    """
+    by_name = {opening.name: opening for opening in openings}
+    pumps = {name: o.pump for name, o in by_name.items() if isinstance(o, Inlet) and o.pump}
+    for name, drain in pumps.items():
+        others = ", ".join(other for other in by_name if other not in pumps) or "none"
+        if drain not in by_name or drain in pumps:
+            by_name[name].refuse("pump", f"is {drain!r}; it must be the name of another opening: {others}")
+        if list(pumps.values()).count(drain) > 1:
+            by_name[name].refuse("pump", f"is {drain!r}, from which another inlet is pumped, too")
+        source = by_name[drain]
+        if isinstance(source, Inlet) and source.discharge is None and source.velocity is None:
+            by_name[name].refuse("pump", f"is {drain!r}, which has neither discharge nor velocity")
+    unpaired = [o for o in openings if o.velocities and o.name not in pumps and o.name not in pumps.values()]
+    unpaired += [by_name[name] for name, drain in pumps.items() if not by_name[drain].velocities]
+    if unpaired and not any(not o.velocities and o.name not in pumps.values() for o in openings):
+        raise unpaired[0]._invalid("", ": what flows in cannot leave; add a vent or an outlet to the tank")

@@ -75,7 +75,7 @@ def opening_content(
     content: dict[str, Any] = {}
     for field in dataclasses.fields(opening):
         value, part = getattr(opening, field.name), f"{opening.kind}s.{opening.name}.{field.name}"
-        if value is None or value == field.default or (field.name == "fluid" and value == ""):
+        if value is None or value == field.default or value == "":
             continue
         if isinstance(value, Fluid):
             value = value.name
@@ -83,7 +83,7 @@ def opening_content(
             value = function(part, value)
         elif callable(value):
             value = lost(part, "a function of place")
-        elif field.name == "between":
+        elif field.name in ("between", "open"):
             value = np.asarray(numbers(value)).tolist()
         content[field.name] = value
     return content
@@ -96,6 +96,9 @@ def opening_lines(case: Case) -> list[str]:
         opening = line.opening
         width = f"{line.length:.4g} m wide, {len(on) - 1} spacings"
         if isinstance(opening, Inlet):
+            if opening.pump:
+                found.append(f"{opening.name}: what leaves by {opening.pump}; {width}")
+                continue
             x = case.particles.position[on]
             v = line.speeds(x, opening.ramp)
             discharge = float((0.5 * (v[1:] + v[:-1]) * np.diff(line.coordinates(x))).sum())
@@ -121,6 +124,8 @@ def opening_lines(case: Case) -> list[str]:
             if opening.level is not None:
                 held = "a level by a function" if callable(opening.level) else f"a level of {opening.level:g} m"
             text = f"{held}, {'at right angles' if opening.normal(len(case.fluids)) else 'freely'}; {width}"
+        if opening.open is not None:
+            text += f"; open {', '.join(f'{start:g} to {end:g} s' for start, end in opening.open)}"
         found.append(f"{opening.name}: {text}")
     return found
 

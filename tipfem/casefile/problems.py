@@ -13,8 +13,7 @@ from tipfem.casefile.source import BARE, Path
 TAGS = ("form", "type")  # keys by which tables of several forms are told apart
 # Keys that users of other programs try, and what there is to say of them; docs/howto/cannot.md has more.
 CANNOT = {
-    "pump pumps fan fans source sources sink sinks mass_source": "nothing pumps from one place to another; an inlet of "
-    "a discharge below 0 draws a fluid off, and another one lets it in",
+    "source sources sink sinks mass_source": "nothing makes or takes fluid within a tank; openings in its walls do",
     "turbulence turbulence_model k_epsilon k_omega les rans smagorinsky": "there is no model of turbulence",
     "temperature heat thermal conductivity buoyancy boiling phase_change evaporation": "there is no heat",
     "axisymmetric axisymmetry cylindrical axial": "there are plane and 3-D flows, no axisymmetric ones",
@@ -40,6 +39,7 @@ ELSEWHERE = {
     "with wall = 'right', say, length and period",
     "wave waves wave_maker piston": "waves are the motion of a wall, as walls.left.motion = { form = 'waves', height = "
     "0.03, period = 1.0, depth = 0.2 }",
+    "pump pumps fan fans": "a pump is an inlet, [[inlets]], whose key pump names the opening that draws off",
     "sigma surface_tension tension": "surface tension is of two fluids; it is in the table surface_tension, as "
     "water.air = 0.0728",
 }

@@ -142,6 +142,9 @@ class OpeningTable(Model):
         "its two ends; left out, the whole wall is open", "m", None, min_length=2, max_length=2
     )
     name: str = quantity("of its columns in the history; by default kind and wall, as in inlet_left", default="")
+    open: list[list[float]] | None = quantity(
+        "a valve: pairs of times between which it is open, and closed in all others", "s", None, min_length=1
+    )
 
 
 class InletTable(OpeningTable):
@@ -155,7 +158,10 @@ class InletTable(OpeningTable):
         "lower end",
         default="plug",
     )
-    ramp: float = quantity("time in which discharge or velocity rise smoothly from zero", "s", 0.0, ge=0)
+    ramp: float = quantity(
+        "time in which discharge or velocity rise smoothly from zero, and fall where a valve closes", "s", 0.0, ge=0
+    )
+    pump: str = quantity("name of an opening: what leaves by that enters here", default="")
 
 
 class OutletTable(OpeningTable):

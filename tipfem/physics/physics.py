@@ -94,6 +94,7 @@ class Moved:
         mesh: the step's mesh, of the start. Where volume enters, the areas of its cells are their own and that, so that
             what the solve has changed of them is still the difference to those at the end.
         time: at the end [s].
+        dt: length of the step [s].
     """
 
     start: Particles
@@ -101,6 +102,7 @@ class Moved:
     particles: Particles
     mesh: Mesh
     time: float
+    dt: float
 
 
 @dataclass(frozen=True)
@@ -186,10 +188,13 @@ class Physics(Generic[Part]):
         """What it carries, and the end of a step, before the mesh is repaired."""
         return part, moved
 
-    def imposed(self, particles: Particles, boundary: Boundary, time: float, step: float) -> Particles:
+    def imposed(
+        self, part: Part | None, particles: Particles, boundary: Boundary, time: float, step: float
+    ) -> Particles:
         """Remeshed particles with the velocities and accelerations that the physics prescribes on the boundary.
 
         Args:
+            part: what it carries.
             particles: with those that walls prescribe.
             boundary: which of them lie on which walls.
             time: [s].

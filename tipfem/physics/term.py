@@ -199,6 +199,7 @@ class Term:
         labels: (P,) which connected part of the pressure each node belongs to; None for those of the mesh.
         mobility: device arrays of bodies that the pressure moves, see `tipfem.physics.bodies.layout`; None for none.
         unheld: (N,) mask of wall particles that no wall holds; None for none.
+        grounds: whether it gives the pressure somewhere, beside free surfaces.
     """
 
     cut: CutMesh | None = None
@@ -208,6 +209,7 @@ class Term:
     labels: Array | None = None
     mobility: tuple[Any, Any] | None = None
     unheld: Array | None = None
+    grounds = False
 
     # What is prescribed.
 

@@ -8,6 +8,7 @@ from tipfem.probes.drops import DropProbe
 from tipfem.probes.fluids import EnergyProbe, FrontProbe, VolumeProbe, WaveGauge, WaveProbe
 from tipfem.probes.forces import WallForce
 from tipfem.probes.impulses import LoadProbe
+from tipfem.probes.openings import OpeningProbe
 from tipfem.probes.points import LineProbe, PointProbe
 from tipfem.probes.probe import Probe
 from tipfem.probes.recorder import ProbeRecorder
@@ -21,6 +22,7 @@ __all__ = [
     "FrontProbe",
     "LineProbe",
     "LoadProbe",
+    "OpeningProbe",
     "PointProbe",
     "Probe",
     "ProbeRecorder",

@@ -10,6 +10,7 @@ from tipfem.errors import CheckpointError
 from tipfem.probes.drops import DropProbe
 from tipfem.probes.fluids import EnergyProbe, FrontProbe, VolumeProbe, WaveGauge, WaveProbe
 from tipfem.probes.forces import WallForce
+from tipfem.probes.openings import OpeningProbe
 from tipfem.probes.points import LineProbe, PointProbe
 from tipfem.probes.probe import Probe
 from tipfem.probes.walls import WallPressure
@@ -26,6 +27,7 @@ KINDS: dict[str, type[Probe]] = {
     "volume": VolumeProbe,
     "energy": EnergyProbe,
     "drops": DropProbe,
+    "opening": OpeningProbe,
 }
 _NAMES = {kind: name for name, kind in KINDS.items()}
 

@@ -413,7 +413,7 @@ class FittedRemesher(Remesher):
         particles = self._graded(particles, mesh)
         parts, particles = self._carried(parts or {}, particles, Remap.none(mesh))
         for physics in self._physics:
-            particles = physics.imposed(particles, boundary, 0.0, OUTSET)
+            particles = physics.imposed(parts.get(physics.name), particles, boundary, 0.0, OUTSET)
         return self._state(
             particles,
             mesh,
@@ -434,7 +434,7 @@ class FittedRemesher(Remesher):
         self.account.start(solved)
         parts, passages, wanted = dict(solved.parts), before.boundary.passages, before.wanted_volume
         particles = solved.walls.set_back(solved.particles)
-        end = Moved(before.particles, before.boundary, particles, before.mesh, solved.time)
+        end = Moved(before.particles, before.boundary, particles, before.mesh, solved.time, solved.dt)
         for physics in self._physics:
             part, end = physics.before_repair(parts.get(physics.name), end)
             if part is not None:
@@ -474,7 +474,7 @@ class FittedRemesher(Remesher):
         parts, particles = self._carried(parts, particles, remap)
         particles, boundary = solved.walls.reassign(particles)
         for physics in self._physics:
-            particles = physics.imposed(particles, boundary, solved.time, 0.25 * solved.dt)
+            particles = physics.imposed(parts.get(physics.name), particles, boundary, solved.time, 0.25 * solved.dt)
         particles = _imposed(parts, particles)
         (material, mass), owed = self._material(mesh), 0.0
         particles = conserve_along_period(solved, particles, mass, parts)

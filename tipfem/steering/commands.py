@@ -224,6 +224,69 @@ class SurfaceTension(Command):
             )
 
 
+@dataclass(frozen=True)
+class Discharge(Command):
+    """Another discharge of an inlet from now on, with its profile and valve. A large change is an impact.
+
+    Args:
+        opening: name of the inlet.
+        value: what enters; less than 0 for what is drawn off [m^2/s].
+
+    Raises:
+        ValueError: the name is no text, or the value is no number.
+    """
+
+    opening: str
+    value: float
+    name = "discharge"
+
+    def __post_init__(self) -> None:
+        _opening_name(self.name, self.opening)
+        if not is_number(self.value):
+            raise ValueError(f"discharge: value is {brief(self.value)} m^2/s; it must be a number")
+        object.__setattr__(self, "value", float(self.value))
+
+    def require(self, case: Case) -> None:
+        """See `Command.require`."""
+        _require_opening(self.name, self.opening, [o.name for o in case.openings if o.velocities])
+
+
+@dataclass(frozen=True)
+class Valve(Command):
+    """An opening is open, or closed, from now on, whatever the case says of its valve.
+
+    Args:
+        opening: name of the inlet, outlet or vent.
+        open: whether it is open.
+
+    Raises:
+        ValueError: the name is no text, or ``open`` is not True or False.
+    """
+
+    opening: str
+    open: bool
+    name = "valve"
+
+    def __post_init__(self) -> None:
+        _opening_name(self.name, self.opening)
+        if not isinstance(self.open, bool):
+            raise ValueError(f"valve: open is {brief(self.open)}; it must be True or False")
+
+    def require(self, case: Case) -> None:
+        """See `Command.require`."""
+        _require_opening(self.name, self.opening, [o.name for o in case.openings])
+
+
+def _opening_name(what: str, value: object) -> None:
+    if not isinstance(value, str):
+        raise ValueError(f"{what}: opening is {brief(value)}; it must be the name of an opening")
+
+
+def _require_opening(what: str, name: str, names: Sequence[str]) -> None:
+    if name not in names:
+        raise ValueError(f"{what}: opening is {name!r}; it must be one of {', '.join(names) or 'none: there is none'}")
+
+
 class _Timing(Command):
     """A command that changes when steps are taken only."""
 
@@ -273,7 +336,7 @@ class Stop(_Timing):
     name = "stop"
 
 
-_PHYSICAL = (Gravity, Poke, Drop, SurfaceTension)
+_PHYSICAL = (Gravity, Poke, Drop, SurfaceTension, Discharge, Valve)
 _KINDS: dict[str, type[Command]] = {kind.name: kind for kind in (*_PHYSICAL, Pause, Go, Advance, Stop)}
 NAMES = tuple(_KINDS)
 

@@ -12,9 +12,10 @@ import numpy as np
 
 from tipfem.case.forces import PokeForce
 from tipfem.errors import SimulationError
+from tipfem.physics.openings.passed import Passed
 from tipfem.physics.surface_tension.edges import TensionEdges, find_edges
 from tipfem.results.output import ResultsFolder
-from tipfem.steering.commands import Command, Drop, Gravity, Poke, Release, SurfaceTension
+from tipfem.steering.commands import Command, Discharge, Drop, Gravity, Poke, Release, SurfaceTension, Valve
 from tipfem.steering.record import FILE, Record, read_records
 from tipfem.step.budget import AXES
 from tipfem.step.stepper import Row, Stepper
@@ -188,12 +189,26 @@ def _surface_tension(simulation: Stepper, command: SurfaceTension) -> dict[str, 
     return {"surface_energy": new.stored(position) - state.stored(position)}
 
 
+def _opening(simulation: Stepper, command: Discharge | Valve) -> None:
+    """Set the discharge or the valve of an opening."""
+    state, number = simulation.state, [o.name for o in simulation.case.openings].index(command.opening)
+    part = state.part(Passed)
+    assert part is not None
+    key = "discharge" if isinstance(command, Discharge) else "valve"
+    values = getattr(part, key).copy()
+    values[number] = command.value if isinstance(command, Discharge) else command.open
+    parts = {**state.parts, "openings": dataclasses.replace(part, **{key: values})}
+    simulation.state = dataclasses.replace(state, parts=parts)
+
+
 _APPLIED: dict[type[Command], Callable[[Stepper, Any], dict[str, Any] | None]] = {
     Gravity: _gravity,
     Poke: _poke,
     Release: _release,
     Drop: _drop,
     SurfaceTension: _surface_tension,
+    Discharge: _opening,
+    Valve: _opening,
 }
 
 

@@ -267,8 +267,7 @@ class StepSolver:
         result.require()
         limits.require(numerics.smallest_jacobian, self.reach)
         level = 0.0
-        passages = state.boundary.passages
-        if not (mesh.surface.front.any() or (passages is not None and passages.free.any())):
+        if not (mesh.surface.front.any() or any(term.grounds for term in terms)):
             level = float(pressure[state.reference] if state.reference >= 0 else _mean(mesh, pressure))
             pressure -= level
         particles = scheme.advance(before, displacement, pressure)

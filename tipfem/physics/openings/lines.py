@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from tipfem.case.case import Case
-from tipfem.case.openings import Inlet, OpenLine, Outlet
+from tipfem.case.openings import Inlet, OpenLine, Outlet, Strength
 from tipfem.case.particles import Particles
 from tipfem.case.passages import Passages
 from tipfem.mesh.mesh import Mesh
+from tipfem.physics.openings.passed import Passed
 from tipfem.typing import Array
 
 
@@ -28,6 +33,32 @@ class Rates:
     displacement: Array
     velocity: Array
     acceleration: Array
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How the K openings are set in a step.
+
+    Attributes:
+        lines: the openings, their valves as they were told to be.
+        given: discharges of inlets in place of their own [m^2/s]; None for those of the case.
+        closed: (K,) mask of the outlets and vents that are closed.
+    """
+
+    lines: Sequence[OpenLine]
+    given: Sequence[Strength | None]
+    closed: Array
+
+    @property
+    def held(self) -> Array:
+        """(K,) mask of the openings whose particles have displacements that are prescribed."""
+        return np.array([line.opening.velocities for line in self.lines]) | self.closed
+
+    def discharge(self, k: int) -> Strength:
+        """Discharge of an inlet over time [m^2/s]."""
+        given, line = self.given[k], self.lines[k]
+        assert isinstance(line.opening, Inlet)
+        return given or partial(line.opening.strength, width=line.length)
 
 
 class Openings:
@@ -49,30 +80,60 @@ class Openings:
         self._gravity = np.asarray(case.gravity, dtype=float)
         self._lightest = int(np.argmin(self.density))
 
-    def prescribed(self, nodes: list[Array], position: Array, time: float, dt: float) -> Rates:
-        """What inlets prescribe in a step.
+    def setting(self, part: Passed, time: float) -> Setting:
+        """How the openings are set at a time [s], by the case and by what they were told."""
+        lines, closed = list(self.lines), np.zeros(len(self.lines), dtype=bool)
+        given: list[Strength | None] = [None] * len(lines)
+        setting = Setting(lines, given, closed)
+        drains = {line.opening.name: k for k, line in enumerate(self.lines)}
+        for k, line in enumerate(self.lines):
+            valve, told, opening = int(part.valve[k]), float(part.discharge[k]), line.opening
+            if not isinstance(opening, Inlet):
+                closed[k] = valve == 0 or (valve < 0 and not opening.is_open(time))
+                continue
+            if valve == 1 and opening.open is not None:
+                opening = dataclasses.replace(opening, open=None)
+                lines[k] = dataclasses.replace(line, opening=opening)
+            if valve == 0:
+                given[k] = partial(_steady, opening, 0.0)
+            elif not math.isnan(told):
+                given[k] = partial(_steady, opening, told)
+        for k, line in enumerate(lines):
+            if isinstance(line.opening, Inlet) and line.opening.pump and given[k] is None:
+                drain = drains[line.opening.pump]
+                if lines[drain].opening.velocities:
+                    given[k] = partial(_less, setting.discharge(drain))
+                else:
+                    given[k] = partial(_steady, line.opening, max(-float(part.rate[drain]), 0.0))
+        return setting
+
+    def prescribed(self, nodes: list[Array], position: Array, time: float, dt: float, setting: Setting) -> Rates:
+        """What inlets, and outlets that are closed, prescribe in a step.
 
         Args:
             nodes: the particles of each opening, see `tipfem.case.passages.Passages`.
             position: (N, 2) of the particles at the step's start [m].
             time: there [s].
             dt: length of the step [s].
+            setting: of the step.
         """
         parts = [(np.zeros(0, dtype=np.int64), np.zeros((5, 0, 2)))]
-        for line, on in zip(self.lines, nodes, strict=True):
+        for k, (line, on) in enumerate(zip(setting.lines, nodes, strict=True)):
             if not line.opening.velocities:
+                if setting.closed[k]:
+                    parts.append((on, np.zeros((5, len(on), 2))))
                 continue
-            x, step = position[on], 0.25 * dt
+            x, step, given = position[on], 0.25 * dt, setting.given[k]
             values = [
-                line.displacements(x, time, time + dt),
-                *line.rates(x, time, step),
-                *line.rates(x, time + dt, step),
+                line.displacements(x, time, time + dt, given),
+                *line.rates(x, time, step, given),
+                *line.rates(x, time + dt, step, given),
             ]
             parts.append((on, np.stack(values)[:, :, None] * line.inwards))
         particles, vectors = np.concatenate([p for p, _ in parts]), np.concatenate([v for _, v in parts], axis=1)
         return Rates(particles, vectors[0], vectors[[1, 3]], vectors[[2, 4]])
 
-    def imposed(self, particles: Particles, passages: Passages, time: float, step: float) -> Particles:
+    def imposed(self, particles: Particles, passages: Passages, time: float, step: float, part: Passed) -> Particles:
         """The particles with what openings prescribe at a time.
 
         Args:
@@ -80,18 +141,22 @@ class Openings:
             passages: those of openings among them.
             time: [s].
             step: of finite differences [s].
+            part: what they carry.
         """
+        setting = self.setting(part, time)
         done = particles.shallow_copy(velocity=particles.velocity.copy(), acceleration=particles.acceleration.copy())
         crossing, across = passages.crossing, passages.across
         for values in (done.velocity, done.acceleration):
             values[crossing] = np.einsum("ki,ki->k", values[crossing], across)[:, None] * across
-        for line, on in zip(self.lines, passages.nodes, strict=True):
+        for line, on, given in zip(setting.lines, passages.nodes, setting.given, strict=True):
             if line.opening.velocities:
-                v, rate = line.rates(particles.position[on], time, step)
+                v, rate = line.rates(particles.position[on], time, step, given)
                 done.velocity[on], done.acceleration[on] = v[:, None] * line.inwards, rate[:, None] * line.inwards
         return done
 
-    def tractions(self, nodes: list[Array], particles: Particles, mesh: Mesh, time: float, moved: Array) -> Array:
+    def tractions(
+        self, nodes: list[Array], particles: Particles, mesh: Mesh, time: float, moved: Array, closed: Array
+    ) -> Array:
         """(N, 2) forces of the pressures that are given at openings on the particles there [N/m].
 
         What flows in comes from fluid at rest: on the edges where it does, the pressure is less by rho v^2 / 2.
@@ -103,11 +168,12 @@ class Openings:
             time: at which pressures are given [s].
             moved: (N, 2) by how much the particles will have left the line by then [m]. There the pressure differs from
                 that given by the weight of the fluid between.
+            closed: (K,) mask of the openings that are closed.
         """
         result = np.zeros_like(particles.position)
-        for line, on in zip(self.lines, nodes, strict=True):
+        for line, on, shut in zip(self.lines, nodes, closed.tolist(), strict=True):
             outlet = line.opening
-            if not isinstance(outlet, Outlet):
+            if not isinstance(outlet, Outlet) or shut:
                 continue
             x = particles.position[on]
             density = self.density[edge_fluids(mesh, on)]
@@ -151,6 +217,16 @@ class Openings:
         """Numbers (K,) of the fluids that enter by an inlet at places (K, 2) near its line [m]."""
         assert isinstance(line.opening, Inlet)
         return line.opening.entering(line.a + line.coordinates(x)[:, None] * line.along, time, self.names)
+
+
+def _steady(inlet: Inlet, discharge: float, time: float) -> float:
+    """A discharge that an inlet was told to have, with its ramp and valve [m^2/s]."""
+    return discharge * inlet.begun(time)
+
+
+def _less(discharge: Strength, time: float) -> float:
+    """What a pump delivers from an opening with a discharge, less than 0 for what that draws off [m^2/s]."""
+    return -discharge(time)
 
 
 def edge_fluids(mesh: Mesh, on: Array) -> Array:

@@ -42,7 +42,9 @@ class WallOpenings(Physics[Passed]):
 
     def terms(self, part: Passed | None, step: StepStart) -> tuple[OpeningTerm]:
         """See `Physics.terms`."""
-        return (OpeningTerm(self._openings, step.walls, step.particles, step.mesh, step.scheme, step.time),)
+        assert part is not None
+        given = step.walls, step.particles, step.mesh, step.scheme, step.time
+        return (OpeningTerm(self._openings, *given, part),)
 
     def first(self, mesh: Mesh, boundary: Boundary) -> Mesh:
         """See `Physics.first`: cells at inlets are of the fluids that enter."""
@@ -56,10 +58,13 @@ class WallOpenings(Physics[Passed]):
         done = self._gate.put_back(moved, moved.boundary.passages.nodes, part)
         return done.passed, dataclasses.replace(moved, particles=done.particles, mesh=done.mesh)
 
-    def imposed(self, particles: Particles, boundary: Boundary, time: float, step: float) -> Particles:
+    def imposed(
+        self, part: Passed | None, particles: Particles, boundary: Boundary, time: float, step: float
+    ) -> Particles:
         """See `Physics.imposed`."""
         assert boundary.passages is not None
-        return self._openings.imposed(particles, boundary.passages, time, step)
+        assert part is not None
+        return self._openings.imposed(particles, boundary.passages, time, step, part)
 
     def entered(self, part: Passed | None) -> Entered:
         """See `Physics.entered`."""

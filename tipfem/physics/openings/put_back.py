@@ -91,7 +91,7 @@ class Gate:
         gone = np.zeros(len(mesh.cells), dtype=bool)
         for k, (line, on) in enumerate(zip(lines, nodes, strict=True)):
             touches[on], goal[on] = k, before.position[on]
-            if not line.opening.velocities:
+            if not line.opening.velocities and not passed.closed[k]:
                 least = END * before.spacing
                 s = np.clip(line.coordinates(x[on[1:-1]]), least, line.length - least)
                 goal[on[1:-1]] = line.a + s[:, None] * line.along
@@ -104,7 +104,7 @@ class Gate:
         fluid, source = self._flooded(mesh, nodes, goal, time)
         at = np.flatnonzero(gain)
         of = touches[mesh.cells[at]].max(axis=1)
-        volume = self._balanced(of, source[at], gain[at], after.sum() - mesh.measure.sum())
+        volume = self._balanced(of, source[at], gain[at], after.sum() - mesh.measure.sum(), passed.closed)
         measure = mesh.measure + gain
         if gone.any() or (fluid != mesh.fluid).any():
             kept = np.flatnonzero(~gone)
@@ -113,7 +113,7 @@ class Gate:
         else:
             new = mesh.with_(measure=measure)
         (energy, momentum), (energy_before, momentum_before) = self._totals(done, new), self._totals(moved, mesh)
-        passed = passed.and_then(volume, energy - energy_before, momentum - momentum_before)
+        passed = passed.and_then(volume, energy - energy_before, momentum - momentum_before, end.dt)
         return PutBack(done, new, passed)
 
     def _taken_in(
@@ -164,7 +164,7 @@ class Gate:
         goal[apex] = line.a + s[over, None] * line.along
         wall[apex], gone[cell[over]] = True, True
 
-    def _balanced(self, of: Array, fluid: Array, gain: Array, surplus: float) -> Array:
+    def _balanced(self, of: Array, fluid: Array, gain: Array, surplus: float, closed: Array) -> Array:
         """Volumes (K, F) that have passed each opening.
 
         The ``surplus``, by which the solve has changed the total volume, is what putting back takes away in addition.
@@ -176,10 +176,13 @@ class Gate:
             fluid: (C,) that it gains.
             gain: (C,) [m^2].
             surplus: by which the cells have grown in the solve [m^2].
+            closed: (K,) mask of the outlets that are closed. Where no other is there, nothing takes the surplus.
         """
         count = len(self.openings.lines)
         volume = np.bincount(of * self._fluids + fluid, gain, count * self._fluids).reshape(count, self._fluids)
-        outlets = np.array([not line.opening.velocities for line in self.openings.lines])
+        outlets = np.array([not line.opening.velocities for line in self.openings.lines]) & ~closed
+        if not outlets.any():
+            return volume
         share = np.abs(volume) * outlets[:, None]
         if not share.any():
             share = np.outer(outlets, np.eye(self._fluids)[0])

@@ -11,6 +11,7 @@ the fluid in the step; `tipfem.physics.openings.put_back` brings them back onto 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -19,12 +20,14 @@ import numpy as np
 from tipfem.backend.launch import launch
 from tipfem.case.particles import Particles
 from tipfem.case.passages import Passages
+from tipfem.errors import SimulationError
 from tipfem.fem import schur
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.linalg.sparsity import Csr
 from tipfem.mesh.mesh import Mesh, volume_gradient
 from tipfem.physics.openings import kernels
-from tipfem.physics.openings.lines import Openings
+from tipfem.physics.openings.lines import Openings, Rates, Setting
+from tipfem.physics.openings.passed import Passed
 from tipfem.physics.term import Equations, Term, TermWork
 from tipfem.physics.walls.step import Walls
 from tipfem.typing import Array
@@ -40,19 +43,39 @@ class OpeningTerm(Term):
         mesh: of them.
         scheme: time integration, with the step's length.
         time: at the step's start [s].
+        part: what the openings carry.
+
+    Raises:
+        SimulationError: all outlets are closed, and what enters does not leave.
     """
 
     def __init__(
-        self, openings: Openings, walls: Walls, particles: Particles, mesh: Mesh, scheme: TimeScheme, time: float
+        self,
+        openings: Openings,
+        walls: Walls,
+        particles: Particles,
+        mesh: Mesh,
+        scheme: TimeScheme,
+        time: float,
+        part: Passed,
     ) -> None:
         passages = walls.boundary.passages
         assert passages is not None
         self._passages: Passages = passages
         self.unheld: Array = passages.open
         self._walls, self._scheme, self._particles = walls, scheme, particles
-        self._inlets = inlets = openings.prescribed(passages.nodes, particles.position, time, scheme.dt)
+        setting = openings.setting(part, time + 0.5 * scheme.dt)
+        self._part, self._free, self._shut = part, passages.free.copy(), np.zeros(len(passages.free), dtype=bool)
+        for k in np.flatnonzero(setting.closed):
+            self._shut[passages.nodes[k][1:-1]] = True
+        self._free[self._shut] = False
+        self.grounds, self._closed = bool(self._free.any()), setting.closed
+        self._inlets = inlets = openings.prescribed(passages.nodes, particles.position, time, scheme.dt, setting)
+        if not self.grounds:
+            _require_balance(setting, inlets, time)
         beyond = scheme.cf * scheme.predict(particles.velocity, particles.acceleration)
-        self._force = openings.tractions(passages.nodes, particles, mesh, time + scheme.cf * scheme.dt, beyond)
+        end = time + scheme.cf * scheme.dt
+        self._force = openings.tractions(passages.nodes, particles, mesh, end, beyond, self._closed)
         start, end = inlets.velocity
         self._velocity = (1 - scheme.alpha_f) * end + scheme.alpha_f * start - scheme.cv * inlets.displacement
         start, end = inlets.acceleration
@@ -92,7 +115,7 @@ class OpeningTerm(Term):
         """
         e, walls, d = self._equations, self._walls, self._equations.dimension
         ends = self._passages.ends
-        near = self._passages.free.copy()
+        near = self._free.copy()
         near[ends] = ~walls.fixed[ends]
         near[e.owner[len(near) :]] = False
         index = np.flatnonzero(near)
@@ -121,20 +144,34 @@ class OpeningTerm(Term):
         result[: len(self._force)] = -self._force
         return result
 
+    def held(self, displacement: Array, pressure: Array) -> None:
+        """See `Term.held`."""
+        displacement |= self._shut
+
+    def carried(self, x: Any) -> Passed:
+        """See `Term.carried`: which openings were closed."""
+        return dataclasses.replace(self._part, closed=self._closed)
+
     def settle(self, x: Any, forces: Callable[[Any, Array], Array]) -> None:
-        """See `Term.settle`: the forces that hold the particles of inlets, with their copies."""
+        """See `Term.settle`: the forces that hold the particles of inlets, with their copies, and those that cross."""
         e, mask = self._equations, np.zeros(len(self._force), dtype=bool)
-        mask[self._inlets.particles] = True
+        crossing = self._passages.crossing[self._free[self._passages.crossing]]
+        mask[self._inlets.particles] = mask[crossing] = True
         mask &= self.unheld
         nodes = e.nodes_of(mask)
         self._held, of = np.unique(e.owner[nodes], return_inverse=True)
         holding = forces(x, nodes)
         self._holding = np.stack([np.bincount(of, axis, minlength=len(self._held)) for axis in holding.T], axis=1)
+        # What crosses at right angles is held along its line only.
+        across = np.zeros_like(self._force)
+        across[self._passages.crossing] = self._passages.across
+        across = np.where(self._free[self._held, None], across[self._held], 0.0)
+        self._holding -= np.einsum("ki,ki->k", self._holding, across)[:, None] * across
 
     def finish(self, displacement: Array, particles: Particles) -> Particles:
         """See `Term.finish`."""
         done, before, inlets = particles.copy(), self._particles, self._inlets
-        on = np.flatnonzero(self._passages.free)
+        on = np.flatnonzero(self._free)
         v, a = self._scheme.rates(displacement[on], before.velocity[on], before.acceleration[on])
         done.position[on] = before.position[on] + displacement[on]
         done.velocity[on], done.acceleration[on] = v, a
@@ -164,3 +201,16 @@ class OpeningTerm(Term):
                     length = np.linalg.norm(place[beside] - place[end])
                     result[end] += length * (pressure[end] / 3 + pressure[beside] / 6) * line.inwards
         return result
+
+
+def _require_balance(setting: Setting, inlets: Rates, time: float) -> None:
+    """Check that inlets let out what they let in, where nothing else does.
+
+    Raises:
+        SimulationError: they do not.
+    """
+    flows = [setting.discharge(k)(time) for k, line in enumerate(setting.lines) if line.opening.velocities]
+    if abs(sum(flows)) > 1e-9 * max(map(abs, flows), default=0.0):
+        names = ", ".join(line.opening.name for line in setting.lines if not line.opening.velocities)
+        text = f"{sum(flows):g} m^2/s enter by inlets, and all that can leave is closed: {names}"
+        raise SimulationError(f"the run stops at t = {time:.6g} s: {text}; open a valve, or close the inlets")
