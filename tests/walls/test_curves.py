@@ -99,13 +99,14 @@ def test_a_circle_of_the_default_law_slows_rotation_as_its_boundary_layer_does(w
     assert 1 - angular_momentum() / start == pytest.approx(lost, rel=0.15)
 
 
-def test_a_fluid_with_a_free_surface_in_a_circle_that_slips_stays_at_rest(water):
-    """Also where the circle is dry."""
-    tank = tp.tank(shape=CIRCLE, spacing=0.125).fill(water, where=lambda x: x[:, 1] < 0.13).wall("rim", slip=True)
-    simulation = tp.Simulation(tp.Case(tank, [water], (0, -9.81), free_surface=True))
-    for _ in range(5):
-        simulation.step()
-    assert simulation.particles.max_speed < 1e-9
+@pytest.mark.parametrize("law", [{"slip": True}, {"law": "layer"}, {"slip_length": 0.1}])
+def test_walls_that_slip_under_a_free_surface_are_straight_and_in_2d(water, law):
+    tank = tp.tank(shape=CIRCLE, spacing=0.125).fill(water, where=lambda x: x[:, 1] < 0.13).wall("rim", **law)
+    with pytest.raises(ValueError, match=r"wall 'rim': it is curved and slips, under a free surface, .* fill the rest"):
+        tp.Case(tank, [water], (0, -9.81), free_surface=True)
+    tank = tp.tank((1, 1, 1), 0.25, jitter=0.1).fill(water, box=((0, 0, 0), (1, 1, 0.5))).wall("left", slip=True)
+    with pytest.raises(ValueError, match=r"wall 'left': it is in 3-D and slips, under a free surface, .* 'no-slip'$"):
+        tp.Case(tank, [water], (0, 0, -9.81), free_surface=True)
 
 
 def test_product_is_the_derivative_of_the_residual_on_a_curve(water):

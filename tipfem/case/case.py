@@ -183,6 +183,7 @@ class Case:
             sides=box,
             normal=[isinstance(o, Outlet) and o.normal(len(self.fluids)) for o in self.openings],
         )
+        self._check_slip()
         refused = {"the case is in 3-D": self.particles.dimension != 2, "tank_motion is given": tank_motion is not None}
         refused["sides are periodic"] = bool(self.period)
         why = next((what for what, there in refused.items() if there), "")
@@ -238,6 +239,16 @@ class Case:
             tension=self.surface_tension.given,
         ):
             raise Invalid(path, text, "Case")
+
+    def _check_slip(self) -> None:
+        """Raise ValueError for walls that slip where steps fail as soon as the fluid has slipped by a spacing."""
+        curved = [self.walls[curve.wall] for curve in self.boundary.curves]
+        slipping = [wall for wall in self.walls if wall.slips] if self.particles.dimension == 3 else curved
+        if self.free_surface and slipping:
+            what = "is in 3-D" if self.particles.dimension == 3 else "is curved"
+            text = f": it {what} and slips, under a free surface, where steps fail; say law = 'no-slip'"
+            others = "" if self.particles.dimension == 3 else ", or fill the rest of the tank with a gas"
+            raise Invalid(("walls", slipping[0].name), text + others, f"wall {slipping[0].name!r}")
 
     def _checked_period(self, given: Sequence[float] | None) -> Period:
         """The period of the positions, that of the tank if there is one; see the class for errors."""

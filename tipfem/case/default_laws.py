@@ -64,7 +64,7 @@ RULES = (
     Rule(
         lambda case, curved: curved and case.free_surface,
         "no-slip",
-        "the wall is curved, and flows that end at free surfaces on curves that slip are not validated",
+        "the wall is curved, and steps fail where a free surface meets a curve that slips",
     ),
     Rule(lambda case, curved: True, "layer", "boundary layers may be thinner than the particles' spacing"),
 )
