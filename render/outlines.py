@@ -49,6 +49,8 @@ def fluid_loops(scene: Scene, fluid: int) -> list[Loop]:
     regions, edges = scene.geometry.regions, scene.geometry.edges
     assert scene.wall is not None, "a Scene fills in what was left out"
     assert scene.spacing is not None, "a Scene fills in what was left out"
+    if scene.cell_fluid is not None:
+        return _loops_of_cells(scene, scene.cell_fluid == fluid)
     corners = regions.triangles[regions.fluid == fluid]
     if not len(corners):
         return []
@@ -68,6 +70,22 @@ def fluid_loops(scene: Scene, fluid: int) -> list[Loop]:
     count = len(places)
     outer = ~np.isin(starts * count + ends, ends * count + starts)
     return [Loop(places[own], fixed[own]) for own in _chained(starts[outer], ends[outer])]
+
+
+def _loops_of_cells(scene: Scene, own: Array) -> list[Loop]:
+    """The outline of some of the cells, with these on the left."""
+    assert scene.wall is not None, "a Scene fills in what was left out"
+    edges, count = scene.geometry.edges, len(scene.cells)
+    if not own.any():
+        return []
+    there = own[edges.sides % count]
+    sides = edges.sides[there & np.repeat(np.add.reduceat(there, edges.first) == 1, edges.shared_by)]
+    cell, corner = sides % count, sides // count
+    starts, ends = scene.cells[cell, corner], scene.cells[cell, (corner + 1) % 3]
+    a, b, c = (scene.position[scene.cells[cell, k]] for k in range(3))
+    clockwise = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
+    starts, ends = np.where(clockwise, ends, starts), np.where(clockwise, starts, ends)
+    return [Loop(scene.position[loop], scene.wall[loop]) for loop in _chained(starts, ends)]
 
 
 def smoothed(loop: Loop) -> Loop:

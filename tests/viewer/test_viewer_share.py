@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 from render_results import write_results
 
+from tipfem.app.commands import main
 from tipfem.viewer.share import share
 
 TIMES = (0.0, 0.1, 0.2, 0.3)
@@ -22,7 +23,7 @@ def file(tmp_path_factory):
     (out / "probes").mkdir()
     rows = "".join(f"{time},{1000 * time}\n" for time in np.linspace(0, 0.3, 50))
     (out / "probes" / "wall.csv").write_text("time,pressure\n" + rows)
-    return share(out)
+    return share(out, field="speed", times=[0.2])
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -68,6 +69,13 @@ def test_it_opens_plays_and_zooms_without_anything_from_elsewhere(browser, file,
     assert not page.locator("#smooth").is_checked()
     page.keyboard.press("h")
     assert (picture("other")[2, 2] > 200).all() == (scheme == "dark")
+    assert not page.locator("#bar").is_visible()
+    page.locator("#at button", has_text="speed at 0.2 s").click()
+    assert clock.inner_text() == "t = 0.200 s"
+    assert page.locator("#bar").inner_text().startswith("speed [m/s]: 0")
+    coloured = picture("speed")
+    page.keyboard.press("c")
+    assert (abs(picture("fluids") - coloured) > 20).any(axis=2).mean() > 0.2
     assert page.locator("#legend li").all_inner_texts() == ["water", "air"]
     assert page.locator("#lapse").inner_text() == "played 2.5 times faster"
     assert page.locator("figcaption").all_inner_texts() == ["wall: pressure"]
@@ -78,10 +86,22 @@ def test_it_opens_plays_and_zooms_without_anything_from_elsewhere(browser, file,
 
 def test_it_is_small_and_its_policy_allows_its_own_script_alone(file):
     """Nothing is loaded, whatever the title says."""
-    text = file.read_text(encoding="utf-8")
-    assert len(text) < 40_000
+    text = share(file.parent, file.parent / "small.html").read_text(encoding="utf-8")
+    assert len(text) < 45_000
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1]
     assert policy.startswith("default-src 'none'; script-src 'sha256-")
     assert "unsafe-inline" not in policy.split(";")[1]
     assert "http://" not in text
     assert "https://" not in text
+
+
+def test_what_cannot_be_shared_is_said_before_it_is_drawn(file, capsys):
+    """A folder that is not there, a field without times, a field that the results do not have."""
+    out = str(file.parent)
+    for words, message in (
+        (["--to", "/nodir/x.html"], "there is no folder '/nodir'"),
+        (["--field", "speed"], "name both the field and the times"),
+        (["--field", "heat", "--at", "0.1"], "heat"),
+    ):
+        assert main(["share", out, *words]) == 2
+        assert message in capsys.readouterr().err

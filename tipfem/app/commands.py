@@ -219,7 +219,14 @@ def render(*arguments: Annotated[str, Parameter(allow_leading_hyphen=True)]) -> 
     return int(cli.main(arguments))
 
 
-def share(out: Path, /, *, to: Path | None = None) -> int:
+def share(
+    out: Path,
+    /,
+    *,
+    to: Path | None = None,
+    field: str | None = None,
+    at: Annotated[tuple[float, ...], Parameter(consume_multiple=True)] = (),
+) -> int:
     """Write a results folder as one HTML file, which any browser plays without tipfem and without a server.
 
     Parameters
@@ -228,11 +235,15 @@ def share(out: Path, /, *, to: Path | None = None) -> int:
         The results folder, of a run in two dimensions.
     to
         The file; share.html in the results folder by default.
+    field
+        Show this field, too, at the times of --at: speed, pressure and others.
+    at
+        Times of the field [s]; each adds some 50 to 200 kB.
     """
     from tipfem.viewer.share import share as shared
 
     with bad_input() as failed:
-        path = shared(out, to)
+        path = shared(out, to, field=field, times=at)
         print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
     return 2 if failed else 0
 

@@ -339,6 +339,13 @@ def encode(image: Array, moving: bool) -> tuple[bytes, str]:
     return buffer.getvalue(), "image/webp"
 
 
+def webp(image: Array, quality: int) -> bytes:
+    """A picture as WebP of a quality from 0 to 100; image is (H, W, 3) uint8."""
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, "webp", quality=quality, method=6)
+    return buffer.getvalue()
+
+
 def png(image: Array) -> bytes:
     """A picture as PNG; image is (H, W, 3) uint8."""
     buffer = io.BytesIO()

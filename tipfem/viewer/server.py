@@ -44,6 +44,7 @@ FILES = {
     "viewer.css": "text/css; charset=utf-8",
     "main.js": "text/javascript; charset=utf-8",
     "viewer.js": "text/javascript; charset=utf-8",
+    "outlines.js": "text/javascript; charset=utf-8",
     "stage.js": "text/javascript; charset=utf-8",
     "steering.js": "text/javascript; charset=utf-8",
     "plots.js": "text/javascript; charset=utf-8",

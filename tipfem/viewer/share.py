@@ -11,40 +11,59 @@ import csv
 import hashlib
 import html
 import json
+import re
 import zlib
-from importlib import resources
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tipfem.render import Results, colours
+from tipfem.render import Results, Stage, View, colours
+from tipfem.render.colours import COLOUR_MAPS
 from tipfem.render.openings import COLOURS, kinds_of
-from tipfem.render.outlines import Loop, background_fluid, picture_loops
-from tipfem.typing import Array
+from tipfem.render.outlines import background_fluid, picture_loops
+from tipfem.render.renderer import settled
+from tipfem.render.scales import colour_map_of, field_label
+from tipfem.render.strips import closest
+from tipfem.viewer.packing import packed
+from tipfem.viewer.pane import webp
+from tipfem.viewer.server import page_file
 
 MARGIN = 0.04  # around the domain, of its longer side
 MOST_SAMPLES = 300  # of a probe
 STATES_PER_SECOND = 25.0
-MOST_POINTS = 65_535  # of a loop, and of loops of a layer
+FIELD_WIDTH = 1000  # of the picture of a field [px]
 
 
-def share(out: str | PathLike[str], path: str | PathLike[str] | None = None) -> Path:
+def share(
+    out: str | PathLike[str],
+    path: str | PathLike[str] | None = None,
+    *,
+    field: str | None = None,
+    times: Sequence[float] = (),
+) -> Path:
     """Write a results folder as one HTML file.
 
     Args:
         out: results folder of a run in two dimensions.
         path: of the file; by default share.html in the results folder.
+        field: name of a field that is shown at some times, as pictures.
+        times: these times [s]; the closest stored ones are taken. Each adds some 50 to 200 kB.
 
     Returns:
         Its path.
 
     Raises:
-        ValueError: the folder cannot be read.
-        OSError: the file cannot be written.
+        ValueError: the folder cannot be read, there is no such field or time, or the file cannot be written.
     """
     results = Results(out)
+    target = results.folder / "share.html" if path is None else Path(path)
+    if not target.parent.is_dir():
+        raise ValueError(f"the file {str(target)!r} cannot be written: there is no folder {str(target.parent)!r}")
+    if (field is None) != (not times):
+        raise ValueError("a field is shown at chosen times: name both the field and the times, or neither")
     scenes = (results.scene(k) for k in range(len(results)))
     size = results.upper - results.lower
     lower = results.lower - MARGIN * size.max()
@@ -56,7 +75,7 @@ def share(out: str | PathLike[str], path: str | PathLike[str] | None = None) -> 
         if number == 0:
             dropped = background_fluid(scene)
         for layer in picture_loops(scene, dropped):
-            stream += _packed(layer, lower, scale)
+            stream += packed(layer, lower, scale)
     facts = {
         "title": results.title or results.folder.resolve().name,
         "lower": lower.tolist(),
@@ -67,32 +86,47 @@ def share(out: str | PathLike[str], path: str | PathLike[str] | None = None) -> 
         "fluids": [[name, colours.hex_code(fills[k]), k != dropped] for k, name in enumerate(results.fluid_names)],
         "openings": [[gap.kind, *gap.ends.ravel().tolist(), *gap.inwards.tolist()] for gap in results.openings],
         "marks": {kind: COLOURS[kind] for kind in kinds_of(results.openings)},
+        "field": None if field is None else _pictures(results, field, closest(results.times, times)),
         "plots": _plots(results.folder / "probes"),
     }
     squeezed = zlib.compressobj(9, zlib.DEFLATED, -15)
     data = base64.b64encode(squeezed.compress(bytes(stream)) + squeezed.flush()).decode()
-    page = (resources.files(__package__) / "page" / "share.html").read_text(encoding="utf-8")
+    page = page_file("share.html").decode()
     page = page.replace("@TITLE@", html.escape(facts["title"]))
     script = page[page.index("<script>") + 8 : page.index("</script>")]
+    script = script.replace(
+        "@OUTLINES@", re.sub(r"^export ", "", page_file("outlines.js").decode(), flags=re.MULTILINE)
+    )
     script = script.replace("@FACTS@", json.dumps(facts, separators=(",", ":")).replace("<", "\\u003c"))
     script = script.replace("@DATA@", data)
     hashed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     page = page[: page.index("<script>") + 8] + script + page[page.index("</script>") :]
-    target = results.folder / "share.html" if path is None else Path(path)
-    target.write_text(page.replace("@HASH@", hashed), encoding="utf-8")
+    try:
+        target.write_text(page.replace("@HASH@", hashed), encoding="utf-8")
+    except OSError as error:
+        raise ValueError(f"the file {str(target)!r} cannot be written ({error.strerror})") from error
     return target
 
 
-def _packed(loops: list[Loop], lower: Array, scale: Array) -> bytes:
-    """Number of loops; of each the number of points, x and y as differences, and whether points are fixed, in bits."""
-    parts = [np.uint16(len(loops)).tobytes()]
-    for points, fixed in loops:
-        if len(points) > MOST_POINTS:
-            raise ValueError(f"an outline has {len(points)} points; at most {MOST_POINTS} can be shared")
-        places = np.clip(np.rint((points - lower) / scale), 0, 65_535).astype(np.int64)
-        steps = np.diff(places, axis=0, prepend=0).astype(np.uint16)  # differences are taken modulo 65536
-        parts += [np.uint16(len(points)).tobytes(), steps.T.astype("<u2").tobytes(), np.packbits(fixed).tobytes()]
-    return b"".join(parts)
+def _pictures(results: Results, field: str, numbers: Sequence[int]) -> dict[str, Any]:
+    """Pictures of a field at some stored times, all in the same colours, and what a colour bar needs."""
+    scenes = [results.scene(number) for number in numbers]
+    view, ends = settled(View(window=(*results.lower, *results.upper)), scenes, field, None)
+    width, height = results.upper - results.lower
+    stage = Stage((FIELD_WIDTH, max(2, round(FIELD_WIDTH * height / width))), "raster")
+    pictures = {}
+    for number, scene in zip(numbers, scenes, strict=True):
+        image, _ = stage.draw(scene, view, field, ends, samples=2)
+        pictures[number] = base64.b64encode(webp(image, quality=80)).decode()
+    stage.close()
+    low, high = ends or (0.0, 1.0)
+    return {
+        "name": field_label(field),
+        "low": float(f"{low:.4g}"),
+        "high": float(f"{high:.4g}"),
+        "stops": COLOUR_MAPS[colour_map_of(field)],
+        "pictures": pictures,
+    }
 
 
 def _plots(folder: Path) -> list[dict[str, Any]]:

@@ -1,0 +1,130 @@
+// Outlines of fluids, bodies and walls: read from bytes, smoothed, and drawn on a canvas.
+
+// Loops as a viewer packs them: whole numbers of two or four bytes, places as differences from point to point.
+export class OutlineReader {
+  constructor(buffer, { lower, scale }, wide = false) {
+    this.view = new DataView(buffer);
+    [this.lower, this.scale, this.wide, this.at] = [lower, scale, wide, 0];
+  }
+
+  whole() {
+    const at = this.at;
+    this.at += this.wide ? 4 : 2;
+    return this.wide ? this.view.getUint32(at, true) : this.view.getUint16(at, true);
+  }
+
+  loop() {
+    const count = this.whole(), points = new Float64Array(2 * count), fixed = new Uint8Array(count);
+    for (let axis = 0; axis < 2; axis++) {
+      for (let k = 0, place = 0; k < count; k++) {
+        place = this.wide ? (place + this.whole()) >>> 0 : (place + this.whole()) & 65535;
+        points[2 * k + axis] = this.lower[axis] + this.scale[axis] * place;
+      }
+    }
+    for (let k = 0; k < count; k++) fixed[k] = (this.view.getUint8(this.at + (k >> 3)) >> (7 - (k & 7))) & 1;
+    this.at += (count + 7) >> 3;
+    return { points, fixed };
+  }
+
+  // The layers of a state: the fluids that are drawn, the bodies, the walls.
+  state(fluids) {
+    return Array.from({ length: fluids + 2 }, () => Array.from({ length: this.whole() }, () => this.loop()));
+  }
+}
+
+// Two passes of Taubin's filter, then corners cut three times by Chaikin's rule; points on walls stay. Kept with the loop.
+export function smoothed(loop) {
+  if (loop.fixed.length < 4) return loop.points;
+  if (loop.smooth) return loop.smooth;
+  let now = loop.points, held = loop.fixed, count = held.length;
+  for (const share of [0.5, -0.53, 0.5, -0.53]) {
+    const next = now.slice();
+    for (let k = 0; k < count; k++) {
+      if (held[k]) continue;
+      const a = 2 * ((k + count - 1) % count), b = 2 * ((k + 1) % count);
+      for (let axis = 0; axis < 2; axis++) next[2 * k + axis] += share * ((now[a + axis] + now[b + axis]) / 2 - now[2 * k + axis]);
+    }
+    now = next;
+  }
+  for (let cut = 0; cut < 3; cut++) {
+    const next = new Float64Array(4 * count), keep = new Uint8Array(2 * count);
+    for (let k = 0; k < count; k++) {
+      const after = (k + 1) % count, one = held[k] ? 1 : 0.75, other = held[after] ? 0 : 0.25;
+      for (let axis = 0; axis < 2; axis++) {
+        const p = now[2 * k + axis], q = now[2 * after + axis];
+        next[4 * k + axis] = one * p + (1 - one) * q;
+        next[4 * k + 2 + axis] = other * p + (1 - other) * q;
+      }
+      keep[2 * k] = held[k];
+      keep[2 * k + 1] = held[after];
+    }
+    [now, held, count] = [next, keep, 2 * count];
+  }
+  return (loop.smooth = now);
+}
+
+// Draw a state. X and Y take metres to pixels; look has the colours wall, body, ground and line, the fills of the fluids
+// that are drawn, behind: that of the fluid that fills the rest or null, whether lines are smooth, and marks of openings,
+// with inside: what is drawn in place of the fluids, if anything is.
+export function drawOutlines(pen, X, Y, state, look) {
+  const trace = (loops, lines) => {
+    pen.beginPath();
+    for (const loop of loops) {
+      const points = lines(loop);
+      pen.moveTo(X(points[0]), Y(points[1]));
+      for (let k = 2; k < points.length; k += 2) pen.lineTo(X(points[k]), Y(points[k + 1]));
+      pen.closePath();
+    }
+  };
+  const plain = (loop) => loop.points, count = look.fills.length, walls = state[count + 1], bodies = state[count];
+  pen.lineJoin = "round";
+  trace(walls, plain);
+  pen.strokeStyle = look.wall;
+  pen.lineWidth = 9;
+  pen.stroke();
+  pen.save();
+  pen.clip("evenodd");
+  pen.fillStyle = look.behind || look.ground;
+  pen.fill("evenodd");
+  if (look.inside) look.inside();
+  else look.fills.forEach((fill, k) => {
+    trace(state[k], look.smooth ? smoothed : plain);
+    pen.fillStyle = fill;
+    pen.fill("evenodd");
+    pen.strokeStyle = look.line;
+    pen.lineWidth = look.behind ? 1.4 : 0.8;
+    pen.stroke();
+  });
+  pen.restore();
+  drawOpenings(pen, X, Y, look);
+  trace(bodies, plain);
+  pen.fillStyle = look.body;
+  pen.fill("evenodd");
+  pen.strokeStyle = look.wall;
+  pen.lineWidth = 2;
+  pen.stroke();
+}
+
+// Arrows through the openings in walls, each [kind, x0, y0, x1, y1, inwards x, y].
+function drawOpenings(pen, X, Y, { openings = [], marks = {}, ground }) {
+  pen.lineWidth = 2;
+  for (const [kind, x0, y0, x1, y1, u, v] of openings) {
+    const count = Math.max(1, Math.round(Math.hypot(X(x1) - X(x0), Y(y1) - Y(y0)) / 26));
+    pen.beginPath();
+    for (const [px, py] of [[X(x0), Y(y0)], [X(x1), Y(y1)], [X(x1) - 5 * u, Y(y1) + 5 * v], [X(x0) - 5 * u, Y(y0) + 5 * v]]) pen.lineTo(px, py);
+    pen.fillStyle = ground;
+    pen.fill();
+    pen.fillStyle = marks[kind];
+    for (let k = 0; k < count; k++) {
+      const part = (k + 0.5) / count, px = X(x0 + part * (x1 - x0)), py = Y(y0 + part * (y1 - y0));
+      const [from, to] = kind === "inlet" ? [-5, 13] : [13, -5], way = Math.sign(to - from);
+      const at = (along, aside) => [px + along * u - aside * v, py - along * v - aside * u];
+      pen.beginPath();
+      for (const [along, aside] of [[from, 1], [to - 8 * way, 1], [to - 8 * way, 4], [to, 0], [to - 8 * way, -4], [to - 8 * way, -1], [from, -1]]) pen.lineTo(...at(along, aside));
+      pen.closePath();
+      pen.strokeStyle = "#ffffff";
+      pen.stroke();
+      pen.fill();
+    }
+  }
+}
