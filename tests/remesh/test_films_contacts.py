@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from triangulations import areas, border, check, cloud, delaunay, grid, masses, of
 
-from tipfem.mesh.mesh import simplex_measure
+from tipfem.mesh.mesh import Mesh, simplex_measure
+from tipfem.mesh.relabelled import SideEnergies
 from tipfem.remesh.edges.edge_operations import ACCELERATION, HELD, MASS, SLIDES, VELOCITY
 from tipfem.remesh.triangulation import Triangulation
 
@@ -50,6 +51,63 @@ def test_films_break_below_the_threshold_only():
     number, fluid = broken(0.33)  # over the longest edge, the diagonal: 0.31
     assert number == 0
     assert (fluid == 1).sum() == 16
+
+
+def lid_film(height, cosine, cells_wide=4):
+    """How many cells break of a film of fluid 1 between a lid and fluid 0, of a tension, and with a wetting of the lid.
+
+    Args:
+        height: of the film.
+        cosine: of the contact angle in fluid 1: the lid costs this much more where fluid 0 wets it.
+        cells_wide: of the film; fluid 1 is thick on both sides of it.
+    """
+    x, cells = grid(np.arange(9), np.array([0.0, 1.0, 2.0, 2.0 + height]))
+    x[(x[:, 1] == 2.0) & (np.abs(x[:, 0] - 4) > 0.5 * cells_wide + 0.1), 1] = 1.5
+    fluid = (x[cells, 1].min(axis=1) > 1.2).astype(np.int32)
+    wall = (x[:, 0] % 8 == 0) | (x[:, 1] == 0) | (x[:, 1] == 2 + height)
+    t = of(x, cells, fluid, wall=wall, density=[50.0, 1.0])
+    energies = SideEnergies(np.array([[0.0, 1.0], [1.0, 0.0]]), lambda one, other: np.array([[cosine, 0.0]] * len(one)))
+    held, still = np.ones(len(x), dtype=bool), np.zeros_like(x)
+    limits = {"reach": 0.0, "gap": 0.35, "least_area": 0.02, "film": 0.3, "sliver": 0.0}
+    return t.repair_interfaces(held, still, energies=energies, **limits)[0]
+
+
+def test_a_film_on_a_lid_breaks_where_that_gives_energy():
+    """It gives the tension, and takes the wetting of the lid and the tension at its ends, which are a third as long."""
+    assert lid_film(0.2, 0.0) > 0
+    assert lid_film(0.2, 0.5) > 0
+    assert lid_film(0.2, 1.0) == 0
+    assert lid_film(0.2, -1.0) > 0
+    assert lid_film(0.08, 1.0) > 0  # it is too thin for a mesh
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_patches_of_cells_raise_is_the_difference_of_the_energies_of_all_sides(seed):
+    rng = np.random.default_rng(seed)
+    x, cells = grid(np.arange(7), np.arange(6))
+    before = rng.integers(0, 3, len(cells)).astype(np.int32)
+    now = np.where(rng.random(len(cells)) < 0.25, rng.integers(0, 3, len(cells)), before).astype(np.int32)
+    sigma, wet = rng.random((3, 3)), rng.random((len(x), len(x), 3))
+    sigma, wet = np.triu(sigma, 1) + np.triu(sigma, 1).T, wet + wet.transpose(1, 0, 2)
+    mesh = Mesh(x, cells.astype(np.int32), now)
+
+    def energy(fluid):
+        total = 0.0
+        for cell in range(len(cells)):
+            for k in range(3):
+                a, b = cells[cell, (k + 1) % 3], cells[cell, (k + 2) % 3]
+                beyond, length = mesh.neighbours[cell, k], np.linalg.norm(x[a] - x[b])
+                total += length * (wet[a, b, fluid[cell]] if beyond < 0 else 0.5 * sigma[fluid[cell], fluid[beyond]])
+        return total
+
+    cell, patch, more = SideEnergies(sigma, lambda one, other: wet[one, other]).raised(mesh, before)
+    assert cell.tolist() == np.flatnonzero(before != now).tolist()
+    assert more.sum() == pytest.approx(energy(now) - energy(before), rel=1e-12)
+    for number in range(len(more)):
+        alone = before.copy()
+        alone[cell[patch == number]] = now[cell[patch == number]]
+        assert more[number] == pytest.approx(energy(alone) - energy(before), rel=1e-9, abs=1e-12)
+    assert len(more) > 2
 
 
 def test_a_layer_with_particles_inside_is_no_film():

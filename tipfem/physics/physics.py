@@ -22,6 +22,7 @@ from tipfem.case.particles import Particles
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.mesh.cut import CutMesh, cut_along_interfaces
 from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.relabelled import SideEnergies
 from tipfem.physics.carried import Carried, Part, Remap
 from tipfem.physics.term import Term
 from tipfem.physics.walls.layers import Layers
@@ -183,6 +184,17 @@ class Physics(Generic[Part]):
     def first(self, mesh: Mesh, boundary: Boundary) -> Mesh:
         """The first mesh, with cells of other fluids."""
         return mesh
+
+    def sides(self, part: Part | None, count: int, boundary: Boundary) -> SideEnergies | None:
+        """Energies of the sides of cells, by which films may break; None where only their thickness decides.
+
+        Args:
+            part: what it carries.
+            count: of the particles that are repaired.
+            boundary: which of them lie on which walls.
+        """
+        del part, count, boundary
+        return None
 
     def before_repair(self, part: Part | None, moved: Moved) -> tuple[Part | None, Moved]:
         """What it carries, and the end of a step, before the mesh is repaired."""

@@ -16,7 +16,7 @@ from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
 from tipfem.mesh.components import ON_INTERFACE
 from tipfem.mesh.mesh import Mesh
-from tipfem.mesh.relabelled import Relabelled
+from tipfem.mesh.relabelled import Relabelled, SideEnergies
 from tipfem.remesh.edges.edge_operations import ACCELERATION, SLIDES, TARGET, VELOCITY
 from tipfem.remesh.repair_account import NoAccount
 from tipfem.remesh.triangulation import Crowding, Triangulation
@@ -67,6 +67,7 @@ def repair(
     graded: bool = False,
     account: NoAccount | None = None,
     keep_cells: bool = False,
+    energies: SideEnergies | None = None,
 ) -> Repaired:
     """Remesh particles that have moved.
 
@@ -85,6 +86,7 @@ def repair(
         account: of what each kind of repair adds to energy and momentum; none by default.
         keep_cells: whether edges need not be flipped, nor particles relocated; interfaces and volumes are always
             repaired, and what crowds a film that breaks.
+        energies: of the sides of cells, by which films may break; None where only their thickness decides.
 
     Raises:
         TriangulationError: the repair did not terminate, or left a triangle without area.
@@ -111,6 +113,7 @@ def repair(
             least_area=LEAST,
             film=rule.thin_film,
             sliver=SLIVER,
+            energies=energies,
         )
         changed = None
         if broken or taken:

@@ -442,6 +442,8 @@ class FittedRemesher(Remesher):
             if (entered := physics.entered(part)) is not None:
                 wanted = wanted + entered.volume
         start_mesh = with_components(end.mesh, len(self.density))
+        count, sides = len(end.particles), before.boundary
+        energies = [physics.sides(parts.get(physics.name), count, sides) for physics in self._physics]
         particles = moved = self._graded(end.particles, start_mesh)
         boundary, fixed = before.boundary, before.fixed.copy()
         fixed[boundary.index[boundary.pinned]] = True
@@ -463,6 +465,7 @@ class FittedRemesher(Remesher):
             graded=self._grading is not None or any(physics.open for physics in self._physics),
             account=self.account,
             keep_cells=solved.keeps_cells,
+            energies=next(filter(None, energies), None),
         )
         fixed, reference = before.fixed, before.reference
         if renumbered is not None:

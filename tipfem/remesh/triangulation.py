@@ -13,14 +13,17 @@ from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
 from tipfem.geometry.period import Period, no_period
 from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.relabelled import SideEnergies
 from tipfem.remesh.edges import coarsen_refine, films_contacts, flips, refining
 from tipfem.remesh.edges import long_edges as edge_kernels
-from tipfem.remesh.edges.edge_operations import COLUMNS, CURRENT, STALE, VELOCITY
+from tipfem.remesh.edges.edge_operations import COLUMNS, CURRENT, STALE, TARGET, VELOCITY
 from tipfem.remesh.edges.long_edges import NEEDED, REMOVED, STORED
 from tipfem.remesh.volumes import label_components
 from tipfem.typing import Array
 
 MUCH_LONGER = coarsen_refine.MUCH_LONGER
+FORCED = 0.3  # of the thickness at which films break: thinner ones do whatever their energy
+ROUND_OFF = 1e-9  # of the energy of a side
 
 
 class Crowding(NamedTuple):
@@ -267,6 +270,7 @@ class Triangulation:
         least_area: float,
         film: float,
         sliver: float,
+        energies: SideEnergies | None = None,
     ) -> tuple[int, int]:
         """Slide contacts along walls in the direction of their interfaces, break films, absorb slivers at interfaces.
 
@@ -278,6 +282,8 @@ class Triangulation:
             least_area: twice the area that every cell must keep.
             film: height below which a film breaks.
             sliver: height below which a cell at an interface is absorbed.
+            energies: of the sides of cells. Then a film stays whose break would raise them, unless it is thinner than
+                `FORCED` of its limit.
 
         Returns:
             How many cells changed their fluid because films broke, and because they were slivers.
@@ -288,6 +294,7 @@ class Triangulation:
         fixed, displacement = held.astype(np.int32), np.ascontiguousarray(displacement)
         most = max(3 * elements, len(self.state))
         keys, names = np.empty((most, 2)), np.empty(most, dtype=np.int32)
+        stays = np.zeros(elements, dtype=np.int8)
 
         def repair(slide: int, limits: Array) -> None:
             launch(
@@ -308,6 +315,7 @@ class Triangulation:
                 limits,
                 np.empty(films_contacts.SCRATCH, dtype=np.int32),
                 flag,
+                stays,
                 keys,
                 names,
                 slide,
@@ -315,13 +323,20 @@ class Triangulation:
             )
 
         broken, before, slide = 0, -1, 1
-        if self.observer:  # contacts alone, with the same results
+        if self.observer or energies:  # contacts alone, with the same results
             repair(slide, np.where(np.arange(films_contacts.LIMITS) < films_contacts.FILM, limits, 0.0))
-            self.observer("contacts", self)
+            self._observed("contacts", 1)
             slide = 0
         while counters[films_contacts.ABSORBED] != before:  # the parts of an edge may be long, too
             before = int(counters[films_contacts.ABSORBED])
+            start = (self.state.copy(), self.fluid.copy(), self._stale.copy()) if energies else None
             repair(slide, limits)
+            if start is not None and energies and counters[films_contacts.BROKEN]:
+                refused = self._refused(start[1], energies, FORCED * limits[films_contacts.FILM])
+                if len(refused):
+                    self.state, self.fluid, self._stale = start
+                    stays[refused], counters[films_contacts.BROKEN], before = 1, 0, -1
+                    continue
             slide, limits[films_contacts.FILM] = 0, 0.0
             if counters[films_contacts.BROKEN]:
                 broken, before = int(counters[films_contacts.BROKEN]), -1
@@ -333,6 +348,20 @@ class Triangulation:
         absorbed = int(counters[films_contacts.ABSORBED])
         self._changed(absorbed, of_fluids=True)
         return broken, absorbed
+
+    def _refused(self, fluid: Array, energies: SideEnergies, forced: float) -> Array:
+        """Cells that had another ``fluid`` (M,), in patches that raise the energy and are higher than ``forced``."""
+        mesh = Mesh(self.state[:, :2], self.cells, self.fluid, period=self.period).with_(neighbours=self.neighbours)
+        cell, patch, more = energies.raised(mesh, fluid)
+        one, other = (self.cells[cell][:, order].ravel() for order in ([1, 2, 0], [2, 0, 1]))
+        sides = mesh.sides(one, other).reshape(-1, 3, 2)
+        area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
+        target = self.state[self.cells[cell], TARGET].mean(axis=1)
+        height = area / np.linalg.norm(sides, axis=2).max(axis=1) / target
+        lowest = np.full(len(more), np.inf)
+        np.minimum.at(lowest, patch, height)
+        raised = more > ROUND_OFF * energies.sigma.max() * target.max()
+        return np.asarray(cell[(raised & (lowest > forced))[patch]])
 
     def coarsen(self, held: Array, limits: Crowding, *, most: int, every_edge: bool = False) -> tuple[Array, int]:
         """Remove up to ``most`` particles that crowd others, into `removed`; see `coarsen_refine.coarsen`.

@@ -113,7 +113,7 @@ def meniscus(angle: float, half: int = 8, steps: int = 800) -> dict[str, float]:
     return {"height": float(height) / theory.meniscus(RADIUS, length, math.radians(angle)) - 1}
 
 
-def rise(angle: float, half: int = 4, steps: int = 2500) -> dict[str, float]:
+def rise(angle: float, half: int = 4, end: float = 22.0) -> dict[str, float]:
     """A liquid in two arms, one three times as wide as the other: difference of the mean heights.
 
     By the balance of forces on what stands in an arm of the half width R, sigma cos(angle) / (rho g R) each.
@@ -121,7 +121,7 @@ def rise(angle: float, half: int = 4, steps: int = 2500) -> dict[str, float]:
     Args:
         angle: of the contacts on all sides of the arms [degrees].
         half: spacings in half the narrow arm.
-        steps: of the largest step.
+        end: of the run [s], some four times as long as it takes to rise.
     """
     narrow, plate, low, high = RADIUS, RADIUS, 1.2 * RADIUS, 6 * RADIUS
     fluids, ratio, left = pair(0.01, OHNESORGE * math.sqrt(RADIUS)), 0.01, 2 * narrow
@@ -139,7 +139,7 @@ def rise(angle: float, half: int = 4, steps: int = 2500) -> dict[str, float]:
         given = {} if side == "floor" else {"contact_angle": {("liquid", "around"): angle}}
         tank.wall(side, law="no-slip", **given)
     simulation = simulated(tank, fluids, gravity)
-    for _ in range(steps):
+    while simulation.time < end:
         simulation.step()
     one, other = interface(simulation)
     middle, along = 0.5 * (one + other), np.abs(one - other)[:, 0]

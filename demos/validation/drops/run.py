@@ -71,7 +71,7 @@ LARGEST: dict[str, list[tuple[str, str, float]]] = {
     "rise": [("", "height", 0.01)],
     "oscillating": [("density ratio 0.001", "frequency", 0.005), ("density ratio 1.0", "frequency", 0.01)],
     "wave": [("16", "error", 0.018), ("32", "error", 0.005)],
-    "bubble": [("80", "height", 1e-4), ("80", "velocity", 1e-3), ("80", "circularity", 5e-4)],
+    "bubble": [("80", "height", 2e-4), ("80", "velocity", 1e-3), ("80", "circularity", 5e-4)],
     "rayleigh-taylor": [("32", "wave_number", 0.02)],
     "kelvin-helmholtz": [("6", "error", 0.02)],
     "film": [("", "speed", 0.02)],

@@ -118,20 +118,32 @@ def young_forces(
     there = np.flatnonzero(contact[one] | contact[other])
     cell, one, other = cell[there], one[there], other[there]
     fluid = particles.fluid[one] if mesh.fluid is None else np.asarray(mesh.fluid)[cell]
-    gamma = np.zeros(len(cell))
-    on = np.zeros(len(particles), dtype=bool)
-    parts = [(wall, members) for wall, _, members in boundary.members]
-    parts += [(curve.wall, np.flatnonzero(boundary.on_curve == k)) for k, curve in enumerate(boundary.curves)]
-    for wall, members in parts:
-        energy = energies[wall]
-        on[:] = False
-        on[boundary.index[members]] = True
-        both = on[one] & on[other]
-        gamma = np.where(both, (energy - energy[-1])[fluid] if mesh.fluid is None else energy[fluid], gamma)
+    gamma = wetting(one, other, len(particles), boundary, energies)
+    gamma = (gamma - gamma[:, -1:] if mesh.fluid is None else gamma)[np.arange(len(cell)), fluid]
     side = mesh.sides(one, other)
     pull = (gamma / np.hypot(side[:, 0], side[:, 1]))[:, None] * side
     for k in range(2):
         count = len(particles)
         result[:, k] = np.bincount(other, pull[:, k], count) - np.bincount(one, pull[:, k], count)
     result[~contact] = 0.0
+    return result
+
+
+def wetting(one: Array, other: Array, count: int, boundary: Boundary, energies: Sequence[Array]) -> Array:
+    """Energies (K, F + 1) per area of each fluid on the faces of walls between particles (K,) and (K,) [N/m].
+
+    Args:
+        one: the particles,
+        other: and those at the other ends.
+        count: of all particles.
+        boundary: which of them lie on which walls.
+        energies: see `young_forces`.
+    """
+    result, on = np.zeros((len(one), len(energies[0]))), np.zeros(count, dtype=bool)
+    parts = [(wall, members) for wall, _, members in boundary.members]
+    parts += [(curve.wall, np.flatnonzero(boundary.on_curve == k)) for k, curve in enumerate(boundary.curves)]
+    for wall, members in parts:
+        on[:] = False
+        on[boundary.index[members]] = True
+        result[on[one] & on[other]] = energies[wall]
     return result

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
+from tipfem.case.boundary import Boundary
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
 from tipfem.case.surface_tension import wall_energies
+from tipfem.mesh.relabelled import SideEnergies
 from tipfem.physics.carried import Remap
 from tipfem.physics.physics import Physics, StepStart
-from tipfem.physics.surface_tension.edges import TensionEdges, find_edges, young_forces
+from tipfem.physics.surface_tension.edges import TensionEdges, find_edges, wetting, young_forces
 from tipfem.physics.surface_tension.term import SurfaceTension
 from tipfem.typing import Array
 
@@ -39,6 +43,14 @@ class Tension(Physics[TensionEdges]):
             return ()
         energies = [wall_energies(cosines, part.table) for cosines in self._cosines]
         return (SurfaceTension(part, young_forces(part, step.mesh, step.particles, step.boundary, energies)),)
+
+    def sides(self, part: TensionEdges | None, count: int, boundary: Boundary) -> SideEnergies | None:
+        """See `Physics.sides`."""
+        if part is None:
+            return None
+        energies = [wall_energies(cosines, part.table) for cosines in self._cosines]
+        none = [np.zeros(len(part.table))] if not energies else energies
+        return SideEnergies(part.table, lambda one, other: wetting(one, other, count, boundary, none))
 
     def remeshed(self, part: TensionEdges | None, particles: Particles, remap: Remap) -> tuple[TensionEdges, Particles]:
         """See `Physics.remeshed`."""

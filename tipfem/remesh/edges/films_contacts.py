@@ -325,6 +325,7 @@ def repair_interfaces(
     limits: Reals1,
     scratch: Ints1,
     flag: Ints1,
+    stays: Flags1,
     keys: Reals2,
     names: Ints1,
     slide: ti.i32,
@@ -340,7 +341,7 @@ def repair_interfaces(
 
     Films go to the fluid beside them: cells without a particle inside their fluid, lower than [FILM]. At such a thin
     film, two surfaces are about to coalesce, or a filament to break. Its cells go to the fluid beyond their longest
-    edge at an interface, see `break_film`. counters: [BROKEN] cells.
+    edge at an interface, see `break_film`, but for those of films that ``stays`` (M,). counters: [BROKEN] cells.
 
     Slivers are absorbed if no film breaks, which would change the marks: a cell lower than [SLIVER] over an interface's
     edge longer than [LONG_EDGE] goes to the fluid beyond the edge, if its third particle is neither on an interface nor
@@ -368,6 +369,8 @@ def repair_interfaces(
         flag[t] = 0
         if fluid[t] >= 0:
             flag[t] = film_flags(mesh, mark, limits[FILM], t)
+            if stays[t] != 0:
+                flag[t] = flag[t] & ~IN_FILM
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):
         if flag[t] & IN_FILM > 0:
