@@ -110,14 +110,15 @@ def plot(path: Path, results: Mapping[str, Figures]) -> None:
     figure, wanted = new_figure(10, 3.6), theory.rising_bubble()
     labels = {"height": "height of the centre [m]", "velocity": "velocity [m/s]", "circularity": "circularity"}
     columns = ("time", "circularity", "height", "velocity")
-    for axes, (name, label) in zip(figure.subplots(1, 3), labels.items(), strict=True):
+    places = figure.subplots(1, 3)
+    for axes, (name, label) in zip(places, labels.items(), strict=True):
         for number, (run, figures) in enumerate(results.items()):
             course = np.array(figures["course"])
             axes.plot(course[:, 0], course[:, columns.index(name)], color=COLOURS[number], label=run)
         axes.plot(wanted["time"], wanted[name], "k--", linewidth=1, label="Hysing et al., finest mesh")
         axes.set(xlabel="time [s]", ylabel=label)
         axes.grid(alpha=0.3)
-    axes.legend()
+    places[0].legend()
     save(figure, path)
 
 
