@@ -255,7 +255,7 @@ class DelaunayRemesher(Remesher):
             around = np.where(relocated, np.nan, before.material.nodal_density)
             particles = transfer_momentum(particles, mesh, around, material.nodal_density, before.boundary.still)
             account.add("transfer", particles, mesh, material)
-        remap = Remap(before.mesh, mesh, None, relocated, solved.force)
+        remap = Remap(before.mesh, mesh, None, relocated, solved.force[:1] if solved.uniform else solved.force)
         parts, particles = self._carried(solved.parts, particles, remap)
         particles = _imposed(parts, walls.imposed(particles))
         return self._ended(
@@ -473,7 +473,8 @@ class FittedRemesher(Remesher):
             fixed = np.zeros(len(particles), dtype=bool)
             fixed[renumbered[before.fixed]] = True
         particles = particles.shallow_copy(fluid=particle_fluid(mesh, len(particles), self.rank))
-        remap = Remap(before.mesh, mesh, renumbered, relocated, solved.force, relabelled)
+        force = solved.force[:1] if solved.uniform else solved.force
+        remap = Remap(before.mesh, mesh, renumbered, relocated, force, relabelled)
         parts, particles = self._carried(parts, particles, remap)
         particles, boundary = solved.walls.reassign(particles)
         for physics in self._physics:

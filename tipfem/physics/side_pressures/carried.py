@@ -11,8 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tipfem.mesh.mesh import Mesh, corners_among
+from tipfem.backend.launch import launch
+from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import Carried
+from tipfem.physics.side_pressures import kernels
 from tipfem.typing import Array
 
 SWEEPS = 3  # a particle that has no neighbour with a pressure in its fluid takes one in the next sweep
@@ -56,32 +58,13 @@ def pressures_on_sides(
         The pressures (N,) of the heaviest fluids, and those (F, N) of each fluid less that one, 0 where it is not.
     """
     assert mesh.components is not None
-    there = mesh.components.at_particle >= 0
-    side = pressure + jump
-    known = known & there
-    for _ in range(SWEEPS):
-        missing = there & ~known
-        if not missing.any():
-            break
-        at = np.asarray(missing.any(axis=0))
-        near = np.flatnonzero(corners_among(at, mesh.cells))
-        cells, of = mesh.cells[near], np.asarray(mesh.fluid)[near, None]
-        to, there_known = missing[of, cells], known[of, cells]
-        total, count = np.zeros(known.shape), np.zeros(known.shape)
-        for i in range(cells.shape[1]):
-            for j in range(cells.shape[1]):
-                k = np.flatnonzero(to[:, i] & there_known[:, j])
-                if i == j or not len(k):
-                    continue
-                a, b, f = cells[k, i], cells[k, j], of[k, 0]
-                rise = np.einsum("kd,kd->k", mesh.sides(b, a), acceleration[b])
-                np.add.at(total, (f, a), side[f, b] + density[f] * rise)
-                np.add.at(count, (f, a), 1.0)
-        found = count > 0
-        side[found] = total[found] / count[found]
-        known |= found
-    carried = np.where(known.any(axis=0), side[fluid, np.arange(len(pressure))], pressure)
-    return carried, np.where(there, side - carried, 0.0)
+    at, side, carried = mesh.components.at_particle, pressure + jump, pressure.copy()
+    given = np.ascontiguousarray(mesh.cells), np.ascontiguousarray(mesh.fluid), mesh.position, mesh.period.array
+    flags, sums = np.ascontiguousarray(known).view(np.int8).ravel(), np.empty((2, at.size))
+    launch(
+        kernels.extend_pressures, *given, at, fluid, density, acceleration, SWEEPS, *sums, flags.copy(), side, carried
+    )
+    return carried, side
 
 
 def of_renumbered(values: Array, renumbered: Array | None, relocated: Array) -> Array:

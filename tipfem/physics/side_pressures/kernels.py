@@ -5,7 +5,7 @@
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Ints2, Periods, Reals1, Reals2, Template
+from tipfem.backend.array_types import Flags1, Ints1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.backend.periodic import difference
 from tipfem.linalg.multigrid.mesh_transfer import copies_of, tied_node
@@ -181,3 +181,72 @@ def add_products(
                 values[mark[j]] += slope[e, 0] * slope[s, 0] + slope[e, 1] * slope[s, 1]
             diagonal[i] += slope[e, 0] ** 2 + slope[e, 1] ** 2
             e = following[e]
+
+
+KNOWN, MISSING, FOUND = 1, 2, 3  # of a fluid at a particle in `extend_pressures`; 0 where it is not
+
+
+@kernel
+def extend_pressures(
+    cells: Ints2,
+    fluid: Ints1,
+    position: Reals2,
+    period: Periods,
+    at: Ints2,
+    heaviest: Ints1,
+    density: Reals1,
+    acceleration: Reals2,
+    sweeps: ti.i32,
+    total: Reals1,
+    count: Reals1,
+    flag: Flags1,
+    side: Reals2,
+    carried: Reals1,
+):
+    """See `tipfem.physics.side_pressures.carried.pressures_on_sides`; in 2-D.
+
+    Before, side (F, N) has the pressures of the fluids where ``flag`` (F N,) says that they are known, and carried (N,)
+    those of the particles; afterwards carried those of the ``heaviest`` (N,) fluids, and side the others less these.
+    at (F, N): negative where a fluid is not. ``total`` and ``count`` (F N,) are scratch.
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        n, fluids, missing = heaviest.shape[0], density.shape[0], 0
+        for f in range(fluids):
+            for i in range(n):
+                if at[f, i] < 0:
+                    flag[f * n + i] = 0
+                elif flag[f * n + i] == 0:
+                    flag[f * n + i] = MISSING
+                    missing += 1
+        sweep = 0
+        while missing > 0 and sweep < sweeps:
+            for c in range(cells.shape[0]):
+                for i in ti.static(range(3)):
+                    f, a = fluid[c], cells[c, i]
+                    if flag[f * n + a] >= MISSING:
+                        for j in ti.static(((i + 1) % 3, (i + 2) % 3)):
+                            b = cells[c, j]
+                            if flag[f * n + b] == KNOWN:
+                                rise = difference(position, period, a, b, 0) * acceleration[b, 0]
+                                rise += difference(position, period, a, b, 1) * acceleration[b, 1]
+                                if flag[f * n + a] == MISSING:
+                                    flag[f * n + a] = FOUND
+                                    total[f * n + a], count[f * n + a] = 0.0, 0.0
+                                total[f * n + a] += side[f, b] + density[f] * rise
+                                count[f * n + a] += 1.0
+            for f in range(fluids):
+                for i in range(n):
+                    if flag[f * n + i] == FOUND:
+                        flag[f * n + i] = KNOWN
+                        side[f, i] = total[f * n + i] / count[f * n + i]
+                        missing -= 1
+            sweep += 1
+        for i in range(n):
+            anything = 0
+            for f in range(fluids):
+                anything += flag[f * n + i] == KNOWN
+            if anything:
+                carried[i] = side[heaviest[i], i]
+            for f in range(fluids):
+                side[f, i] = side[f, i] - carried[i] if at[f, i] >= 0 else 0.0
