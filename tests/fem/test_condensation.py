@@ -59,6 +59,21 @@ def flat(blocks):
     return np.concatenate([part.ravel() for part in parts])
 
 
+def couplings_by_numpy(follows):
+    """The pairs of `Condensation.couplings`, with (3, 6) in addition."""
+    parents = {int(k): {int(k)} for k in range(NODES)}
+    for node, parent in zip(follows.node.tolist(), follows.parent.tolist(), strict=True):
+        parents[node].add(parent)
+    for node, owner in enumerate(OWNER.tolist()):
+        parents[node] |= ({owner} | parents[owner]) - ({owner} if len(parents[owner]) > 1 else set())
+    alone = {k for k in parents if parents[k] == {k}}
+    found = {(3, 6)}
+    for i, j in ((int(i), int(j)) for cell in CELLS for i in cell for j in cell):
+        if i not in alone or j not in alone:
+            found |= {(a, b) for a in parents[i] for b in parents[j]} - {(i, j)}
+    return sorted(found)
+
+
 @pytest.mark.parametrize("single", [True, False])
 def test_matrix_residual_and_correction_are_those_of_numpy(monkeypatch, single):
     monkeypatch.setattr(launching, "is_serial", lambda count, cost: single)
@@ -66,7 +81,13 @@ def test_matrix_residual_and_correction_are_those_of_numpy(monkeypatch, single):
     condensation = Condensation(OWNER, relations(9), buffers)
     condensation.set(follows)
     assert condensation.count == 5
-    one, other = condensation.couplings(np.array([3]), np.array([6]), CELLS)
+    starts, other = condensation.couplings(np.array([3]), np.array([6]), CELLS)
+    one = np.repeat(np.arange(NODES), np.diff(starts))
+    assert (
+        sorted(zip(one.tolist(), other.tolist(), strict=True))
+        == couplings_by_numpy(follows)
+        == sorted(set(zip(one.tolist(), other.tolist(), strict=True)))
+    )
     assert (3, 6) in set(zip(one.tolist(), other.tolist(), strict=True))
     pairs = {(int(a), int(b)) for cell in CELLS for a in cell for b in cell} | set(
         zip(one.tolist(), other.tolist(), strict=True)
@@ -107,6 +128,6 @@ def test_without_followers_nothing_changes():
     nowhere = np.zeros(0, dtype=np.int64)
     condensation = Condensation(np.arange(4), Follows(nowhere, nowhere, nothing, nothing), Buffers())
     assert condensation.count == 0
-    one, other = condensation.couplings(np.array([2, 0, 2]), np.array([3, 1, 3]), np.array([[0, 1, 2]]))
-    assert one.tolist() == [0, 2]
+    starts, other = condensation.couplings(np.array([2, 0, 2]), np.array([3, 1, 3]), np.array([[0, 1, 2]]))
+    assert starts.tolist() == [0, 1, 1, 2, 2]
     assert other.tolist() == [1, 3]

@@ -69,7 +69,7 @@ class Boundary:
         free: (W, d, d) projector on the directions in which the particle slides with the fluid.
         sliding: (W,) number of the wall whose velocity the particle takes; -1 for none.
         tangent: (W, d) direction in which the wall of each particle slides, anticlockwise about what its outline
-            encloses; zero in 3-D.
+            encloses; zero in 3-D, and where no wall moves.
         curvature: (W, d) vector to the centre of the arc that it is on over the square of the radius [1/m].
         pieces: rows of particles along a side, ends included, that are kept evenly spaced (2-D). Each row comes with
             the particles' coordinates along it, 0 at one end and 1 at the other, or None where the wall slips.
@@ -350,7 +350,7 @@ class Boundary:
         """Let the corners of arcs turn with their walls, and set `tangent` and `curvature`."""
         domain = self.domain
         self.tangent = self.curvature = np.zeros_like(self._y)
-        if not isinstance(domain, Domain):
+        if not isinstance(domain, Domain) or self.at_rest:
             return
         edge = np.argmax(self.on_side, axis=1)
         wall = np.full(len(domain), -1)

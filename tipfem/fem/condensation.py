@@ -82,8 +82,10 @@ class Condensation:
         # Those that follow themselves alone come first.
         order = np.lexsort((node, node != parent))
         self._node, self._parent, self._source = node[order], parent[order], source[order]
-        self._new = starts = np.flatnonzero(np.diff(self._node, prepend=-1))
-        followers = self._node[starts]
+        starts = np.flatnonzero(np.diff(self._node, prepend=-1))
+        followers, self._starts = self._node[starts], np.append(starts, len(self._node))
+        self._numbers = number = np.full(self._nodes, -1)
+        number[followers] = np.arange(len(followers))
         self.count, self._own = len(followers), int((followers == self._parent[starts]).sum())
         self._followers = followers
         by_parent = np.lexsort((self._node, self._node != self._parent, self._parent))
@@ -91,13 +93,10 @@ class Condensation:
         self._parents = len(parents)
         if not self.count:
             return
-        number = np.full(self._nodes, -1)
-        number[followers] = np.arange(self.count)
-        self._number = number
         put = buffers.upload
         self._of_followers = (
             put("condensed.node", followers),
-            put("condensed.starts", np.append(starts, len(node))),
+            put("condensed.starts", self._starts),
             put("condensed.parent", self._parent),
         )
         self._follower = put("condensed.follower", number)
@@ -119,7 +118,7 @@ class Condensation:
             )
 
     def couplings(self, one: Array, other: Array, cells: Array) -> tuple[Array, Array]:
-        """Couplings of nodes that the condensed matrix has beside those of the mesh, without repetition.
+        """Couplings of nodes that the condensed matrix has beside those of the mesh, without repetition, in CSR.
 
         Args:
             one: (K,) rows of further couplings, as of terms that couple nodes without a common cell,
@@ -127,34 +126,30 @@ class Condensation:
             cells: (M, d + 1) nodes of the mesh.
 
         Returns:
-            Rows, ascending, and columns.
+            Offsets (P + 1,) and columns, ascending in each row, int32.
         """
-        if self.count == self._own:
-            key = one * self._nodes + other
-        else:
+        near, most = cells[:0], 1
+        if self.count > self._own:
             follows = np.zeros(self._nodes, dtype=bool)
             follows[self._followers[self._own :]] = True
-            near = cells[np.flatnonzero(corners_among(follows, cells))].astype(np.int64)
-            width = near.shape[1]
-            first, second = np.repeat(near, width, axis=1).ravel(), np.tile(near, (1, width)).ravel()
-            there = follows[first] | follows[second]
-            i, j = np.concatenate([one, first[there]]), np.concatenate([other, second[there]])
-            rows, columns = self._parents_of(i).T, self._parents_of(j).T
-            added = [(a * self._nodes + b)[(a != i) | (b != j)] for a in rows for b in columns]  # the others are there
-            key = np.concatenate([one * self._nodes + other, *added])
-        return np.divmod(np.unique(key), self._nodes)
-
-    def _parents_of(self, nodes: Array) -> Array:
-        """(K, p) each node and its parents; the node again where there are less than p - 1."""
-        most = int(np.diff(np.append(self._new, len(self._node))).max())
-        result = np.repeat(nodes[:, None], 1 + most, axis=1)
-        number = self._number[nodes]
-        index = np.flatnonzero(number >= 0)
-        first, ends = self._new[number[index]], np.append(self._new, len(self._node))[number[index] + 1]
-        for p in range(most):
-            has = first + p < ends
-            result[index[has], 1 + p] = self._parent[first[has] + p]
-        return result
+            near = cells.take(np.flatnonzero(corners_among(follows, cells)), axis=0)
+            most = 1 + int(np.diff(self._starts).max())
+        # A node and those that it follows are coupled with another and those; a table that is half full at most.
+        size = 1 << (2 * (near.size * near.shape[1] * most**2 + len(one)) + 1).bit_length()
+        table, offsets, cursor = np.empty((size, 2), np.int32), *np.zeros((2, self._nodes + 1), np.int32)
+        columns, given = np.empty(size // 2, dtype=np.int32), (one.astype(np.int32), other.astype(np.int32))
+        launch(
+            kernels.list_couplings,
+            np.ascontiguousarray(near, dtype=np.int32),
+            *(values.astype(np.int32) for values in (self._numbers, self._starts, self._parent)),
+            *given,
+            table,
+            cursor,
+            offsets,
+            columns,
+            self._own,
+        )
+        return offsets, columns[: offsets[-1]]
 
     def spread(self, x: Any) -> None:
         """Give the followers their displacements in a vector (P (d + 1),): x = R x."""

@@ -7,11 +7,11 @@ of unknowns are laid out as in `tipfem.fem.residual`, matrices as in `tipfem.fem
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints1, Reals1, Reals2, Template
+from tipfem.backend.array_types import Ints1, Ints2, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel
 from tipfem.fem.jacobian import block_entry
 from tipfem.fem.residual import displacement_of
-from tipfem.linalg.sparsity import find_column
+from tipfem.linalg.sparsity import find_column, insertion_sort
 
 # Nanoseconds of one thread for a follower in `spread` and `collect`, for a row and for a parent's row in `condense`.
 FOLLOWER, ROW, PARENT = 15.0, 25.0, 300.0
@@ -188,3 +188,78 @@ def condense_rows(
             for k in ti.static(range(dim)):
                 for c in ti.static(range(dim + 1)):
                     blocks[block_entry(couplings, s, k, c, dim)] = 0.0
+
+
+@ti.func
+def insert_pair(table: Template, count: Template, i, j):
+    """Put the pair (i, j) into a hash table, if it is not there, and count it as one of i."""
+    last = table.shape[0] - 1
+    at = (i * 73856093 ^ j * 19349663) & last
+    while table[at, 0] >= 0 and (table[at, 0] != i or table[at, 1] != j):
+        at = (at + 1) & last
+    if table[at, 0] < 0:
+        table[at, 0], table[at, 1] = i, j
+        count[i + 1] += 1
+
+
+@ti.func
+def node_or_parent(k, node, follower: Template, starts: Template, parent: Template):
+    """The node (k = 0), or the k-th that it follows."""
+    found = node
+    if k > 0:
+        found = parent[starts[follower[node]] + k - 1]
+    return found
+
+
+@kernel
+def list_couplings(
+    near: Ints2,
+    follower: Ints1,
+    starts: Ints1,
+    parent: Ints1,
+    one: Ints1,
+    other: Ints1,
+    table: Ints2,
+    cursor: Ints1,
+    offsets: Ints1,
+    columns: Ints1,
+    own: ti.i32,
+):
+    """Columns in CSR, ascending, of what followers in the cells ``near`` (K, d + 1) couple, and of pairs (one, other).
+
+    ``follower`` (P,): their numbers, -1 for others. ``cursor`` and ``offsets`` (P + 1,) are zero; ``table`` (S, 2), of
+    a size that is a power of two and more than all these pairs, is scratch.
+    """
+    ti.loop_config(serialize=True)
+    for s in range(table.shape[0]):
+        table[s, 0] = -1
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        for c in range(near.shape[0]):
+            for p in range(near.shape[1]):
+                i = near[c, p]
+                for q in range(near.shape[1]):
+                    j = near[c, q]
+                    if follower[i] >= own or follower[j] >= own:
+                        rows, more = 1, 1
+                        if follower[i] >= 0:
+                            rows += starts[follower[i] + 1] - starts[follower[i]]
+                        if follower[j] >= 0:
+                            more += starts[follower[j] + 1] - starts[follower[j]]
+                        for k in range(rows):
+                            for m in range(more):
+                                a = node_or_parent(k, i, follower, starts, parent)
+                                b = node_or_parent(m, j, follower, starts, parent)
+                                if a != i or b != j:  # the others are there
+                                    insert_pair(table, offsets, a, b)
+        for k in range(one.shape[0]):
+            insert_pair(table, offsets, one[k], other[k])
+        for i in range(follower.shape[0]):
+            offsets[i + 1] += offsets[i]
+            cursor[i] = offsets[i]
+        for s in range(table.shape[0]):
+            if table[s, 0] >= 0:
+                columns[cursor[table[s, 0]]] = table[s, 1]
+                cursor[table[s, 0]] += 1
+        for i in range(follower.shape[0]):
+            insertion_sort(columns, offsets[i], offsets[i + 1])

@@ -215,14 +215,13 @@ class LinearSystem:
         lists = [p for term in self._terms if (p := term.couplings(near=not self.stores_rows)) is not None]
         one, other = (np.concatenate([np.zeros(0, dtype=np.int64), *(pair[k] for pair in lists)]) for k in (0, 1))
         if self.stores_rows:
-            one, other = self.condensation.couplings(one, other, self._equations.nodes.cells)
+            starts, added = self.condensation.couplings(one, other, self._equations.nodes.cells)
         else:
-            one, other = np.divmod(np.unique(one * rows + other), rows)
-            offsets = put("no_offsets", np.zeros(n + 1, dtype=np.int32))
-        if len(one) or not self.stores_rows or rows > n:
-            starts = np.zeros(rows + 1, dtype=np.int32)
+            one, added = np.divmod(np.unique(one * rows + other), rows)
+            offsets, starts = put("no_offsets", np.zeros(n + 1, dtype=np.int32)), np.zeros(rows + 1, dtype=np.int32)
             np.cumsum(np.bincount(one, minlength=rows), out=starts[1:])
-            base = offsets, columns, put("added.offsets", starts), put("added.columns", other.astype(np.int32))
+        if len(added) or not self.stores_rows or rows > n:
+            base = offsets, columns, put("added.offsets", starts), put("added.columns", added)
             offsets = get("matrix.offsets", rows + 1, integer=True)
             work = (rows, sparsity.MERGED_ROW)
             launch(sparsity.count_merged, *base, offsets, n, rows, work=work)
