@@ -5,12 +5,14 @@ import pytest
 from triangulations import cloud, component_labels, delaunay, grid
 
 from tipfem.backend.launch import launch
+from tipfem.geometry.period import Period
 from tipfem.mesh.components import ON_HULL, ON_INTERFACE, Components
 from tipfem.mesh.delaunay import triangulate
 from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.remesh import volume_kernels, volumes
 from tipfem.remesh.volumes import (
     apportion,
+    areas,
     label_components,
     restore_volumes,
     transfer_deficits,
@@ -31,6 +33,17 @@ def flood(neighbours, fluid) -> list[set[int]]:
         left -= component
         found.append(component)
     return found
+
+
+@pytest.mark.parametrize("width", [0.0, 1.0])
+def test_areas_are_those_of_numpy(width):
+    """Of inverted triangles too, and across a periodic side."""
+    x, period = cloud("random", 4), Period(np.array([width, 0.0]))
+    mesh = Mesh(x, delaunay(x).astype(np.int32), period=period)
+    moved = x + np.random.default_rng(4).normal(size=x.shape)
+    expected = simplex_measure(moved, mesh.cells, period)
+    assert (expected < 0).any()
+    np.testing.assert_allclose(areas(moved, mesh), expected, rtol=1e-12, atol=1e-15)
 
 
 def test_components_are_those_of_a_flood_fill():

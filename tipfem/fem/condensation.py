@@ -45,6 +45,8 @@ class Follows(NamedTuple):
     def together(parts: list[Follows], dimension: int) -> Follows:
         """The relations of several constraints."""
         nowhere, nothing = np.zeros(0, dtype=np.int64), np.zeros((0, dimension, dimension))
+        if len(parts) == 1:
+            return parts[0]
         columns = zip(Follows(nowhere, nowhere, nothing, nothing), *parts, strict=True)
         node, parent, row, column = (np.concatenate(column) for column in columns)
         order = np.argsort(node, kind="stable")
@@ -66,14 +68,15 @@ class Condensation:
     def __init__(self, owner: Array, follows: Follows, buffers: Buffers) -> None:
         self._buffers, self._nodes, self._dimension = buffers, len(owner), follows.row.shape[1]
         copies = np.flatnonzero(owner != np.arange(len(owner)))
-        first = np.searchsorted(follows.node, np.arange(self._nodes + 1))
         # A copy of a follower has the relations of that one; that of a free node has one, to it.
-        of, length = owner[copies], np.diff(first)[owner[copies]]
+        of = owner[copies]
+        first = np.searchsorted(follows.node, of)
+        length = np.searchsorted(follows.node, of, side="right") - first
         plain = length == 0
         length = np.where(plain, 1, length)
         node = np.repeat(copies, length)
         ahead = np.cumsum(length) - length
-        source = np.repeat(np.where(plain, -1, first[of] - ahead), length) + np.where(
+        source = np.repeat(np.where(plain, -1, first - ahead), length) + np.where(
             np.repeat(plain, length), 0, np.arange(len(node))
         )
         parent = np.where(source < 0, np.repeat(of, length), np.append(follows.parent, 0)[source])

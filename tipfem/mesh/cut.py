@@ -73,7 +73,7 @@ def cut_along_interfaces(mesh: Mesh, rank: Array) -> CutMesh:
     launch(cut_cells, *given, *scratch, new, owner, component, count)
     owner, component = owner[: count[0]], component[: count[0]]
     return CutMesh(
-        Mesh(mesh.position.take(owner, axis=0), new, mesh.fluid, period=mesh.period),
+        Mesh(np.concatenate([mesh.position, mesh.position[owner[n:]]]), new, mesh.fluid, period=mesh.period),
         owner,
         component,
         components.fluid.take(component),

@@ -223,4 +223,5 @@ def spray_volumes(mesh: Mesh, fluid: Array, count: int) -> Array:
     Returns:
         (F,) [m^2, or m^3 in 3-D].
     """
-    return np.bincount(fluid, weights=mesh.surface.spray, minlength=count)
+    spray = mesh.surface.spray
+    return np.bincount(fluid, weights=spray, minlength=count) if spray.any() else np.zeros(count)

@@ -56,8 +56,6 @@ class VolumeControl:
             fraction: (M, F) part of each element that each fluid fills.
             dt: length of the step [s].
         """
-        if self.rate == 0.0:
-            return np.zeros(len(mesh.cells))
         wanted = mesh.measure @ fraction + self.missing
         return volume_source(mesh, fraction, wanted, self.part(dt), balanced=self.balanced)
 

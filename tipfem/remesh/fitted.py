@@ -20,7 +20,7 @@ from tipfem.mesh.relabelled import Relabelled, SideEnergies
 from tipfem.remesh.edges.edge_operations import ACCELERATION, SLIDES, TARGET, VELOCITY
 from tipfem.remesh.repair_account import NoAccount
 from tipfem.remesh.triangulation import Crowding, Triangulation
-from tipfem.remesh.volumes import Places, restore_volumes, with_components
+from tipfem.remesh.volumes import Places, areas, restore_volumes, with_components
 from tipfem.timers import timer
 from tipfem.typing import Array
 
@@ -91,7 +91,7 @@ def repair(
     Raises:
         TriangulationError: the repair did not terminate, or left a triangle without area.
     """
-    moved = mesh.moved(particles.position).measure
+    moved = areas(particles.position, mesh)
     if (moved <= 0).any():
         raise TriangulationError("a triangle was inverted before it could be repaired")
     held = fixed.astype(bool)
@@ -143,7 +143,7 @@ def repair(
     account.add_mesh("volumes", new, t.state[:, VELOCITY:ACCELERATION])
     position = new.period.wrapped(new.position)
     if not (flips or broken or relocated.any() or (position != particles.position).any()):
-        return Repaired(particles, mesh.moved(particles.position), relocated)
+        return Repaired(particles, mesh.moved(particles.position, moved), relocated)
     renumbered = None
     if len(t.removed) or len(t.state) > len(particles):
         numbers, kept = t.drop_removed()

@@ -42,6 +42,14 @@ class Places(NamedTuple):
         return np.asarray(particles[near.any(axis=1)])
 
 
+def areas(position: Array, mesh: Mesh) -> Array:
+    """(M,) signed areas of the triangles of a mesh, with their particles at a ``position`` (N, 2) [m^2]."""
+    measure = np.empty(len(mesh.cells))
+    given = np.ascontiguousarray(position), np.ascontiguousarray(mesh.cells), mesh.period.array
+    launch(kernels.measure_cells, *given, measure, work=(len(measure), kernels.CELL))
+    return measure
+
+
 def label_components(
     position: Array, cells: Array, neighbours: Array, fluid: Array, fluids: int, period: Period | None = None
 ) -> tuple[Components, Array, Array]:

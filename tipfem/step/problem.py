@@ -96,7 +96,8 @@ class FlowProblem:
         self.buffers = buffers = workspace.buffers
         put, get, d = buffers.upload, buffers.get, mesh.dimension
         owner, solved = (cut.owner, cut.mesh) if cut else (np.arange(len(particles)), mesh)
-        of_node: Array | slice = cut.owner if cut else slice(None)
+        self._copied = cut.owner[cut.copied] if cut else owner[:0]
+        of_nodes = self._of_nodes
         self.nodes, self.elements, self.dimension = len(owner), len(mesh.cells), d
         self.rows = self.nodes + sum(term.extra_nodes for term in terms)
         self.size = self.rows * (d + 1)
@@ -117,10 +118,10 @@ class FlowProblem:
             buffers,
             workspace.topology(solved),
         )
-        self._target = put("target", particles.target[of_node])
+        self._target = put("target", of_nodes(particles.target))
         e.density, e.viscosity = put("density", properties.density), put("viscosity", properties.viscosity)
         e.lumping, self._source = put("lumping", properties.lumped), put("source", properties.source)
-        e.motion = put("motion", np.hstack([mesh.position, velocity, e.relative])[of_node])
+        e.motion = put("motion", of_nodes(np.hstack([mesh.position, velocity, e.relative])))
         e.scale = get("scale", self.size)
         launch(vector_kernels.fill, e.scale, 0.0, self.size, work=(self.size, vector_kernels.ENTRY))
         e.local = get("local", self.elements * (d + 1), d + 1)
@@ -128,7 +129,7 @@ class FlowProblem:
         walls = particles.wall
         for term in terms:
             walls = walls if term.unheld is None else walls & ~term.unheld
-        self._walls, self._wall = walls, put("wall", walls[of_node])
+        self._walls, self._wall = walls, put("wall", of_nodes(walls))
         self._r, self._dx = get("residual", self.size), get("correction", self.size)
         self._linearised = self._corrected = False
         self._norm = self._smallest = math.nan
@@ -146,12 +147,16 @@ class FlowProblem:
             self.system = LinearSystem(
                 e,
                 terms,
-                put("held", np.ascontiguousarray(held.T[of_node])),
+                put("held", of_nodes(held.T)),
                 workspace.multigrid(self.box, particles.spacing, periodic=mesh.period.axes),
-                solved.position if frame is None else position[of_node],
+                solved.position if frame is None else of_nodes(position),
                 floor,
                 stores_rows=stores_rows,
             )
+
+    def _of_nodes(self, values: Array) -> Array:
+        """Values (P, ...) of the nodes from those (N, ...) of particles, which are the first nodes."""
+        return np.concatenate([values, values[self._copied]]) if len(self._copied) else values
 
     def predict(self) -> Any:
         """First iterate: constant acceleration and pressure, or no motion where that would invert an element."""
@@ -171,8 +176,9 @@ class FlowProblem:
         for term in self.terms:
             displacement, pressure = term.prescribe(displacement, pressure)
         x = np.zeros((self.rows, self.dimension + 1))
-        owner = self.equations.owner
-        x[: self.nodes, :-1], x[: self.nodes, -1] = displacement[owner], pressure[owner]
+        count, copied = len(pressure), self._copied
+        x[:count, :-1], x[:count, -1] = displacement, pressure
+        x[count : self.nodes] = x[copied]
         for term in self.terms:
             term.start(x)
         return self.buffers.upload("unknowns", x.ravel())

@@ -8,6 +8,8 @@ import math
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 
+import numpy as np
+
 from tipfem.arguments import is_number
 from tipfem.backend import runtime
 from tipfem.case.boundary import Boundary
@@ -204,7 +206,10 @@ class Stepper:
             StepRefused: the step is too long.
         """
         end = until if abs(until - state.time - dt) < 1e-9 * dt else state.time + dt
-        return self.solver.solve(state, dt, self.volume_control.source(state.mesh, state.material.fraction, dt), end)
+        growth = np.zeros(len(state.mesh.cells))
+        if self.volume_control.rate:
+            growth = self.volume_control.source(state.mesh, state.material.fraction, dt)
+        return self.solver.solve(state, dt, growth, end)
 
     def _settled(self, state: State) -> State:
         """A state after a step with the parts that the next one starts from, see `Physics.settled`."""

@@ -52,8 +52,8 @@ class SidePressures(Term):
 
     def start(self, x: Array) -> None:
         """See `Term.start`."""
-        cut = self.cut
-        x[cut.copied, -1] += self.jump[cut.fluid, cut.owner][cut.copied]
+        cut, copied = self.cut, self.cut.copied
+        x[copied, -1] += self.jump[cut.fluid[copied], cut.owner[copied]]
 
     def begin(self, equations: Equations, first_node: int) -> None:
         """See `Term.begin`."""
