@@ -126,6 +126,11 @@ def picture_loops(scene: Scene, background: int | None) -> list[list[Loop]]:
     return [*layers, _whole([body.corners for body in scene.bodies]), wall_loops(scene)]
 
 
+def turning_marks(scene: Scene) -> list[list[list[float]]]:
+    """Ends of the lines that show how bodies turn [m]."""
+    return [body.mark.tolist() for body in scene.bodies]
+
+
 def background_fluid(scene: Scene) -> int | None:
     """The fluid that is drawn by filling the tank: the last of several that fill it together."""
     edges = scene.geometry.edges

@@ -40,7 +40,7 @@ def shown(browser, server):
 
 def test_the_page_shows_the_results_and_loads_nothing_from_elsewhere(shown, server):
     assert shown.text("title") == "Sloshing"
-    assert shown.text("legend").split() == ["water", "air"]
+    assert shown.text("legend").split() == ["water", "air", "smoothed", "outlines"]
     assert shown.text("clock").split() == ["t", "=", "0.000", "s", f"1/{len(TIMES)}"]
     shown.sees(0.4, 0.1, WATER)
     shown.sees(0.1, 0.45, AIR)
@@ -94,6 +94,30 @@ def test_wheel_drag_and_keys_move_the_window(shown):
     shown.wait(lambda: window()[2] - window()[0] < 0.8 * (x1 - x0), "the zoom by a key")
     shown.key("0")
     shown.wait(lambda: window() is None, "all of it")
+
+
+def test_fluids_are_drawn_by_each_page_from_outlines(browser, server, shown):
+    """Zoom and theme need no frame from the viewer; a second page has its own view; a field comes as a picture."""
+    other = ShownPage(browser, server.address, (SIDE, SIDE))
+    other.read("state", "watching")
+    frames, whole = (shown.frame, other.frame), shown.colour(0.1, 0.3)
+    assert shown.page.evaluate("document.querySelector('.pane canvas').width") > 500
+    other.page.mouse.move(*other.point(0.4, 0.05))
+    other.page.mouse.wheel(0, -900)
+    other.page.wait_for_timeout(300)
+    assert (abs(other.colour(0.1, 0.3) - WATER) < 8).all()  # what was above the surface
+    assert (shown.colour(0.1, 0.3) == whole).all()
+    shown.key("h")
+    shown.sees(-0.014, -0.014, np.array([0x15, 0x1A, 0x21]))
+    shown.key("h")
+    shown.page.wait_for_timeout(300)
+    assert (shown.frame, other.frame) == frames
+    shown.key("x")
+    shown.wait(lambda: "--outlines mesh" in shown.command, "the edges of the mesh")
+    shown.key("x", "f")
+    shown.read("legend", "pressure")
+    shown.wait(lambda: min(shown.frame, other.frame) > max(frames), "the pictures")
+    other.close()
 
 
 def test_a_click_keeps_a_point_and_shows_its_history(shown):

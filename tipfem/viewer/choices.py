@@ -52,6 +52,7 @@ class Choices:
             "contours": None,
             "tracers": 0,
             "colour_all": False,
+            "smooth": True,
         }
     )
     window: Window | None = None
@@ -60,6 +61,18 @@ class Choices:
     height: int = 600
     ratio: float = 1.0
     dark: bool = False
+
+    @property
+    def plain(self) -> bool:
+        """Whether nothing but the fluids is seen, which pages draw by themselves from outlines."""
+        layers = self.layers
+        beside = ("mesh", "particles", "arrows", "streamlines", "contours", "tracers")
+        return self.field is None and self.follow is None and layers["fill"] and not any(layers[k] for k in beside)
+
+    @property
+    def smooth(self) -> bool:
+        """Whether the outlines of the fluids are smoothed, where nothing else is seen."""
+        return self.plain and bool(self.layers["smooth"])
 
     @property
     def shown(self) -> Window:
@@ -119,6 +132,7 @@ class Choices:
             tracers=layers["tracers"],
             colour_map=self.colour_map,
             muted=() if layers["colour_all"] else None,
+            smooth=self.smooth,
         )
 
     def command(self, out: str) -> str:
@@ -145,6 +159,8 @@ class Choices:
             words += ["--window", *(f"{value:.4g}" for value in self.window)]
         if self.follow is not None:
             words += ["--follow", shlex.quote(self.follow)]
+        if self.plain and not self.layers["smooth"]:
+            words += ["--outlines", "mesh"]
         if self.layers["colour_all"] and MUTED_FIELD in (self.field, self.layers["contours"]):
             words.append("--colour-all")
         return " ".join(words)

@@ -13,14 +13,18 @@ from PIL import Image
 from tipfem.render import Renderer, Scene, Stage, View
 from tipfem.render.colours import colour_table, fluid_colours, hex_code
 from tipfem.render.flow import Tracers, arrow_speed
+from tipfem.render.openings import COLOURS as OPENING_COLOURS
+from tipfem.render.outlines import background_fluid, picture_loops, turning_marks
 from tipfem.render.scales import MUTED_FIELD, FieldSample, colour_map_of, muted_fluids, round_limits
 from tipfem.typing import Array
 from tipfem.viewer.choices import Choices, Window
+from tipfem.viewer.packing import packed
 from tipfem.viewer.probe import values_at
 from tipfem.viewer.source import Source
 
 MOST_PIXELS = 2.6e6  # of a picture that is shown
 MOST_PIXELS_MOVING = 1.0e6  # while something moves
+PREPARED = 50  # stored times after the one that is shown, of which the outlines are made
 _SAMPLED = 24  # stored times that a fixed range is taken from
 _COLOURED = "pressure of the fluids that are coloured"
 _PICTURE = (1280, 720)  # a picture or a movie to keep [px]
@@ -77,6 +81,7 @@ class Pane:
         self._tracers: Tracers | None = None
         self._tracer_count = 0
         self._trails: list[Array] = []
+        self._outlines: dict[tuple[int, float], tuple[dict[str, Any], bytes]] = {}  # of stored times
 
     def index_at(self, time: float) -> int:
         """The number of the stored time nearest to a time [s]."""
@@ -132,6 +137,63 @@ class Pane:
             notes = [*notes, "tracers: following them from the first time"]
         muted = (view.muted or ()) if choices.field == MUTED_FIELD else ()
         return Picture(*encode(image, moving), scene.time, index, stage.window(scene, view), size, notes, muted)
+
+    def outlines(self, index: int, smooth: bool) -> tuple[dict[str, Any], bytes] | None:
+        """What a page needs to draw the fluids of a stored time by itself; None of a domain without ends.
+
+        Args:
+            index: number of the stored time.
+            smooth: whether the page is to smooth the outlines.
+
+        Returns:
+            The entry of the frame's message, and the outlines as bytes.
+        """
+        times = self.source.times
+        key = None if self.source.live else (index, times[index])
+        found = self._outlines.get(key) if key is not None else None
+        if found is None:
+            scene = self.source.scene(index)
+            assert scene.lower is not None, "a Scene fills in what was left out"
+            assert scene.upper is not None, "a Scene fills in what was left out"
+            if scene.period is not None:
+                return None
+            behind = background_fluid(scene)
+            size = float((scene.upper - scene.lower).max())
+            lower, scale = scene.lower - size, 3 * size / (2.0**32 - 1) * np.ones(2)
+            data = b"".join(packed(layer, lower, scale, wide=True) for layer in picture_loops(scene, behind))
+            entry = {
+                "time": scene.time,
+                "index": index,
+                "format": "outlines",
+                "bytes": len(data),
+                "notes": [],
+                "muted": [],
+                "lower": lower.tolist(),
+                "scale": scale.tolist(),
+                "behind": behind,
+                "openings": [[gap.kind, *gap.ends.ravel().tolist(), *gap.inwards.tolist()] for gap in scene.openings],
+                "marks": OPENING_COLOURS,
+                "turns": turning_marks(scene),
+            }
+            found = entry, data
+            if key is not None:
+                self._outlines[key] = found
+        return {**found[0], "smooth": smooth}, found[1]
+
+    def prepare(self, index: int) -> bool:
+        """Make the outlines of one of the times that follow, so that they are there when they are shown.
+
+        Args:
+            index: number of the stored time that is shown.
+
+        Returns:
+            Whether there was one to be made.
+        """
+        times = self.source.times
+        for number in range(index, min(index + PREPARED, len(times))):
+            if (number, times[number]) not in self._outlines:
+                return self.outlines(number, True) is not None
+        return False
 
     def framed(self, index: int, choices: Choices) -> Array:
         """The picture of a stored time with axes and legend, to keep; (H, W, 3) uint8."""

@@ -11,6 +11,7 @@ first page steers; of the others' messages, those marked * are answered, and the
 |---|---|
 | `{"type": "ack", "frame": 7}` * | the frame is on the screen; at most `AHEAD` frames are sent before it |
 | `{"type": "visible", "on": false}` * | no frames are wanted: the page is hidden |
+| `{"type": "vectors", "on": true}` * | frames of nothing but fluids are wanted as outlines, which the page draws |
 | `{"type": "size", "width": 900, "height": 600, "ratio": 1.0}` | of a picture [CSS px], and pixels per CSS pixel |
 | `{"type": "theme", "dark": true}` | colours around the fluids |
 | `{"type": "play", "on": true}` | go through the stored times, or stop |
@@ -55,7 +56,9 @@ it, which the viewer also sends when the page that pokes goes away |
 `Source.status` returns |
 | a frame | JSON: `type` "frame", `frame`: its number, `window` [m], `width`, `height` [px], `field`, `low`, `high`, \
 `moving`, `notes`, and `panes`: `time`, `index`, `format`, `bytes`, `muted`: names of the fluids that have their own \
-colour; then the images, one after another |
+colour; then the images, one after another. With outlines `format` is "outlines", and of each pane there are `lower`, \
+`scale`, `behind`: the fluid behind all others or null, `smooth`, `openings`, and `turns`: lines that show what turns; \
+see page/outlines.js |
 | `picked` | `pane`, `at`, `time`, `inside`, `fluid`, `values` at the point, `particle` (`index`, `position`, `wall`, \
 `values`), the nearest one |
 | `history` | `pane`, `at`, `times`, `values`: lists by field at the point, null outside the fluids; `done`, the share |
@@ -77,9 +80,9 @@ from tipfem.arguments import brief, is_number
 VERSION = 1
 LARGEST = 16_384  # bytes of a message from a page
 AHEAD = 2  # frames sent before the first of them is acknowledged
-WATCHERS = frozenset({"ack", "alive", "visible", "pick", "picture"})  # what is answered for every page
+WATCHERS = frozenset({"ack", "alive", "visible", "vectors", "pick", "picture"})  # what is answered for every page
 SIZES = (64, 4096)  # [px], sides of a picture
-LAYERS = ("mesh", "particles", "fill", "arrows", "streamlines", "contours", "tracers", "colour_all")
+LAYERS = ("mesh", "particles", "fill", "arrows", "streamlines", "contours", "tracers", "colour_all", "smooth")
 _FARTHEST = 1e9  # largest magnitude of a number [SI]
 
 
@@ -159,6 +162,7 @@ _MESSAGES: dict[str, dict[str, Check]] = {
     "ack": {"frame": _whole(0, 2**53)},
     "alive": {},
     "visible": {"on": _flag},
+    "vectors": {"on": _flag},
     "size": {"width": _whole(*SIZES), "height": _whole(*SIZES), "ratio": _number(0.25, 8)},
     "theme": {"dark": _flag},
     "play": {"on": _flag},

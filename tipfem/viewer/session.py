@@ -40,6 +40,7 @@ class Page:
     Attributes:
         steers: whether it is the one that steers.
         visible: whether it wants frames.
+        vectors: whether it draws outlines by itself.
         waiting: numbers of the frames that it has been sent and has not acknowledged.
         frame: number of the last frame that it was sent.
     """
@@ -48,6 +49,7 @@ class Page:
         self.send = send
         self.steers = False
         self.visible = True
+        self.vectors = False
         self.waiting: list[int] = []
         self.frame = -1
         self.histories: dict[int, Iterator[dict[str, Any] | None]] = {}  # by pane
@@ -83,7 +85,11 @@ class Session:
         self._looked = [time.monotonic()] * len(sources)
         self._stale, self._smooth, self._new_status = True, False, True
         self._told = 0.0
-        self._message = b""  # the last frame
+        self._message = 0, b""  # number of the last frame, and the frame
+        # The same as outlines, for pages that draw them, and what was in it.
+        self._lines: tuple[int, bytes] = 0, b""
+        self._drawn_lines: Any = None
+        self._stale_lines = True
         self._recording: Recording | None = None
         self._poking = False
         self._sampling: Iterator[bool] | None = None
@@ -225,21 +231,41 @@ class Session:
         # While time goes on, pictures are quick; once all rests, one is drawn smoothly.
         moves = self.showing.playing or (self.showing.live and self.showing.running)
         rested = not (self._stale or self._smooth or moves) and time.monotonic() - self._changed >= SETTLES
-        drawn = bool(takers) and (self._stale or rested)
+        lined = any(page.vectors for page in takers) and self._draw_lines()
+        drawn = any(not (lined and page.vectors) for page in takers) and (self._stale or rested)
         if drawn:
             self._draw(moving=not rested)
         for page in takers:
-            if page.frame != self.showing.frames and self._message:
-                page.frame = self.showing.frames
-                page.waiting.append(page.frame)
-                page.send(self._message)
+            number, message = self._lines if lined and page.vectors else self._message
+            if page.frame != number and message:
+                page.frame = number
+                page.waiting.append(number)
+                page.send(message)
         return drawn
+
+    def _draw_lines(self) -> bool:
+        """Make the outlines of what is shown, if it has changed; whether they show it."""
+        if self._stale_lines:
+            self._stale_lines = False
+            try:
+                found = self.showing.outlines()
+            except (ValueError, OSError) as error:
+                self.showing.playing, self._new_status, found = False, True, None
+                self._complain(error)
+            if found is not None and found != self._drawn_lines:
+                self.showing.frames += 1
+                self._lines = self.showing.frames, protocol.pack({**found[0], "frame": self.showing.frames}, found[1])
+                if self._recording is not None:
+                    self._recording.add(self.showing.framed())
+            self._drawn_lines = found
+        return self._drawn_lines is not None
 
     def _draw(self, moving: bool) -> None:
         self._stale, self._smooth = False, not moving
         try:
-            self._message = self.showing.frame(moving)
-            if self._recording is not None and moving:
+            message = self.showing.frame(moving)
+            self._message = self.showing.frames, message
+            if self._drawn_lines is None and self._recording is not None and moving:
                 self._recording.add(self.showing.framed())
         except (ValueError, OSError) as error:
             self.showing.playing, self._new_status, self._smooth = False, True, True
@@ -280,6 +306,10 @@ class Session:
                 return True
             except (StopIteration, ValueError):
                 self._sampling = None
+        if self._drawn_lines is not None and not self.showing.live:
+            with contextlib.suppress(ValueError):  # it is told when that time is shown
+                panes = zip(self.showing.panes, self.showing.indices(), strict=True)
+                return any(pane.prepare(index) for pane, index in panes if not pane.source.live)
         return False
 
     def _tell(self) -> None:
@@ -304,6 +334,9 @@ class Session:
         page.visible = on
         page.waiting.clear()
         self._clock = time.monotonic()
+
+    def _take_vectors(self, page: Page, on: bool) -> None:
+        page.vectors = on
 
     def _take_size(self, page: Page, width: int, height: int, ratio: float) -> None:
         self.showing.choices.width, self.showing.choices.height, self.showing.choices.ratio = width, height, ratio
@@ -418,6 +451,7 @@ class Session:
     def _change(self) -> None:
         """What is seen has changed."""
         self._stale, self._smooth, self._new_status = True, False, True
+        self._stale_lines = True
         self._changed = time.monotonic()
         self._wake.set()
 

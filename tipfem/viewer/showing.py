@@ -162,6 +162,23 @@ class Showing:
         }
         return protocol.pack(head, [picture.image for picture in pictures])
 
+    def outlines(self) -> tuple[dict[str, Any], list[bytes]] | None:
+        """The present frame as outlines, without its number; None where only a picture shows it.
+
+        Raises:
+            ValueError: a stored time cannot be read.
+        """
+        if not self.choices.plain:
+            return None
+        found = [
+            pane.outlines(index, self.choices.smooth) for pane, index in zip(self.panes, self.indices(), strict=True)
+        ]
+        there = [each for each in found if each is not None]
+        if len(there) < len(found):
+            return None
+        head = {"type": "frame", "field": None, "low": 0.0, "high": 0.0, "map": None, "moving": False}
+        return {**head, "panes": [entry for entry, _ in there]}, [data for _, data in there]
+
     def framed(self) -> Array:
         """The present picture with axes; two are side by side."""
         images = [pane.framed(index, self.choices) for pane, index in zip(self.panes, self.indices(), strict=True)]

@@ -1,8 +1,10 @@
 // One picture with its axes: it shows the last frame where it belongs while a new one is on its way, and turns what the
 // pointer does into places in metres.
 
+import { drawOutlines } from "./outlines.js";
 import { axes, colours, context } from "./plots.js";
 
+const MARGIN = 0.035; // of the domain, kept free around it when all of it is shown
 const GUTTER = { left: 66, right: 16, top: 8, bottom: 46 };
 
 // The part that a picture of a shape shows when a window is asked for.
@@ -15,7 +17,9 @@ export function fit(window, width, height) {
 
 export class Stage {
   // The label stands above pictures that are compared; "" for a single one.
-  constructor(root, number, label, domain, events) {
+  constructor(root, number, label, domain, fluids, events) {
+    this.fluids = fluids;
+    this.outlines = null; // what the page draws itself, in place of the bitmap
     this.label = label;
     this.domain = domain;
     this.root = root;
@@ -42,8 +46,13 @@ export class Stage {
 
   get shown() {
     const { width, height } = this.box;
-    const wanted = this.window || (this.frame && this.frame.window);
+    const wanted = this.window || (this.outlines ? this.whole : this.frame && this.frame.window);
     return wanted ? fit(wanted, width, height) : [0, 0, 1, 1];
+  }
+
+  get whole() {
+    const { lower: [x0, y0], upper: [x1, y1] } = this.domain, margin = MARGIN * Math.max(x1 - x0, y1 - y0);
+    return [x0 - margin, y0 - margin, x1 + margin, y1 + margin];
   }
 
   toPixels([x, y]) {
@@ -61,9 +70,11 @@ export class Stage {
     return px >= box.left && px <= box.left + box.width && py >= box.top && py <= box.top + box.height;
   }
 
-  show(bitmap, frame) {
+  // A bitmap, or outlines that are drawn here.
+  show(bitmap, frame, outlines = null) {
     if (this.bitmap) this.bitmap.close();
     this.bitmap = bitmap;
+    this.outlines = outlines;
     this.frame = frame;
     this.paint();
   }
@@ -71,15 +82,18 @@ export class Stage {
   paint() {
     const { draw } = context(this.canvas);
     const paint = colours(this.root), box = this.box, shown = this.shown;
-    if (!this.bitmap) return;
+    if (!this.bitmap && !this.outlines) return;
     draw.save();
     draw.beginPath();
     draw.rect(box.left, box.top, box.width, box.height);
     draw.clip();
-    const [x0, y0, x1, y1] = this.frame.window;
-    const [left, top] = this.toPixels([x0, y1]), [right, bottom] = this.toPixels([x1, y0]);
-    draw.imageSmoothingEnabled = Math.abs((right - left) * (window.devicePixelRatio || 1) - this.frame.width) > 1;
-    draw.drawImage(this.bitmap, left, top, right - left, bottom - top);
+    if (this.outlines) this.paintOutlines(draw, paint, box, shown);
+    else {
+      const [x0, y0, x1, y1] = this.frame.window;
+      const [left, top] = this.toPixels([x0, y1]), [right, bottom] = this.toPixels([x1, y0]);
+      draw.imageSmoothingEnabled = Math.abs((right - left) * (window.devicePixelRatio || 1) - this.frame.width) > 1;
+      draw.drawImage(this.bitmap, left, top, right - left, bottom - top);
+    }
     this.paintMarks(draw, paint, box);
     draw.restore();
     axes(draw, box, shown, (at) => this.toPixels(at), paint, this.frame.notes.join(", "), this.domain);
@@ -88,6 +102,28 @@ export class Stage {
       draw.textAlign = "left";
       draw.fillStyle = paint.text;
       draw.fillText(this.label, box.left, box.top - 11);
+    }
+  }
+
+  paintOutlines(draw, paint, box, [x0, y0, x1, y1]) {
+    const across = box.width / (x1 - x0), up = box.height / (y1 - y0), { behind, smooth, turns, openings, marks } = this.frame;
+    const X = (x) => box.left + (x - x0) * across, Y = (y) => box.top + (y1 - y) * up;
+    draw.fillStyle = paint.stage;
+    draw.fillRect(box.left, box.top, box.width, box.height);
+    drawOutlines(draw, X, Y, this.outlines, {
+      wall: this.root.dataset.theme === "dark" ? "#8793a3" : "#3d4653", body: "#c3c8cf", ground: paint.stage, line: "#0b2239",
+      fills: this.fluids.filter((_, k) => k !== behind).map(({ colour }) => colour), behind: behind === null ? null : this.fluids[behind].colour, smooth, openings, marks,
+    });
+    draw.strokeStyle = draw.fillStyle = "#3d4653";
+    draw.lineWidth = 2.6;
+    for (const [[ax, ay], [bx, by]] of turns) {
+      draw.beginPath();
+      draw.moveTo(X(ax), Y(ay));
+      draw.lineTo(X(bx), Y(by));
+      draw.stroke();
+      draw.beginPath();
+      draw.arc(X(ax), Y(ay), 4, 0, 7);
+      draw.fill();
     }
   }
 

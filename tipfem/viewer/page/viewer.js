@@ -2,6 +2,7 @@
 // the business of whoever makes it.
 
 import { colourBar, colours, context, historyPlot, number, unitText } from "./plots.js";
+import { OutlineReader } from "./outlines.js";
 import { Stage } from "./stage.js";
 import { Steering } from "./steering.js";
 
@@ -78,14 +79,19 @@ export class Viewer {
     let at = 0;
     const images = [];
     for (const pane of head.panes) {
-      images.push(createImageBitmap(new Blob([bytes.subarray(at, at + pane.bytes)], { type: pane.format })));
+      const own = bytes.slice(at, at + pane.bytes);
+      images.push(pane.format === "outlines" ? own.buffer : createImageBitmap(new Blob([own], { type: pane.format })));
       at += pane.bytes;
     }
     const bitmaps = await Promise.all(images);
     this.send({ type: "ack", frame: head.frame });
     head.panes.forEach((pane, k) => {
       if (!this.stages[k]) return;
-      if (this.status && this.status.follow) this.stages[k].window = null;
+      if (pane.format === "outlines") {
+        const fluids = this.hello.panes[k].fluids.length - (pane.behind === null ? 0 : 1);
+        return this.stages[k].show(null, pane, new OutlineReader(bitmaps[k], pane, true).state(fluids));
+      }
+      if (!this.steers || (this.status && this.status.follow)) this.stages[k].window = null;
       this.stages[k].show(bitmaps[k], pane);
     });
     this.frame = head;
@@ -112,7 +118,7 @@ export class Viewer {
       push: (from, to, stage) => this.steering.push(from, to, stage), release: (stage) => this.steering.release(stage),
       drop: (at) => this.steering.drop(at),
     };
-    this.stages = hello.panes.map(({ name, lower, upper }, k) => new Stage(this.root, k, hello.panes.length > 1 ? name : "", { lower, upper }, events));
+    this.stages = hello.panes.map(({ name, lower, upper }, k) => new Stage(this.root, k, hello.panes.length > 1 ? name : "", { lower, upper }, hello.panes[k].fluids, events));
     const heads = this.root.querySelectorAll(".values thead th");
     (hello.panes.length > 1 ? hello.panes.map(({ name }) => name) : ["here", "particle"]).forEach((text, k) => (heads[k + 1].textContent = text));
     this.part("panes").replaceChildren(...this.stages.map((stage) => stage.element));
@@ -130,6 +136,7 @@ export class Viewer {
     this.setRole(hello.steers);
     this.showValues();
     this.send({ type: "visible", on: !document.hidden });
+    this.send({ type: "vectors", on: true });
     if (hello.steers) {
       this.send({ type: "theme", dark: this.dark });
       this.sized = "";
@@ -140,7 +147,7 @@ export class Viewer {
   setRole(steers) {
     this.steers = steers;
     for (const control of this.root.querySelectorAll(CONTROLS)) {
-      if (!["picture", "history-field"].includes(control.dataset.do || control.dataset.name)) control.disabled = !steers;
+      if (!["picture", "history-field", "in", "out", "reset"].includes(control.dataset.do || control.dataset.name)) control.disabled = !steers;
     }
     if (steers) {
       this.send({ type: "theme", dark: this.dark });
@@ -174,7 +181,7 @@ export class Viewer {
     this.button("record").setAttribute("aria-pressed", status.recording);
     this.button("record").lastChild.textContent = status.recording ? "End recording" : "Record";
     part("command").value = status.command;
-    if (!this.steers || status.window === null) this.forgetWindow(status);
+    if (this.steers && status.window === null) this.forgetWindow(status);
     this.steering.update(status.runs[0]);
     this.showState();
     this.plotHistory();
@@ -218,7 +225,7 @@ export class Viewer {
   showLegend() {
     const legend = this.part("legend"), { field, low, high, map } = this.frame;
     const muted = this.frame.panes[0].muted;
-    const key = JSON.stringify([field, low, high, map, muted, this.dark, legend.clientWidth]);
+    const key = JSON.stringify([field, low, high, map, muted, this.frame.panes[0].smooth, this.dark, legend.clientWidth]);
     if (legend.dataset.key === key) return;
     legend.dataset.key = key;
     const fluids = this.hello.panes[0].fluids;
@@ -237,7 +244,8 @@ export class Viewer {
       return swatch;
     });
     if (!field) {
-      legend.replaceChildren(...swatches);
+      const line = '<path class="line" d="M0 9h18"/>';
+      legend.replaceChildren(...swatches, ...(this.frame.panes[0].smooth ? [entry("smoothed outlines", line)] : []));
       return;
     }
     const label = document.createElement("span"), bar = document.createElement("canvas");
@@ -253,13 +261,19 @@ export class Viewer {
   // The window
 
   setWindow(window, pane = 0) {
-    if (!this.steers) return;
+    const own = this.stages.every((stage) => stage.outlines); // drawn here: each page has its own view
+    if (!this.steers && !own) return;
     const panned = window && this.stages[pane] && this.sameSize(window, this.stages[pane].shown);
     if (this.status && this.status.follow && (panned || window === null)) this.send({ type: "follow", what: null });
     for (const stage of this.stages) {
       stage.window = window;
       if (window) stage.paint();
     }
+    if (!this.steers) {
+      for (const stage of this.stages) stage.paint();
+      return;
+    }
+    if (own && !window) for (const stage of this.stages) stage.paint();
     this.moved = performance.now();
     this.wanted = window;
     if (this.pending) return;
@@ -562,6 +576,7 @@ export class Viewer {
       ["l", "streamlines", layer("streamlines")],
       ["t", "tracers", layer("tracers")],
       ["o", "fill", layer("fill")],
+      ["x", "smooth outlines of the fluids", layer("smooth")],
       ["b", "colour all fluids", layer("colour_all")],
       ["c", "contours of the next field", () => cycle("contours", 1)],
       ["k", "keep the point in the middle", () => {
