@@ -23,8 +23,9 @@ from .view import View
 WIDTH = 1600  # [px] of a whole strip
 MOST_COLUMNS = 4  # by default
 _HEAD, _FOOT, _SIDE = 40.0, 14.0, 14.0  # around a tank, for its time and the next tank [design pixels]
-_LEGEND, _BAR = 52.0, 56.0  # below all tanks
+_LEGEND, _ROW, _GAP, _BAR = 18.0, 34.0, 40.0, 56.0  # below all tanks: the legend, each of its rows, between its entries
 _BAR_WIDTH = 640.0
+Entry = Key | tuple[str, Array]  # of the legend: a line, or the name and the colour of a fluid
 
 
 def strip(
@@ -98,12 +99,11 @@ def strip(
     columns = min(columns or usual_columns(len(chosen), width, *view.bounds(scenes[0])), len(chosen))
     # Even numbers of pixels, as the back ends need them.
     room = 2 * int(width // columns // 2)
-    layout = _tank_layout(room, *view.bounds(scenes[0]))
+    layout = _tank_layout(room, width, *view.bounds(scenes[0]))
     unit = layout.unit
     rows = ceil(len(chosen) / columns)
     height = layout.size[1]
-    foot = round((_LEGEND + (_BAR if field is not None else 0)) * unit)
-    sheet = np.full((rows * height + foot, columns * room, 3), 255, np.uint8)
+    sheet = np.full((rows * height, columns * room, 3), 255, np.uint8)
     keys: list[Key] = []
     with Renderer(layout.size, backend, fluid_colours, samples) as renderer:
         for number, scene in enumerate(scenes):
@@ -118,10 +118,14 @@ def strip(
             row, column = divmod(number, columns)
             sheet[row * height : (row + 1) * height, column * room : (column + 1) * room] = np.asarray(annotator.image)
     fills = colours.fluid_colours(results.fluid_names, results.fluid_densities, fluid_colours)
-    whole = Annotator(sheet, layout, view.colour_map)
-    _legend(whole, swatches_of(scenes[0], field, view, fills), keys, rows * height)
+    entries: list[Entry] = [*swatches_of(scenes[0], field, view, fills), *keys]
+    legend = _legend_rows(entries, unit, columns * room)
+    below = _LEGEND + _ROW * len(legend)
+    foot = np.full((round((below + (_BAR if field is not None else 0)) * unit), columns * room, 3), 255, np.uint8)
+    whole = Annotator(np.concatenate([sheet, foot]), layout, view.colour_map)
+    _legend(whole, legend, rows * height)
     if field is not None and field_range is not None:
-        _bar(whole, field, field_range, rows * height + _LEGEND * unit)
+        _bar(whole, field, field_range, rows * height + below * unit)
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
     whole.image.save(target, format="png", compress_level=6)
@@ -175,24 +179,29 @@ def usual_columns(count: int, width: int, lower: ArrayLike, upper: ArrayLike) ->
     for most in range(min(MOST_COLUMNS, count), 0, -1):
         columns = ceil(count / ceil(count / most))
         room = 2 * int(width // columns // 2)
-        if room >= SMALLEST[0] and _tank_height(room, lower, upper) >= SMALLEST[1]:
+        if room >= SMALLEST[0] and _tank_height(room, width, lower, upper) >= SMALLEST[1]:
             break
     return columns
 
 
-def _tank_height(room: int, lower: ArrayLike, upper: ArrayLike) -> int:
-    """Height of a tank with its time above in the width ``room`` [px]."""
-    extent, unit = np.asarray(upper) - np.asarray(lower), max(room / 400, 1.0)
+def _unit(room: int, width: int) -> float:
+    """A design pixel [px], in tanks of the width ``room`` in a strip of a ``width`` [px]."""
+    return max(min(room / 400, width / 800), 1.0)
+
+
+def _tank_height(room: int, width: int, lower: ArrayLike, upper: ArrayLike) -> int:
+    """Height of a tank with its time above in the width ``room`` of a strip of a ``width`` [px]."""
+    extent, unit = np.asarray(upper) - np.asarray(lower), _unit(room, width)
     return 2 * ceil(float((room - 2 * _SIDE * unit) * extent[1] / extent[0] + (_HEAD + _FOOT) * unit) / 2)
 
 
-def _tank_layout(room: int, lower: ArrayLike, upper: ArrayLike) -> Layout:
-    """The tank without a panel, as large as the width ``room`` [px] allows."""
+def _tank_layout(room: int, width: int, lower: ArrayLike, upper: ArrayLike) -> Layout:
+    """The tank without a panel, as large as the width ``room`` of a strip of a ``width`` [px] allows."""
     extent = np.asarray(upper) - np.asarray(lower)
-    unit = max(room / 400, 1.0)
+    unit = _unit(room, width)
     scale = (room - 2 * _SIDE * unit) / extent[0]
     tank = extent * scale
-    height = max(_tank_height(room, lower, upper), SMALLEST[1])  # the flattest have room below them
+    height = max(_tank_height(room, width, lower, upper), SMALLEST[1])  # the flattest have room below them
     smallest = f"{room}x{height} pixels a tank"
     if room < SMALLEST[0]:
         raise ValueError(f"strip: {smallest} are too few; choose a larger width or fewer columns")
@@ -203,19 +212,32 @@ def _tank_layout(room: int, lower: ArrayLike, upper: ArrayLike) -> Layout:
     return Layout((room, height), unit, np.asarray(lower), np.asarray(upper), float(scale), box, False, box)
 
 
-def _legend(annotator: Annotator, swatches: Sequence[tuple[str, Array]], keys: Sequence[Key], top: float) -> None:
-    """Draw the fluids' colours and names, and what lines stand for, centred below all tanks."""
-    u, gap = annotator.unit, 40.0
-    texts = [*(name for name, _ in swatches), *(key.text for key in keys)]
-    lengths = [(34 if k < len(swatches) else 48) * u + text_width(text, NORMAL * u) for k, text in enumerate(texts)]
-    x = (annotator.image.width - sum(lengths) - gap * u * (len(texts) - 1)) / 2
-    for k, length in enumerate(lengths):
-        at = (x, top + 8 * u)
-        if k < len(swatches):
-            annotator.swatch(at, *swatches[k], length + 1)
-        else:
-            annotator.key(at, keys[k - len(swatches)], length + 1)
-        x += length + gap * u
+def _legend_rows(entries: Sequence[Entry], unit: float, room: float) -> list[list[tuple[Entry, float]]]:
+    """The entries of a legend with their lengths [px], in rows that fit into ``room`` [px]."""
+    rows, x = list[list[tuple[Entry, float]]](), 0.0
+    for entry in entries:
+        text, line = (entry.text, 48) if isinstance(entry, Key) else (entry[0], 34)
+        length = line * unit + text_width(text, NORMAL * unit)
+        x += _GAP * unit + length
+        if not rows or x > room - 2 * _SIDE * unit:
+            rows.append([])
+            x = length
+        rows[-1].append((entry, length))
+    return rows
+
+
+def _legend(annotator: Annotator, rows: Sequence[Sequence[tuple[Entry, float]]], top: float) -> None:
+    """Draw the fluids' colours and names, and what lines stand for, each row centred below all tanks."""
+    gap = _GAP * annotator.unit
+    for number, row in enumerate(rows):
+        x = (annotator.image.width - sum(length for _, length in row) - gap * (len(row) - 1)) / 2
+        at = top + (8 + _ROW * number) * annotator.unit
+        for entry, length in row:
+            if isinstance(entry, Key):
+                annotator.key((x, at), entry, length + 1)
+            else:
+                annotator.swatch((x, at), *entry, length + 1)
+            x += length + gap
 
 
 def _bar(annotator: Annotator, field: str, field_range: Range, top: float) -> None:

@@ -151,3 +151,14 @@ def test_the_flattest_tank_is_drawn(tmp_path):
     view = render.View(window=(0.0, 0.24, 0.5, 0.2525))
     image = iio.imread(render.strip(out, [0.0, 0.05], view=view, backend="raster"))
     assert image.shape[0] >= 2 * 240
+
+
+def test_a_long_legend_stands_in_rows_that_fit():
+    entries = [(name, np.zeros(3)) for name in ("water", "glycerin and water", "the air above both of them", "oil")]
+    rows = strips._legend_rows(entries, 2.0, 900)
+    assert [[entry[0] for entry, _ in row] for row in rows] == [
+        ["water", "glycerin and water"],
+        ["the air above both of them", "oil"],
+    ]
+    for row in rows:
+        assert sum(length for _, length in row) + 2.0 * strips._GAP * (len(row) - 1) < 900
