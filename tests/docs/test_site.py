@@ -103,10 +103,10 @@ def test_the_gallery_has_all_demos():
 def test_pictures_are_used_and_are_there():
     used = set()
     for page in [*DOCS.rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]:
-        for target in re.findall(r"(?:\]\(|src=\")([^)\"]+\.(?:png|svg))", page.read_text("utf-8")):
+        for target in re.findall(r"(?:\]\(|src=\")([^)\"]+\.(?:png|svg|webp|html))", page.read_text("utf-8")):
             assert (page.parent / target).is_file(), f"{page}: {target}"
             used.add((page.parent / target).resolve())
-    kept = {path.resolve() for path in (DOCS / "images").iterdir()}
+    kept = {path.resolve() for folder in ("images", "shared") for path in (DOCS / folder).iterdir()}
     assert kept - used == {DOCS / "images" / "logo.svg"}
 
 
