@@ -112,7 +112,12 @@ class Gate:
             new = new.with_(measure=measure[kept])
         else:
             new = mesh.with_(measure=measure)
-        (energy, momentum), (energy_before, momentum_before) = self._totals(done, new), self._totals(moved, mesh)
+        # Only cells that have changed have other totals, but for the mass matrix that depends on their neighbours.
+        on = np.zeros(len(x), dtype=bool)
+        on[changed] = True
+        differs = gone | (corners_among(on, mesh.cells) > 0) | (fluid != mesh.fluid) | (self._mass == "interfaces")
+        energy, momentum = self._totals(done, new, differs[~gone])
+        energy_before, momentum_before = self._totals(moved, mesh, differs)
         passed = passed.and_then(volume, energy - energy_before, momentum - momentum_before, end.dt)
         return PutBack(done, new, passed)
 
@@ -188,17 +193,18 @@ class Gate:
             share = np.outer(outlets, np.eye(self._fluids)[0])
         return np.asarray(volume + surplus * share / share.sum())
 
-    def _totals(self, particles: Particles, mesh: Mesh) -> tuple[float, Array]:
-        """Kinetic and potential energy, and momentum (2,), of particles with the masses of a mesh."""
+    def _totals(self, particles: Particles, mesh: Mesh, chosen: Array) -> tuple[float, Array]:
+        """Kinetic and potential energy, and momentum (2,), of chosen cells (M,) with the masses of a mesh."""
         assert mesh.fluid is not None
-        mass = self.openings.density[mesh.fluid] * mesh.measure
-        fluids = np.eye(self._fluids)[mesh.fluid] if self._mass == "interfaces" else np.zeros((0, 0))
-        lumping = lumped_part(self._mass, mesh.cells, fluids, len(particles))
-        v, height = particles.velocity[mesh.cells], particles.position @ self._gravity
+        cells, fluid = mesh.cells[chosen], np.asarray(mesh.fluid)[chosen]
+        mass = self.openings.density[fluid] * mesh.measure[chosen]
+        fluids = np.eye(self._fluids)[fluid] if self._mass == "interfaces" else np.zeros((0, 0))
+        lumping = lumped_part(self._mass, cells, fluids, len(particles))
+        v, height = particles.velocity[cells], particles.position @ self._gravity
         total = v.sum(axis=1)
         own, mean = np.einsum("mak,mak->m", v, v) / 3, np.einsum("mk,mk->m", total, total) / 9
         kinetic = 0.5 * float(mass @ (lumping * own + (1 - lumping) * mean))
-        return kinetic - float(mass @ height[mesh.cells].mean(axis=1)), mass @ total / 3
+        return kinetic - float(mass @ height[cells].mean(axis=1)), mass @ total / 3
 
 
 def _interpolated(moved: Particles, goal: Array, changed: Array, mesh: Mesh, wall: Array) -> Particles:
