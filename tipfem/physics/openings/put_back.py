@@ -98,9 +98,12 @@ class Gate:
                 self._taken_in(k, on, mesh, moved, goal, wall, touches, gone)
         changed = np.flatnonzero((goal != x).any(axis=1))
         done = _interpolated(moved, goal, changed, mesh, wall)
-        corner = goal[mesh.cells]
+        on = np.zeros(len(x), dtype=bool)
+        on[changed] = True
+        beside = np.flatnonzero(corners_among(on, mesh.cells))
+        corner, gain = goal[mesh.cells[beside]], np.zeros(len(after))
         area = 0.5 * _cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-        gain = np.where(gone, 0.0, area) - after
+        gain[beside] = np.where(gone[beside], 0.0, area) - after[beside]
         fluid, source = self._flooded(mesh, nodes, goal, time)
         at = np.flatnonzero(gain)
         of = touches[mesh.cells[at]].max(axis=1)
@@ -113,9 +116,8 @@ class Gate:
         else:
             new = mesh.with_(measure=measure)
         # Only cells that have changed have other totals, but for the mass matrix that depends on their neighbours.
-        on = np.zeros(len(x), dtype=bool)
-        on[changed] = True
-        differs = gone | (corners_among(on, mesh.cells) > 0) | (fluid != mesh.fluid) | (self._mass == "interfaces")
+        differs = gone | (fluid != mesh.fluid) | (self._mass == "interfaces")
+        differs[beside] = True
         energy, momentum = self._totals(done, new, differs[~gone])
         energy_before, momentum_before = self._totals(moved, mesh, differs)
         passed = passed.and_then(volume, energy - energy_before, momentum - momentum_before, end.dt)
@@ -223,11 +225,16 @@ def _interpolated(moved: Particles, goal: Array, changed: Array, mesh: Mesh, wal
     """
     velocity, acceleration, pressure = moved.velocity.copy(), moved.acceleration.copy(), moved.pressure.copy()
     if len(changed):
-        offsets, corners = mesh.incidence
-        count = np.diff(offsets)[changed]
-        first = np.cumsum(count) - count
-        row = np.repeat(np.arange(len(changed)), count)
-        cell = corners[np.repeat(offsets[changed] - first, count) + np.arange(count.sum())] // 3
+        # The cells of these few particles, one particle after the other.
+        row_of = np.full(len(moved), -1)
+        row_of[changed] = np.arange(len(changed))
+        beside = np.flatnonzero(corners_among(row_of >= 0, mesh.cells))
+        row = row_of[mesh.cells[beside]].ravel()
+        cell = np.repeat(beside, 3)[row >= 0]
+        row = row[row >= 0]
+        order = np.argsort(row, kind="stable")
+        row, cell = row[order], cell[order]
+        first = np.searchsorted(row, np.arange(len(changed)))
         x, place = moved.position[mesh.cells[cell]], goal[changed][row]
         a, b, c = x[:, 0] - place, x[:, 1] - place, x[:, 2] - place
         part = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)

@@ -1,0 +1,1 @@
+"""Flows through openings, and waves, against theory and experiments."""

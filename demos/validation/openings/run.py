@@ -1,0 +1,126 @@
+"""Flows through openings, and waves, against theory, experiments and computations of others.
+
+summary.json   the figures of all flows, with what they are compared with
+
+python -m tipfem demo validation/openings --flow poiseuille weir
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+from tipfem.demos import harness
+from tipfem.demos.support.options import Arch, Count, Several
+from tipfem.demos.validation.openings import channels, water, waves
+
+import tipfem as tp
+
+Flow = Literal[
+    "uniform",
+    "poiseuille",
+    "layers",
+    "vortex",
+    "step",
+    "cylinder",
+    "shedding",
+    "overfall",
+    "weir",
+    "broad_weir",
+    "bore",
+    "waves",
+]
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What a figure is compared with.
+
+    Attributes:
+        value: the reference, a number or the name of another figure.
+        within: largest difference, relative to the reference, or absolute where that is 0.
+    """
+
+    value: float | str
+    within: float
+
+
+@dataclass(frozen=True)
+class Study:
+    """A flow with its figures.
+
+    Attributes:
+        run: from the resolution to the figures.
+        across: spacings in the length that the flow has.
+        compared: figures by name, with what they are compared with.
+    """
+
+    run: Callable[[int], dict[str, float]]
+    across: int
+    compared: Mapping[str, Compared]
+
+
+STUDIES: dict[str, Study] = {
+    "uniform": Study(channels.uniform, 8, {"velocity": Compared(0, 1e-9), "refused": Compared(0, 0)}),
+    "poiseuille": Study(channels.poiseuille, 20, {"velocity": Compared(0, 0.003), "gradient": Compared(0, 0.003)}),
+    "layers": Study(channels.layers, 16, {"velocity": Compared(0, 0.01), "interface": Compared(0, 0.02)}),
+    "vortex": Study(channels.vortex, 48, {"left": Compared(0, 0.01)}),
+    "step": Study(channels.step, 10, {"reattachment": Compared(4.2, 0.05)}),
+    # M. Schaefer and S. Turek, Benchmark computations of laminar flow around a cylinder, 1996: 2D-1 and 2D-2.
+    "cylinder": Study(partial(channels.cylinder, reynolds=20.0, end=6.0), 16, {"drag": Compared(5.58, 0.05)}),
+    "shedding": Study(channels.cylinder, 16, {"drag": Compared(3.23, 0.05), "strouhal": Compared(0.300, 0.03)}),
+    "overfall": Study(water.overfall, 8, {"brink": Compared("hager", 0.03)}),
+    "weir": Study(water.weir, 8, {"coefficient": Compared("rehbock", 0.03)}),
+    "broad_weir": Study(partial(water.weir, broad=True), 8, {"coefficient": Compared(0.848, 0.03)}),
+    "bore": Study(water.bore, 8, {"depth": Compared(1.0, 0.03)}),
+    "waves": Study(waves.regular, 10, {"height": Compared(1.0, 0.03), "reflection": Compared(0, 0.05)}),
+}
+
+
+def check(name: str, figures: Mapping[str, float]) -> list[str]:
+    """What a flow misses of what is expected; an empty list when all is well."""
+    missed = []
+    for key, compared in STUDIES[name].compared.items():
+        value = compared.value if isinstance(compared.value, int | float) else figures[compared.value]
+        allowed = compared.within * (abs(value) if value else 1.0)
+        if not abs(figures[key] - value) <= allowed:
+            missed.append(f"{name}: {key} is {figures[key]:.4g}, not {value:.4g} to within {allowed:.2g}")
+    return missed
+
+
+def main(
+    *,
+    flow: Several[Flow] = ("uniform", "poiseuille", "layers", "step", "waves"),
+    across: Count | None = None,
+    arch: Arch = "cpu",
+    out: Path = Path("out/validation/openings"),
+) -> int:
+    """Run flows and compare their figures.
+
+    Args:
+        flow: which flows.
+        across: spacings in the length that each flow has; by default its own.
+        arch: where the kernels run.
+        out: folder for the results.
+    """
+    tp.init(arch=arch)
+    out.mkdir(parents=True, exist_ok=True)
+    figures: dict[str, Any] = {}
+    missed: list[str] = []
+    for name in flow:
+        study = STUDIES[name]
+        found = study.run(across or study.across)
+        missed += check(name, found)
+        # JSON has no NaN.
+        figures[name] = {key: None if math.isnan(value) else value for key, value in found.items()}
+        figures[name]["across"] = across or study.across
+        print(name, figures[name], flush=True)
+    return harness.report(out, figures, missed)
+
+
+if __name__ == "__main__":
+    harness.command(__name__)

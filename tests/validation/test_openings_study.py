@@ -1,0 +1,47 @@
+"""Flows through openings against what is known of them, coarse."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from tipfem.demos.validation.openings import channels, run, waves
+
+import tipfem as tp
+
+
+def test_coarse_channels_are_near_theory():
+    coarse, fine = (channels.poiseuille(across, end=0.5) for across in (8, 12))
+    assert abs(fine["gradient"]) < 0.01
+    assert math.log(coarse["velocity"] / fine["velocity"]) / math.log(12 / 8) > 1.9
+    assert fine["refused"] == 0
+
+
+def test_the_command_leaves_figures_and_names_what_is_missed(tmp_path, capsys):
+    code = run.main(flow=("uniform",), across=4, out=tmp_path)
+    figures = json.loads((tmp_path / "summary.json").read_text())["uniform"]
+    assert figures["across"] == 4
+    assert (code == 0) is (figures["velocity"] < 1e-9 and figures["refused"] == 0)
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize("name", run.STUDIES)
+def test_the_check_of_a_flow_can_fail(name):
+    good = {"rehbock": 0.65, "hager": 0.9, "refused": 0.0}
+    for key, compared in run.STUDIES[name].compared.items():
+        good[key] = good[compared.value] if isinstance(compared.value, str) else compared.value
+    assert run.check(name, good) == []
+    for key in run.STUDIES[name].compared:
+        assert len(run.check(name, {**good, key: math.nan})) == 1
+        assert len(run.check(name, {**good, key: good[key] + 0.4})) == 1
+
+
+def test_waves_that_come_back_are_told_from_those_that_go():
+    number, omega = tp.WavePiston(height=1e-4, period=1.0, depth=waves.DEPTH).number, 2 * math.pi
+    time, places = np.linspace(0, 4, 400, endpoint=False), np.array(waves.GAUGES)
+    onwards = 0.01 * np.cos(omega * time[:, None] - number * places)
+    back = 0.002 * np.cos(omega * time[:, None] + number * places + 0.7)
+    found = waves.both_ways(time, onwards + back + 1e-3, waves.GAUGES, 1.0)
+    assert found == pytest.approx((0.01, 0.002), rel=1e-9)
