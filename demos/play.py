@@ -2,8 +2,9 @@
 
     python demos/play.py
 
-The page has a pendulum that tilts gravity, a hand that pushes the fluids where it is dragged, and drops. Neither is
-compared with anything; what you do is in out/play/steering.jsonl, and `--steering` repeats it.
+It begins tilted, so that it moves. The page has a hand that pushes the fluids where it is dragged, a pendulum that
+tilts gravity, drops, and a button that starts again. Nothing is compared with anything; what you do is in
+out/play/steering.jsonl, and `--steering` repeats it.
 """
 
 import math
@@ -36,6 +37,7 @@ def main(
     no_browser: Flag = False,
     paused: Flag = False,
     steering: Path | None = None,
+    tilt: float = 20.0,
     threads: Count = 1,
     out: Path = Path("out/play"),
 ) -> int:
@@ -50,23 +52,38 @@ def main(
         no_browser: open none; the address is printed in either case.
         paused: begin with a pause.
         steering: the steering.jsonl of an earlier run, to repeat what was done in it.
+        tilt: of gravity at the start [degrees]; a steering file has its own.
         threads: of the simulation; the viewer has a core of its own.
         out: folder for the results.
     """
     tp.init(threads=threads)
-    simulation = tp.Simulation(case(spacing), out, time_step=time_step, steering=steering)
+    shown: list[tp.Simulation] = []
+
+    def begun() -> tp.Simulation:
+        simulation = tp.Simulation(
+            case(spacing), out, time_step=time_step, steering=steering, overwrite=bool(shown) or None
+        )
+        if steering is None and tilt:
+            angle = math.radians(tilt)
+            simulation.steer(tp.Gravity((9.81 * math.sin(angle), -9.81 * math.cos(angle))))
+        shown.append(simulation)
+        return simulation
+
     try:
         tp.live(
-            simulation,
+            begun(),
             end_time,
             port=port,
             rate=rate,
             browser=not no_browser,
             paused=paused,
             say=lambda line: print(line, flush=True),
+            hand=True,
+            again=begun,
         )
     except KeyboardInterrupt:
         pass
+    simulation = shown[-1]
     print(f"{simulation.step_number} steps to t = {simulation.time:.3g} s; results: {out}")
     return 0
 

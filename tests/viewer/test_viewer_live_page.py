@@ -38,8 +38,8 @@ def repeated(out):
 
 def start(out, *options):
     """Start the demo, and wait for the page's address."""
-    words = [sys.executable, str(PLAY), "--spacing", "0.06", "--no-browser", "--port", "0", "--out", str(out), *options]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    words = [sys.executable, str(PLAY), "--spacing", "0.06", "--no-browser", "--port", "0", "--out", str(out)]
+    process = subprocess.Popen([*words, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     line = process.stdout.readline()
     assert line.startswith("Open http://127.0.0.1:"), line + process.stderr.read()
     return process, line.split()[-1]
@@ -48,7 +48,7 @@ def start(out, *options):
 @pytest.fixture
 def run(tmp_path):
     """The demo, its address and its results folder."""
-    process, address = start(tmp_path / "play")
+    process, address = start(tmp_path / "play", "--tilt", "0")
     yield process, address, tmp_path / "play"
     process.kill()
     process.wait()
@@ -75,6 +75,7 @@ def test_a_run_is_paused_tilted_pushed_given_a_drop_and_stopped_by_pointer_and_k
     assert page.locator('[data-when="stored"]:visible').count() == 0
     assert shown.command == f"tipfem render {out}"
     shown.wait(lambda: shown.frame > began + 3 and step_of(shown) > 3, "the run to go on")
+    assert page.get_by_label("pushes the fluids").is_checked()
     shown.sees(0.6, 0.1, WATER)
     shown.sees(0.6, 0.8, OIL)
 
@@ -162,6 +163,7 @@ def test_keys_tilt_push_and_drop_too(browser, run):
     shown.key("L")
     shown.wait(lambda: commands(out) and commands(out)[-1].get("at", 0) is None, "a push and its end")
     shown.part("drop-fluid").select_option("water")
+    shown.page.get_by_label("moves the picture").check()
     shown.page.mouse.click(*shown.point(0.6, 0.67))
     shown.read("where", "at x =")
     shown.canvas.focus()
@@ -169,10 +171,13 @@ def test_keys_tilt_push_and_drop_too(browser, run):
     shown.wait(lambda: commands(out)[-1]["command"] == "drop", "the drop")
     assert commands(out)[-1]["fluid"] == "water"
     assert commands(out)[-1]["at"] == pytest.approx([0.6, 0.67], abs=5e-3)
+    shown.button("again").click()
+    shown.wait(lambda: not commands(out), "the start without commands")
+    shown.wait(lambda: step_of(shown) > 2, "the run that has begun anew")
     shown.key("X")
     shown.read("note", "The run has ended")
     shown.close()
-    assert process.wait(PATIENCE) == 0
+    assert process.wait(PATIENCE) == 0, process.stderr.read()
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,8 @@ def live(
     browser: bool = True,
     paused: bool = False,
     say: Callable[[str], None] = print,
+    hand: bool = False,
+    again: Callable[[], Simulation] | None = None,
 ) -> View | None:
     """Run a simulation, and show and steer it in a browser meanwhile; in a notebook, in a widget.
 
@@ -46,6 +48,8 @@ def live(
         browser: open a browser where there is a display; the address is said in either case.
         paused: begin with a pause.
         say: takes lines of text: the address, and what becomes of the viewer.
+        hand: let the pointer push the fluids at first, rather than move the picture.
+        again: makes the simulation with which the run begins anew when the page says so; None for no such button.
 
     Returns:
         In a notebook the widget, with the same page; None elsewhere.
@@ -65,9 +69,15 @@ def live(
         browser=browser,
         paused=paused,
         say=say,
+        hand=hand,
+        again=again is not None,
     )
     try:
         simulation.run(until, progress=math.isfinite(until), control=control)
+        while control.again and again is not None:
+            simulation = again()
+            control.begin_anew(simulation)
+            simulation.run(until, progress=math.isfinite(until), control=control)
     finally:
         control.close()
     return None

@@ -239,6 +239,8 @@ class Simulation(Stepper):
         path = f"; results: {self.results.path}" if self.results else ""
         bar.announce(f"{self.step_number} steps to t = {self.time:.6g} s{path}")
         errors = self.numerical_error()
+        if not errors:  # stopped before the first step
+            return
         line = summary_line(errors)
         bar.say(line)
         log(logging.WARNING if line.startswith("warning") else logging.INFO, "numerical_error", line, errors)

@@ -336,8 +336,15 @@ class Stop(_Timing):
     name = "stop"
 
 
+@dataclass(frozen=True)
+class Again(_Timing):
+    """End the run as `Stop` does, and begin it anew; for runs that are begun with a way to, see `tipfem.live`."""
+
+    name = "again"
+
+
 _PHYSICAL = (Gravity, Poke, Drop, SurfaceTension, Discharge, Valve)
-_KINDS: dict[str, type[Command]] = {kind.name: kind for kind in (*_PHYSICAL, Pause, Go, Advance, Stop)}
+_KINDS: dict[str, type[Command]] = {kind.name: kind for kind in (*_PHYSICAL, Pause, Go, Advance, Stop, Again)}
 NAMES = tuple(_KINDS)
 
 

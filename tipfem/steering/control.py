@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from tipfem.steering.commands import Advance, Command, Go, Pause, Stop
+from tipfem.steering.commands import Advance, Again, Command, Go, Pause, Stop
 from tipfem.step.observer import Observer
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ class RunControl(Observer):
     Attributes:
         paused: whether steps wait.
         stopped: whether the run is to end.
+        again: whether it is to begin anew then.
     """
 
     def __init__(
@@ -37,7 +38,7 @@ class RunControl(Observer):
     ) -> None:
         self._receive, self._report = receive, report
         self._steps_left = 0  # single steps still to be taken while paused
-        self.paused, self.stopped = paused, False
+        self.paused, self.stopped, self.again = paused, False, False
 
     @property
     def waits(self) -> bool:
@@ -74,8 +75,8 @@ class RunControl(Observer):
                     self.paused = False
                 elif isinstance(command, Advance):
                     self.paused, self._steps_left = True, self._steps_left + command.count
-                elif isinstance(command, Stop):
-                    self.stopped = True
+                elif isinstance(command, Stop | Again):
+                    self.stopped, self.again = True, isinstance(command, Again)
                 else:
                     steer(command)
             except ValueError as error:

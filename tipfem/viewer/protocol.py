@@ -36,7 +36,8 @@ shape |
 
 | name | values |
 |---|---|
-| `pause`, `go`, `stop` | none. Pause after the present step; go on; end the run as an interrupt does |
+| `pause`, `go`, `stop`, `again` | none. Pause after the present step; go on; end the run as an interrupt does; and \
+begin it anew |
 | `step` | `count`: so many steps, then pause |
 | `gravity` | `value`: (2,) [m/s^2] |
 | `poke` | `at`: (2,) [m], `acceleration`: (2,) [m/s^2], `radius`: [m]. It acts until the next one; `at`: null ends \
@@ -49,7 +50,7 @@ it, which the viewer also sends when the page that pokes goes away |
 |---|---|
 | `hello` | `version`; `steers`: whether this page steers; `panes`: of each source its `name`, `title`, `fluids` \
 (`name`, `colour`), `lower`, `upper`, `spacing`; `fields`: `name`, `label`, `unit`; `maps`: lists of colours by name; \
-`commands`; `limits` |
+`commands`; `limits`; `tool`: what the pointer does at first, "look" or "poke" |
 | `role` | `steers`: sent when this page becomes the one that steers |
 | `status` | all that the controls show: `times` (first, last, count, interval), `playing`, `speed`, `field`, `range`, \
 `map`, `layers`, `window`, `follow`, `recording`, `size`, `live`, and `runs`: of each source what \
@@ -187,6 +188,7 @@ _COMMANDS: dict[str, dict[str, Check]] = {
     "pause": {},
     "go": {},
     "stop": {},
+    "again": {},
     "step": {"count?": _whole(1, 1_000_000)},
     "gravity": {"value": _POINT},
     "poke": {"at": _or_null(_POINT), "acceleration?": _POINT, "radius?": _LENGTH},

@@ -218,6 +218,7 @@ class Showing:
             "maps": {name: map_colours(name) for name in COLOUR_MAPS},
             "commands": sorted(sources[0].commands),
             "limits": dict(sources[0].limits),
+            "tool": sources[0].tool,
         }
 
     def status(self) -> dict[str, Any]:

@@ -34,6 +34,7 @@ class Source(Protocol):
         limits: the largest values that `command` takes, by name, for the page's controls: "gravity" [m/s^2],
             "poke_acceleration" [m/s^2], "poke_radius" [m], "drop_radius" [m]; and the smallest,
             "least_poke_radius" [m] and "least_drop_radius" [m].
+        tool: what the pointer does at first: "look" moves the picture, "poke" pushes the fluids.
         interval: seconds after which `refresh` is to be called again; None when nothing will change.
         watched: whether a page looks; the viewer sets it before it asks for anything.
         ended: whether the viewer is to say goodbye to its clients and end, with the run that it shows.
@@ -47,6 +48,7 @@ class Source(Protocol):
     live: bool
     commands: frozenset[str]
     limits: Mapping[str, float]
+    tool: str
     watched: bool
 
     @property
@@ -111,6 +113,7 @@ class ResultsSource:
     watched = False
     commands: frozenset[str] = frozenset()
     limits: Mapping[str, float] = {}
+    tool = "look"
     ended = False
     interval: float | None = FOLLOWED_EVERY
 

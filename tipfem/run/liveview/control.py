@@ -116,10 +116,11 @@ class WatchedControl(RunControl):
         self._publish_if_due(clock.monotonic())
 
     def finish(self, flow: Stepper, until: float) -> None:
-        """Publish the last state, and end the process."""
+        """Publish the last state, and end the process, unless the run is to begin anew."""
         if self._memory is not None and self._memory.wanted:
             self._publish()
-        self.close()
+        if not self.again:
+            self.close()
 
     def close(self) -> None:
         """Close the door, and end the process that draws."""
@@ -136,6 +137,19 @@ class WatchedControl(RunControl):
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+
+    def begin_anew(self, simulation: Simulation) -> None:
+        """Show another simulation of the same case, after a run that was ended for that; the page stays.
+
+        Args:
+            simulation: at its start.
+        """
+        self._simulation, self._published, self._prompt = simulation, None, True
+        self.stopped, self.again, self.paused = False, False, False
+        self._steps.clear()
+        if self._door is not None:
+            self._door.close()
+            self._door = None
 
     # The states
 
@@ -185,7 +199,8 @@ class WatchedControl(RunControl):
         results = self._simulation.results
         facts = describe(case, results.path if results else None)
         try:
-            self._link = hand_over(end, {"facts": facts, **settings}, self._memory.descriptor)
+            told = {"facts": {**facts, **settings}, **settings}
+            self._link = hand_over(end, told, self._memory.descriptor)
         except OSError:
             self._let_go()
             end.close()
@@ -265,6 +280,8 @@ class LiveControl(WatchedControl):
         paused: whether the run begins with a pause.
         backend: of the pictures, see `tipfem.render.Renderer`.
         say: takes lines of text: the address, and what becomes of the process.
+        hand: let the pointer push the fluids at first, rather than move the picture.
+        again: whether the run can begin anew.
 
     Raises:
         ValueError: an argument is not possible, the case is not in 2-D, or the process cannot serve a page.
@@ -280,6 +297,8 @@ class LiveControl(WatchedControl):
         paused: bool = False,
         backend: str = "raster",
         say: Callable[[str], None] = print,
+        hand: bool = False,
+        again: bool = False,
     ) -> None:
         if simulation.case.particles.dimension != 2:
             raise ValueError("the viewer shows cases in 2-D only; this one is in 3-D")
@@ -300,7 +319,9 @@ class LiveControl(WatchedControl):
                         pass_fds=(theirs.fileno(),),
                         start_new_session=True,  # Ctrl-C is for the run, which ends the process in good order
                     )
-                self._connect(ours, {"port": port, "browser": browser, "backend": backend})
+                self._connect(
+                    ours, {"port": port, "browser": browser, "backend": backend, "hand": hand, "again": again}
+                )
                 self._wait_for_address(request)
             except BaseException:  # also when the process is told to end
                 if self._process is not None:

@@ -58,7 +58,6 @@ class LiveSource:
     """
 
     live = True
-    commands = COMMANDS
 
     def __init__(
         self,
@@ -78,6 +77,8 @@ class LiveSource:
         self._bodies = [BodyOutline(body) for body in facts["bodies"]]
         self._openings = gaps_of(facts["openings"])
         self._tank = None if facts["tank"] is None else TankOutline(facts["tank"], self.spacing)
+        self.tool = "poke" if facts.get("hand") else "look"
+        self.commands = COMMANDS | {"again"} if facts.get("again") else COMMANDS
         self._feed, self._send, self._messages = feed, send, messages
         self._seen: tuple[Any, ...] = ()
         self._shown: tuple[Snapshot, Scene] | None = None
@@ -176,8 +177,8 @@ class LiveSource:
 
     def command(self, name: str, values: Mapping[str, Any]) -> None:
         """Pass a command on; see `Source.command`."""
-        if name not in COMMANDS:
-            raise ValueError(f"command {name!r}: it must be one of {', '.join(sorted(COMMANDS))}")
+        if name not in self.commands:
+            raise ValueError(f"command {name!r}: it must be one of {', '.join(sorted(self.commands))}")
         for key, most in (("acceleration", "poke_acceleration"), ("value", "gravity")):
             if key in values and math.hypot(*values[key]) > self.limits[most] * (1 + 1e-6):
                 raise ValueError(f"{name}: {key} must be at most {self.limits[most]:g} m/s^2")

@@ -5,6 +5,7 @@ import { drawOutlines } from "./outlines.js";
 import { axes, colours, context } from "./plots.js";
 
 const MARGIN = 0.035; // of the domain, kept free around it when all of it is shown
+const POUR = 400; // between drops [ms]
 const GUTTER = { left: 66, right: 16, top: 8, bottom: 46 };
 
 // The part that a picture of a shape shows when a window is asked for.
@@ -180,6 +181,14 @@ export class Stage {
     this.move([x0 + w, y0 + h, x1 + w, y1 + h]);
   }
 
+  // Drops where a pointer is, as long as it is held.
+  pour(id) {
+    const drop = () => this.pointers.has(id) && this.events.drop(this.toMetres(...this.pointers.get(id)));
+    drop();
+    clearInterval(this.pouring);
+    this.pouring = setInterval(drop, POUR);
+  }
+
   move(window) {
     this.events.window(window, this.number);
   }
@@ -202,6 +211,7 @@ export class Stage {
       this.pointers.set(event.pointerId, at);
       this.began = { at, window: this.shown, moved: false, tool: this.pointers.size === 1 && this.inside(...at) ? this.events.tool() : "look" };
       if (this.began.tool === "poke") this.events.push(this.toMetres(...at), this.toMetres(...at), this);
+      if (this.began.tool === "drop") this.pour(event.pointerId);
     });
     canvas.addEventListener("pointermove", (event) => {
       const at = place(event), held = this.pointers.get(event.pointerId);
@@ -227,9 +237,10 @@ export class Stage {
     });
     const end = (event) => {
       if (!this.pointers.delete(event.pointerId)) return;
+      clearInterval(this.pouring);
       if (this.began.tool === "poke") this.events.release(this);
       else if (event.type === "pointerup" && !this.began.moved && this.pointers.size === 0 && this.inside(...this.began.at)) {
-        this.events[this.began.tool === "drop" ? "drop" : "pick"](this.toMetres(...this.began.at), this.number);
+        if (this.began.tool === "look") this.events.pick(this.toMetres(...this.began.at), this.number);
       }
       this.began = { ...this.began, moved: true };
     };

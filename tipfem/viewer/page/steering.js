@@ -15,10 +15,12 @@ export class Steering {
     viewer.on("go", () => this.toggle());
     viewer.on("single", () => this.command("step", { count: 1 }));
     viewer.on("stop", () => this.command("stop"));
+    viewer.on("again", () => this.command("again"));
     viewer.on("upright", () => this.tiltTo(-90));
     for (const radio of viewer.root.querySelectorAll('[name="tool"]')) {
       radio.name = `tool-${viewer.id}`;
       radio.addEventListener("change", () => (viewer.root.dataset.tool = radio.value));
+      radio.dataset.tool = radio.value;
     }
     for (const name of ["strength", "radius", "drop"]) part(name).addEventListener("input", () => this.say());
     const bob = part("pendulum");
@@ -56,6 +58,7 @@ export class Steering {
     part("tools").hidden = !(this.commands.has("poke") || this.commands.has("drop"));
     for (const [action, name] of [["go", "pause"], ["single", "step"], ["stop", "stop"]]) viewer.button(action).hidden = !this.commands.has(name);
     part("drop-fluid").replaceChildren(...hello.panes[0].fluids.map(({ name }) => new Option(name, name)));
+    if (!viewer.root.dataset.tool && this.commands.has(hello.tool)) viewer.root.querySelector(`[data-tool="${hello.tool}"]`).click();
     this.say();
   }
 
