@@ -329,18 +329,19 @@ def test_a_refused_simulation_leaves_earlier_results_alone(case, tmp_path):
 
 
 def test_a_free_surface_chooses_the_interface_it_needs(water, air):
-    """Interpolated when nothing is said; a sharp one is refused; a tank may then be filled in part."""
+    """Sharp in 2-D when nothing is said, in 3-D interpolated; a tank may then be filled in part."""
     tank = tp.tank((1, 1), 0.1).fill(water, box=((0, 0), (1, 0.5)))
     c = tp.Case(tank, [water], (0, -9.81), free_surface=True)
-    assert (c.interface, c.grounded) == ("interpolated", True)
-    assert c.filled is not None
-    assert c.filled(np.array([[0.5, 0.2], [0.5, 0.7]])).tolist() == [True, False]
+    assert (c.interface, c.grounded) == ("sharp", True)
+    deep = tp.tank((1, 1, 1), 0.25, jitter=0.1).fill(water, box=((0, 0, 0), (1, 1, 0.5)))
+    assert tp.Case(deep, [water], (0, 0, -9.81), free_surface=True).interface == "interpolated"
     refusal(
         ValueError,
-        lambda: tp.Case(tank, [water], (0, -9.81), free_surface=True, interface="sharp"),
-        "free_surface = true",
-        "'interpolated'",
+        lambda: tp.Case(deep, [water], (0, 0, -9.81), free_surface=True, interface="sharp"),
+        "'interpolated' there",
     )
+    assert c.filled is not None
+    assert c.filled(np.array([[0.5, 0.2], [0.5, 0.7]])).tolist() == [True, False]
     refusal(ValueError, lambda: tp.Case(tank, [water], (0, -9.81)), "no fluid at", "free surface")
     refusal(ValueError, lambda: tp.Case(tank, [water], (0, -9.81), free_surface="yes"), "'yes'", "True or False")
     refusal(ValueError, lambda: tp.Numerics(surface=1.2), "surface is 1.2", "SurfaceRule")

@@ -247,7 +247,8 @@ def test_a_block_that_lands_keeps_its_volume(count, corner):
     velocity = (-1.5, -4.0) if corner else (0.3, -4.0)
     box = ((left, 0.05), (left + count * h, 0.05 + count * h))
     tank = tp.tank((0.6, 0.4), h).fill(WATER, box=box, velocity=velocity)
-    simulation = tp.Simulation(tp.Case(tank, [WATER], (0, -9.81), free_surface=True), time_step=1e-3)
+    case = tp.Case(tank, [WATER], (0, -9.81), free_surface=True, interface="interpolated")
+    simulation = tp.Simulation(case, time_step=1e-3)
     start, landed = simulation.state.wanted_volume[0], False
     while simulation.time < 0.055:
         simulation.step(0.055)

@@ -16,7 +16,7 @@ from tipfem.case.default_laws import Setting
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.largest_step import DEFAULT, RESOLVED
-from tipfem.case.numerics import Numerics
+from tipfem.case.numerics import Numerics, SurfaceRule
 from tipfem.case.openings import Inlet, Opening, Outlet
 from tipfem.case.particles import Particles
 from tipfem.case.surface_tension import Pair, TensionTable, tension_contradictions
@@ -33,7 +33,6 @@ from tipfem.typing import Array
 # The names of the interface rules; `tipfem.mesh.interface` has their classes.
 INTERFACES = ("interpolated", "sharp")
 DEFAULT_INTERFACE = "sharp"
-SURFACE_INTERFACE = "interpolated"  # the default with a free surface
 # A wall particle of a closed case farther than this inside the convex hull is an inner wall [spacings].
 INNER_WALL = 0.1
 SAME_HEIGHT = 1e-9  # relative difference of heights by round-off
@@ -121,7 +120,8 @@ class Case:
     ) -> None:
         self.fluids = _checked_fluids(fluids)
         self.free_surface = free_surface
-        self.interface = _checked_interface(interface, free_surface)
+        dimension = len(particles.size) if isinstance(particles, Tank) else getattr(particles, "dimension", None)
+        self.interface = _checked_interface(interface, free_surface, dimension)
         self.surface_tension = TensionTable(surface_tension, self.fluids, empty=free_surface)
         self.body_force = body_force
         self.numerics = Numerics() if numerics is None else numerics
@@ -184,6 +184,7 @@ class Case:
             normal=[isinstance(o, Outlet) and o.normal(len(self.fluids)) for o in self.openings],
         )
         self._check_slip()
+        self._check_surface()
         refused = {"the case is in 3-D": self.particles.dimension != 2, "tank_motion is given": tank_motion is not None}
         refused["sides are periodic"] = bool(self.period)
         why = next((what for what, there in refused.items() if there), "")
@@ -239,6 +240,12 @@ class Case:
             tension=self.surface_tension.given,
         ):
             raise Invalid(path, text, "Case")
+
+    def _check_surface(self) -> None:
+        """Raise ValueError for lengths of a rule that the case does not have."""
+        if self.free_surface and self.interface == "sharp" and self.numerics.surface != SurfaceRule():
+            text = "is given; it is for free surfaces with interface = 'interpolated'; those of 'sharp' follow fitting"
+            raise Invalid("numerics.surface", text, "Case")
 
     def _check_slip(self) -> None:
         """Raise ValueError for walls that slip where steps fail as soon as the fluid has slipped by a spacing."""
@@ -603,8 +610,6 @@ def contradictions(
         dimension: d; None where it is not known yet.
         tension: by interface, if there is surface tension.
     """
-    if free_surface and interface == "sharp":
-        yield "interface", "is 'sharp'; with free_surface = true it must be 'interpolated', or left out"
     if graded and free_surface:
         yield "grading", "is given with free_surface = true; there is no grading with a free surface"
     elif graded and interface != "sharp":
@@ -615,7 +620,7 @@ def contradictions(
             "numerics.pressure",
             f"is 'two-sided'; {why} one pressure for all fluids: it must be 'auto' or 'continuous'",
         )
-    if dimension == 3 and interface == "sharp" and not free_surface:
+    if dimension == 3 and interface == "sharp":
         yield "interface", "is 'sharp', the default, in 3-D; it must be 'interpolated' there"
     if tension:
         pairs = any(not isinstance(pair, str) for pair in tension)
@@ -636,12 +641,17 @@ def _checked_fluids(fluids: Sequence[Fluid]) -> list[Fluid]:
     return found
 
 
-def _checked_interface(interface: str | None, free_surface: bool) -> str:
+def default_interface(free_surface: bool, dimension: int | None) -> str:
+    """The name of the interface rule of a case that says none."""
+    return "interpolated" if free_surface and dimension == 3 else DEFAULT_INTERFACE
+
+
+def _checked_interface(interface: str | None, free_surface: bool, dimension: int | None) -> str:
     """The name of the interface rule, by default that of the case's kind; see `Case` for errors."""
     if not isinstance(free_surface, bool):
         raise Invalid("free_surface", f"is {free_surface!r}; it must be True or False", "Case")
     if interface is None:
-        return SURFACE_INTERFACE if free_surface else DEFAULT_INTERFACE
+        return default_interface(free_surface, dimension)
     if not isinstance(interface, str) or interface not in INTERFACES:
         raise Invalid("interface", f"is {interface!r}; it must be one of {sorted(INTERFACES)}", "Case")
     return interface

@@ -12,7 +12,7 @@ import numpy as np
 
 from tipfem.case.beaches import Beach
 from tipfem.case.body import Body
-from tipfem.case.case import DEFAULT_INTERFACE, SURFACE_INTERFACE, Case, contradictions
+from tipfem.case.case import Case, contradictions, default_interface
 from tipfem.case.declaration import made
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
@@ -55,13 +55,12 @@ class Parts:
             if table is not None
         }
         self.fluid_names = list(sections.get("fluids") or {})
-        self.interface = sections.get("interface") or (
-            SURFACE_INTERFACE if sections.get("free_surface") else DEFAULT_INTERFACE
-        )
         self.end = sections["time"].end if sections.get("time") else None
         self._particles = self._read_particles()
         self._shape: Shape | None = None
         self.tank, self.dimension = self._tank()
+        default = default_interface(bool(sections.get("free_surface")), self.dimension)
+        self.interface = sections.get("interface") or default
         self._fill()
         self.bodies = self._bodies()
         self.walls = self._walls()

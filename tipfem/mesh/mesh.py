@@ -30,6 +30,7 @@ class Surface:
         deficit: (N,) volume by which the cells are smaller than the fluid in them, the same part of all cells of a
             connected component; restored as soon as that is possible [m^2, or m^3 in 3-D]. Where it is positive,
             particles that have just landed carry it, beside their cells, as spray does.
+        empty: (V, 3) cells of the empty space beyond the surface, where these are kept from step to step, else None.
     """
 
     front: Array
@@ -37,6 +38,7 @@ class Surface:
     loose: Array
     volume: Array
     deficit: Array
+    empty: Array | None = None
 
     @property
     def exists(self) -> bool:
@@ -204,6 +206,11 @@ class Mesh:
         given = {"measure": measure, "neighbours": neighbours}
         mesh.__dict__.update({name: value for name, value in given.items() if value is not None})
         return mesh
+
+    def only(self, cells: Array) -> Mesh:
+        """The mesh of some of its cells, given by a mask (M,), with their fluids."""
+        fluid = None if self.fluid is None else self.fluid[cells]
+        return Mesh(self.position, np.ascontiguousarray(self.cells[cells]), fluid, period=self.period)
 
     def moved(self, position: Array, measure: Array | None = None) -> Mesh:
         """The same simplices at other positions (N, d) [m]; shares what depends on the connectivity only.

@@ -57,11 +57,13 @@ def with_fluid_in_circle(
     near, among = within(particles, at, radius), np.zeros(len(particles), dtype=bool)
     among[near] = True
     of_cells = np.asarray(mesh.fluid)
+    if mesh.surface.front[near].any():
+        raise ValueError(f"drop: at {place(at)} m, of radius {radius:g} m it would reach the free surface")
     require_room(particles, near, of_cells[among[mesh.cells].any(axis=1)], at, radius, fluid, names)
     inside = cells_in_circle(mesh, at, radius)
     particles = rounded(particles, mesh, inside, at, radius)
     given = np.where(inside, fluid, of_cells).astype(of_cells.dtype)
-    changed = Mesh(particles.position, mesh.cells, given, period=mesh.period)
+    changed = Mesh(particles.position, mesh.cells, given, surface=mesh.surface, period=mesh.period)
     return particles, changed.with_(neighbours=mesh.neighbours)
 
 

@@ -77,7 +77,7 @@ class EnergyBalance:
     """
 
     def __init__(self, density: Sequence[float], gravity: Array, mass: str) -> None:
-        self._density, self._gravity, self._mass = np.array(density, dtype=float), gravity, mass
+        self._density, self.gravity, self._mass = np.array(density, dtype=float), gravity, mass
 
     @staticmethod
     def of(case: Case) -> EnergyBalance | None:
@@ -125,7 +125,7 @@ class EnergyBalance:
         before = self._energy(change.before, change.mesh, self._lumping(change.mesh), change.own)
         for part in change.own:
             path = change.mesh.period.shortest(change.before.position - change.mesh.position)
-            before[POTENTIAL] -= part.total(path) @ self._gravity
+            before[POTENTIAL] -= part.total(path) @ self.gravity
         more = now - before
         more[POTENTIAL] += stored
         gained, rise = more[FIELD] + more[POTENTIAL] + owed, more[CASE] + more[POTENTIAL]
@@ -169,7 +169,7 @@ class EnergyBalance:
             field_energy,
             *map(np.ascontiguousarray, (particles.position, particles.velocity, mesh.cells)),
             self._density[mesh.fluid] * mesh.measure,
-            self._gravity,
+            self.gravity,
             lumping,
             partials(3),
             result,

@@ -19,6 +19,7 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.relabelled import Relabelled, SideEnergies
 from tipfem.remesh.edges.edge_operations import ACCELERATION, SLIDES, TARGET, VELOCITY
 from tipfem.remesh.repair_account import NoAccount
+from tipfem.remesh.spray import Spray
 from tipfem.remesh.triangulation import Crowding, Triangulation
 from tipfem.remesh.volumes import Places, areas, restore_volumes, with_components
 from tipfem.timers import timer
@@ -68,6 +69,7 @@ def repair(
     account: NoAccount | None = None,
     keep_cells: bool = False,
     energies: SideEnergies | None = None,
+    spray: Spray | None = None,
 ) -> Repaired:
     """Remesh particles that have moved.
 
@@ -87,6 +89,7 @@ def repair(
         keep_cells: whether edges need not be flipped, nor particles relocated; interfaces and volumes are always
             repaired, and what crowds a film that breaks.
         energies: of the sides of cells, by which films may break; None where only their thickness decides.
+        spray: particles in no cell of a fluid, where there is empty space, a fluid without density; None without it.
 
     Raises:
         TriangulationError: the repair did not terminate, or left a triangle without area.
@@ -122,6 +125,10 @@ def repair(
         if taken:
             flips += taken + t.make_delaunay(rule.flip_tolerance, stale_only=True)
     places = [t.middles(np.flatnonzero(t.fluid != fluid))]
+    if spray is not None:
+        with timer("spray"):
+            broken += spray.settle(t, fluid)
+            places.append(spray.places)
     with timer("relocation"):
         if keep_cells and not (broken or taken):
             relocated = np.zeros(len(held), dtype=bool)
@@ -139,7 +146,12 @@ def repair(
         places.append(particles.position[relocated[: len(held)] & (components.mark & ON_INTERFACE > 0)])
         changes = Places(np.concatenate(places), RESTORED * t.state[:, TARGET])
         limit = 0.05 * particles.spacing
-        new = restore_volumes(new, mesh, moved, relocated, total, limit, len(density), slides, changes)
+        gained = None if spray is None else np.append(spray.landed, 0.0)
+        if spray is not None and total is not None:
+            carried = np.bincount(spray.fluid[spray.loose], spray.volume[spray.loose], minlength=len(total))
+            total = np.append(total - carried, 0.0)
+        free = density == 0
+        new = restore_volumes(new, mesh, moved, relocated, total, limit, len(density), slides, changes, free, gained)
     account.add_mesh("volumes", new, t.state[:, VELOCITY:ACCELERATION])
     position = new.period.wrapped(new.position)
     if not (flips or broken or relocated.any() or (position != particles.position).any()):

@@ -19,7 +19,7 @@ from tipfem.case.case import Case
 from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading
 from tipfem.case.mesh_file import MeshTank
-from tipfem.case.numerics import FittedRule, RelocationRule
+from tipfem.case.numerics import FittedRule, RelocationRule, SurfaceRule
 from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
 from tipfem.mesh.delaunay import triangulate, wall_fluid
@@ -30,13 +30,14 @@ from tipfem.physics.carried import Carried, Remap, own_inertia
 from tipfem.physics.physics import Moved, Physics
 from tipfem.physics.registry import physics_of
 from tipfem.physics.state import InterpolatedMaterial, Material, SharpMaterial, Solved, State, lumped
-from tipfem.remesh import drops, surface_volumes
+from tipfem.remesh import drops, free_surface, surface_volumes
 from tipfem.remesh.energy_balance import Change, EnergyBalance
 from tipfem.remesh.fitted import hull_corners, particle_fluid, repair, with_fluids
 from tipfem.remesh.meshers import FreeSurfaceMesher, Mesher, TankMesher
 from tipfem.remesh.momentum_transfer import conserve_along_period, nodal_density, transfer_momentum
 from tipfem.remesh.relocation import relocate
 from tipfem.remesh.repair_account import INTERPOLATED, SHARP, NoAccount, RepairAccount
+from tipfem.remesh.spray import Spray
 from tipfem.remesh.target_spacing import graded
 from tipfem.remesh.volumes import with_components
 from tipfem.timers import timer
@@ -354,8 +355,10 @@ class FittedRemesher(Remesher):
         first: tuple[Array, Array] | None = None,
         physics: Sequence[Physics[Any]] = (),
         balance: EnergyBalance | None = None,
+        surface: tuple[SurfaceRule, free_surface.Filled | None] | None = None,
     ) -> None:
         super().__init__(fluids, physics)
+        self._surface = surface
         self.rule, self._balance = rule, balance
         self._first, self._names = first, [f.name for f in fluids]
         self._keep, self._walls_have_fluids, self._grading = keep, walls_have_fluids, grading
@@ -372,6 +375,7 @@ class FittedRemesher(Remesher):
             first=case.tank.first_cells(case.fluids) if isinstance(case.tank, MeshTank) else None,
             physics=physics_of(case),
             balance=EnergyBalance.of(case),
+            surface=(case.numerics.surface, case.filled) if case.free_surface else None,
         )
 
     def start(
@@ -387,6 +391,10 @@ class FittedRemesher(Remesher):
             mesh = triangulate(particles.position, particles.wall, particles.spacing, edges, boundary.period)
         else:
             mesh = Mesh(particles.position, self._first[0])
+        filled = None
+        if self._surface is not None:
+            filled = free_surface.filled_cells(mesh, particles, *self._surface)
+            particles = particles.shallow_copy(fluid=np.maximum(particles.fluid, 0).astype(np.int32))
         if not self._walls_have_fluids:
             particles = particles.shallow_copy(fluid=wall_fluid(mesh, particles.fluid, particles.wall))
         if self._first is None:
@@ -395,13 +403,19 @@ class FittedRemesher(Remesher):
             mesh = with_components(Mesh(mesh.position, mesh.cells, self._first[1]), len(self.rank))
         for physics in self._physics:
             mesh = with_components(physics.first(mesh, boundary), len(self.rank))
-        absent = np.setdiff1d(np.arange(len(self.density)), np.asarray(mesh.fluid))
+        there = np.asarray(mesh.fluid) if filled is None else particles.fluid[~particles.wall]
+        absent = np.setdiff1d(np.arange(len(self.density)), there)
         if len(absent):
             raise TriangulationError(
                 f"fluid {self._names[absent[0]]!r} fills no triangle; it is not in the tank, or its part is too small "
                 f"for a spacing of {particles.spacing:g} m"
             )
         fixed = hull_corners(mesh)
+        if filled is not None:
+            count = len(self.density)
+            whole = free_surface.beyond(mesh.only(filled), mesh.cells[~filled], count)
+            alone = np.full(len(particles), particles.spacing**2)
+            mesh = free_surface.without(whole, particles.wall, count, alone)
         fixed[boundary.index[boundary.slides]] = False  # which slide on curves
         fixed[reference] |= reference >= 0
         if boundary.passages is not None:
@@ -430,10 +444,19 @@ class FittedRemesher(Remesher):
     @timer("remeshing")
     def remesh(self, solved: Solved) -> State:
         """See `Remesher.remesh`."""
+        if solved.before.mesh.surface.empty is not None:
+            solved = surface_volumes.balanced(solved)
         before = solved.before
         self.account.start(solved)
         parts, passages, wanted = dict(solved.parts), before.boundary.passages, before.wanted_volume
-        particles = solved.walls.set_back(solved.particles)
+        particles, loose = solved.walls.set_back(solved.particles), before.mesh.surface.loose
+        if loose.any():
+            if before.boundary.convex:
+                particles = surface_volumes.kept_inside(particles)
+            particles = before.boundary.stopped(particles, loose, solved.time)
+        if before.mesh.surface.empty is not None:
+            dry = before.mesh.surface.dry(particles.wall)
+            particles = solved.walls.carry(before.particles, particles, dry)
         end = Moved(before.particles, before.boundary, particles, before.mesh, solved.time, solved.dt)
         for physics in self._physics:
             part, end = physics.before_repair(parts.get(physics.name), end)
@@ -441,7 +464,7 @@ class FittedRemesher(Remesher):
                 parts[physics.name] = part
             if (entered := physics.entered(part)) is not None:
                 wanted = wanted + entered.volume
-        start_mesh = with_components(end.mesh, len(self.density))
+        start_mesh, density, spray = with_components(end.mesh, len(self.density)), self.density, None
         count, sides = len(end.particles), before.boundary
         energies = [physics.sides(parts.get(physics.name), count, sides) for physics in self._physics]
         particles = moved = self._graded(end.particles, start_mesh)
@@ -454,10 +477,16 @@ class FittedRemesher(Remesher):
         if passages is not None:
             slippery[passages.open] = passages.free[passages.open]
             slippery[passages.ends], fixed[passages.ends] = 0, True
+        whole, surface = start_mesh, start_mesh.surface
+        if surface.empty is not None:
+            density, spray = np.append(density, 0.0), Spray(particles, surface, len(density))
+            ends = surface.empty, before.particles.position, particles.position
+            cells = free_surface.followed(*ends, particles.spacing, start_mesh.period)
+            whole = free_surface.beyond(start_mesh, cells, len(self.density))
         particles, mesh, relocated, renumbered, relabelled = repair(
             particles,
-            start_mesh,
-            self.density,
+            whole,
+            density,
             fixed,
             self.rule,
             slippery=slippery,
@@ -466,13 +495,21 @@ class FittedRemesher(Remesher):
             account=self.account,
             keep_cells=solved.keeps_cells,
             energies=next(filter(None, energies), None),
+            spray=spray,
         )
+        if spray is not None:
+            mesh = free_surface.without(mesh, particles.wall, len(self.density), spray.volume)
         fixed, reference = before.fixed, before.reference
         if renumbered is not None:
             reference = int(renumbered[reference]) if reference >= 0 else -1
             fixed = np.zeros(len(particles), dtype=bool)
             fixed[renumbered[before.fixed]] = True
-        particles = particles.shallow_copy(fluid=particle_fluid(mesh, len(particles), self.rank))
+        fluid = particle_fluid(mesh, len(particles), self.rank)
+        if spray is not None:
+            fluid = np.where(mesh.surface.loose, spray.fluid, fluid)
+            pinned = mesh.surface.pinned
+            particles = particles.shallow_copy(pressure=np.where(pinned, 0.0, particles.pressure))
+        particles = particles.shallow_copy(fluid=fluid)
         force = solved.force[:1] if solved.uniform else solved.force
         remap = Remap(before.mesh, mesh, renumbered, relocated, force, relabelled)
         parts, particles = self._carried(parts, particles, remap)
@@ -481,6 +518,12 @@ class FittedRemesher(Remesher):
             particles = physics.imposed(parts.get(physics.name), particles, boundary, solved.time, 0.25 * solved.dt)
         particles = _imposed(parts, particles)
         (material, mass), owed = self._material(mesh), 0.0
+        if spray is not None:
+            given = surface_volumes.carried_through(solved, end.particles, mesh, relocated)
+            given = surface_volumes.without_spin_of_spray(given, particles.position, mesh)
+            if solved.uniform:
+                given = given._replace(force=given.mass[:, None] * solved.force)
+            particles = surface_volumes.restore_momenta(particles, mesh, mass, given)
         particles = conserve_along_period(solved, particles, mass, parts)
         self.account.add("walls", particles, mesh, material)
         if self._balance is not None:
@@ -488,6 +531,10 @@ class FittedRemesher(Remesher):
             change = Change(moved, start_mesh, renumbered, relocated, before.own_inertia, *work)
             # What parts have lost for good stays lost.
             stored = sum(part.energy(mesh.position) + part.lost for part in parts.values())
+            if spray is not None:
+                of = self.density, self._balance.gravity
+                stored += free_surface.spray_energy(particles, mesh.surface, *of)
+                stored -= free_surface.spray_energy(moved, surface, *of)
             more = own_inertia(parts), stored - before.stored(moved.position)
             particles, owed = self._balance.keep(change, particles, mesh, mass, before.owed, *more)
         return self._ended(
@@ -507,13 +554,43 @@ class FittedRemesher(Remesher):
         )
 
     def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
-        """See `Remesher.with_drop`: cells change their fluid, and the drop's outline is moved onto its circle."""
+        """See `Remesher.with_drop`: cells change their fluid, and the drop's outline is moved onto its circle.
+
+        In empty space it has particles and cells of its own.
+        """
+        if state.mesh.surface.empty is not None and not drops.is_inside(state.mesh, at):
+            return self._with_disc(state, at, radius, fluid, acceleration)
         particles, mesh = drops.with_fluid_in_circle(state.particles, state.mesh, at, radius, fluid, self._names)
         mesh = with_components(mesh, len(self.density))
         particles = particles.shallow_copy(fluid=particle_fluid(mesh, len(particles), self.rank))
         remap = Remap(state.mesh, mesh, None, np.zeros(len(particles), dtype=bool), acceleration[None])
         parts, particles = self._carried(state.parts, particles, remap)
         return self._changed(state, particles, mesh, *self._material(mesh), parts=parts)
+
+    def _with_disc(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
+        """`with_drop` in empty space."""
+        before, empty, count = len(state.particles), state.mesh.surface.empty, len(self.density)
+        assert empty is not None
+        drops.require_walls(state.mesh)
+        drops.require_empty(state.particles, state.mesh.surface, at, radius)
+        particles, mesh = drops.with_disc(state.particles, state.mesh, at, radius, fluid, acceleration)
+        added = np.full(len(mesh.cells) - len(state.mesh.cells), fluid, dtype=np.int32)
+        mesh = dataclasses.replace(mesh, fluid=np.append(np.asarray(state.mesh.fluid), added))
+        cells = free_surface.around(mesh, empty, before, particles.spacing)
+        whole = free_surface.beyond(mesh, cells, count)
+        mesh = free_surface.without(whole, particles.wall, count, mesh.surface.volume)
+        remap = Remap(state.mesh, mesh, np.arange(before), np.arange(len(particles)) >= before, acceleration[None])
+        parts, particles = self._carried(state.parts, particles, remap)
+        return self._changed(
+            state,
+            particles,
+            mesh,
+            *self._material(mesh),
+            boundary=drops.boundary_of_more(state.boundary, len(particles)),
+            fixed=drops.longer(state.fixed, len(particles)),
+            relocated=drops.longer(state.relocated, len(particles)),
+            parts=parts,
+        )
 
     def _material(self, mesh: Mesh) -> tuple[SharpMaterial, Array]:
         """What the elements are made of, and the lumped masses (N,) [kg]."""

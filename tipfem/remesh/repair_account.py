@@ -77,7 +77,7 @@ class RepairAccount(NoAccount):
             for quantity in self._quantities
         )
         self._added = np.zeros((len(kinds), len(case.fluids), len(self._quantities)))
-        self._last = np.zeros(self._added.shape[1:])
+        self._last = self._spray = np.zeros(self._added.shape[1:])
 
     @timer("repair account")
     def start(self, solved: Solved) -> None:
@@ -87,6 +87,7 @@ class RepairAccount(NoAccount):
         """
         state = solved.before
         self._added[:] = 0.0
+        self._spray = self._of_spray(solved.particles, state.mesh)
         self._last = self._of_state(solved.particles, state.mesh, state.material, state.mesh.measure)
         self._add("areas", self._of_state(solved.particles, state.mesh, state.material, solved.mesh.measure))
 
@@ -122,10 +123,24 @@ class RepairAccount(NoAccount):
         self._last = now
 
     def _of_cells(self, position: Array, velocity: Array, cells: Array, fluid: Array, measure: Array) -> Array:
-        """Sums (F, 2 + d), as of `cell_sums`, of cells of one fluid each."""
+        """Sums (F, 2 + d), as of `cell_sums`, of cells of one fluid each, and of the particles in none before.
+
+        Cells of empty space, of fluid F, are left out.
+        """
+        there = np.flatnonzero(fluid < len(self._density))
+        cells, fluid, measure = cells[there], fluid[there], measure[there]
         mass = np.zeros((len(cells), len(self._density)))
         mass[np.arange(len(cells)), fluid] = self._density[fluid] * measure
-        return self._sums(position, velocity, cells, mass)
+        return self._spray + self._sums(position, velocity, cells, mass)
+
+    def _of_spray(self, particles: Particles, mesh: Mesh) -> Array:
+        """The same of the particles in no cell."""
+        loose, sums = np.flatnonzero(mesh.surface.loose), np.zeros(self._last.shape)
+        fluid = particles.fluid[loose]
+        m, v = self._density[fluid] * mesh.surface.volume[loose], particles.velocity[loose]
+        own = np.column_stack([0.5 * (v**2).sum(axis=1), -particles.position[loose] @ self._gravity, v])
+        np.add.at(sums, fluid, m[:, None] * own)
+        return sums
 
     def _of_state(self, particles: Particles, mesh: Mesh, material: Material, measure: Array) -> Array:
         """The same of cells of ``measure`` (M,) with their material, and of the particles in none."""
@@ -135,13 +150,7 @@ class RepairAccount(NoAccount):
             part = np.stack([(at_corner == f).mean(axis=1) for f in range(len(self._density))], axis=1)
         mass = part * self._density * measure[:, None]
         sums = self._sums(particles.position, particles.velocity, mesh.cells, mass)
-        loose = np.flatnonzero(mesh.surface.loose)
-        if len(loose):
-            fluid = particles.fluid[loose]
-            m, v = self._density[fluid] * mesh.surface.volume[loose], particles.velocity[loose]
-            own = np.column_stack([0.5 * (v**2).sum(axis=1), -particles.position[loose] @ self._gravity, v])
-            np.add.at(sums, fluid, m[:, None] * own)
-        return sums
+        return np.asarray(sums + self._of_spray(particles, mesh))
 
     def _sums(self, position: Array, velocity: Array, cells: Array, mass: Array) -> Array:
         sums, lumping = np.zeros(self._last.size), lumped_part(self._mass, cells, mass, len(position))

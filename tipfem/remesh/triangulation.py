@@ -12,11 +12,11 @@ from tipfem.backend.launch import launch
 from tipfem.case.particles import Particles
 from tipfem.errors import TriangulationError
 from tipfem.geometry.period import Period, no_period
-from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.mesh.relabelled import SideEnergies
-from tipfem.remesh.edges import coarsen_refine, films_contacts, flips, refining
+from tipfem.remesh.edges import coarsen_refine, films_contacts, flips, refining, removing
 from tipfem.remesh.edges import long_edges as edge_kernels
-from tipfem.remesh.edges.edge_operations import COLUMNS, CURRENT, STALE, TARGET, VELOCITY
+from tipfem.remesh.edges.edge_operations import COLUMNS, CURRENT, MASS, STALE, TARGET, VELOCITY
 from tipfem.remesh.edges.long_edges import NEEDED, REMOVED, STORED
 from tipfem.remesh.volumes import label_components
 from tipfem.typing import Array
@@ -233,6 +233,7 @@ class Triangulation:
             self.neighbours,
             self.fluid,
             self.period.array,
+            self.density,
             edges,
             keys,
             counters,
@@ -253,6 +254,7 @@ class Triangulation:
             self.neighbours,
             self.fluid,
             self.period.array,
+            self.density,
             edges,
             keys,
             long,
@@ -448,6 +450,33 @@ class Triangulation:
             self._marks = None
             if of_fluids:
                 self._stale = np.full(len(self.cells), STALE, dtype=np.int8)
+
+    def take_out(self, particles: Array) -> Array:
+        """Take particles (K,), by their numbers, out of empty space; (K,) mask of those for which that was possible."""
+        done = np.zeros(len(particles), dtype=np.int8)
+        launch(
+            removing.remove_from_cells,
+            self.state,
+            self.cells,
+            self.neighbours,
+            self.fluid,
+            self.period.array,
+            self.corner,
+            self._stale,
+            particles.astype(np.int32),
+            np.empty(removing.SCRATCH, dtype=np.int32),
+            done,
+        )
+        self._changed(int(done.sum()))
+        return done > 0
+
+    def relabel(self, cells: Array, fluid: int) -> None:
+        """Give cells, by their numbers, to another fluid, with their masses."""
+        area = simplex_measure(np.ascontiguousarray(self.state[:, :2]), self.cells[cells], self.period)
+        change = (self.density[fluid] - self.density[self.fluid[cells]]) * area / 3.0
+        np.add.at(self.state[:, MASS], self.cells[cells], change[:, None])
+        self.fluid[cells] = fluid
+        self._changed(len(cells), of_fluids=True)
 
     def candidates(self) -> int:
         """How many edges are examined for insertion sites of the particles of `removed`."""

@@ -21,7 +21,8 @@ from tipfem.typing import Array
 # Least angle between an interface and a wall at a contact that moves with the interface [rad].
 STEEP = np.pi / 3
 
-ROUNDS = 4  # of Newton's method, see `move_interfaces`
+# Of Newton's method, see `move_interfaces`; and with empty space, in which one step may close a large gap.
+ROUNDS, ROUNDS_AT_SURFACES = 4, 16
 
 
 class Places(NamedTuple):
@@ -122,6 +123,8 @@ def restore_volumes(
     fluids: int,
     slides: Array | None = None,
     places: Places | None = None,
+    free: Array | None = None,
+    gained: Array | None = None,
 ) -> Mesh:
     """The mesh ``new`` with its interfaces moved so that each component has its prescribed volume.
 
@@ -138,6 +141,8 @@ def restore_volumes(
         fluids: F.
         slides: (N,) mask of the particles that may move along their walls; none by default.
         places: where remeshing has changed the volumes of fluids; nowhere by default.
+        free: (F,) mask of fluids whose volume is what the others leave, as of empty space; none by default.
+        gained: (F,) volume that has come from spray, less what has become spray [m^2]; none by default.
 
     Returns:
         The same triangles at the new positions, with areas and components.
@@ -150,10 +155,14 @@ def restore_volumes(
     before = with_components(old, fluids).components
     assert before is not None
     after_motion = np.bincount(old.fluid, weights=moved, minlength=fluids)
+    if gained is not None:
+        after_motion = after_motion + gained
+    none = np.zeros(fluids, dtype=bool) if free is None else free
+    left = none[components.fluid] if none.any() else None  # components without a volume of their own
     new = new.with_(measure=measure, components=components)
     if places is not None and len(places.position):
-        wanted = apportion(volume, np.zeros(len(volume)), components.fluid, after_motion, components.movable)
-        new = move_interfaces(new, volume, wanted, limit, places=places)
+        wanted = apportion(volume, np.zeros(len(volume)), components.fluid, after_motion, components.movable, none)
+        new = move_interfaces(new, volume, wanted, limit, places=places, left=left)
         volume = np.bincount(components.label, weights=new.measure, minlength=len(volume))
     if total is None:
         deficit: Array = np.zeros(len(before))
@@ -161,8 +170,8 @@ def restore_volumes(
     else:
         deficit = np.bincount(before.label, weights=old.measure - moved)
     due = transfer_deficits(before.at_particle, components.at_particle, deficit, relocated, len(volume))
-    wanted = apportion(volume, due, components.fluid, total, components.movable)
-    return move_interfaces(new, volume, wanted, limit, slides)
+    wanted = apportion(volume, due, components.fluid, total, components.movable, none)
+    return move_interfaces(new, volume, wanted, limit, slides, left=left)
 
 
 def transfer_deficits(old: Array, new: Array, deficit: Array, relocated: Array, count: int) -> Array:
@@ -185,7 +194,9 @@ def transfer_deficits(old: Array, new: Array, deficit: Array, relocated: Array, 
     return result
 
 
-def apportion(volume: Array, deficit: Array, fluid: Array, total: Array, movable: Array) -> Array:
+def apportion(
+    volume: Array, deficit: Array, fluid: Array, total: Array, movable: Array, free: Array | None = None
+) -> Array:
     """Volumes (K,) that components are to have: own deficits restored, the rest of a fluid's apportioned by size.
 
     Args:
@@ -194,6 +205,7 @@ def apportion(volume: Array, deficit: Array, fluid: Array, total: Array, movable
         fluid: (K,) of the components.
         total: (F,) that each fluid is to have [m^2].
         movable: (K,) mask of components whose surface can move; others keep their volume.
+        free: (F,) mask of the fluids that have what the others leave; none by default.
     """
     wanted = np.where(movable, np.maximum(volume + deficit, 0.5 * volume), volume)
     has = np.bincount(fluid, weights=wanted, minlength=len(total))
@@ -201,6 +213,9 @@ def apportion(volume: Array, deficit: Array, fluid: Array, total: Array, movable
     if not part.any():
         return wanted
     lack = np.where(part > 0, total - has, 0.0)
+    if free is not None and free.any():
+        lack[free] = 0.0
+        return np.asarray(wanted + lack[fluid] * wanted * movable / np.maximum(part[fluid], 1e-300))
     # A fluid without a component cannot get its volume back; the others must still fill the tank.
     lack -= (lack.sum() + wanted.sum() - volume.sum()) * part / part.sum()
     return np.asarray(wanted + lack[fluid] * wanted * movable / np.maximum(part[fluid], 1e-300))
@@ -270,6 +285,7 @@ def move_interfaces(
     limit: float,
     slides: Array | None = None,
     places: Places | None = None,
+    left: Array | None = None,
 ) -> Mesh:
     """Move the interfaces of a mesh until its components have the volumes wanted.
 
@@ -285,6 +301,7 @@ def move_interfaces(
         limit: of a particle's displacement in one round [m].
         slides: (N,) mask of the particles that may move along their walls; none by default.
         places: near which particles may move; everywhere by default.
+        left: (K,) mask of components that have what the others leave; none by default.
 
     Returns:
         The same triangles at the new positions, with their areas.
@@ -308,9 +325,12 @@ def move_interfaces(
     count, head = len(near), np.full(len(x), -2, dtype=np.int32)
     chain, gradient = np.empty((3 * count, 2), dtype=np.int32), np.empty((3 * count, 2))
     displacement = np.empty((len(x), 4))
-    for _ in range(ROUNDS):
+    total = (wanted if left is None else wanted[~left]).sum()
+    for _ in range(ROUNDS if left is None else ROUNDS_AT_SURFACES):
         missing = wanted - volume
-        if np.abs(missing).max() <= 1e-14 * wanted.sum():
+        if left is not None:
+            missing[left] = 0.0
+        if np.abs(missing).max() <= 1e-14 * total:
             break
         gram, gain = np.zeros((len(wanted), len(wanted))), np.zeros(len(wanted))
         launch(
@@ -327,6 +347,8 @@ def move_interfaces(
             gradient,
             gram,
         )
+        if left is not None:
+            gram[left], gram[:, left] = 0.0, 0.0
         # The volumes sum to that of the tank, so one combination of the factors has no effect.
         factor = np.linalg.lstsq(gram, missing, rcond=1e-10)[0]
         moved = launch(

@@ -184,7 +184,7 @@ class Budget:
         own = [Balance(columns=dict.fromkeys(physics.balance_columns, 0.0)) for physics in self._physics]
         nothing = Totals(0.0, 0.0, zeros, none)
         balance = SolveBalance(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, none, own=own)
-        self._spray = case.interface != "sharp" and case.grounded
+        self._spray = case.free_surface
         self._meshed = case.interface == "sharp"
         rough = self._roughness_columns(none.tolist(), 0.0) if self._meshed else {}
         self._open = any(physics.open for physics in self._physics)

@@ -63,7 +63,10 @@ def find_edges(mesh: Mesh, particles: Particles, table: Array, lost: float = 0.0
         table: (F + 1, F + 1) tension, see `TensionEdges` [N/m].
         lost: see `TensionEdges`.
     """
-    one, other, sigma = _of_surface(mesh, particles, table) if mesh.fluid is None else _of_interfaces(mesh, table)
+    found = [] if mesh.fluid is None else [_of_interfaces(mesh, table)]
+    if table[-1].any():
+        found.append(_of_surface(mesh, particles, table))
+    one, other, sigma = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return TensionEdges(one, other, sigma, table, mesh.period, lost)
 
 
@@ -82,12 +85,13 @@ def _of_interfaces(mesh: Mesh, table: Array) -> tuple[Array, Array, Array]:
 def _of_surface(mesh: Mesh, particles: Particles, table: Array) -> tuple[Array, Array, Array]:
     """The same of the edges of one cell that are not on walls.
 
-    An edge has the lesser tension of its particles' fluids, and one between two particles of walls lies on the wall.
+    An edge has the tension of its cell's fluid, or else the lesser of those of its particles; one between two
+    particles of walls lies on the wall.
     """
     cell, corner = np.divmod(np.flatnonzero(mesh.neighbours < 0), 3)
     one, other = (mesh.cells[cell, (corner + k) % 3] for k in (1, 2))
     sigma = table[-1].take(particles.fluid)
-    sigma = np.minimum(sigma[one], sigma[other])
+    sigma = np.minimum(sigma[one], sigma[other]) if mesh.fluid is None else table[-1].take(mesh.fluid[cell])
     there = np.flatnonzero((sigma > 0) & ~(particles.wall[one] & particles.wall[other]))
     return one[there], other[there], sigma[there]
 

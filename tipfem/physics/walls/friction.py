@@ -170,9 +170,10 @@ def _beside_contacts(
     spacing = particles.target[faces.nodes].mean(axis=1)
     if mesh.components is not None:
         contact = mesh.components.mark == ON_INTERFACE + ON_HULL
-    else:  # where the fluid ends along a wall
-        contact = np.bincount(faces.nodes.ravel(), minlength=len(particles)) == 1
-        contact[boundary.index[boundary.pinned]] = False
+    if mesh.components is None or not mesh.used.all():  # also where the fluids end along a wall
+        ends = np.bincount(faces.nodes.ravel(), minlength=len(particles)) == 1
+        ends[boundary.index[boundary.pinned]] = False
+        contact = ends if mesh.components is None else contact | ends
     own = np.array([wall.slip_length is not None for wall in boundary.walls])[faces.wall]
     length = np.where(angled & (length == 0), RESOLVED * spacing, length)
     length = np.where(angled & ~own & contact[faces.nodes].any(axis=1), np.maximum(length, spacing), length)

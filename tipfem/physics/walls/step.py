@@ -98,6 +98,16 @@ class Walls(ABC):
         """The particles, with those of sliding no-slip walls back at their positions in the tank."""
 
     @abstractmethod
+    def carry(self, before: Particles, particles: Particles, which: Array) -> Particles:
+        """The particles at the end of a step, with those that slide and no fluid moves where the walls take them.
+
+        Args:
+            before: at its start.
+            particles: at its end.
+            which: (N,) mask of those that no fluid moves.
+        """
+
+    @abstractmethod
     def reassign(self, particles: Particles) -> tuple[Particles, Boundary]:
         """Remeshed particles with the rates of the walls they lie on (2-D), and which walls these are."""
 
@@ -148,6 +158,10 @@ class FixedWalls(Walls):
 
     def set_back(self, particles: Particles) -> Particles:
         """See `Walls.set_back`."""
+        return particles
+
+    def carry(self, before: Particles, particles: Particles, which: Array) -> Particles:
+        """See `Walls.carry`: no particle slides."""
         return particles
 
     def reassign(self, particles: Particles) -> tuple[Particles, Boundary]:
@@ -357,6 +371,20 @@ class WallStep(Walls):
         back = particles.copy()
         back.position[self.boundary.index[slides]] = self._home[slides]
         return back
+
+    def carry(self, before: Particles, particles: Particles, which: Array) -> Particles:
+        """See `Walls.carry`."""
+        index = self.boundary.index
+        here = self.boundary.slides[which[index[self.boundary.slides]]]
+        if not len(here):
+            return particles
+        result, moved = particles.copy(), index[here]
+        result.position[moved] = before.position[moved] + self.constrain(self._rigid)[moved]
+        x = result.position[index]
+        own = self._after.rates(x, np.zeros_like(x))[0]
+        velocity, acceleration = self._after.rates(x, own)
+        result.velocity[moved], result.acceleration[moved] = velocity[here], acceleration[here]
+        return result
 
     def reassign(self, particles: Particles) -> tuple[Particles, Boundary]:
         """See `Walls.reassign`."""

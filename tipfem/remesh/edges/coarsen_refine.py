@@ -55,6 +55,7 @@ NEAR_PARTICLE, NEAR_BORDER, NEAR_HULL = 1, 2, 4
 SCRATCH = 3 * (STAR + 1) + 1  # entries: two stars, and the particles of one
 MUCH_LONGER = 1.4  # factor on the limit of long edges, above which edges inside a fluid need a particle
 CELL = 15.0  # nanoseconds of one thread for a cell in `coarsen`
+BESIDE = 2.0  # targets: in empty space, edges may be as long as the tank
 ROUND_OFF = 1e-12
 
 
@@ -144,6 +145,7 @@ def target_on_wall(mesh: Template, star: Template, count, p, number, first, seco
         r = ring(mesh, star, count, p, m)
         length = distance(mesh, p, r)
         usable = mesh.wall[r] != OFF_WALLS and (number > 2 or (r != first and r != second))
+        usable = usable and length < BESIDE * target(mesh.state, p, r)
         if usable and length < gap and can_collapse(mesh, star, count, p, r, least):
             q, gap = r, length
     return q

@@ -17,12 +17,21 @@ REMOVED, STORED, NEEDED = 0, 1, 2
 
 
 @ti.func
+def in_empty_space(mesh: Template, t, o):
+    """Whether the edge between cells t and o is in empty space, whose cells have no density and need no particles."""
+    empty = mesh.density[mesh.fluid[t]] == 0.0
+    if empty and o >= 0:
+        empty = mesh.density[mesh.fluid[o]] == 0.0
+    return empty and o >= 0
+
+
+@ti.func
 def edge_key(mesh: Template, t, i: Template, long, least):
     """Key of the edge opposite corner i of cell t; -1 if it is below ``least``, or named by the other cell."""
     x = ti.static(mesh.state)
     key = -1.0
     o = mesh.neighbours[t, i]
-    if o < 0 or o > t:
+    if (o < 0 or o > t) and not in_empty_space(mesh, t, o):
         b, c = mesh.cells[t, ti.static((i + 1) % 3)], mesh.cells[t, ti.static((i + 2) % 3)]
         border = is_border(mesh, t, i)
         bound = ti.min(least, long) if border else least
@@ -101,6 +110,7 @@ def longest_edges(
     neighbours: Ints2,
     fluid: Ints1,
     period: Periods,
+    density: Reals1,
     edges: Ints1,
     keys: Reals1,
     counters: Ints1,
@@ -112,7 +122,7 @@ def longest_edges(
 
     counters, zero before: [STORED] how many there are, [NEEDED] how many keys are above ``needed``.
     """
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period))
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, density=density))
     most = edges.shape[0]
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):
@@ -133,13 +143,14 @@ def long_edges(
     neighbours: Ints2,
     fluid: Ints1,
     period: Periods,
+    density: Reals1,
     edges: Ints1,
     keys: Reals1,
     long: ti.f64,
     least: ti.f64,
 ) -> ti.i32:
     """edges, keys (3 M,): all edges of keys above ``least``, in the order of their names; returns how many."""
-    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period))
+    mesh = ti.static(TriangleArrays(state, cells, neighbours, fluid, period, density=density))
     count = 0
     ti.loop_config(serialize=True)
     for t in range(cells.shape[0]):

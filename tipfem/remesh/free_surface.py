@@ -1,0 +1,171 @@
+"""Empty space beyond a free surface, as cells of a fluid without density, for repairs in place.
+
+A free surface is an interface with nothing on the other side. Its cells beyond are re-triangulated as those of a fluid
+are, so a film of empty space breaks where two surfaces, or a surface and a wall, meet, and contacts slide along walls.
+A step has no equations for them: `beyond` puts them behind the cells of the fluids, and `without` takes them away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from tipfem.case.numerics import SurfaceRule
+from tipfem.case.particles import Particles
+from tipfem.errors import TriangulationError
+from tipfem.geometry.period import Period
+from tipfem.mesh.alpha_shape import Shapes
+from tipfem.mesh.constrained import cells_inside
+from tipfem.mesh.delaunay import SLIVER, delaunay
+from tipfem.mesh.mesh import Mesh, Surface, corners_among, simplex_measure
+from tipfem.remesh.edges.edge_operations import COLUMNS
+from tipfem.remesh.triangulation import Triangulation
+from tipfem.remesh.volumes import with_components
+from tipfem.typing import Array
+
+Filled = Callable[[Array], Array]
+
+SHORTEST = 2.0**-7  # part of a step in which its cells follow the motion at least
+TIES = 1e-12  # tolerance of its flips
+LEAST = 1e-9  # area of a cell, in spacings squared, below which it has turned over
+
+
+def filled_cells(mesh: Mesh, particles: Particles, rule: SurfaceRule, filled: Filled | None) -> Array:
+    """(M,) mask of the cells of a first mesh that are fluid.
+
+    Args:
+        mesh: triangles of all particles.
+        particles: those; wall particles without fluid have the fluid -1.
+        rule: how large cells may be.
+        filled: function of positions (K, 2) [m] to a mask (K,) of those in the fluids; None if unknown.
+    """
+    wall = corners_among(particles.wall, mesh.cells)
+    wet = corners_among(particles.fluid < 0, mesh.cells) == 0
+    radius = Shapes.of(particles.position, mesh.cells, particles.spacing).radius
+    if filled is None:
+        fluid = radius < rule.first * rule.alpha
+    else:
+        fluid = (radius < rule.inner) & filled(particles.position[mesh.cells].mean(axis=1))
+    fluid &= wet & (wall < 3)
+    beside = ((mesh.neighbours >= 0) & fluid[mesh.neighbours]).any(axis=1)
+    return np.asarray(fluid | (wet & (wall == 3) & beside & (radius < rule.alpha)))
+
+
+def spray_energy(particles: Particles, surface: Surface, density: Array, gravity: Array) -> float:
+    """Kinetic and potential energy of the particles in no cell [J, per metre of depth]."""
+    i = np.flatnonzero(surface.loose)
+    v, mass = particles.velocity[i], density[particles.fluid[i]] * surface.volume[i]
+    return float(mass @ (0.5 * (v**2).sum(axis=1) - particles.position[i] @ gravity))
+
+
+def beyond(mesh: Mesh, cells: Array, fluids: int) -> Mesh:
+    """A mesh of ``fluids`` fluids with the ``cells`` (V, 3) of empty space, of fluid number ``fluids``, behind all."""
+    fluid = np.concatenate([np.asarray(mesh.fluid), np.full(len(cells), fluids, dtype=np.int32)])
+    whole = Mesh(mesh.position, np.concatenate([mesh.cells, cells]), fluid, period=mesh.period)
+    return with_components(whole, fluids + 1)
+
+
+def without(whole: Mesh, wall: Array, fluids: int, loose_volume: Array) -> Mesh:
+    """The cells of the fluids alone, with their free surface, which keeps those of empty space.
+
+    Args:
+        whole: cells of fluids and of empty space.
+        wall: (N,) mask of the wall particles.
+        fluids: F.
+        loose_volume: (N,) volume of fluid that particles in no cell of a fluid carry [m^2].
+    """
+    assert whole.fluid is not None
+    keep = whole.fluid < fluids
+    number = np.full(len(keep) + 1, -1, dtype=np.int32)  # the last one is for -1, beyond the hull
+    number[:-1][keep] = np.arange(np.count_nonzero(keep), dtype=np.int32)
+    neighbours = number[whole.neighbours[keep]]
+    cell, i = np.nonzero((neighbours < 0) & (whole.neighbours[keep] >= 0))
+    cells = np.ascontiguousarray(whole.cells[keep])
+    front, used = np.zeros((2, len(wall)), dtype=bool)
+    front[cells[cell, (i + 1) % 3]] = front[cells[cell, (i + 2) % 3]] = True
+    used[cells] = True
+    loose = ~used & ~wall
+    empty = np.ascontiguousarray(whole.cells[~keep])
+    surface = Surface(front, ~used, loose, np.where(loose, loose_volume, 0.0), np.zeros(len(wall)), empty)
+    mesh = Mesh(whole.position, cells, whole.fluid[keep], surface=surface, period=whole.period)
+    return with_components(mesh.with_(measure=whole.measure[keep], neighbours=neighbours), fluids)
+
+
+def followed(cells: Array, before: Array, after: Array, spacing: float, period: Period) -> Array:
+    """The cells (V, 3) of empty space after a motion of their particles, with an area again by flips on the way.
+
+    Args:
+        cells: before the motion, all with an area.
+        before: (N, 2) positions before it [m].
+        after: (N, 2) positions after it; particles move on straight lines [m].
+        spacing: [m].
+        period: of the positions.
+
+    Raises:
+        TriangulationError: parts of the surface, or the surface and a wall, have passed through each other.
+    """
+    least = LEAST * spacing**2
+    if not len(cells) or simplex_measure(after, cells, period).min() > least:
+        return cells
+    shift, count = period.shortest(after - before), len(before)
+    state = np.zeros((count, COLUMNS))
+    state[:, :2] = before
+    t = Triangulation(
+        state,
+        cells.copy(),
+        Mesh(before, cells, period=period).neighbours.copy(),
+        np.zeros(len(cells), dtype=np.int32),
+        _corners(cells, count),
+        np.zeros(count, dtype=np.int32),
+        np.zeros(1),
+        period,
+    )
+    t.make_delaunay(TIES)
+    done, part = 0.0, 1.0
+    while done < 1.0:
+        place = before + min(1.0, done + part) * shift
+        area = simplex_measure(place, t.cells, period)
+        if area.min() > least:
+            done = min(1.0, done + part)
+            t.state[:, :2] = place
+            t.make_delaunay(TIES)
+        else:
+            part *= 0.5
+            if part < SHORTEST:
+                where = place[t.cells[np.argmin(area), 0]].tolist()
+                raise TriangulationError(
+                    f"at {where} two parts of the free surface, or it and a wall, meet in the step"
+                )
+    return t.cells
+
+
+def _corners(cells: Array, count: int) -> Array:
+    """(N,) one cell at each of ``count`` particles, -1 for those in none."""
+    corner = np.full(count, -1, dtype=np.int32)
+    corner[cells.ravel()] = np.arange(cells.size, dtype=np.int32) // 3
+    return corner
+
+
+def around(mesh: Mesh, empty: Array, first: int, spacing: float) -> Array:
+    """The cells of empty space when a component of a fluid was added in it.
+
+    Args:
+        mesh: cells of the fluids, those added with particles from ``first`` on.
+        empty: (V, 3) cells of empty space before that.
+        first: number of the first particle that was added.
+        spacing: [m].
+
+    Raises:
+        TriangulationError: there is no room.
+    """
+    space = Mesh(mesh.position, empty)
+    cell, i = np.nonzero(space.neighbours < 0)
+    edges = [np.stack([empty[cell, (i + 1) % 3], empty[cell, (i + 2) % 3]], axis=1)]
+    cell, i = np.nonzero((mesh.neighbours < 0) & (mesh.cells[:, :1] >= first))
+    edges.append(np.stack([mesh.cells[cell, (i + 2) % 3], mesh.cells[cell, (i + 1) % 3]], axis=1))
+    particles, numbers = np.unique(np.concatenate(edges), return_inverse=True)
+    place = mesh.position[particles]
+    cells, measure, neighbours = delaunay(place, spacing)
+    kept = cells_inside(place, cells, neighbours, numbers.reshape(-1, 2), measure < SLIVER)
+    return np.asarray(particles[cells[kept]].astype(np.int32))

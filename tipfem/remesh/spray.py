@@ -1,0 +1,117 @@
+"""Spray: particles that carry fluid through empty space, while a triangulation is repaired."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tipfem.case.particles import Particles
+from tipfem.mesh.mesh import Surface, simplex_measure
+from tipfem.remesh.edges.edge_operations import ACCELERATION, HELD, MASS, VELOCITY
+from tipfem.remesh.triangulation import Triangulation
+from tipfem.remesh.volumes import label_components
+from tipfem.typing import Array
+
+NEAREST = 12  # cells, by their middles, in which a particle may be
+
+
+class Spray:
+    """The particles in no cell of a fluid, and what the repair of a triangulation makes of them.
+
+    A particle that a repair has left in no cell of a fluid carries what its last cells had, and flies freely. Where it
+    meets a fluid, its volume and momentum go to the cell there, and it is inserted again where edges are long.
+
+    Args:
+        particles: N of them.
+        surface: of the step's mesh.
+        fluids: F.
+
+    Attributes:
+        volume: (N,) that each carries [m^2].
+        fluid: (N,) of the particles.
+        landed: (F,) volume that has come back to the fluids, less what has left them [m^2].
+        places: (P, 2) where it has [m].
+    """
+
+    SMALL = 0.9  # area of a component that becomes spray, in spacings squared
+    LEAST = 0.02  # volume that a particle may carry, in spacings squared; less is given back to the fluid
+
+    def __init__(self, particles: Particles, surface: Surface, fluids: int) -> None:
+        self.fluid, self.fluids = particles.fluid, fluids
+        self.volume, self.loose = surface.volume.copy(), surface.loose.copy()
+        self.landed, self.places = np.zeros(fluids), np.zeros((0, 2))
+        self._spacing = particles.spacing
+
+    def settle(self, t: Triangulation, before: Array) -> int:
+        """Let particles leave the fluids and come back to them; return how many changes that has made.
+
+        Args:
+            t: the triangulation, whose films have broken.
+            before: (M,) fluids of its cells before that.
+        """
+        f, h2 = self.fluids, self._spacing**2
+        place = np.ascontiguousarray(t.state[:, :2])
+        found, _, volume = label_components(place, t.cells, t.neighbours, t.fluid, f + 1, t.period)
+        small = (volume < self.SMALL * h2) & (found.fluid < f)
+        here = np.flatnonzero((t.fluid >= 0) & (t.fluid < f))
+        gone = here[small[found.label[here]]]
+        if len(gone):
+            t.relabel(gone, f)
+        self._land(t)
+        used = np.zeros(len(t.state), dtype=bool)
+        used[t.cells[(t.fluid >= 0) & (t.fluid < f)]] = True
+        lonely = ~used & (t.wall == 0) & (t.corner >= 0)
+        torn = lonely & ~self.loose
+        if torn.any():
+            lost = np.flatnonzero((before >= 0) & (before < f) & (t.fluid == f))
+            at = torn[t.cells[lost]]
+            lost, at = lost[at.any(axis=1)], at[at.any(axis=1)]
+            area = simplex_measure(place, t.cells[lost], t.period)
+            share = np.where(at, (area / at.sum(axis=1))[:, None], 0.0)
+            np.add.at(self.volume, t.cells[lost], share)
+            self.fluid = self.fluid.copy()
+            self.fluid[t.cells[lost][at]] = np.repeat(before[lost], at.sum(axis=1))
+            self.volume[~torn & ~self.loose] = 0.0
+            self.loose |= torn
+            i = np.flatnonzero(torn)
+            np.subtract.at(self.landed, self.fluid[i], self.volume[i])
+            self.places = np.concatenate([self.places, place[i]])
+        i = np.flatnonzero(lonely)
+        if len(i):
+            t.take_out(i)
+        i = np.flatnonzero(self.loose & (t.corner < 0) & (self.volume < self.LEAST * h2))
+        self._remove(t, i)
+        return len(gone) + int(lonely.sum()) + len(t.removed)
+
+    def _remove(self, t: Triangulation, i: Array) -> None:
+        """Give what particles carry back, and let them be inserted elsewhere."""
+        if len(i):
+            np.add.at(self.landed, self.fluid[i], self.volume[i])
+            self.loose[i], self.volume[i] = False, 0.0
+            t.removed = np.concatenate([t.removed, i.astype(np.int32)])
+
+    def _land(self, t: Triangulation) -> None:
+        """Give volume and momentum of particles that are in a cell of a fluid to its particles."""
+        i, cells = np.flatnonzero(self.loose & (t.corner < 0)), np.flatnonzero((t.fluid >= 0) & (t.fluid < self.fluids))
+        if not len(i) or not len(cells):
+            return
+        corner = t.state[t.cells[cells], :VELOCITY]
+        near = cKDTree(corner.mean(axis=1)).query(t.state[i, :VELOCITY], k=min(NEAREST, len(cells)))[1]
+        near = near.reshape(len(i), -1)
+        a, b, c = (corner[near, k] - t.state[i, None, :VELOCITY] for k in range(3))
+        inside = (_cross(a, b) >= 0) & (_cross(b, c) >= 0) & (_cross(c, a) >= 0)
+        hit = inside.any(axis=1)
+        i, around = i[hit], t.cells[cells[near[np.arange(len(near)), inside.argmax(axis=1)]]][hit]
+        weight = t.state[around, MASS] * (t.wall[around] != HELD)
+        rates = slice(VELOCITY, ACCELERATION)
+        total, own = weight.sum(axis=1)[:, None], (t.density[self.fluid[i]] * self.volume[i])[:, None]
+        mean = np.einsum("pk,pki->pi", weight, t.state[around, rates]) / np.maximum(total, 1e-300)
+        change = own / np.maximum(total + own, 1e-300) * (t.state[i, rates] - mean)
+        row, k = np.nonzero(weight)
+        np.add.at(t.state[:, rates], around[row, k], change[row])
+        self.places = np.concatenate([self.places, t.state[i, :VELOCITY]])
+        self._remove(t, i)
+
+
+def _cross(one: Array, other: Array) -> Array:
+    return np.asarray(one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0])
