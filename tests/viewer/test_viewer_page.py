@@ -120,6 +120,27 @@ def test_fluids_are_drawn_by_each_page_from_outlines(browser, server, shown):
     other.close()
 
 
+def test_the_address_keeps_the_time_the_field_and_the_window(browser, server, shown):
+    """A page that is opened at the address shows the same, once it steers."""
+    shown.key("f", "+", "ArrowRight", "ArrowRight")
+    shown.at(3)
+    shown.wait(lambda: "window" in shown.page.url and "field=pressure" in shown.page.url, "the address")
+    address, command = shown.page.url, shown.command
+    assert "&t=0.2&" in address
+    shown.key("0", "f", "Home")
+    shown.at(1)
+    shown.page.goto("about:blank")
+    shown.page.goto(address)
+    shown.wait(shown.button("play").is_enabled, "the page to steer")
+    shown.at(3)
+    same = command[: command.index("--window")]
+    shown.wait(lambda: shown.command.startswith(f"{same}--window"), "the same field and a window")
+    numbers = [[float(word) for word in text.split()[-4:]] for text in (shown.command, command)]
+    assert numbers[0] == pytest.approx(numbers[1], rel=1e-3)
+    shown.key("0")
+    shown.part("field").select_option("")
+
+
 def test_a_click_keeps_a_point_and_shows_its_history(shown):
     px, py = shown.place(0.2, 0.1)
     shown.canvas.click(position={"x": px, "y": py})

@@ -2,7 +2,9 @@
 
 import { Viewer } from "./viewer.js";
 
-const token = location.hash.slice(1);
+// After the token the address says what is seen: the time, the field and the window, so that it can be kept and shared.
+const [token, ...rest] = location.hash.slice(1).split("&");
+let wanted = new URLSearchParams(rest.join("&"));
 const address = new URL("socket", location.href);
 address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
 address.hash = "";
@@ -13,6 +15,22 @@ const ASK_EVERY = 2000, PATIENCE = 5000; // [ms] until a viewer that does not an
 let socket = null, heard = 0, silent = false;
 const root = document.querySelector(".tipfem-viewer");
 const viewer = new Viewer(root, (text) => socket && socket.readyState === WebSocket.OPEN && socket.send(text), document);
+viewer.met = () => {
+  const see = wanted;
+  wanted = new URLSearchParams(); // what is seen after a lost connection is the viewer's to say
+  if (!viewer.steers) return;
+  if (see.has("field")) viewer.send({ type: "field", name: see.get("field") });
+  if (see.has("t")) viewer.send({ type: "show", time: Number(see.get("t")) });
+  if (see.has("window")) viewer.setWindow(see.get("window").split(",").map(Number));
+};
+viewer.told = ({ time, field, window: part, playing }) => {
+  if (playing) return;
+  const seen = [token];
+  if (!viewer.hello.live) seen.push(`t=${Number(time.toPrecision(6))}`);
+  if (field) seen.push(`field=${encodeURIComponent(field)}`);
+  if (part) seen.push(`window=${part.map((value) => Number(value.toPrecision(5))).join()}`);
+  if (location.hash.slice(1) !== seen.join("&")) history.replaceState(null, "", `#${seen.join("&")}`);
+};
 window.addEventListener("hashchange", () => location.reload());
 
 function connect() {

@@ -135,6 +135,7 @@ export class Viewer {
     this.steering.meet(hello);
     this.setRole(hello.steers);
     this.showValues();
+    if (this.met) this.met();
     this.send({ type: "visible", on: !document.hidden });
     this.send({ type: "vectors", on: true });
     if (hello.steers) {
@@ -185,6 +186,7 @@ export class Viewer {
     this.steering.update(status.runs[0]);
     this.showState();
     this.plotHistory();
+    if (this.told) this.told(status);
   }
 
   forgetWindow(status) {
@@ -244,7 +246,7 @@ export class Viewer {
       return swatch;
     });
     if (!field) {
-      const line = '<path class="line" d="M0 9h18"/>';
+      const line = '<path class="rim" d="M0 9h18"/><path class="line" d="M0 9h18"/>';
       legend.replaceChildren(...swatches, ...(this.frame.panes[0].smooth ? [entry("smoothed outlines", line)] : []));
       return;
     }
