@@ -30,7 +30,7 @@ def test_ten_millimetres_against_the_experiments(tmp_path):
     assert figures["volume_error"] <= 1e-9
     assert len(list((out / "frames").glob("*.png"))) == 16
     movie = iio.imread(out / "animation.mp4")
-    assert movie.shape == (16, 720, 942, 3)  # as wide as the square tank needs
+    assert movie.shape == (16, 720, 948, 3)  # as wide as the square tank and the legend need
     assert iio.imread(out / "front.png").std() > 5
     assert iio.imread(out / "strip.png").std() > 5
     header = (out / "history.csv").read_text().splitlines()[0]

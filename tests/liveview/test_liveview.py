@@ -365,7 +365,7 @@ def test_a_viewer_that_is_killed_does_not_hurt_the_run(paused):
             page.until(lambda: page.status["state"] == "paused")
         os.kill(control._process.pid, signal.SIGKILL)
         killed = simulation.step_number
-        while simulation.step_number < killed + 10:
+        while simulation.step_number < killed + 10 or simulation.forces.poke is not None:
             time.sleep(0.01)
         control.stopped = True
 

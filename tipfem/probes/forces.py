@@ -13,7 +13,6 @@ from annotated_types import Len
 from tipfem.case.case import Case
 from tipfem.case.declaration import Unit
 from tipfem.mesh.mesh import Mesh
-from tipfem.physics.side_pressures.carried import PressureJump
 from tipfem.probes.impulses import LoadProbe
 from tipfem.probes.walls import WallLine, WallSide, inlet_faces, side_names, wall_line, wall_of
 from tipfem.typing import Array
@@ -137,6 +136,8 @@ def _of_faces(solved: Solved, a: Array, b: Array, cell: Array) -> _Faces:
 def _pressure(solved: Solved, mesh: Mesh, particle: Array, cell: Array) -> Array:
     """Pressures (K,) of particles on the side of cells in a solve, see `tipfem.probes.probe.pressure_in`."""
     pressure = solved.particles.pressure[particle]
+    from tipfem.physics.side_pressures.carried import PressureJump  # which starts Taichi
+
     jump = solved.part(PressureJump)
     if jump is None or mesh.fluid is None:
         return np.asarray(pressure)
