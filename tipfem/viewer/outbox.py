@@ -56,7 +56,7 @@ class Outbox:
 
     async def emptied(self) -> None:
         """Wait until all has been sent; not for ever."""
-        for _ in range(50):
+        for _ in range(200):
             if not self._messages:
                 return
             await asyncio.sleep(0.01)

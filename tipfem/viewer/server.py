@@ -80,6 +80,13 @@ class ViewServer:
         self._tries = _PORTS_TRIED if port is None else 1
         self._files = {name: page_file(name) for name in FILES}
         self._server: WebSocketServer | None = None
+        self._outboxes: set[Outbox] = set()
+
+    async def emptied(self) -> None:
+        """Wait until the pages have been sent what they were told, goodbyes among them; not for ever."""
+        await asyncio.sleep(0.1)
+        for outbox in list(self._outboxes):
+            await outbox.emptied()
 
     @property
     def address(self) -> str:
@@ -147,6 +154,7 @@ class ViewServer:
         from websockets.exceptions import ConnectionClosed
 
         outbox = Outbox(connection.transport.abort)
+        self._outboxes.add(outbox)
         passing = asyncio.ensure_future(outbox.pass_on(connection.send))
         page = self.session.attach(outbox.put)
         try:
@@ -157,6 +165,7 @@ class ViewServer:
             pass
         finally:
             self.session.detach(page)
+            self._outboxes.discard(outbox)
             passing.cancel()
             with contextlib.suppress(asyncio.CancelledError, ConnectionClosed):
                 await passing
@@ -202,7 +211,7 @@ async def _serve(
         door = await asyncio.to_thread(open_browser, server.address)
     try:
         await session.run()
-        await asyncio.sleep(0.1)  # for the goodbyes
+        await server.emptied()
     finally:
         await server.close()
         if door is not None:
