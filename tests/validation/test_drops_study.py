@@ -19,11 +19,10 @@ def test_a_heavy_fluid_stays_on_a_light_one_below_the_critical_wavelength():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("flow", ["static", "sessile", "meniscus", "rise", "oscillating", "kelvin-helmholtz", "film"])
+@pytest.mark.parametrize("flow", sorted(set(study.RUNS) - {"wave", "bubble", "rayleigh-taylor"}))
 def test_the_coarsest_runs_are_as_expected(flow):
-    runs = study.RUNS[flow]
-    name = min(runs, key=lambda run: list(runs).index(run))
-    assert study.check(flow, {name: runs[name]()}) == []
+    name, measured = next(iter(study.RUNS[flow].items()))
+    assert study.check(flow, {name: measured()}) == []
 
 
 @pytest.mark.slow
@@ -45,6 +44,7 @@ def test_closed_forms_are_those_of_their_limits():
     assert theory.meniscus(1.0, 0.5, angle) < 0.9 * arc
     # Between plates far apart: y^2 = 2 a^2 (1 - sin(angle)).
     assert theory.meniscus(8.0, 1.0, angle) == pytest.approx(math.sqrt(2 * (1 - math.sin(angle))), rel=2e-3)
+    assert theory.largest_hanging_drop() == pytest.approx(2.715, abs=1e-3)
     assert theory.rayleigh_taylor(1.0, (3.0, 1.0), 2.0, 4.0) == 0.0
     bubble = theory.rising_bubble()
     assert bubble["circularity"].min() == pytest.approx(0.9013, abs=1e-4)

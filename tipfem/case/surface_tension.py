@@ -79,7 +79,10 @@ class TensionTable:
                 known = list(self.given) or "none"
                 text = f"has {pair!r}, an interface without surface tension; those that have one are {known}"
                 raise Invalid(path, text, subject)
-            if not (is_number(angle) and 0 <= angle <= 180):
+            if not is_number(angle):
+                why = "one number of degrees; angles that differ for contacts that advance and recede are not simulated"
+                raise Invalid((*path, *both), f": it is {angle!r}; it must be {why}", subject)
+            if not 0 <= angle <= 180:
                 raise Invalid((*path, *both), f": it is {angle!r}; it must be from 0 to 180 degrees", subject)
             one, other = ([self._names.index(name) for name in both] + [len(self._names)])[:2]
             if (one, other) in found or (other, one) in found:

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 RADIUS = 0.4  # [m]; tension and the drop's density are 1
 LAPLACE = 12000.0  # sigma rho D / mu^2 of the drop that stays at rest
 OHNESORGE = 0.3  # mu / sqrt(rho sigma R) of those that come to rest
+FALLEN = 2.5  # depth of the centre of a drop that drips [m]
 BOND = 1.0  # rho g R^2 / sigma of the meniscus, R half the gap
 
 
@@ -111,6 +112,32 @@ def meniscus(angle: float, half: int = 8, steps: int = 800) -> dict[str, float]:
     height = 0.5 * (x[0, 1] + x[-1, 1]) - np.interp(RADIUS, x[:, 0], x[:, 1])
     length = RADIUS / math.sqrt(BOND)
     return {"height": float(height) / theory.meniscus(RADIUS, length, math.radians(angle)) - 1}
+
+
+def hanging(part: float, across: int = 8, end: float = 25.0) -> dict[str, float]:
+    """A drop under a ceiling that slips, let go as a half disc, with contacts at 90 degrees: whether it hangs or drips.
+
+    Args:
+        part: its area over that of the largest drop that hangs.
+        across: spacings in sqrt(sigma / (rho g)), which is 1 m.
+        end: of the run [s].
+
+    Returns:
+        depth: of its centre below the ceiling at the end [m].
+        wrong: 1 where it hangs and theory says that it drips, or the other way round; else 0.
+    """
+    width, height, ratio = 8.0, 6.0, 0.01
+    fluids, radius = pair(ratio, 1.0), math.sqrt(2 * part * theory.largest_hanging_drop() / math.pi)
+    tank = tp.tank((width, height), 1 / across, jitter=0.1).fill(fluids[1])
+    tank.fill(fluids[0], disc=((width / 2, height), radius))
+    tank.wall("top", slip=True, contact_angle={("liquid", "around"): 90})
+    grading = tp.Grading({"around": 4 / across})
+    simulation = simulated(tank, fluids, 1 / (1 - ratio), grading=grading)
+    probe, depth = tp.DropProbe(name="drop", fluid="liquid"), 0.0
+    while simulation.time < end and depth < FALLEN:
+        simulation.step()
+        depth = height - probe.sample(simulation)[2]
+    return {"depth": depth, "wrong": float((depth >= FALLEN) != (part > 1))}
 
 
 def rise(angle: float, half: int = 4, end: float = 22.0) -> dict[str, float]:

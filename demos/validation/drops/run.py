@@ -4,6 +4,7 @@ static           a drop at rest: capillary number over 1000 steps, jump of the p
 sessile          drops that come to rest on a floor, at angles from 30 to 150 degrees
 meniscus         between two plates: height of its contacts, and its order
 rise             a liquid in a narrow and a wide arm: difference of the heights
+hanging          drops under a ceiling, which hang or drip
 oscillating      a drop that swings: its frequency
 wave             a standing capillary wave, against Prosperetti's solution
 bubble           a bubble that rises, against the benchmark of Hysing et al.
@@ -52,6 +53,7 @@ RUNS: dict[str, dict[str, Callable[[], Figures]]] = {
     },
     "meniscus": _named(lambda half: at_rest.meniscus(30.0, half), "{} spacings in half the gap", (8, 16)),
     "rise": _named(lambda half: at_rest.rise(30.0, half), "{} spacings in half the narrow arm", (4, 6)),
+    "hanging": _named(at_rest.hanging, "{} of the largest", (0.9, 1.1)),
     "oscillating": _named(in_motion.oscillating, "density ratio {}", (0.001, 1.0)),
     "wave": _named(in_motion.wave, "{} spacings", (16, 32)),
     "bubble": _named(in_motion.bubble, "{} spacings", (40, 80)),
@@ -60,8 +62,8 @@ RUNS: dict[str, dict[str, Callable[[], Figures]]] = {
     "film": _named(in_motion.film, "{} spacings in the thickness", (4, 6)),
 }
 Flow = Literal[
-    "static", "sessile", "meniscus", "rise", "oscillating", "wave", "bubble", "rayleigh-taylor", "kelvin-helmholtz",
-    "film",
+    "static", "sessile", "meniscus", "rise", "hanging", "oscillating", "wave", "bubble",
+    "rayleigh-taylor", "kelvin-helmholtz", "film",
 ]  # fmt: skip
 # The largest magnitude of each figure: in all runs of a flow, or in those whose names begin with a text.
 LARGEST: dict[str, list[tuple[str, str, float]]] = {
@@ -69,6 +71,7 @@ LARGEST: dict[str, list[tuple[str, str, float]]] = {
     "sessile": [("", "radius", 0.005), ("60 degrees, layer", "angle", 1.0), ("120 degrees, no-slip", "angle", 1.0)],
     "meniscus": [("", "height", 0.01)],
     "rise": [("", "height", 0.01)],
+    "hanging": [("", "wrong", 0.0)],
     "oscillating": [("density ratio 0.001", "frequency", 0.005), ("density ratio 1.0", "frequency", 0.01)],
     "wave": [("16", "error", 0.018), ("32", "error", 0.005)],
     "bubble": [("80", "height", 2e-4), ("80", "velocity", 1e-3), ("80", "circularity", 5e-4)],

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize_scalar
 from scipy.special import wofz
 
 Array = NDArray[np.float64]
@@ -87,6 +87,24 @@ def meniscus(half_width: float, length: float, angle: float) -> float:
     bounds = np.array([1e-3, 1.2]) * math.cos(angle) / half_width
     curvature = brentq(lambda each: end(each)[2] - wanted, *bounds, xtol=1e-12)
     return float(end(curvature)[1])
+
+
+def largest_hanging_drop() -> float:
+    """Area of the largest drop that hangs under a ceiling at 90 degrees, over sigma / (rho g).
+
+    Its outline is psi' = k - y along the arc from the lowest point, in units of sqrt(sigma / (rho g)), so that
+    cos(psi) = 1 - k y + y^2 / 2. It meets the ceiling where psi is 90 degrees for the second time, above its waist.
+    """
+
+    def area(curvature: float) -> float:
+        height = curvature + math.sqrt(curvature**2 - 2)
+        there = lambda s, z: z[1] - height  # noqa: E731
+        there.terminal = True  # type: ignore[attr-defined]
+        slopes = lambda s, z: [math.cos(z[2]), math.sin(z[2]), curvature - z[1], 2 * z[0] * math.sin(z[2])]  # noqa: E731
+        return float(solve_ivp(slopes, (0, 20), [0, 0, 0, 0], events=there, rtol=1e-9, atol=1e-11).y[3, -1])
+
+    best = minimize_scalar(lambda k: -area(k), bounds=(1.45, 1.65), method="bounded")
+    return -float(best.fun)
 
 
 def rayleigh_taylor(wave_number: float, densities: tuple[float, float], gravity: float, sigma: float) -> float:
