@@ -63,6 +63,7 @@ see page/outlines.js |
 | `picked` | `pane`, `at`, `time`, `inside`, `fluid`, `values` at the point, `particle` (`index`, `position`, `wall`, \
 `values`), the nearest one |
 | `history` | `pane`, `at`, `times`, `values`: lists by field at the point, null outside the fluids; `done`, the share |
+| `series` | `plots`: what the run has recorded over time, each with `name`, `times`, `values`; again as there is more |
 | a file | JSON: `type` "file", `name`, `mime`; then its bytes |
 | `alive` | an answer to `alive` |
 | `error` | `text`: one line |

@@ -11,6 +11,7 @@ import asyncio
 import contextlib
 import time
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 from tipfem.render.colours import COLOUR_MAPS
@@ -19,11 +20,13 @@ from tipfem.viewer.pane import png
 from tipfem.viewer.probe import pick
 from tipfem.viewer.protocol import ProtocolError
 from tipfem.viewer.recording import Recording
+from tipfem.viewer.series import series_of
 from tipfem.viewer.showing import Showing
 from tipfem.viewer.source import Source
 
 SETTLES = 0.25  # seconds after the last change, then a still picture is drawn smoothly
 STATUS_EVERY = 0.1  # seconds between messages of status while time goes on
+SERIES_EVERY = 3.0  # seconds between looks at what a run records over time
 HISTORY_EVERY = 0.2  # seconds between parts of a history
 
 _TURNS = 6  # of the loop between two pictures, in which messages come in and go out
@@ -85,6 +88,7 @@ class Session:
         self._looked = [time.monotonic()] * len(sources)
         self._stale, self._smooth, self._new_status = True, False, True
         self._told = 0.0
+        self._series: tuple[float, Any] = -SERIES_EVERY, None  # when they were read, and of which file
         self._message = 0, b""  # number of the last frame, and the frame
         # The same as outlines, for pages that draw them, and what was in it.
         self._lines: tuple[int, bytes] = 0, b""
@@ -107,6 +111,7 @@ class Session:
         self.pages.append(page)
         page.say("hello", steers=page.steers, **self.showing.hello())
         page.say("status", **self._status())
+        self._series = -SERIES_EVERY, None
         self._clock = time.monotonic()
         self._wake.set()
         return page
@@ -319,8 +324,22 @@ class Session:
             self._told, self._new_status = now, False
             for page in self.pages:
                 page.say("status", **self._status())
+        self._tell_series(now)
         if self._recording is not None and self._recording.too_long:
             self._end_recording(next((page for page in self.pages if page.steers), None))
+
+    def _tell_series(self, now: float) -> None:
+        """Send what the run has recorded over time, if there is more of it; of one result, not of two."""
+        source = self.showing.panes[0].source
+        folder = getattr(source, "folder", None)
+        if not self._watched or folder is None or len(self.showing.panes) > 1 or now - self._series[0] < SERIES_EVERY:
+            return
+        path = Path(folder) / "history.csv"
+        stamp = path.stat().st_mtime_ns if path.is_file() else None
+        changed, self._series = stamp != self._series[1], (now, stamp)
+        if changed:
+            for page in self.pages:
+                page.say("series", plots=series_of(Path(folder)))
 
     # What pages send; each `_take_` is named after its message
 

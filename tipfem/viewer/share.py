@@ -7,7 +7,6 @@ compressed; the browser smooths and draws them.
 from __future__ import annotations
 
 import base64
-import csv
 import hashlib
 import html
 import json
@@ -18,8 +17,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from tipfem.render import Results, Stage, View, colours
 from tipfem.render.colours import COLOUR_MAPS
 from tipfem.render.openings import COLOURS, kinds_of
@@ -29,10 +26,10 @@ from tipfem.render.scales import colour_map_of, field_label
 from tipfem.render.strips import closest
 from tipfem.viewer.packing import packed
 from tipfem.viewer.pane import webp
+from tipfem.viewer.series import series_of
 from tipfem.viewer.server import page_file
 
 MARGIN = 0.04  # around the domain, of its longer side
-MOST_SAMPLES = 300  # of a probe
 STATES_PER_SECOND = 25.0
 FIELD_WIDTH = 1000  # of the picture of a field [px]
 
@@ -87,7 +84,7 @@ def share(
         "openings": [[gap.kind, *gap.ends.ravel().tolist(), *gap.inwards.tolist()] for gap in results.openings],
         "marks": {kind: COLOURS[kind] for kind in kinds_of(results.openings)},
         "field": None if field is None else _pictures(results, field, closest(results.times, times)),
-        "plots": _plots(results.folder / "probes"),
+        "plots": series_of(results.folder),
     }
     squeezed = zlib.compressobj(9, zlib.DEFLATED, -15)
     data = base64.b64encode(squeezed.compress(bytes(stream)) + squeezed.flush()).decode()
@@ -127,27 +124,3 @@ def _pictures(results: Results, field: str, numbers: Sequence[int]) -> dict[str,
         "stops": COLOUR_MAPS[colour_map_of(field)],
         "pictures": pictures,
     }
-
-
-def _plots(folder: Path) -> list[dict[str, Any]]:
-    """The numbers that probes have recorded over time, thinned out: name, times and values of each."""
-    found = []
-    for path in sorted(folder.glob("*.csv")):
-        with open(path, encoding="utf-8", newline="") as file:
-            rows = list(csv.reader(file))
-        if len(rows) < 3 or "time" not in rows[0]:
-            continue
-        header, body = rows[0], [row for row in rows[1:] if len(row) == len(rows[0])]
-        kept = np.unique(np.linspace(0, len(body) - 1, min(len(body), MOST_SAMPLES)).round().astype(int))
-        at = header.index("time")
-        for column, name in enumerate(header):
-            if name in ("time", "step"):
-                continue
-            try:
-                series = [(float(body[k][at]), float(body[k][column])) for k in kept]
-            except ValueError:
-                continue
-            values = [float(f"{value:.4g}") if np.isfinite(value) else None for _, value in series]
-            times = [float(f"{time:.5g}") for time, _ in series]
-            found.append({"name": f"{path.stem}: {name}", "times": times, "values": values})
-    return found

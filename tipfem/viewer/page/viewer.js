@@ -60,7 +60,7 @@ export class Viewer {
     const message = JSON.parse(data);
     const take = {
       hello: (m) => this.meet(m), status: (m) => this.update(m), picked: (m) => this.showPicked(m), history: (m) => this.showHistory(m),
-      role: (m) => this.setRole(m.steers), error: (m) => this.note(m.text), bye: (m) => this.end(m.text),
+      role: (m) => this.setRole(m.steers), series: (m) => this.showSeries(m.plots), error: (m) => this.note(m.text), bye: (m) => this.end(m.text),
     }[message.type];
     if (take) take(message);
   }
@@ -186,6 +186,7 @@ export class Viewer {
     this.steering.update(status.runs[0]);
     this.showState();
     this.plotHistory();
+    this.plotSeries();
     if (this.told) this.told(status);
   }
 
@@ -418,6 +419,32 @@ export class Viewer {
     else historyPlot(this.part("plot"), [{ times: [], values: [] }], this.status.time, label, colours(this.root));
   }
 
+  // What the run has recorded over time
+
+  showSeries(plots) {
+    this.plots = plots;
+    this.part("over-time").hidden = !plots.length;
+    const list = this.part("series");
+    if (list.children.length !== plots.length) list.replaceChildren(...plots.map(({ name }) => {
+      const canvas = document.createElement("canvas");
+      canvas.setAttribute("role", "img");
+      canvas.setAttribute("aria-label", `${name} over time`);
+      canvas.addEventListener("click", (event) => this.hello.live || this.send({ type: "show", time: canvas.timeAt(event.offsetX) }));
+      return canvas;
+    }));
+    this.plotSeries();
+  }
+
+  plotSeries() {
+    if (!this.plots || !this.status) return;
+    const shown = JSON.stringify([this.status.time, this.dark, this.root.clientWidth, this.plots.map(({ times }) => times.length)]);
+    if (shown === this.plotted) return;
+    this.plotted = shown;
+    [...this.part("series").children].forEach((canvas, k) => {
+      canvas.timeAt = historyPlot(canvas, [this.plots[k]], this.status.time, this.plots[k].name, colours(this.root));
+    });
+  }
+
   // The rest
 
   keep(head, bytes) {
@@ -451,6 +478,7 @@ export class Viewer {
     if (this.frame) this.showLegend();
     for (const stage of this.stages) stage.paint();
     if (this.hello) this.plotHistory();
+    this.plotSeries();
   }
 
   bind() {

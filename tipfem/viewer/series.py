@@ -1,0 +1,48 @@
+"""Numbers over time beside the picture: those that probes have recorded, and the kinetic energy."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+MOST_SAMPLES = 300  # of a number
+MOST_BYTES = 50_000_000  # of a file, which is read at once
+ENERGY = "kinetic_energy"
+
+
+def series_of(folder: Path) -> list[dict[str, Any]]:
+    """What a run has recorded over time, thinned out: name, times [s] and values of each number.
+
+    Args:
+        folder: the results folder, also of a run that is going on.
+    """
+    found = []
+    for path in [folder / "history.csv", *sorted((folder / "probes").glob("*.csv"))]:
+        try:
+            if path.stat().st_size > MOST_BYTES:
+                continue
+            with open(path, encoding="utf-8", newline="") as file:
+                rows = list(csv.reader(file))
+        except OSError:
+            continue
+        if len(rows) < 3 or "time" not in rows[0]:
+            continue
+        header, body = rows[0], [row for row in rows[1:] if len(row) == len(rows[0])]
+        kept = np.unique(np.linspace(0, len(body) - 1, min(len(body), MOST_SAMPLES)).round().astype(int))
+        at, own = header.index("time"), path.stem != "history"
+        for column, name in enumerate(header):
+            if name in ("time", "step") or not (own or name == ENERGY):
+                continue
+            try:
+                series = [(float(body[k][at]), float(body[k][column])) for k in kept]
+            except ValueError:
+                continue
+            values = [float(f"{value:.4g}") if np.isfinite(value) else None for _, value in series]
+            times = [float(f"{time:.5g}") for time, _ in series]
+            found.append(
+                {"name": f"{path.stem}: {name}" if own else "kinetic energy [J/m]", "times": times, "values": values}
+            )
+    return found
