@@ -29,7 +29,7 @@ from tipfem.run.liveview.link import Link
 from tipfem.run.liveview.memory import Snapshot, StateMemory, slot_size
 from tipfem.run.liveview.process import guest_of, serve_guest
 from tipfem.run.liveview.source import LiveSource
-from tipfem.steering import FILE
+from tipfem.steering import FILE, command_from
 from tipfem.viewer import protocol
 
 PATIENCE = 120.0  # longest wait for what must happen [s]
@@ -232,6 +232,34 @@ class OneState:
         memory = StateMemory(room=slot_size(1, 1, 1))  # which grows
         memory.publish(self.state)
         return memory.latest()
+
+
+def test_valves_and_discharges_of_a_run_are_passed_on_from_the_page():
+    water, air = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("air", 1.2, 1.8e-5)
+    tank = tp.tank((0.3, 0.2), 0.02).fill(air).fill(water, box=((0, 0), (0.3, 0.1)))
+    openings = [
+        tp.Inlet(wall="left", between=((0, 0), (0, 0.1)), fluid=water, discharge=0.01, name="in"),
+        tp.Vent(wall="top", between=((0.1, 0.2), (0.2, 0.2)), name="out"),
+    ]
+    simulation = tp.Simulation(tp.Case(tank, [water, air], (0, -9.81), openings=openings), time_step=2e-3)
+    sent = []
+    feed = OneState(snapshot_of(simulation, 1.0))
+    source = LiveSource(describe(simulation.case, None), feed, lambda *command: sent.append(command))
+    assert source.openings == [{"name": "in", "kind": "inlet"}, {"name": "out", "kind": "vent"}]
+    assert {"valve", "discharge"} <= source.commands
+    assert [gap.kind for gap in source.scene(0).openings] == ["inlet", "vent"]
+    for text in (
+        '{"type": "command", "name": "valve", "opening": "in", "open": false}',
+        '{"type": "command", "name": "discharge", "opening": "in", "value": 0.02}',
+    ):
+        message = protocol.parse(text)
+        source.command(message["name"], message["values"])
+        simulation.steer(command_from(*sent[-1]))
+    part = simulation.state.parts["openings"]
+    assert part.valve.tolist() == [0, -1]
+    assert part.discharge[0] == 0.02
+    with pytest.raises(protocol.ProtocolError, match="open"):
+        protocol.parse('{"type": "command", "name": "valve", "opening": "in", "open": 1}')
 
 
 def test_bodies_are_drawn_where_the_run_has_them(tmp_path):

@@ -12,6 +12,7 @@ import numpy as np
 
 from tipfem.case.forces import PokeForce
 from tipfem.errors import SimulationError
+from tipfem.physics.openings.lines import Openings
 from tipfem.physics.openings.passed import Passed
 from tipfem.physics.surface_tension.edges import TensionEdges, find_edges
 from tipfem.results.output import ResultsFolder
@@ -197,8 +198,10 @@ def _opening(simulation: Stepper, command: Discharge | Valve) -> None:
     key = "discharge" if isinstance(command, Discharge) else "valve"
     values = getattr(part, key).copy()
     values[number] = command.value if isinstance(command, Discharge) else command.open
-    parts = {**state.parts, "openings": dataclasses.replace(part, **{key: values})}
-    simulation.state = dataclasses.replace(state, parts=parts)
+    changed = dataclasses.replace(part, **{key: values})
+    if text := Openings(simulation.case).setting(changed, state.time).unbalanced(state.time):
+        raise ValueError(f"{command.name}: {text}")
+    simulation.state = dataclasses.replace(state, parts={**state.parts, "openings": changed})
 
 
 _APPLIED: dict[type[Command], Callable[[Stepper, Any], dict[str, Any] | None]] = {

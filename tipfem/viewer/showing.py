@@ -219,6 +219,7 @@ class Showing:
             "commands": sorted(sources[0].commands),
             "limits": dict(sources[0].limits),
             "tool": sources[0].tool,
+            "openings": list(sources[0].openings),
         }
 
     def status(self) -> dict[str, Any]:

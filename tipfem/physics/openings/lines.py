@@ -60,6 +60,17 @@ class Setting:
         assert isinstance(line.opening, Inlet)
         return given or partial(line.opening.strength, width=line.length)
 
+    def unbalanced(self, time: float) -> str:
+        """What is wrong if all outlets are closed at a time [s], and inlets do not let out what they let in; or ""."""
+        if not self.held.all():
+            return ""
+        flows = [self.discharge(k)(time) for k, line in enumerate(self.lines) if line.opening.velocities]
+        if not abs(sum(flows)) > 1e-9 * max(map(abs, flows), default=0.0):
+            return ""
+        names = ", ".join(line.opening.name for line in self.lines if not line.opening.velocities)
+        text = f"{sum(flows):g} m^2/s enter by inlets, and all that can leave is closed: {names}"
+        return f"{text}; open a valve, or close the inlets"
+
 
 class Openings:
     """The openings of a case.

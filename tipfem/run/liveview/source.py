@@ -76,9 +76,14 @@ class LiveSource:
         self._period = None if facts["period"] is None else np.array(facts["period"])
         self._bodies = [BodyOutline(body) for body in facts["bodies"]]
         self._openings = gaps_of(facts["openings"])
+        self.openings: Sequence[Mapping[str, str]] = [
+            {"name": str(one["name"]), "kind": str(one["kind"])} for one in facts["openings"]
+        ]
+        kinds = {one["kind"] for one in self.openings}
         self._tank = None if facts["tank"] is None else TankOutline(facts["tank"], self.spacing)
         self.tool = "poke" if facts.get("hand") else "look"
-        self.commands = COMMANDS | {"again"} if facts.get("again") else COMMANDS
+        more = {"again": facts.get("again"), "valve": kinds, "discharge": "inlet" in kinds}
+        self.commands = COMMANDS | {name for name, there in more.items() if there}
         self._feed, self._send, self._messages = feed, send, messages
         self._seen: tuple[Any, ...] = ()
         self._shown: tuple[Snapshot, Scene] | None = None
@@ -180,7 +185,11 @@ class LiveSource:
         if name not in self.commands:
             raise ValueError(f"command {name!r}: it must be one of {', '.join(sorted(self.commands))}")
         for key, most in (("acceleration", "poke_acceleration"), ("value", "gravity")):
-            if key in values and math.hypot(*values[key]) > self.limits[most] * (1 + 1e-6):
+            if (
+                name in ("poke", "gravity")
+                and key in values
+                and math.hypot(*values[key]) > self.limits[most] * (1 + 1e-6)
+            ):
                 raise ValueError(f"{name}: {key} must be at most {self.limits[most]:g} m/s^2")
         self._send(name, values)
 

@@ -53,13 +53,29 @@ export class Steering {
     this.commands = new Set(hello.commands);
     this.limits = hello.limits;
     this.spacing = hello.panes[0].spacing;
-    part("steering").hidden = !["gravity", "poke", "drop"].some((name) => this.commands.has(name));
+    part("steering").hidden = !["gravity", "poke", "drop", "valve"].some((name) => this.commands.has(name));
     for (const element of viewer.root.querySelectorAll("[data-needs]")) element.hidden = !this.commands.has(element.dataset.needs);
     part("tools").hidden = !(this.commands.has("poke") || this.commands.has("drop"));
     for (const [action, name] of [["go", "pause"], ["single", "step"], ["stop", "stop"]]) viewer.button(action).hidden = !this.commands.has(name);
     part("drop-fluid").replaceChildren(...hello.panes[0].fluids.map(({ name }) => new Option(name, name)));
     if (!viewer.root.dataset.tool && this.commands.has(hello.tool)) viewer.root.querySelector(`[data-tool="${hello.tool}"]`).click();
+    part("openings").replaceChildren(...(hello.openings ?? []).map((opening) => this.opening(opening)));
     this.say();
+  }
+
+  // The controls of an opening: whether it is open, and what an inlet lets in.
+  opening({ name, kind }) {
+    const row = document.createElement("label"), valve = document.createElement("input");
+    Object.assign(valve, { type: "checkbox", checked: true });
+    valve.addEventListener("change", () => this.command("valve", { opening: name, open: valve.checked }));
+    row.append(valve, ` ${name} is open`);
+    if (kind !== "inlet") return row;
+    const both = document.createElement("div"), rate = document.createElement("input"), given = document.createElement("label");
+    Object.assign(rate, { type: "number", step: "any", placeholder: "as given" });
+    rate.addEventListener("change", () => rate.value !== "" && this.command("discharge", { opening: name, value: Number(rate.value) }));
+    given.append("lets in ", rate, " m²/s");
+    both.append(row, given);
+    return both;
   }
 
   update(run) {
