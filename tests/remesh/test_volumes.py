@@ -428,6 +428,44 @@ def test_where_nothing_may_move_nothing_does():
     np.testing.assert_array_equal(move_interfaces(x, mesh.cells, label, movable & False, np.ones(4), 1.0), x)
 
 
+def contacts_by_numpy(mesh, slides):
+    """`volumes.sliding_contacts`, particle by particle: those that may move, and the directions of their walls."""
+    found = {}
+    for i in np.flatnonzero(slides & (mesh.components.mark == (ON_INTERFACE | ON_HULL))).tolist():
+        walls, interfaces = [], []
+        for t, k in np.argwhere((mesh.cells == i).any(axis=1)[:, None] & (mesh.cells != i)).tolist():
+            one, other = mesh.cells[t, (k + 1) % 3], mesh.cells[t, (k + 2) % 3]  # an edge at i, opposite corner k
+            across, edge = mesh.neighbours[t, k], mesh.position[other] - mesh.position[one]
+            if across < 0:
+                walls.append(edge)
+            elif mesh.fluid[across] != mesh.fluid[t]:
+                interfaces.append(edge / np.linalg.norm(edge))
+        total = np.sum(walls, axis=0)
+        along = total / np.linalg.norm(total)
+        straight = np.linalg.norm(total) > (1 - 1e-12) * sum(np.linalg.norm(edge) for edge in walls)
+        if straight and all(abs(edge @ along) <= np.cos(volumes.STEEP) for edge in interfaces):
+            found[i] = along
+    return found
+
+
+def test_contacts_that_slide_are_those_of_numpy():
+    """At corners, and where interfaces are flat, there are none."""
+    n, rng = 16, np.random.default_rng(6)
+    x = np.stack(np.meshgrid(np.arange(n), np.arange(n)), axis=-1).reshape(-1, 2) / (n - 1.0)
+    wall = (x == 0).any(axis=1) | (x == 1).any(axis=1)
+    x[~wall] += rng.uniform(-0.4, 0.4, (np.count_nonzero(~wall), 2)) / n
+    mesh = triangulate(x, wall, 1 / (n - 1))
+    mesh = with_components(Mesh(x, mesh.cells, rng.integers(0, 2, len(mesh.cells), dtype=np.int32)), 2)
+    slides = rng.random(len(x)) < 0.8
+    nodes, along, near = volumes.sliding_contacts(mesh, slides)
+    expected = contacts_by_numpy(mesh, slides)
+    at = slides & (mesh.components.mark == (ON_INTERFACE | ON_HULL))
+    assert 3 < len(expected) < at.sum()
+    assert nodes.tolist() == sorted(expected)
+    np.testing.assert_allclose(along, [expected[i] for i in nodes.tolist()], rtol=1e-12, atol=1e-15)
+    np.testing.assert_array_equal(near, np.flatnonzero(at[mesh.cells].any(axis=1)))
+
+
 @pytest.mark.parametrize("slips", [True, False])
 def test_an_interface_that_ends_on_walls_that_slip_moves_as_a_whole(slips):
     """All of it by one distance, contacts too, which stay on their walls; on others they stay where they are."""

@@ -173,7 +173,7 @@ class Boundary:
         on_side[:, self._across_period()] = False
         self.side_normal, self.offset, self.on_side = domain.normal, domain.offset, on_side
         self.normal, self.side = frames(self.side_normal, on_side)
-        self.inverse = inverses(self.normal, self.side)
+        self.inverse = inverses(self.normal)
         self.on_curve = np.full(len(self.index), -1)
 
     def _parts(self, number: int, wall: Wall, particles: Particles) -> list[tuple[int, int, Array]]:

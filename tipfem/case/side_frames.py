@@ -7,14 +7,16 @@ import numpy as np
 from tipfem.typing import Array
 
 
-def inverses(normal: Array, side: Array) -> Array:
-    """Pseudo-inverses (W, d, d) of the normals (W, d, d) of the sides (W, d), in 2-D once for the same normals."""
+def inverses(normal: Array) -> Array:
+    """Pseudo-inverses (W, d, d) of the normals (W, d, d) of sides, of which unused rows are zero."""
     if normal.shape[1] == 3:
         return np.asarray(np.linalg.pinv(normal, rcond=1e-9))
-    key = (side[:, 0] * (side.max(initial=0) + 1) + side[:, 1]) * 4
-    key += 2 * normal[:, 0].any(axis=1) + normal[:, 1].any(axis=1)
-    _, first, number = np.unique(key, return_index=True, return_inverse=True)
-    return np.asarray(np.linalg.pinv(normal[first], rcond=1e-9)[number])
+    (a, b), (c, d) = normal.transpose(1, 2, 0)
+    two, result = (c != 0) | (d != 0), np.zeros_like(normal)
+    square, cross = np.maximum(a * a + b * b, 1e-300), np.where(two, a * d - b * c, 1.0)
+    result[:, 0, 0], result[:, 1, 0] = np.where(two, d / cross, a / square), np.where(two, -c / cross, b / square)
+    result[:, 0, 1], result[:, 1, 1] = np.where(two, -b / cross, 0.0), np.where(two, a / cross, 0.0)
+    return result
 
 
 def frames(normals: Array, on_side: Array) -> tuple[Array, Array]:

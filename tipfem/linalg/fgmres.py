@@ -94,7 +94,7 @@ def fgmres(
         g.append(-sine[k] * g[k])
         g[k] *= cosine[k]
         k += 1
-    weights = np.linalg.solve(np.triu(triangle[:k, :k]), g[:k]) if k else np.zeros(0)
+    weights = np.linalg.solve(triangle[:k, :k], g[:k]) if k else np.zeros(0)
     krylov.combine(weights, solution)
     relative = abs(g[k]) / beta
     return KrylovResult(k, relative, relative <= tolerance)

@@ -160,6 +160,74 @@ def entry_of(head: Template, chain: Template, i, component):
 
 
 @kernel
+def list_contacts(
+    x: Reals2,
+    cells: Ints2,
+    neighbours: Ints2,
+    fluid: Ints1,
+    period: Periods,
+    mark: Ints1,
+    slides: Flags1,
+    flat: float,
+    contact: Flags1,
+    length: Reals1,
+    along: Reals2,
+    nodes: Ints1,
+    near: Ints1,
+    found: Ints1,
+):
+    """The particles among ``slides`` (N,) at which interfaces end on straight walls, and may move along these.
+
+    ``nodes``: they are, ascending, and along (N, 2) the unit vectors along their walls. ``near``: the cells at such
+    particles on any wall. found (2,): how many there are of both. ``flat``: cosine of the least angle between interface
+    and wall. ``contact`` and ``length`` (N,) are scratch.
+    """
+    ti.loop_config(serialize=True)
+    for i in range(mark.shape[0]):
+        contact[i] = ti.cast(slides[i] and mark[i] == ON_INTERFACE + ON_HULL, ti.i8)
+        length[i], along[i, 0], along[i, 1] = 0.0, 0.0, 0.0
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        count = 0
+        for t in range(cells.shape[0]):
+            if contact[cells[t, 0]] or contact[cells[t, 1]] or contact[cells[t, 2]]:
+                near[count] = t
+                count += 1
+                for i in ti.static(range(3)):
+                    if neighbours[t, i] < 0:
+                        a, b = cells[t, ti.static((i + 1) % 3)], cells[t, ti.static((i + 2) % 3)]
+                        d = ti.Vector([difference(x, period, b, a, k) for k in ti.static(range(2))])
+                        for end in ti.static((a, b)):
+                            length[end] += d.norm()
+                            along[end, 0] += d[0]
+                            along[end, 1] += d[1]
+        found[1] = count
+        for i in range(mark.shape[0]):
+            if contact[i]:
+                whole = ti.sqrt(along[i, 0] ** 2 + along[i, 1] ** 2)
+                if whole > (1.0 - 1e-12) * length[i]:  # of two edges in one line the lengths add up
+                    along[i, 0], along[i, 1] = along[i, 0] / whole, along[i, 1] / whole
+                else:
+                    contact[i] = 0
+        for c in range(count):
+            t = near[c]
+            for i in ti.static(range(3)):
+                o = neighbours[t, i]
+                if o >= 0 and fluid[ti.max(o, 0)] != fluid[t]:
+                    a, b = cells[t, ti.static((i + 1) % 3)], cells[t, ti.static((i + 2) % 3)]
+                    d = ti.Vector([difference(x, period, b, a, k) for k in ti.static(range(2))])
+                    for end in ti.static((a, b)):
+                        if ti.abs(d[0] * along[end, 0] + d[1] * along[end, 1]) > flat * d.norm() and contact[end]:
+                            contact[end] = 2
+        count = 0
+        for i in range(mark.shape[0]):
+            if contact[i] == 1:
+                nodes[count] = i
+                count += 1
+        found[0] = count
+
+
+@kernel
 def gradients(
     x: Reals2,
     cells: Ints2,

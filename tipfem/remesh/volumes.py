@@ -13,8 +13,8 @@ import numpy as np
 
 from tipfem.backend.launch import launch
 from tipfem.geometry.period import Period, no_period
-from tipfem.mesh.components import ON_HULL, ON_INTERFACE, Components
-from tipfem.mesh.mesh import Mesh, corners_among
+from tipfem.mesh.components import Components
+from tipfem.mesh.mesh import Mesh
 from tipfem.remesh import volume_kernels as kernels
 from tipfem.typing import Array
 
@@ -226,56 +226,33 @@ def sliding_contacts(mesh: Mesh, slides: Array) -> tuple[Array, Array, Array]:
 
     Args:
         mesh: triangles with their components.
-        slides: (N,) mask of the particles that may move along their walls; those whose interface is flat stay.
+        slides: (N,) mask of the particles that may move along their walls. Those whose interface is less than `STEEP`
+            from their wall stay: what restoring takes from the contact of a thin front would hold it back.
 
     Returns:
         (S,) numbers of the contacts, int32; (S, 2) unit vectors along their walls; and the cells at such particles.
     """
     assert mesh.components is not None
-    contact = slides & (mesh.components.mark == (ON_INTERFACE | ON_HULL))
-    if not contact.any():
-        return np.zeros(0, dtype=np.int32), np.zeros((0, 2)), np.zeros(0, dtype=np.int32)
-    near = np.flatnonzero(corners_among(contact, mesh.cells)).astype(np.int32)
-    row, i = np.nonzero(mesh.neighbours[near] < 0)
-    cell = near[row]
-    before, after = mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]
-    along = mesh.sides(before, after)
-    length = np.linalg.norm(along, axis=1)
-    total = np.zeros(len(mesh.position))
-    direction = np.zeros_like(mesh.position)
-    for ends in (before, after):
-        np.add.at(direction, ends, along)
-        np.add.at(total, ends, length)
-    # Of two edges in one line the lengths add up.
-    nodes = np.flatnonzero(contact)
-    length, total = np.linalg.norm(direction[nodes], axis=1), total[nodes]
-    straight = (length > (1 - 1e-12) * total) & (total > 0)
-    contact[nodes] = straight
-    direction[nodes[straight]] /= length[straight, None]
-    contact &= ~_flat(mesh, contact, direction, near)
-    nodes = np.flatnonzero(contact).astype(np.int32)
-    return nodes, direction[nodes], near
-
-
-def _flat(mesh: Mesh, contact: Array, direction: Array, near: Array) -> Array:
-    """(N,) mask of the contacts in the mask ``contact`` whose interface is less than `STEEP` from their wall.
-
-    A thin front that runs along a wall is flat; what restoring takes from its contact would hold it back. ``near``: the
-    cells at contacts.
-    """
-    assert mesh.fluid is not None
-    result = np.zeros(len(contact), dtype=bool)
-    beside = mesh.neighbours[near]
-    row, i = np.nonzero((beside >= 0) & (mesh.fluid[near][:, None] != mesh.fluid[beside]))
-    cells = mesh.cells[near[row]]
-    rows = np.arange(len(row))
-    one, other = cells[rows, (i + 1) % 3], cells[rows, (i + 2) % 3]
-    edge = mesh.sides(one, other)
-    length = np.linalg.norm(edge, axis=1)
-    for end in (one, other):
-        along = np.abs(np.einsum("ki,ki->k", edge, direction[end]))
-        result[end[contact[end] & (along > np.cos(STEEP) * length)]] = True
-    return result
+    count = len(slides)
+    nodes, near, found = (np.empty(size, dtype=np.int32) for size in (count, len(mesh.cells), 2))
+    tangent, length, flag = np.empty((count, 2)), np.empty(count), np.empty(count, dtype=np.int8)
+    launch(
+        kernels.list_contacts,
+        mesh.position,
+        *(np.ascontiguousarray(values) for values in (mesh.cells, mesh.neighbours, mesh.fluid)),
+        mesh.period.array,
+        mesh.components.mark,
+        slides.view(np.int8),
+        float(np.cos(STEEP)),
+        flag,
+        length,
+        tangent,
+        nodes,
+        near,
+        found,
+    )
+    there = nodes[: found[0]]
+    return there, tangent[there], near[: found[1]]
 
 
 def move_interfaces(
