@@ -81,7 +81,8 @@ def with_surface():
     tank = tp.tank((0.3, 0.2), 0.02).fill(WATER, box=((0, 0), (0.1, 0.1)))
     numerics = tp.Numerics(largest_move=0.3, surface=tp.SurfaceRule(alpha=1.3))
     force = UniformForce(Table(form="table", times=[0.0, 0.5, 1.0], values=[(0, 0), (1, 0), (0, 0)]))
-    return tp.Case(tank, [WATER], (0, -9.81), free_surface=True, numerics=numerics, body_force=force)
+    options = {"free_surface": True, "interface": "interpolated"}
+    return tp.Case(tank, [WATER], (0, -9.81), numerics=numerics, body_force=force, **options)
 
 
 def in_3d():

@@ -340,6 +340,6 @@ def test_other_pressures_are_refused(water, air):
     with pytest.raises(ValueError, match=r"pressure is 'both'; it must be one of 'auto', 'continuous', 'two-sided'"):
         tp.Numerics(pressure="both")
     tank, numerics = tp.tank((1.0, 1.0), 0.1).fill(water), tp.Numerics(pressure="two-sided")
-    for options in ({"interface": "interpolated"}, {"free_surface": True}):
+    for options in ({"interface": "interpolated"}, {"interface": "interpolated", "free_surface": True}):
         with pytest.raises(ValueError, match=r"pressure is 'two-sided'; .*it must be 'auto' or 'continuous'"):
             tp.Case(tank, [water], (0, -9.81), numerics=numerics, **options)
