@@ -114,11 +114,17 @@ def test_the_module_runs_in_a_browser_and_shows_a_frame(taken, browser):
     assert complaints == []
 
 
-def test_without_anywidget_there_is_a_movie(out, monkeypatch):
+def test_without_anywidget_there_is_the_shared_page(out, monkeypatch, browser):
     monkeypatch.setitem(__import__("sys").modules, "anywidget", None)
     data = tp.View(out)._repr_mimebundle_()
     assert "pip install 'tipfem[notebook]'" in data["text/html"]
-    assert "video/mp4;base64," in data["text/html"]
+    page = browser.new_page()
+    page.set_content(data["text/html"])
+    inner = page.frame_locator("iframe")
+    inner.locator("html[data-ready]").wait_for()
+    inner.locator("#play").click()
+    inner.locator("#clock", has_not_text="t = 0.000 s").wait_for()
+    page.close()
 
 
 def test_what_cannot_be_shown_is_named(tmp_path, out):

@@ -6,6 +6,7 @@ import asyncio
 import base64
 import html
 import re
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from tipfem.results.reader import RunResults
 from tipfem.viewer.pane import png
 from tipfem.viewer.server import page_file
 from tipfem.viewer.session import Page, Session
+from tipfem.viewer.share import share
 from tipfem.viewer.source import ResultsSource, Source
 
 # In the order in which each uses only what comes before it.
@@ -23,7 +25,8 @@ class View:
     """Results, or a running simulation, to look at in a notebook; or two at equal times.
 
     It is the page of `tipfem view` in the output of a cell, and needs `pip install "tipfem[notebook]"`. Pictures are
-    drawn by the notebook's kernel, and while a cell runs it draws none. Without anywidget the output is a movie.
+    drawn by the notebook's kernel, and while a cell runs it draws none. Without anywidget the output is the page of
+    `tipfem share`.
 
     Args:
         first: a results folder, what `read_results` returns, or a `Source`.
@@ -66,14 +69,14 @@ class View:
             try:
                 self._widget = self._make_widget()
             except ImportError:
-                return {"text/plain": repr(self), "text/html": self._movie()}
+                return {"text/plain": repr(self), "text/html": self._shared()}
         bundle = self._widget._repr_mimebundle_()
         data, more = bundle if isinstance(bundle, tuple) else (bundle, {})
         # For readers of notebooks that show no widgets.
         return {**data, "text/plain": repr(self), "image/png": png(self.session.showing.framed())}, more
 
-    def _movie(self) -> str:
-        """Movies of results, and a picture of the present state of a run that has no results folder to read."""
+    def _shared(self) -> str:
+        """Shared pages of results, and a picture of the present state of a run that has no results folder to read."""
         parts = ["<p>For controls: <code>pip install 'tipfem[notebook]'</code> and start the kernel again.</p>"]
         for source in self.sources:
             folder = getattr(source, "folder", None)
@@ -81,7 +84,10 @@ class View:
                 picture = base64.b64encode(png(self.session.showing.framed())).decode()
                 parts.append(f'<p>{html.escape(source.name)}</p><img src="data:image/png;base64,{picture}">')
             else:
-                parts.append(f"<p>{html.escape(source.name)}</p>{RunResults(folder).movie()._repr_html_()}")
+                with tempfile.TemporaryDirectory() as place:
+                    page = share(folder, Path(place) / "page.html").read_text(encoding="utf-8")
+                frame = f'<iframe srcdoc="{html.escape(page)}" style="width: 100%; height: 560px; border: 0"></iframe>'
+                parts.append(f"<p>{html.escape(source.name)}</p>{frame}")
         return "".join(parts)
 
     def _make_widget(self) -> Any:
