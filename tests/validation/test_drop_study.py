@@ -28,10 +28,11 @@ def test_the_stretching_ellipse_has_the_acceleration_of_its_pressure():
 
 @pytest.mark.parametrize("flow", list(study.TURNING))
 def test_a_free_drop_becomes_the_ellipse(flow):
-    """At first order at least, although half of the particles are relocated within a few steps."""
+    """Its axes at second order; velocities, which turn rough as cells are stretched, at nearly the first."""
     results = {across: study.drop(across, study.TURNING[flow]) for across in (8, 16)}
     assert study.check(flow, results) == []
-    assert results[16]["velocity"] < 0.5 * results[8]["velocity"]
+    assert abs(results[16]["axis"]) < 0.3 * abs(results[8]["axis"])
+    assert results[16]["velocity"] < 0.65 * results[8]["velocity"]
 
 
 def test_the_check_names_what_is_missed():

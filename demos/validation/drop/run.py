@@ -116,8 +116,7 @@ def check(flow: str, results: dict[int, dict[str, Any]]) -> list[str]:
     ]
     coarsest = min(results)
     for name in ("velocity", "axis"):
-        # A drop that begins as a regular polygon has an axis whose error is noise already.
-        if finest > coarsest and not found[name] < max(abs(results[coarsest][name]), 0.3 * LARGEST[name]):
+        if finest > coarsest and not found[name] < abs(results[coarsest][name]):
             missed.append(f"{flow}: error of the {name} at {finest} not below that at {coarsest}")
     return missed
 
