@@ -35,8 +35,7 @@ _CODECS: dict[str, dict[str, Any]] = {
         # A palette a frame: one for the whole movie would hold every frame in memory.
         output_params=[
             "-filter_complex",
-            "split[a][b];[a]palettegen=stats_mode=single[p];"
-            "[b][p]paletteuse=new=1:dither=bayer:bayer_scale=5:diff_mode=rectangle",
+            "split[a][b];[a]palettegen=stats_mode=single[p];[b][p]paletteuse=new=1:dither=bayer:bayer_scale=5",
         ],
     ),
     ".webp": dict(

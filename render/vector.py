@@ -11,10 +11,13 @@ import numpy as np
 from . import bodies, colours
 from .animation import picture_name
 from .arrays import Array, Range
+from .layers import is_muted
+from .openings import COLOURS as opening_colours
+from .openings import Gap, kinds_of
 from .outlines import SMOOTHED, SPRAY_RADIUS, Loop, background_fluid, fluid_loops, smoothed, wall_loops
 from .renderer import settled, swatches_of
 from .results import Results
-from .scales import check_range, colour_map_of, field_label
+from .scales import MUTED_FIELD, MUTED_SHARE, check_range, colour_map_of, field_label
 from .scene import Scene
 from .strips import closest, label, usual_columns
 from .view import View
@@ -119,6 +122,7 @@ def draw_vectors(
         handles = [_patch(fill, text) for text, fill in swatches_of(scenes[0], field, view, fills)]
         if view.smooth:
             handles.append(_stroke(SMOOTHED))
+        handles += [_stroke(kind, opening_colours[kind]) for kind in kinds_of(scenes[0].openings)]
         if handles:
             figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
         written = []
@@ -142,19 +146,28 @@ def _panel(
     regions, shades = scene.geometry.regions, None
     walls = wall_loops(scene)
     _fill(axes, walls, "none", colours.WALL, 2 * _WALL)
+    for gap in scene.openings:
+        _fill(axes, [Loop(gap.ends, np.ones(2, bool))], "none", "white", 2 * _WALL + 0.5)
     _fill(axes, walls, "white", "none", 0)
     dark = colours.INTERFACE if len(scene.fluid_names) > 1 else "none"
     if field is not None:
         ends = field_range or (0.0, 1.0)
-        from matplotlib.colors import LinearSegmentedColormap
+        from matplotlib.colors import LinearSegmentedColormap, ListedColormap
 
         table = colours.colour_table(view.colour_map or colour_map_of(field))
         options = {"cmap": LinearSegmentedColormap.from_list(field, table), "vmin": ends[0], "vmax": ends[1]}
         x, y = scene.position.T
+        plain = np.zeros(len(scene.cells), dtype=bool)
+        if field == MUTED_FIELD and view.muted and scene.cell_fluid is not None:
+            plain = is_muted(scene, view, MUTED_SHARE * (ends[1] - ends[0]))
+            for fluid in np.unique(scene.cell_fluid[plain]):
+                cells = scene.cells[plain & (scene.cell_fluid == fluid)]
+                axes.tripcolor(x, y, cells, np.zeros(len(x)), cmap=ListedColormap([fills[fluid]])).set_rasterized(True)
+        cells = scene.cells[~plain]
         if field in scene.cell_fields:
-            shades = axes.tripcolor(x, y, scene.cells, facecolors=scene.cell_values(field)[:, 0], **options)
+            shades = axes.tripcolor(x, y, cells, facecolors=scene.cell_values(field)[~plain, 0], **options)
         else:
-            shades = axes.tripcolor(x, y, scene.cells, scene.field_values(field), shading="gouraud", **options)
+            shades = axes.tripcolor(x, y, cells, scene.field_values(field), shading="gouraud", **options)
         shades.set_rasterized(True)
     elif view.smooth:
         background = background_fluid(scene)
@@ -178,6 +191,8 @@ def _panel(
 
         for place, fluid in zip(scene.position[spray], scene.fluid[spray], strict=True):
             axes.add_patch(Circle(place, SPRAY_RADIUS * scene.spacing, color=colours.hex_code(fills[fluid]), lw=0))
+    for gap in scene.openings:
+        _opening(axes, gap, float(np.linalg.norm(upper - lower)))
     for body in scene.bodies:
         _fill(axes, [Loop(body.corners, np.ones(len(body.corners), bool))], bodies.FILL, bodies.MARK, _LINE)
     return shades
@@ -200,13 +215,25 @@ def _lines(axes: Any, segments: Array, colour: str, width: float) -> None:
     axes.add_collection(LineCollection(list(segments), colors=colour, linewidths=width, capstyle="round"))
 
 
+def _opening(axes: Any, gap: Gap, size: float) -> None:
+    """The arrows of an opening, into the tank or out of it; ``size`` is that of the picture [m]."""
+    colour, apart, reach = opening_colours[gap.kind], 0.05 * size, 0.03 * size
+    count = max(1, round(float(np.linalg.norm(gap.ends[1] - gap.ends[0])) / apart))
+    for part in (np.arange(count) + 0.5) / count:
+        at = gap.ends[0] + part * (gap.ends[1] - gap.ends[0])
+        along = (1 if gap.kind == "inlet" else -1) * 0.5 * reach * gap.inwards
+        tip, tail = at + along, at - along
+        style = {"arrowstyle": "-|>", "color": colour, "lw": _LINE, "mutation_scale": 6, "shrinkA": 0, "shrinkB": 0}
+        axes.annotate("", tip, tail, arrowprops=style, annotation_clip=False)
+
+
 def _patch(fill: Array, text: str) -> Any:
     from matplotlib.patches import Patch
 
     return Patch(fc=colours.hex_code(fill), ec=colours.WALL, lw=0.6, label=text)
 
 
-def _stroke(text: str) -> Any:
+def _stroke(text: str, colour: str = colours.INTERFACE) -> Any:
     from matplotlib.lines import Line2D
 
-    return Line2D([], [], color=colours.INTERFACE, lw=_LINE, label=text)
+    return Line2D([], [], color=colour, lw=_LINE, label=text)

@@ -69,7 +69,11 @@ def test_a_case_file_has_openings_and_is_written_back():
             "inlets[0]: discharge and velocity are given; give one",
         ),
         ("level = 0.1\n", "", "outlets[0].level is left out; fluid is given, and a level needs both"),
-        ("size = [0.4, 0.3]", 'periodic = "x"\nsize = [0.4, 0.3]', "sides are periodic; openings are for cases in 2-D"),
+        (
+            "size = [0.4, 0.3]",
+            'periodic = "x"\nsize = [0.4, 0.3]',
+            "sides are periodic, with which openings do not work",
+        ),
         ('wall = "left"', 'wall = "lefft"', "wall is 'lefft'; the tank has left, right, bottom, top"),
     ],
 )

@@ -60,11 +60,20 @@ def inlet(**options):
         (lambda: case(inlet(between=((0, 0), (0.1, 0.1))), VENT), "is not on one straight part of the wall 'left'"),
         (lambda: case(inlet(), inlet(between=((0, 0.1), (0, 0.2)), name="two"), VENT), "closer than 3 spacings"),
         (lambda: case(inlet(), inlet(between=((0, 0.2), (0, 0.3))), VENT), "name is 'inlet_left', as of another"),
-        (lambda: case(VENT, free_surface=True), "there is a free surface; openings are for cases in 2-D"),
-        (lambda: case(VENT, interface="interpolated"), "interface is 'interpolated'; openings are for cases in 2-D"),
-        (lambda: case(VENT, tank=tp.tank((0.4, 0.3), 0.02, periodic="x")), "sides are periodic; openings are for"),
-        (lambda: case(VENT, tank_motion=tp.Motion(angle=lambda t: 0 * t)), "tank_motion is given; openings are for"),
-        (lambda: case(VENT, numerics=tp.Numerics(budget="detailed")), "budget is 'detailed'; openings are for"),
+        (lambda: case(VENT, free_surface=True), "there is a free surface, with which openings do not work"),
+        (lambda: case(VENT, interface="interpolated"), "interface is 'interpolated', with which openings do not work"),
+        (
+            lambda: case(VENT, tank=tp.tank((0.4, 0.3), 0.02, periodic="x")),
+            "sides are periodic, with which openings do not",
+        ),
+        (
+            lambda: case(VENT, tank_motion=tp.Motion(angle=lambda t: 0 * t)),
+            "tank_motion is given, with which openings do not",
+        ),
+        (
+            lambda: case(VENT, numerics=tp.Numerics(budget="detailed")),
+            "budget is 'detailed', with which openings do not",
+        ),
         (
             lambda: case(VENT, tank=tp.tank((0.4, 0.3), 0.02).wall("top", velocity=(1.0, 0.0))),
             "wall is 'top', which has a velocity; openings stand still",

@@ -128,3 +128,13 @@ def test_ten_channels_full_pass_without_a_refused_step():
     counts = [row["particles"] for row in simulation.history]
     assert sum(row["refused_steps"] for row in simulation.history) == 0
     assert 0.9 * counts[0] < min(counts) < max(counts) < 1.15 * counts[0]
+
+
+def test_a_tank_whose_only_opening_is_free_drains():
+    """No particle is held at it, and air comes in where water goes out."""
+    tank = tp.tank((0.4, 0.4), 0.04).fill(AIR).fill(WATER, box=((0, 0), (0.4, 0.28)))
+    openings = [tp.Outlet(wall="bottom", between=((0.12, 0), (0.28, 0)))]
+    simulation = tp.Simulation(tp.Case(tank, [WATER, AIR], (0, -9.81), openings=openings), time_step=2e-3)
+    for _ in range(2):
+        simulation.step()
+    assert np.isfinite(simulation.particles.velocity).all()

@@ -10,6 +10,7 @@ from tipfem.render.layers import layer_texts
 from tipfem.render.layout import make_layout
 from tipfem.render.openings import COLOURS
 from tipfem.render.renderer import contents
+from tipfem.render.vector import draw_vectors
 
 import tipfem as tp
 from tipfem.viewer.share import share
@@ -50,3 +51,8 @@ def test_openings_are_gaps_in_walls_with_arrows_and_a_legend(tmp_path):
 
     page = share(tmp_path).read_text()
     assert '"marks":{"inlet":"#007a5e","vent":"#5a6675"}' in page
+    [vectors] = draw_vectors(tmp_path, None, [".svg"])
+    text = vectors.read_text()
+    assert text.count("#007a5e") >= 2
+    assert text.count("#5a6675") >= 3
+    assert all(f"<!-- {word} -->" in text or f">{word}<" in text for word in ("inlet", "vent"))

@@ -7,7 +7,7 @@ import imageio.v3 as imageio
 import meshio
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageSequence
 from render_results import sharp_tank, write_results
 from tipfem.render import Results, ResultsError, animate
 from tipfem.render.movie import MovieError, MovieWriter
@@ -225,3 +225,16 @@ def test_frame_that_cannot_be_written_is_named(out):
     (out / "frames_480x320" / "frame_0001.png").mkdir(parents=True)
     with pytest.raises(OSError, match=r"frame_0001\.png: the frame could not be written"):
         animate(out, size=SIZE, movie=None, backend="raster")
+
+
+def test_flat_colours_stay_what_they_are_in_a_gif(out):
+    """In all frames, also where little changes from one to the next."""
+    [path] = animate(out, movie="flat.gif", size=SIZE, backend="raster").movies
+    with Image.open(path) as image:
+        frames = [np.asarray(frame.convert("RGB")).reshape(-1, 3) for frame in ImageSequence.Iterator(image)]
+    flat = [
+        {tuple(c) for c, n in zip(*np.unique(f, axis=0, return_counts=True), strict=True) if n > 0.01 * len(f)}
+        for f in frames
+    ]
+    assert len(flat) > 2
+    assert all(colours == flat[0] for colours in flat)

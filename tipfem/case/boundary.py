@@ -667,7 +667,7 @@ class Boundary:
             return ""
         return (
             f"at t = {time:g} s the walls' motions change the volume of the closed tank by {100 * change:.2g} %, and "
-            "fluids are incompressible; another wall must move outwards, the opposite one by motion=lambda t: -s(t)"
+            "fluids are incompressible; another wall must move outwards by as much, or a vent must let the gas out"
         )
 
 

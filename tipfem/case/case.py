@@ -351,9 +351,8 @@ class Case:
         for opening in given:
             for what, there in refused.items():
                 if there:
-                    opening.refuse(
-                        "", f": {what}; openings are for cases in 2-D with the sharp interface, without that"
-                    )
+                    instead = ": fill the rest of the tank with a gas, and let it in by a vent" * self.free_surface
+                    opening.refuse("", f": {what}, with which openings do not work{instead}")
             opening.fluids([f.name for f in self.fluids])
         return list(given)
 

@@ -161,7 +161,8 @@ class OpeningTerm(Term):
         nodes = e.nodes_of(mask)
         self._held, of = np.unique(e.owner[nodes], return_inverse=True)
         holding = forces(x, nodes)
-        self._holding = np.stack([np.bincount(of, axis, minlength=len(self._held)) for axis in holding.T], axis=1)
+        sums = [np.bincount(of, axis, minlength=len(self._held)) for axis in holding.T]
+        self._holding = np.stack(sums, axis=1).astype(float)  # sums of nothing are integers
         # What crosses at right angles is held along its line only.
         across = np.zeros_like(self._force)
         across[self._passages.crossing] = self._passages.across
