@@ -32,7 +32,7 @@ from tipfem.run.liveview.source import LiveSource
 from tipfem.steering import FILE, command_from
 from tipfem.viewer import protocol
 
-PATIENCE = 120.0  # longest wait for what must happen [s]
+PATIENCE = 240.0  # longest wait for what must happen [s]
 
 
 def snapshot(count, value, owned=True):

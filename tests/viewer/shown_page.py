@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-PATIENCE = 120.0  # longest wait for what the page is to show [s]
+PATIENCE = 240.0  # longest wait for what the page is to show [s]
 LEFT, TOP, RIGHT, BOTTOM = 66, 8, 16, 46  # [px] around the picture, as in stage.js
 MARGIN = 0.035  # of the domain, as in tipfem/viewer/choices.py
 

@@ -14,7 +14,7 @@ from websockets.sync.client import connect
 
 from tipfem.viewer import protocol
 
-PATIENCE = 120.0  # longest wait for an answer, which only a fault or a very busy machine makes as long [s]
+PATIENCE = 240.0  # longest wait for an answer, which only a fault or a very busy machine makes as long [s]
 TIMES = tuple(0.1 * k for k in range(12))
 
 
