@@ -136,6 +136,11 @@ class Client(threading.Thread):
                 self.script(self)
         except BaseException as error:
             self.error = error
+            if not self.bye:
+                self.failed()
+
+    def failed(self):
+        """The script has failed, and nobody is left to end what it watches."""
 
     def command(self, name, **values):
         """Send a command."""
@@ -171,6 +176,7 @@ def shown(simulation, script=None, **options):
     assert said[0] == f"Open {control.address}"
     client = Client(control.address, script) if script else None
     if client:
+        client.failed = lambda: setattr(control, "stopped", True)  # so that the run ends, and the test tells why
         client.start()
     return control, client
 
