@@ -13,13 +13,13 @@ import tipfem as tp
 # end: run `pytest -n 2 --dist loadfile --no-loadscope-reorder`.
 LONGEST_FIRST = (
     "test_checkpoint.py",
-    "test_viewer_live_page.py",
     "test_wall_study.py",
     "test_free_surface_demos.py",
     "test_sweep.py",
     "test_waves.py",
     "test_multigrid.py",
     "test_runtimes.py",
+    "test_viewer_live_page.py",  # after others have compiled the kernels, for which its run would wait
     "test_dam_break.py",
     "test_taichi_patches.py",
     "test_play.py",

@@ -39,6 +39,16 @@ def tripled(values: Reals1, result: Reals1, n: ti.i32, shift: float, twice: Temp
 
 
 @kernel
+def summed(values: Reals1, n: ti.i32) -> float:
+    """The sum of the values, by one thread."""
+    total = 0.0
+    ti.loop_config(serialize=True)
+    for i in range(n):
+        total += values[i]
+    return total
+
+
+@kernel
 def random(values: Array1):
     """Needs the state of Taichi's random numbers."""
     for i in values:
@@ -143,6 +153,18 @@ def test_a_kernel_is_made_once_and_read_by_the_next_process(library, monkeypatch
     again = kept_kernels.Library(library._folder.parent, threads())
     monkeypatch.setattr(again, "_make", None)  # nothing is compiled
     np.testing.assert_array_equal(start(again, values, 0.5), 3 * values + 0.5)
+
+
+def test_a_kernel_of_one_thread_is_made_once_for_any_number_of_threads(library, monkeypatch):
+    values = np.arange(50.0)
+    assert start(library, values)[-1] == 148.0
+    assert library.prepare(summed.taichi, summed._annotations, (values, 50))((values, 50)) == 1225.0
+    other = kept_kernels.Library(library._folder.parent, threads() + 1)
+    monkeypatch.setattr(other, "_make", None)
+    assert other.prepare(summed.taichi, summed._annotations, (values, 50))((values, 50)) == 1225.0
+    with pytest.raises(TypeError):  # whose code has the number of threads
+        other.prepare(tripled.taichi, tripled._annotations, (values, np.zeros(50), 50, 1.0, False))
+    assert sorted(path.name.count("-") for path in library._folder.glob("[st]*ed-*")) == [1, 2]
 
 
 def test_a_changed_constant_is_another_kernel(library, monkeypatch):

@@ -4,8 +4,10 @@ At a start without it, Taichi reads every kernel's source, traces it in Python, 
 every time. Here the machine code is kept in the folder ``tipfem`` beside Taichi's own cache, a file for each kernel and
 each kind of arguments. A file is found by all that its code follows from: the texts that `fingerprint` collects, the
 kinds of the arguments and the values of templates; and in a folder for the processor, Taichi's version and settings,
-precision and number of threads among them. A kernel that is not there is compiled by Taichi to LLVM's language, by
-llvmlite to machine code, and added. What cannot be kept, or where llvmlite is missing, is launched by Taichi.
+precision among them. The number of threads is part of the code of loops that threads share, and so of the names of
+these kernels; most have none, and runs with any number of threads use the same file. A kernel that is not there is
+compiled by Taichi to LLVM's language, by llvmlite to machine code, and added. What cannot be kept, or
+where llvmlite is missing, is launched by Taichi.
 
 Results are the same bit by bit. The environment variable ``TIPFEM_KERNELS=taichi`` switches the library off.
 """
@@ -27,7 +29,7 @@ import taichi as ti
 from tipfem.backend import kernel_files, taichi_patches
 from tipfem.backend.fingerprint import NotKeptError, describe, fingerprint
 from tipfem.backend.kernel_files import UntrustedError
-from tipfem.backend.machine_code import Machine, UnsuitableError, one_function, threads_text
+from tipfem.backend.machine_code import Machine, UnsuitableError, one_function, shares_loops, threads_text
 from tipfem.backend.taichi_patches import address, host_view, program
 from tipfem.logs import log
 
@@ -132,13 +134,14 @@ class Library:
         self._machine = Machine()
         text = threads_text()
         python = f"{platform.system()} {platform.machine()} Python {sys.version_info[:2]}"
-        everything = "\n".join([python, str(threads), self._machine.name, taichi_patches.compiled_for(), text])
+        everything = "\n".join([python, self._machine.name, taichi_patches.compiled_for(), text])
         self._environment = hashlib.sha256(everything.encode()).hexdigest()
         kernel_files.own_folder(folder)
         self._folder = folder / self._environment[:16]
         kernel_files.own_folder(self._folder)
         self._loaded: dict[str, tuple[Callable[[int], None], dict[str, Any]]] = {}
         self._added = False
+        self._threads = threads
         _, code = self._kept("threads", lambda: ({}, self._machine.compile(text)))
         self._machine.start_threads(code, threads)
 
@@ -175,14 +178,15 @@ class Library:
 
     def _kept(self, name: str, make: Callable[[], tuple[dict[str, Any], bytes]]) -> tuple[dict[str, Any], bytes]:
         """The description and the machine code in a file, which is made if it is not there or not trusted."""
-        path = self._folder / name
-        try:
-            found = kernel_files.read(path, self._environment)
-        except UntrustedError as error:
-            log(logging.WARNING, "warning", f"{path} is ignored, and made anew: {error}")
-            found = None
+        found, own = None, self._folder / f"{name}-{self._threads}"
+        for path in (self._folder / name, own):
+            try:
+                found = found or kernel_files.read(path, self._environment)
+            except UntrustedError as error:
+                log(logging.WARNING, "warning", f"{path} is ignored, and made anew: {error}")
         if found is None:
             found = make()
+            path = own if found[0].get("shared") else self._folder / name
             try:
                 kernel_files.write(path, self._environment, *found)
                 if not self._added:
@@ -213,7 +217,8 @@ class Library:
         if len(returns) > 1 or any(kind not in _NUMBERS for kind in returns):
             raise UnsuitableError(f"it returns {', '.join(returns)}")
         code = self._machine.compile(one_function(text, tasks, entry))
-        return {"parameters": parameters, "returns": returns[0] if returns else None}, code
+        returned = returns[0] if returns else None
+        return {"parameters": parameters, "returns": returned, "shared": shares_loops(text)}, code
 
 
 def _kind(annotation: Any, value: Any) -> tuple[str, str]:

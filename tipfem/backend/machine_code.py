@@ -147,6 +147,11 @@ def threads_text() -> str:
         raise UnsuitableError(str(error)) from error
 
 
+def shares_loops(text: str) -> bool:
+    """Whether a kernel in LLVM's language shares loops among threads, for only then does it hold their number."""
+    return re.search(rf"%struct\.LLVMRuntime[.\d]*\* %\S+, i64 0, i32 {_PARALLEL_FOR}\b", text) is not None
+
+
 def one_function(text: str, tasks: list[str], name: str) -> str:
     """The text of a kernel as one function of the given name, which runs all of its tasks.
 

@@ -190,9 +190,9 @@ def cache_folder() -> Path:
 
 
 def compiled_for() -> str:
-    """All of Taichi's settings that machine code may depend on, and its version."""
+    """All of Taichi's settings that machine code may depend on, but the number of threads, and its version."""
     config = impl.current_cfg()
-    others = ("offline_cache", "print_", "verbose", "num_compile_threads")
+    others = ("offline_cache", "print_", "verbose", "num_compile_threads", "cpu_max_num_threads")
     names = [name for name in dir(config) if not name.startswith(("_", *others))]
     values = [getattr(config, name) for name in names]
     settings = [f"{name} {getattr(v, 'to_string', v.__str__)()}" for name, v in zip(names, values, strict=True)]
