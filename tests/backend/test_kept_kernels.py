@@ -15,7 +15,7 @@ from tipfem.backend.array_types import Array1, Reals1, Template
 from tipfem.backend.fingerprint import NotKeptError, fingerprint
 from tipfem.backend.kernel_files import UntrustedError
 from tipfem.backend.launch import kernel, launch
-from tipfem.backend.machine_code import UnsuitableError, one_function
+from tipfem.backend.machine_code import UnsuitableError, one_function, with_constant_arguments
 from tipfem.backend.runtime import init, settings, threads
 
 FACTOR = 3.0
@@ -241,6 +241,31 @@ def test_code_that_needs_more_of_taichi_is_left_to_taichi(library):
     assert len(set(values)) > 40
     with pytest.raises(UnsuitableError):
         one_function("define void @task() {\n ret void\n}\n", ["task"], "kernel")
+
+
+TASK = """
+define void @task(%struct.RuntimeContext.3* %context) {
+  %0 = bitcast %struct.RuntimeContext.3* %context to { { { i32 }, double* } }**
+  %1 = load { { { i32 }, double* } }*, { { { i32 }, double* } }** %0, align 8
+  %2 = getelementptr { { { i32 }, double* } }, { { { i32 }, double* } }* %1, i64 0, i32 0, i32 1
+  %3 = load double*, double** %2, align 8
+  %4 = load double, double* %3, align 8
+}
+define void @other(%struct.RuntimeContext.3* %context, double** %2) {
+  %copy = alloca %struct.RuntimeContext.3
+  %0 = bitcast %struct.RuntimeContext.3* %copy to { { { i32 }, double* } }**
+  %1 = load { { { i32 }, double* } }*, { { { i32 }, double* } }** %0, align 8
+  %3 = load double*, double** %2, align 8
+}
+"""
+
+
+def test_only_what_a_kernel_is_given_counts_as_constant():
+    task, other = with_constant_arguments(TASK).split("define void @other")
+    constant = [line.split()[0] for line in task.splitlines() if line.endswith("!invariant.load !9999")]
+    assert constant == ["%1", "%3"]
+    assert "!invariant" not in other
+    assert with_constant_arguments("define void @f() {") == "define void @f() {"
 
 
 SMALL = """

@@ -30,6 +30,8 @@ _ALLOWED = re.compile(
     r"| *%\S+ = getelementptr inbounds %struct\.LLVMRuntime[.\d]*, %struct\.LLVMRuntime[.\d]*\* %\S+, i64 0, "
     rf"i32 ({_POOL}|{_PARALLEL_FOR}|{_TEMPORARIES})"
 )
+# They load what does not change once, and change no operation on reals, so that results keep their bits.
+_PASSES = ("gvn", "licm", "gvn", "dead_code_elimination")
 _CONTEXT = "type { i8*, %struct.LLVMRuntime*, i32, i64* }"
 
 
@@ -90,7 +92,7 @@ class Machine:
         model = {"reloc": "static", "codemodel": "large"}
         self._target = target.create_target_machine(cpu=cpu, features=features, opt=2, **model)
         self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), self._target)
-        self.name = "\n".join([llvmlite.__version__, triple, cpu, features, *model.values()])
+        self.name = "\n".join([llvmlite.__version__, triple, cpu, features, *model.values(), *_PASSES])
         self._runtime = Runtime()
 
     def compile(self, text: str) -> bytes:
@@ -100,8 +102,13 @@ class Machine:
             UnsuitableError: it is not LLVM's language.
         """
         try:
-            module = self._llvm.parse_assembly(text)
+            module = self._llvm.parse_assembly(with_constant_arguments(text))
             module.verify()
+            passes = self._llvm.ModulePassManager()
+            self._target.add_analysis_passes(passes)
+            for name in _PASSES:
+                getattr(passes, f"add_{name}_pass")()
+            passes.run(module)
             return bytes(self._target.emit_object(module))
         except RuntimeError as error:
             raise UnsuitableError(f"LLVM: {str(error).splitlines()[0]}") from error
@@ -150,6 +157,35 @@ def threads_text() -> str:
 def shares_loops(text: str) -> bool:
     """Whether a kernel in LLVM's language shares loops among threads, for only then does it hold their number."""
     return re.search(rf"%struct\.LLVMRuntime[.\d]*\* %\S+, i64 0, i32 {_PARALLEL_FOR}\b", text) is not None
+
+
+def with_constant_arguments(text: str) -> str:
+    """The text with all loads of a kernel's arguments marked as of what does not change while it runs.
+
+    Taichi loads an array's address and shape again for each of its entries, because a store might have changed them.
+    Here LLVM is told that none does; what a function loads from anything but its arguments is left alone.
+
+    Args:
+        text: in LLVM's language, as Taichi makes it.
+    """
+    found = re.search(r"= bitcast %struct\.RuntimeContext[.\d]*\* %\S+ to (\{.*\})\*\*$", text, re.MULTILINE)
+    if found is None:
+        return text
+    layout = re.escape(found[1])
+    place = re.compile(
+        rf"  (%\S+) = (?:bitcast %struct\.RuntimeContext[.\d]*\* (%\S+) to {layout}\*\*$"
+        rf"|getelementptr (?:inbounds )?{layout}, )"
+    )
+    load = re.compile(r"  %\S+ = load .*\* (%[\w.]+), align \d+$")
+    lines, places, given = text.splitlines(), set[str](), ""
+    for i, line in enumerate(lines):
+        if line.startswith("define "):
+            places, given = set(), line[line.index("(") :]
+        elif (at := place.match(line)) and (at[2] is None or re.search(rf"{at[2]}[,)]", given)):
+            places.add(at[1])
+        elif (at := load.match(line)) and at[1] in places:
+            lines[i] += ", !invariant.load !9999"
+    return "\n".join([*lines, "!9999 = !{}", ""])
 
 
 def one_function(text: str, tasks: list[str], name: str) -> str:
