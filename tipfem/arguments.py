@@ -5,11 +5,12 @@ Of these, only `path_of` raises: for the others the caller does, because it has 
 
 from __future__ import annotations
 
+import difflib
 import functools
 import inspect
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from numbers import Real
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -72,6 +73,13 @@ def rounded(values: Any) -> str:
     """Numbers for messages, with six digits: ``[0.315, 0.2]`` of an array of 0.31499999999999995 and 0.2."""
     array = np.asarray(values, dtype=float)
     return f"{float(array):.6g}" if array.ndim == 0 else f"[{', '.join(rounded(value) for value in array)}]"
+
+
+def meant(word: str, choices: Sequence[str]) -> str:
+    """``; did you mean 'density'?`` where one of the choices is close to a word; else nothing."""
+    lower = {choice.lower(): choice for choice in reversed(choices)}
+    close = difflib.get_close_matches(word.lower(), list(lower), 1, 0.6)
+    return f"; did you mean {lower[close[0]]!r}?" if close else ""
 
 
 def brief(value: Any) -> str:

@@ -282,7 +282,7 @@ MISTAKES = {
         "[checkpoint]",
         '[[probes]]\ntype = "wall force"\nname = "f"\nwall = "lid"\n[checkpoint]',
         "probes[1].wall",
-        "no wall 'lid'",
+        "'lid'; it must be one of the walls 'left', 'right', 'bottom', 'top'",
     ),
     "filter without a time": (
         "[checkpoint]",

@@ -314,3 +314,12 @@ def test_completion_prints_a_script_with_the_commands(shell, capsys):
         assert word in script
     if shell == "bash":
         assert subprocess.run(["bash", "-n"], input=script, text=True, check=False).returncode == 0
+
+
+def test_a_reader_that_closes_the_output_is_no_mistake():
+    code = f"import sys; sys.argv[1:] = ['check', {str(CASE)!r}, '--no-mesh']; from tipfem.app.main import main; main()"
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process.stdout.close()  # before a line is written
+    said = process.stderr.read()
+    process.stderr.close()
+    assert (process.wait(), said) == (1, "")

@@ -55,6 +55,24 @@ def test_check_notes_what_looks_wrong(words, expected, capsys):
     assert len(notes) <= 3
 
 
+def test_tension_in_the_wrong_unit_is_noted():
+    file = tp.load_case(CASE, ["tank.spacing=0.02", "surface_tension.water.air=72.8"])
+    (note,) = hints(file.case(), 0.4, 0.004)
+    assert note.startswith("surface tension of water and air is 72.8 N/m; no liquid has more than 3; is it in N/m?")
+
+
+def test_waves_and_beaches_that_do_not_fit_are_noted():
+    water, air = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("air", 1.2, 1.8e-5)
+    tank = tp.tank((2.0, 0.4), 0.04).fill(air).fill(water, box=((0, 0), (2.0, 0.2)))
+    tank.wall("left", slip=True, motion=tp.WavePiston(height=0.02, period=1.0, depth=0.4))
+    beaches = [tp.Beach(wall="left", length=1.0, period=1.0), tp.Beach(wall="right", length=0.5, period=1.0)]
+    case = tp.Case(tank, [water, air], (0, -9.81), openings=[tp.Vent(wall="top")], beaches=beaches)
+    notes = hints(case, 1.0, None)
+    assert "waves of wall 'left' are for a depth of 0.4 m; water has 0.2 m" in notes
+    assert "the beach at 'left' damps the waves where they are made" in notes
+    assert "the beach at 'right' is 0.5 m long; a beach should have 1.5 wave lengths, 2.2 m" in notes
+
+
 def test_run_notes_it_too(tmp_path, capsys):
     words = ["--set", "output.interval=10", "--until", "0.002", "--out", str(tmp_path), "--no-progress"]
     assert main(["run", CASE, *COARSE, *words]) == 0

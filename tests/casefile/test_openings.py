@@ -57,11 +57,19 @@ def test_a_case_file_has_openings_and_is_written_back():
         ("[[vents]]", "[[sponge]]", "sponge is no key that is known here; what damps waves is in tables [[beaches]]"),
         ("[[vents]]", "[[beaches]]", "beaches[0].length"),
         ("[[vents]]", "[[pump]]", "pump is no key that is known here; a pump is an inlet, [[inlets]], whose key pump"),
+        ("ramp = 0.1", "open = [1.0, 0.5]", "lists of 2 numbers in s; did you mean [[1.0, 0.5]]?"),
+        ("[[inlets]]", "[inlets]", "inlets is a table; it must be a list of tables; begin each with [[inlets]]"),
+        (
+            '{ form = "sine", amplitude = 0.01, frequency = 1.0 }',
+            '"0.05 m2/s"',
+            "discharge is '0.05 m2/s'; it must be a number in m^2/s or a table with form = 'constant' or 'sine' or "
+            "'ramp' or 'table'; numbers have no quotes and no unit, as 0.05",
+        ),
         ("ramp = 0.1", "open = [[1.0, 0.5]]", "inlets[0].open is [[1.0, 0.5]]; it must be pairs of times"),
         (
             'fluid = "water"\nbetween',
             'fluid = "watr"\nbetween',
-            "inlets[0].fluid is 'watr'; the fluids are",
+            "inlets[0].fluid is 'watr'; it must be one of the fluids 'water', 'air'; did you mean 'water'?",
         ),
         (
             "profile = ",
@@ -74,7 +82,11 @@ def test_a_case_file_has_openings_and_is_written_back():
             'periodic = "x"\nsize = [0.4, 0.3]',
             "sides are periodic, with which openings do not work",
         ),
-        ('wall = "left"', 'wall = "lefft"', "wall is 'lefft'; the tank has left, right, bottom, top"),
+        (
+            'wall = "left"',
+            'wall = "lefft"',
+            "inlets[0].wall is 'lefft'; it must be one of the walls 'left', 'right', 'bottom', 'top'; did you mean",
+        ),
     ],
 )
 def test_mistakes_have_their_place(old, new, message):
@@ -82,6 +94,36 @@ def test_mistakes_have_their_place(old, new, message):
     with pytest.raises(CaseFileError) as error:
         read_case(GOOD.replace(old, new, 1), "case.toml").case()
     assert message in str(error.value)
+
+
+def test_all_mistakes_of_new_tables_are_told_at_once():
+    wrong = [
+        ('wall = "left"\nfluid', 'wall = "lefft"\nfluid', "inlets[0].wall is 'lefft'"),
+        ('wall = "right"', 'wall = "rigth"', "outlets[0].wall is 'rigth'"),
+        ('wall = "top"', 'wall = "tpo"', "vents[0].wall is 'tpo'"),
+        ('level = 0.1\nfluid = "water"', 'level = 0.1\nfluid = "watr"', "outlets[0].fluid is 'watr'"),
+        ("[time]", '[[beaches]]\nwall = "rigth"\nlength = 1\nperiod = 1\n[time]', "beaches[0].wall is 'rigth'"),
+        ("[time]", "[surface_tension]\nwatr.air = 0.07\n[time]", "surface_tension.watr.air: there is no fluid 'watr'"),
+        ("[time]", "[walls.bottom]\ncontact_angle = { watr = 20 }\n[time]", ""),
+    ]
+    text = GOOD
+    for old, new, _ in wrong:
+        assert old in text
+        text = text.replace(old, new, 1)
+    with pytest.raises(CaseFileError) as error:
+        read_case(text, "case.toml")
+    said = [message for *_, message in wrong if message]
+    assert len(error.value.problems) == len(said)
+    for message in said:
+        assert message in str(error.value)
+    hints = str(error.value).count("did you mean")
+    assert hints == len(said)
+
+
+def test_what_flows_in_must_leave_before_particles_are_made():
+    text = GOOD[: GOOD.index("[[outlets]]")] + "[time]\nend = 1.0\n"
+    with pytest.raises(CaseFileError, match=r"inlets\[0\]: what flows in cannot leave; add a vent"):
+        read_case(text, "case.toml")
 
 
 def test_what_no_file_can_hold_is_said():

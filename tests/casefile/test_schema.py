@@ -24,6 +24,7 @@ from tipfem.probes import KINDS
 DOCS = DEMOS.parent / "docs"
 RULE_KEYS = ("relocation", "fitting", "surface")
 RULES = [tp.Numerics, tp.FittedRule, tp.RelocationRule, tp.SurfaceRule]
+TABLES = [tp.Inlet, tp.Outlet, tp.WavePiston, tp.IrregularWaves, tp.Beach]
 
 
 def limits(field):
@@ -50,7 +51,9 @@ def test_a_class_and_its_table_refuse_the_same(kind):
     assert count >= 7
 
 
-@pytest.mark.parametrize("kind", [*RULES, *KINDS.values(), tp.Fluid, tp.Body, tp.Wall], ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize(
+    "kind", [*RULES, *KINDS.values(), *TABLES, tp.Fluid, tp.Body, tp.Wall, tp.Motion], ids=lambda kind: kind.__name__
+)
 def test_every_field_is_declared_with_a_sentence(kind):
     for name, field in declared(kind).items():
         assert field.sentence, name
@@ -69,8 +72,10 @@ def test_a_range_is_in_words_once():
 
 def test_the_tables_of_the_docs_have_every_number_with_its_range():
     page = (DOCS / "howto" / "numbers.md").read_text("utf-8")
-    for kind in [*RULES, *KINDS.values()]:
+    for kind in [*RULES, *KINDS.values(), *TABLES]:
         assert f".{kind.__name__} -->" in page
+    listed = (DOCS / "howto" / "case-files.md").read_text("utf-8").partition("The types are ")[2].partition(";")[0]
+    assert set(re.findall(r"`([\w ]+)`", listed)) == set(KINDS)
     rows = table(tp.Numerics).splitlines()
     assert "| `rho_inf` | a number from 0 to 1 | `0.0` | spectral radius at infinity of generalized-alpha. |" in rows
     assert len(rows) == 2 + len([field for field in dataclasses.fields(tp.Numerics) if field.name not in RULE_KEYS])

@@ -42,6 +42,10 @@ def test_a_free_surface_has_one_fluid():
         ("water.air = -1", "surface_tension.water.air is -1 N/m; it must be a number >= 0 in N/m"),
         ('water.air = "0.07"', "surface_tension.water.air is '0.07'; it must be a number >= 0 in N/m"),
         ("water.oil = 1", "surface_tension.water.oil: there is no fluid 'oil'; the fluids are water, air"),
+        (
+            "watr.air = 1",
+            "surface_tension.watr.air: there is no fluid 'watr'; the fluids are water, air; did you mean 'water'?",
+        ),
         ("water = 1", "surface_tension.water: there is no free surface"),
         ("water.water = 1", "surface_tension.water.water: the same fluid twice"),
         ("water.air = 1\nair.water = 1", "surface_tension.air.water: it is given twice"),
@@ -53,6 +57,16 @@ def test_mistakes_have_their_line(line, text):
     assert text in str(error.value)
     assert str(error.value).startswith(f"case.toml:{18 + line.count(chr(10))}: ")
     assert len(error.value.problems) == 1
+
+
+def test_an_angle_is_checked_before_particles_are_made():
+    angle = "[walls.bottom.contact_angle]\nwater.oil = 60\n[walls.left.contact_angle]\nair.water = 60\n"
+    with pytest.raises(CaseFileError) as error:
+        read_case(CASE + angle, "case.toml")
+    (found,) = error.value.problems
+    assert "is given for water and oil, an interface without surface tension; those with it are water and air" in str(
+        found
+    )
 
 
 def test_an_interpolated_interface_is_refused():

@@ -55,7 +55,11 @@ def test_a_case_file_has_waves_and_beaches_and_is_written_back(form):
         ("height = 0.02, ", "", "walls.left.motion.height is missing"),
         ("height = 0.02", "order = 3, height = 0.02", "walls.left.motion.order is 3; it must be a whole number from 1"),
         ("length = 0.3", "length = -1.0", "beaches[0].length is -1.0 m; it must be a number > 0"),
-        ('wall = "right"', 'wall = "rihgt"', "beaches[0].wall is 'rihgt'; the tank has left, right, bottom, top"),
+        (
+            'wall = "right"',
+            'wall = "rihgt"',
+            "beaches[0].wall is 'rihgt'; it must be one of the walls 'left', 'right',",
+        ),
         (
             "[[vents]]",
             '[[beaches]]\nwall = "right"\nlength = 0.1\nperiod = 1.0\n[[vents]]',

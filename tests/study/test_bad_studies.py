@@ -55,6 +55,12 @@ def test_the_plan_has_the_grid_first_then_the_runs(write):
     assert [run.file.table.fluids["water"].viscosity for run in study.runs] == [1e-3, 1e-3, 1e-2, 1e-2, 0.1, 1e-3]
 
 
+def test_runs_are_named_so_that_the_value_is_known(write):
+    text = 'case = "base.toml"\n[[runs]]\nsurface_tension.water.air = 0.03\n[[runs]]\nfluids.water = { density = 1 }\n'
+    study = load_study(write(text.replace("fluids.water = { density = 1 }", "time.end = 0.03")))
+    assert [run.name for run in study.runs] == ["surface_tension.water.air=0.03", "end=0.03"]
+
+
 def test_a_dry_run_lists_the_runs_and_writes_nothing(write, tmp_path, capsys):
     path = write(GRID)
     assert app(["sweep", str(path), "--dry-run"], result_action="return_value") == 0

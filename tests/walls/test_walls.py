@@ -46,8 +46,8 @@ def floor(**what):
         (lambda t: tp.Wall("", between=((0, 0), (1, 0))), "name is ''; it must be a non-empty string"),
         (lambda t: tp.Wall("w", between=((0, 0), (0, 0))), "between is ((0, 0), (0, 0)); it must be two"),
         (lambda t: tp.Motion(), "neither translation nor angle"),
-        (lambda t: tp.Motion(angle=1.0), "angle is 1.0; it must be a function of time"),
-        (lambda t: tp.Motion(angle=lambda t: t, pivot="a"), "pivot is 'a'; it must be a point in m"),
+        (lambda t: tp.Motion(angle=1.0), "angle is 1.0 rad; it must be a function of time to a value in rad"),
+        (lambda t: tp.Motion(angle=lambda t: t, pivot="a"), "pivot is 'a'; it must be a list of 2 or 3 numbers in m"),
         (lambda t: tp.Motion(angle=lambda t: t, axis=(0, 0, 0)), "axis is (0, 0, 0); it must be a direction"),
     ],
 )

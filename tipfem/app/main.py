@@ -119,7 +119,9 @@ def main() -> None:
     """Entry point of the command `tipfem`; see `tipfem.app.commands.EXIT_CODES`."""
     warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"  # without a line of the source
     try:
-        sys.exit(call(app))
+        code = call(app)
+        sys.stdout.flush()
+        sys.exit(code)
     except KeyboardInterrupt:  # before a run has begun, or in a command that only looks at results
         print("interrupted", file=sys.stderr)
         sys.exit(128 + signal.SIGINT)

@@ -339,6 +339,8 @@ def bad_input() -> Iterator[list[str]]:
     except CaseFileError as error:
         count = len(error.problems)
         failed.append(f"{error}\n{count} mistake{'s' if count > 1 else ''}; nothing was started")
+    except BrokenPipeError:  # the reader of the output, such as head, has closed it
+        raise
     except (ValueError, RuntimeError, OSError) as error:
         failed.append(f"error: {error}")
     if failed:

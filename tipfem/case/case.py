@@ -217,6 +217,10 @@ class Case:
         chosen = self.numerics.pressure
         return chosen == "two-sided" or (chosen == "auto" and self.interface == "sharp" and len(self.fluids) > 1)
 
+    def doubts(self) -> list[str]:
+        """Lines on values that can be simulated, but that no fluids have."""
+        return self.surface_tension.doubts()
+
     def _check_options(self) -> None:
         """Check the options that can be checked without the particles."""
         if self.body_force is not None and not callable(self.body_force):

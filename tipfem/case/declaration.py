@@ -8,6 +8,7 @@ they and checkpoints keep (`plain`, `changed`, `made`), and the tables of the do
 
 from __future__ import annotations
 
+import collections.abc
 import dataclasses
 import operator
 import re
@@ -25,8 +26,17 @@ from tipfem.arguments import is_number, numbers
 from tipfem.errors import Invalid
 
 T = TypeVar("T")
-SCALARS = {float: "a number", int: "a whole number", bool: "True or False", str: "a non-empty string"}
-PLURALS = {float: "numbers", int: "whole numbers", str: "texts"}
+FUNCTION: Any = collections.abc.Callable
+SCALARS = {
+    float: "a number",
+    int: "a whole number",
+    bool: "True or False",
+    str: "a non-empty string",
+    FUNCTION: "a function of time",
+    Sequence: "a list of numbers",
+    Any: "a value",
+}
+PLURALS = {float: "numbers", int: "whole numbers", str: "texts", Sequence: "lists of numbers"}
 
 
 @dataclass(frozen=True)
@@ -45,10 +55,12 @@ class Declared:
 
     Attributes:
         annotation: its type with range and unit, as pydantic takes it.
-        kind: float, int, bool, str, Literal, a dataclass, or for lists Sequence; other types are not checked.
+        kind: float, int, bool, str, Literal, a dataclass, for lists Sequence, for functions alone Callable, or a tuple
+            of classes; other types are not checked.
         items: of lists, the type of an item.
-        choices: of Literal.
+        choices: of Literal, also beside another kind.
         optional: whether it may be None.
+        function: whether it may be a function.
         limits: Ge, Gt, Le; Len or MinLen of lists.
         unit: empty for none.
         sentence: of the docstring.
@@ -60,6 +72,7 @@ class Declared:
     items: Any
     choices: tuple[Any, ...]
     optional: bool
+    function: bool
     limits: tuple[Any, ...]
     unit: str
     sentence: str
@@ -80,28 +93,35 @@ class Declared:
         elif self.kind is Sequence:
             few, most = self._length()
             count = f"{few} " if few == most else f"{few} or {most} " if most else f"at least {few} "
-            words = f"a list of {count}{PLURALS.get(self.items, 'items')}"
+            words = f"a list of {count}{PLURALS.get(get_origin(self.items) or self.items, 'items')}"
         else:
-            words = SCALARS.get(self.kind) or f"a {self.kind.__name__}"
-        return " ".join(filter(None, [words, bounds, f"in {self.unit}" if self.unit else ""]))
+            kinds = self.kind if isinstance(self.kind, tuple) else (self.kind,)
+            words = " or ".join(SCALARS.get(kind) or f"a {kind.__name__}" for kind in kinds)
+            words = "a text" if self.kind is str and self.default == "" else words
+        unit = self.unit and f"{'to a value ' * (self.kind is FUNCTION)}in {self.unit}"
+        words = " ".join(filter(None, [words, bounds, unit]))
+        words += "".join(f", or {choice!r}" for choice in self.choices if self.kind is not Literal)
+        return f"{words}, or a function" if self.function and self.kind is not FUNCTION else words
 
     def takes(self, value: Any) -> bool:
         """Whether a value is of the type and in the range."""
         if value is None:
             return self.optional
+        if (self.function and callable(value)) or (isinstance(value, str) and value in self.choices):
+            return True
         if self.kind is float:
             return is_number(value) and self._in_range(value)
         if self.kind is int:
             return is_number(value) and value == int(value) and self._in_range(value)
         if self.kind is Literal:
-            return isinstance(value, str) and value in self.choices
+            return False
         if self.kind is str:
-            return isinstance(value, str) and bool(value)
+            return isinstance(value, str) and (bool(value) or value == self.default)
         if self.kind is Sequence and self.items is float:
             array, (few, most) = numbers(value), self._length()
             fits = array.ndim == 1 and few <= len(array) <= (most or len(array)) and bool(np.isfinite(array).all())
             return fits and all(map(self._in_range, array))
-        checked = self.kind not in (Any, Sequence) and isinstance(self.kind, type)
+        checked = self.kind not in (Any, Sequence) and isinstance(self.kind, type | tuple)
         return isinstance(value, self.kind) if checked else True
 
     def _in_range(self, value: Any) -> bool:
@@ -138,14 +158,28 @@ _FOUND: dict[type, Mapping[str, Declared]] = {}
 
 
 def _declared(annotation: Any, sentence: str, default: Any) -> Declared:
-    inner, limits, optional = annotation, [], False
+    inner, limits, optional, function, choices = annotation, [], False, False, ()
     while True:
         origin, arguments = get_origin(inner), get_args(inner)
         if hasattr(inner, "__metadata__"):
             limits += inner.__metadata__
             inner = arguments[0]
-        elif origin in (Union, types.UnionType) and type(None) in arguments and len(arguments) == 2:
-            optional, inner = True, next(one for one in arguments if one is not type(None))
+        elif origin in (Union, types.UnionType):
+            optional |= type(None) in arguments
+            kinds = [one for one in arguments if one is not type(None)]
+            others = [one for one in kinds if get_origin(one) is not FUNCTION]
+            function |= len(others) < len(kinds)
+            words = [one for one in others if get_origin(one) is Literal]
+            if len(others) > 1:
+                choices = tuple(word for one in words for word in get_args(one))
+                others = [one for one in others if one not in words]
+            inner = (
+                FUNCTION
+                if not others
+                else others[0]
+                if len(others) == 1
+                else tuple(get_origin(one) or one for one in others)
+            )
         else:
             break
     items = arguments[0] if origin is Sequence else None
@@ -154,8 +188,8 @@ def _declared(annotation: Any, sentence: str, default: Any) -> Declared:
         items = get_args(items)[0]
     unit = next((item.name for item in limits if isinstance(item, Unit)), "")
     known = tuple(item for item in limits if isinstance(item, Ge | Gt | Le | Len | MinLen))
-    choices = arguments if origin is Literal else ()
-    return Declared(annotation, origin or inner, items, choices, optional, known, unit, sentence, default)
+    choices = arguments if origin is Literal else choices
+    return Declared(annotation, origin or inner, items, choices, optional, function, known, unit, sentence, default)
 
 
 def sentences_of(kind: type) -> dict[str, str]:

@@ -7,11 +7,13 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
+from annotated_types import Ge, Len, MinLen
 
-from tipfem.arguments import is_number, numbers
+from tipfem.arguments import is_number, meant, numbers
+from tipfem.case.declaration import Unit, require
 from tipfem.case.fluid import Fluid
 from tipfem.case.walls import Wall
 from tipfem.errors import Invalid
@@ -22,8 +24,9 @@ from tipfem.typing import Array
 LEAST_SPACINGS = 4
 APART = 3  # spacings between two openings, at least: the cells at a particle belong to one of them
 RAMP_POINTS, RAMP_WEIGHTS = np.polynomial.legendre.leggauss(4)  # of integrals over a step
-PROFILES = ("plug", "parabola", "power")
 Strength = Callable[[float], float]  # discharge over time
+Pair = Annotated[Sequence[float], Len(2, 2)]
+OfPlace = Callable[[Array, float], Array]
 ENTERS = 1e-3  # part of the mean speed below which nothing is said to enter
 
 
@@ -34,23 +37,21 @@ class Opening:
     Attributes:
         wall: name of the wall: left, right, bottom or top of a box, or a straight side of a shape. It may be left out
             where ``between`` is given.
-        between: ((x, y), (x, y)) its two ends [m]; by default the whole wall. They are moved to the nearest particles.
+        between: ((x, y), (x, y)) its two ends; by default the whole wall. They are moved to the nearest particles.
         name: of its columns in the history; by default the kind and the wall, as in "inlet_left".
-        open: a valve: ((start, end), ...) times in which it is open, and closed in all others [s]; always by default.
+        open: a valve: ((start, end), ...) times in which it is open, and closed in all others; always by default.
             Fluids are at rest at an opening that is closed, as at a wall.
     """
 
     wall: str = ""
-    between: Sequence[Sequence[float]] | None = None
+    between: Annotated[Sequence[Pair], Len(2, 2), Unit("m")] | None = None
     name: str = ""
-    open: Sequence[Sequence[float]] | None = None
+    open: Annotated[Sequence[Pair], MinLen(1), Unit("s")] | None = None
     kind: ClassVar[str] = "opening"
     velocities: ClassVar[bool] = False  # whether it prescribes velocities; the others prescribe a pressure
 
     def __post_init__(self) -> None:
-        for key in ("wall", "name"):
-            if not isinstance(getattr(self, key), str):
-                raise self._invalid(key, f"is {getattr(self, key)!r}; it must be a text")
+        require(self, self.path, self._here)
         if not self.wall and self.between is None:
             raise self._invalid("wall", "is left out; give the name of a wall, or the two ends, between")
         if self.between is not None:
@@ -76,7 +77,11 @@ class Opening:
         raise self._invalid(key, text)
 
     def _invalid(self, key: str, text: str) -> Invalid:
-        return Invalid((*self.path, *((key,) if key else ())), text, f"{self.kind} {self.name or self.wall!r}")
+        return Invalid((*self.path, *((key,) if key else ())), text, self._here)
+
+    @property
+    def _here(self) -> str:
+        return f"{self.kind} {self.name or self.wall!r}"
 
     def is_open(self, time: float) -> bool:
         """Whether its valve is open at a time [s]."""
@@ -88,7 +93,7 @@ class Opening:
     def _index(self, key: str, fluid: Fluid | str, names: Sequence[str]) -> int:
         name = fluid.name if isinstance(fluid, Fluid) else fluid
         if name not in names:
-            raise self._invalid(key, f"is {name!r}; the case has {', '.join(names)}")
+            raise self._invalid(key, f"is {name!r}; the case has {', '.join(names)}{meant(name, names)}")
         return list(names).index(name)
 
 
@@ -97,53 +102,42 @@ class Inlet(Opening):
     """Where a fluid enters with a given discharge or velocity, at right angles to the wall.
 
     Attributes:
-        fluid: what enters: a `Fluid` or its name; or a function of positions (K, 2) [m] and time [s] to the numbers
-            (K,) of fluids in the case, for an inlet of several.
-        discharge: that enters [m^2/s], a number or a function of time; less than 0 for what is drawn off.
-        velocity: the mean speed into the tank, in place of the discharge [m/s], a number or a function of time.
+        fluid: name of the fluid that enters; in Python also the `Fluid`, or a function of positions (K, 2) [m] and time
+            [s] to the numbers (K,) of fluids in the case, for an inlet of several.
+        discharge: that enters, a number or a function of time; less than 0 for what is drawn off.
+        velocity: mean speed into the tank, in place of the discharge, a number or a function of time.
         profile: how the speed varies over the part r of the width: "plug", not at all; "parabola", as r (1 - r);
-            "power", of a turbulent flow over a bottom at the lower end, r to the power of 1/7; or a function of the
-            distances (K,) from the lower or left end [m] and of time [s] to speeds (K,), which discharge or velocity
-            scales, and which are in m/s where neither is given. Where a no-slip wall ends at it the speed is zero.
+            "power", of a turbulent flow over a bottom at the lower end, r to the power of 1/7. Where a no-slip wall
+            ends at it the speed is zero; in Python also a function of the distances (K,) from the lower or left end [m]
+            and of time [s] to speeds (K,), which discharge or velocity scales, and which are in m/s where neither is
+            given.
         ramp: time in which discharge or velocity rise smoothly from zero, at the start and where a valve opens, and
-            fall where it closes [s].
+            fall where it closes.
         pump: name of another opening, in place of discharge and velocity: what leaves by that enters here. From an
             inlet that draws off at the same time, so that a closed tank keeps its volume; from an outlet one step
             later, by what has left in the last one.
     """
 
-    fluid: Fluid | str | Callable[[Array, float], Array] = ""
-    discharge: float | Callable[[float], float] | None = None
-    velocity: float | Callable[[float], float] | None = None
-    profile: str | Callable[[Array, float], Array] = "plug"
-    ramp: float = 0.0
+    fluid: Fluid | str | OfPlace = ""
+    discharge: Annotated[float | Strength | None, Unit("m^2/s")] = None
+    velocity: Annotated[float | Strength | None, Unit("m/s")] = None
+    profile: Literal["plug", "parabola", "power"] | OfPlace = "plug"
+    ramp: Annotated[float, Ge(0), Unit("s")] = 0.0
     pump: str = ""
     kind: ClassVar[str] = "inlet"
     velocities: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not (callable(self.fluid) or isinstance(self.fluid, Fluid) or (isinstance(self.fluid, str) and self.fluid)):
+        if self.fluid == "":
             raise self._invalid("fluid", f"is {self.fluid!r}; it must be a fluid of the case")
-        if self.discharge is not None and self.velocity is not None:
-            text = ": discharge and velocity are given; give one, and profile for its shape"
-            raise Invalid(self.path, text, f"inlet {self.name!r}")
-        if not isinstance(self.pump, str):
-            raise self._invalid("pump", f"is {self.pump!r}; it must be the name of another opening")
-        if self.pump and not (self.discharge is None and self.velocity is None):
-            text = ": discharge or velocity is given beside pump; the opening that it names says what enters"
-            raise Invalid(self.path, text, f"inlet {self.name!r}")
-        if self.discharge is None and self.velocity is None and not callable(self.profile) and not self.pump:
-            raise Invalid(self.path, ": give discharge or velocity, or a profile in m/s", f"inlet {self.name!r}")
-        for key in ("discharge", "velocity"):
-            value = getattr(self, key)
-            if value is not None and not callable(value) and not is_number(value):
-                unit = "m^2/s" if key == "discharge" else "m/s"
-                raise self._invalid(key, f"is {value!r}; it must be a number in {unit}, or a function of time")
-        if not callable(self.profile) and self.profile not in PROFILES:
-            raise self._invalid("profile", f"is {self.profile!r}; it must be one of {', '.join(PROFILES)}")
-        if not (is_number(self.ramp) and self.ramp >= 0):
-            raise self._invalid("ramp", f"is {self.ramp!r}; it must be a time >= 0 in s")
+        given = [key for key in ("discharge", "velocity") if getattr(self, key) is not None]
+        if len(given) > 1:
+            raise self._invalid("", ": discharge and velocity are given; give one, and profile for its shape")
+        if self.pump and given:
+            raise self._invalid("", f": {given[0]} is given beside pump; the opening that it names says what enters")
+        if not (given or callable(self.profile) or self.pump):
+            raise self._invalid("", ": give discharge or velocity, or a profile in m/s")
 
     def fluids(self, names: Sequence[str]) -> None:
         """See `Opening.fluids`."""
@@ -213,36 +207,28 @@ class Outlet(Opening):
     What flows in comes from a reservoir at rest: its pressure at the opening is less than that given by rho v^2 / 2.
 
     Attributes:
-        pressure: on the opening [Pa], a number, or a function of positions (K, 2) [m] and time [s] to (K,); or
-            "hydrostatic", the weight of what stands in the opening below its upper end, for flows that are slower than
-            their waves.
-        level: height of the surface of ``fluid`` outside [m], in place of the pressure, a number or a function of time;
+        pressure: on the opening; "hydrostatic": the weight of what stands in the opening below its upper end, for flows
+            that are slower than their waves; in Python also a function of positions (K, 2) [m] and time [s] to (K,).
+        level: height of the surface of ``fluid`` outside, in place of the pressure, a number or a function of time;
             above it stands the lightest fluid of the case, whose pressure is 0 at the upper end of the opening.
         fluid: that the level belongs to.
         direction: "normal", fluids cross at right angles to the wall, or "free", as for jets. By default normal in a
             case of one fluid, free in others.
     """
 
-    pressure: float | Callable[[Array, float], Array] | Literal["hydrostatic"] | None = None
-    level: float | Callable[[float], float] | None = None
+    pressure: Annotated[float | Literal["hydrostatic"] | OfPlace | None, Unit("Pa")] = None
+    level: Annotated[float | Strength | None, Unit("m")] = None
     fluid: Fluid | str | None = None
-    direction: str | None = None
+    direction: Literal["normal", "free"] | None = None
     kind: ClassVar[str] = "outlet"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        p = self.pressure
-        if self.level is not None and p is not None:
-            raise Invalid(self.path, ": level and pressure are given; give one of the two", f"outlet {self.name!r}")
-        if not (p is None or callable(p) or is_number(p) or p == "hydrostatic"):
-            raise self._invalid("pressure", f"is {p!r}; it must be a number in Pa, a function, or 'hydrostatic'")
-        if self.level is not None and not callable(self.level) and not is_number(self.level):
-            raise self._invalid("level", f"is {self.level!r}; it must be a height in m, or a function of time")
+        if self.level is not None and self.pressure is not None:
+            raise self._invalid("", ": level and pressure are given; give one of the two")
         if (self.level is None) != (self.fluid is None):
             said, missing = ("level", "fluid") if self.fluid is None else ("fluid", "level")
             raise self._invalid(missing, f"is left out; {said} is given, and a level needs both")
-        if self.direction not in (None, "normal", "free"):
-            raise self._invalid("direction", f"is {self.direction!r}; it must be 'normal' or 'free'")
 
     def fluids(self, names: Sequence[str]) -> None:
         """See `Opening.fluids`."""
@@ -389,7 +375,8 @@ def line_of(opening: Opening, domain: Domain, position: Array, named: dict[str, 
     """
     slack = 0.5 * spacing
     if opening.wall and opening.wall not in named:
-        raise opening._invalid("wall", f"is {opening.wall!r}; the tank has {', '.join(named)}")
+        text = f"is {opening.wall!r}; the tank has {', '.join(named)}{meant(opening.wall, list(named))}"
+        raise opening._invalid("wall", text)
     edges = named[opening.wall] if opening.wall else np.arange(len(domain))
     if opening.between is None:
         if len(edges) > 1 and np.ptp(domain.direction[edges], axis=0).max() > 1e-9:
@@ -441,14 +428,14 @@ def check_openings(lines: Sequence[OpenLine], spacing: float, walls: Sequence[tu
                 text = f": from {np.round(line.a, 6).tolist()} to {np.round(line.b, 6).tolist()}; {two.name} is from"
                 text += f" {np.round(other.a, 6).tolist()} to {np.round(other.b, 6).tolist()} m, closer than {APART}"
                 raise one._invalid("", f"{text} spacings")
-    _check_balance([line.opening for line in lines])
+    check_balance([line.opening for line in lines])
 
 
-def _check_balance(openings: Sequence[Opening]) -> None:
+def check_balance(openings: Sequence[Opening]) -> None:
     """Check that pumps draw from other openings, and that what enters can leave.
 
     Raises:
-        Invalid: see `check_openings`.
+        Invalid: they do not, or it cannot.
     """
     by_name = {opening.name: opening for opening in openings}
     pumps = {name: o.pump for name, o in by_name.items() if isinstance(o, Inlet) and o.pump}

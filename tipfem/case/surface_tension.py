@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from tipfem.arguments import is_number
+from tipfem.arguments import is_number, meant
 from tipfem.case.fluid import Fluid
 from tipfem.case.walls import Wall
 from tipfem.errors import Invalid
 from tipfem.typing import Array
 
 Pair = str | tuple[str, str]
+LARGEST = 3.0  # of any liquid, a molten metal [N/m]
 
 
 class TensionTable:
@@ -61,6 +62,12 @@ class TensionTable:
         """Whether a tension is given between fluids of these names, in any order."""
         return any({pair} == set(names) if isinstance(pair, str) else set(pair) == set(names) for pair in self.given)
 
+    def doubts(self) -> list[str]:
+        """Lines on tensions that no liquid has."""
+        why = f"no liquid has more than {LARGEST:g}; is it in N/m? 1 mN/m is 1e-3 N/m"
+        large = {pair: value for pair, value in self.given.items() if value > LARGEST}
+        return [f"surface tension of {_in_words(pair)} is {value:g} N/m; {why}" for pair, value in large.items()]
+
     def cosines(self, wall: Wall) -> dict[tuple[int, int], float]:
         """Cosines of a wall's contact angles by the numbers of the two fluids, the first one that they are measured in.
 
@@ -76,8 +83,10 @@ class TensionTable:
         for pair, angle in (wall.contact_angle or {}).items():
             both = (pair,) if isinstance(pair, str) else pair
             if not (isinstance(both, tuple) and self.has(both)):
-                known = list(self.given) or "none"
-                text = f"has {pair!r}, an interface without surface tension; those that have one are {known}"
+                known = ", ".join(map(_in_words, self.given)) or "none"
+                text = (
+                    f"is given for {_in_words(pair)}, an interface without surface tension; those with it are {known}"
+                )
                 raise Invalid(path, text, subject)
             if not is_number(angle):
                 why = "one number of degrees; angles that differ for contacts that advance and recede are not simulated"
@@ -148,6 +157,10 @@ def wall_energies(cosines: Mapping[tuple[int, int], float], sigma: Array, wall: 
     return energy
 
 
+def _in_words(pair: Any) -> str:
+    return " and ".join(map(str, pair)) if isinstance(pair, tuple) else str(pair)
+
+
 def _invalid(names: Sequence[str], text: str) -> Invalid:
     return Invalid(("surface_tension", *names), f": {text}", f"Case: surface_tension of {' and '.join(names)}")
 
@@ -160,7 +173,8 @@ def _checked_pair(pair: Any, names: Sequence[str], *, empty: bool) -> tuple[str,
         raise Invalid("surface_tension", text, "Case")
     for name in both:
         if name not in names:
-            raise _invalid(both, f"there is no fluid {name!r}; the fluids are {', '.join(names)}")
+            text = f"there is no fluid {name!r}; the fluids are {', '.join(names)}{meant(name, names)}"
+            raise _invalid(both, text)
     if len(both) == 1 and not empty:
         raise _invalid(both, "there is no free surface; name the two fluids of an interface, as ('water', 'air')")
     if both[0] == both[-1] and len(both) == 2:
@@ -185,10 +199,7 @@ def tension_contradictions(
         found.append("is given in 3-D; surface tension is for 2-D only")
     elif pairs and (empty or interface != "sharp"):
         why = "with a free surface" if empty else f"with interface = {interface!r}"
-        found.append(
-            f"is given between two fluids {why}, where interfaces run through cells; it needs interface = 'sharp' and "
-            "no free surface"
-        )
+        found.append(f"is given between two fluids {why}; it needs interface = 'sharp' and no free surface")
     elif pairs and pressure == "continuous":
         found.append("is given with numerics.pressure = 'continuous'; the pressures on both sides differ: say 'auto'")
     return found

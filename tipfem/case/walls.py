@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from annotated_types import Gt, MinLen
+from annotated_types import Gt, Len, MinLen
 
 from tipfem.arguments import is_number, numbers
 from tipfem.case.declaration import Unit, require
@@ -159,32 +159,26 @@ class Motion:
     Functions must be smooth and zero at t = 0: velocity and acceleration are their derivatives.
 
     Attributes:
-        translation: function of time [s] to a displacement (d,) [m].
-        angle: function of time [s] to an angle [rad], anticlockwise.
-        pivot: (d,) centre of rotation [m]; it is translated with the tank.
+        translation: displacement (d,), a function of time that is zero at t = 0.
+        angle: angle, anticlockwise, a function of time that is zero at t = 0.
+        pivot: (d,) point about which it turns, and which is translated; by default the origin, of a body its centre.
         axis: (3,) direction of the axis of rotation; of a three-dimensional tank only.
 
     Raises:
         ValueError: neither function is given, one of them is not callable, or the axis is not a direction.
     """
 
-    translation: Function | None = None
-    angle: Function | None = None
-    pivot: Sequence[float] | None = None
-    axis: Sequence[float] = (0.0, 0.0, 1.0)
+    translation: Annotated[Function | None, Unit("m")] = None
+    angle: Annotated[Function | None, Unit("rad")] = None
+    pivot: Annotated[Sequence[float], Len(2, 3), Unit("m")] | None = None
+    axis: Annotated[Sequence[float], Len(3, 3)] = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
         if self.translation is None and self.angle is None:
             raise Invalid((), ": neither translation nor angle is given; without them nothing moves", "Motion")
-        for name in ("translation", "angle"):
-            value = getattr(self, name)
-            if value is not None and not callable(value):
-                raise Invalid(name, f"is {value!r}; it must be a function of time", "Motion")
-        axis = numbers(self.axis)
-        if axis.shape != (3,) or not np.isfinite(axis).all() or not axis.any():
+        require(self, subject="Motion")
+        if not numbers(self.axis).any():
             raise Invalid("axis", f"is {self.axis!r}; it must be a direction of 3 numbers", "Motion")
-        if self.pivot is not None and not np.isfinite(numbers(self.pivot)).all():
-            raise Invalid("pivot", f"is {self.pivot!r}; it must be a point in m", "Motion")
 
     def check(self, dimension: int) -> None:
         """Check the dimension and the values at t = 0.
@@ -197,6 +191,8 @@ class Motion:
         """
         if self.pivot is not None and numbers(self.pivot).shape != (dimension,):
             raise Invalid("pivot", f"is {self.pivot!r} m; it must be a point of {dimension} coordinates", "Motion")
+        if dimension == 2 and (numbers(self.axis)[:2] != 0).any():
+            raise Invalid("axis", f"is {self.axis!r}; in 2-D the axis is (0, 0, 1), leave it out", "Motion")
         for name, value in (("translation", self.shift(0.0, dimension)), ("angle", self.turn(0.0))):
             if np.any(value != 0):
                 why = "it must be zero, because the particles stand where the walls are at that time"

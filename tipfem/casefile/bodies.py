@@ -14,21 +14,20 @@ from tipfem.casefile.schema import BODY, BodyTable
 from tipfem.casefile.source import Path
 from tipfem.geometry import shapes
 
-Function = Callable[[Path, Any, int], Any]
-Place = Callable[[ValueError, Path], tuple[Path, str]]
+Given = Callable[..., dict[str, Any] | None]
 SHAPES = ("box", "disc", "polygon")
 
 
 def read_bodies(
-    tables: Sequence[BodyTable | None], function: Function, report: Callable[[Path, str], None], place: Place
+    tables: Sequence[BodyTable | None], given: Given, made: Callable[..., Any], report: Callable[[Path, str], None]
 ) -> list[Body]:
     """The bodies that tables describe; their mistakes are reported.
 
     Args:
         tables: of the case file, None for those that have mistakes.
-        function: checks a function of time at a path, whose values have a number of coordinates.
+        given: the values of a table at a path, with functions of time checked; None where they have mistakes.
+        made: what a function makes of further arguments, or None, and a report at a path.
         report: takes the path of a mistake and what is wrong.
-        place: gives both of an error and the path of the table around it.
     """
     found: list[Body] = []
     for k, table in enumerate(tables):
@@ -43,23 +42,20 @@ def read_bodies(
         if table.name in [body.name for body in found]:
             report((*path, "name"), f"is {table.name!r} as that of another body; every body needs a name of its own")
             continue
-        try:
-            given = {
-                key: function((*path, "motion", key), getattr(table.motion, key), n)
-                for key, n in {"translation": 2, "angle": 0}.items()
-                if table.motion is not None
-            }
-            if any(value is None and getattr(table.motion, key) is not None for key, value in given.items()):
+        options = {key: value for key, value in table.given().items() if key in BODY}
+        if table.motion is not None:
+            motion = given((*path, "motion"), table.motion, translation=2)
+            if motion is None:
                 continue  # its mistake has been reported
-            motion = None
-            if table.motion is not None:
-                if not any(given.values()):
-                    report((*path, "motion"), "has neither translation nor angle; give one, or leave the table out")
-                    continue
-                motion = Motion(given["translation"], given["angle"], table.motion.pivot)
-            found.append(Body(_shape(table), motion=motion, **{k: v for k, v in table.given().items() if k in BODY}))
-        except ValueError as error:
-            report(*place(error, path))
+            if not {"translation", "angle"} & set(motion):
+                report((*path, "motion"), "has neither translation nor angle; give one, or leave the table out")
+                continue
+            options["motion"] = made((*path, "motion"), Motion, **motion)
+            if options["motion"] is None:
+                continue
+        body = made(path, lambda table=table, options=options: Body(_shape(table), **options))
+        if body is not None:
+            found.append(body)
     return found
 
 
@@ -71,12 +67,14 @@ def _shape(table: BodyTable) -> shapes.Shape:
     return shapes.polygon(table.polygon or [])
 
 
-def body_content(body: Body, function: Callable[[str, Any], Any], lost: Callable[[str, str], str]) -> dict[str, Any]:
+def body_content(
+    body: Body, kept: Callable[[str, Any], dict[str, Any]], lost: Callable[[str, str], str]
+) -> dict[str, Any]:
     """The table of a body; values that have their defaults are left out.
 
     Args:
         body: the body.
-        function: makes a value of the file of a function of time, which has a name for messages.
+        kept: makes a table of a dataclass, which has a name for messages.
         lost: makes a value of the file for a part that it cannot keep, for a reason.
     """
     pieces = body.outline.pieces
@@ -90,10 +88,6 @@ def body_content(body: Body, function: Callable[[str, Any], Any], lost: Callable
     else:
         content["polygon"] = lost(f"bodies.{body.name}.shape", "an outline with straight edges and arcs")
     if body.motion is not None:
-        motion = body.motion
-        given = {key: getattr(motion, key) for key in ("translation", "angle")}
-        content["motion"] = {key: function(f"bodies.{body.name}.motion.{key}", f) for key, f in given.items() if f}
-        if motion.pivot is not None:
-            content["motion"]["pivot"] = np.asarray(motion.pivot, dtype=float).tolist()
-    kept = changed(body)
-    return {**content, **{key: kept[key] for key in BODY if key in kept}}
+        content["motion"] = kept(f"bodies.{body.name}.motion", body.motion)
+    given = changed(body)
+    return {**content, **{key: given[key] for key in BODY if key in given}}

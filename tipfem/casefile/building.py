@@ -6,10 +6,11 @@ import math
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path as FilePath
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from tipfem.arguments import meant
 from tipfem.case.beaches import Beach
 from tipfem.case.body import Body
 from tipfem.case.case import Case, contradictions, default_interface
@@ -18,16 +19,17 @@ from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.memory import too_many
 from tipfem.case.numerics import Numerics
+from tipfem.case.openings import check_balance
 from tipfem.case.particles import Particles
 from tipfem.case.surface_tension import Pair, TensionTable
 from tipfem.case.tank import Tank
 from tipfem.case.walls import Motion, Wall
 from tipfem.casefile.bodies import read_bodies
 from tipfem.casefile.fills import shape_of, shapes_of
-from tipfem.casefile.forms import Constant, Limits, Polyline, Ramp, Table, UniformForce, WaveForm
-from tipfem.casefile.openings import opening_name, read_openings
-from tipfem.casefile.problems import cannot, listed, meant
-from tipfem.casefile.schema import FillTable, MotionTable, WallTable
+from tipfem.casefile.forms import FORMS, Limits, Model, Polyline, Ramp, Table, UniformForce, WaveForm
+from tipfem.casefile.openings import OPENINGS, opening_name
+from tipfem.casefile.problems import cannot, listed
+from tipfem.casefile.schema import FillTable, MotionTable
 from tipfem.casefile.source import Path
 from tipfem.casefile.times import check_times
 from tipfem.errors import Invalid
@@ -36,6 +38,7 @@ from tipfem.geometry.shapes import Shape
 from tipfem.probes import KINDS, Probe
 
 Report = Callable[[Path, str], None]
+T = TypeVar("T")
 
 
 class Parts:
@@ -50,7 +53,7 @@ class Parts:
     def __init__(self, sections: Mapping[str, Any], folder: FilePath, report: Report) -> None:
         self.sections, self.folder, self.report = sections, folder, report
         self.fluids = {
-            name: self._made(("fluids", name), Fluid, name, table.density, table.viscosity)
+            name: self._made(("fluids", name), Fluid, name, **table.given())
             for name, table in (sections.get("fluids") or {}).items()
             if table is not None
         }
@@ -61,21 +64,25 @@ class Parts:
         self.tank, self.dimension = self._tank()
         default = default_interface(bool(sections.get("free_surface")), self.dimension)
         self.interface = sections.get("interface") or default
+        self.sides = self._sides()
         self._fill()
         self.bodies = self._bodies()
-        self.walls = self._walls()
-        self.openings = read_openings(sections, self.fluid_names, self._function, self._made, report)
-        tables = sections.get("beaches") or []
-        made_beaches = (self._made(("beaches", k), lambda t=t: Beach(**t.given())) for k, t in enumerate(tables) if t)
-        self.beaches: list[Beach] = [beach for beach in made_beaches if beach is not None]
+        self._of_tank: dict[str, dict[str, Any]] = {}  # what its walls do, as far as it is said
+        self.walls, all_walls = self._walls()
+        self.openings = [one for kind, make in OPENINGS.items() for one in self._items(kind, make)]
+        tables = [table for kind in OPENINGS for table in sections.get(kind, [None])]
+        if len(self.openings) == len(tables):  # all without mistakes
+            self._made((), check_balance, self.openings)
+        self.beaches: list[Beach] = self._items("beaches", Beach)
         self.motion = self._motion()
         self.grading = self._grading()
-        self.tension = self._tension()
+        self.tension = self._tension(all_walls)
         table = sections.get("numerics")
         self.numerics: Numerics | None = table and self._made(("numerics",), made, Numerics, table.model_dump())
         self._check_choices()
         self.force = self._force()
         self.probes = self._probes()
+        self._check_names()
         check_times(sections, report)
 
     def case(self) -> Case:
@@ -169,6 +176,16 @@ class Parts:
                 return None, dimension
         return (self._made(("tank",), self._new_empty_tank) if tank else None), dimension
 
+    def _sides(self) -> list[str] | None:
+        """Names of the walls of the tank; None where there is none, or it has mistakes."""
+        tank = self.sections.get("tank")
+        if tank is None or (tank.shape is not None and self._shape is None):
+            return None
+        if self._shape is not None:
+            return list(self._shape.sides)
+        axes = [k for k in range(self.dimension or 3) if "xyz"[k] not in (tank.periodic or "")]
+        return [name for name, (axis, _) in SIDES.items() if axis in axes]
+
     def _new_empty_tank(self) -> Tank:
         tank = self.sections["tank"]
         return Tank(tank.size, tank.spacing, tank.jitter, tank.seed, tank.periodic, self._shape)
@@ -180,9 +197,8 @@ class Parts:
             tank.fill(self.fluids[table.fluid], velocity=table.velocity, **shape_of(table))
         for body in self.bodies:
             tank.add(body)
-        for name, table in self.sections["walls"].items():
-            if table.between is None and table.particles is None:
-                tank.wall(name, **self._wall_options(name, table))
+        for name, options in self._of_tank.items():
+            tank.wall(name, **options)
         return tank
 
     def _bodies(self) -> list[Body]:
@@ -190,7 +206,7 @@ class Parts:
         if tables and (self.dimension == 3 or self.sections.get("particles") is not None):
             self.report(("bodies",), "is given, but bodies are for tanks in 2-D only")
             return []
-        return read_bodies(tables, self._function, self.report, self.place_of)
+        return read_bodies(tables, self._given, self._made, self.report)
 
     def _fill(self) -> None:
         fills = self.sections.get("fill")
@@ -208,12 +224,6 @@ class Parts:
             if table is None:
                 continue
             path: Path = ("fill", k)
-            if table.fluid not in self.fluid_names:
-                names = self.fluid_names
-                self.report(
-                    (*path, "fluid"),
-                    f"is {table.fluid!r}; it must be one of the fluids {listed(names)}{meant(table.fluid, names)}",
-                )
             if len(given := shapes_of(table)) > 1:
                 self.report(path, f"has {', '.join(given)}; give one shape, in tables [[fill]] of their own")
             elif self.dimension and self._fits(path, table) and self.tank:
@@ -246,91 +256,103 @@ class Parts:
                 fits = False
         return fits
 
-    def _walls(self) -> list[Wall]:
-        tables, tank = self.sections.get("walls"), self.sections.get("tank")
-        walls = []
-        ends = "" if tank is None else tank.periodic or ""
-        sides = [n for n, (axis, _) in SIDES.items() if axis < (self.dimension or 3) and "xyz"[axis] not in ends]
-        sides = sides if self._shape is None else list(self._shape.sides)
-        for name, table in (tables or {}).items():
-            path: Path = ("walls", name)
+    def _walls(self) -> tuple[list[Wall], list[Wall]]:
+        """The walls that are not the tank's, and all of them."""
+        walls, of_tank = list[Wall](), list[Wall]()
+        for name, table in (self.sections.get("walls") or {}).items():
             if table is None:
                 continue
+            path: Path = ("walls", name)
             own = table.between is not None or table.particles is not None
-            if not own and tank is not None and name not in sides:
-                self.report(
-                    path,
-                    cannot(name)
-                    or f"is no wall of the tank; it must be one of {', '.join(sides) or 'none'}, or have between, "
-                    f"two points{meant(name, sides)}",
-                )
-                continue
-            if not own and tank is None:
+            if not own and self.sections.get("tank") is None:
                 if self.sections.get("particles") is not None:
                     self.report(path, "has neither between nor particles; without a tank, give the wall's place")
                 continue
-            options = self._wall_options(name, table)
+            if not own and self.sides is not None and name not in self.sides:
+                why = f"is no wall of the tank; it must be one of {', '.join(self.sides) or 'none'}, or have between, "
+                self.report(path, cannot(name) or f"{why}two points{meant(name, self.sides)}")
+                continue
+            options = self._given(path, table, velocity=self.dimension)
+            if options is None:
+                continue
+            place = {key: options.pop(key) for key in ("between", "particles") if key in options} or {"particles": []}
             if not options:
                 keys = "law, slip, slip_length, velocity, motion and contact_angle"
                 self.report(path, f"has nothing to say; give one or more of {keys}, or leave the table out")
                 continue
-            place = {key: value for key in ("between", "particles") if (value := getattr(table, key)) is not None}
-            wall = self._made(path, Wall, name, **(place or {"particles": []}), **options)
-            if wall is not None and own:
-                walls.append(wall)
-            if wall is not None and self.dimension and self._sized(path, table):
+            if "contact_angle" in options:
+                options["contact_angle"] = _by_pairs(options["contact_angle"])
+            if not self._has_velocity(path, options):
+                continue
+            wall = self._made(path, Wall, name, **place, **options)
+            if wall is None:
+                continue
+            (walls if own else of_tank).append(wall)
+            if not own:
+                self._of_tank[name] = options
+            if self.dimension:
                 self._made((*path, "velocity"), wall.sliding, 0.0, self.dimension)
                 self._made((*path, "motion"), wall.displacement, 0.0)
-        return walls
+        return walls, [*of_tank, *walls]
 
-    def _sized(self, path: Path, table: WallTable) -> bool:
-        """Whether a wall's functions have as many coordinates as they must."""
-        velocity = table.velocity
-        if table.speed is not None:
-            fits = self._shape is not None and velocity is None
-            if not fits:
-                why = "only a side of a shape has a speed" if velocity is None else "velocity is given, too"
-                self.report((*path, "speed"), f"is {table.speed:g} m/s; {why}")
-            return fits
-        if isinstance(velocity, list):
-            fits = len(velocity) == self.dimension
-            if not fits:
-                self.report((*path, "velocity"), f"is {velocity} m/s; it must be {self.dimension} numbers")
-        else:
-            fits = self._function((*path, "velocity"), velocity, self.dimension or 0) is not None or velocity is None
-        motion = self._function((*path, "motion"), table.motion, 0)
-        return fits and (motion is not None or table.motion is None)
+    def _has_velocity(self, path: Path, options: dict[str, Any]) -> bool:
+        """Whether the velocity of a wall has the right size; its speed becomes its velocity."""
+        speed, velocity = options.pop("speed", None), options.get("velocity")
+        if speed is not None and (self._shape is None or velocity is not None):
+            why = "only a side of a shape has a speed" if velocity is None else "velocity is given, too"
+            self.report((*path, "speed"), f"is {speed:g} m/s; {why}")
+            return False
+        if isinstance(velocity, list) and self.dimension and len(velocity) != self.dimension:
+            self.report((*path, "velocity"), f"is {velocity} m/s; it must be {self.dimension} numbers")
+            return False
+        if speed is not None:
+            options["velocity"] = speed
+        return True
 
-    def _wall_options(self, name: str, table: WallTable) -> dict[str, Any]:
-        options: dict[str, Any] = {"slip": True} if table.slip else {}
-        if "slip" in table.model_fields_set:
-            options["slip"] = table.slip
-        for key in ("law", "slip_length", "velocity", "motion"):
-            value = getattr(table, key)
-            if value is not None:
-                options[key] = self._loaded(value)
-        if table.speed is not None:
-            options["velocity"] = table.speed
-        if table.contact_angle:
-            options["contact_angle"] = _by_pairs(table.contact_angle)
-        return options
+    def _given(self, path: Path, table: Model, **sizes: int | None) -> dict[str, Any] | None:
+        """The keys that a table has, with functions of time checked; None where one of these has a mistake.
 
-    def _loaded(self, function: Any) -> Any:
-        """A function of time, its table read, or waves; 0 where that cannot be, which is reported elsewhere."""
-        try:
-            if isinstance(function, Table):
-                return function.read(self.folder)
-            return function.made() if isinstance(function, WaveForm) else function
-        except ValueError:
-            return Constant(form="constant", value=0.0)
+        Args:
+            path: of the table.
+            table: checked by itself.
+            sizes: how many coordinates the values of a function have, where it is not a number alone; None for any.
+        """
+        given = table.given()
+        functions = {key: value for key, value in given.items() if isinstance(value, (*FORMS.values(), WaveForm))}
+        checked = {key: self._function((*path, key), f, sizes.get(key, 0)) for key, f in functions.items()}
+        return None if None in checked.values() else {**given, **checked}
 
-    def _function(self, path: Path, function: Any, size: int) -> Any:
+    def _items(self, kind: str, make: Callable[..., T]) -> list[T]:
+        """What the tables of a list describe, those without mistakes."""
+        found = []
+        for k, table in enumerate(self.sections.get(kind) or ()):
+            given = None if table is None else self._given((kind, k), table)
+            if given is not None and (one := self._made((kind, k), make, **given)) is not None:
+                found.append(one)
+        return found
+
+    def _check_names(self) -> None:
+        """Report the names in tables that are those of no fluid, wall or opening."""
+        known = {"fluid": self.fluid_names, "opening": [opening.name for opening in self.openings]}
+        for section in ("fill", *OPENINGS, "beaches", "probes"):
+            if self.sides is not None:
+                known["wall"] = self.sides + [wall.name for wall in self.walls if section == "probes"]
+                if section != "probes" and self.sections["tank"].periodic:  # which openings do not go with
+                    continue
+            for k, table in enumerate(self.sections.get(section) or ()):
+                for key, names in known.items():
+                    name = getattr(table, key, None)
+                    if isinstance(name, str) and name and name not in names:
+                        why = f"is {name!r}; it must be one of the {key}s {listed(names)}{meant(name, names)}"
+                        self.report((section, k, key), why)
+
+    def _function(self, path: Path, function: Any, size: int | None) -> Any:
         """A function of time, checked: its table read, its values of ``size`` coordinates; None with a mistake.
 
         Args:
             path: of it.
             function: as it is in the file, or None.
-            size: how many coordinates its values have; 0 for a number alone.
+            size: how many coordinates its values have; 0 for a number alone, None for any.
         """
         if function is None:
             return None
@@ -347,7 +369,7 @@ class Parts:
             if function is None:
                 return None
         for key, found in function.sizes():
-            if found != size:
+            if size is not None and found != size:
                 wanted = f"{size} numbers" if size else "a number alone"
                 self.report((*path, key), f"has values of {found or 1} number(s); it must be {wanted}")
                 return None
@@ -381,18 +403,16 @@ class Parts:
         table: MotionTable | None = self.sections.get("tank_motion")
         if table is None or self.dimension is None:
             return None
-        path, d = ("tank_motion",), self.dimension
-        given = {"translation": d, "angle": 0}
-        functions = {key: self._function((*path, key), getattr(table, key), size) for key, size in given.items()}
-        if any(functions[key] is None and getattr(table, key) is not None for key in given):
+        given = self._given(("tank_motion",), table, translation=self.dimension)
+        if given is None:
             return None
 
         def make() -> Motion:
-            motion = Motion(functions["translation"], functions["angle"], table.pivot, tuple(table.axis))
-            motion.check(d)
+            motion = Motion(**given)
+            motion.check(self.dimension or 2)
             return motion
 
-        motion: Motion | None = self._made(path, make)
+        motion: Motion | None = self._made(("tank_motion",), make)
         return motion
 
     def _grading(self) -> Grading | None:
@@ -419,17 +439,18 @@ class Parts:
                 self.report(path, f"is {value} m; it must be at least the tank's spacing, {tank.spacing} m")
         return grading
 
-    def _tension(self) -> dict[Pair, float]:
-        """Surface tension by interface."""
+    def _tension(self, walls: list[Wall]) -> dict[Pair, float]:
+        """Surface tension by interface, checked with the contact angles of all walls."""
         given = _by_pairs(self.sections.get("surface_tension") or {})
         fluids, free = [Fluid(name, 1.0, 0.0) for name in self.fluid_names], bool(self.sections.get("free_surface"))
         right = [self._made((), TensionTable, {pair: value}, fluids, empty=free) for pair, value in given.items()]
-        if all(table is not None for table in right):
-            self._made((), TensionTable, given, fluids, empty=free)
+        if None not in right and (whole := self._made((), TensionTable, given, fluids, empty=free)) is not None:
+            for wall in walls:
+                self._made((), whole.cosines, wall)
         return given
 
     def _force(self) -> UniformForce | None:
-        function = self._function(("body_force",), self.sections.get("body_force"), self.dimension or 0)
+        function = self._function(("body_force",), self.sections.get("body_force"), self.dimension)
         return None if function is None else UniformForce(function)
 
     def _probes(self) -> list[Probe]:
@@ -439,12 +460,6 @@ class Parts:
                 continue
             path: Path = ("probes", k)
             given = table.given()
-            fluid = given.get("fluid")
-            if fluid is not None and fluid not in self.fluid_names:
-                names = self.fluid_names
-                why = f"is {fluid!r}; it must be one of the fluids {listed(names)}{meant(fluid, names)}"
-                self.report((*path, "fluid"), why)
-                continue
             if table.name in probes:
                 self.report((*path, "name"), f"is {table.name!r}, the name of an earlier probe; give another")
             probe = self._made(path, KINDS[given.pop("type")], **given)
@@ -496,5 +511,7 @@ def _by_pairs(table: Mapping[str, Any]) -> dict[Pair, float]:
     """Values by the names of two fluids, or of one at a free surface, of a table of tables of the second names."""
     found: dict[Pair, float] = {}
     for one, value in table.items():
+        if value is None:  # it has mistakes
+            continue
         found.update({(one, other): each for other, each in value.items()} if isinstance(value, dict) else {one: value})
     return found

@@ -13,6 +13,7 @@ import numpy as np
 from tipfem.arguments import is_number, numbers
 from tipfem.case.case import Case
 from tipfem.case.declaration import changed
+from tipfem.case.fluid import Fluid
 from tipfem.case.mesh_file import MeshTank
 from tipfem.case.particles import Particles
 from tipfem.case.region import Region
@@ -30,7 +31,6 @@ from tipfem.casefile.forms import (
     Table,
     UniformForce,
 )
-from tipfem.casefile.openings import opening_content
 from tipfem.casefile.outlines import shape_content
 from tipfem.casefile.schema import SCHEMA_ID, CheckpointTable
 from tipfem.casefile.source import BARE
@@ -113,7 +113,10 @@ def describe(
         if wall.name not in own:
             writer.wall(wall, len(case.particles))
     for opening in case.openings:
-        writer.table((f"{opening.kind}s",), opening_content(opening, writer.function, writer.lost), item=True)
+        content = writer.content(".".join(opening.path), opening)
+        if content["name"] == f"{opening.kind}_{opening.wall}":
+            del content["name"]
+        writer.table(opening.path[:1], content, item=True)
     for zone in case.beaches:
         writer.table(("beaches",), changed(zone.beach), item=True)
     writer.rest(case)
@@ -251,7 +254,7 @@ class _Writer:
             content = {"fluid": region.fluid.name, **self.shape(part, region), "velocity": velocity}
             self.table(("fill",), content, item=True)
         for body in tank.bodies:
-            self.table(("bodies",), body_content(body, self.function, self.lost), item=True)
+            self.table(("bodies",), body_content(body, self.content, self.lost), item=True)
         for name, options in tank.wall_options.items():
             self.table(("walls", name), self.wall_options(name, options))
 
@@ -333,15 +336,23 @@ class _Writer:
             content = {key: value for key, value in content.items() if key not in ("file", "columns")}
         return content
 
+    def content(self, part: str, instance: Any) -> dict[str, Any]:
+        """The values of a dataclass that are not as by default: functions by their forms, fluids by their names."""
+        found = changed(instance)
+        for name in found:
+            value = getattr(instance, name)
+            if callable(value):
+                found[name] = self.function(f"{part}.{name}", value)
+            elif isinstance(value, Fluid):
+                found[name] = value.name
+            else:
+                found[name] = np.asarray(value).tolist() if isinstance(value, Sequence) else found[name]
+        return found
+
     def rest(self, case: Case) -> None:
         """Motion of the tank, grading and numerics."""
-        motion = case.tank_motion
-        if motion is not None:
-            given = {key: getattr(motion, key) for key in ("translation", "angle")}
-            content = {key: self.function(f"tank_motion.{key}", f) for key, f in given.items() if f is not None}
-            pivot = None if motion.pivot is None else numbers(motion.pivot).tolist()
-            axis = numbers(motion.axis).tolist()
-            self.table(("tank_motion",), {**content, "pivot": pivot, "axis": axis if axis != [0, 0, 1] else None})
+        if case.tank_motion is not None:
+            self.table(("tank_motion",), self.content("tank_motion", case.tank_motion))
         if case.grading is not None:
             where = case.grading.where
             limits: dict[str, Any] = {}

@@ -6,14 +6,17 @@ Each is a model of the schema and, once loaded, the function itself: what `tipfe
 
 from __future__ import annotations
 
+import collections.abc
 import csv
 import dataclasses
 import re
+import types
 from collections.abc import Callable, Iterator, Sequence
-from functools import cached_property
+from functools import cached_property, reduce
 from inspect import cleandoc
+from operator import or_
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, PlainValidator, Tag, WithJsonSchema, create_model
@@ -69,12 +72,30 @@ def table_of(kind: type) -> type[Model]:
 
 
 def _field(field: Declared) -> tuple[Any, Any]:
-    text = re.sub(r"^\([\w, ]*\) ", "", field.sentence)  # the shape of an array
+    text = re.sub(r"^\([\w, ]*\) ", "", field.sentence).partition("; in Python ")[0]  # without the shape of an array
     text += f" [{field.unit}]" if field.unit and f"[{field.unit}]" not in text else ""
     if isinstance(field.kind, type) and dataclasses.is_dataclass(field.kind):
         table = table_of(field.kind)
         return table, Field(default_factory=table, description=text)
-    return field.annotation, Field(... if field.default is dataclasses.MISSING else field.default, description=text)
+    return _in_toml(field.annotation), Field(
+        ... if field.default is dataclasses.MISSING else field.default, description=text
+    )
+
+
+def _in_toml(annotation: Any) -> Any:
+    """A type as a case file has it: functions of time by their forms, fluids by their names, no others of Python's."""
+    origin, items = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        content: Any = (_in_toml(items[0]), *annotation.__metadata__)
+        return Annotated[content]
+    if origin not in (Union, types.UnionType):
+        return annotation
+    kept = [
+        one for one in items if get_origin(one) is not collections.abc.Callable and not dataclasses.is_dataclass(one)
+    ]
+    if any(get_origin(one) is collections.abc.Callable and get_args(one)[0] == [float] for one in items):
+        kept = [one for one in kept if one in (str, type(None))] + [NumberOrFunction if float in kept else TimeFunction]
+    return reduce(or_, kept)
 
 
 def quantity(description: str, unit: str = "", default: Any = ..., **limits: Any) -> Any:
@@ -329,33 +350,22 @@ TimeFunction = Annotated[Constant | Sine | Ramp | Table, Field(discriminator="fo
 """A function of time, told apart by ``form``."""
 
 
-def _tag(value: Any) -> str | None:
-    if isinstance(value, list):
-        return "vector"
-    if isinstance(value, dict):
-        return value.get("form")
-    return getattr(value, "form", None)
+def _or_function(kind: Any, of: type | tuple[type, ...]) -> Any:
+    """A value of a kind, told by the types ``of`` that it has in TOML, or a function of time."""
+    forms = [Annotated[model, Tag(form)] for form, model in FORMS.items()]
+
+    def tag(value: Any) -> str | None:
+        if isinstance(value, of):
+            return "value"
+        return value.get("form") if isinstance(value, dict) else getattr(value, "form", None)
+
+    return Annotated[reduce(or_, forms, Annotated[kind, Tag("value")]), Discriminator(tag)]
 
 
-VectorOrFunction = Annotated[
-    Annotated[Vector, Tag("vector")]
-    | Annotated[Constant, Tag("constant")]
-    | Annotated[Sine, Tag("sine")]
-    | Annotated[Ramp, Tag("ramp")]
-    | Annotated[Table, Tag("table")],
-    Discriminator(_tag),
-]
+VectorOrFunction = Any if TYPE_CHECKING else _or_function(Vector, list)
 """A constant vector, or a function of time to one."""
 
-
-NumberOrFunction = Annotated[
-    Annotated[float, Tag("number")]
-    | Annotated[Constant, Tag("constant")]
-    | Annotated[Sine, Tag("sine")]
-    | Annotated[Ramp, Tag("ramp")]
-    | Annotated[Table, Tag("table")],
-    Discriminator(lambda value: "number" if isinstance(value, int | float) else _tag(value)),
-]
+NumberOrFunction = Any if TYPE_CHECKING else _or_function(float, (int, float))
 """A number, or a function of time to one."""
 
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from tipfem.case.case import Case
+from tipfem.case.waves import WaveMaker
 from tipfem.casefile.estimate import largest_speed
 from tipfem.casefile.openings import impacts
 from tipfem.typing import Array
@@ -14,6 +15,7 @@ from tipfem.typing import Array
 KINEMATIC = (1e-7, 1e-1)  # viscosities of fluids that flow [m^2/s]: liquid metals have the least, honey 1e-2
 DENSITY = (0.01, 20000.0)  # of gases at a low pressure, and of the heaviest metals [kg/m^3]
 EARTH = 9.81  # [m/s^2]
+BEACH = 1.5  # length of a beach that returns little, in wave lengths
 
 
 def hints(case: Case, end: float, interval: float | None) -> list[str]:
@@ -36,11 +38,35 @@ def hints(case: Case, end: float, interval: float | None) -> list[str]:
                 f"{fluid.name} has {fluid.viscosity:g} Pa s, a kinematic viscosity of {kinematic:.2g} m^2/s, outside "
                 f"of {low:g} to {high:g}; is it in Pa s? 1 cP is 1e-3 Pa s"
             )
+    found += case.doubts()
+    found += _waves(case)
     found += _gravity(case)
     found += impacts(case)
     found += _upside_down(case)
     if interval is not None and interval > end:
         found.append(f"states are to be written every {interval:g} s, and the run is {end:g} s long")
+    return found
+
+
+def _waves(case: Case) -> list[str]:
+    """Lines on waves whose depth is not that of the fluids, and on beaches that are too short for them."""
+    found, heavy = [], int(np.argmax([fluid.density for fluid in case.fluids]))
+    height = _heights(case)
+    own = None if height is None else height[case.particles.fluid == heavy]
+    for wall in case.walls:
+        if not isinstance(maker := wall.motion, WaveMaker):
+            continue
+        depth = 0.0 if own is None else float(np.ptp(own))
+        if abs(depth - maker.depth) > max(0.1 * maker.depth, 1.5 * case.particles.spacing):
+            name = case.fluids[heavy].name
+            found.append(f"waves of wall {wall.name!r} are for a depth of {maker.depth:g} m; {name} has {depth:.3g} m")
+        for zone in case.beaches:
+            beach, length = zone.beach, maker.length
+            if beach.wall == wall.name:
+                found.append(f"the beach at {beach.wall!r} damps the waves where they are made")
+            elif beach.length < BEACH * length:
+                why = f"a beach should have {BEACH:g} wave lengths, {BEACH * length:.3g} m"
+                found.append(f"the beach at {beach.wall!r} is {beach.length:g} m long; {why}")
     return found
 
 

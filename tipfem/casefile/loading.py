@@ -8,15 +8,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path as FilePath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args, get_origin
 
 from pydantic import TypeAdapter, ValidationError
 
-from tipfem.arguments import path_of
+from tipfem.arguments import meant, path_of
 from tipfem.casefile.building import Parts
 from tipfem.casefile.describing import NOT_KEPT
-from tipfem.casefile.problems import CaseFileError, Problem, Translator, child_at, meant
-from tipfem.casefile.schema import CaseTable, FillTable, FluidTable, ProbeTable, WallTable, json_schema
+from tipfem.casefile.problems import CaseFileError, Problem, Translator, child_at
+from tipfem.casefile.schema import CaseTable, json_schema
 from tipfem.casefile.source import Key, Path, Source, SyntaxProblem, keys_of, parse, value_of
 from tipfem.geometry.box_points import SIDES
 from tipfem.results.fields import FieldOutput
@@ -24,13 +24,6 @@ from tipfem.results.output import CASE_FILE
 
 if TYPE_CHECKING:
     from tipfem.case.case import Case
-
-ITEMS = {
-    "fluids": FluidTable,
-    "fill": FillTable,
-    "walls": WallTable,
-    "probes": ProbeTable,
-}  # sections that hold one table an item
 
 
 def load_case(path: str | FilePath, overrides: Sequence[str] = ()) -> CaseFile:
@@ -292,7 +285,7 @@ def _sections(data: Mapping[str, Any], table: CaseTable | None, wrong: Sequence[
     Args:
         data: the content.
         table: the same, checked, if it has no mistakes.
-        wrong: paths of its mistakes. What stands there is left out; so are sections, and items of `ITEMS`, that
+        wrong: paths of its mistakes. What stands there is left out; so are sections, and items of their lists, that
             cannot do without it.
     """
     if table is not None:
@@ -305,8 +298,8 @@ def _sections(data: Mapping[str, Any], table: CaseTable | None, wrong: Sequence[
         if name not in data:
             if not field.is_required():
                 sections[name] = field.get_default(call_default_factory=True)
-        elif name in ITEMS and name in kept:
-            kind, items = ITEMS[name], kept[name]
+        elif name in kept and get_origin(field.annotation) in (list, dict) and name != "gravity":
+            kind, items = get_args(field.annotation)[-1], kept[name]  # one table an item
             if isinstance(items, Mapping):
                 sections[name] = {key: _validated(kind, items.get(key)) for key in data[name]}
             else:

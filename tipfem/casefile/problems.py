@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import datetime
-import difflib
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from tipfem.arguments import is_number, meant
 from tipfem.casefile.source import BARE, Path
 
 TAGS = ("form", "type")  # keys by which tables of several forms are told apart
@@ -43,6 +44,7 @@ ELSEWHERE = {
     "sigma surface_tension tension": "surface tension is of two fluids; it is in the table surface_tension, as "
     "water.air = 0.0728",
 }
+NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?(?![\w.,:/-])")  # at the beginning of a text
 LONGEST = 60  # characters of a value that are shown
 
 
@@ -104,13 +106,6 @@ def shown(value: Any) -> str:
         return value.isoformat()
     text = "[" + ", ".join(map(shown, value)) + "]" if isinstance(value, list) else repr(value)
     return text if len(text) <= LONGEST else text[: LONGEST - 4] + " ..." + ("]" if text.startswith("[") else "")
-
-
-def meant(word: str, choices: Sequence[str]) -> str:
-    """``; did you mean 'density'?`` where one of the choices is close to a word; else nothing."""
-    lower = {choice.lower(): choice for choice in reversed(choices)}
-    close = difflib.get_close_matches(word.lower(), list(lower), 1, 0.6)
-    return f"; did you mean {lower[close[0]]!r}?" if close else ""
 
 
 def cannot(word: str) -> str:
@@ -341,10 +336,31 @@ class Translator:
         if path and path[-1] in TAGS and (choices := self.reader.forms(self.reader.node(path[:-1], self.data)[0])):
             hint = meant(value, choices) if isinstance(value, str) else ""
             return f"is {shown(value)}; it must be one of {listed(choices)}{hint}"
-        hint = meant(value, node["enum"]) if "enum" in node and isinstance(value, str) else ""
+        hint = meant(value, node["enum"]) if "enum" in node and isinstance(value, str) else self._hint(path, node)
         number = isinstance(value, (int, float, list)) and not isinstance(value, bool)
         given = f"{shown(value)} {unit}" if unit and number else shown(value)
         return f"is {given}; it must be {self.reader.expected(node, unit)}{hint}"
+
+    def _hint(self, path: Path, node: Mapping[str, Any]) -> str:
+        """What to write instead of a text for a number, a list for a list of lists, and a table for a list of them."""
+        value = child_at(self.data, path)
+        kinds = [self.reader.node(path, self.data)[0], *(node.get("oneOf") or node.get("anyOf") or ())]
+        if isinstance(value, str) and any(kind.get("type") in ("number", "integer") for kind in kinds):
+            number = NUMBER.match(value)
+            return f"; numbers have no quotes and no unit, as {number[0].strip()}" if number else ""
+        if isinstance(value, Mapping) and len(path) == 1 and node.get("type") == "array":
+            return f"; begin each with [[{path[0]}]]"
+        if isinstance(value, list) and (inner := node.get("items", {})).get("type") == "array":
+            for width in range(inner.get("minItems", 2), inner.get("maxItems", 3) + 1):
+                rows = [value[k : k + width] for k in range(0, len(value), width)]
+                least, most = node.get("minItems", 1), node.get("maxItems", len(rows))
+                if not len(value) % width and least <= len(rows) <= most and _all_numbers(value):
+                    return f"; did you mean {shown(rows)}?"
+        return ""
+
+
+def _all_numbers(values: Sequence[Any]) -> bool:
+    return all(map(is_number, values))
 
 
 def _child(value: Any, key: str | int) -> Any:

@@ -17,14 +17,14 @@ from tipfem.case.declaration import declared
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import Numerics
-from tipfem.case.walls import Wall
+from tipfem.case.openings import Inlet, Opening, Outlet
+from tipfem.case.walls import Motion, Wall
 from tipfem.casefile.forms import (
     Curve,
     Disc,
     HalfSpace,
     Limit,
     Model,
-    NumberOrFunction,
     Point,
     TimeFunction,
     Vector,
@@ -38,16 +38,19 @@ from tipfem.probes import KINDS, Probe
 from tipfem.results.fields import FieldOutput
 
 BODY = tuple(name for name in declared(Body) if name not in ("shape", "motion"))  # a table and a `Body` have them alike
-Tension = Annotated[float, Field(ge=0)]
-TensionOrTensions = Annotated[
-    Annotated[Tension, Tag("number")] | Annotated[dict[str, Tension], Tag("table")],
-    Discriminator(lambda value: "table" if isinstance(value, dict) else "number"),
-]
-Angle = Annotated[float, Field(ge=0, le=180)]
-AngleOrAngles = Annotated[
-    Annotated[Angle, Tag("number")] | Annotated[dict[str, Angle], Tag("table")],
-    Discriminator(lambda value: "table" if isinstance(value, dict) else "number"),
-]
+
+
+def _by_pair(limits: Any) -> Any:
+    """A number of an interface, by the names of two fluids or of one."""
+    number, tag = (
+        Annotated[float, limits],
+        Discriminator(lambda value: "table" if isinstance(value, dict) else "number"),
+    )
+    return dict[str, Annotated[Annotated[number, Tag("number")] | Annotated[dict[str, number], Tag("table")], tag]]
+
+
+Tensions = dict[str, Any] if TYPE_CHECKING else _by_pair(Field(ge=0))
+Angles = dict[str, Any] if TYPE_CHECKING else _by_pair(Field(ge=0, le=180))
 SCHEMA_ID = "case.schema.json"  # beside the case file; `tipfem schema --out case.schema.json` writes it
 
 
@@ -121,7 +124,7 @@ class WallTable(Model):
         "m/s",
         None,
     )
-    contact_angle: dict[str, AngleOrAngles] = quantity(
+    contact_angle: Angles = quantity(
         "contact angle by the names of the two fluids, measured in the first one, as water.air = 60, or by the one "
         "at a free surface, as water = 60",
         "degrees",
@@ -134,51 +137,20 @@ class WallTable(Model):
     )
 
 
-class OpeningTable(Model):
-    """A straight part of a wall that is open; in 2-D, with the sharp interface."""
-
-    wall: str = quantity("name of the wall, or of a side of the shape", default="")
-    between: list[Point] | None = quantity(
-        "its two ends; left out, the whole wall is open", "m", None, min_length=2, max_length=2
-    )
-    name: str = quantity("of its columns in the history; by default kind and wall, as in inlet_left", default="")
-    open: list[list[float]] | None = quantity(
-        "a valve: pairs of times between which it is open, and closed in all others", "s", None, min_length=1
-    )
-
-
-class InletTable(OpeningTable):
-    """Where a fluid enters, at right angles to the wall."""
+@declares(Inlet)
+class InletTable(Model):
+    """Where a fluid enters, at right angles to the wall; in 2-D, with the sharp interface."""
 
     fluid: str = quantity("name of the fluid that enters")
-    discharge: NumberOrFunction | None = quantity("what enters; less than 0 for what is drawn off", "m^2/s", None)
-    velocity: NumberOrFunction | None = quantity("mean speed into the tank, in place of discharge", "m/s", None)
-    profile: Literal["plug", "parabola", "power"] = quantity(
-        "how the speed varies across: not at all, as a parabola, or as that of a turbulent flow over a bottom at the "
-        "lower end",
-        default="plug",
-    )
-    ramp: float = quantity(
-        "time in which discharge or velocity rise smoothly from zero, and fall where a valve closes", "s", 0.0, ge=0
-    )
-    pump: str = quantity("name of an opening: what leaves by that enters here", default="")
 
 
-class OutletTable(OpeningTable):
+@declares(Outlet)
+class OutletTable(Model):
     """Where fluids leave, and enter if they are drawn in, by a pressure or a level that is given."""
 
-    pressure: float | Literal["hydrostatic"] | None = quantity(
-        "on the opening; hydrostatic: the weight of what stands in it; by default 0", "Pa", None
-    )
-    level: NumberOrFunction | None = quantity("height of the surface of a fluid outside", "m", None)
-    fluid: str | None = quantity("the fluid that the level belongs to", default=None)
-    direction: Literal["normal", "free"] | None = quantity(
-        "normal: fluids cross at right angles to the wall; free: as jets do. By default normal for one fluid, or free",
-        default=None,
-    )
 
-
-class VentTable(OpeningTable):
+@declares(Opening)
+class VentTable(Model):
     """An outlet of pressure 0, by which a gas can leave a tank that is filled."""
 
 
@@ -187,23 +159,9 @@ class BeachTable(Model):
     """Damping of the fluids before a wall, so that waves do not come back."""
 
 
+@declares(Motion)
 class MotionTable(Model):
-    """Rigid motion of the whole tank."""
-
-    translation: TimeFunction | None = quantity("displacement, a function of time that is zero at t = 0", "m", None)
-    angle: TimeFunction | None = quantity("angle, anticlockwise, a function that is zero at t = 0", "rad", None)
-    pivot: Vector | None = quantity("point about which the tank turns; by default the origin", "m", None)
-    axis: list[float] = quantity(
-        "axis of the rotation, in 3-D only", default=[0.0, 0.0, 1.0], min_length=3, max_length=3
-    )
-
-
-class BodyMotionTable(Model):
-    """Prescribed rigid motion of a body."""
-
-    translation: TimeFunction | None = quantity("displacement, a function of time that is zero at t = 0", "m", None)
-    angle: TimeFunction | None = quantity("angle, anticlockwise, a function that is zero at t = 0", "rad", None)
-    pivot: Point | None = quantity("point about which the body turns; by default its centre", "m", None)
+    """Rigid motion of the whole tank, or of a body in 2-D."""
 
 
 @declares(Body, *BODY)
@@ -213,7 +171,7 @@ class BodyTable(Model):
     box: list[Point] | None = quantity("lower and upper corner", "m", None, min_length=2, max_length=2)
     disc: Disc | None = Field(None, description="a circular body")
     polygon: list[Point] | None = quantity("corners (x, y) of its outline, in order", "m", None, min_length=3)
-    motion: BodyMotionTable | None = Field(None, description="prescribed motion")
+    motion: MotionTable | None = Field(None, description="prescribed motion")
 
 
 @declares(Grading, "growth")
@@ -281,7 +239,7 @@ class CaseTable(Model):
         default=None,
     )
     free_surface: bool = quantity("whether fluids may end where nothing is", default=False)
-    surface_tension: dict[str, TensionOrTensions] = quantity(
+    surface_tension: Tensions = quantity(
         "surface tension by the names of the two fluids, as water.air = 0.0728, or of the one at a free surface, as "
         "water = 0.0728",
         "N/m",
@@ -327,8 +285,7 @@ def _without_null(node: Any) -> Any:
         for key, value in node.items()
         if not (key == "title" and isinstance(value, str)) and not (key == "default" and value is None)
     }
-    choices = [choice for choice in content.get("anyOf", []) if choice != {"type": "null"}]
+    choices = [choice for choice in content.pop("anyOf", []) if choice != {"type": "null"}]
     if len(choices) == 1:
-        del content["anyOf"]
-        content = {**choices[0], **content}
-    return content
+        return {**choices[0], **content}
+    return {"anyOf": choices, **content} if choices else content

@@ -24,9 +24,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from tipfem.arguments import meant
 from tipfem.casefile.describing import toml_value
 from tipfem.casefile.loading import CaseFile, load_case
-from tipfem.casefile.problems import CaseFileError, Problem, meant
+from tipfem.casefile.problems import CaseFileError, Problem
+from tipfem.casefile.schema import json_schema
 from tipfem.casefile.source import BARE, Source, SyntaxProblem, parse
 
 KEYS = ("case", "folder", "set", "grid", "runs")
@@ -182,10 +184,13 @@ def _values_of_runs(source: Source, report: Report) -> Iterator[tuple[str, dict[
 
 
 def _short_keys(runs: list[dict[str, Any]]) -> dict[str, str]:
-    """The last part of each dotted key, or all of it where two have the same last part."""
+    """The last part of each dotted key; all of it for names, as of fluids, or where two have the same last part."""
     keys = {key for values in runs for key in values}
     last = {key: key.rpartition(".")[2].strip('"') for key in keys}
-    return {key: word if list(last.values()).count(word) == 1 else key for key, word in last.items()}
+    known = {name for table in json_schema()["$defs"].values() for name in table.get("properties", ())}
+    known.update(json_schema()["properties"])
+    short = [word for word in last.values() if word in known and list(last.values()).count(word) == 1]
+    return {key: word if word in short else key for key, word in last.items()}
 
 
 def _word(value: Any) -> str:
