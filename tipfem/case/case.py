@@ -17,7 +17,7 @@ from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.largest_step import DEFAULT, RESOLVED
 from tipfem.case.numerics import Numerics, SurfaceRule
-from tipfem.case.openings import Inlet, Opening, Outlet
+from tipfem.case.openings import Inlet, Opening, Outlet, check_balance
 from tipfem.case.particles import Particles
 from tipfem.case.surface_tension import Pair, TensionTable, tension_contradictions
 from tipfem.case.tank import Tank
@@ -191,6 +191,7 @@ class Case:
         self.beaches = zones_of(beaches, self.boundary.domain, box, 1e-9 * particles.spacing, why)
         if self.openings and self.tank is not None:
             self.particles = self._moving_at_openings(self.tank)
+            self._check_inlets_are_wet(self.tank)
         if self.tank is not None:
             self.tank.seal()
 
@@ -343,7 +344,6 @@ class Case:
             raise Invalid("openings", f"is {given!r}; it must be a list of Inlet, Outlet and Vent", "Case")
         refused = {
             "the case is in 3-D": self.particles.dimension != 2,
-            "there is a free surface": self.free_surface,
             f"interface is {self.interface!r}": self.interface != "sharp",
             "sides are periodic": bool(self.period),
             "tank_motion is given": self.tank_motion is not None,
@@ -355,9 +355,9 @@ class Case:
         for opening in given:
             for what, there in refused.items():
                 if there:
-                    instead = ": fill the rest of the tank with a gas, and let it in by a vent" * self.free_surface
-                    opening.refuse("", f": {what}, with which openings do not work{instead}")
+                    opening.refuse("", f": {what}, with which openings do not work")
             opening.fluids([f.name for f in self.fluids])
+        check_balance(given, self.free_surface)
         return list(given)
 
     def _moving_at_openings(self, tank: Tank) -> Particles:
@@ -374,6 +374,18 @@ class Case:
         velocity = self.particles.velocity.copy()
         velocity[on] = np.einsum("kij,kj->ki", free[on], fast)
         return self.particles.shallow_copy(velocity=velocity)
+
+    def _check_inlets_are_wet(self, tank: Tank) -> None:
+        """Check that under a free surface fluid stands before each inlet; see the class for errors."""
+        assert self.boundary.passages is not None
+        for line, on in zip(self.boundary.lines, self.boundary.passages.nodes, strict=True):
+            if self.free_surface and line.opening.velocities:
+                before = self.particles.position[on] + self.particles.spacing * line.inwards
+                dry = ~tank.holds(before[1:-1])
+                if dry.any():
+                    where = f"at {np.round(before[1:-1][np.argmax(dry)], 6).tolist()} m"
+                    text = f": there is no fluid before it, {where}; fill a strip 2 spacings wide with what enters"
+                    line.opening.refuse("", text)
 
     def _box_sides(self) -> dict[str, Array]:
         """A point (2,) on each wall of a box, with NaN where any coordinate will do [m]."""
@@ -512,6 +524,11 @@ class Case:
         if not isinstance(name, str) or name not in names:
             raise ValueError(f"there is no fluid {name!r} in this case; it has {names}")
         return names.index(name)
+
+    @property
+    def has_room(self) -> bool:
+        """Whether there is empty space, into which fluids may enter though none leaves."""
+        return self.free_surface
 
     @property
     def grounded(self) -> bool:

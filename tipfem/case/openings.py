@@ -412,7 +412,7 @@ def check_openings(lines: Sequence[OpenLine], spacing: float, walls: Sequence[tu
     """Check openings against each other and the walls that they are in, given with the numbers of their sides.
 
     Raises:
-        Invalid: two have one name, or overlap or are too close; a wall moves; or what enters cannot leave.
+        Invalid: two have one name, or overlap or are too close; or a wall moves.
     """
     for k, line in enumerate(lines):
         for wall in (wall for side, wall in walls if side == line.side):
@@ -428,15 +428,20 @@ def check_openings(lines: Sequence[OpenLine], spacing: float, walls: Sequence[tu
                 text = f": from {np.round(line.a, 6).tolist()} to {np.round(line.b, 6).tolist()}; {two.name} is from"
                 text += f" {np.round(other.a, 6).tolist()} to {np.round(other.b, 6).tolist()} m, closer than {APART}"
                 raise one._invalid("", f"{text} spacings")
-    check_balance([line.opening for line in lines])
 
 
-def check_balance(openings: Sequence[Opening]) -> None:
+def check_balance(openings: Sequence[Opening], room: bool) -> None:
     """Check that pumps draw from other openings, and that what enters can leave.
 
+    Args:
+        openings: of a tank.
+        room: whether it has empty space, which takes in what enters, and needs no vents.
+
     Raises:
-        Invalid: they do not, or it cannot.
+        Invalid: they do not.
     """
+    if room and (vents := [opening for opening in openings if isinstance(opening, Vent)]):
+        vents[0].refuse("", ": there is a free surface, beyond which nothing needs to leave; leave the vent out")
     by_name = {opening.name: opening for opening in openings}
     pumps = {name: o.pump for name, o in by_name.items() if isinstance(o, Inlet) and o.pump}
     for name, drain in pumps.items():
@@ -450,5 +455,5 @@ def check_balance(openings: Sequence[Opening]) -> None:
             by_name[name].refuse("pump", f"is {drain!r}, which has neither discharge nor velocity")
     unpaired = [o for o in openings if o.velocities and o.name not in pumps and o.name not in pumps.values()]
     unpaired += [by_name[name] for name, drain in pumps.items() if not by_name[drain].velocities]
-    if unpaired and not any(not o.velocities and o.name not in pumps.values() for o in openings):
+    if unpaired and not room and not any(not o.velocities and o.name not in pumps.values() for o in openings):
         raise unpaired[0]._invalid("", ": what flows in cannot leave; add a vent or an outlet to the tank")

@@ -72,7 +72,7 @@ class Parts:
         self.openings = [one for kind, make in OPENINGS.items() for one in self._items(kind, make)]
         tables = [table for kind in OPENINGS for table in sections.get(kind, [None])]
         if len(self.openings) == len(tables):  # all without mistakes
-            self._made((), check_balance, self.openings)
+            self._made((), check_balance, self.openings, bool(sections.get("free_surface")))
         self.beaches: list[Beach] = self._items("beaches", Beach)
         self.motion = self._motion()
         self.grading = self._grading()

@@ -207,10 +207,29 @@ class Mesh:
         mesh.__dict__.update({name: value for name, value in given.items() if value is not None})
         return mesh
 
+    def relabelled(self, fluid: Array) -> Mesh:
+        """The same simplices with other fluids (M,); their components are no longer labelled."""
+        mesh = replace(self, fluid=fluid, components=None)
+        mesh.__dict__.update(self._computed("measure", *_OF_CONNECTIVITY))
+        return mesh
+
     def only(self, cells: Array) -> Mesh:
         """The mesh of some of its cells, given by a mask (M,), with their fluids."""
         fluid = None if self.fluid is None else self.fluid[cells]
-        return Mesh(self.position, np.ascontiguousarray(self.cells[cells]), fluid, period=self.period)
+        return Mesh(self.position, np.ascontiguousarray(self.cells[cells]), fluid, self.surface, period=self.period)
+
+    def dry(self, wall: Array) -> Array:
+        """(N,) mask of the wall particles, given by the mask ``wall`` (N,), that are in no simplex."""
+        return self.surface.dry(wall)
+
+    @property
+    def flying(self) -> Array:
+        """(N,) volume of fluid that particles in no simplex carry in free flight [m^2, or m^3 in 3-D]."""
+        return self.surface.volume
+
+    def with_flying(self, volume: Array) -> Mesh:
+        """The same simplices, with other volumes (N,) in free flight."""
+        return replace(self, surface=replace(self.surface, volume=volume)).with_(measure=self.measure)
 
     def moved(self, position: Array, measure: Array | None = None) -> Mesh:
         """The same simplices at other positions (N, d) [m]; shares what depends on the connectivity only.

@@ -181,8 +181,17 @@ class Physics(Generic[Part]):
         """
         return part, particles
 
-    def first(self, mesh: Mesh, boundary: Boundary) -> Mesh:
-        """The first mesh, with cells of other fluids."""
+    def flooded(self, part: Part | None, mesh: Mesh, boundary: Boundary, position: Array, until: float) -> Mesh:
+        """A mesh with cells of other fluids: the first one, and each one that has cells of empty space.
+
+        Args:
+            part: what it carries.
+            mesh: its cells of empty space have the number after that of the last fluid.
+            boundary: which of its particles lie on which walls.
+            position: (N, 2) of its particles, at their place before the repair [m].
+            until: when the next step ends, or later [s].
+        """
+        del part, boundary, position, until
         return mesh
 
     def sides(self, part: Part | None, count: int, boundary: Boundary) -> SideEnergies | None:

@@ -62,8 +62,7 @@ def spray_energy(particles: Particles, surface: Surface, density: Array, gravity
 def beyond(mesh: Mesh, cells: Array, fluids: int) -> Mesh:
     """A mesh of ``fluids`` fluids with the ``cells`` (V, 3) of empty space, of fluid number ``fluids``, behind all."""
     fluid = np.concatenate([np.asarray(mesh.fluid), np.full(len(cells), fluids, dtype=np.int32)])
-    whole = Mesh(mesh.position, np.concatenate([mesh.cells, cells]), fluid, period=mesh.period)
-    return with_components(whole, fluids + 1)
+    return Mesh(mesh.position, np.concatenate([mesh.cells, cells]), fluid, period=mesh.period)
 
 
 def without(whole: Mesh, wall: Array, fluids: int, loose_volume: Array) -> Mesh:

@@ -25,7 +25,7 @@ from tipfem.errors import TriangulationError
 from tipfem.mesh.delaunay import triangulate, wall_fluid
 from tipfem.mesh.free_surface import SurfaceMesher, spray_volumes
 from tipfem.mesh.interface import InterfaceRule, InterpolatedInterface, SharpInterface
-from tipfem.mesh.mesh import Mesh
+from tipfem.mesh.mesh import Mesh, simplex_measure
 from tipfem.physics.carried import Carried, Remap, own_inertia
 from tipfem.physics.physics import Moved, Physics
 from tipfem.physics.registry import physics_of
@@ -43,6 +43,7 @@ from tipfem.remesh.volumes import with_components
 from tipfem.timers import timer
 from tipfem.typing import Array
 
+AHEAD = 2.0  # steps by which cells are flooded before something enters
 OUTSET = 1e-6  # of the differences for rates that are prescribed at the start [s]
 
 
@@ -400,9 +401,15 @@ class FittedRemesher(Remesher):
         if self._first is None:
             mesh = with_fluids(mesh, particles, self.rank)
         else:
-            mesh = with_components(Mesh(mesh.position, mesh.cells, self._first[1]), len(self.rank))
+            mesh = Mesh(mesh.position, mesh.cells, self._first[1])
+        if filled is not None:
+            mesh = mesh.relabelled(np.where(filled, np.asarray(mesh.fluid), len(self.rank)).astype(np.int32))
         for physics in self._physics:
-            mesh = with_components(physics.first(mesh, boundary), len(self.rank))
+            mesh = physics.flooded((parts or {}).get(physics.name), mesh, boundary, mesh.position, OUTSET)
+        if filled is None:
+            mesh = with_components(mesh, len(self.rank))
+        else:
+            filled = np.asarray(mesh.fluid) < len(self.rank)
         there = np.asarray(mesh.fluid) if filled is None else particles.fluid[~particles.wall]
         absent = np.setdiff1d(np.arange(len(self.density)), there)
         if len(absent):
@@ -413,7 +420,7 @@ class FittedRemesher(Remesher):
         fixed = hull_corners(mesh)
         if filled is not None:
             count = len(self.density)
-            whole = free_surface.beyond(mesh.only(filled), mesh.cells[~filled], count)
+            whole = with_components(free_surface.beyond(mesh.only(filled), mesh.cells[~filled], count), count + 1)
             alone = np.full(len(particles), particles.spacing**2)
             mesh = free_surface.without(whole, particles.wall, count, alone)
         fixed[boundary.index[boundary.slides]] = False  # which slide on curves
@@ -483,6 +490,14 @@ class FittedRemesher(Remesher):
             ends = surface.empty, before.particles.position, particles.position
             cells = free_surface.followed(*ends, particles.spacing, start_mesh.period)
             whole = free_surface.beyond(start_mesh, cells, len(self.density))
+            if passages is not None:
+                # Of cells of empty space that are flooded no volume is missing.
+                there = simplex_measure(particles.position, cells, start_mesh.period)
+                whole = whole.with_(measure=np.concatenate([start_mesh.measure, there]))
+            for physics in self._physics:
+                part = parts.get(physics.name)
+                whole = physics.flooded(part, whole, boundary, particles.position, solved.time + AHEAD * solved.dt)
+            whole = with_components(whole, len(density))
         particles, mesh, relocated, renumbered, relabelled = repair(
             particles,
             whole,
@@ -498,6 +513,7 @@ class FittedRemesher(Remesher):
             spray=spray,
         )
         if spray is not None:
+            spray = spray.renumbered(renumbered, len(particles))
             mesh = free_surface.without(mesh, particles.wall, len(self.density), spray.volume)
         fixed, reference = before.fixed, before.reference
         if renumbered is not None:
@@ -519,10 +535,15 @@ class FittedRemesher(Remesher):
         particles = _imposed(parts, particles)
         (material, mass), owed = self._material(mesh), 0.0
         if spray is not None:
-            given = surface_volumes.carried_through(solved, end.particles, mesh, relocated)
+            if passages is None:
+                given = surface_volumes.carried_through(solved, end.particles, mesh, relocated)
+            else:
+                leaves = surface_volumes.leave(mesh, particles.wall, relocated)
+                mass_before = self.density[start_mesh.fluid] * start_mesh.measure, before.mass
+                given = surface_volumes.carried_past(end, start_mesh, *mass_before, leaves, renumbered)
             given = surface_volumes.without_spin_of_spray(given, particles.position, mesh)
             if solved.uniform:
-                given = given._replace(force=given.mass[:, None] * solved.force)
+                given = given._replace(force=given.mass[:, None] * solved.force[:1])
             particles = surface_volumes.restore_momenta(particles, mesh, mass, given)
         particles = conserve_along_period(solved, particles, mass, parts)
         self.account.add("walls", particles, mesh, material)
@@ -577,7 +598,7 @@ class FittedRemesher(Remesher):
         added = np.full(len(mesh.cells) - len(state.mesh.cells), fluid, dtype=np.int32)
         mesh = dataclasses.replace(mesh, fluid=np.append(np.asarray(state.mesh.fluid), added))
         cells = free_surface.around(mesh, empty, before, particles.spacing)
-        whole = free_surface.beyond(mesh, cells, count)
+        whole = with_components(free_surface.beyond(mesh, cells, count), count + 1)
         mesh = free_surface.without(whole, particles.wall, count, mesh.surface.volume)
         remap = Remap(state.mesh, mesh, np.arange(before), np.arange(len(particles)) >= before, acceleration[None])
         parts, particles = self._carried(state.parts, particles, remap)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -82,6 +84,17 @@ class Spray:
         i = np.flatnonzero(self.loose & (t.corner < 0) & (self.volume < self.LEAST * h2))
         self._remove(t, i)
         return len(gone) + int(lonely.sum()) + len(t.removed)
+
+    def renumbered(self, numbers: Array | None, count: int) -> Spray:
+        """The same with new numbers (N,) of the particles, -1 for those gone; ``count`` there are then."""
+        if numbers is None:
+            return self
+        new, kept = copy.copy(self), numbers >= 0
+        for name in ("volume", "fluid", "loose"):
+            values = getattr(self, name)
+            setattr(new, name, np.zeros(count, dtype=values.dtype))
+            getattr(new, name)[numbers[kept]] = values[kept]
+        return new
 
     def _remove(self, t: Triangulation, i: Array) -> None:
         """Give what particles carry back, and let them be inserted elsewhere."""

@@ -17,7 +17,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, cKDTree
 
 from tipfem.case.particles import Particles
-from tipfem.mesh.mesh import Mesh, Surface, volume_gradient
+from tipfem.mesh.mesh import Mesh, Surface, simplex_measure, volume_gradient
+from tipfem.physics.physics import Moved
 from tipfem.physics.state import Solved
 from tipfem.typing import Array
 
@@ -145,11 +146,40 @@ def carried_through(solved: Solved, start: Particles, mesh: Mesh, relocated: Arr
         mesh: the new mesh.
         relocated: (N,) mask of the particles that were relocated in between.
     """
-    before = solved.before
-    leaves = (relocated & ~mesh.surface.loose) | mesh.surface.dry(start.wall)
+    before, leaves = solved.before, leave(mesh, start.wall, relocated)
     # The volumes that the cells are to have: what the solve's tolerance has left of those is restored, too.
     moved = solved.mesh.with_(measure=before.mesh.measure * (1 + solved.growth))
     return carried(moved, before.material.density * before.mesh.measure, before.mass, start, leaves)
+
+
+def leave(mesh: Mesh, wall: Array, relocated: Array) -> Array:
+    """(N,) mask of the particles of a new mesh that take nothing along: relocated ones, and dry ones on walls."""
+    return np.asarray((relocated & ~mesh.surface.loose) | mesh.surface.dry(wall))
+
+
+def carried_past(
+    end: Moved, start: Mesh, mass: Array, own_mass: Array, leaves: Array, renumbered: Array | None
+) -> Carried:
+    """`carried_through` where fluids enter and leave: particles have come and gone, and have other numbers.
+
+    Args:
+        end: of the step, without what has left.
+        start: its mesh at the start.
+        mass: (M,) of its cells [kg].
+        own_mass: (N,) of its particles [kg].
+        leaves: (N',) mask of the new particles that take nothing along.
+        renumbered: (N,) new number of each particle, -1 for those removed; None if no number changes.
+    """
+    moved = start.with_(measure=simplex_measure(end.particles.position, start.cells, start.period))
+    if renumbered is None:
+        return carried(moved, mass, own_mass, end.particles, leaves)
+    stays, gone = renumbered >= 0, np.ones(len(renumbered), dtype=bool)
+    gone[stays] = leaves[renumbered[stays]]
+    found = carried(moved, mass, own_mass, end.particles, gone)
+    result = Carried(*(np.zeros((len(leaves), *values.shape[1:])) for values in found))
+    for new, values in zip(result, found, strict=True):
+        new[renumbered[stays]] = values[stays]
+    return result
 
 
 def with_momenta(

@@ -43,11 +43,13 @@ class Setting:
         lines: the openings, their valves as they were told to be.
         given: discharges of inlets in place of their own [m^2/s]; None for those of the case.
         closed: (K,) mask of the outlets and vents that are closed.
+        room: whether the tank has empty space, so that more may enter than leaves.
     """
 
     lines: Sequence[OpenLine]
     given: Sequence[Strength | None]
     closed: Array
+    room: bool
 
     @property
     def held(self) -> Array:
@@ -60,9 +62,14 @@ class Setting:
         assert isinstance(line.opening, Inlet)
         return given or partial(line.opening.strength, width=line.length)
 
+    def fills(self, k: int, time: float) -> bool:
+        """Whether the cells at an inlet have its fluid at a time [s]; those of empty space only where some enters."""
+        wanted = self.discharge(k)(time) if self.room else math.nan
+        return math.isnan(wanted) or wanted > 0
+
     def unbalanced(self, time: float) -> str:
         """What is wrong if all outlets are closed at a time [s], and inlets do not let out what they let in; or ""."""
-        if not self.held.all():
+        if self.room or not self.held.all():
             return ""
         flows = [self.discharge(k)(time) for k, line in enumerate(self.lines) if line.opening.velocities]
         if not abs(sum(flows)) > 1e-9 * max(map(abs, flows), default=0.0):
@@ -88,6 +95,7 @@ class Openings:
         self.lines = case.boundary.lines
         self.names = [fluid.name for fluid in case.fluids]
         self.density = np.array([fluid.density for fluid in case.fluids], dtype=float)
+        self._room = case.has_room
         self._gravity = np.asarray(case.gravity, dtype=float)
         self._lightest = int(np.argmin(self.density))
 
@@ -95,7 +103,7 @@ class Openings:
         """How the openings are set at a time [s], by the case and by what they were told."""
         lines, closed = list(self.lines), np.zeros(len(self.lines), dtype=bool)
         given: list[Strength | None] = [None] * len(lines)
-        setting = Setting(lines, given, closed)
+        setting = Setting(lines, given, closed, self._room)
         drains = {line.opening.name: k for k, line in enumerate(self.lines)}
         for k, line in enumerate(self.lines):
             valve, told, opening = int(part.valve[k]), float(part.discharge[k]), line.opening
@@ -118,8 +126,10 @@ class Openings:
                     given[k] = partial(_steady, line.opening, max(-float(part.rate[drain]), 0.0))
         return setting
 
-    def prescribed(self, nodes: list[Array], position: Array, time: float, dt: float, setting: Setting) -> Rates:
-        """What inlets, and outlets that are closed, prescribe in a step.
+    def prescribed(
+        self, nodes: list[Array], position: Array, time: float, dt: float, setting: Setting, dry: Array
+    ) -> Rates:
+        """What inlets, and outlets where they are closed or dry, prescribe in a step.
 
         Args:
             nodes: the particles of each opening, see `tipfem.case.passages.Passages`.
@@ -127,11 +137,13 @@ class Openings:
             time: there [s].
             dt: length of the step [s].
             setting: of the step.
+            dry: the particles of outlets that are in no cell.
         """
-        parts = [(np.zeros(0, dtype=np.int64), np.zeros((5, 0, 2)))]
+        parts = [(dry, np.zeros((5, len(dry), 2)))]
         for k, (line, on) in enumerate(zip(setting.lines, nodes, strict=True)):
             if not line.opening.velocities:
                 if setting.closed[k]:
+                    on = on[~np.isin(on, dry)]
                     parts.append((on, np.zeros((5, len(on), 2))))
                 continue
             x, step, given = position[on], 0.25 * dt, setting.given[k]
@@ -186,15 +198,16 @@ class Openings:
             outlet = line.opening
             if not isinstance(outlet, Outlet) or shut:
                 continue
-            x = particles.position[on]
-            density = self.density[edge_fluids(mesh, on)]
+            x, fluid = particles.position[on], edge_fluids(mesh, on)
+            wet = fluid >= 0
+            density = np.where(wet, self.density[fluid], 0.0)
             ends, middle = self._pressures(outlet, x, density, time)
             beyond = (moved[on] @ line.inwards) * float(line.inwards @ self._gravity)
             weight = 0.5 * density * (beyond[1:] + beyond[:-1])
             v = np.maximum(particles.velocity[on] @ line.inwards, 0.0)
             head = 0.5 * density * (0.5 * (v[1:] + v[:-1])) ** 2
             # Simpson's rule on each edge: exact for pressures that are quadratic in place.
-            length = np.diff(line.coordinates(x)) / 6
+            length = np.where(wet, np.diff(line.coordinates(x)) / 6, 0.0)
             force = np.zeros(len(on))
             force[:-1] += length * (ends[:-1] + density * beyond[:-1] + 2 * (middle + weight) - 3 * head)
             force[1:] += length * (ends[1:] + density * beyond[1:] + 2 * (middle + weight) - 3 * head)
@@ -215,7 +228,8 @@ class Openings:
         strength = float(np.linalg.norm(self._gravity))
         up = -self._gravity / strength if strength else np.zeros(2)
         top, level = float((x @ up).max()), outlet.level_at(time)
-        below, above = self.density[outlet.level_fluid(self.names)], self.density[self._lightest]
+        below = self.density[outlet.level_fluid(self.names)]
+        above = 0.0 if self._room else self.density[self._lightest]
 
         def at(place: Array) -> Array:
             height = place @ up
@@ -241,11 +255,14 @@ def _less(discharge: Strength, time: float) -> float:
 
 
 def edge_fluids(mesh: Mesh, on: Array) -> Array:
-    """Numbers (K - 1,) of the fluids of the cells between the K particles of an opening, one after the other."""
+    """Numbers (K - 1,) of the fluids of the cells between the K particles of an opening in their order, -1 for none."""
     assert mesh.fluid is not None
     cell, k = np.nonzero(mesh.neighbours < 0)
-    start = mesh.cells[cell, (k + 1) % 3]
-    # The cell of each face of the hull, by the particle where it begins: the fluid is on the left.
+    start, end = mesh.cells[cell, (k + 1) % 3], mesh.cells[cell, (k + 2) % 3]
+    # The cell of each face on the line, by the particle where it begins: the fluid is on the left.
+    following = np.full(len(mesh.position), -1, dtype=np.int64)
+    following[on[:-1]] = on[1:]
+    here = following[start] == end
     at = np.full(len(mesh.position), -1, dtype=np.int64)
-    at[start] = cell
-    return mesh.fluid[at[on[:-1]]]
+    at[start[here]] = cell[here]
+    return np.where(at[on[:-1]] >= 0, mesh.fluid[at[on[:-1]]], -1)

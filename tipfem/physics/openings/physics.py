@@ -13,6 +13,7 @@ from tipfem.physics.openings.passed import Passed
 from tipfem.physics.openings.put_back import Gate
 from tipfem.physics.openings.term import OpeningTerm
 from tipfem.physics.physics import Entered, Moved, Physics, StepStart
+from tipfem.typing import Array
 
 
 class WallOpenings(Physics[Passed]):
@@ -46,10 +47,14 @@ class WallOpenings(Physics[Passed]):
         given = step.walls, step.particles, step.mesh, step.scheme, step.time
         return (OpeningTerm(self._openings, *given, part),)
 
-    def first(self, mesh: Mesh, boundary: Boundary) -> Mesh:
-        """See `Physics.first`: cells at inlets are of the fluids that enter."""
+    def flooded(self, part: Passed | None, mesh: Mesh, boundary: Boundary, position: Array, until: float) -> Mesh:
+        """See `Physics.flooded`: cells at inlets are of the fluids that enter; empty ones only where they soon do."""
         assert boundary.passages is not None
-        return self._gate.first(mesh, boundary.passages.nodes)
+        assert part is not None
+        setting = self._openings.setting(part, until)
+        fills = [line.opening.velocities and setting.fills(k, until) for k, line in enumerate(setting.lines)]
+        fluid = self._gate.flooded(mesh, boundary.passages.nodes, position, until, fills)[0]
+        return mesh if (fluid == mesh.fluid).all() else mesh.relabelled(fluid)
 
     def before_repair(self, part: Passed | None, moved: Moved) -> tuple[Passed, Moved]:
         """See `Physics.before_repair`: the particles of openings are put back."""

@@ -7,14 +7,16 @@ cell between is left out.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from tipfem.case.case import Case
 from tipfem.case.particles import Particles
+from tipfem.errors import SimulationError
 from tipfem.fem.mass import lumped_part
-from tipfem.mesh.mesh import Mesh, corners_among
+from tipfem.mesh.mesh import Mesh, corners_among, simplex_measure
 from tipfem.physics.openings.lines import Openings
 from tipfem.physics.openings.passed import Passed
 from tipfem.physics.physics import Moved
@@ -24,6 +26,8 @@ SNAP = 0.15  # height over an edge of an outlet below which a particle becomes o
 BESIDE = 0.2  # from the ends of the edge, by its length: closer ones are moved to the particle there by the repair
 OFF_LINE = 0.05  # where these are left [targets]
 END = 1e-3  # distance of what drifts along an outlet from its ends [spacings]
+FALLEN = 2.0  # depth below an outlet to which spray that has left by it may have come in a step [targets]
+FILLED = 1.0  # area of a cell of empty space at an inlet up to which it is filled [spacings of the inlet squared]
 INSIDE = -1e-9  # least barycentric coordinate of a place in a cell
 
 
@@ -54,26 +58,40 @@ class Gate:
         self.openings = openings
         self._fluids, self._gravity, self._mass = len(case.fluids), case.potential_gravity, case.numerics.mass
 
-    def first(self, mesh: Mesh, nodes: list[Array]) -> Mesh:
-        """The first mesh, whose cells at inlets are of the fluids that enter."""
-        fluid = self._flooded(mesh, nodes, mesh.position, 0.0)[0]
-        return Mesh(mesh.position, mesh.cells, fluid, period=mesh.period)
-
-    def _flooded(self, mesh: Mesh, nodes: list[Array], position: Array, time: float) -> tuple[Array, Array]:
+    def flooded(
+        self, mesh: Mesh, nodes: list[Array], position: Array, time: float, fills: Sequence[bool] | None = None
+    ) -> tuple[Array, Array]:
         """Fluids (M,) of cells, with those that enter at the particles of inlets; and of what enters into each cell.
 
         The cells at the inner particles are of the entering fluid. Else another one that touches an inlet would grow.
+
+        Args:
+            mesh: with the cells.
+            nodes: of each opening.
+            position: (N, 2) of the particles [m].
+            time: at which fluids enter [s].
+            fills: whether an opening fills cells; by default those that are inlets do.
+
+        Raises:
+            SimulationError: an inlet is dry, and the empty cells at it are too large to be filled.
         """
         assert mesh.fluid is not None
         fluid, source = np.array(mesh.fluid), np.array(mesh.fluid)
-        for line, on in zip(self.openings.lines, nodes, strict=True):
-            if line.opening.velocities:
+        for k, (line, on) in enumerate(zip(self.openings.lines, nodes, strict=True)):
+            if line.opening.velocities if fills is None else fills[k]:
                 mask = np.zeros(len(position), dtype=bool)
                 mask[on] = True
                 at = np.flatnonzero(corners_among(mask, mesh.cells))
                 source[at] = self.openings.fluids_in(line, position[mesh.cells[at]].mean(axis=1), time)
                 mask[on[[0, -1]]] = False
                 inner = at[corners_among(mask, mesh.cells[at]) > 0]
+                empty = fluid[inner] >= self._fluids
+                if empty.any():
+                    area = simplex_measure(position, mesh.cells[inner], mesh.period)
+                    inner = inner[~empty | (area < FILLED * (line.length / (len(on) - 1)) ** 2)]
+                    if not len(inner):
+                        text = "nothing stands before it, so nothing can enter; fill the tank there, and let it flow on"
+                        raise SimulationError(f"at t = {time:.6g} s {line.opening.name} is dry: {text}")
                 fluid[inner] = source[inner]
         return fluid, source
 
@@ -104,15 +122,13 @@ class Gate:
         corner, gain = goal[mesh.cells[beside]], np.zeros(len(after))
         area = 0.5 * _cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         gain[beside] = np.where(gone[beside], 0.0, area) - after[beside]
-        fluid, source = self._flooded(mesh, nodes, goal, time)
+        fluid, source = self.flooded(mesh, nodes, goal, time)
         at = np.flatnonzero(gain)
         of = touches[mesh.cells[at]].max(axis=1)
         volume = self._balanced(of, source[at], gain[at], after.sum() - mesh.measure.sum(), passed.closed)
         measure = mesh.measure + gain
         if gone.any() or (fluid != mesh.fluid).any():
-            kept = np.flatnonzero(~gone)
-            new = Mesh(mesh.position, mesh.cells[kept], fluid[kept], period=mesh.period)
-            new = new.with_(measure=measure[kept])
+            new = mesh.relabelled(fluid).only(~gone).with_(measure=measure[~gone])
         else:
             new = mesh.with_(measure=measure)
         # Only cells that have changed have other totals, but for the mass matrix that depends on their neighbours.
@@ -120,8 +136,34 @@ class Gate:
         differs[beside] = True
         energy, momentum = self._totals(done, new, differs[~gone])
         energy_before, momentum_before = self._totals(moved, mesh, differs)
-        passed = passed.and_then(volume, energy - energy_before, momentum - momentum_before, end.dt)
+        energy, momentum = energy - energy_before, momentum - momentum_before
+        if mesh.flying.any():
+            new, lost = self._without_spray(end, new, passed.closed)
+            volume, energy, momentum = volume - lost[0], energy - lost[1], momentum - lost[2]
+        passed = passed.and_then(volume, energy, momentum, end.dt)
         return PutBack(done, new, passed)
+
+    def _without_spray(self, end: Moved, mesh: Mesh, closed: Array) -> tuple[Mesh, tuple[Array, float, Array]]:
+        """A mesh without the fluid of loose particles that have come to an open outlet, and what these have taken away.
+
+        Returns:
+            The mesh; volumes (K, F) through the openings, energy and momentum (2,).
+        """
+        particles, own, lines = end.particles, mesh.flying.copy(), self.openings.lines
+        i = np.flatnonzero(own > 0)
+        x, near, volume = particles.position[i], particles.target[i], np.zeros((len(lines), self._fluids))
+        mass, left = self.openings.density[particles.fluid[i]] * own[i], np.zeros(len(i), dtype=bool)
+        for k, line in enumerate(lines):
+            if line.opening.velocities or closed[k]:
+                continue
+            s, height = line.coordinates(x), (x - line.a) @ line.inwards
+            out = (s > 0) & (s < line.length) & (height < SNAP * near) & (height > -FALLEN * near) & ~left
+            np.add.at(volume[k], particles.fluid[i[out]], own[i[out]])
+            left |= out
+        own[i[left]] = 0.0
+        v, mass = particles.velocity[i[left]], mass[left]
+        energy = float(mass @ (0.5 * (v**2).sum(axis=1) - x[left] @ self._gravity))
+        return mesh.with_flying(own), (volume, energy, mass @ v)
 
     def _taken_in(
         self, k: int, on: Array, mesh: Mesh, moved: Particles, goal: Array, wall: Array, touches: Array, gone: Array

@@ -68,9 +68,11 @@ class OpeningTerm(Term):
         self._part, self._free, self._shut = part, passages.free.copy(), np.zeros(len(passages.free), dtype=bool)
         for k in np.flatnonzero(setting.closed):
             self._shut[passages.nodes[k][1:-1]] = True
+        dry = np.flatnonzero(self._free & mesh.dry(particles.wall))
+        self._shut[dry] = True
         self._free[self._shut] = False
         self.grounds, self._closed = bool(self._free.any()), setting.closed
-        self._inlets = inlets = openings.prescribed(passages.nodes, particles.position, time, scheme.dt, setting)
+        self._inlets = inlets = openings.prescribed(passages.nodes, particles.position, time, scheme.dt, setting, dry)
         if text := setting.unbalanced(time):
             raise SimulationError(f"the run stops at t = {time:.6g} s: {text}")
         beyond = scheme.cf * scheme.predict(particles.velocity, particles.acceleration)

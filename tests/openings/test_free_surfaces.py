@@ -1,0 +1,125 @@
+"""Openings under a free surface: what passes is exact, and empty space takes in what enters."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tipfem as tp
+
+WATER = tp.Fluid("water", 1000.0, 1e-3)
+SIZE, SPACING = (0.4, 0.3), 0.02
+
+
+def basin(openings, depth, *, more=None):
+    """A simulation of water of a depth, and in one more box, in a tank whose walls slip."""
+    tank = tp.tank(SIZE, SPACING).fill(WATER, box=((0, 0), (0.4, depth)))
+    if more is not None:
+        tank.fill(WATER, box=more)
+    for side in tank.sides:
+        tank.wall(side, slip=True)
+    case = tp.Case(tank, [WATER], (0, -9.81), openings=openings, free_surface=True)
+    return tp.Simulation(case, time_step=4.5e-3)
+
+
+def balanced(simulation, until):
+    """The simulation at a time, after volume and energy were checked in each step; and what has passed (K,)."""
+    start = simulation.state.volume[0]
+    while simulation.time < until:
+        simulation.step(until)
+        passed = simulation.state.parts["openings"].total[:, 0]
+        assert simulation.state.volume[0] - start == pytest.approx(passed.sum(), abs=1e-14)
+        row = simulation.history[-1]
+        given = abs(row["opening_work"]) + abs(row["opening_energy"]) + row["kinetic_energy"]
+        assert abs(row["energy_residual"]) < (5e-3 if row["impact"] else 1e-3) * given + 1e-9
+    return simulation, passed
+
+
+def test_a_tank_drains_by_its_floor_until_it_is_nearly_dry():
+    drain = tp.Outlet(wall="bottom", between=((0.14, 0), (0.26, 0)))
+    simulation, passed = balanced(basin([drain], 0.2), 0.4)
+    assert passed[0] < -0.035
+    assert len(simulation.particles) < 200  # of 267 at the start
+    # By theory the level falls as in a tank with a slot, q = C b sqrt(2 g h); the opening is no jet, C is below 1.
+    time = np.array([row["time"] for row in simulation.history])
+    out = -np.cumsum([row["through_outlet_bottom_water"] for row in simulation.history])
+    half = float(np.interp(0.02, out, time))
+    ideal = 2 * 0.4 / (0.12 * np.sqrt(2 * 9.81)) * (np.sqrt(0.2) - np.sqrt(0.15))
+    assert 1.0 < half / ideal < 2.0
+
+
+def test_a_jet_falls_through_an_empty_tank_and_leaves_it():
+    openings = [
+        tp.Inlet(wall="top", between=((0.14, 0.3), (0.26, 0.3)), fluid=WATER, velocity=0.7, ramp=0.02),
+        tp.Outlet(wall="bottom"),
+    ]
+    simulation, passed = balanced(basin(openings, 0.04, more=((0.14, 0.26), (0.26, 0.3))), 0.4)
+    assert passed[0] == pytest.approx(0.7 * 0.12 * (0.4 - 0.01), rel=1e-12)
+    last = simulation.history[-40:]
+    rate = -sum(row["through_outlet_bottom_water"] for row in last) / sum(row["time_step"] for row in last)
+    assert rate == pytest.approx(0.7 * 0.12, rel=0.15)  # the mean over some steps, from a jet that sways
+    # As fast as by a free fall, and so much narrower.
+    x, v = simulation.particles.position, simulation.particles.velocity
+    low = (x[:, 1] < 0.05) & simulation.mesh.used & ~simulation.particles.wall
+    assert -v[low, 1].mean() == pytest.approx(np.sqrt(0.7**2 + 2 * 9.81 * 0.27), rel=0.05)
+
+
+def test_an_inlet_fills_a_tank_without_a_vent():
+    inlet = tp.Inlet(wall="bottom", between=((0.14, 0), (0.26, 0)), fluid=WATER, discharge=0.06, ramp=0.05)
+    simulation, passed = balanced(basin([inlet], 0.06), 0.2)
+    assert passed[0] == pytest.approx(0.06 * (0.2 - 0.025), rel=1e-12)
+    assert simulation.particles.position[simulation.mesh.used, 1].max() > 0.08
+
+
+def test_water_stays_at_rest_beside_a_reservoir_of_its_level():
+    simulation = basin([tp.Outlet(wall="right", level=0.1, fluid=WATER, direction="normal")], 0.1)
+    for _ in range(20):
+        simulation.step()
+    assert simulation.particles.max_speed < 1e-9
+    assert abs(simulation.state.parts["openings"].total).max() < 1e-12
+
+
+def test_an_inlet_whose_valve_is_closed_lets_nothing_in():
+    inlet = tp.Inlet(
+        wall="top", between=((0.14, 0.3), (0.26, 0.3)), fluid=WATER, velocity=0.5, ramp=0.01, open=((0.1, 1.0),)
+    )
+    simulation, passed = balanced(basin([inlet], 0.06, more=((0.14, 0.26), (0.26, 0.3))), 0.1)
+    assert passed[0] == 0.0
+    start = simulation.state.volume[0]
+    _, passed = balanced(simulation, 0.15)
+    assert simulation.state.volume[0] - start == pytest.approx(passed[0], abs=1e-14)
+    assert passed[0] == pytest.approx(0.5 * 0.12 * (0.05 - 0.005), rel=1e-9)
+
+
+def test_a_closed_drain_holds_the_water():
+    drain = tp.Outlet(wall="bottom", between=((0.14, 0), (0.26, 0)), open=((1.0, 2.0),))
+    simulation = basin([drain], 0.1)
+    for _ in range(20):
+        simulation.step()
+    assert simulation.particles.max_speed < 1e-9
+    assert (simulation.state.parts["openings"].total == 0).all()
+
+
+def test_a_pump_lifts_what_leaves_by_a_drain():
+    openings = [
+        tp.Outlet(wall="bottom", between=((0.14, 0), (0.26, 0)), name="drain", pressure=600.0),
+        tp.Inlet(wall="left", between=((0, 0.16), (0, 0.26)), fluid=WATER, pump="drain"),
+    ]
+    _, passed = balanced(basin(openings, 0.12, more=((0, 0.16), (0.04, 0.26))), 0.2)
+    assert passed[0] < -0.005
+    assert passed[1] == pytest.approx(-passed[0], rel=0.1)  # it follows one step later
+
+
+@pytest.mark.parametrize(
+    ("opening", "message"),
+    [
+        (tp.Vent(wall="top"), r"vent 'vent_top': there is a free surface.*leave the vent out"),
+        (
+            tp.Inlet(wall="left", fluid=WATER, velocity=1.0),
+            r"inlet 'inlet_left': there is no fluid before it, at \[0.02",
+        ),
+    ],
+)
+def test_a_case_refuses(opening, message):
+    with pytest.raises(ValueError, match=message):
+        basin([opening], 0.1)
