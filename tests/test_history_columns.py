@@ -41,7 +41,7 @@ def test_all_columns_are_known_and_sums_are_of_steps(water, air, tmp_path, numbe
     columns = history_columns(names | {"volume_of_mine"}, 2, [fluid.name for fluid in case.fluids], bodies)
     assert set(columns) == names
     without = {name for name, column in columns.items() if not column.unit}
-    assert without <= COUNTS | {"relocated", "roughness_water", "roughness_air"}
+    assert without <= COUNTS | {"relocated", "broken_films", "roughness_water", "roughness_air"}
     results = tp.read_results(tmp_path)
     assert results.history.units["kinetic_energy"] == "J/m"
     assert results.history.units["volume_water" if "volume_water" in names else "volume_air"] == "m2"

@@ -64,9 +64,8 @@ def test_an_angle_is_checked_before_particles_are_made():
     with pytest.raises(CaseFileError) as error:
         read_case(CASE + angle, "case.toml")
     (found,) = error.value.problems
-    assert "is given for water and oil, an interface without surface tension; those with it are water and air" in str(
-        found
-    )
+    text = "contact_angle.water.oil: without surface tension a contact angle has no meaning, and the interface of water"
+    assert f"{text} and oil has none; surface_tension gives it to the interface of water and air" in str(found)
 
 
 def test_an_interpolated_interface_is_refused():

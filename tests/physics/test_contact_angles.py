@@ -139,7 +139,11 @@ def test_energies_of_walls_follow_from_the_angles_and_contradictions_are_refused
 @pytest.mark.parametrize(
     ("given", "text"),
     [
-        ({("drop", "oil"): 60}, "an interface without surface tension"),
+        (
+            {("drop", "oil"): 60},
+            "wall 'left': contact_angle: without surface tension a contact angle has no meaning, and the",
+        ),
+        ({5: 60}, "it must be two names of fluids"),
         ({("drop", "outside"): 190}, "it is 190; it must be from 0 to 180 degrees"),
         ({("drop", "outside"): (60, 90)}, "it is .60, 90.; it must be one number of degrees; angles that differ"),
         ({("drop", "outside"): 60, ("outside", "drop"): 100}, "given twice"),

@@ -216,6 +216,9 @@ def test_two_drops_that_merge_release_energy_that_stays_lost():
             break
     assert drops[0] == 3
     assert drops[-1] == 2
+    assert row["broken_films"] == 1
+    assert 0 < row["broken_film_volume"] < 0.04**2
+    assert not any(before["broken_films"] for before in simulation.history[:-1])
     assert 0 < row["breakup_energy"] < 0.2 * row["surface_energy"]
     assert row["remeshing_surface_energy"] < -0.5 * row["breakup_energy"]
 

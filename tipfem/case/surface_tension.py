@@ -82,12 +82,15 @@ class TensionTable:
             raise Invalid(path, text, subject)
         for pair, angle in (wall.contact_angle or {}).items():
             both = (pair,) if isinstance(pair, str) else pair
-            if not (isinstance(both, tuple) and self.has(both)):
-                known = ", ".join(map(_in_words, self.given)) or "none"
-                text = (
-                    f"is given for {_in_words(pair)}, an interface without surface tension; those with it are {known}"
-                )
+            if not (isinstance(both, tuple) and all(isinstance(name, str) for name in both)):
+                text = f"has {pair!r}; it must be two names of fluids, as ('water', 'air'), or one at a free surface"
                 raise Invalid(path, text, subject)
+            if not self.has(both):
+                known = "; ".join(map(_named, self.given)) or "no interface"
+                text = f": without surface tension a contact angle has no meaning, and {_named(both)} has none; "
+                raise Invalid(
+                    (*path, *both), text + f"surface_tension gives it to {known}", f"{subject}: contact_angle"
+                )
             if not is_number(angle):
                 why = "one number of degrees; angles that differ for contacts that advance and recede are not simulated"
                 raise Invalid((*path, *both), f": it is {angle!r}; it must be {why}", subject)
@@ -159,6 +162,11 @@ def wall_energies(cosines: Mapping[tuple[int, int], float], sigma: Array, wall: 
 
 def _in_words(pair: Any) -> str:
     return " and ".join(map(str, pair)) if isinstance(pair, tuple) else str(pair)
+
+
+def _named(pair: Pair) -> str:
+    names = (pair,) if isinstance(pair, str) else pair
+    return f"the {'interface' if len(names) > 1 else 'free surface'} of {_in_words(names)}"
 
 
 def _invalid(names: Sequence[str], text: str) -> Invalid:

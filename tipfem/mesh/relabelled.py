@@ -1,4 +1,4 @@
-"""Relabelled: the sides of cells that have changed their fluid; SideEnergies: what the sides of cells cost."""
+"""Relabelled: cells that have changed their fluid, with their sides; SideEnergies: what the sides of cells cost."""
 
 from __future__ import annotations
 
@@ -14,17 +14,21 @@ from tipfem.typing import Array
 
 
 class Relabelled(NamedTuple):
-    """The K sides of cells that have changed their fluid, each once; those on the hull are not among them.
+    """Cells that have changed their fluid, and their K sides, each once; those on the hull are not among them.
 
     Attributes:
         length: (K,) [m].
         before: (K, 2) fluids on both sides before the change.
         now: (K, 2) the same after it.
+        patches: number of patches of adjacent cells that have changed.
+        area: of the cells [m^2].
     """
 
     length: Array
     before: Array
     now: Array
+    patches: int
+    area: float
 
     @classmethod
     def of(cls, mesh: Mesh, before: Array) -> Relabelled:
@@ -37,7 +41,19 @@ class Relabelled(NamedTuple):
         one, other = cell[row], beside[row, corner]
         side = mesh.sides(*(mesh.cells[one, (corner + k) % 3] for k in (1, 2)))
         both = np.stack([one, other], axis=1)
-        return cls(np.hypot(side[:, 0], side[:, 1]), before[both], now[both])
+        a, b = (mesh.sides(mesh.cells[cell, 0], mesh.cells[cell, k]) for k in (1, 2))
+        area = 0.5 * float(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
+        return cls(np.hypot(*side.T), before[both], now[both], _patches(cell, beside)[0], area)
+
+
+def _patches(cell: Array, beside: Array) -> tuple[int, Array]:
+    """Number of patches of adjacent cells among some (C,), with the cells ``beside`` them (C, 3), and each one's."""
+    number = np.full(max(cell.max(initial=-1), beside.max(initial=-1)) + 2, -1)  # the last one for no neighbour
+    number[cell] = np.arange(len(cell))
+    first, k = np.nonzero(number[beside] >= 0)
+    pairs = coo_array((np.ones(len(first)), (first, number[beside[first, k]])), shape=(len(cell), len(cell)))
+    count, patch = connected_components(pairs, directed=False)
+    return int(count), patch
 
 
 class SideEnergies(NamedTuple):
@@ -65,18 +81,14 @@ class SideEnergies(NamedTuple):
         """
         now = np.asarray(mesh.fluid)
         cell = np.flatnonzero(before != now)
-        number = np.full(len(now) + 1, -1)  # the last one for no neighbour
-        number[cell] = np.arange(len(cell))
         beside = mesh.neighbours[cell]
         one, other = (mesh.cells[cell][:, [1, 2, 0]], mesh.cells[cell][:, [2, 0, 1]])
         length = np.linalg.norm(mesh.sides(one.ravel(), other.ravel()), axis=1).reshape(-1, 3)
         more = self.sigma[now[cell][:, None], now[beside]] - self.sigma[before[cell][:, None], before[beside]]
-        within = number[beside] >= 0
+        within = (beside >= 0) & (before != now)[beside]
         row, corner = np.nonzero(beside < 0)
         hull, each = self.hull(one[row, corner], other[row, corner]), np.arange(len(row))
         more[row, corner] = hull[each, now[cell[row]]] - hull[each, before[cell[row]]]
-        more[within & (beside >= 0)] *= 0.5  # these sides are met from both cells
-        first, k = np.nonzero(within & (beside >= 0))
-        pairs = coo_array((np.ones(len(first)), (first, number[beside[first, k]])), shape=(len(cell), len(cell)))
-        count, patch = connected_components(pairs, directed=False)
+        more[within] *= 0.5  # these sides are met from both cells
+        count, patch = _patches(cell, beside)
         return cell, patch, np.bincount(patch, (more * length).sum(axis=1), count)

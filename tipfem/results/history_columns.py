@@ -24,7 +24,7 @@ class Column(NamedTuple):
 # volume; "/m" is added in 2-D.
 _PATTERNS: list[tuple[str, str, bool]] = [
     ("step|particles|rebuilt|impact", "", False),
-    ("newton_iterations|krylov_iterations|refused_steps|relocated", "", True),
+    ("newton_iterations|krylov_iterations|refused_steps|relocated|broken_films", "", True),
     ("newton_residual", "spacings", False),
     ("time|wall_seconds", "s", False),
     ("time_step", "s", True),
@@ -35,7 +35,7 @@ _PATTERNS: list[tuple[str, str, bool]] = [
     ("(remeshing|opening)_momentum_[xyz]|momentum_residual_[xyz]", "N s", True),
     ("momentum_[xyz]", "N s", False),
     ("(wall|opening)_force_[xyz]", "N", False),
-    ("(solve|source|remeshing|opening)_volume_FLUID|through_.+_FLUID", "V", True),
+    ("(solve|source|remeshing|opening)_volume_FLUID|through_.+_FLUID|broken_film_volume", "V", True),
     ("(spray_)?volume_FLUID", "V", False),
     ("roughness_FLUID", "", False),
     ("interface_turning", "degrees", False),

@@ -32,6 +32,8 @@ class TensionEdges(Carried):
             have changed since the start [N/m].
         period: of the positions.
         lost: energy that films released that broke or merged, in the remeshing that made these edges [J/m].
+        broken: how many of them there were.
+        passed: area of their cells, which went to the fluid beside them [m^2].
     """
 
     one: Array
@@ -40,6 +42,8 @@ class TensionEdges(Carried):
     table: Array
     period: Period
     lost: float = 0.0
+    broken: int = 0
+    passed: float = 0.0
 
     def energy(self, position: Array) -> float:
         """E at positions (N, 2) [J, per metre of depth]."""
@@ -54,20 +58,19 @@ class TensionEdges(Carried):
         return np.stack([np.bincount(self.other, p, count) - np.bincount(self.one, p, count) for p in pull.T], axis=1)
 
 
-def find_edges(mesh: Mesh, particles: Particles, table: Array, lost: float = 0.0) -> TensionEdges:
+def find_edges(mesh: Mesh, particles: Particles, table: Array) -> TensionEdges:
     """The edges that have tension: those between fluids, or with cells of several fluids those of the free surface.
 
     Args:
         mesh: 2-D.
         particles: on it.
         table: (F + 1, F + 1) tension, see `TensionEdges` [N/m].
-        lost: see `TensionEdges`.
     """
     found = [] if mesh.fluid is None else [_of_interfaces(mesh, table)]
     if table[-1].any():
         found.append(_of_surface(mesh, particles, table))
     one, other, sigma = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return TensionEdges(one, other, sigma, table, mesh.period, lost)
+    return TensionEdges(one, other, sigma, table, mesh.period)
 
 
 def _of_interfaces(mesh: Mesh, table: Array) -> tuple[Array, Array, Array]:

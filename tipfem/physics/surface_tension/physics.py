@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -27,6 +28,7 @@ class Tension(Physics[TensionEdges]):
     """
 
     name = "surface_tension"
+    columns = ("broken_films", "broken_film_volume")
     stored_columns = ("surface_energy", "remeshing_surface_energy", "tension_dissipation", "breakup_energy")
 
     def __init__(self, table: Array, cosines: Sequence[Mapping[tuple[int, int], float]] = ()) -> None:
@@ -54,7 +56,13 @@ class Tension(Physics[TensionEdges]):
 
     def remeshed(self, part: TensionEdges | None, particles: Particles, remap: Remap) -> tuple[TensionEdges, Particles]:
         """See `Physics.remeshed`."""
-        table, lost, sides = self._table if part is None else part.table, 0.0, remap.relabelled
+        table, sides = self._table if part is None else part.table, remap.relabelled
+        edges = find_edges(remap.mesh, particles, table)
         if sides is not None:
             lost = float(sides.length @ (table[tuple(sides.before.T)] - table[tuple(sides.now.T)]))
-        return find_edges(remap.mesh, particles, table, lost), particles
+            edges = dataclasses.replace(edges, lost=lost, broken=sides.patches, passed=sides.area)
+        return edges, particles
+
+    def row(self, part: TensionEdges | None) -> dict[str, float]:
+        """See `Physics.row`: how many films have broken or merged in the step, and the area of their cells [m^2]."""
+        return {} if part is None else {"broken_films": part.broken, "broken_film_volume": part.passed}
