@@ -27,19 +27,7 @@ if TYPE_CHECKING:
 
 
 def load_case(path: str | FilePath, overrides: Sequence[str] = ()) -> CaseFile:
-    """Read a case file and check all that can be checked without particles.
-
-    Args:
-        path: a case file in TOML.
-        overrides: values that replace those of the file, each a dotted key and a TOML value:
-            ``fluids.water.viscosity=2e-3``. List items are counted from 0: ``fill.1.fluid=air``.
-
-    Returns:
-        The case file, from which `CaseFile.case` makes the case.
-
-    Raises:
-        CaseFileError: there are mistakes; it has all of them.
-    """
+    """See `tipfem.load_case`, which gives a case file that can be run."""
     path = path_of("load_case: path", path)
     if isinstance(overrides, str) or not (
         isinstance(overrides, Sequence) and all(isinstance(text, str) for text in overrides)

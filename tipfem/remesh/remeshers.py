@@ -72,11 +72,7 @@ class Remesher(ABC):
 
     @abstractmethod
     def start(
-        self,
-        particles: Particles,
-        boundary: Boundary,
-        reference: int,
-        parts: Mapping[str, Carried] | None = None,
+        self, particles: Particles, boundary: Boundary, reference: int, parts: Mapping[str, Carried] | None = None
     ) -> State:
         """The first state.
 
@@ -131,6 +127,21 @@ class Remesher(ABC):
             del kept[name]
         new = self._state(particles, mesh, *of_cells, **{**kept, **others})
         return dataclasses.replace(new, wanted_volume=state.wanted_volume + new.volume - state.volume)
+
+    def _with_more(self, state: State, particles: Particles, mesh: Mesh, acceleration: Array) -> State:
+        """A state of the same time with particles (N,) of which those after the state's are new."""
+        before, count = len(state.particles), len(particles)
+        remap = Remap(state.mesh, mesh, np.arange(before), np.arange(count) >= before, acceleration[None])
+        parts, particles = self._carried(state.parts, particles, remap)
+        longer = {name: drops.longer(getattr(state, name), count) for name in ("fixed", "relocated")}
+        boundary = drops.boundary_of_more(state.boundary, count)
+        return self._changed(
+            state, particles, mesh, *self._material(particles, mesh), boundary=boundary, parts=parts, **longer
+        )
+
+    @abstractmethod
+    def _material(self, particles: Particles, mesh: Mesh) -> tuple[Material, Array]:
+        """What the elements are made of, and the lumped masses (N,) [kg]."""
 
     def _ended(self, solved: Solved, *values: Any, **others: Any) -> State:
         """The `_state` after a step's remeshing, with which its account ends."""
@@ -187,20 +198,11 @@ class DelaunayRemesher(Remesher):
             mesher: Mesher = TankMesher(repairs=repairs)
         else:
             mesher = FreeSurfaceMesher(SurfaceMesher(numerics.surface, case.filled))
-        return DelaunayRemesher(
-            case.fluids,
-            numerics.relocation,
-            mesher,
-            momentum_transfer=numerics.momentum_transfer,
-            physics=physics_of(case),
-        )
+        transfer, physics = numerics.momentum_transfer, physics_of(case)
+        return DelaunayRemesher(case.fluids, numerics.relocation, mesher, momentum_transfer=transfer, physics=physics)
 
     def start(
-        self,
-        particles: Particles,
-        boundary: Boundary,
-        reference: int,
-        parts: Mapping[str, Carried] | None = None,
+        self, particles: Particles, boundary: Boundary, reference: int, parts: Mapping[str, Carried] | None = None
     ) -> State:
         """See `Remesher.start`."""
         mesh = self.mesher.start(particles, boundary)
@@ -290,21 +292,8 @@ class DelaunayRemesher(Remesher):
             particles = particles.shallow_copy(fluid=np.where(in_drop, fluid, particles.fluid).astype(np.int32))
             return self._changed(state, particles, mesh, *self._material(particles, mesh))
         drops.require_empty(particles, mesh.surface, at, radius)
-        kept = np.arange(len(particles))
         particles, mesh = drops.with_disc(particles, mesh, at, radius, fluid, acceleration)
-        new = np.arange(len(particles)) >= len(kept)
-        remap = Remap(state.mesh, mesh, kept, new, acceleration[None])
-        parts, particles = self._carried(state.parts, particles, remap)
-        return self._changed(
-            state,
-            particles,
-            mesh,
-            *self._material(particles, mesh),
-            boundary=drops.boundary_of_more(state.boundary, len(particles)),
-            fixed=drops.longer(state.fixed, len(particles)),
-            relocated=drops.longer(state.relocated, len(particles)),
-            parts=parts,
-        )
+        return self._with_more(state, particles, mesh, acceleration)
 
     def _labelled(self, particles: Particles, mesh: Mesh) -> Particles:
         """The particles, with fluids for wall particles, and zero pressure at a free surface."""
@@ -380,11 +369,7 @@ class FittedRemesher(Remesher):
         )
 
     def start(
-        self,
-        particles: Particles,
-        boundary: Boundary,
-        reference: int,
-        parts: Mapping[str, Carried] | None = None,
+        self, particles: Particles, boundary: Boundary, reference: int, parts: Mapping[str, Carried] | None = None
     ) -> State:
         """See `Remesher.start`; a triangle belongs to the lightest fluid among its particles'."""
         if self._first is None:
@@ -438,7 +423,7 @@ class FittedRemesher(Remesher):
         return self._state(
             particles,
             mesh,
-            *self._material(mesh),
+            *self._material(particles, mesh),
             time=0.0,
             step=0,
             boundary=boundary,
@@ -533,7 +518,7 @@ class FittedRemesher(Remesher):
         for physics in self._physics:
             particles = physics.imposed(parts.get(physics.name), particles, boundary, solved.time, 0.25 * solved.dt)
         particles = _imposed(parts, particles)
-        (material, mass), owed = self._material(mesh), 0.0
+        (material, mass), owed = self._material(particles, mesh), 0.0
         if spray is not None:
             if passages is None:
                 given = surface_volumes.carried_through(solved, end.particles, mesh, relocated)
@@ -586,35 +571,24 @@ class FittedRemesher(Remesher):
         particles = particles.shallow_copy(fluid=particle_fluid(mesh, len(particles), self.rank))
         remap = Remap(state.mesh, mesh, None, np.zeros(len(particles), dtype=bool), acceleration[None])
         parts, particles = self._carried(state.parts, particles, remap)
-        return self._changed(state, particles, mesh, *self._material(mesh), parts=parts)
+        return self._changed(state, particles, mesh, *self._material(particles, mesh), parts=parts)
 
     def _with_disc(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
         """`with_drop` in empty space."""
-        before, empty, count = len(state.particles), state.mesh.surface.empty, len(self.density)
+        empty, count = state.mesh.surface.empty, len(self.density)
         assert empty is not None
         drops.require_walls(state.mesh)
         drops.require_empty(state.particles, state.mesh.surface, at, radius)
         particles, mesh = drops.with_disc(state.particles, state.mesh, at, radius, fluid, acceleration)
         added = np.full(len(mesh.cells) - len(state.mesh.cells), fluid, dtype=np.int32)
         mesh = dataclasses.replace(mesh, fluid=np.append(np.asarray(state.mesh.fluid), added))
-        cells = free_surface.around(mesh, empty, before, particles.spacing)
+        cells = free_surface.around(mesh, empty, len(state.particles), particles.spacing)
         whole = with_components(free_surface.beyond(mesh, cells, count), count + 1)
         mesh = free_surface.without(whole, particles.wall, count, mesh.surface.volume)
-        remap = Remap(state.mesh, mesh, np.arange(before), np.arange(len(particles)) >= before, acceleration[None])
-        parts, particles = self._carried(state.parts, particles, remap)
-        return self._changed(
-            state,
-            particles,
-            mesh,
-            *self._material(mesh),
-            boundary=drops.boundary_of_more(state.boundary, len(particles)),
-            fixed=drops.longer(state.fixed, len(particles)),
-            relocated=drops.longer(state.relocated, len(particles)),
-            parts=parts,
-        )
+        return self._with_more(state, particles, mesh, acceleration)
 
-    def _material(self, mesh: Mesh) -> tuple[SharpMaterial, Array]:
-        """What the elements are made of, and the lumped masses (N,) [kg]."""
+    def _material(self, particles: Particles, mesh: Mesh) -> tuple[SharpMaterial, Array]:
+        """See `Remesher._material`."""
         fluid = np.asarray(mesh.fluid)
         density, viscosity = self.interface.element_properties(mesh, fluid, self.fluids)
         return SharpMaterial(density, viscosity, fluid, len(self.fluids)), lumped(mesh, density)

@@ -127,6 +127,16 @@ class Triangulation:
         launch(flips.scatter, self.state, velocity, acceleration, pressure, spacing)
         return {"velocity": velocity, "acceleration": acceleration, "pressure": pressure, "target": spacing}
 
+    @property
+    def _mesh(self) -> tuple[Array, ...]:
+        """Arrays that kernels take in this order: particles, cells, neighbours, fluids, period."""
+        return self.state, self.cells, self.neighbours, self.fluid, self.period.array
+
+    @property
+    def _all(self) -> tuple[Array, ...]:
+        """The same, then corners, walls, densities."""
+        return *self._mesh, self.corner, self.wall, self.density
+
     def make_delaunay(self, tolerance: float, *, stale_only: bool = False) -> int:
         """Flip edges that are not Delaunay, and return the number of flips.
 
@@ -140,31 +150,14 @@ class Triangulation:
         elements = len(self.cells)
         if not stale_only:
             self._stale = np.full(elements, CURRENT, dtype=np.int8)
-            launch(
-                flips.find_flips,
-                self.state,
-                self.cells,
-                self.neighbours,
-                self.fluid,
-                self.period.array,
-                self._stale,
-                tolerance,
-                work=(elements, flips.FIND_FLIPS),
-            )
+            launch(flips.find_flips, *self._mesh, self._stale, tolerance, work=(elements, flips.FIND_FLIPS))
         counters, most = np.zeros(flips.COUNTERS, dtype=np.int32), max(8 * elements, 64)
         keys, names = np.empty((most, 2)), np.empty(most, dtype=np.int32)
         while True:
             counters[flips.QUEUE_FULL] = 0
             launch(
                 flips.make_delaunay,
-                self.state,
-                self.cells,
-                self.neighbours,
-                self.fluid,
-                self.period.array,
-                self.corner,
-                self.wall,
-                self.density,
+                *self._all,
                 self._stale,
                 keys,
                 names,
@@ -228,11 +221,7 @@ class Triangulation:
         edges, keys, counters = np.empty(size, dtype=np.int32), np.empty(size), np.zeros(3, dtype=np.int32)
         launch(
             edge_kernels.longest_edges,
-            self.state,
-            self.cells,
-            self.neighbours,
-            self.fluid,
-            self.period.array,
+            *self._mesh,
             self.density,
             edges,
             keys,
@@ -247,19 +236,7 @@ class Triangulation:
         """Names of all edges longer than ``long`` targets, in the order of `longest_edges`."""
         size = 3 * len(self.cells)
         edges, keys = np.empty(size, dtype=np.int32), np.empty(size)
-        count = launch(
-            edge_kernels.long_edges,
-            self.state,
-            self.cells,
-            self.neighbours,
-            self.fluid,
-            self.period.array,
-            self.density,
-            edges,
-            keys,
-            long,
-            long,
-        )
+        count = launch(edge_kernels.long_edges, *self._mesh, self.density, edges, keys, long, long)
         return _sorted(edges, keys, count)
 
     def repair_interfaces(
@@ -301,14 +278,7 @@ class Triangulation:
         def repair(slide: int, limits: Array) -> None:
             launch(
                 films_contacts.repair_interfaces,
-                self.state,
-                self.cells,
-                self.neighbours,
-                self.fluid,
-                self.period.array,
-                self.corner,
-                self.wall,
-                self.density,
+                *self._all,
                 self._stale,
                 fixed,
                 self.marks(),
@@ -383,14 +353,7 @@ class Triangulation:
         removed, edges, keys = np.empty(count, dtype=np.int32), np.empty(size, dtype=np.int32), np.empty(size)
         launch(
             coarsen_refine.coarsen,
-            self.state,
-            self.cells,
-            self.neighbours,
-            self.fluid,
-            self.period.array,
-            self.corner,
-            self.wall,
-            self.density,
+            *self._all,
             self._stale,
             held.astype(np.int32),
             removed,
@@ -456,11 +419,7 @@ class Triangulation:
         done = np.zeros(len(particles), dtype=np.int8)
         launch(
             removing.remove_from_cells,
-            self.state,
-            self.cells,
-            self.neighbours,
-            self.fluid,
-            self.period.array,
+            *self._mesh,
             self.corner,
             self._stale,
             particles.astype(np.int32),
@@ -500,23 +459,7 @@ class Triangulation:
             self._stale = np.concatenate([self._stale, np.full(short, CURRENT, dtype=np.int8)])
             cells = np.concatenate([cells, np.arange(first, first + short, dtype=np.int32)])
         counters, touched = np.zeros(2, dtype=np.int32), np.zeros(len(self.cells), dtype=np.int8)
-        launch(
-            refining.refine,
-            self.state,
-            self.cells,
-            self.neighbours,
-            self.fluid,
-            self.period.array,
-            self.corner,
-            self.wall,
-            self.density,
-            edges[: self.candidates()],
-            cells,
-            self.removed,
-            touched,
-            counters,
-            room,
-        )
+        launch(refining.refine, *self._all, edges[: self.candidates()], cells, self.removed, touched, counters, room)
         new = np.flatnonzero(touched)
         beside = self.neighbours[new]
         self._stale[new] = self._stale[beside[beside >= 0]] = STALE
