@@ -140,7 +140,7 @@ def test_commands_set_discharge_and_valve_and_are_repeated_to_the_bit(tmp_path):
     [
         (lambda: tp.Discharge("vent", 0.1), "discharge: opening is 'vent'; it must be one of nozzle"),
         (lambda: tp.Valve("door", True), "valve: opening is 'door'; it must be one of nozzle, vent"),
-        (lambda: tp.Discharge("nozzle", "much"), "discharge: value is 'much' m.2/s; it must be a number"),
+        (lambda: tp.Discharge("nozzle", "much"), "discharge: value is 'much', a text; it must be a number in m.2/s"),
         (lambda: tp.Valve("nozzle", 1), "valve: open is 1; it must be True or False"),
         (lambda: tp.Valve("vent", False), "valve: 0.06 m.2/s enter by inlets, and all that can leave is closed: vent"),
     ],

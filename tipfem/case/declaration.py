@@ -22,7 +22,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 import numpy as np
 from annotated_types import Ge, Gt, Le, Len, MinLen
 
-from tipfem.arguments import is_number, numbers
+from tipfem.arguments import brief, is_number, numbers
 from tipfem.errors import Invalid
 
 T = TypeVar("T")
@@ -182,6 +182,7 @@ def _declared(annotation: Any, sentence: str, default: Any) -> Declared:
             )
         else:
             break
+    origin = Sequence if origin is tuple else origin
     items = arguments[0] if origin is Sequence else None
     if items is not None and hasattr(items, "__metadata__"):
         limits += items.__metadata__
@@ -233,7 +234,7 @@ def require(
         field, value = fields[name], getattr(instance, name)
         if not field.takes(value):
             number = isinstance(value, Real | Sequence) and not isinstance(value, bool | str)
-            shown = f"{value!r} {field.unit}" if field.unit and number else repr(value)
+            shown = f"{brief(value)} {field.unit}" if field.unit and number else brief(value)
             expected = field.expected()
             if isinstance(value, str) and field.kind in (float, int):
                 shown, expected = f"{shown}, a text", f"{expected}, without quotes"
@@ -248,14 +249,16 @@ def plain(value: Any, function: Callable[[Any], Any] = lambda value: value) -> A
         value: the value.
         function: what stands in place of a function.
     """
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+    if callable(value):
+        return function(value)
+    if dataclasses.is_dataclass(value):
         fields = [field.name for field in dataclasses.fields(value) if field.init]
         return {name: plain(getattr(value, name), function) for name in fields}
     if isinstance(value, Mapping):
         return {key: plain(item, function) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [plain(item, function) for item in value]
-    return function(value) if callable(value) else value
+    return value
 
 
 def changed(instance: Any) -> dict[str, Any]:

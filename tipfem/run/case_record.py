@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,9 +11,10 @@ import numpy as np
 from tipfem.case.beaches import Beach
 from tipfem.case.body import Body
 from tipfem.case.case import Case
+from tipfem.case.declaration import declared, made, plain
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
-from tipfem.case.numerics import FittedRule, Numerics, RelocationRule, SurfaceRule
+from tipfem.case.numerics import Numerics
 from tipfem.case.openings import Inlet, Opening, Outlet, Vent
 from tipfem.case.particles import Particles
 from tipfem.case.walls import Wall
@@ -37,7 +37,7 @@ def case_record(case: Case) -> dict[str, Any]:
         "free_surface": case.free_surface,
         "title": case.title,
         "numerics": _plain(case.numerics),
-        "walls": [_wall(wall) for wall in case.walls],
+        "walls": [{**_plain(wall), "contact_angle": _by_interface(wall.contact_angle)} for wall in case.walls],
         "tank_motion": _plain(case.tank_motion),
         "grading": _plain(case.grading),
         # As polygons, which a body in a tank has.
@@ -64,9 +64,6 @@ def case_from(record: Mapping[str, Any]) -> Case:
         )
     particles = Particles.__new__(Particles)
     vars(particles).update(record["particles"])
-    numerics = dict(record["numerics"])
-    for name, rule in (("relocation", RelocationRule), ("fitting", FittedRule), ("surface", SurfaceRule)):
-        numerics[name] = rule(**numerics[name])
     grading = record["grading"]
     case = Case(
         particles,
@@ -74,7 +71,7 @@ def case_from(record: Mapping[str, Any]) -> Case:
         record["gravity"],
         interface=record["interface"],
         free_surface=record["free_surface"],
-        numerics=Numerics(**numerics),
+        numerics=made(Numerics, record["numerics"]),
         title=record["title"],
         walls=[_wall_from(wall) for wall in record["walls"]],
         grading=None if grading is None else Grading(**grading),
@@ -98,20 +95,16 @@ def _is_function(value: Any) -> bool:
     return isinstance(value, Mapping) and set(value) == {"function"}
 
 
-def _by_interface(given: Mapping[Any, float]) -> list[dict[str, Any]]:
+def _by_interface(given: Mapping[Any, float] | None) -> list[dict[str, Any]] | None:
     """Values of interfaces, by one or two fluids, without keys that are tuples."""
+    if given is None:
+        return None
     pairs = {(one,) if isinstance(one, str) else one: value for one, value in given.items()}
     return [{"name": " and ".join(pair), "between": list(pair), "value": pairs[pair]} for pair in sorted(pairs)]
 
 
 def _from_interfaces(record: Sequence[Mapping[str, Any]] | None) -> dict[Any, float] | None:
     return None if record is None else {tuple(each["between"]): each["value"] for each in record}
-
-
-def _wall(wall: Wall) -> dict[str, Any]:
-    """A wall as plain values."""
-    angles = None if wall.contact_angle is None else _by_interface(wall.contact_angle)
-    return {**_plain(dataclasses.replace(wall, contact_angle=None)), "contact_angle": angles}
 
 
 def _wall_from(record: Mapping[str, Any]) -> Wall:
@@ -124,25 +117,21 @@ def _wall_from(record: Mapping[str, Any]) -> Wall:
 
 def _opening(opening: Opening) -> dict[str, Any]:
     """An opening as plain values, with its fluid by name."""
-    values = {field.name: getattr(opening, field.name) for field in dataclasses.fields(opening) if field.init}
-    if isinstance(values.get("fluid"), Fluid):
-        values["fluid"] = values["fluid"].name
-    return {"name": opening.name, "kind": opening.kind, "values": _plain(values)}
+    values = _plain(opening)
+    if isinstance(values.get("fluid"), Mapping):
+        values["fluid"] = values["fluid"]["name"]
+    return {"name": opening.name, "kind": opening.kind, "values": values}
 
 
 def _plain(value: Any) -> Any:
     """A value as nested dicts of plain values."""
-    if isinstance(value, WaveMaker):
-        return {"form": value.form, **{field.name: getattr(value, field.name) for field in dataclasses.fields(value)}}
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value) if field.init}
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if callable(value):
-        return {"function": _described(value)}
-    return value
+    return plain(value, _function)
+
+
+def _function(function: Any) -> dict[str, Any]:
+    if isinstance(function, WaveMaker):
+        return {"form": function.form, **{name: getattr(function, name) for name in declared(type(function))}}
+    return {"function": _described(function)}
 
 
 def _described(function: Any) -> str:

@@ -6,12 +6,14 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from annotated_types import Ge, Gt, Len
 
-from tipfem.arguments import brief, is_number
 from tipfem.case.case import Case
+from tipfem.case.declaration import Unit, declared, require
+from tipfem.errors import Invalid
 
 # Largest magnitude of a gravity or of a poke [m/s^2]: ten times that of the earth. More would shorten the steps, and
 # throw the particles about, without showing more.
@@ -19,31 +21,12 @@ LARGEST_ACCELERATION = 98.0665
 LEAST_DROP = 2.0  # radius, in spacings: a smaller drop has too few cells to keep its shape
 
 
-def _vector(what: str, value: Any) -> tuple[float, ...]:
-    given = tuple(value) if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str) else ()
-    if len(given) not in (2, 3) or not all(is_number(each) for each in given):
-        raise ValueError(f"{what} is {brief(value)}; it must be 2 or 3 finite numbers")
-    return tuple(float(each) for each in given)
-
-
-def _acceleration(what: str, value: Any) -> tuple[float, ...]:
-    given = _vector(what, value)
-    if math.hypot(*given) > LARGEST_ACCELERATION * (1 + 1e-9):
-        raise ValueError(
-            f"{what} is {list(given)} m/s^2, of magnitude {math.hypot(*given):.4g}; it must be at most "
-            f"{LARGEST_ACCELERATION:g} m/s^2"
-        )
-    return given
-
-
-def _positive(what: str, value: Any, unit: str) -> float:
-    if not (is_number(value) and value > 0):
-        raise ValueError(f"{what} is {brief(value)} {unit}; it must be a number > 0")
-    return float(value)
+Vector = Annotated[tuple[float, ...], Len(2, 3)]
+Acceleration = Annotated[Vector, Unit("m/s^2")]
 
 
 class Command(ABC):
-    """A command to a run.
+    """A command to a run; its values are declared, and checked when it is made.
 
     Attributes:
         name: of the command in files and messages.
@@ -52,6 +35,20 @@ class Command(ABC):
 
     name: ClassVar[str]
     physical: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        require(self, subject=self.name)
+        for key, field in declared(type(self)).items():
+            value = getattr(self, key)
+            if field.items is float:
+                object.__setattr__(self, key, tuple(map(float, value)))
+                if field.unit == "m/s^2" and (size := math.hypot(*value)) > LARGEST_ACCELERATION * (1 + 1e-9):
+                    text = (
+                        f"is {list(value)} m/s^2, of magnitude {size:.4g}; it must be at most {LARGEST_ACCELERATION:g}"
+                    )
+                    raise Invalid(key, f"{text} m/s^2", self.name)
+            elif field.kind is float and value is not None:
+                object.__setattr__(self, key, float(value))
 
     def values(self) -> dict[str, Any]:
         """Its values for JSON, by name, from which `command_from` makes it again."""
@@ -80,11 +77,8 @@ class Gravity(Command):
         ValueError: it is not finite, or larger than `LARGEST_ACCELERATION`; or there are no walls, see `tipfem.Case`.
     """
 
-    value: tuple[float, ...]
+    value: Acceleration
     name = "gravity"
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "value", _acceleration("gravity", self.value))
 
     def require(self, case: Case) -> None:
         """See `Command.require`."""
@@ -109,18 +103,11 @@ class Poke(Command):
         ValueError: a value is not finite, not positive, or larger than `LARGEST_ACCELERATION`.
     """
 
-    at: tuple[float, ...]
-    acceleration: tuple[float, ...]
-    radius: float
-    duration: float | None = None
+    at: Annotated[Vector, Unit("m")]
+    acceleration: Acceleration
+    radius: Annotated[float, Gt(0), Unit("m")]
+    duration: Annotated[float, Gt(0), Unit("s")] | None = None
     name = "poke"
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "at", _vector("poke: at", self.at))
-        object.__setattr__(self, "acceleration", _acceleration("poke: acceleration", self.acceleration))
-        object.__setattr__(self, "radius", _positive("poke: radius", self.radius, "m"))
-        if self.duration is not None:
-            object.__setattr__(self, "duration", _positive("poke: duration", self.duration, "s"))
 
     def require(self, case: Case) -> None:
         """See `Command.require`."""
@@ -163,16 +150,10 @@ class Drop(Command):
         ValueError: a value is not finite or not positive, or the fluid is not named.
     """
 
-    at: tuple[float, ...]
-    radius: float
+    at: Annotated[Vector, Unit("m")]
+    radius: Annotated[float, Gt(0), Unit("m")]
     fluid: str
     name = "drop"
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "at", _vector("drop: at", self.at))
-        object.__setattr__(self, "radius", _positive("drop: radius", self.radius, "m"))
-        if not isinstance(self.fluid, str):
-            raise ValueError(f"drop: fluid is {self.fluid!r}; it must be the name of a fluid")
 
     def require(self, case: Case) -> None:
         """See `Command.require`; where there is room is found when the drop is added."""
@@ -201,17 +182,15 @@ class SurfaceTension(Command):
     """
 
     between: tuple[str, ...]
-    value: float
+    value: Annotated[float, Ge(0), Unit("N/m")]
     name = "surface_tension"
 
     def __post_init__(self) -> None:
         names = (self.between,) if isinstance(self.between, str) else self.between
         if not (isinstance(names, Sequence) and len(names) in (1, 2) and all(isinstance(name, str) for name in names)):
             raise ValueError(f"surface_tension: between is {self.between!r}; it must be the names of one or two fluids")
-        if not (is_number(self.value) and self.value >= 0):
-            raise ValueError(f"surface_tension: value is {self.value!r} N/m; it must be a number >= 0")
         object.__setattr__(self, "between", tuple(names))
-        object.__setattr__(self, "value", float(self.value))
+        super().__post_init__()
 
     def require(self, case: Case) -> None:
         """See `Command.require`."""
@@ -237,14 +216,8 @@ class Discharge(Command):
     """
 
     opening: str
-    value: float
+    value: Annotated[float, Unit("m^2/s")]
     name = "discharge"
-
-    def __post_init__(self) -> None:
-        _opening_name(self.name, self.opening)
-        if not is_number(self.value):
-            raise ValueError(f"discharge: value is {brief(self.value)} m^2/s; it must be a number")
-        object.__setattr__(self, "value", float(self.value))
 
     def require(self, case: Case) -> None:
         """See `Command.require`."""
@@ -267,19 +240,9 @@ class Valve(Command):
     open: bool
     name = "valve"
 
-    def __post_init__(self) -> None:
-        _opening_name(self.name, self.opening)
-        if not isinstance(self.open, bool):
-            raise ValueError(f"valve: open is {brief(self.open)}; it must be True or False")
-
     def require(self, case: Case) -> None:
         """See `Command.require`."""
         _require_opening(self.name, self.opening, [o.name for o in case.openings])
-
-
-def _opening_name(what: str, value: object) -> None:
-    if not isinstance(value, str):
-        raise ValueError(f"{what}: opening is {brief(value)}; it must be the name of an opening")
 
 
 def _require_opening(what: str, name: str, names: Sequence[str]) -> None:
@@ -321,12 +284,8 @@ class Advance(_Timing):
         ValueError: it is no whole number > 0.
     """
 
-    count: int = 1
+    count: Annotated[int, Ge(1)] = 1
     name = "step"
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.count, int) or isinstance(self.count, bool) or self.count < 1:
-            raise ValueError(f"step: count is {self.count!r}; it must be a whole number > 0")
 
 
 @dataclass(frozen=True)
