@@ -561,3 +561,9 @@ def test_a_probe_in_a_baffle_is_refused(probe, fits):
     with pytest.raises(CaseFileError, match=r"lies outside of the tank, 0\.1 m behind '[bcd]'") as caught:
         read_case(text, "case.toml").case()
     assert "case.toml:" in str(caught.value)
+
+
+def test_mistakes_of_probes_that_need_the_particles_are_told_at_once():
+    more = '[[probes]]\ntype = "point"\nname = "p"\nat = [9, 0.1]\n[checkpoint]'
+    lines = errors_of(GOOD.replace("x = 0.15", "x = 3", 1).replace("[checkpoint]", more, 1))
+    assert ["probes[0].x is 3.0 m" in lines[0], "probes[1].at is [9.0, 0.1] m" in lines[1]] == [True, True]

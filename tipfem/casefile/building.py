@@ -241,14 +241,12 @@ class Parts:
             if not any(table.half_space.normal):
                 self.report((*path, "half_space", "normal"), "is zero; it must be a direction")
                 fits = False
-        if table.shape and d != 2:
-            self.report((*path, "shape"), "is given in 3-D; shapes are for 2-D only")
-            fits = False
-        elif table.shape:
+        for key in ("shape", "polygon"):
+            if getattr(table, key) and d != 2:
+                self.report((*path, key), f"is given in 3-D; {key}s are for 2-D only")
+                fits = False
+        if table.shape and d == 2:
             fits = self._made((*path, "shape"), table.shape.shape) is not None and fits
-        if table.polygon and d != 2:
-            self.report((*path, "polygon"), "is given in 3-D; polygons are for 2-D only")
-            fits = False
         for key in ("below", "above"):
             curve = getattr(table, key)
             if isinstance(curve, Polyline) and (np.diff([point[0] for point in curve.points]) <= 0).any():

@@ -40,6 +40,7 @@ from tipfem.results.whole_file import replaced
 
 NOT_KEPT = "not kept: "  # begins what stands in place of a part that a case file cannot keep
 ARRAYS = ("position", "fluid", "wall", "velocity", "acceleration", "pressure")
+WALL = ("law", "slip", "slip_length", "velocity", "motion", "contact_angle")
 FUNCTIONS = tuple(FORMS.values())
 
 
@@ -292,24 +293,15 @@ class _Writer:
     def wall(self, wall: Wall, count: int) -> None:
         """A wall that is not one of a tank; ``count`` is the number of all particles."""
         place: dict[str, Any] = {}
-        if wall.side is not None:
-            options = {
-                key: getattr(wall, key)
-                for key in ("law", "slip", "slip_length", "velocity", "contact_angle")
-                if getattr(wall, key)
-            }
-            self.table(("walls", wall.side), self.wall_options(wall.side, options))
-            return
         if wall.between is not None:
             place["between"] = numbers(wall.between).tolist()
-        else:
+        elif wall.side is None:
             particles = np.asarray(wall.particles)
             place["particles"] = (np.flatnonzero(particles) if particles.dtype == bool else particles).tolist()
-        options = {
-            key: getattr(wall, key) for key in ("law", "slip", "slip_length", "velocity", "motion", "contact_angle")
-        }
+        options = {key: getattr(wall, key) for key in WALL}
         options = {key: value for key, value in options.items() if value is not None and value is not False}
-        self.table(("walls", wall.name), {**place, **(self.wall_options(wall.name, options) or {"slip": False})})
+        content = {**place, **(self.wall_options(wall.name, options) or {"slip": False})}
+        self.table(("walls", wall.side or wall.name), content)
 
     def wall_options(self, name: str, options: Mapping[str, Any]) -> dict[str, Any]:
         """What a wall does."""

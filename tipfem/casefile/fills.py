@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from typing import Any
 
-from tipfem.casefile.forms import HalfSpace, Polygon, Side
+from tipfem.casefile.forms import Polygon, Side
 from tipfem.casefile.schema import FillTable
 
-SHAPES = ("box", "disc", "half_space", "polygon", "shape", "below", "above")
+# What `Tank.fill` is given for each key of a fill that is a shape.
+SHAPES: dict[str, Callable[[Any], dict[str, Any]]] = {
+    "box": lambda box: {"box": box},
+    "disc": lambda disc: {"disc": (disc.centre, disc.radius)},
+    "half_space": lambda half_space: {"where": half_space},
+    "polygon": lambda points: {"where": Polygon(points=points)},
+    "shape": lambda table: {"shape": table.shape()},
+    "below": lambda curve: {"where": Side(curve=curve, above=False)},
+    "above": lambda curve: {"where": Side(curve=curve, above=True)},
+}
 
 
 def shapes_of(table: FillTable) -> list[str]:
@@ -18,18 +27,4 @@ def shapes_of(table: FillTable) -> list[str]:
 
 def shape_of(table: FillTable) -> dict[str, Any]:
     """What `Tank.fill` is given for a fill's shape."""
-    given: Iterable[str] = shapes_of(table)
-    for key in given:
-        value = getattr(table, key)
-        if key == "box":
-            return {"box": value}
-        if key == "disc":
-            return {"disc": (value.centre, value.radius)}
-        if key == "shape":
-            return {"shape": value.shape()}
-        if isinstance(value, HalfSpace):
-            return {"where": value}
-        if key == "polygon":
-            return {"where": Polygon(points=value)}
-        return {"where": Side(curve=value, above=key == "above")}
-    return {}
+    return next((SHAPES[key](getattr(table, key)) for key in shapes_of(table)), {})

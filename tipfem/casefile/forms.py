@@ -121,6 +121,7 @@ Value = Annotated[
     ),
 ]
 VALUE = "in the SI unit of what the function is for; a list has one number for each coordinate"
+VALUES = ("value", "amplitude", "mean", "end_value", "start_value")
 Vector = Annotated[list[float], Field(min_length=2, max_length=3)]
 Point = Annotated[list[float], Field(min_length=2, max_length=2)]
 
@@ -141,22 +142,26 @@ def smooth_step(part: float) -> float:
     return t * t * t * (10.0 + t * (6.0 * t - 15.0))
 
 
-class Constant(Model):
+class TimeForm(Model):
+    """A function of time."""
+
+    def sizes(self) -> Iterator[tuple[str, int]]:
+        """Keys that hold values, and how many numbers each has."""
+        yield from ((key, size_of(value)) for key, value in self.given().items() if key in VALUES)
+
+
+class Constant(TimeForm):
     """The same value at all times."""
 
     form: Literal["constant"] = Field(description="the kind of function")
     value: Value = quantity(f"the value, {VALUE}")
-
-    def sizes(self) -> Iterator[tuple[str, int]]:
-        """Keys that hold values, and how many numbers each has."""
-        yield "value", size_of(self.value)
 
     def __call__(self, time: float) -> Any:
         """The value at a time [s]."""
         return _result(np.asarray(self.value))
 
 
-class Sine(Model):
+class Sine(TimeForm):
     """soft(t) (mean + amplitude sin(2 pi frequency t + phase))."""
 
     form: Literal["sine"] = Field(description="the kind of function")
@@ -172,12 +177,6 @@ class Sine(Model):
         ge=0,
     )
 
-    def sizes(self) -> Iterator[tuple[str, int]]:
-        """Keys that hold values, and how many numbers each has."""
-        yield "amplitude", size_of(self.amplitude)
-        if "mean" in self.model_fields_set:
-            yield "mean", size_of(self.mean)
-
     def __call__(self, time: float) -> Any:
         """The value at a time [s]."""
         wave = np.asarray(self.amplitude) * np.sin(2 * np.pi * self.frequency * time + self.phase)
@@ -185,7 +184,7 @@ class Sine(Model):
         return _result(value * smooth_step(time / self.soft_start) if self.soft_start else value)
 
 
-class Ramp(Model):
+class Ramp(TimeForm):
     """From one value to another between two times, by a polynomial of fifth order whose ends are smooth."""
 
     form: Literal["ramp"] = Field(description="the kind of function")
@@ -194,12 +193,6 @@ class Ramp(Model):
     start_time: float = quantity("when it begins to change", "s", 0.0, ge=0)
     end_time: float = quantity("when it has reached the end value; later than start_time", "s", gt=0)
 
-    def sizes(self) -> Iterator[tuple[str, int]]:
-        """Keys that hold values, and how many numbers each has."""
-        yield "end_value", size_of(self.end_value)
-        if "start_value" in self.model_fields_set:
-            yield "start_value", size_of(self.start_value)
-
     def __call__(self, time: float) -> Any:
         """The value at a time [s]."""
         part = smooth_step((time - self.start_time) / (self.end_time - self.start_time))
@@ -207,7 +200,7 @@ class Ramp(Model):
         return _result(start + part * (end - start))
 
 
-class Table(Model):
+class Table(TimeForm):
     """Values at given times, and what lies between them; from a CSV file or from lists in the case file."""
 
     form: Literal["table"] = Field(description="the kind of function")
@@ -228,7 +221,7 @@ class Table(Model):
     )
 
     def sizes(self) -> Iterator[tuple[str, int]]:
-        """Keys that hold values, and how many numbers each has."""
+        """See `TimeForm.sizes`."""
         for value in self.values or ():
             yield "values" if self.file is None else "file", size_of(value)
 
@@ -312,12 +305,8 @@ def _is_float(text: str) -> bool:
         return False
 
 
-class WaveForm(Model):
+class WaveForm(TimeForm):
     """Displacement of a wall that makes waves."""
-
-    def sizes(self) -> Iterator[tuple[str, int]]:
-        """Keys that hold values, and how many numbers each has: none, for their units are known."""
-        yield from ()
 
     def made(self) -> WaveMaker:
         """The wave maker of that form.

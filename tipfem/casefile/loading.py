@@ -160,9 +160,16 @@ class CaseFile:
         from tipfem.case.motion_sweep import require_room  # here, for it starts Taichi
 
         made: Case = self.placed(self.parts.case)
-        for probe in self.parts.probes:
-            self.placed(partial(probe.columns, made))
-        self.placed(partial(require_room, made, 0.0, self.end))
+        problems: list[Problem] = []
+        checks: list[Callable[[], Any]] = [partial(probe.columns, made) for probe in self.parts.probes]
+        checks.append(partial(require_room, made, 0.0, self.end))
+        for check in checks:
+            try:
+                self.placed(check)
+            except CaseFileError as error:
+                problems += error.problems
+        if problems:
+            raise CaseFileError(problems)
         return made
 
     def placed(self, make: Callable[[], Any]) -> Any:
