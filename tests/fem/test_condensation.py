@@ -18,13 +18,15 @@ NODES, DIM = 10, 2
 
 
 def relations(seed=0):
-    """Node 1 slides on a wall, as does 7, its copy; nodes 4 and 5 follow the body 9, and 5 node 0, too."""
+    """Node 1 slides on a wall, as does 7, its copy; nodes 3, 4 and 5 follow the body 9, 5 node 0, too.
+
+    Node 3 slides on the body: it follows itself, too.
+    """
     rng = np.random.default_rng(seed)
-    node, parent = np.array([1, 4, 5, 5]), np.array([1, 9, 9, 0])
-    row, column = rng.standard_normal((2, 4, 2, 2))
-    angle = rng.uniform(0, np.pi)
-    along = np.array([np.cos(angle), np.sin(angle)])
-    row[0] = column[0] = np.outer(along, along)
+    node, parent = np.array([1, 3, 3, 4, 5, 5]), np.array([1, 9, 3, 9, 9, 0])
+    row, column = rng.standard_normal((2, 6, 2, 2))
+    for k, angle in zip((0, 2), rng.uniform(0, np.pi, 2), strict=True):
+        row[k] = column[k] = np.outer(*2 * [np.array([np.cos(angle), np.sin(angle)])])
     return Follows(node, parent, row, column)
 
 
@@ -80,7 +82,7 @@ def test_matrix_residual_and_correction_are_those_of_numpy(monkeypatch, single):
     rng, buffers, follows = np.random.default_rng(3), Buffers(), relations()
     condensation = Condensation(OWNER, relations(9), buffers)
     condensation.set(follows)
-    assert condensation.count == 5
+    assert condensation.count == 6
     starts, other = condensation.couplings(np.array([3]), np.array([6]), CELLS)
     one = np.repeat(np.arange(NODES), np.diff(starts))
     assert (

@@ -20,13 +20,14 @@ from tipfem.typing import Array
 
 RESERVED = ("wall",)  # names with columns of their own in the history
 FREEDOMS = ("x", "y", "angle")
+CONDITIONS = ("slip", "slip_length", "law")  # on the outline, of which one is given
 CONTACT = 0.5  # gap below which bodies and walls are in contact [spacings]
 ARC = 32  # edges in place of an arc of a right angle, before the body is meshed
 
 
 @dataclass(frozen=True)
 class Body:
-    """A rigid body in the fluids, per metre of depth. Its surface does not slip.
+    """A rigid body in the fluids, per metre of depth.
 
     With ``motion`` the body moves as prescribed, with ``density`` (or ``mass``) it floats: its three degrees of freedom
     are solved together with the fluids. With neither it is a fixed obstacle.
@@ -56,6 +57,9 @@ class Body:
         damping: (3,) of dampers to ground, for the same velocities [N s/m, N m s per metre of depth].
         contact: what happens when the gap to a wall or to another body becomes less than about half a spacing: "stop"
             ends the run with an error, "hold" fixes the body where it is from then on.
+        slip: whether fluids slide along the outline without friction.
+        slip_length: l [m] of Navier's condition on the outline, see `Wall`.
+        law: "layer" or "no-slip", see `Wall`; by default the first, with the interpolated interface the second.
         outline: the shape.
         corners: (K, 2) of the outline as a polygon, anticlockwise [m].
 
@@ -77,6 +81,9 @@ class Body:
     stiffness: Annotated[Sequence[Annotated[float, Ge(0)]], Len(3, 3)] = (0.0, 0.0, 0.0)
     damping: Annotated[Sequence[Annotated[float, Ge(0)]], Len(3, 3)] = (0.0, 0.0, 0.0)
     contact: Literal["stop", "hold"] = "stop"
+    slip: bool = False
+    slip_length: Annotated[float, Gt(0), Unit("m")] | None = None
+    law: Literal["no-slip", "layer"] | None = None
     outline: Shape = field(init=False, repr=False, compare=False)
     corners: Array = field(init=False, repr=False, compare=False)
     _moments: tuple[float, Array, float] = field(init=False, repr=False, compare=False)
@@ -97,6 +104,9 @@ class Body:
         if self.motion is not None and self.floats:
             raise self._invalid("motion", "prescribes where the body is, and density or mass let it float; give one")
         self._check_freedoms()
+        given = [name for name in CONDITIONS if getattr(self, name)]
+        if len(given) > 1:
+            raise self._invalid(given[1], f"is given beside {given[0]}; give one of the two")
         if self.motion is not None:
             try:
                 self.motion.check(2)
@@ -135,6 +145,11 @@ class Body:
         return f"body {self.name!r}"
 
     @property
+    def slips(self) -> bool:
+        """Whether fluids slide along the outline."""
+        return any(getattr(self, name) not in (None, False, "no-slip") for name in CONDITIONS)
+
+    @property
     def floats(self) -> bool:
         """Whether the fluids move the body."""
         return self.density is not None or self.mass is not None
@@ -145,6 +160,14 @@ class Body:
         if not self.floats:
             return ()
         return ("angle",) if self.hinge is not None else tuple(self.free or FREEDOMS)
+
+    def with_law(self, law: str) -> Body:
+        """The body with a law for its outline where nothing is said of that."""
+        if self.slips or self.law is not None:
+            return self
+        new = copy.copy(self)
+        object.__setattr__(new, "law", law)
+        return new
 
     def meshed(self, corners: Array) -> Body:
         """The body with its outline as a polygon (K, 2) [m], anticlockwise."""

@@ -12,7 +12,7 @@ from tipfem.arguments import numbers
 from tipfem.case.beaches import Beach, zones_of
 from tipfem.case.body import Body
 from tipfem.case.boundary import Boundary
-from tipfem.case.default_laws import Setting
+from tipfem.case.default_laws import Setting, default_body_law
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.largest_step import DEFAULT, RESOLVED
@@ -336,7 +336,13 @@ class Case:
             raise ValueError(f"Case: there are bodies ({', '.join(names)}), which are for 2-D only")
         if self.numerics.jacobian == "matrix-free" and any(body.floats for body in result):
             raise ValueError("Case: with Numerics(jacobian='matrix-free') no body can float; say jacobian='rows'")
-        return result
+        sharp = self.interface == "sharp"
+        if not sharp and (slipping := [body for body in result if body.slips]):
+            name = slipping[0].name
+            text = ": fluids slip along it, which needs interface = 'sharp'; say law = 'no-slip'"
+            raise Invalid(("bodies", name), text, f"body {name!r}")
+        setting = Setting(self.particles.dimension, sharp, self.free_surface, own_walls=False)
+        return [body.with_law(default_body_law(setting)) for body in result]
 
     def _checked_openings(self, given: Sequence[Opening]) -> list[Opening]:
         """The openings as a list; see the class for errors."""

@@ -73,3 +73,9 @@ RULES = (
 def default_law(setting: Setting, *, curved: bool) -> Rule:
     """The rule for a wall of a tank of which nothing is said; ``curved`` tells whether the wall is."""
     return next(rule for rule in RULES if rule.applies(setting, curved))
+
+
+def default_body_law(setting: Setting) -> str:
+    """The law of outlines of bodies of which nothing is said."""
+    del setting
+    return "no-slip"

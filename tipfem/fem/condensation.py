@@ -82,18 +82,23 @@ class Condensation:
         parent = np.where(source < 0, np.repeat(of, length), np.append(follows.parent, 0)[source])
         node, parent = np.concatenate([follows.node, node]), np.concatenate([follows.parent, parent])
         source = np.concatenate([np.arange(len(follows.node)), source])
-        # Those that follow themselves alone come first.
-        order = np.lexsort((node, node != parent))
+        # Those that follow themselves alone come first, then those that follow themselves and others.
+        alone = np.bincount(node, minlength=self._nodes)[node] == 1
+        itself = np.zeros(self._nodes, dtype=bool)
+        itself[node[node == parent]] = True
+        order = np.lexsort((node != parent, node, np.where(itself[node], np.where(alone, 0, 1), 2)))
         self._node, self._parent, self._source = node[order], parent[order], source[order]
         starts = np.flatnonzero(np.diff(self._node, prepend=-1))
         followers, self._starts = self._node[starts], np.append(starts, len(self._node))
         self._numbers = number = np.full(self._nodes, -1)
         number[followers] = np.arange(len(followers))
-        self.count, self._own = len(followers), int((followers == self._parent[starts]).sum())
+        self.count, self._partly = len(followers), int(itself[followers].sum())
+        self._own = int((itself[followers] & (np.diff(self._starts) == 1)).sum())
         self._followers = followers
-        by_parent = np.lexsort((self._node, self._node != self._parent, self._parent))
-        parents, lists = np.unique(self._parent[by_parent], return_index=True)
-        self._parents = len(parents)
+        by_parent = np.lexsort((self._node, self._node != self._parent, self._parent, itself[self._parent]))
+        lists = np.flatnonzero(np.diff(self._parent[by_parent], prepend=-1))
+        parents = self._parent[by_parent][lists]
+        self._parents, self._others = len(parents), int((~itself[parents]).sum())
         if not self.count:
             return
         put = buffers.upload
@@ -157,20 +162,21 @@ class Condensation:
     def spread(self, x: Any) -> None:
         """Give the followers their displacements in a vector (P (d + 1),): x = R x."""
         if self.count:
-            counts, work = (self._own, self.count, self._dimension), (self.count, kernels.FOLLOWER)
+            counts, work = (self._own, self._partly, self.count, self._dimension), (self.count, kernels.FOLLOWER)
             launch(kernels.spread, *self._of_followers, self._column, x, *counts, work=work)
 
     def collect(self, r: Any) -> None:
         """Add the momentum rows of followers in a vector (P (d + 1),) to those of their parents: r = L^T r."""
         if self.count:
-            counts, work = (self._own, self.count, self._parents, self._dimension), (self.count, kernels.FOLLOWER)
+            work = self.count, kernels.FOLLOWER
+            counts = self._partly, self.count, self._others, self._parents, self._dimension
             launch(kernels.collect, *self._of_parents, self._of_followers[0], self._row, r, *counts, work=work)
 
     def condense(self, matrix: Csr) -> None:
         """K = L^T K R in place, of a matrix with the columns of `couplings`."""
         if not self.count:
             return
-        counts = self._own, self.count, self._parents, self._dimension
+        counts = self._partly, self.count, self._others, self._parents, self._dimension
         launch(
             kernels.condense_columns,
             self._follower,

@@ -1,8 +1,9 @@
 """Kernels that eliminate displacements which follow others, see `tipfem.fem.condensation`.
 
 Follower number f is node ``node[f]``; its entries e = starts[f] ... starts[f + 1] - 1 name nodes ``parent[e]`` and the
-matrices ``row[e]`` and ``column[e]``, (d * d,) row by row. The first ``own`` followers follow themselves alone. Vectors
-of unknowns are laid out as in `tipfem.fem.residual`, matrices as in `tipfem.fem.jacobian`.
+matrices ``row[e]`` and ``column[e]``, (d * d,) row by row. The first ``own`` followers follow themselves alone, those
+up to ``partly`` themselves and others. Vectors of unknowns are laid out as in `tipfem.fem.residual`, matrices as in
+`tipfem.fem.jacobian`.
 """
 
 import taichi as ti
@@ -49,6 +50,7 @@ def spread(
     column: Reals2,
     x: Reals1,
     own: ti.i32,
+    partly: ti.i32,
     count: ti.i32,
     dim: Template,
     serial: Template,
@@ -58,8 +60,28 @@ def spread(
     for f in range(own):
         spread_to(node, starts, parent, column, x, f, dim)
     ti.loop_config(serialize=serial)
-    for f in range(own, count):
+    for f in range(own, partly):
         spread_to(node, starts, parent, column, x, f, dim)
+    ti.loop_config(serialize=serial)
+    for f in range(partly, count):
+        spread_to(node, starts, parent, column, x, f, dim)
+
+
+@ti.func
+def collect_at(
+    parents: Template, lists: Template, entry: Template, of: Template, row: Template, x: Template, g, dim: Template
+):
+    """Add the rows of followers in ``x`` to those of parent number ``g``, see `collect`."""
+    m = parents[g]
+    total = displacement_of(x, m, dim)
+    first = lists[g]
+    if of[first] == m:
+        total = apply(row, entry[first], total, True)
+        first += 1
+    for s in range(first, lists[g + 1]):
+        total += apply(row, entry[s], displacement_of(x, of[s], dim), True)
+    for k in ti.static(range(dim)):
+        x[m * (dim + 1) + k] = total[k]
 
 
 @kernel
@@ -71,8 +93,9 @@ def collect(
     node: Ints1,
     row: Reals2,
     x: Reals1,
-    own: ti.i32,
+    partly: ti.i32,
     count: ti.i32,
+    others: ti.i32,
     parent_count: ti.i32,
     dim: Template,
     serial: Template,
@@ -80,22 +103,17 @@ def collect(
     """x = L^T x: momentum rows of followers are added to those of their parents, and made zero.
 
     Parent number g is node ``parents[g]``, with the entries ``entry[lists[g]:lists[g + 1]]`` that name it, of the nodes
-    ``of``; where it follows itself, that entry is the first.
+    ``of``; where it follows itself, that entry is the first. The first ``others`` parents do not: these need the rows
+    of those that do as they were.
     """
     ti.loop_config(serialize=serial)
-    for g in range(parent_count):
-        m = parents[g]
-        total = displacement_of(x, m, dim)
-        first = lists[g]
-        if of[first] == m:
-            total = apply(row, entry[first], total, True)
-            first += 1
-        for s in range(first, lists[g + 1]):
-            total += apply(row, entry[s], displacement_of(x, of[s], dim), True)
-        for k in ti.static(range(dim)):
-            x[m * (dim + 1) + k] = total[k]
+    for g in range(others):
+        collect_at(parents, lists, entry, of, row, x, g, dim)
     ti.loop_config(serialize=serial)
-    for f in range(own, count):
+    for g in range(others, parent_count):
+        collect_at(parents, lists, entry, of, row, x, g, dim)
+    ti.loop_config(serialize=serial)
+    for f in range(partly, count):
         for k in ti.static(range(dim)):
             x[node[f] * (dim + 1) + k] = 0.0
 
@@ -139,6 +157,44 @@ def condense_columns(
                             blocks[at] = blocks[at] + new[m]
 
 
+@ti.func
+def condense_row(
+    parents: Template,
+    lists: Template,
+    entry: Template,
+    of: Template,
+    row: Template,
+    row_offsets: Template,
+    columns: Template,
+    blocks: Template,
+    nodes,
+    g,
+    dim: Template,
+):
+    """The row of parent number ``g`` in `condense_rows`."""
+    m, couplings = parents[g], row_offsets[nodes]
+    begin, end, start = row_offsets[m], row_offsets[m + 1], lists[g]
+    if of[start] == m:
+        for s in range(begin, end):
+            for c in ti.static(range(dim + 1)):
+                old = ti.Vector([blocks[block_entry(couplings, s, k, c, dim)] for k in ti.static(range(dim))])
+                new = apply(row, entry[start], old, True)
+                for k in ti.static(range(dim)):
+                    blocks[block_entry(couplings, s, k, c, dim)] = new[k]
+        start += 1
+    for q in range(start, lists[g + 1]):
+        i = of[q]
+        for s in range(row_offsets[i], row_offsets[i + 1]):
+            t = find_column(columns, begin, end, columns[s])
+            if t < end:
+                for c in ti.static(range(dim + 1)):
+                    old = ti.Vector([blocks[block_entry(couplings, s, k, c, dim)] for k in ti.static(range(dim))])
+                    new = apply(row, entry[q], old, True)
+                    for k in ti.static(range(dim)):
+                        at = block_entry(couplings, t, k, c, dim)
+                        blocks[at] = blocks[at] + new[k]
+
+
 @kernel
 def condense_rows(
     parents: Ints1,
@@ -151,38 +207,22 @@ def condense_rows(
     columns: Ints1,
     blocks: Reals1,
     nodes: ti.i32,
-    own: ti.i32,
+    partly: ti.i32,
     count: ti.i32,
+    others: ti.i32,
     parent_count: ti.i32,
     dim: Template,
     serial: Template,
 ):
     """K = L^T K in place, of a matrix whose parents' rows have the columns of the followers'; see `collect`."""
     ti.loop_config(serialize=serial)
-    for g in range(parent_count):
-        m, couplings = parents[g], row_offsets[nodes]
-        begin, end, start = row_offsets[m], row_offsets[m + 1], lists[g]
-        if of[start] == m:
-            for s in range(begin, end):
-                for c in ti.static(range(dim + 1)):
-                    old = ti.Vector([blocks[block_entry(couplings, s, k, c, dim)] for k in ti.static(range(dim))])
-                    new = apply(row, entry[start], old, True)
-                    for k in ti.static(range(dim)):
-                        blocks[block_entry(couplings, s, k, c, dim)] = new[k]
-            start += 1
-        for q in range(start, lists[g + 1]):
-            i = of[q]
-            for s in range(row_offsets[i], row_offsets[i + 1]):
-                t = find_column(columns, begin, end, columns[s])
-                if t < end:
-                    for c in ti.static(range(dim + 1)):
-                        old = ti.Vector([blocks[block_entry(couplings, s, k, c, dim)] for k in ti.static(range(dim))])
-                        new = apply(row, entry[q], old, True)
-                        for k in ti.static(range(dim)):
-                            at = block_entry(couplings, t, k, c, dim)
-                            blocks[at] = blocks[at] + new[k]
+    for g in range(others):
+        condense_row(parents, lists, entry, of, row, row_offsets, columns, blocks, nodes, g, dim)
     ti.loop_config(serialize=serial)
-    for f in range(own, count):
+    for g in range(others, parent_count):
+        condense_row(parents, lists, entry, of, row, row_offsets, columns, blocks, nodes, g, dim)
+    ti.loop_config(serialize=serial)
+    for f in range(partly, count):
         i, couplings = node[f], row_offsets[nodes]
         for s in range(row_offsets[i], row_offsets[i + 1]):
             for k in ti.static(range(dim)):

@@ -23,6 +23,8 @@ class Carried:
     """A part of the state that belongs to a physics."""
 
     moves = False  # whether it has velocities of its own, which those of particles follow
+    along: Array | None = None  # (N, 2) unit vectors along which wall particles slide on it, 0 for others
+    stuck: Array | None = None  # (N,) mask of those that slide next to nothing, for the layer there is resolved
     lost: float = 0.0  # energy that the remeshing which made it released for good, see `energy` [J]
 
     def energy(self, position: Array) -> float:
@@ -103,6 +105,26 @@ class HasParts:
 def own_inertia(parts: Mapping[str, Carried]) -> list[OwnInertia]:
     """Those of the parts of a state in which fluids have other velocities than those of the particles."""
     return [part for part in parts.values() if isinstance(part, OwnInertia)]
+
+
+def sliding(parts: Mapping[str, Carried], count: int) -> Array:
+    """Mask (``count``,) of the wall particles that slide on parts of a state."""
+    slides = np.zeros(count, dtype=bool)
+    for part in parts.values():
+        if part.along is not None:
+            slides |= part.along.any(axis=1)
+    return slides
+
+
+def kept_where_sliding(parts: Mapping[str, Carried], given: Particles, imposed: Particles) -> Particles:
+    """The particles with what walls have ``imposed``, but on parts of a state that they slide on as ``given``."""
+    slides = sliding(parts, len(given))
+    if not slides.any():
+        return imposed
+    rates = {name: getattr(imposed, name).copy() for name in ("velocity", "acceleration")}
+    for name, values in rates.items():
+        values[slides] = getattr(given, name)[slides]
+    return imposed.shallow_copy(**rates)
 
 
 @dataclass(frozen=True)

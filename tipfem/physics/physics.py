@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Generic
+from typing import Any, Generic, cast
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.mesh.relabelled import SideEnergies
 from tipfem.physics.carried import Carried, Part, Remap
 from tipfem.physics.term import Term
-from tipfem.physics.walls.layers import Layers
 from tipfem.physics.walls.step import Walls, walls_in_step
 from tipfem.typing import Array
 
@@ -59,9 +58,8 @@ class StepStart:
     @cached_property
     def walls(self) -> Walls:
         """What the walls prescribe in the step; see `tipfem.physics.walls.step.WallStep` for errors."""
-        layers = next((part for part in self.parts.values() if isinstance(part, Layers)), None)
         properties = self.viscosity, self.scheme, self.time, self.density
-        return walls_in_step(self.boundary, self.mesh, self.particles, *properties, layers)
+        return walls_in_step(self.boundary, self.mesh, self.particles, *properties, cast(Any, self.parts.get("walls")))
 
     @cached_property
     def cut(self) -> CutMesh:

@@ -26,7 +26,7 @@ from tipfem.mesh.delaunay import triangulate, wall_fluid
 from tipfem.mesh.free_surface import SurfaceMesher, spray_volumes
 from tipfem.mesh.interface import InterfaceRule, InterpolatedInterface, SharpInterface
 from tipfem.mesh.mesh import Mesh, simplex_measure
-from tipfem.physics.carried import Carried, Remap, own_inertia
+from tipfem.physics.carried import Carried, Remap, kept_where_sliding, own_inertia, sliding
 from tipfem.physics.physics import Moved, Physics
 from tipfem.physics.registry import physics_of
 from tipfem.physics.state import InterpolatedMaterial, Material, SharpMaterial, Solved, State, lumped
@@ -409,6 +409,7 @@ class FittedRemesher(Remesher):
             alone = np.full(len(particles), particles.spacing**2)
             mesh = free_surface.without(whole, particles.wall, count, alone)
         fixed[boundary.index[boundary.slides]] = False  # which slide on curves
+        fixed[sliding(parts or {}, len(fixed))] = False
         fixed[reference] |= reference >= 0
         if boundary.passages is not None:
             fixed[boundary.passages.ends] = True
@@ -466,6 +467,11 @@ class FittedRemesher(Remesher):
         slippery[boundary.index[boundary.slides]] = 1
         if solved.walls.stuck is not None:
             slippery[solved.walls.stuck] = 0
+        slides = sliding(parts, len(fixed))
+        slippery[slides], fixed[slides] = 1, False
+        for part in parts.values():
+            if part.stuck is not None:
+                slippery[part.stuck] = 0
         if passages is not None:
             slippery[passages.open] = passages.free[passages.open]
             slippery[passages.ends], fixed[passages.ends] = 0, True
@@ -514,7 +520,9 @@ class FittedRemesher(Remesher):
         force = solved.force[:1] if solved.uniform else solved.force
         remap = Remap(before.mesh, mesh, renumbered, relocated, force, relabelled)
         parts, particles = self._carried(parts, particles, remap)
+        as_moved = particles
         particles, boundary = solved.walls.reassign(particles)
+        particles = kept_where_sliding(parts, as_moved, particles)
         for physics in self._physics:
             particles = physics.imposed(parts.get(physics.name), particles, boundary, solved.time, 0.25 * solved.dt)
         particles = _imposed(parts, particles)

@@ -18,7 +18,7 @@ from tipfem.fem.mass import lumped_part
 from tipfem.fem.time_integration import BackwardEuler, GeneralizedAlpha, TimeScheme
 from tipfem.linalg.newton import newton
 from tipfem.mesh.mesh import Mesh
-from tipfem.physics.carried import Carried
+from tipfem.physics.carried import Carried, kept_where_sliding, sliding
 from tipfem.physics.physics import StepStart
 from tipfem.physics.registry import physics_of, step_frequency
 from tipfem.physics.state import Solved, State, lumped
@@ -365,8 +365,9 @@ class StepSolver:
         if not accelerated:
             acceleration = 2 * whole.acceleration - half.acceleration
             if not state.boundary.active:
-                acceleration[particles.wall] = 0.0
-            particles = set_off(state.boundary, particles.shallow_copy(acceleration=acceleration), 0.25 * dt)
+                acceleration[particles.wall & ~sliding(state.parts, len(particles))] = 0.0
+            given = particles.shallow_copy(acceleration=acceleration)
+            particles = kept_where_sliding(state.parts, given, set_off(state.boundary, given, 0.25 * dt))
         parts = dict(state.parts)
         for physics in self.physics:
             part = physics.consistent(*(of.parts.get(physics.name) for of in (state, whole, half)))

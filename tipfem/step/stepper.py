@@ -24,7 +24,7 @@ from tipfem.fem.time_integration import StepControl, require_felt, smallest_jaco
 from tipfem.logs import log
 from tipfem.mesh.measures import Energy
 from tipfem.mesh.mesh import Mesh
-from tipfem.physics.carried import Carried
+from tipfem.physics.carried import Carried, kept_where_sliding
 from tipfem.physics.registry import default_step, step_frequency
 from tipfem.physics.side_pressures.carried import PressureJump
 from tipfem.physics.state import Solved, State
@@ -87,7 +87,8 @@ class Stepper:
             for physics in self.solver.physics:
                 part = physics.start(initial, part_of_step)
                 if part is not None:
-                    parts[physics.name], initial = part, part.imposed(initial)
+                    given = kept_where_sliding({physics.name: part}, case.particles, initial)
+                    parts[physics.name], initial = part, part.imposed(given)
             self.state: State = self.remesher.start(initial, case.boundary, case.pressure_reference(), parts)
         except TriangulationError as error:
             raise ValueError(f"Simulation: the initial particles cannot be meshed: {error}") from error

@@ -14,13 +14,19 @@ from tipfem.fem.jacobian import block_entry
 from tipfem.fem.residual import linearisation
 from tipfem.linalg.sparsity import find_column
 from tipfem.physics.bodies.layout import (
+    A_FREE,
     A_HISTORY,
     ACCELERATION,
+    ALONG,
+    ALONG_END,
     ALPHA_M,
+    ARM,
+    ARM_WIDTH,
     BODIES,
     CENTRE,
     CF,
     CM,
+    CURVED,
     CV,
     DA_ACROSS,
     DA_ALONG,
@@ -39,12 +45,14 @@ from tipfem.physics.bodies.layout import (
     RING,
     RING_NODES,
     RING_STARTS,
+    ROW,
     ROWS,
     SPRING,
     START,
     STIFFNESS,
     TERMS,
     UNIT,
+    V_FREE,
     V_HISTORY,
     V_NEXT,
     VELOCITY,
@@ -67,10 +75,24 @@ def increment(bodies: Template, data: Template, x: Template, b, k: Template, bas
     return x[unknown(k, base, b)] / constant(bodies, data, b, UNIT + k)
 
 
+@ti.func
+def rotate(r, across, versed):
+    """r turned by an angle with the sine ``across`` and 1 - cosine ``versed``."""
+    return r - versed * r + across * ti.Vector([-r[1], r[0]])
+
+
+@kernel
+def set_directions(bodies: Ints1, data: Reals1, along: Reals2):
+    """Set the directions (S, 2) along which corrections of nodes on bodies slide."""
+    for s in range(bodies[NODES]):
+        set_arm(bodies, data, s, ALONG, ti.Vector([along[s, 0], along[s, 1]]))
+
+
 @kernel
 def place(bodies: Ints1, data: Reals1, motion: Reals2, x: Reals1, base: ti.i32):
     """Displace the bodies' particles by the bodies' increments in x, and give them the bodies' velocities.
 
+    Those that slide keep what x has along their directions, displacements and velocities.
     motion (P, 6) as in `tipfem.fem.residual.residual`: v_alpha - cv u and a_alpha - b - cm u, with the acceleration b
     by the body force.
     """
@@ -99,6 +121,14 @@ def place(bodies: Ints1, data: Reals1, motion: Reals2, x: Reals1, base: ti.i32):
         for s in range(first, last):
             i, r = node_on_body(bodies, s), arm(bodies, data, s, START)
             d = -versed * r + across * ti.Vector([-r[1], r[0]])
+            t = rotate(arm(bodies, data, s, ALONG), across, versed)
+            slides = t.dot(t) > 0.0
+            if slides:
+                set_arm(bodies, data, s, ALONG_END, t)
+                slid = ti.Vector([x[3 * i] - ux, x[3 * i + 1] - uy]) - d
+                if data[bodies[ARM] + ARM_WIDTH * s + CURVED] == 0.0:
+                    slid = t * t.dot(slid)
+                d += slid
             e = r + d
             set_arm(bodies, data, s, END, e)
             set_arm(bodies, data, s, MIDDLE, r + cf * d)
@@ -108,6 +138,9 @@ def place(bodies: Ints1, data: Reals1, motion: Reals2, x: Reals1, base: ti.i32):
             a = ti.Vector([a_alpha[0], a_alpha[1]])
             a += alpha_m * (old_a * ti.Vector([-r[1], r[0]]) - old_w * old_w * r)
             a += (1.0 - alpha_m) * (turn * ti.Vector([-e[1], e[0]]) - w * w * e)
+            if slides:
+                v += t * t.dot(arm(bodies, data, s, V_FREE) + cv * u - v)
+                a += t * t.dot(arm(bodies, data, s, A_FREE) + cm * u - a)
             for k in ti.static(range(2)):
                 x[3 * i + k] = u[k]
                 if weighs > 0.0:
@@ -117,7 +150,9 @@ def place(bodies: Ints1, data: Reals1, motion: Reals2, x: Reals1, base: ti.i32):
 
 @kernel
 def collect_residual(bodies: Ints1, data: Reals1, x: Reals1, r: Reals1, base: ti.i32):
-    """The equations of the bodies, from the rows of momentum of their particles in r, which become zero.
+    """The equations of the bodies, from the rows of momentum of their particles in r.
+
+    These become zero, but along the outline where particles slide.
 
     M a_alpha + damping v_alpha + stiffness x_alpha - M g + (the force of the bodies on the fluids), and the same for
     moments about the reference points; and the derivative of what does not come from the fluids' rows.
@@ -131,9 +166,12 @@ def collect_residual(bodies: Ints1, data: Reals1, x: Reals1, r: Reals1, base: ti
         for s in range(first, last):
             i = node_on_body(bodies, s)
             f = ti.Vector([r[3 * i], r[3 * i + 1]])
+            t = arm(bodies, data, s, ROW)
+            along = t * t.dot(f)  # which moves the particle
+            f -= along
             total += ti.Vector([f[0], f[1], moment(arm(bodies, data, s, MIDDLE), f)])
             stretch += arm(bodies, data, s, END).dot(f)
-            r[3 * i], r[3 * i + 1] = 0.0, 0.0
+            r[3 * i], r[3 * i + 1] = along[0], along[1]
         for k in ti.static(range(3)):
             for m in ti.static(range(3)):
                 data[own(bodies, b, MATRIX + 3 * k + m)] = 0.0
@@ -202,8 +240,10 @@ def rotation_terms(
                     g_a = g
                 if (body_corners[t] >> c) & 1:
                     r = arm(bodies, data, slots[3 * t + c], END)
+                    along = arm(bodies, data, slots[3 * t + c], ALONG_END)
                     a = da_along * r + da_across * ti.Vector([-r[1], r[0]])
-                    change += (dv_along * r).outer_product(g)
+                    a -= along * along.dot(a)
+                    change += (dv_along * (r - along * along.dot(r))).outer_product(g)
                     mean += a / 3.0
                     if corner == c:
                         a_own = a
@@ -215,8 +255,11 @@ def rotation_terms(
 
 
 @kernel
-def set_scales(bodies: Ints1, scale: Reals1):
-    """The scale 1 of the rows of momentum of the nodes on bodies."""
+def set_scales(bodies: Ints1, scale: Reals1, base: ti.i32):
+    """The scale 1 of the bodies' own rows, and of the rows of momentum of the nodes on them."""
+    for b in range(bodies[BODIES]):
+        for k in ti.static(range(3)):
+            scale[unknown(k, base, b)] = 1.0
     for s in range(bodies[NODES]):
         i = node_on_body(bodies, s)
         scale[3 * i], scale[3 * i + 1] = 1.0, 1.0

@@ -6,7 +6,7 @@ x, y and the angle, are its position, velocity and acceleration.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,8 @@ from tipfem.case.particles import Particles
 from tipfem.case.walls import Pose
 from tipfem.fem.time_integration import TimeScheme
 from tipfem.geometry.domain import Domain
+from tipfem.mesh.mesh import Mesh
+from tipfem.physics.bodies.outlines import NEAR_CURVE, Outline, body_faces, chain_directions, put_back
 from tipfem.physics.carried import Carried, Remap
 from tipfem.typing import Array
 
@@ -28,6 +30,8 @@ COLUMNS = (
     *("velocity_x", "velocity_y", "angular_velocity"),
     *("force_x", "force_y", "moment"),
 )
+
+Outlines = Mapping[int, Outline]  # by the numbers of their bodies
 
 
 def turned(r: Array) -> Array:
@@ -49,6 +53,9 @@ class BodyStates(Carried):
             the last step.
         work: (B,) of the fluids on the bodies in the last step [J, per metre of depth].
         middle: (B, 3) a_alpha, the acceleration at that time [m/s^2, m/s^2, rad/s^2].
+        along: (N, 2) unit vectors along the outlines at the particles that slide on them, 0 for all others.
+        boundary_layers: on outlines with that law, None without any; begun: whether they have begun.
+        stuck: (N,) mask of the particles at which these are resolved; None without any.
     """
 
     moves = True
@@ -61,9 +68,15 @@ class BodyStates(Carried):
     force: Array
     work: Array
     middle: Array
+    along: Array
+    boundary_layers: Carried | None = None
+    begun: bool = False
+    stuck: Array | None = None
 
     @classmethod
-    def start(cls, bodies: Sequence[Body], particles: Particles, label: Array, step: float) -> BodyStates:
+    def start(
+        cls, bodies: Sequence[Body], particles: Particles, label: Array, step: float, outlines: Outlines
+    ) -> BodyStates:
         """The bodies at t = 0.
 
         Args:
@@ -71,6 +84,7 @@ class BodyStates(Carried):
             particles: the initial ones.
             label: (N,) number of the body that each particle is on, -1 for none.
             step: of finite differences of prescribed motions [s].
+            outlines: of those along which fluids slip.
         """
         rows = np.zeros((3, len(bodies), 3))
         for b, body in enumerate(bodies):
@@ -87,7 +101,23 @@ class BodyStates(Carried):
             force=np.zeros((len(bodies), 3)),
             work=np.zeros(len(bodies)),
             middle=np.zeros((len(bodies), 3)),
-        )
+            along=np.zeros((len(label), 2)),
+        ).with_directions(outlines, particles)
+
+    def with_directions(self, outlines: Outlines, particles: Particles) -> BodyStates:
+        """The same with the directions in which particles slide, where they are now."""
+        along = np.zeros((len(self.label), 2))
+        for b, outline in outlines.items():
+            index = np.flatnonzero(self.label == b)
+            r = particles.position[index] - self.position[b, :2]
+            _, tangent = outline.number(outline.reference + unturned(r, self.position[b, 2]), particles.spacing)
+            along[index] = tangent + rotated(tangent, np.full(len(index), self.position[b, 2]))
+        return replace(self, along=along, stuck=None)
+
+    @property
+    def slides(self) -> Array:
+        """(N,) mask of the particles that slide."""
+        return np.asarray(self.along.any(axis=1))
 
     def arms(self, x: Array) -> tuple[Array, Array, Array]:
         """Particles (K,) on bodies, the bodies' numbers (K,), and r (K, 2) of the positions x (N, 2) [m]."""
@@ -96,17 +126,21 @@ class BodyStates(Carried):
         return index, of, x[index] - self.position[of, :2]
 
     def imposed(self, particles: Particles) -> Particles:
-        """The particles, those on bodies with the velocities and accelerations of the bodies."""
+        """The particles, those on bodies with the velocities and accelerations of the bodies, but for what slides."""
         index, of, r = self.arms(particles.position)
-        velocity, acceleration = particles.velocity.copy(), particles.acceleration.copy()
-        velocity[index], acceleration[index] = rigid_rates(r, self.velocity[of], self.acceleration[of])
+        velocity, acceleration, t = particles.velocity.copy(), particles.acceleration.copy(), self.along[index]
+        for values, own in zip(
+            (velocity, acceleration), rigid_rates(r, self.velocity[of], self.acceleration[of]), strict=True
+        ):
+            values[index] = own + component(values[index] - own, t)
         return particles.shallow_copy(velocity=velocity, acceleration=acceleration)
 
-    def remeshed(self, bodies: Sequence[Body], particles: Particles, remap: Remap) -> BodyStates:
+    def remeshed(self, bodies: Sequence[Body], particles: Particles, remap: Remap, outlines: Outlines) -> BodyStates:
         """The same bodies on remeshed particles, of which those along straight edges of the bodies may be others.
 
         Args:
             bodies: of the case.
+            outlines: of those along which fluids slip.
             particles: the N' particles after remeshing.
             remap: the remeshing.
         """
@@ -120,12 +154,12 @@ class BodyStates(Carried):
             label = label.copy()
             label[moved] = -1
             for b, body in enumerate(bodies):
-                x, y, angle = self.position[b]
-                cosine, sine = np.cos(angle), np.sin(angle)
-                at_start = (particles.position[moved] - (x, y)) @ np.array([[cosine, -sine], [sine, cosine]])
-                on = body.distance(at_start + body.reference) < ON_BODY * particles.spacing
+                at_start = unturned(particles.position[moved] - self.position[b, :2], self.position[b, 2])
+                near = NEAR_CURVE if b in outlines and outlines[b].curved else ON_BODY
+                on = body.distance(at_start + body.reference) < near * particles.spacing
                 label[moved[on & particles.wall[moved]]] = b
-        return self if label is self.label else replace(self, label=label)
+        new = self if label is self.label else replace(self, label=label, along=np.zeros((len(label), 2)))
+        return new.with_directions(outlines, particles) if outlines else new
 
 
 def body_pose(body: Body, states: BodyStates, number: int) -> Pose:
@@ -179,10 +213,48 @@ def stopped_by_bodies(bodies: Sequence[Body], states: BodyStates, particles: Par
     return particles
 
 
+def on_outlines(states: BodyStates, outlines: Outlines, particles: Particles, mesh: Mesh, *, closed: bool) -> Particles:
+    """The particles at the end of a step, those on curves of outlines put back there, so that bodies keep their area.
+
+    Args:
+        states: of the bodies.
+        outlines: of those along which fluids slip.
+        particles: at the same time.
+        mesh: of the step.
+        closed: whether the fluids surround all bodies.
+    """
+    position, moves = particles.position.copy(), np.zeros(len(particles), dtype=bool)
+    for b, outline in outlines.items():
+        index = np.flatnonzero((states.label == b) & states.slides)
+        if outline.curved and len(index):
+            pose_of = states.position[b]
+            y = outline.reference + unturned(position[index] - pose_of[:2], pose_of[2])
+            number, _ = outline.number(y, particles.spacing)
+            moves[index] = outline.several(number)
+            r = outline.project(y, number) - outline.reference
+            here = outline.several(number)
+            position[index[here]] = (pose_of[:2] + r + rotated(r, np.full(len(r), pose_of[2])))[here]
+    if closed:
+        faces = body_faces(mesh, states.label)[0]
+        position = put_back(position, faces, moves, states.label, outlines)
+    return particles.shallow_copy(position=position)
+
+
 def rigid_rates(r: Array, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
     """Velocities and accelerations (K, 2) at r (K, 2), of bodies with these rates (K, 3)."""
     w, side = velocity[:, 2:], turned(r)
     return velocity[:, :2] + w * side, acceleration[:, :2] + acceleration[:, 2:] * side - w * w * r
+
+
+def unturned(r: Array, angle: float) -> Array:
+    """Vectors (K, 2) turned back by an angle [rad]."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return np.asarray(r @ np.array([[cosine, -sine], [sine, cosine]]))
+
+
+def component(values: Array, along: Array) -> Array:
+    """The components of vectors (K, 2) along unit vectors (K, 2), or zeros."""
+    return np.asarray((values * along).sum(axis=1)[:, None] * along)
 
 
 def rotated(r: Array, angle: Array) -> Array:
@@ -193,12 +265,17 @@ def rotated(r: Array, angle: Array) -> Array:
 class BodyMotion:
     """The bodies in a step: their particles are placed by the bodies' motions.
 
+    A particle that slides has slid by R s relative to the body at the end of the step, where R is the body's rotation
+    in it; along the outline its velocity and acceleration are those of any particle.
+
     Args:
         scheme: time integration, with the step's length.
         bodies: of the case.
         states: of the bodies at the start of the step.
         particles: at the start of the step.
         time: at the start of the step [s].
+        mesh: of the particles.
+        outlines: of the bodies along which fluids slip.
 
     Attributes:
         scheme, bodies, states: as given.
@@ -207,6 +284,12 @@ class BodyMotion:
         free: (B, 3) mask of the unknowns among their increments.
         increment: (B, 3) motion of the bodies in the step: prescribed, and for bodies that float that at constant
             acceleration.
+        along: (K, 2) directions in which the particles slide in the step, without R; 0 for those that do not.
+        slid: (K, 2) s, at first as predicted [m].
+        slides: (K,) mask of those that slide, curved: (K,) of those on curves of several edges.
+        middle: (N, 2) positions of particles, those that slide as predicted for the middle of the step, with the
+            bodies where they were [m].
+        faces: (E, 2) the faces on bodies, see `tipfem.physics.bodies.outlines.body_faces`; cell: (E,) their cells.
         after: the bodies at the end of the step; of those that float, see `solved`.
 
     Raises:
@@ -214,7 +297,14 @@ class BodyMotion:
     """
 
     def __init__(
-        self, scheme: TimeScheme, bodies: Sequence[Body], states: BodyStates, particles: Particles, time: float
+        self,
+        scheme: TimeScheme,
+        bodies: Sequence[Body],
+        states: BodyStates,
+        particles: Particles,
+        time: float,
+        mesh: Mesh,
+        outlines: Outlines,
     ) -> None:
         self.scheme, self.bodies, self.states, dt = scheme, bodies, states, scheme.dt
         self.index, self.of, self.arm = states.arms(particles.position)
@@ -230,11 +320,83 @@ class BodyMotion:
                 self._middle[b] = body.prescribed(time + scheme.cf * dt, 0.25 * dt)[2]
         place = states.position + self.increment
         self.after = replace(states, position=place, velocity=velocity, acceleration=acceleration)
+        self._predicted = self.increment[:, 2].copy()
+        self._slide(particles, mesh, outlines)
+
+    def _slide(self, particles: Particles, mesh: Mesh, outlines: Outlines) -> None:
+        """Set how the particles slide, as predicted."""
+        states, index, scheme = self.states, self.index, self.scheme
+        start = states.along[index]
+        self.slides, self.slid = np.asarray(start.any(axis=1)), np.zeros_like(start)
+        self.along, self.curved = start, np.zeros(len(index), dtype=bool)
+        self.faces, self.cell = np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64)
+        if not self.slides.any():
+            return
+        own = rigid_rates(self.arm, states.velocity[self.of], states.acceleration[self.of])
+        relative = [
+            component(getattr(particles, name)[index] - values, start)
+            for name, values in zip(("velocity", "acceleration"), own, strict=True)
+        ]
+        self.slid = scheme.predict(*relative)
+        self.faces, self.cell = body_faces(mesh, states.label)
+        self.middle = particles.position.copy()
+        self.middle[index] += 0.5 * self.slid
+        for b, outline in outlines.items():
+            mine = np.flatnonzero((self.of == b) & self.slides)
+            y = outline.reference + unturned(self.arm[mine], states.position[b, 2])
+            self.curved[mine] = outline.several(outline.number(y, particles.spacing)[0])
+        if self.curved.any():
+            here = np.flatnonzero(self.curved)
+            self.along = start.copy()
+            self.along[here] = chain_directions(self.middle, self.faces, index[here], start[here])
+            self.along[here] *= np.sign((self.along[here] * start[here]).sum(axis=1))[:, None]
+        # Relative to the body, velocities keep their size where the outline bends.
+        turn = self.along - start
+        self._velocity, self._acceleration = (
+            getattr(particles, name)[index] + (values * start).sum(axis=1)[:, None] * turn
+            for name, values in zip(("velocity", "acceleration"), relative, strict=True)
+        )
+        self.slid += (self.slid * start).sum(axis=1)[:, None] * turn
+
+    def slip_history(self) -> Array:
+        """(K,) v_alpha along `row_along` relative to the bodies, where nothing slides in the step [m/s]."""
+        states, s = self.states, self.scheme
+        if not self.slides.any():
+            return np.zeros(len(self.index))
+        own = s.history(states.velocity, states.acceleration)[0]
+        # Of bodies whose motion is prescribed, the rates do not follow from the increments.
+        middle = s.alpha_f * states.velocity + s.cf * self.after.velocity
+        own = np.where(self.floating[:, None], own, middle - s.cv * self.increment)[self.of]
+        arm = self.arm + s.cf * rotated(self.arm, self._predicted[self.of])
+        relative = self.free_histories()[0] - own[:, :2] - own[:, 2:] * turned(arm)
+        return np.asarray((relative * self.row_along).sum(axis=1))
+
+    def slips(self) -> Array:
+        """(K,) how far the particles have slid along `row_along` [m]."""
+        q = self.increment[self.of]
+        return np.asarray(((self.displacements(self.increment) - self.rigid(q)) * self.row_along).sum(axis=1))
+
+    def rigid(self, q: Array) -> Array:
+        """Displacements (K, 2) of the bodies where the particles are at the start, by increments (K, 3) of these."""
+        return np.asarray(q[:, :2] + rotated(self.arm, q[:, 2]))
+
+    def free_histories(self) -> tuple[Array, Array]:
+        """v_alpha and a_alpha (K, 2) at u = 0 of the particles on bodies, as if they were free."""
+        return self.scheme.history(self._velocity, self._acceleration)
+
+    def turned_along(self, angle: Array) -> Array:
+        """(K, 2) the directions in which particles slide, turned by (B,) angles of the bodies [rad]."""
+        return self.along + rotated(self.along, angle[self.of])
+
+    @property
+    def row_along(self) -> Array:
+        """(K, 2) the directions in which they slide at the intermediate time, as predicted."""
+        return self.turned_along(self.scheme.cf * self._predicted)
 
     def displacements(self, increment: Array) -> Array:
         """(K, 2) of the particles on bodies, at increments (B, 3)."""
         q = increment[self.of]
-        return q[:, :2] + rotated(self.arm, q[:, 2])
+        return q[:, :2] + rotated(self.arm + self.slid, q[:, 2]) + self.slid
 
     def solved(self, increment: Array) -> None:
         """Set the end of the step by the solution's increments (B, 3) of the bodies that float."""
@@ -248,6 +410,13 @@ class BodyMotion:
             acceleration=np.where(free, a_next, self.after.acceleration),
         )
 
+    def settled(self, displacement: Array) -> None:
+        """Take how far particles have slid from the solution's displacements (N, 2), at the present ``increment``."""
+        if self.slides.any():
+            q = self.increment[self.of]
+            moved = displacement[self.index] - q[:, :2] - rotated(self.arm, q[:, 2])
+            self.slid = np.where(self.slides[:, None], moved + rotated(moved, -q[:, 2]), 0.0)
+
     def measured(self, index: Array, force: Array) -> None:
         """Set what the fluids did to the bodies in the step.
 
@@ -256,8 +425,9 @@ class BodyMotion:
             force: (K, 2) of the fluids on them at the intermediate time [N, per metre of depth].
         """
         arm, u = np.zeros((2, len(self.states.label), 2))
-        arm[self.index] = self.arm + self.scheme.cf * rotated(self.arm, self.increment[self.of, 2])
-        u[self.index] = self.displacements(self.increment)
+        moved, slid = self.displacements(self.increment), self.slips()[:, None] * self.row_along
+        arm[self.index] = self.arm + self.scheme.cf * (moved - self.increment[self.of, :2])
+        u[self.index] = moved - slid  # what slides is not moved by the body
         r, of, count = arm[index], self.states.label[index], len(self.bodies)
         moment, work = r[:, 0] * force[:, 1] - r[:, 1] * force[:, 0], (force * u[index]).sum(axis=1)
         sums = [np.bincount(of, values, minlength=count) for values in (*force.T, moment, work)]
@@ -268,13 +438,14 @@ class BodyMotion:
     def rates(self) -> tuple[Array, Array]:
         """v_alpha and a_alpha (K, 2) of the particles on bodies, with the present end of the step."""
         s, states, after = self.scheme, self.states, self.after
+        u = self.displacements(self.increment)
         v, a = rigid_rates(self.arm, states.velocity[self.of], states.acceleration[self.of])
-        arm = self.arm + rotated(self.arm, self.increment[self.of, 2])
+        arm = self.arm + u - self.increment[self.of, :2]
         v_next, a_next = rigid_rates(arm, after.velocity[self.of], after.acceleration[self.of])
         v_alpha, a_alpha = s.alpha_f * v + s.cf * v_next, s.alpha_m * a + (1 - s.alpha_m) * a_next
         floats = self.floating[self.of, None]
         if not s.weighs:  # they follow from the displacements, as those of any particle
-            (v_start, a_start), u = s.history(v, a), self.displacements(self.increment)
+            v_start, a_start = s.history(v, a)
             v_alpha = np.where(floats, v_start + s.cv * u, v_alpha)
             a_alpha = a_start + s.cm * u
         # A prescribed motion has its own acceleration at the intermediate time. Generalized-alpha's a_n are those of
@@ -282,11 +453,24 @@ class BodyMotion:
         middle = s.alpha_f * states.velocity + s.cf * after.velocity
         arm = self.arm + s.cf * (arm - self.arm)
         own = rigid_rates(arm, middle[self.of], self._middle[self.of])[1]
-        return v_alpha, np.where(floats, a_alpha, own)
+        a_alpha = np.where(floats, a_alpha, own)
+        if self.slides.any():
+            along = self.turned_along(self.increment[:, 2])
+            v_own, a_own = self.free_histories()
+            v_alpha = v_alpha + component(v_own + s.cv * u - v_alpha, along)
+            a_alpha = a_alpha + component(a_own + s.cm * u - a_alpha, along)
+        return v_alpha, a_alpha
 
     def constrain(self, u: Array) -> Array:
-        """Displacements (N, 2), those of particles on bodies as the bodies' present increments place them."""
+        """Displacements (N, 2), those of particles on bodies as the bodies' present increments place them.
+
+        Along outlines they are those given.
+        """
         result = u.copy()
+        if self.slides.any():
+            q = self.increment[self.of]
+            moved = u[self.index] - q[:, :2] - rotated(self.arm, q[:, 2])
+            self.slid = component(moved + rotated(moved, -q[:, 2]), self.along)
         result[self.index] = self.displacements(self.increment)
         return np.asarray(result)
 
@@ -300,7 +484,17 @@ class BodyMotion:
 
     def finish(self, moved: Particles) -> Particles:
         """The particles at the end of the step, those on bodies where the bodies have them."""
-        done = moved.copy()
-        centre = self.after.position[self.of, :2]
-        done.position[self.index] = centre + self.arm + rotated(self.arm, self.increment[self.of, 2])
-        return self.after.imposed(done)
+        done, after = moved.copy(), self.after
+        u, angle = self.displacements(self.increment), self.increment[:, 2]
+        arm = self.arm + u - self.increment[self.of, :2]
+        done.position[self.index] = after.position[self.of, :2] + arm
+        if self.slides.any():
+            along = self.turned_along(angle)
+            own = rigid_rates(arm, after.velocity[self.of], after.acceleration[self.of])
+            rates = self.scheme.rates(u, self._velocity, self._acceleration)
+            end = np.zeros_like(after.along)
+            end[self.index] = along
+            for values, rigid, free in zip((done.velocity, done.acceleration), own, rates, strict=True):
+                values[self.index] = rigid + component(free - rigid, along)
+            self.after = after = replace(after, along=end)
+        return after.imposed(done)

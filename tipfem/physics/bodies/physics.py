@@ -15,10 +15,12 @@ from tipfem.fem.time_integration import TimeScheme
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.bodies.contacts import hold_contacts
 from tipfem.physics.bodies.energy import body_balance
-from tipfem.physics.bodies.motion import COLUMNS, BodyMotion, BodyStates, stopped_by_bodies
+from tipfem.physics.bodies.friction import first_layers, friction_on_outlines
+from tipfem.physics.bodies.motion import COLUMNS, BodyMotion, BodyStates, on_outlines, stopped_by_bodies
+from tipfem.physics.bodies.outlines import Outline
 from tipfem.physics.bodies.term import FloatingBodies, MovedBodies
 from tipfem.physics.carried import Remap
-from tipfem.physics.physics import Balance, Physics, StepStart
+from tipfem.physics.physics import Balance, Moved, Physics, StepStart
 from tipfem.typing import Array
 
 
@@ -35,6 +37,7 @@ class Bodies(Physics[BodyStates]):
 
     def __init__(self, bodies: Sequence[Body], label: Array, gravity: Array) -> None:
         self._bodies, self._label, self._gravity = bodies, label, gravity
+        self._outlines = {b: Outline(body) for b, body in enumerate(bodies) if body.slips}
         self._floats = np.array([body.floats for body in bodies])
         self.columns = tuple(f"{body.name}_{name}" for body in bodies for name in COLUMNS)
         if self._floats.any():
@@ -47,20 +50,40 @@ class Bodies(Physics[BodyStates]):
 
     def start(self, particles: Particles, step: float) -> BodyStates:
         """See `Physics.start`."""
-        return BodyStates.start(self._bodies, particles, self._label, step)
+        states = BodyStates.start(self._bodies, particles, self._label, step, self._outlines)
+        return dataclasses.replace(
+            states, boundary_layers=first_layers(self._bodies, self._outlines, states, particles)
+        )
 
     def terms(self, part: BodyStates | None, step: StepStart) -> tuple[MovedBodies]:
         """See `Physics.terms`."""
         assert part is not None
-        motion = BodyMotion(step.scheme, self._bodies, part, step.particles, step.time)
-        return (FloatingBodies(motion, step.mesh.surface.pinned) if motion.floating.any() else MovedBodies(motion),)
+        of_step = step.particles, step.time, step.mesh, self._outlines
+        motion = BodyMotion(step.scheme, self._bodies, part, *of_step)
+        # Where walls have curves, theirs is the area that the whole boundary encloses.
+        grows = step.walls.curves is None and not step.mesh.surface.exists and bool(motion.curved.any())
+        friction, ended, stuck = friction_on_outlines(
+            motion, self._outlines, step.mesh, step.particles, step.viscosity, step.density
+        )
+        motion.after = dataclasses.replace(motion.after, boundary_layers=ended, begun=True, stuck=stuck)
+        if motion.floating.any():
+            return (FloatingBodies(motion, friction, step.mesh.surface.pinned, grows=grows),)
+        return (MovedBodies(motion, friction, grows=grows),)
+
+    def before_repair(self, part: BodyStates | None, moved: Moved) -> tuple[BodyStates | None, Moved]:
+        """See `Physics.before_repair`: particles on curves of outlines are put back there."""
+        assert part is not None
+        if not any(outline.curved for outline in self._outlines.values()):
+            return part, moved
+        particles = on_outlines(part, self._outlines, moved.particles, moved.mesh, closed=not moved.mesh.surface.exists)
+        return part, dataclasses.replace(moved, particles=particles)
 
     def remeshed(
         self, part: BodyStates | None, particles: Particles, remap: Remap
     ) -> tuple[BodyStates | None, Particles]:
         """See `Physics.remeshed`."""
         assert part is not None
-        return part.remeshed(self._bodies, particles, remap), particles
+        return part.remeshed(self._bodies, particles, remap, self._outlines), particles
 
     def stopped(self, part: BodyStates | None, particles: Particles, loose: Array) -> Particles:
         """See `Physics.stopped`."""

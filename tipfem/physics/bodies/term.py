@@ -15,6 +15,7 @@ bodies' added mass.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -30,7 +31,11 @@ from tipfem.physics.bodies import kernels as kernels
 from tipfem.physics.bodies import layout as layout
 from tipfem.physics.bodies import mobility as coupling
 from tipfem.physics.bodies.motion import BodyMotion, BodyStates, rotated, turned
-from tipfem.physics.term import Equations, Term
+from tipfem.physics.bodies.outlines import chain_directions
+from tipfem.physics.term import Equations, Term, TermWork
+from tipfem.physics.walls.chords import ChordPressures, Slip
+from tipfem.physics.walls.kernels import SLIDING, slip_scale
+from tipfem.physics.walls.term import nodes_of
 from tipfem.typing import Array
 
 # Below this fraction of a body's largest volume swept, in the mean square, a freedom sweeps next to none, as the angle
@@ -43,10 +48,19 @@ class MovedBodies(Term):
 
     Args:
         motion: of the bodies in the step.
+        friction: (N,) over slip velocity, of the particles [kg/s, per metre of depth].
+        grows: whether the elements are to grow by what bodies with curves lose of their area in the iterates, as with
+            curved walls, see `tipfem.physics.walls.curve_step`.
     """
 
-    def __init__(self, motion: BodyMotion) -> None:
-        self.motion = motion
+    def __init__(self, motion: BodyMotion, friction: Array, *, grows: bool = False) -> None:
+        self.motion, self._friction, self._grows = motion, friction, grows
+        self._along: Array | None = None  # of curves at the last residual, if that has been
+        self._chords: ChordPressures | None = None
+
+    def held(self, displacement: Array, pressure: Array) -> None:
+        """See `Term.held`: particles that slide are not."""
+        displacement[self.motion.index[self.motion.slides]] = False
 
     def histories(self, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
         """See `Term.histories`."""
@@ -59,15 +73,128 @@ class MovedBodies(Term):
     def begin(self, equations: Equations, first_node: int) -> None:
         """See `Term.begin`."""
         self._equations = equations
+        self._find_chords()
+        self._put_chords()
+
+    def _find_chords(self) -> None:
+        """Set the pressures of curves."""
+        motion, e = self.motion, self._equations
+        rows = np.flatnonzero(motion.slides)
+        if len(rows):
+            on = np.zeros(len(e.particles), dtype=bool)
+            on[motion.index[motion.curved]] = True
+            here = np.flatnonzero(on[motion.faces].any(axis=1))
+            faces = motion.faces[here][:, ::-1]
+            nodes = nodes_of(faces, motion.cell[here], e.nodes.cells, e.owner)
+            self._chords = ChordPressures(faces, nodes, motion.middle, motion.index[rows], motion.along[rows])
+
+    def _put_chords(self) -> None:
+        """Set their matrix, with friction."""
+        if self._chords is not None:
+            motion, rows = self.motion, np.flatnonzero(self.motion.slides)
+            self._drag = self._friction[motion.index[rows]]
+            self._start_slip = motion.slip_history()[rows]
+            drag = motion.scheme.cv * self._drag, self._drag * self._start_slip
+            self._chords.put(self._equations, self._slips(), self._given(), *drag)
+
+    def _slips(self) -> Slip:
+        """The unknown parts of slips."""
+        rows = np.flatnonzero(self.motion.slides)
+        along = np.append(self.motion.row_along[rows], np.zeros((len(rows), 1)), axis=1)
+        return Slip(np.arange(len(rows)), self.motion.index[rows], along, along)
+
+    def _given(self) -> Array:
+        """The given parts of these slips [m]."""
+        motion, rows = self.motion, np.flatnonzero(self.motion.slides)
+        q = np.where(motion.floating[:, None], 0.0, motion.increment)[motion.of]
+        return np.asarray(-(motion.rigid(q) * motion.row_along).sum(axis=1)[rows])
+
+    def couplings(self, *, near: bool) -> tuple[Array, Array] | None:
+        """See `Term.couplings`."""
+        return None if self._chords is None else self._chords.couplings(self._slips())
+
+    def residual(self, x: Any, out: Any) -> None:
+        """See `Term.residual`."""
+        if self._chords is not None:
+            self._chords.residual(x, out)
+
+    def gather(self, matrix: Csr) -> None:
+        """See `Term.gather`."""
+        if self._chords is not None:
+            self._chords.gather(matrix)
+
+    def work(self, x: Any, displacement: Array) -> TermWork | None:
+        """See `Term.work`."""
+        if self._chords is None:
+            return None
+        scheme, slip = self.motion.scheme, self.motion.slips()[self.motion.slides]
+        speed = scheme.cv * slip + self._start_slip
+        return dataclasses.replace(
+            self._chords.work(self._equations.values(x)[:, -1], slip),
+            friction=float((self._drag * speed) @ slip),
+            friction_dissipation=float(scheme.dt * self._drag @ speed**2),
+        )
+
+    def diagonal_done(self) -> None:
+        """One scale for both momentum rows of a particle that slides."""
+        sliding = self.motion.index[self.motion.slides].astype(np.int32)
+        if len(sliding):
+            e, count = self._equations, len(sliding)
+            friction = self.motion.scheme.cv * self._friction[sliding]
+            arrays = e.buffers.upload("bodies.sliding", sliding), e.buffers.upload("bodies.friction", friction)
+            launch(slip_scale, *arrays, e.scale, count, e.dimension, work=(count, SLIDING))
+
+    def growth(self, x: Any) -> float | None:
+        """See `Term.growth`: what bodies with curves lose of their area."""
+        if not self._grows:
+            return None
+        e, motion = self._equations, self.motion
+        u = e.values(x)[: len(e.mesh.position), :-1]
+        b, a = motion.faces.T  # with the fluid on the left
+        middle = e.mesh.position + 0.5 * u
+        side = middle[b] - middle[a]
+        here = np.flatnonzero(motion.curved)
+        index, now = motion.index[here], motion.turned_along(self.angle)[here]
+        self._along = chain_directions(e.mesh.position + u, motion.faces, index, now)
+        return 0.5 * float((side[:, 1] * (u[a, 0] + u[b, 0]) - side[:, 0] * (u[a, 1] + u[b, 1])).sum())
+
+    @property
+    def angle(self) -> Array:
+        """(B,) by which the bodies turn in the step [rad]."""
+        return np.asarray(self.motion.increment[:, 2])
+
+    def directions(self) -> Array:
+        """(K, 2) along which corrections of the bodies' particles slide at the end of the step."""
+        along = self.motion.turned_along(self.angle)
+        if self._along is not None:
+            along[self.motion.curved] = self._along
+        return along
+
+    def follows(self) -> Follows | None:
+        """Particles that slide follow themselves along their outline."""
+        motion = self.motion
+        here = np.flatnonzero(motion.slides & ~motion.floating[motion.of])
+        if not len(here):
+            return None
+        end, middle = self.directions()[here], motion.row_along[here]
+        node = motion.index[here]
+        return Follows(node, node, *(t[:, :, None] * t[:, None, :] for t in (middle, end)))
 
     def rest(self) -> None:
         """See `Term.rest`."""
         self.motion.solved(np.zeros_like(self.motion.increment))
+        self.motion.slid[:] = 0.0
 
     def settle(self, x: Any, forces: Callable[[Any, Array], Array]) -> None:
         """Find where the bodies are at the end of the step, and what the fluids exert on them."""
-        index = self._equations.nodes_of(self.motion.states.label >= 0)
-        self.motion.measured(self._equations.owner[index], -forces(x, index))
+        e, motion = self._equations, self.motion
+        if motion.slides.any():
+            motion.settled(e.values(x)[: len(e.mesh.position), :-1])
+            index, (_, acceleration) = motion.index, motion.rates()
+            u = motion.displacements(motion.increment)
+            e.relative[index] = acceleration - e.force[index] - motion.scheme.cm * u
+        index = e.nodes_of(motion.states.label >= 0)
+        motion.measured(self._equations.owner[index], -forces(x, index))
 
     def finish(self, displacement: Array, particles: Particles) -> Particles:
         """See `Term.finish`."""
@@ -82,7 +209,7 @@ class FloatingBodies(MovedBodies):
     """Bodies in the fluids, of which some float.
 
     Args:
-        motion: of the bodies in the step.
+        motion, friction, grows: see `MovedBodies`.
         pinned: (N,) mask of the particles whose pressure is prescribed.
 
     Attributes:
@@ -92,12 +219,13 @@ class FloatingBodies(MovedBodies):
         arrays: device arrays ``bodies`` and ``data``, see `tipfem.physics.bodies.layout`.
     """
 
-    def __init__(self, motion: BodyMotion, pinned: Array) -> None:
-        super().__init__(motion)
+    def __init__(self, motion: BodyMotion, friction: Array, pinned: Array, *, grows: bool = False) -> None:
+        super().__init__(motion, friction, grows=grows)
         self._pinned, self.numbers = pinned, np.flatnonzero(motion.floating)
         self._count = len(self.numbers)
         self.extra_nodes = 2 * self._count
         self.units, self._rows = np.ones((self._count, 3)), np.zeros((self._count, 3, 3))
+        self._solution: Any = None  # at the last residual, if that has been
 
     def begin(self, equations: Equations, first_node: int) -> None:
         """See `Term.begin`."""
@@ -113,7 +241,9 @@ class FloatingBodies(MovedBodies):
         self._increment = self.motion.increment[self.numbers]
         self._table = self._constants(equations.force, self.motion.states.label)
         self._table[:, layout.UNIT : layout.UNIT + 3] = 1.0
+        self._scale = np.ones(len(self._index))
         self._find_ring(mesh)
+        self._find_chords()
 
     def _find_nodes(self, owner: Array) -> None:
         """The nodes on bodies that float, in the order of the bodies."""
@@ -129,6 +259,9 @@ class FloatingBodies(MovedBodies):
         self._slot = np.full(len(node_rank), -1, dtype=np.int32)
         self._slot[index] = np.arange(len(index))
         self._rank = node_rank
+        rows = np.full(len(self.motion.states.label), -1)
+        rows[self.motion.index] = np.arange(len(self.motion.index))
+        self._in_motion = rows[owner[index]]  # the places of these nodes' particles in `BodyMotion.index`
 
     def _constants(self, force: Array, label: Array) -> Array:
         """(B, BODY_WIDTH) of the bodies, see `body_layout`."""
@@ -178,6 +311,13 @@ class FloatingBodies(MovedBodies):
         self._slots = put("bodies.slots", slots[part].ravel().astype(np.int32))
         self._pairs, self._ring, self._ring_starts = pair_body, ring, np.append(start, len(pair))
 
+    def diagonal_done(self) -> None:
+        """See `Term.diagonal_done`: the scale of the rows of particles that slide is kept for what they follow."""
+        super().diagonal_done()
+        if self.motion.slides.any():
+            scale = download(self._equations.scale, 3 * self._nodes).reshape(-1, 3)
+            self._scale = scale[self._index, 0].astype(float)
+
     def prepare(self, solve_laplacian: Callable[[], None], vectors: Any) -> None:
         """See `Term.prepare`: the bodies' own matrices, the volumes that they sweep, and the pressure's response."""
         e, r, s, count = self._equations, self._arm, self._scheme, self._count
@@ -200,6 +340,8 @@ class FloatingBodies(MovedBodies):
         along[..., 0, 0] = along[..., 1, 1] = 1.0
         along[..., 2] = turned(arm.reshape(-1, 2)).reshape(arm.shape) / self.lengths[body][:, None, None]
         along *= free[:, None, None, :] * on[:, :, None, None]
+        slides = self.motion.along[self._in_motion][slots]  # (Q, 3, 2)
+        along -= slides[..., None] * np.einsum("qai,qaik->qak", slides, along)[:, :, None, :]
         swept = np.einsum("qai,qaik->qk", side, along) / 3  # of each corner of the cell
         # B: mass and viscosity of the elements at the bodies, and the bodies' own.
         gradient = side / area[:, None, None]
@@ -245,7 +387,7 @@ class FloatingBodies(MovedBodies):
             k.BODY: self._table,
             k.ROWS: inverse,
             k.SCHEME: rates,
-            k.ARM: np.tile(r, k.ARM_WIDTH // 2),
+            k.ARM: self._arms(r),
             k.FORCE: force,
             k.WEIGHTS: weight,
         }
@@ -260,7 +402,7 @@ class FloatingBodies(MovedBodies):
         self._buffers.get("bodies.data", room)
         self.arrays = self._buffers.upload("bodies.lists", integers), self._buffers.upload("bodies.data", reals)
         self.mobility = self.arrays
-        launch(kernels.set_scales, self.arrays[0], e.scale)
+        launch(kernels.set_scales, self.arrays[0], e.scale, self._base)
         total = self._respond(matrix, sweeps, solve_laplacian, vectors)
         part = np.diagonal(matrix, axis1=1, axis2=2) / np.diag(total).reshape(count, 3)
         self.units = np.where(is_free, part, 1.0)
@@ -272,12 +414,41 @@ class FloatingBodies(MovedBodies):
         for section, values in ((k.BODY, self._table), (k.ROWS, self._rows)):
             data[header[section] : header[section] + values.size] = values.ravel()
         self._buffers.upload("bodies.data", data)
+        self._put_chords()
 
     def couplings(self, *, near: bool) -> tuple[Array, Array]:
         """See `Term.couplings`: each body's two nodes, which may have no cell beside them."""
         first = self._nodes + 2 * np.arange(self._count)
         motion, angle = first, first + 1
-        return np.concatenate([motion, motion, angle, angle]), np.concatenate([motion, angle, motion, angle])
+        one, other = np.concatenate([motion, motion, angle, angle]), np.concatenate([motion, angle, motion, angle])
+        if (more := super().couplings(near=near)) is None:
+            return one, other
+        return np.concatenate([one, more[0]]), np.concatenate([other, more[1]])
+
+    def _slips(self) -> Slip:
+        """See `MovedBodies`: of bodies that float, what their particles slide is that without the body's motion."""
+        own, motion = super()._slips(), self.motion
+        rows = np.flatnonzero(motion.slides)
+        floats = np.flatnonzero(motion.floating[motion.of[rows]])
+        at = rows[floats]
+        body = np.searchsorted(self.numbers, motion.of[at])
+        t, r = motion.row_along[at], motion.arm[at]
+        r = r + self._scheme.cf * rotated(r, motion.increment[motion.of[at], 2])
+        freedom = np.append(t, (t * turned(r)).sum(axis=1)[:, None] / self.lengths[body, None], axis=1)
+        freedom *= self.motion.free[self.numbers][body]
+        column, row = freedom / self.units[body], np.einsum("bkm,bm->bk", self._rows[body], freedom)
+        moved, angle = np.zeros((2, 2, len(at), 3))
+        for k, values in enumerate((column, row)):
+            both, turn = moved[k], angle[k]
+            both[:, :2], turn[:, 0] = -values[:, :2], -values[:, 2]
+        node = self._nodes + 2 * body
+        number = np.concatenate([own.number, own.number[floats], own.number[floats]])
+        order = np.argsort(number, kind="stable")
+        columns, rows_of = (
+            np.concatenate([given, both, turn])[order]
+            for given, both, turn in zip((own.column, own.row), moved, angle, strict=True)
+        )
+        return Slip(number[order], np.concatenate([own.node, node, node + 1])[order], columns, rows_of)
 
     def _respond(self, matrix: Array, sweeps: Array, solve_laplacian: Callable[[], None], vectors: Any) -> Array:
         """Find the pressure's response to the bodies' motions.
@@ -302,28 +473,75 @@ class FloatingBodies(MovedBodies):
             full[3 * b : 3 * b + 3, 3 * b : 3 * b + 3] += matrix[b]
         return full
 
+    def _arms(self, r: Array) -> Array:
+        """The section `layout.ARM` at the start."""
+        k, motion, at = layout, self.motion, self._in_motion
+        table = np.zeros((len(r), k.ARM_WIDTH))
+        for column in (k.START, k.END, k.MIDDLE):
+            table[:, column : column + 2] = r
+        if motion.slides.any():
+            free = motion.free_histories()
+            for column, values in zip(
+                (k.ALONG, k.ROW, k.V_FREE, k.A_FREE),
+                (motion.along, motion.row_along, *free),
+                strict=True,
+            ):
+                table[:, column : column + 2] = values[at]
+            table[:, k.CURVED] = motion.curved[at]
+        return table
+
+    @property
+    def angle(self) -> Array:
+        """See `MovedBodies.angle`."""
+        angle = self.motion.increment[:, 2].copy()
+        angle[self.numbers] = self._increment[:, 2]
+        return np.asarray(angle)
+
     def follows(self) -> Follows:
-        """The particles on the bodies follow their bodies' two nodes."""
+        """The particles on the bodies follow their bodies' two nodes, those that slide themselves, too."""
         own = self._index < len(self._equations.particles)
-        node, body, r = self._index[own], self._body[own], self._arm[own]
-        change = rotated(r, self._increment[body, 2])
+        node, body, r, at = self._index[own], self._body[own], self._arm[own], self._in_motion[own]
+        change, slides = rotated(r, self._increment[body, 2]), np.flatnonzero(self.motion.slides[at])
+        end_along, row_along = np.zeros((2, len(node), 2))
+        if len(slides):
+            end_along, row_along = self._directions()[at], self.motion.row_along[at]
+            if self._solution is not None:
+                u = self._equations.values(self._solution)[node[slides], :-1]
+                change[slides] = u - self._increment[body[slides], :2]
         end, middle = turned(r + change), turned(r + self._scheme.cf * change)
         column, sums = np.zeros((2, len(node), 2, 3))
         column[:, (0, 1), (0, 1)] = sums[:, (0, 1), (0, 1)] = 1.0
         column[..., 2], sums[..., 2] = end / self.lengths[body, None], middle / self.lengths[body, None]
         column *= (self.motion.free[self.numbers] / self.units)[body, None, :]
+        # Only at right angles to the directions in which particles slide.
+        for along, values in ((end_along, column), (row_along, sums)):
+            values -= along[:, :, None] * np.einsum("bc,bck->bk", along, values)[:, None, :]
         row = np.einsum("bkm,bcm->bck", self._rows[body], sums)
         row, column = (
             np.concatenate([a, np.zeros((len(node), 2, 1))], axis=2).reshape(-1, 2, 2, 2) for a in (row, column)
         )
-        order = np.argsort(node, kind="stable")
-        motion = self._nodes + 2 * body[order]
-        return Follows(
-            np.repeat(node[order], 2),
+        motion = self._nodes + 2 * body
+        found = Follows(
+            np.repeat(node, 2),
             np.stack([motion, motion + 1], axis=1).ravel(),
-            row[order].transpose(0, 2, 1, 3).reshape(-1, 2, 2),
-            column[order].transpose(0, 2, 1, 3).reshape(-1, 2, 2),
+            row.transpose(0, 2, 1, 3).reshape(-1, 2, 2),
+            column.transpose(0, 2, 1, 3).reshape(-1, 2, 2),
         )
+        along = np.einsum("kc,km->kcm", row_along[slides], self._scale[own][slides, None] * row_along[slides])
+        themselves = Follows(
+            node[slides], node[slides], along, np.einsum("kc,km->kcm", end_along[slides], end_along[slides])
+        )
+        parts = [found, themselves, super().follows()]
+        return Follows.together([part for part in parts if part is not None], 2)
+
+    def _directions(self) -> Array:
+        """See `directions`; the device has them, too."""
+        end = self.directions()
+        if self._along is not None:
+            values = end + rotated(end, -self.angle[self.motion.of])
+            device = self._buffers.upload("bodies.along", values[self._in_motion])
+            launch(kernels.set_directions, *self.arrays, device)
+        return end
 
     def start(self, x: Array) -> None:
         """See `Term.start`."""
@@ -341,18 +559,23 @@ class FloatingBodies(MovedBodies):
 
     def place(self, x: Any) -> None:
         """Displace the bodies' particles by the bodies' increments in ``x``, and set their rates."""
-        self._increment = self.increments(x)
+        self._increment, self._solution = self.increments(x), x
         launch(kernels.place, *self.arrays, self._equations.motion, x, self._base)
 
     def collect(self, x: Any, out: Any) -> None:
         """See `Term.collect`: forces and moments on the bodies, and their own."""
         launch(kernels.collect_residual, *self.arrays, x, out, self._base)
+        super().residual(x, out)  # after the bodies' rows are set
+
+    def residual(self, x: Any, out: Any) -> None:
+        """See `Term.residual`: done by `collect`."""
 
     def gather(self, matrix: Csr) -> None:
         """Add the derivatives by the angles that do not follow from displacements, at the last residual."""
         e, lists = self._equations, (self._parts, self._corners, self._bits, self._slots)
         launch(kernels.rotation_terms, *self.arrays, *lists, e.density, e.lumping, e.record, len(self._pairs))
         launch(kernels.add_rotations, *self.arrays, e.scale, *matrix, self._nodes, e.rows)
+        super().gather(matrix)
 
     def gather_own(self, matrix: Csr) -> None:
         """See `Term.gather_own`."""

@@ -33,7 +33,8 @@ class InterfacePressures(Physics[PressureJump]):
     def terms(self, part: PressureJump | None, step: StepStart) -> tuple[SidePressures]:
         """See `Physics.terms`."""
         jump = np.zeros((len(self._density), len(step.particles))) if part is None else part.values
-        return (SidePressures(step.cut, jump, step.walls),)
+        along = next((own.along for own in step.parts.values() if own.along is not None), None)
+        return (SidePressures(step.cut, jump, step.walls, along),)
 
     def remeshed(
         self, part: PressureJump | None, particles: Particles, remap: Remap

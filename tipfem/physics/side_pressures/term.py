@@ -37,6 +37,7 @@ class SidePressures(Term):
         cut: the mesh of the step, cut along its interfaces; 2-D.
         jump: (F, N) first guess of the pressure of each fluid less that of the particle [Pa].
         walls: of the step.
+        along: (N, 2) unit vectors along which wall particles slide that no wall holds, 0 for others; None for none.
 
     Attributes:
         count: number of particles with copies.
@@ -44,8 +45,13 @@ class SidePressures(Term):
 
     cut: CutMesh
 
-    def __init__(self, cut: CutMesh, jump: Array, walls: Walls) -> None:
-        self.cut, self.jump, self._walls = cut, jump, walls
+    def __init__(self, cut: CutMesh, jump: Array, walls: Walls, along: Array | None = None) -> None:
+        self.cut, self.jump, self._sliding, self._projectors = cut, jump, walls.sliding, walls.columns
+        if along is not None:
+            more = np.flatnonzero(along.any(axis=1))
+            products = (along[more, :, None] * along[more, None, :]).reshape(-1, 4)
+            self._sliding = np.concatenate([walls.sliding, more])
+            self._projectors = np.concatenate([walls.columns.reshape(-1, 4), products])
         first = np.flatnonzero(np.diff(cut.owner[cut.copied], prepend=-1))
         self._tied = tied = cut.owner[cut.particles + first]
         self.count, self._first = len(tied), first
@@ -112,12 +118,12 @@ class SidePressures(Term):
 
         diag(A)^-1 is 0 where displacements are prescribed.
         """
-        e, walls, nodes, count = self._equations, self._walls, len(self.cut.owner), self.count
+        e, nodes, count = self._equations, len(self.cut.owner), self.count
         put, get = e.buffers.upload, e.buffers.get
         number = np.full(self.cut.particles, -1, dtype=np.int32)
-        number[walls.sliding] = np.arange(len(walls.sliding))
+        number[self._sliding] = np.arange(len(self._sliding))
         slides = put("ties.slides", number[self._tied])
-        projectors = put("ties.projectors", walls.columns if len(walls.sliding) else np.zeros((1, 4)))
+        projectors = put("ties.projectors", self._projectors if len(self._sliding) else np.zeros((1, 4)))
         starts = put("ties.starts", np.zeros(count + 1, dtype=np.int32))
         size = launch(kernels.count_slopes, self.groups, e.topology.offsets, starts, count)
         ends, head, mark = (

@@ -57,13 +57,13 @@ class WallTerm(Term):
         self._free = ~walls.fixed[faces.nodes]  # friction does not act on particles in corners
         if self._faces:
             self._nodes, self._coefficient = put("walls.nodes", faces.nodes), put("walls.mu", faces.coefficient)
-            self._lists.append(_nodes_of(faces.nodes, faces.cell, cells, owner))
+            self._lists.append(nodes_of(faces.nodes, faces.cell, cells, owner))
             self._of_rows = put("walls.of_rows", self._lists[-1])
             self._normal, self._velocity = put("walls.normal", faces.normal), put("walls.v", faces.wall_velocity)
             self._record = e.buffers.get("walls.record", self._faces, kernels.face_record_width(d))
         if self._pressed:
             self._curved = put("walls.curved", walls.pressed)
-            self._lists.append(_nodes_of(walls.pressed, walls.pressed_cell, cells, owner))
+            self._lists.append(nodes_of(walls.pressed, walls.pressed_cell, cells, owner))
             self._of_pressures = put("walls.of_pressures", self._lists[-1])
             self._pressures = e.buffers.get("walls.pressures", self._pressed, 4)
 
@@ -175,7 +175,7 @@ class WallTerm(Term):
         return TermWork(friction_dissipation=float(dt * (force * slip).sum()), friction=float((force * moved).sum()))
 
 
-def _nodes_of(faces: Array, cell: Array, cells: Array, owner: Array) -> Array:
+def nodes_of(faces: Array, cell: Array, cells: Array, owner: Array) -> Array:
     """The nodes (F, d) of faces of the mesh that is solved on, from their particles (F, d) and cells (F,)."""
     corners = cells[cell]
     corner = (owner[corners][:, None] == faces[:, :, None]).argmax(axis=2)

@@ -1,0 +1,180 @@
+"""Fluids that slide along the outlines of bodies."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import tipfem as tp
+from tipfem.backend.arrays import download
+from tipfem.physics.bodies.motion import BodyStates
+from tipfem.physics.bodies.outlines import Outline
+from tipfem.step import solve
+
+WATER = tp.Fluid("water", density=1000.0, viscosity=1e-6)
+RADIUS = 0.1
+
+
+def in_water(shape, *, spacing=RADIUS / 6, fluid=WATER, force=None, grading=None, slip=True, **options):
+    """A body in the middle of a closed tank of 1 m x 1 m, whose walls slip."""
+    body = tp.Body(shape, name="b", **({"slip": True} if slip else {}), **options)
+    tank = tp.tank((1.0, 1.0), spacing).fill(fluid).add(body)
+    for side in tank.sides:
+        tank.wall(side, slip=True)
+    return tp.Case(tank, [fluid], (0.0, -9.81), body_force=force, grading=grading)
+
+
+def disc(spacing=RADIUS / 6, **options):
+    grading = tp.Grading(where=lambda x: np.clip(spacing + 0.2 * (np.hypot(*(x - 0.5).T) - 2 * RADIUS), spacing, 0.04))
+    return in_water(tp.shapes.circle((0.5, 0.5), RADIUS), spacing=spacing, grading=grading, **options)
+
+
+def square(turn=0.0):
+    corners = 0.1 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    c, s = math.cos(turn), math.sin(turn)
+    return corners @ np.array([[c, s], [-s, c]]) + 0.5
+
+
+def swirl(x, _time):
+    return np.stack([np.sin(3 * x[:, 1]), np.cos(5 * x[:, 0])], axis=1)
+
+
+@pytest.mark.parametrize(("slip", "error"), [(True, 0.03), (False, 0.5)])
+def test_added_mass_of_a_cylinder_that_is_let_go(slip, error):
+    """1.0712 of its water's for a cylinder of a tenth of the tank's width: multipoles that fit the walls. 1.019 of it
+    with 6 spacings in the radius, without slip 1.38."""
+    case = disc(density=500.0, slip=slip)
+    simulation = tp.Simulation(case, time_step=1e-3)
+    for _ in range(3):
+        simulation.step()
+    row, area = simulation.history[-1], case.bodies[0].area
+    acceleration = row["b_velocity_y"] / row["time"]
+    added = (1000.0 - 500.0) * 9.81 / acceleration / 1000.0 - 0.5
+    assert abs(added / 1.0712 - 1) < error
+    assert (abs(added / 1.0712 - 1) > 0.2) is not slip
+    states = simulation.state.part(BodyStates)
+    on = simulation.particles.position[states.label == 0]
+    angle = np.argsort(np.arctan2(*(on - states.position[0, :2]).T[::-1]))
+    x, y = on[angle].T
+    enclosed = 0.5 * float((x * np.roll(y, -1) - np.roll(x, -1) * y).sum())
+    assert enclosed == pytest.approx(area, rel=1e-12)
+
+
+@pytest.mark.parametrize("shape", ["disc", "square"])
+@pytest.mark.parametrize("options", [{}, {"density": 500.0}, {"density": 500.0, "free": ("angle",)}])
+def test_energy_is_kept(shape, options):
+    """Also of fluid and body together, whatever slips: walls and fixed bodies do no work on a fluid that slides."""
+    form = tp.shapes.circle((0.5, 0.5), RADIUS) if shape == "disc" else square(0.3)
+    simulation = tp.Simulation(in_water(form, spacing=0.03, force=swirl, **options), time_step=2e-3)
+    for _ in range(3):
+        simulation.step()
+    rows = simulation.history
+    kinetic = rows[-1]["kinetic_energy"]
+    assert sum(abs(row["energy_residual"]) for row in rows) < 1e-4 * kinetic
+    states = simulation.state.part(BodyStates)
+    velocity = simulation.particles.velocity[states.slides] - simulation.particles.velocity[states.label == 0].mean(
+        axis=0
+    )
+    assert np.abs(velocity).max() > 1e-4
+
+
+def test_a_fluid_at_rest_stays_at_rest_beside_a_disc():
+    simulation = tp.Simulation(disc(), time_step=1e-3)
+    for _ in range(3):
+        simulation.step()
+    assert simulation.particles.max_speed < 1e-9
+
+
+def test_friction_of_a_slip_length_turns_a_disc_with_the_fluid():
+    """The moment of the fluid on a fixed disc in a rotating flow is 2 pi mu / l R^2 U at first."""
+    syrup = tp.Fluid("syrup", density=1000.0, viscosity=1.0)
+    length, speed = 0.05, 0.1
+    body = tp.Body(tp.shapes.circle((0.5, 0.5), RADIUS), name="b", slip_length=length)
+    tank = tp.tank(shape=tp.shapes.circle((0.5, 0.5), 0.3), spacing=0.02).add(body)
+    for side in tank.sides:
+        tank.wall(side, slip=True)
+
+    def around(x):
+        r = x - 0.5
+        return speed * RADIUS / (r * r).sum(axis=1)[:, None] * np.stack([-r[:, 1], r[:, 0]], axis=1)
+
+    tank.fill(syrup, velocity=around)
+    simulation = tp.Simulation(tp.Case(tank, [syrup], (0.0, 0.0)), time_step=1e-5)
+    simulation.step()
+    friction = syrup.viscosity / length * speed * 2 * math.pi * RADIUS * RADIUS
+    row = simulation.history[-1]
+    assert row["b_moment"] == pytest.approx(friction, rel=0.1)
+    assert row["friction_dissipation"] == pytest.approx(1e-5 * friction * speed / RADIUS, rel=0.15)
+
+
+@pytest.mark.parametrize(("spin", "allowed"), [(0.0, 2e-3), (5.0, 0.02)])
+def test_the_jacobian_is_exact_but_for_the_turning_of_directions(monkeypatch, spin, allowed):
+    """With a rotation of 0.01 rad in the step up to about that part."""
+    body = tp.Body(square(0.3), name="b", density=500.0, angular_velocity=spin, law="layer")
+    tank = tp.tank((1.0, 1.0), 0.05).fill(WATER).add(body)
+    simulation, checked = tp.Simulation(tp.Case(tank, [WATER], (0.0, -9.81)), time_step=2e-3), []
+    simulation.step()
+
+    def examine(problem, x, **_options):
+        size = problem.size
+        problem.residual(x)
+        problem.correct(x, 1e-3)
+        problem.residual(x)
+        problem.linearise()
+        base, rng = download(x, size).copy(), np.random.default_rng(0)
+        v = rng.standard_normal(size)
+        v[2 : 3 * problem.nodes : 3] *= 1e4
+        held = problem.particles.wall & ~simulation.state.part(BodyStates).slides
+        fixed = np.flatnonzero(held)
+        v[3 * fixed] = v[3 * fixed + 1] = v[-4] = v[-2] = v[-1] = 0.0  # a body has three unknowns at its two nodes
+        moved = problem.buffers.upload("test.v", v)
+        problem.system.condensation.spread(moved)
+        step = download(moved, size).copy()
+        out = problem.buffers.get("test.out", size)
+        problem.product(problem.buffers.upload("test.w", v), out)
+        product, sides = download(out, size).copy(), []
+        for sign in (1.0, -1.0):
+            problem.residual(problem.buffers.upload("test.x", base + sign * 1e-6 * step))
+            sides.append(download(problem._r, size).copy())
+        assert np.abs(product[-3]) > 0.01
+        np.testing.assert_allclose(product, (sides[0] - sides[1]) / 2e-6, atol=allowed * np.abs(product).max())
+        checked.append(True)
+        raise StopIteration
+
+    monkeypatch.setattr(solve, "newton", examine)
+    with pytest.raises(StopIteration):
+        simulation.step()
+    assert checked
+
+
+def test_an_outline_finds_its_corners_and_curves():
+    body = tp.Body(square(), name="b")
+    outline = Outline(body)
+    number, tangent = outline.number(np.array([[0.4, 0.4], [0.5, 0.4], [0.6, 0.55]]), 0.05)
+    assert number[0] == -1
+    assert not tangent[0].any()
+    assert number[1] != number[2]
+    np.testing.assert_allclose(np.abs(tangent[1:]), [[1, 0], [0, 1]], atol=1e-12)
+    assert not outline.curved
+    round_one = Outline(tp.Body(tp.shapes.circle((0.0, 0.0), 1.0), name="b"))
+    y = np.array([[0.995, 0.1]])
+    number, tangent = round_one.number(y, 0.1)
+    np.testing.assert_allclose(np.linalg.norm(round_one.project(y, number), axis=1), 1.0, rtol=1e-12)
+    np.testing.assert_allclose((tangent * y).sum(), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [({"slip": True, "law": "layer"}, "law is given beside slip"), ({"slip_length": 0.0}, "slip_length is 0.0")],
+)
+def test_outlines_take_one_condition(options, text):
+    with pytest.raises(ValueError, match=text):
+        tp.Body(square(), name="b", **options)
+
+
+def test_bodies_slip_with_the_sharp_interface_only():
+    tank = tp.tank((1.0, 1.0), 0.05).fill(WATER).add(tp.Body(square(), name="b", slip=True))
+    with pytest.raises(ValueError, match=r"body 'b': fluids slip along it, which needs interface = 'sharp'"):
+        tp.Case(tank, [WATER], (0.0, 0.0), interface="interpolated")

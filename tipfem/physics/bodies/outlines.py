@@ -1,0 +1,122 @@
+"""Outlines of bodies along which fluids slip: where particles may slide on them, and in which direction.
+
+An outline consists of curves between its corners, see `tipfem.geometry.curves`; a straight side is one of a single
+edge. Particles in corners move with the body. All others slide along their curve, which moves with the body: on a
+straight side along that, and on a curve at right angles to the boundary integral of their shape function times the
+normal, from the particle before to the one after, so that the body keeps its area. After the step particles of curves
+are put back on these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from tipfem.case.body import Body
+from tipfem.geometry.curves import Curve, chain_tangents, curve_of, restored, runs_of
+from tipfem.geometry.domain import Domain
+from tipfem.mesh.mesh import Mesh
+from tipfem.typing import Array
+
+# A particle closer than this to a corner of an outline is in it; one closer to the outline is on that [spacings].
+AT_CORNER = 1e-5
+# The same for the distance to an outline with curves, on whose chords new particles are.
+NEAR_CURVE = 0.25
+
+
+class Outline:
+    """The outline of a body at t = 0.
+
+    Args:
+        body: of the case.
+
+    Attributes:
+        curves: between corners.
+        curved: whether any of them has several edges.
+        area: that it encloses [m^2].
+        reference: (2,) reference point of the body at t = 0 [m].
+    """
+
+    def __init__(self, body: Body) -> None:
+        domain = _domain(body)
+        self.curves: list[Curve] = [curve_of(domain, 0, run) for run in runs_of(domain, 0)]
+        self.curved, self.area = any(len(curve.edges) > 1 for curve in self.curves), body.area
+        self.reference = body.reference
+
+    def number(self, y: Array, spacing: float) -> tuple[Array, Array]:
+        """The curve of points (K, 2) near the outline, -1 in corners (K,); and its unit tangents (K, 2), 0 there."""
+        distance = np.stack([curve.nearest(y)[0] for curve in self.curves])
+        number = np.argmin(distance, axis=0)
+        tangent = np.zeros_like(y)
+        for k, curve in enumerate(self.curves):
+            here = np.flatnonzero(number == k)
+            tangent[here] = curve.tangent(y[here])
+            number[here[curve.at_ends(y[here], AT_CORNER * spacing)]] = -1
+        tangent[number < 0] = 0.0
+        return number, tangent
+
+    def project(self, y: Array, number: Array) -> Array:
+        """Points (K, 2), those on curves of several edges moved there; ``number`` (K,) as of `number`."""
+        y = y.copy()
+        for k, curve in enumerate(self.curves):
+            if len(curve.edges) > 1:
+                y[number == k] = curve.project(y[number == k])
+        return y
+
+    def several(self, number: Array) -> Array:
+        """Mask (K,) of the curves (K,), see `number`, of several edges."""
+        several = np.array([len(curve.edges) > 1 for curve in self.curves] + [False])
+        return np.asarray(several[number])
+
+
+def _domain(body: Body) -> Domain:
+    """The region that a body covers at t = 0, with the centres of its arcs."""
+    corners, count = body.corners, len(body.corners)
+    ends, number, centres = np.roll(corners, -1, axis=0), np.full(count, -1), {}
+    for k, piece in enumerate(piece for piece in body.outline.pieces if piece.centre is not None):
+        centre = np.asarray(piece.centre)
+        radius = float(np.linalg.norm(np.asarray(piece.start) - centre))
+        on = [np.abs(np.linalg.norm(x - centre, axis=1) - radius) < 1e-9 * radius for x in (corners, ends)]
+        number[on[0] & on[1] & (number < 0)], centres[k] = k, centre
+    return Domain([corners], [[body.name] * count], [number.tolist()], centres)
+
+
+def body_faces(mesh: Mesh, label: Array) -> tuple[Array, Array]:
+    """The faces (E, 2) of a mesh along bodies, with the bodies on their left, and their cells (E,).
+
+    Args:
+        mesh: on N particles.
+        label: (N,) number of the body that each particle is on, -1 for none.
+    """
+    cell, i = np.nonzero(mesh.neighbours < 0)
+    pairs = np.stack([mesh.cells[cell, (i + 2) % 3], mesh.cells[cell, (i + 1) % 3]], axis=1)
+    here = (label[pairs[:, 0]] >= 0) & (label[pairs[:, 0]] == label[pairs[:, 1]])
+    return pairs[here], cell[here]
+
+
+def chain_directions(position: Array, pairs: Array, index: Array, otherwise: Array) -> Array:
+    """Directions (K, 2) at particles (K,) by `chain_tangents`, and ``otherwise`` (K, 2) where the chain ends."""
+    both = np.isin(index, pairs[:, 0]) & np.isin(index, pairs[:, 1])
+    result = otherwise.copy()
+    if both.any():
+        result[both] = chain_tangents(position, pairs, index[both])
+    return np.asarray(result)
+
+
+def put_back(position: Array, pairs: Array, moves: Array, label: Array, outlines: Mapping[int, Outline]) -> Array:
+    """Positions (N, 2) on curves of bodies, moved along their normals so that each body has its area.
+
+    Args:
+        position: on the curves [m].
+        pairs: (E, 2) the faces along bodies, see `body_faces`.
+        moves: (N,) mask of those on curves of several edges.
+        label: (N,) number of the body that each particle is on.
+        outlines: by the numbers of their bodies.
+    """
+    for b, outline in outlines.items():
+        if outline.curved:
+            mine = pairs[label[pairs[:, 0]] == b]
+            x = position - position[mine[:, 0]].mean(axis=0)  # the area is a small difference far from the origin
+            position = position + restored(x, mine, moves, outline.area) - x
+    return position
