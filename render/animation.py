@@ -2,7 +2,7 @@
 
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from os import PathLike
@@ -20,10 +20,7 @@ from .movie import MovieWriter, check_movie_name
 from .renderer import Renderer, natural_size, settled
 from .results import Results
 from .scales import MUTED_FIELD, check_range
-from .scene import Scene
 from .view import View
-
-_MOST_SAMPLED = 24  # stored times that are read to find the range of a field
 
 
 class Animation(NamedTuple):
@@ -62,6 +59,8 @@ def animate(
     title: str | None = None,
     name: str | None = None,
     frame: str = "room",
+    dark: bool = False,
+    transparent: bool = False,
 ) -> Animation:
     """Draw every stored time of a results folder, one picture each.
 
@@ -86,6 +85,8 @@ def animate(
         title: a line above the tank; None takes that of the case.
         name: in place of the options in the names of what is written: out/frames_NAME/, animation_NAME.mp4.
         frame: "tank" draws a tank that moves as if it rested, see `Results`.
+        dark: draw light text on a dark background.
+        transparent: draw frames without a background; movies have one.
 
     Raises:
         ValueError: an argument is invalid.
@@ -100,6 +101,8 @@ def animate(
         raise ValueError(f"playback rate {playback_rate:g}: expected pictures a second, above 0 and up to 1000")
     if not (frames or names):
         raise ValueError("nothing to write: neither frames nor a movie is asked for")
+    if transparent and names:
+        raise ValueError(f"{names[0]}: movies have a background; draw frames alone, or leave out transparent")
     if field_range is not None:
         if field is None:
             raise ValueError("a field range is given, but no field to colour by")
@@ -112,13 +115,14 @@ def animate(
     tail = name
     if tail is None:
         tail = picture_name(field, field_range, mesh, particles, shown, size, fluid_colours or {}, frame)
+        tail = "_".join([tail] * bool(tail) + ["dark"] * dark + ["transparent"] * transparent)
     tail = f"_{tail}" if tail else ""
     if field is not None:
         results.scene(0).field_values(field)
     if view.contours is not None:
         results.scene(0).field_values(view.contours)
     if field is not None or view.contours is not None or view.arrows:
-        view, field_range = settled(view, _Sampled(results), field, field_range)
+        view, field_range = settled(view, results.sampled(), field, field_range)
     if size is None:
         size = natural_size(results.scene(0), field, view)
 
@@ -126,7 +130,7 @@ def animate(
     folder = results.folder / f"frames{tail}"
     written = []
     with ExitStack() as stack:
-        renderer = stack.enter_context(Renderer(size, backend, fluid_colours, samples))
+        renderer = stack.enter_context(Renderer(size, backend, fluid_colours, samples, dark, transparent))
         progress = stack.enter_context(_progress())
         writers: list[MovieWriter] = []
         tracers: Tracers | None = None
@@ -216,17 +220,6 @@ def time_lapse(times: Sequence[float], playback_rate: float) -> str:
     pace = float(np.median(apart)) * playback_rate
     told = f"{max(pace, 1 / pace):.2g}"
     return "real time" if told == "1" else f"{float(told):g} times {'slower' if pace < 1 else 'faster'}"
-
-
-class _Sampled:
-    """Scenes at evenly spaced stored times, read at each passage."""
-
-    def __init__(self, results: Results) -> None:
-        self._results, self._count = results, min(len(results), _MOST_SAMPLED)
-
-    def __iter__(self) -> Iterator[Scene]:
-        numbers = np.linspace(0, len(self._results) - 1, self._count).round()
-        return (self._results.scene(int(i)) for i in numbers)
 
 
 def _write_png(path: Path, image: Array) -> Path:

@@ -58,21 +58,24 @@ class Annotator:
         image: (H, W, 3) uint8.
         layout: of the picture.
         colour_map: of the colour bar; None takes that of the field.
+        scheme: colours of text and axes.
     """
 
-    def __init__(self, image: Array, layout: Layout, colour_map: str | None = None) -> None:
+    def __init__(
+        self, image: Array, layout: Layout, colour_map: str | None = None, scheme: colours.Scheme = colours.LIGHT
+    ) -> None:
         self.image = Image.fromarray(image)
         self.draw = ImageDraw.Draw(self.image)
         self.layout = layout
         self.unit = layout.unit
-        self.colour_map = colour_map
+        self.colour_map, self.scheme = colour_map, scheme
 
     def text(
         self,
         at: Point,
         text: str,
         height: float = NORMAL,
-        colour: str = colours.TEXT,
+        colour: str | None = None,
         anchor: str = "lt",
         limit: float | None = None,
     ) -> None:
@@ -82,11 +85,11 @@ class Annotator:
             at: x and y of the anchor [px].
             text: to be written; a "^" raises the next character.
             height: [design pixels].
-            colour: "#rrggbb".
+            colour: "#rrggbb"; None takes the scheme's.
             anchor: of Pillow.
             limit: largest width [px]; longer texts are cut and end in dots.
         """
-        font = _font(height * self.unit)
+        font, colour = _font(height * self.unit), colour or self.scheme.text
         if limit is not None:
             whole = text
             while text and font.getlength(text if text == whole else text + "...") > limit:
@@ -107,9 +110,9 @@ class Annotator:
             self.draw.text((x, part_y), part, fill=colour, font=part_font, anchor=anchor)
             x += part_font.getlength(part)
 
-    def line(self, points: Sequence[Point], colour: str = colours.SUBTLE) -> None:
-        """Draw a thin line through points [px] in a ``colour`` "#rrggbb"."""
-        self.draw.line(list(points), fill=colour, width=max(1, round(self.unit)))
+    def line(self, points: Sequence[Point]) -> None:
+        """Draw a thin line through points [px]."""
+        self.draw.line(list(points), fill=self.scheme.subtle, width=max(1, round(self.unit)))
 
     def axes(self) -> None:
         """Draw ticks and their labels in metres, left of the tank and below it."""
@@ -121,16 +124,16 @@ class Annotator:
         for value, label in horizontal:
             x = self.layout.pixels([value, lower[1]])[0]
             self.line([(x, bottom + start), (x, bottom + start + length)])
-            self.text((x, bottom + start + length + 5 * u), label, SMALL, colours.SUBTLE, "mt")
+            self.text((x, bottom + start + length + 5 * u), label, SMALL, self.scheme.subtle, "mt")
         vertical = _with_ends(lower[1], upper[1], bottom - top, 60 * u)
         for value, label in vertical:
             y = self.layout.pixels([lower[0], value])[1]
             self.line([(left - start, y), (left - start - length, y)])
-            self.text((left - start - length - 5 * u, y), label, SMALL, colours.SUBTLE, "rm")
+            self.text((left - start - length - 5 * u, y), label, SMALL, self.scheme.subtle, "rm")
         below = bottom + start + length + 27 * u
-        self.text(((left + right) / 2, below), "x [m]", SMALL, colours.SUBTLE, "mt")
+        self.text(((left + right) / 2, below), "x [m]", SMALL, self.scheme.subtle, "mt")
         widest = max(text_width(label, SMALL * u) for _, label in vertical)
-        self.upright((left - start - length - 13 * u - widest, (top + bottom) / 2), "y [m]", SMALL, colours.SUBTLE)
+        self.upright((left - start - length - 13 * u - widest, (top + bottom) / 2), "y [m]", SMALL, self.scheme.subtle)
 
     def upright(self, at: Point, text: str, height: float, colour: str) -> None:
         """Write a line of text that reads upwards.
@@ -153,7 +156,7 @@ class Annotator:
         """Write the title above the tank, cut at the end of the picture."""
         left, top, _, _ = self.layout.box
         room = self.layout.size[0] - left - 20 * self.unit
-        self.text((left, top - 34 * self.unit), text, 23, colours.TEXT, "lm", limit=room)
+        self.text((left, top - 34 * self.unit), text, 23, self.scheme.text, "lm", limit=room)
 
     def panel(
         self, swatches: Sequence[tuple[str, Array]], keys: Sequence[Key], field: str | None, field_range: Range | None
@@ -213,7 +216,7 @@ class Annotator:
         (x, y), u = at, self.unit
         side = 22 * u
         self.draw.rectangle(
-            [x, y, x + side, y + side], fill=_bytes(fill), outline=colours.WALL, width=max(1, round(1.2 * u))
+            [x, y, x + side, y + side], fill=_bytes(fill), outline=self.scheme.wall, width=max(1, round(1.2 * u))
         )
         self.text((x + side + 12 * u, y + side / 2), name, NORMAL, anchor="lm", limit=room - side - 12 * u)
 
@@ -299,6 +302,7 @@ def annotate(
     colour_map: str | None = None,
     keys: Sequence[Key] = (),
     lapse: str = "",
+    scheme: colours.Scheme = colours.LIGHT,
 ) -> Array:
     """Write all text and scales on a picture, outside of its tank.
 
@@ -314,26 +318,28 @@ def annotate(
         colour_map: of the field; None takes the usual one.
         keys: of the lines in the picture.
         lapse: how the movie goes, below the time; "" for none.
+        scheme: colours around the fluids.
 
     Returns:
         The image.
     """
     shades = tuple((name, tuple(map(float, fill))) for name, fill in swatches)
     where, colour = _constant_pixels(
-        layout.key, scene.title, shades, tuple(keys), field, field_range, colour_map, lapse
+        layout.key, scene.title, shades, tuple(keys), field, field_range, colour_map, lapse, scheme
     )
     image.reshape(-1, 3)[where] = colour
-    clock(image, scene, layout)
+    clock(image, scene, layout, scheme)
     return image
 
 
-def clock(image: Array, scene: Scene, layout: Layout) -> None:
+def clock(image: Array, scene: Scene, layout: Layout, scheme: colours.Scheme = colours.LIGHT) -> None:
     """Write the time on a picture.
 
     Args:
         image: (H, W, 3) uint8; changed.
         scene: whose time it is.
         layout: of the picture.
+        scheme: colours around the fluids.
     """
     left, top = layout.panel[:2]
     u, text = layout.unit, f"t = {scene.time:.{scene.digits}f} s"
@@ -343,7 +349,7 @@ def clock(image: Array, scene: Scene, layout: Layout) -> None:
     column, row = max(0, int(left) - 2), max(0, int(top) - 2)
     height, width = round(1.3 * LARGE * u) + 4, round(text_width(text, LARGE * u)) + 8
     part = image[row : row + height, column : column + width]
-    annotator = Annotator(np.ascontiguousarray(part), layout)
+    annotator = Annotator(np.ascontiguousarray(part), layout, scheme=scheme)
     annotator.text((left - column, top - row), text, LARGE)
     part[:] = np.asarray(annotator.image)
 
@@ -358,20 +364,22 @@ def _constant_pixels(
     field_range: Range | None,
     colour_map: str | None,
     lapse: str,
+    scheme: colours.Scheme,
 ) -> tuple[Array, Array]:
     """Axes, title, legend and colour bar: the pixels (K,) that they change in a picture, and their colours (K, 3)."""
     layout = Layout.from_key(layout_key)
     width, height = layout.size
-    annotator = Annotator(np.full((height, width, 3), 255, np.uint8), layout, colour_map)
+    ground = np.array(_bytes(scheme.background), np.uint8)
+    annotator = Annotator(np.tile(ground, (height, width, 1)), layout, colour_map, scheme)
     annotator.axes()
     if title:
         annotator.title(title)
     left, top = layout.panel[:2]
     below = (30 if layout.beside else 50) * layout.unit
-    annotator.text((left, top + below), lapse, SMALL, colours.SUBTLE)
+    annotator.text((left, top + below), lapse, SMALL, scheme.subtle)
     annotator.panel([(name, np.array(fill)) for name, fill in shades], keys, field, field_range)
     pixels = np.asarray(annotator.image).reshape(-1, 3)
-    red, green, blue = (pixels != 255).T
+    red, green, blue = (pixels != ground).T
     where = np.flatnonzero(red | green | blue)  # many times faster than a reduction over the channels
     return where, pixels[where]
 

@@ -9,6 +9,8 @@ from typing import Annotated, Any, Literal, TypeVar
 from cyclopts import App, CycloptsError, Parameter
 
 from .animation import animate
+from .results import Results
+from .strips import WIDTH, moved
 from .strips import strip as draw_strip
 from .vector import draw_vectors
 from .view import View
@@ -84,9 +86,13 @@ def render(
     movie: Several[str] | None = None,
     no_movie: Flag = False,
     playback_rate: float = 25.0,
-    strip: Several[float] | None = None,
+    strip: Annotated[tuple[float, ...] | None, Parameter(consume_multiple=(0, 1000))] = None,
+    columns: int | None = None,
+    width: int | None = None,
     svg: Flag = False,
     pdf: Flag = False,
+    dark: Flag = False,
+    transparent: Flag = False,
     title: str | None = None,
     name: str | None = None,
     no_frames: Flag = False,
@@ -151,12 +157,20 @@ def render(
     playback_rate
         Pictures shown a second [1/s].
     strip
-        Draw these times [s] side by side in one picture, OUT/strip.png.
+        Draw these times [s] side by side in one picture, OUT/strip.png; four over the run without a number.
+    columns
+        Of --strip: tanks in a row; at most 4 by default, and fewer of flat tanks.
+    width
+        Of --strip in pixels; 1600 by default.
     svg
         Write the times of --strip, or the last one, as vectors, OUT/strip.svg or OUT/picture.svg, and no movie or
         frames unless they are named; needs tipfem[plot].
     pdf
         The same as PDF.
+    dark
+        Light text on a dark background.
+    transparent
+        No background; writes no movie.
     title
         A line above the tank; by default the title of the case.
     name
@@ -167,7 +181,7 @@ def render(
     colour
         Colour of a fluid, as water=#0072b2; may be given several times.
     """
-    movies = () if no_movie else movie or (MOVIE,)
+    movies = () if no_movie else movie or (MOVIE,) * (not transparent)
     colours, missing = {}, False
     try:
         for text in colour or ():
@@ -185,6 +199,8 @@ def render(
             "samples": samples,
             "name": name,
             "frame": frame,
+            "dark": dark,
+            "transparent": transparent,
             "view": View(
                 window=window,
                 follow=follow,
@@ -200,17 +216,23 @@ def render(
                 smooth=None if outlines is None else outlines == "smooth",
             ),
         }
+        if strip is None and (columns or width):
+            raise ValueError(f"--{'columns' if columns else 'width'} is of --strip, which is not given")
+        for line in moved(Results(out).times, strip or ()):
+            print(line)
         if svg or pdf:
+            if width:
+                raise ValueError("--width is in pixels; SVG and PDF are as wide as a page")
             suffixes = [".svg"] * svg + [".pdf"] * pdf
             kept = {key: value for key, value in looks.items() if key not in ("backend", "samples")}
-            for path in draw_vectors(out, strip or None, suffixes, **kept):
+            for path in draw_vectors(out, strip, suffixes, columns=columns, title=title, **kept):
                 print(path)
             if not movie:
                 return 0
-            strip, no_frames = (), True
-        if strip:
+            strip, no_frames = None, True
+        if strip is not None:
             try:
-                print(draw_strip(out, strip, **looks))
+                print(draw_strip(out, strip, columns=columns, width=width or WIDTH, **looks))
             except ValueError as error:
                 if no_frames and not movies:
                     raise

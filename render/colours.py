@@ -1,7 +1,7 @@
 """Colours of the fluids and of the fields, as sRGB in [0, 1]."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -27,14 +27,32 @@ class Scheme(NamedTuple):
     Attributes:
         background: (3,) of the picture and of space without a fluid.
         wall: "#rrggbb".
+        text: "#rrggbb".
+        subtle: "#rrggbb" of the axes.
     """
 
     background: tuple[float, float, float]
     wall: str
+    text: str
+    subtle: str
 
 
-LIGHT = Scheme(BACKGROUND, WALL)
-DARK = Scheme((0x15 / 255, 0x1A / 255, 0x21 / 255), "#8793a3")
+LIGHT = Scheme(BACKGROUND, WALL, TEXT, SUBTLE)
+DARK = Scheme((0x15 / 255, 0x1A / 255, 0x21 / 255), "#8793a3", "#e4e9ef", "#9ba7b5")
+
+
+def on_transparent(draw: Callable[[Scheme], Array], scheme: Scheme) -> Array:
+    """A picture (H, W, 4) uint8 without its background, which follows from two with a white and a black one.
+
+    Args:
+        draw: gives the picture (H, W, 3) uint8 in the colours around the fluids.
+        scheme: these, but for the background.
+    """
+    white, black = (draw(scheme._replace(background=(ground,) * 3)).astype(np.float64) for ground in (1.0, 0.0))
+    alpha = 255 - (white - black).mean(axis=2, keepdims=True)
+    colour = np.where(alpha > 0, 255 * black / np.maximum(alpha, 1.0), 0.0)
+    return np.asarray(np.rint(np.clip(np.concatenate([colour, alpha], axis=2), 0, 255)), np.uint8)
+
 
 # Okabe and Ito's palette, told apart with every common colour vision: blue, orange, bluish green,
 # vermillion, reddish purple, yellow.

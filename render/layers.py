@@ -184,13 +184,14 @@ def arrow_text(speed: float) -> str:
     return f"{speed:.3g} m/s"
 
 
-def mask_outside(drawing: Drawing, scene: Scene, layout: Layout) -> None:
+def mask_outside(drawing: Drawing, scene: Scene, layout: Layout, scheme: colours.Scheme) -> None:
     """Cover what lies outside the window, except for walls at the sides where the window ends with the domain.
 
     Args:
         drawing: to which the cover is added.
         scene: what is drawn.
         layout: of the picture.
+        scheme: colours around the fluids.
     """
     assert scene.lower is not None, "a Scene fills in what was left out"
     assert scene.upper is not None, "a Scene fills in what was left out"
@@ -206,10 +207,10 @@ def mask_outside(drawing: Drawing, scene: Scene, layout: Layout) -> None:
         (far[0], far[1], far[2], outer[1]),
         (far[0], outer[3], far[2], far[3]),
     ):
-        _rectangle(drawing, x0, y0, x1, y1, colours.BACKGROUND)
+        _rectangle(drawing, x0, y0, x1, y1, scheme.background)
     corners = np.array([[left, bottom], [left, top], [right, top], [right, bottom]])
     sides = np.array([[0, 1], [3, 0], [2, 3], [1, 2]])[[not at for at in at_walls]]
-    drawing.lines(corners[sides], 1.4 * layout.unit, colours.rgb(colours.SUBTLE), cap=0.7 * layout.unit)
+    drawing.lines(corners[sides], 1.4 * layout.unit, colours.rgb(scheme.subtle), cap=0.7 * layout.unit)
 
 
 def cover_ends(drawing: Drawing, scene: Scene, layout: Layout, background: Sequence[float]) -> None:

@@ -24,6 +24,7 @@ PASSES = 2
 SHRINK, GROW = 0.5, -0.53  # of Taubin's filter
 CUTS = 3  # of all corners
 ROWS = 4  # to a pixel, on which the ends of areas are put
+THIN = 0.03  # of a tank: circumradius up to which what is solid may be filled
 SMOOTHED = "smoothed outlines"  # in the legend
 
 
@@ -180,6 +181,30 @@ def _drops(scene: Scene, fluid: int) -> list[Loop]:
     loose = scene.geometry.surroundings.spray & (scene.fluid == fluid)
     corners = SPRAY_RADIUS * scene.spacing * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
     return [Loop(place + corners, np.zeros(4, bool)) for place in scene.position[loose]]
+
+
+def thin_solids(scene: Scene) -> list[list[float]]:
+    """Solid parts of a tank that may be too thin for two walls' lines, to be filled where they are.
+
+    Args:
+        scene: what is drawn.
+
+    Returns:
+        Of each the circumradius of a triangle, or half the length of a gap in the walls' hull, and its corners' x and
+        y [m]; none of a tank that has moved.
+    """
+    tank = scene.tank
+    if tank is None or tank.moved:
+        return []
+    most = THIN * float(np.ptp(tank.points, axis=0).max())
+    triangles, radius, feet = tank.solids
+    length = np.linalg.norm(tank.points[feet[:, 1]] - tank.points[feet[:, 0]], axis=1) / 2
+    found = [
+        [r, *tank.points[corners].ravel()]
+        for corners, r in [*zip(triangles, radius, strict=True), *zip(feet, length, strict=True)]
+        if r < most
+    ]
+    return [[float(f"{value:.5g}") for value in each] for each in found]
 
 
 def wall_loops(scene: Scene) -> list[Loop]:

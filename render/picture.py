@@ -174,7 +174,7 @@ def draw_scene(
     if scene.period is not None:
         cover_ends(drawing, scene, layout, scheme.background)
     if (view.window is not None or view.follow is not None) and not bare:
-        mask_outside(drawing, scene, layout)
+        mask_outside(drawing, scene, layout, scheme)
     return drawing, keys
 
 

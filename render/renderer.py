@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import Any, Protocol
 
 from . import colours
 from .annotation import annotate, entry_width, panel_width
@@ -44,6 +44,8 @@ class Renderer:
             the driver of a GPU, else the rasteriser; see `backend`.
         fluid_colours: colours "#rrggbb" by the names of fluids, in place of the default colours.
         samples: of the rasteriser along a side of a pixel: 2 for smooth edges, 1 for pictures in half the time.
+        dark: draw light text on a dark background.
+        transparent: draw no background: pictures have a fourth channel, which takes twice the time.
 
     Raises:
         ValueError: an argument is invalid.
@@ -56,8 +58,11 @@ class Renderer:
         backend: str = "auto",
         fluid_colours: Mapping[str, str] | None = None,
         samples: int = 2,
+        dark: bool = False,
+        transparent: bool = False,
     ) -> None:
-        self.size = check_size(size)
+        self.size, self.transparent = check_size(size), transparent
+        self.scheme = colours.DARK if dark else colours.LIGHT
         self.fluid_colours = dict(fluid_colours or {})
         self._canvas = make_canvas(self.size, backend, samples)
 
@@ -76,7 +81,7 @@ class Renderer:
         view: View | None = None,
         lapse: str = "",
     ) -> Array:
-        """A picture of a scene, (H, W, 3) uint8.
+        """A picture of a scene, (H, W, 3) uint8, or (H, W, 4) without its background.
 
         Args:
             scene: what is drawn.
@@ -96,12 +101,21 @@ class Renderer:
         fills = colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours)
         view, field_range = settled(View() if view is None else view, [scene], field, field_range)
         layout = make_layout(self.size, *contents(scene, field, view))
-        drawing, keys = draw_scene(
-            scene, layout, fills, field=field, field_range=field_range, mesh=mesh, particles=particles, view=view
-        )
-        image = self._canvas.paint(drawing, colours.BACKGROUND)
         swatches = swatches_of(scene, field, view, fills)
-        return annotate(image, scene, layout, swatches, field, field_range, view.colour_map, keys, lapse)
+        looks: dict[str, Any] = {
+            "field": field,
+            "field_range": field_range,
+            "mesh": mesh,
+            "particles": particles,
+            "view": view,
+        }
+
+        def drawn(scheme: colours.Scheme) -> Array:
+            drawing, keys = draw_scene(scene, layout, fills, **looks, scheme=scheme)
+            image = self._canvas.paint(drawing, scheme.background)
+            return annotate(image, scene, layout, swatches, field, field_range, view.colour_map, keys, lapse, scheme)
+
+        return colours.on_transparent(drawn, self.scheme) if self.transparent else drawn(self.scheme)
 
     def tank(
         self,
@@ -112,6 +126,7 @@ class Renderer:
         mesh: bool = False,
         particles: bool = False,
         view: View | None = None,
+        scheme: colours.Scheme = colours.LIGHT,
     ) -> tuple[Array, list[Key]]:
         """A picture of a tank without text, (H, W, 3) uint8, and the entries of the legend for its lines.
 
@@ -123,12 +138,18 @@ class Renderer:
             mesh: draw the edges of the cells.
             particles: draw the particles as dots.
             view: with what `settled` settles.
+            scheme: colours around the fluids.
         """
         fills = colours.fluid_colours(scene.fluid_names, scene.fluid_densities, self.fluid_colours)
-        drawing, keys = draw_scene(
-            scene, layout, fills, field=field, field_range=field_range, mesh=mesh, particles=particles, view=view
-        )
-        return self._canvas.paint(drawing, colours.BACKGROUND), keys
+        looks: dict[str, Any] = {
+            "field": field,
+            "field_range": field_range,
+            "mesh": mesh,
+            "particles": particles,
+            "view": view,
+        }
+        drawing, keys = draw_scene(scene, layout, fills, **looks, scheme=scheme)
+        return self._canvas.paint(drawing, scheme.background), keys
 
     def close(self) -> None:
         """Free the back end's window or buffers; a later frame opens them again."""

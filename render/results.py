@@ -4,7 +4,7 @@ import contextlib
 import io
 import json
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from .tank import TankOutline
 FORMAT = 1
 VTKHDF = "fields.vtkhdf"
 FRAMES = ("room", "tank")
+MOST_SAMPLED = 24  # stored times that are read to find the range of a field
 
 
 class ResultsError(ValueError):
@@ -122,6 +123,10 @@ class Results:
     def __len__(self) -> int:
         return len(self.times)
 
+    def sampled(self) -> Iterable[Scene]:
+        """Up to 24 scenes over the run, read at each passage, from which all its pictures take their colours."""
+        return _Sampled(self)
+
     def scene(self, i: int) -> Scene:
         """Read one of the stored times.
 
@@ -217,6 +222,17 @@ class Results:
         if not listed:
             raise ResultsError(f"{path}: it lists no file; no time has been written yet")
         return [time for time, _ in listed], [self.folder / name for _, name in listed]
+
+
+class _Sampled:
+    """Scenes at evenly spaced stored times."""
+
+    def __init__(self, results: Results) -> None:
+        self._results, self._count = results, min(len(results), MOST_SAMPLED)
+
+    def __iter__(self) -> Iterator[Scene]:
+        numbers = np.linspace(0, len(self._results) - 1, self._count).round()
+        return (self._results.scene(int(i)) for i in numbers)
 
 
 def _moving(case: Mapping[str, Any]) -> dict[str, Array]:

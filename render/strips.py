@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
+from PIL import Image
 
 from . import colours
 from .animation import picture_name
@@ -22,6 +23,7 @@ from .view import View
 
 WIDTH = 1600  # [px] of a whole strip
 MOST_COLUMNS = 4  # by default
+USUAL = 4  # times of a strip of which none is named
 _HEAD, _FOOT, _SIDE = 40.0, 14.0, 14.0  # around a tank, for its time and the next tank [design pixels]
 _LEGEND, _ROW, _GAP, _BAR = 18.0, 34.0, 40.0, 56.0  # below all tanks: the legend, each of its rows, between its entries
 _BAR_WIDTH = 640.0
@@ -45,13 +47,15 @@ def strip(
     samples: int = 2,
     name: str | None = None,
     frame: str = "room",
+    dark: bool = False,
+    transparent: bool = False,
 ) -> Path:
     """Draw a results folder at several times, side by side in one PNG, with one legend and one scale for all.
 
     Args:
         out: results folder.
         times: one or several [s]; the closest stored times are drawn, each once, with their times above. None may be
-            later than the last one by more than the time between two.
+            later than the last one by more than the time between two. Without any, four from the first to the last.
         path: of the picture; by default strip.png in the results folder, with the options that change what is seen in
             its name, see `tipfem.render.animation.picture_name`: strip_pressure_mesh.png.
         columns: tanks in a row; at most 4 by default, and fewer of flat tanks.
@@ -59,7 +63,7 @@ def strip(
         backend: "ggui", "raster" or "auto", see `Renderer`.
         fluid_colours: colours "#rrggbb" by the names of fluids.
         field: name of a field to colour by; None shows the fluids.
-        field_range: (low, high) of the colours; None takes it from the times drawn.
+        field_range: (low, high) of the colours; None takes it from up to 24 stored times, as movies do.
         mesh: draw the edges of the cells.
         particles: draw the particles as dots.
         view: the part shown, the layers and the colour map; None for all of the scene without layers. Tracers are not
@@ -67,6 +71,8 @@ def strip(
         samples: of the rasteriser along a side of a pixel, 1 or 2, see `Renderer`.
         name: in place of the options in the name: strip_NAME.png.
         frame: "tank" draws a tank that moves as if it rested, see `Results`.
+        dark: draw light text on a dark background.
+        transparent: draw no background.
 
     Returns:
         The path of the picture.
@@ -88,6 +94,7 @@ def strip(
     shown, view = view, view.for_files(field, mesh, particles)
     if path is None:
         tail = name or picture_name(field, field_range, mesh, particles, shown, None, fluid_colours or {}, frame)
+        tail = "_".join([tail] * bool(tail) + (["dark"] * dark + ["transparent"] * transparent) * (not name))
         path = results.folder / f"strip{'_' if tail else ''}{tail}.png"
     scenes = [results.scene(k) for k in chosen]
     for wanted in (field, view.contours):
@@ -95,7 +102,7 @@ def strip(
             scenes[0].field_values(wanted)
     if field_range is not None:
         field_range = check_range(field_range)
-    view, field_range = settled(view, scenes, field, field_range)
+    view, field_range = settled(view, results.sampled(), field, field_range)
     columns = min(columns or usual_columns(len(chosen), width, *view.bounds(scenes[0])), len(chosen))
     # Even numbers of pixels, as the back ends need them.
     room = 2 * int(width // columns // 2)
@@ -103,32 +110,40 @@ def strip(
     unit = layout.unit
     rows = ceil(len(chosen) / columns)
     height = layout.size[1]
-    sheet = np.full((rows * height, columns * room, 3), 255, np.uint8)
-    keys: list[Key] = []
-    with Renderer(layout.size, backend, fluid_colours, samples) as renderer:
+    fills = colours.fluid_colours(results.fluid_names, results.fluid_densities, fluid_colours)
+
+    def drawn(scheme: colours.Scheme) -> Array:
+        ground = np.rint(255 * np.array(scheme.background)).astype(np.uint8)
+        sheet = np.tile(ground, (rows * height, columns * room, 1))
+        keys: list[Key] = []
+        where = layout
         for number, scene in enumerate(scenes):
             lower, upper = view.bounds(scene)  # a window may follow the flow
-            layout = replace(layout, lower=lower, upper=upper)
-            image, lines = renderer.tank(scene, layout, field, field_range, mesh, particles, view)
+            where = replace(where, lower=lower, upper=upper)
+            image, lines = renderer.tank(scene, where, field, field_range, mesh, particles, view, scheme)
             keys += [key for key in lines if key not in keys]
-            annotator = Annotator(image, layout)
-            left, top, right, _ = layout.box
+            annotator = Annotator(image, where, scheme=scheme)
+            left, top, right, _ = where.box
             at = ((left + right) / 2, top - (WALL_THICKNESS + 6) * unit)
             annotator.text(at, label(scene.time, results.times), NORMAL, anchor="ms")
             row, column = divmod(number, columns)
             sheet[row * height : (row + 1) * height, column * room : (column + 1) * room] = np.asarray(annotator.image)
-    fills = colours.fluid_colours(results.fluid_names, results.fluid_densities, fluid_colours)
-    entries: list[Entry] = [*swatches_of(scenes[0], field, view, fills), *keys]
-    legend = _legend_rows(entries, unit, columns * room)
-    below = _LEGEND + _ROW * len(legend)
-    foot = np.full((round((below + (_BAR if field is not None else 0)) * unit), columns * room, 3), 255, np.uint8)
-    whole = Annotator(np.concatenate([sheet, foot]), layout, view.colour_map)
-    _legend(whole, legend, rows * height)
-    if field is not None and field_range is not None:
-        _bar(whole, field, field_range, rows * height + below * unit)
+        entries: list[Entry] = [*swatches_of(scenes[0], field, view, fills), *keys]
+        legend = _legend_rows(entries, unit, columns * room)
+        below = _LEGEND + _ROW * len(legend)
+        foot = np.tile(ground, (round((below + (_BAR if field is not None else 0)) * unit), columns * room, 1))
+        whole = Annotator(np.concatenate([sheet, foot]), where, view.colour_map, scheme)
+        _legend(whole, legend, rows * height)
+        if field is not None and field_range is not None:
+            _bar(whole, field, field_range, rows * height + below * unit)
+        return np.asarray(whole.image)
+
+    scheme = colours.DARK if dark else colours.LIGHT
+    with Renderer(layout.size, backend, fluid_colours, samples) as renderer:
+        picture = colours.on_transparent(drawn, scheme) if transparent else drawn(scheme)
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
-    whole.image.save(target, format="png", compress_level=6)
+    Image.fromarray(picture).save(target, format="png", compress_level=6)
     return target
 
 
@@ -137,14 +152,16 @@ def closest(stored: ArrayLike, times: Iterable[float] | float) -> list[int]:
 
     Args:
         stored: (K,) stored times [s].
-        times: the times wanted [s].
+        times: the times wanted [s]; none for four from the first to the last.
 
     Raises:
-        ValueError: no time is given, or one is not a finite number, or not within the stored ones.
+        ValueError: a time is not a finite number, or not within the stored ones.
     """
-    wanted = np.atleast_1d(np.asarray(times if np.isscalar(times) else list(times), np.float64))  # type: ignore[arg-type]
-    if wanted.size == 0 or not np.isfinite(wanted).all():
-        raise ValueError(f"times of a strip are {wanted.tolist()}; give one or more, in seconds")
+    if not np.isscalar(times) and not len(times := list(times)):  # type: ignore[arg-type]
+        return sorted({int(k) for k in np.linspace(0, len(np.asarray(stored)) - 1, USUAL).round()})
+    wanted = np.atleast_1d(np.asarray(times, np.float64))
+    if not np.isfinite(wanted).all():
+        raise ValueError(f"times of a strip are {wanted.tolist()}; give finite ones, in seconds")
     there = np.asarray(stored, np.float64)
     slack = 1e-6 * abs(float(there[-1])) + (float(np.diff(there).max()) if len(there) > 1 else 0.0)
     outside = wanted[(wanted > there[-1] + slack) | (wanted < there[0] - slack)]
@@ -154,6 +171,19 @@ def closest(stored: ArrayLike, times: Iterable[float] | float) -> list[int]:
             f"{there[0]:g} to {there[-1]:g} s"
         )
     return sorted({int(np.argmin(np.abs(np.asarray(stored) - time))) for time in wanted})
+
+
+def moved(stored: ArrayLike, times: Iterable[float]) -> list[str]:
+    """Lines that say which stored times stand for times that are not stored.
+
+    Args:
+        stored: (K,) stored times [s].
+        times: the times wanted [s], see `closest`.
+    """
+    there = np.asarray(stored, np.float64)
+    near = 0.01 * float(np.diff(there).min()) if len(there) > 1 else 0.0
+    pairs = [(time, float(there[closest(stored, time)[0]])) for time in times]
+    return [f"{time:g} s is not stored; {found:.6g} s is drawn" for time, found in pairs if abs(time - found) > near]
 
 
 def label(time: float, stored: ArrayLike) -> str:

@@ -50,6 +50,11 @@ class PlacedTank:
     reference: Array
     start: Array
 
+    @property
+    def moved(self) -> bool:
+        """Whether it is elsewhere than at t = 0."""
+        return bool(self.turned or (self.reference != self.start).any())
+
 
 class TankOutline:
     """The walls of a tank as they are known at t = 0, to be drawn wherever they are later.

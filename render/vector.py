@@ -26,6 +26,7 @@ SUFFIXES = (".svg", ".pdf")
 WIDTH = 6.7  # of the whole, as wide as the text of a page [inch]
 _FIELD_DPI = 300  # of fields, which are pixels within the file
 _WALL, _LINE = 2.2, 0.7  # widths of lines [pt]
+_X_TICK, _Y_TICK = 0.45, 0.3  # what a tick and its label need [inch]
 
 
 def draw_vectors(
@@ -42,22 +43,28 @@ def draw_vectors(
     view: View | None = None,
     name: str | None = None,
     frame: str = "room",
+    title: str | None = None,
+    dark: bool = False,
+    transparent: bool = False,
 ) -> list[Path]:
     """Draw a results folder at one or several times, side by side, as vectors.
 
     Args:
         out: results folder.
-        times: of the panels [s]; None takes the last one.
+        times: of the panels [s], see `strip`; None takes the last one.
         suffixes: ".svg", ".pdf" or both.
         columns: panels in a row; at most 4 by default.
         field: name of a field to colour by; None shows the fluids. Fields are pixels within the file.
-        field_range: (low, high) of the colours; None takes it from the times drawn.
+        field_range: (low, high) of the colours; None takes it from up to 24 stored times, as movies do.
         mesh: draw the edges of the cells.
         particles: not drawn as vectors.
         fluid_colours: colours "#rrggbb" by the names of fluids.
         view: the part shown, the outlines and the colour map.
         name: in place of the options in the name: strip_NAME.svg.
         frame: "tank" draws a tank that moves as if it rested, see `Results`.
+        title: above all; None takes that of the case, "" none.
+        dark: draw light text on a dark background.
+        transparent: draw no background.
 
     Returns:
         The paths, strip.svg and strip.pdf in the results folder, or picture.svg and picture.pdf without times.
@@ -83,6 +90,7 @@ def draw_vectors(
     except ImportError:
         raise ValueError("SVG and PDF need matplotlib, which is not installed: pip install 'tipfem[plot]'") from None
     from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
 
     results = Results(out, frame=frame)
     chosen = [len(results) - 1] if times is None else closest(results.times, times)
@@ -92,14 +100,20 @@ def draw_vectors(
         field_range = None if field_range is None else check_range(field_range)
     tail = name or picture_name(field, field_range, mesh, False, view, None, fluid_colours or {}, frame)
     view = view.for_files(field, mesh, particles)
-    view, field_range = settled(view, scenes, field, field_range)
+    tail = "_".join([tail] * bool(tail) + (["dark"] * dark + ["transparent"] * transparent) * (not name))
+    view, field_range = settled(view, results.sampled(), field, field_range)
+    scheme = colours.DARK if dark else colours.LIGHT
     fills = colours.fluid_colours(results.fluid_names, results.fluid_densities, fluid_colours)
     columns = min(columns or usual_columns(len(chosen), 1600, *view.bounds(scenes[0])), len(chosen))
     rows = ceil(len(chosen) / columns)
     lower, upper = view.bounds(scenes[0])
     wide = (WIDTH - 0.5) / columns if len(chosen) > 1 else 4.2
     high = wide * float((upper - lower)[1] / (upper - lower)[0])
-    with matplotlib.rc_context({"svg.fonttype": "none", "pdf.fonttype": 42, "font.size": 8, "axes.linewidth": 0.6}):
+    style: Any = {"svg.fonttype": "none", "pdf.fonttype": 42, "font.size": 8, "axes.linewidth": 0.6}
+    style |= dict.fromkeys(("text.color", "axes.labelcolor", "axes.titlecolor"), scheme.text)
+    style |= dict.fromkeys(("xtick.color", "ytick.color", "axes.edgecolor"), scheme.subtle)
+    style["figure.facecolor"] = style["axes.facecolor"] = colours.hex_code(scheme.background)
+    with matplotlib.rc_context(style):
         size = (wide * columns + 0.5, (high + 0.3) * rows + 0.5 + 0.5 * (field is not None))
         figure = Figure(size, layout="compressed")
         panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
@@ -108,7 +122,9 @@ def draw_vectors(
             if number >= len(chosen):
                 axes.set_axis_off()
                 continue
-            shades = _panel(axes, scenes[number], field, field_range, mesh, view, fills) or shades
+            shades = _panel(axes, scenes[number], field, field_range, mesh, view, fills, scheme) or shades
+            axes.xaxis.set_major_locator(MaxNLocator(max(1, int(wide / _X_TICK)), steps=[1, 2, 5, 10]))
+            axes.yaxis.set_major_locator(MaxNLocator(max(2, int(high / _Y_TICK)), steps=[1, 2, 5, 10]))
             if len(chosen) > 1 or results.times[-1] > 0:
                 axes.set_title(label(scenes[number].time, results.times), fontsize=8, pad=6)
             if number >= len(chosen) - columns:
@@ -121,22 +137,30 @@ def draw_vectors(
             bar.set_label(field_label(field).replace("^2", "²").replace("^3", "³"))
         handles = [_patch(fill, text) for text, fill in swatches_of(scenes[0], field, view, fills)]
         if view.smooth:
-            handles.append(_stroke(SMOOTHED))
+            handles.append(_stroke(SMOOTHED, scheme.subtle if dark else colours.INTERFACE))
         handles += [_stroke(kind, opening_colours[kind]) for kind in kinds_of(scenes[0].openings)]
+        if title := results.title if title is None else title:
+            figure.suptitle(title, fontsize=9)
         if handles:
             figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
         written = []
         for suffix in suffixes:
             path = results.folder / f"{'picture' if times is None else 'strip'}{'_' if tail else ''}{tail}{suffix}"
-            figure.savefig(
-                path, dpi=_FIELD_DPI, metadata={"Date": None} if suffix == ".svg" else {"CreationDate": None}
-            )
+            undated: dict[str, Any] = {"Date": None} if suffix == ".svg" else {"CreationDate": None}
+            figure.savefig(path, dpi=_FIELD_DPI, metadata=undated, transparent=transparent)
             written.append(path)
     return written
 
 
 def _panel(
-    axes: Any, scene: Scene, field: str | None, field_range: Range | None, mesh: bool, view: View, fills: Array
+    axes: Any,
+    scene: Scene,
+    field: str | None,
+    field_range: Range | None,
+    mesh: bool,
+    view: View,
+    fills: Array,
+    scheme: colours.Scheme,
 ) -> Any:
     """Draw a scene into matplotlib's axes; returns what a colour bar is made of, None without a field."""
     lower, upper = view.bounds(scene)
@@ -145,10 +169,11 @@ def _panel(
     axes.spines[:].set_visible(False)
     regions, shades = scene.geometry.regions, None
     walls = wall_loops(scene)
-    _fill(axes, walls, "none", colours.WALL, 2 * _WALL)
+    ground = colours.hex_code(scheme.background)
+    _fill(axes, walls, "none", scheme.wall, 2 * _WALL)
     for gap in scene.openings:
-        _fill(axes, [Loop(gap.ends, np.ones(2, bool))], "none", "white", 2 * _WALL + 0.5)
-    _fill(axes, walls, "white", "none", 0)
+        _fill(axes, [Loop(gap.ends, np.ones(2, bool))], "none", ground, 2 * _WALL + 0.5)
+    _fill(axes, walls, ground, "none", 0)
     dark = colours.INTERFACE if len(scene.fluid_names) > 1 else "none"
     if field is not None:
         ends = field_range or (0.0, 1.0)
@@ -195,6 +220,8 @@ def _panel(
         _opening(axes, gap, float(np.linalg.norm(upper - lower)))
     for body in scene.bodies:
         _fill(axes, [Loop(body.corners, np.ones(len(body.corners), bool))], bodies.FILL, bodies.MARK, _LINE)
+        _lines(axes, body.mark[None], bodies.MARK, 1.5 * _LINE)
+        axes.plot(*body.mark[0], "o", color=bodies.MARK, ms=4 * _LINE, mew=0)
     return shades
 
 

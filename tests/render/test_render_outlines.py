@@ -94,6 +94,11 @@ def test_vectors_for_papers(tmp_path):
     points = sum(len(smoothed(loop).points) for k in (0, 2) for loop in fluid_loops(Results(out).scene(k), 0))
     assert text.count("\nL ") > points
     assert "<image" not in text
+    shifted = draw_vectors(out, [0.0, 0.05, 0.1, 0.2], [".svg"], columns=4, title="Waves", dark=True)[0]
+    text = shifted.read_text()
+    assert shifted.name == "strip_dark.svg"
+    assert all(words in text for words in (">Waves<", "#151a21"))
+    assert text.count(">0.2<") <= 4  # ticks with room for their numbers
     [field] = draw_vectors(out, None, [".svg"], field="speed")
     assert field.name == "picture_speed.svg"
     assert "<image" in field.read_text()

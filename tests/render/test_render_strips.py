@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from render_results import write_results
 from tipfem.render import cli, strips
-from tipfem.render.colours import LIQUIDS, colour_table, rgb
+from tipfem.render.colours import DARK, LIQUIDS, colour_table, rgb
 from tipfem.render.scales import field_limits
 
 from tipfem import render
@@ -58,9 +58,14 @@ def test_the_closest_stored_times_are_shown_once():
     assert strips.closest([0.0, 0.1, 0.2], 0.0) == [0]
     with pytest.raises(ValueError, match=r"5 s is not among the stored times, from 0 to 0\.2 s"):
         strips.closest([0.0, 0.1, 0.2], [0.1, 5.0])
-    for wrong in ([], [float("nan")]):
-        with pytest.raises(ValueError, match="times of a strip"):
-            strips.closest([0.0], wrong)
+    with pytest.raises(ValueError, match="times of a strip"):
+        strips.closest([0.0], [float("nan")])
+    assert strips.closest(np.arange(10), []) == [0, 3, 6, 9]
+    assert strips.closest([0.0], []) == [0]
+
+
+def test_a_time_that_is_not_stored_is_told():
+    assert strips.moved([0.0, 0.1, 0.2], [0.1, 0.13, 0.2 + 1e-9]) == ["0.13 s is not stored; 0.1 s is drawn"]
 
 
 @pytest.mark.parametrize(
@@ -131,9 +136,44 @@ def test_all_times_have_one_scale(out, tmp_path):
 
 
 def range_of(out):
-    """The range of the speeds at 0 and 0.2 s."""
+    """The range of the speeds at all times, as movies have it."""
     results = render.Results(out)
-    return field_limits([results.scene(0), results.scene(4)], "speed")
+    return field_limits([results.scene(k) for k in range(len(results))], "speed")
+
+
+def test_the_command_chooses_times_columns_and_the_ground(out, capsys):
+    """Without times four are drawn; light text on dark; what is around the tanks is left out."""
+    words = "--no-frames --backend raster --width 900 --columns 2 --strip"
+    assert cli.main([str(out), *words.split(), "0.13", "0.2", "--dark", "--no-movie"]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said == ["0.13 s is not stored; 0.15 s is drawn", str(out / "strip_dark.png")]
+    dark = iio.imread(out / "strip_dark.png")
+    assert dark.shape[1] == 900
+    assert (dark[0, 0] == np.rint(255 * np.array(DARK.background))).all()
+    assert cli.main([str(out), *words.split(), "--transparent"]) == 0
+    capsys.readouterr()
+    clear = iio.imread(out / "strip_transparent.png").astype(float)
+    assert clear[0, 0, 3] == 0
+    assert clear[200, 200, 3] == 255
+    plain = iio.imread(render.strip(out, [], columns=2, width=900, backend="raster"))
+    assert abs(clear[..., :3] * clear[..., 3:] / 255 + 255 - clear[..., 3:] - plain).max() <= 2  # on white
+    for wrong, says in (
+        ("--columns 2", "--columns is of --strip"),
+        ("--transparent --movie a.mp4", "a.mp4: movies have a background"),
+        ("--strip --svg --width 500", "as wide as a page"),
+    ):
+        assert cli.main([str(out), *wrong.split()]) == 2
+        assert says in capsys.readouterr().err
+
+
+def test_frames_are_dark_or_without_a_ground(out):
+    scene = render.Results(out).scene(0)
+    with render.Renderer((480, 320), "raster", dark=True) as renderer:
+        image = renderer.frame(scene)
+        assert (image[0, 0] == np.rint(255 * np.array(DARK.background))).all()
+        assert (image > 200).all(axis=2).any()  # the text
+    with render.Renderer((480, 320), "raster", transparent=True) as renderer:
+        assert renderer.frame(scene)[0, 0].tolist() == [0, 0, 0, 0]
 
 
 @pytest.mark.parametrize(

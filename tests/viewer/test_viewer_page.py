@@ -97,11 +97,11 @@ def test_wheel_drag_and_keys_move_the_window(shown):
 
 
 def test_fluids_are_drawn_by_each_page_from_outlines(browser, server, shown):
-    """Zoom and theme need no frame from the viewer; a second page has its own view; a field comes as a picture."""
+    """Zoom and theme need no frame from the viewer; a second page has its own view; a field comes as cells."""
     other = ShownPage(browser, server.address, (SIDE, SIDE))
     other.read("state", "watching")
     frames, whole = (shown.frame, other.frame), shown.colour(0.1, 0.3)
-    assert shown.page.evaluate("document.querySelector('.pane canvas').width") > 500
+    assert shown.page.evaluate("document.querySelector('.pane canvas[role]').width") > 500
     other.page.mouse.move(*other.point(0.4, 0.05))
     other.page.mouse.wheel(0, -900)
     other.page.wait_for_timeout(300)
@@ -116,7 +116,7 @@ def test_fluids_are_drawn_by_each_page_from_outlines(browser, server, shown):
     shown.wait(lambda: "--outlines mesh" in shown.command, "the edges of the mesh")
     shown.key("x", "f")
     shown.read("legend", "pressure")
-    shown.wait(lambda: min(shown.frame, other.frame) > max(frames), "the pictures")
+    shown.wait(lambda: min(shown.frame, other.frame) > max(frames), "the cells")
     other.close()
 
 

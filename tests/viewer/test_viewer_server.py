@@ -61,7 +61,7 @@ def test_a_page_that_sends_without_end_leaves_the_others_their_turn(tmp_path):
 
     class Flood:
         transport = SimpleNamespace(abort=lambda: None)
-        sent = 0
+        sent, request = 0, None
 
         async def __aiter__(self):
             while self.sent < 10_000:

@@ -240,10 +240,14 @@ def share(
     at
         Times of the field [s]; each adds some 50 to 200 kB.
     """
+    from tipfem.render import Results
+    from tipfem.render.strips import moved
     from tipfem.viewer.share import share as shared
 
     with bad_input() as failed:
         path = shared(out, to, field=field, times=at)
+        for line in moved(Results(out).times, at):
+            print(line)
         print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
     return 2 if failed else 0
 

@@ -63,11 +63,16 @@ class Choices:
     dark: bool = False
 
     @property
-    def plain(self) -> bool:
-        """Whether nothing but the fluids is seen, which pages draw by themselves from outlines."""
+    def drawable(self) -> bool:
+        """Whether nothing but the fluids, a field and the mesh is seen, which pages can draw by themselves."""
         layers = self.layers
-        beside = ("mesh", "particles", "arrows", "streamlines", "contours", "tracers")
-        return self.field is None and self.follow is None and layers["fill"] and not any(layers[k] for k in beside)
+        beside = ("particles", "arrows", "streamlines", "contours", "tracers")
+        return self.follow is None and layers["fill"] and not any(layers[k] for k in beside)
+
+    @property
+    def plain(self) -> bool:
+        """Whether nothing but the fluids is seen, for which their outlines do."""
+        return self.drawable and self.field is None and not self.layers["mesh"]
 
     @property
     def smooth(self) -> bool:

@@ -1,11 +1,13 @@
-"""Outlines as bytes, for pages that draw them: see page/outlines.js, which reads them."""
+"""Outlines and cells as bytes, for pages that draw them: see page/outlines.js and page/cells.js, which read them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
+from tipfem.render import Scene
 from tipfem.render.outlines import Loop
 from tipfem.typing import Array
 
@@ -31,3 +33,42 @@ def packed(loops: Sequence[Loop], lower: Array, scale: Array, wide: bool = False
         steps = np.diff(places, axis=0, prepend=0) % (most + 1)
         parts += [np.array(len(points), kind).tobytes(), steps.T.astype(kind).tobytes(), np.packbits(fixed).tobytes()]
     return b"".join(parts)
+
+
+def packed_cells(scene: Scene, field: str | None, plain: Array) -> tuple[dict[str, Any], bytes]:
+    """The cells of a scene, and the values that colour them.
+
+    Args:
+        scene: whose cells have a fluid, or which is shown with a field.
+        field: that colours the cells, or None for their fluids.
+        plain: (M,) mask of the cells in the colours of their fluids.
+
+    Returns:
+        What the page needs to read the bytes: numbers of nodes and of particles in no cell, the place that the others
+        are relative to, the fluid of each group of cells or -1 for the field; and the bytes.
+
+    Raises:
+        ValueError: the field is not there, or not finite.
+    """
+    assert scene.lower is not None, "a Scene fills in what was left out"
+    group = np.full(len(scene.cells), -1)
+    if scene.cell_fluid is not None:
+        group = np.where(plain, scene.cell_fluid, -1)
+    order = np.argsort(group, kind="stable")
+    by_cell = field in scene.cell_fields
+    values = np.zeros(len(scene.position)) if field is None else scene.field_values(field)
+    if by_cell and field is not None:
+        values = scene.cell_values(field)[order]
+    loose = np.flatnonzero(scene.geometry.surroundings.spray).astype("<u4")
+    wide = len(scene.position) > 65_535
+    kinds, counts = np.unique(group, return_counts=True)
+    head = {
+        "nodes": len(scene.position),
+        "loose": len(loose),
+        "by_cell": by_cell,
+        "wide": wide,
+        "origin": scene.lower.tolist(),
+        "parts": np.stack([counts, kinds], axis=1).tolist(),
+    }
+    parts = [(scene.position - scene.lower).astype("<f4"), values.astype("<f4"), loose]
+    return head, b"".join(part.tobytes() for part in [*parts, scene.cells[order].astype("<u4" if wide else "<u2")])

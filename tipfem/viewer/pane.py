@@ -11,14 +11,15 @@ import numpy as np
 from PIL import Image
 
 from tipfem.render import Renderer, Scene, Stage, View
-from tipfem.render.colours import colour_table, fluid_colours, hex_code
+from tipfem.render.colours import fluid_colours, hex_code
 from tipfem.render.flow import Tracers, arrow_speed
+from tipfem.render.layers import is_muted
 from tipfem.render.openings import COLOURS as OPENING_COLOURS
 from tipfem.render.outlines import background_fluid, picture_loops, turning_marks
-from tipfem.render.scales import MUTED_FIELD, FieldSample, colour_map_of, muted_fluids, round_limits
+from tipfem.render.scales import MUTED_FIELD, MUTED_SHARE, FieldSample, colour_map_of, muted_fluids, round_limits
 from tipfem.typing import Array
 from tipfem.viewer.choices import Choices, Window
-from tipfem.viewer.packing import packed
+from tipfem.viewer.packing import packed, packed_cells
 from tipfem.viewer.probe import values_at
 from tipfem.viewer.source import Source
 
@@ -138,15 +139,39 @@ class Pane:
         muted = (view.muted or ()) if choices.field == MUTED_FIELD else ()
         return Picture(*encode(image, moving), scene.time, index, stage.window(scene, view), size, notes, muted)
 
-    def outlines(self, index: int, smooth: bool) -> tuple[dict[str, Any], bytes] | None:
-        """What a page needs to draw the fluids of a stored time by itself; None of a domain without ends.
+    def vectors(self, index: int, choices: Choices) -> tuple[dict[str, Any], bytes] | None:
+        """What a page needs to draw a stored time by itself; None where it cannot.
 
         Args:
             index: number of the stored time.
-            smooth: whether the page is to smooth the outlines.
+            choices: what is seen.
 
         Returns:
-            The entry of the frame's message, and the outlines as bytes.
+            The entry of the frame's message, and the cells, where more than fluids is seen, and outlines as bytes.
+
+        Raises:
+            ValueError: a field cannot be drawn.
+        """
+        found = self.outlines(index) if choices.drawable else None
+        if found is None or choices.plain:
+            return found and ({**found[0], "smooth": choices.smooth}, found[1])
+        scene, field = self.scene(index, choices), choices.field
+        if field is None and scene.cell_fluid is None:  # whose interface cuts cells
+            return None
+        plain, muted = np.full(len(scene.cells), field is None), ()
+        if field == MUTED_FIELD:
+            view = self._settled(choices.view(), scene, choices)
+            low, high = self.field_range(scene, choices) or (0.0, 1.0)
+            plain, muted = is_muted(scene, view, MUTED_SHARE * (high - low)), view.muted or ()
+        head, data = packed_cells(scene, field, plain)
+        entry = {"smooth": False, "muted": muted, "cells": {**head, "bytes": len(data), "mesh": choices.layers["mesh"]}}
+        return {**found[0], **entry, "bytes": len(data) + len(found[1])}, data + found[1]
+
+    def outlines(self, index: int) -> tuple[dict[str, Any], bytes] | None:
+        """The outlines of a stored time for `vectors`; None of a domain without ends.
+
+        Args:
+            index: number of the stored time.
         """
         times = self.source.times
         key = None if self.source.live else (index, times[index])
@@ -174,11 +199,12 @@ class Pane:
                 "openings": [[gap.kind, *gap.ends.ravel().tolist(), *gap.inwards.tolist()] for gap in scene.openings],
                 "marks": OPENING_COLOURS,
                 "turns": turning_marks(scene),
+                "still": scene.tank is None or not scene.tank.moved,
             }
             found = entry, data
             if key is not None:
                 self._outlines[key] = found
-        return {**found[0], "smooth": smooth}, found[1]
+        return found
 
     def prepare(self, index: int) -> bool:
         """Make the outlines of one of the times that follow, so that they are there when they are shown.
@@ -192,7 +218,7 @@ class Pane:
         times = self.source.times
         for number in range(index, min(index + PREPARED, len(times))):
             if (number, times[number]) not in self._outlines:
-                return self.outlines(number, True) is not None
+                return self.outlines(number) is not None
         return False
 
     def framed(self, index: int, choices: Choices) -> Array:
@@ -413,17 +439,6 @@ def png(image: Array) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(image).save(buffer, "png", compress_level=4)
     return buffer.getvalue()
-
-
-def map_colours(name: str, steps: int = 17) -> list[str]:
-    """Colours "#rrggbb" of a map at equal steps.
-
-    Args:
-        name: of the map.
-        steps: their number.
-    """
-    table = colour_table(name)
-    return [hex_code(table[round(k * (len(table) - 1) / (steps - 1))]) for k in range(steps)]
 
 
 def usual_map(field: str) -> str:

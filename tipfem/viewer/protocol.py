@@ -11,7 +11,8 @@ first page steers; of the others' messages, those marked * are answered, and the
 |---|---|
 | `{"type": "ack", "frame": 7}` * | the frame is on the screen; at most `AHEAD` frames are sent before it |
 | `{"type": "visible", "on": false}` * | no frames are wanted: the page is hidden |
-| `{"type": "vectors", "on": true}` * | frames of nothing but fluids are wanted as outlines, which the page draws |
+| `{"type": "vectors", "on": true, "fields": true}` * | frames of nothing but fluids are wanted as outlines, which the \
+page draws; with `fields` those of fields and the mesh, too, as cells |
 | `{"type": "size", "width": 900, "height": 600, "ratio": 1.0}` | of a picture [CSS px], and pixels per CSS pixel |
 | `{"type": "theme", "dark": true}` | colours around the fluids |
 | `{"type": "play", "on": true}` | go through the stored times, or stop |
@@ -51,7 +52,8 @@ it, which the viewer also sends when the page that pokes goes away |
 | message | content |
 |---|---|
 | `hello` | `version`; `steers`: whether this page steers; `panes`: of each source its `name`, `title`, `fluids` \
-(`name`, `colour`), `lower`, `upper`, `spacing`; `fields`: `name`, `label`, `unit`; `maps`: lists of colours by name; \
+(`name`, `colour`), `lower`, `upper`, `spacing`, `solids`: thin \
+ones, see page/outlines.js; `fields`: `name`, `label`, `unit`; `maps`: lists of colours by name; \
 `commands`; `limits`; `tool`: what the pointer does at first, "look" or "poke"; `openings`: `name` and `kind` of those \
 that commands take |
 | `role` | `steers`: sent when this page becomes the one that steers |
@@ -61,8 +63,10 @@ that commands take |
 | a frame | JSON: `type` "frame", `frame`: its number, `window` [m], `width`, `height` [px], `field`, `low`, `high`, \
 `moving`, `notes`, and `panes`: `time`, `index`, `format`, `bytes`, `muted`: names of the fluids that have their own \
 colour; then the images, one after another. With outlines `format` is "outlines", and of each pane there are `lower`, \
-`scale`, `behind`: the fluid behind all others or null, `smooth`, `openings`, and `turns`: lines that show what turns; \
-see page/outlines.js |
+`scale`, `behind`: the fluid behind all others or null, `smooth`, `openings`, `still`: whether the \
+tank is where it was at first, and `turns`: lines that show what turns; \
+see page/outlines.js. Where more than fluids is seen, `cells` tells of the triangles that stand before them; see \
+page/cells.js |
 | `picked` | `pane`, `at`, `time`, `inside`, `fluid`, `values` at the point, `particle` (`index`, `position`, `wall`, \
 `values`), the nearest one |
 | `history` | `pane`, `at`, `times`, `values`: lists by field at the point, null outside the fluids; `done`, the share |
@@ -167,7 +171,7 @@ _MESSAGES: dict[str, dict[str, Check]] = {
     "ack": {"frame": _whole(0, 2**53)},
     "alive": {},
     "visible": {"on": _flag},
-    "vectors": {"on": _flag},
+    "vectors": {"on": _flag, "fields?": _flag},
     "size": {"width": _whole(*SIZES), "height": _whole(*SIZES), "ratio": _number(0.25, 8)},
     "theme": {"dark": _flag},
     "play": {"on": _flag},

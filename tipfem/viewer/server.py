@@ -45,6 +45,7 @@ FILES = {
     "main.js": "text/javascript; charset=utf-8",
     "viewer.js": "text/javascript; charset=utf-8",
     "outlines.js": "text/javascript; charset=utf-8",
+    "cells.js": "text/javascript; charset=utf-8",
     "stage.js": "text/javascript; charset=utf-8",
     "steering.js": "text/javascript; charset=utf-8",
     "plots.js": "text/javascript; charset=utf-8",
@@ -156,7 +157,8 @@ class ViewServer:
         outbox = Outbox(connection.transport.abort)
         self._outboxes.add(outbox)
         passing = asyncio.ensure_future(outbox.pass_on(connection.send))
-        page = self.session.attach(outbox.put)
+        told = connection.request is None or "vectors=" not in connection.request.path
+        page = self.session.attach(outbox.put, told)
         try:
             async for text in connection:
                 self.session.receive(page, text)

@@ -43,16 +43,17 @@ class Page:
     Attributes:
         steers: whether it is the one that steers.
         visible: whether it wants frames.
-        vectors: whether it draws outlines by itself.
+        vectors: whether it draws fluids by itself, from their outlines.
+        fields: whether it draws fields and the mesh, too.
         waiting: numbers of the frames that it has been sent and has not acknowledged.
         frame: number of the last frame that it was sent.
     """
 
-    def __init__(self, send: Send) -> None:
+    def __init__(self, send: Send, told: bool) -> None:
         self.send = send
         self.steers = False
-        self.visible = True
-        self.vectors = False
+        self.visible = told
+        self.vectors = self.fields = False
         self.waiting: list[int] = []
         self.frame = -1
         self.histories: dict[int, Iterator[dict[str, Any] | None]] = {}  # by pane
@@ -91,22 +92,23 @@ class Session:
         self._series: tuple[float, Any] = -SERIES_EVERY, None  # when they were read, and of which file
         self._message = 0, b""  # number of the last frame, and the frame
         # The same as outlines, for pages that draw them, and what was in it.
-        self._lines: tuple[int, bytes] = 0, b""
-        self._drawn_lines: Any = None
-        self._stale_lines = True
+        self._vectors: tuple[int, bytes] = 0, b""
+        self._drawn: Any = None
+        self._stale_vectors = True
         self._recording: Recording | None = None
         self._poking = False
         self._sampling: Iterator[bool] | None = None
 
     # Pages
 
-    def attach(self, send: Send) -> Page:
+    def attach(self, send: Send, told: bool = True) -> Page:
         """A page has come; the first one steers.
 
         Args:
             send: takes a message for it, and does not wait.
+            told: send it frames at once, before it tells with `vectors` what it can draw.
         """
-        page = Page(send)
+        page = Page(send, told)
         page.steers = not self.pages
         self.pages.append(page)
         page.say("hello", steers=page.steers, **self.showing.hello())
@@ -236,41 +238,44 @@ class Session:
         # While time goes on, pictures are quick; once all rests, one is drawn smoothly.
         moves = self.showing.playing or (self.showing.live and self.showing.running)
         rested = not (self._stale or self._smooth or moves) and time.monotonic() - self._changed >= SETTLES
-        lined = any(page.vectors for page in takers) and self._draw_lines()
-        drawn = any(not (lined and page.vectors) for page in takers) and (self._stale or rested)
+        plain = self.showing.choices.plain
+        able = [page for page in takers if (page.vectors if plain else page.fields)]
+        if able and not self._draw_vectors():
+            able = []
+        drawn = len(able) < len(takers) and (self._stale or rested)
         if drawn:
             self._draw(moving=not rested)
         for page in takers:
-            number, message = self._lines if lined and page.vectors else self._message
+            number, message = self._vectors if page in able else self._message
             if page.frame != number and message:
                 page.frame = number
                 page.waiting.append(number)
                 page.send(message)
         return drawn
 
-    def _draw_lines(self) -> bool:
-        """Make the outlines of what is shown, if it has changed; whether they show it."""
-        if self._stale_lines:
-            self._stale_lines = False
+    def _draw_vectors(self) -> bool:
+        """Make what pages draw by themselves, if it has changed; whether they can."""
+        if self._stale_vectors:
+            self._stale_vectors = False
             try:
-                found = self.showing.outlines()
+                found = self.showing.vectors()
             except (ValueError, OSError) as error:
                 self.showing.playing, self._new_status, found = False, True, None
                 self._complain(error)
-            if found is not None and found != self._drawn_lines:
+            if found is not None and found != self._drawn:
                 self.showing.frames += 1
-                self._lines = self.showing.frames, protocol.pack({**found[0], "frame": self.showing.frames}, found[1])
+                self._vectors = self.showing.frames, protocol.pack({**found[0], "frame": self.showing.frames}, found[1])
                 if self._recording is not None:
                     self._recording.add(self.showing.framed())
-            self._drawn_lines = found
-        return self._drawn_lines is not None
+            self._drawn = found
+        return self._drawn is not None
 
     def _draw(self, moving: bool) -> None:
         self._stale, self._smooth = False, not moving
         try:
             message = self.showing.frame(moving)
             self._message = self.showing.frames, message
-            if self._drawn_lines is None and self._recording is not None and moving:
+            if self._drawn is None and self._recording is not None and moving:
                 self._recording.add(self.showing.framed())
         except (ValueError, OSError) as error:
             self.showing.playing, self._new_status, self._smooth = False, True, True
@@ -311,7 +316,7 @@ class Session:
                 return True
             except (StopIteration, ValueError):
                 self._sampling = None
-        if self._drawn_lines is not None and not self.showing.live:
+        if self._drawn is not None and not self.showing.live:
             with contextlib.suppress(ValueError):  # it is told when that time is shown
                 panes = zip(self.showing.panes, self.showing.indices(), strict=True)
                 return any(pane.prepare(index) for pane, index in panes if not pane.source.live)
@@ -354,8 +359,8 @@ class Session:
         page.waiting.clear()
         self._clock = time.monotonic()
 
-    def _take_vectors(self, page: Page, on: bool) -> None:
-        page.vectors = on
+    def _take_vectors(self, page: Page, on: bool, fields: bool = False) -> None:
+        page.vectors, page.fields, page.visible = on, on and fields, True
 
     def _take_size(self, page: Page, width: int, height: int, ratio: float) -> None:
         self.showing.choices.width, self.showing.choices.height, self.showing.choices.ratio = width, height, ratio
@@ -470,7 +475,7 @@ class Session:
     def _change(self) -> None:
         """What is seen has changed."""
         self._stale, self._smooth, self._new_status = True, False, True
-        self._stale_lines = True
+        self._stale_vectors = True
         self._changed = time.monotonic()
         self._wake.set()
 

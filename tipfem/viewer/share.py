@@ -20,7 +20,7 @@ from typing import Any
 from tipfem.render import Results, Stage, View, colours
 from tipfem.render.colours import COLOUR_MAPS
 from tipfem.render.openings import COLOURS, kinds_of
-from tipfem.render.outlines import background_fluid, picture_loops
+from tipfem.render.outlines import background_fluid, picture_loops, thin_solids
 from tipfem.render.renderer import settled
 from tipfem.render.scales import colour_map_of, field_label
 from tipfem.render.strips import closest
@@ -61,6 +61,7 @@ def share(
         raise ValueError(f"the file {str(target)!r} cannot be written: there is no folder {str(target.parent)!r}")
     if (field is None) != (not times):
         raise ValueError("a field is shown at chosen times: name both the field and the times, or neither")
+    ends = results.scene(0), results.scene(-1)
     scenes = (results.scene(k) for k in range(len(results)))
     size = results.upper - results.lower
     lower = results.lower - MARGIN * size.max()
@@ -81,6 +82,7 @@ def share(
         "times": [float(f"{time:.7g}") for time in results.times],
         "rate": STATES_PER_SECOND,
         "fluids": [[name, colours.hex_code(fills[k]), k != dropped] for k, name in enumerate(results.fluid_names)],
+        "solids": [] if any(scene.tank and scene.tank.moved for scene in ends) else thin_solids(ends[0]),
         "openings": [[gap.kind, *gap.ends.ravel().tolist(), *gap.inwards.tolist()] for gap in results.openings],
         "marks": {kind: COLOURS[kind] for kind in kinds_of(results.openings)},
         "field": None if field is None else _pictures(results, field, closest(results.times, times)),
@@ -108,7 +110,7 @@ def share(
 def _pictures(results: Results, field: str, numbers: Sequence[int]) -> dict[str, Any]:
     """Pictures of a field at some stored times, all in the same colours, and what a colour bar needs."""
     scenes = [results.scene(number) for number in numbers]
-    view, ends = settled(View(window=(*results.lower, *results.upper)), scenes, field, None)
+    view, ends = settled(View(window=(*results.lower, *results.upper)), results.sampled(), field, None)
     width, height = results.upper - results.lower
     stage = Stage((FIELD_WIDTH, max(2, round(FIELD_WIDTH * height / width))), "raster")
     pictures = {}

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from tipfem.render.colours import COLOUR_MAPS
+from tipfem.render.outlines import thin_solids
 from tipfem.render.scales import LABELS
 from tipfem.typing import Array
 from tipfem.viewer import protocol
 from tipfem.viewer.choices import Choices
-from tipfem.viewer.pane import Pane, map_colours, usual_map
+from tipfem.viewer.pane import Pane, usual_map
 from tipfem.viewer.source import Source
 
 STORED_PER_SECOND = 25.0  # stored times played in a second, at the speed that a viewer begins with
@@ -132,17 +133,11 @@ class Showing:
             ValueError: it cannot be drawn.
         """
         choices = self.choices
-        indices = self.indices()
-        pictures = [pane.draw(index, choices, moving) for pane, index in zip(self.panes, indices, strict=True)]
-        low, high = self.panes[0].field_range(self.panes[0].source.scene(indices[0]), choices) or (0.0, 0.0)
+        pictures = [pane.draw(index, choices, moving) for pane, index in zip(self.panes, self.indices(), strict=True)]
         self.frames += 1
         head = {
-            "type": "frame",
+            **self._head(),
             "frame": self.frames,
-            "field": choices.field,
-            "low": low,
-            "high": high,
-            "map": choices.colour_map or (usual_map(choices.field) if choices.field else None),
             "moving": moving,
             "dark": choices.dark,
             "panes": [
@@ -162,22 +157,24 @@ class Showing:
         }
         return protocol.pack(head, [picture.image for picture in pictures])
 
-    def outlines(self) -> tuple[dict[str, Any], list[bytes]] | None:
-        """The present frame as outlines, without its number; None where only a picture shows it.
+    def vectors(self) -> tuple[dict[str, Any], list[bytes]] | None:
+        """The present frame for pages that draw it by themselves, without its number; None where they cannot.
 
         Raises:
-            ValueError: a stored time cannot be read.
+            ValueError: a stored time cannot be read, or not be drawn.
         """
-        if not self.choices.plain:
-            return None
-        found = [
-            pane.outlines(index, self.choices.smooth) for pane, index in zip(self.panes, self.indices(), strict=True)
-        ]
+        found = [pane.vectors(index, self.choices) for pane, index in zip(self.panes, self.indices(), strict=True)]
         there = [each for each in found if each is not None]
         if len(there) < len(found):
             return None
-        head = {"type": "frame", "field": None, "low": 0.0, "high": 0.0, "map": None, "moving": False}
-        return {**head, "panes": [entry for entry, _ in there]}, [data for _, data in there]
+        return {**self._head(), "moving": False, "panes": [entry for entry, _ in there]}, [data for _, data in there]
+
+    def _head(self) -> dict[str, Any]:
+        """What is told of the colours of the present frame."""
+        choices, pane = self.choices, self.panes[0]
+        low, high = pane.field_range(pane.source.scene(self.indices()[0]), choices) or (0.0, 0.0)
+        colours = choices.colour_map or (usual_map(choices.field) if choices.field else None)
+        return {"type": "frame", "field": choices.field, "low": low, "high": high, "map": colours}
 
     def framed(self) -> Array:
         """The present picture with axes; two are side by side."""
@@ -206,6 +203,7 @@ class Showing:
                     "lower": self.choices.lower,
                     "upper": self.choices.upper,
                     "spacing": pane.source.spacing,
+                    "solids": thin_solids(pane.source.scene(0)),
                 }
                 for pane in self.panes
             ],
@@ -215,7 +213,7 @@ class Showing:
                 )
                 for name in self.fields
             ],
-            "maps": {name: map_colours(name) for name in COLOUR_MAPS},
+            "maps": COLOUR_MAPS,
             "commands": sorted(sources[0].commands),
             "limits": dict(sources[0].limits),
             "tool": sources[0].tool,

@@ -1,9 +1,11 @@
 // Outlines of fluids, bodies and walls: read from bytes, smoothed, and drawn on a canvas.
 
+const WALL = 9; // thickness of the walls' lines [px], of which the inner half is hidden
+
 // Loops as a viewer packs them: whole numbers of two or four bytes, places as differences from point to point.
 export class OutlineReader {
-  constructor(buffer, { lower, scale }, wide = false) {
-    this.view = new DataView(buffer);
+  constructor(buffer, { lower, scale }, wide = false, from = 0) {
+    this.view = new DataView(buffer, from);
     [this.lower, this.scale, this.wide, this.at] = [lower, scale, wide, 0];
   }
 
@@ -63,9 +65,10 @@ export function smoothed(loop) {
   return (loop.smooth = now);
 }
 
-// Draw a state. X and Y take metres to pixels; look has the colours wall, body, ground and line, the fills of the fluids
-// that are drawn, behind: that of the fluid that fills the rest or null, whether lines are smooth, and marks of openings,
-// with inside: what is drawn in place of the fluids, if anything is.
+// Draw a state. X and Y take metres to pixels; look has the colours wall, body, ground and line; the fills of the fluids
+// that are drawn, and behind: that of the fluid that fills the rest or null; whether lines are smooth; openings with the
+// colours of their marks; solids: circumradius and corners of those that are filled where they are thin; and inside: what
+// is drawn in place of the fluids, if anything is, or over: what is drawn over those beneath the canvas.
 export function drawOutlines(pen, X, Y, state, look) {
   const trace = (loops, lines) => {
     pen.beginPath();
@@ -80,13 +83,27 @@ export function drawOutlines(pen, X, Y, state, look) {
   pen.lineJoin = "round";
   trace(walls, plain);
   pen.strokeStyle = look.wall;
-  pen.lineWidth = 9;
+  pen.lineWidth = WALL;
   pen.stroke();
+  pen.fillStyle = look.wall;
+  for (const [radius, ...corners] of look.solids || []) {
+    if (X(radius) - X(0) > 1.5 * WALL) continue;
+    pen.beginPath();
+    for (let k = 0; k < corners.length; k += 2) pen.lineTo(X(corners[k]), Y(corners[k + 1]));
+    pen.closePath();
+    pen.fill();
+    pen.lineWidth = corners.length === 4 ? WALL : 1; // a gap in the walls, or a triangle with its seams
+    pen.stroke();
+  }
+  trace(walls, plain);
   pen.save();
   pen.clip("evenodd");
+  if (look.over) pen.globalCompositeOperation = "destination-out";
   pen.fillStyle = look.behind || look.ground;
   pen.fill("evenodd");
-  if (look.inside) look.inside();
+  pen.globalCompositeOperation = "source-over";
+  if (look.over) look.over();
+  else if (look.inside) look.inside();
   else look.fills.forEach((fill, k) => {
     trace(state[k], look.smooth ? smoothed : plain);
     pen.fillStyle = fill;
@@ -103,6 +120,51 @@ export function drawOutlines(pen, X, Y, state, look) {
   pen.strokeStyle = look.wall;
   pen.lineWidth = 2;
   pen.stroke();
+}
+
+// Lines between fluids over a field, with a pale rim that is seen on every colour; where the colours do not tell fluids
+// apart, sided: with stripes of their fills, and that of the fluid behind.
+export function drawInterfaces(pen, X, Y, state, { fills, behind, sided, drops }) {
+  const isDrop = ({ fixed }) => fixed.length === 4 && !fixed.some(Boolean);
+  const between = (loops, whole) => {
+    pen.beginPath();
+    for (const { points, fixed } of loops.filter((loop) => !isDrop(loop))) {
+      const count = fixed.length;
+      for (let k = 0, joined = false; k < count; k++) {
+        const next = (k + 1) % count, seen = whole || !(fixed[k] && fixed[next]);
+        if (seen && !joined) pen.moveTo(X(points[2 * k]), Y(points[2 * k + 1]));
+        if (seen) pen.lineTo(X(points[2 * next]), Y(points[2 * next + 1]));
+        joined = seen;
+      }
+    }
+  };
+  const stroke = (colour, width, chosen = fills.map((_, k) => k)) => {
+    pen.strokeStyle = colour;
+    pen.lineWidth = width;
+    for (const k of chosen) {
+      between(state[k], false);
+      pen.stroke();
+    }
+  };
+  pen.lineJoin = "round";
+  if (drops) fills.forEach((fill, k) => {
+    pen.fillStyle = fill;
+    for (const { points } of state[k].filter(isDrop)) {
+      pen.beginPath();
+      pen.arc((X(points[0]) + X(points[4])) / 2, (Y(points[1]) + Y(points[5])) / 2, Math.abs(X(points[0]) - X(points[4])) / 2, 0, 7);
+      pen.fill();
+    }
+  });
+  if (sided && behind) stroke(behind, 11);
+  if (sided) fills.forEach((fill, k) => {
+    pen.save();
+    between(state[k], true);
+    pen.clip("evenodd");
+    stroke(fill, 11, [k]);
+    pen.restore();
+  });
+  stroke("#ffffff", 4.2);
+  stroke("#0b2239", 2);
 }
 
 // Arrows through the openings in walls, each [kind, x0, y0, x1, y1, inwards x, y].

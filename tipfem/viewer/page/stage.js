@@ -1,7 +1,8 @@
 // One picture with its axes: it shows the last frame where it belongs while a new one is on its way, and turns what the
 // pointer does into places in metres.
 
-import { drawOutlines } from "./outlines.js";
+import { Cells } from "./cells.js";
+import { drawInterfaces, drawOutlines } from "./outlines.js";
 import { axes, colours, context } from "./plots.js";
 
 const MARGIN = 0.035; // of the domain, kept free around it when all of it is shown
@@ -21,6 +22,9 @@ export class Stage {
   constructor(root, number, label, domain, fluids, events) {
     this.fluids = fluids;
     this.outlines = null; // what the page draws itself, in place of the bitmap
+    this.cells = new Cells(); // with them, where more than fluids is seen
+    this.cells.canvas.className = "cells";
+    this.cells.canvas.addEventListener("webglcontextlost", () => events.lost());
     this.label = label;
     this.domain = domain;
     this.root = root;
@@ -35,7 +39,7 @@ export class Stage {
     this.canvas = document.createElement("canvas");
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("role", "img");
-    this.element.append(this.canvas);
+    this.element.append(this.cells.canvas, this.canvas);
     this.pointers = new Map();
     this.listen();
   }
@@ -71,9 +75,11 @@ export class Stage {
     return px >= box.left && px <= box.left + box.width && py >= box.top && py <= box.top + box.height;
   }
 
-  // A bitmap, or outlines that are drawn here.
-  show(bitmap, frame, outlines = null) {
+  // A bitmap, or outlines that are drawn here, with the bytes of cells and their colours.
+  show(bitmap, frame, outlines = null, cells = null, look = null) {
     if (this.bitmap) this.bitmap.close();
+    if (cells && this.cells.there) this.cells.show(cells, frame.cells);
+    this.look = look;
     this.bitmap = bitmap;
     this.outlines = outlines;
     this.frame = frame;
@@ -84,6 +90,7 @@ export class Stage {
     const { draw } = context(this.canvas);
     const paint = colours(this.root), box = this.box, shown = this.shown;
     if (!this.bitmap && !this.outlines) return;
+    this.cells.canvas.hidden = true;
     draw.save();
     draw.beginPath();
     draw.rect(box.left, box.top, box.width, box.height);
@@ -109,11 +116,14 @@ export class Stage {
   paintOutlines(draw, paint, box, [x0, y0, x1, y1]) {
     const across = box.width / (x1 - x0), up = box.height / (y1 - y0), { behind, smooth, turns, openings, marks } = this.frame;
     const X = (x) => box.left + (x - x0) * across, Y = (y) => box.top + (y1 - y) * up;
-    draw.fillStyle = paint.stage;
-    draw.fillRect(box.left, box.top, box.width, box.height);
+    const fills = this.fluids.filter((_, k) => k !== behind).map(({ colour }) => colour), rest = behind === null ? null : this.fluids[behind].colour;
+    const cells = this.cells.there && this.frame.cells, byField = this.look && this.look.stops.length > 1;
+    this.cells.canvas.hidden = !cells;
+    if (cells) this.cells.draw(this.canvas, box, [x0, y0, x1, y1], { ...this.look, fills: this.fluids.map(({ colour }) => colour), mesh: cells.mesh, spacing: this.domain.spacing });
     drawOutlines(draw, X, Y, this.outlines, {
       wall: this.root.dataset.theme === "dark" ? "#8793a3" : "#3d4653", body: "#c3c8cf", ground: paint.stage, line: "#0b2239",
-      fills: this.fluids.filter((_, k) => k !== behind).map(({ colour }) => colour), behind: behind === null ? null : this.fluids[behind].colour, smooth, openings, marks,
+      fills, behind: rest, smooth, openings, marks, solids: this.frame.still ? this.domain.solids : [],
+      over: cells && (() => drawInterfaces(draw, X, Y, this.outlines, { fills, behind: rest, sided: byField && this.fluids.length > 2, drops: !byField })),
     });
     draw.strokeStyle = draw.fillStyle = "#3d4653";
     draw.lineWidth = 2.6;

@@ -89,7 +89,9 @@ export class Viewer {
       if (!this.stages[k]) return;
       if (pane.format === "outlines") {
         const fluids = this.hello.panes[k].fluids.length - (pane.behind === null ? 0 : 1);
-        return this.stages[k].show(null, pane, new OutlineReader(bitmaps[k], pane, true).state(fluids));
+        const state = new OutlineReader(bitmaps[k], pane, true, pane.cells ? pane.cells.bytes : 0).state(fluids);
+        const { low, high, map } = head, stops = map ? this.hello.maps[map] : ["#000000"];
+        return this.stages[k].show(null, pane, state, pane.cells && bitmaps[k], { low, high, stops });
       }
       if (!this.steers || (this.status && this.status.follow)) this.stages[k].window = null;
       this.stages[k].show(bitmaps[k], pane);
@@ -116,9 +118,9 @@ export class Viewer {
       window: (window, pane) => this.setWindow(window, pane), hover: (at, pane) => this.hover(at, pane), pick: (at, pane) => this.pin(at, pane),
       reset: () => this.setWindow(null), tool: () => (this.steers ? this.root.dataset.tool || "look" : "look"),
       push: (from, to, stage) => this.steering.push(from, to, stage), release: (stage) => this.steering.release(stage),
-      drop: (at) => this.steering.drop(at),
+      drop: (at) => this.steering.drop(at), lost: () => this.tellWhatIsDrawn(),
     };
-    this.stages = hello.panes.map(({ name, lower, upper }, k) => new Stage(this.root, k, hello.panes.length > 1 ? name : "", { lower, upper }, hello.panes[k].fluids, events));
+    this.stages = hello.panes.map(({ name, ...domain }, k) => new Stage(this.root, k, hello.panes.length > 1 ? name : "", domain, hello.panes[k].fluids, events));
     const heads = this.root.querySelectorAll(".values thead th");
     (hello.panes.length > 1 ? hello.panes.map(({ name }) => name) : ["here", "particle"]).forEach((text, k) => (heads[k + 1].textContent = text));
     this.part("panes").replaceChildren(...this.stages.map((stage) => stage.element));
@@ -136,13 +138,17 @@ export class Viewer {
     this.setRole(hello.steers);
     this.showValues();
     if (this.met) this.met();
+    this.tellWhatIsDrawn();
     this.send({ type: "visible", on: !document.hidden });
-    this.send({ type: "vectors", on: true });
     if (hello.steers) {
       this.send({ type: "theme", dark: this.dark });
       this.sized = "";
       requestAnimationFrame(() => this.resize());
     }
+  }
+
+  tellWhatIsDrawn() {
+    this.send({ type: "vectors", on: true, fields: this.stages.every((stage) => stage.cells.there) });
   }
 
   setRole(steers) {
