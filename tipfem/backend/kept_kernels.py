@@ -30,6 +30,7 @@ from tipfem.backend import kernel_files, taichi_patches
 from tipfem.backend.fingerprint import NotKeptError, describe, fingerprint
 from tipfem.backend.kernel_files import UntrustedError
 from tipfem.backend.machine_code import Machine, UnsuitableError, one_function, shares_loops, threads_text
+from tipfem.backend.quick_launch import ARRAY, KINDS, Plan
 from tipfem.backend.taichi_patches import address, host_view, program
 from tipfem.logs import log
 
@@ -62,6 +63,7 @@ class KeptLaunch:
 
     Attributes:
         program: the runtime it was prepared for.
+        plan: by which `Machine.quick_launch` starts it, if that is possible.
     """
 
     def __init__(
@@ -81,17 +83,27 @@ class KeptLaunch:
         self._returned: Any = _NUMBERS[returns].from_buffer(self._result) if returns else None
         self._host: list[tuple[int, Any, Any]] = []
         self._numbers: list[tuple[int, Any]] = []
+        at: list[tuple[int, int, int] | None] = [None] * len(arguments)
         for k, (i, kind) in enumerate(zip(places, description["parameters"], strict=True)):
             if kind in _NUMBERS:
                 offset = getattr(type(self._values), f"arg_{k}").offset
                 self._numbers.append((i, _NUMBERS[kind].from_buffer(self._values, offset)))
+                at[i] = KINDS[kind], ctypes.addressof(self._values) + offset, 0
                 continue
             entry, value = getattr(self._values, f"arg_{k}"), arguments[i]
             if isinstance(value, np.ndarray):
                 self._host.append((i, entry, entry.shape))
+                at[i] = ARRAY, ctypes.addressof(entry) + type(entry).data.offset, ctypes.addressof(entry.shape)
             else:
                 entry.shape[:] = value.shape
                 entry.data = host_view(value).ctypes.data
+        self.quick, self.plan = machine.quick_launch, 0
+        if self.quick is not None:
+            # Templates are kept, so that no other object takes their place in memory; arrays are told when they go.
+            self._templates = [value for i, value in enumerate(arguments) if i not in places]
+            code = ctypes.cast(start, ctypes.c_void_p).value or 0  # type: ignore[arg-type]
+            self._plan = Plan(arguments, at, code, self._at)
+            self.plan = self._plan.at
 
     def __call__(self, arguments: Sequence[Any]) -> Any:
         """Start the kernel; what it returns."""
@@ -102,6 +114,10 @@ class KeptLaunch:
             entry.data = address(values)
             shape[:] = values.shape
         self._start(self._at)
+        return self.returned()
+
+    def returned(self) -> Any:
+        """What the kernel has returned at its last start."""
         return None if self._returned is None else self._returned.value
 
 

@@ -9,7 +9,7 @@ import platform
 import re
 from typing import Any
 
-from tipfem.backend import thread_pool
+from tipfem.backend import quick_launch, thread_pool
 
 LLVM = 15  # the last version but one that reads the pointers of Taichi's code, and that of llvmlite 0.44
 _BUFFER = 1 << 20  # [B] of values that pass from loop to loop, as in Taichi
@@ -68,6 +68,8 @@ class Machine:
 
     Attributes:
         name: a text that differs wherever machine code may.
+        quick_launch: compares a tuple of arguments with the address of a `Plan`, and starts its kernel, see
+            `tipfem.backend.quick_launch`; None where that is not possible. 0 if the kernel was started.
 
     Raises:
         UnsuitableError: llvmlite is not installed, or has another version of LLVM.
@@ -94,6 +96,7 @@ class Machine:
         self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), self._target)
         self.name = "\n".join([llvmlite.__version__, triple, cpu, features, *model.values(), *_PASSES])
         self._runtime = Runtime()
+        self.quick_launch: Any = None
 
     def compile(self, text: str) -> bytes:
         """Machine code of a text in LLVM's language.
@@ -120,12 +123,15 @@ class Machine:
         return [self._engine.get_function_address(function) for function in functions]
 
     def start_threads(self, code: bytes, threads: int) -> None:
-        """Start the workers of `thread_pool`, of which ``code`` is the machine code.
+        """Start the workers of `thread_pool`, and provide `quick_launch`, of which ``code`` is the machine code.
 
         Raises:
             UnsuitableError: the system gives no more threads.
         """
-        start, parallel_for = self.load(code, "start", "parallel_for")
+        start, parallel_for, launch = self.load(code, "start", "parallel_for", "quick_launch")
+        if quick_launch.layout_is_known():
+            kind = ctypes.PYFUNCTYPE(ctypes.c_int32, ctypes.py_object, ctypes.c_void_p)
+            self.quick_launch = kind(launch)
         if ctypes.PYFUNCTYPE(ctypes.c_int32, ctypes.c_int32)(start)(threads):
             raise UnsuitableError(f"{threads} threads cannot be started")
         # The workers run this code until the process ends: it must never be freed, not even at the interpreter's end.
@@ -143,13 +149,13 @@ class Machine:
 
 
 def threads_text() -> str:
-    """The threads in LLVM's language.
+    """The threads and `quick_launch` in LLVM's language.
 
     Raises:
         UnsuitableError: this processor is not known.
     """
     try:
-        return thread_pool.text(platform.machine())
+        return thread_pool.text(platform.machine()) + quick_launch.TEXT
     except ValueError as error:
         raise UnsuitableError(str(error)) from error
 
