@@ -328,6 +328,8 @@ def test_a_run_writes_the_whole_folder(tmp_path, water, air):
         "summary.json",
         "history.csv",
         "fields.pvd",
+        "walls.pvd",
+        "walls/step_000000.vtu",
         *checkpoints,
         *names,
     }

@@ -3,7 +3,8 @@
     case.json       what was simulated: fluids, walls' box, spacing
     history.csv     one row a step, SI units
     fields.pvd      the fields over time, for ParaView; fields/step_*.vtu
-    fields.vtkhdf   the same in one file, see `tipfem.results.fields.FieldOutput`
+    walls.pvd       walls and bodies as lines, in three dimensions as faces; walls/step_*.vtu
+    fields.vtkhdf   the fields in one file, see `tipfem.results.fields.FieldOutput`
     summary.json    settings, versions, and figures of the whole run
     probes/*.csv    what probes have measured; checkpoints/*.h5
     steering.jsonl  commands given to the run, see `tipfem.steering`
@@ -33,7 +34,7 @@ from tipfem.case.outline import tank_outline, wall_openings
 from tipfem.case.particles import Particles
 from tipfem.logs import log
 from tipfem.mesh.mesh import Mesh
-from tipfem.results.fields import FieldOutput, FieldState, vtkhdf, vtu
+from tipfem.results.fields import FieldOutput, FieldState, vtkhdf, vtu, walls
 from tipfem.results.fields.atomic_file import journal_of
 from tipfem.results.folder_lock import FolderLock
 from tipfem.results.whole_file import replaced
@@ -43,7 +44,7 @@ CASE_FILE = "case.toml"  # the whole case
 MANIFEST = ".tipfem"
 SHORT = 600.0  # wall-clock time of a run whose results a later one in the folder replaces unasked [s]
 # What every run writes besides its fields; a file of such a name that is not in the manifest is not tipfem's.
-_NAMES = ("case.json", "history.csv", "summary.json", "fields.pvd", vtkhdf.NAME, "steering.jsonl")
+_NAMES = ("case.json", "history.csv", "summary.json", "fields.pvd", "walls.pvd", vtkhdf.NAME, "steering.jsonl")
 
 
 class ResultsFolder:
@@ -73,6 +74,7 @@ class ResultsFolder:
         self._columns: list[str] = []
         self._times: dict[str, float] = {}
         self._case: dict[str, Any] = {}
+        self._rows: list[Mapping[str, float]] = []  # the last two of the history
         self._listed: list[str] = []
         try:
             earlier = self._earlier_files()
@@ -125,10 +127,12 @@ class ResultsFolder:
             folder._times, folder._case = dict(content["times"]), dict(content["case"])
             folder.fields = FieldOutput(**content.get("fields", {}))
             for name in folder._listed:
-                later = name.startswith("fields/") and name not in folder._times
+                fields, inside = f"fields/{Path(name).name}", name.startswith(("fields/", "walls/"))
+                later = inside and fields not in folder._times
                 if later or name.endswith(".part"):
                     (folder.path / name).unlink(missing_ok=True)
                 (folder.path / (name + ".part")).unlink(missing_ok=True)
+            folder._rows = list(history[-2:])
             if folder._case:
                 folder._write_json("case.json", folder._case)
             if folder._times and folder.fields.vtu:
@@ -225,6 +229,7 @@ class ResultsFolder:
             lines.writerow(self._columns)
         lines.writerow([_number(row[name]) for name in self._columns])
         self._history.flush()
+        self._rows = [*self._rows[-1:], row]
 
     def write_fields(self, step: int, time: float, mesh: Mesh, particles: Particles, density: Array) -> None:
         """Write the state, see `FieldOutput`; a step written again replaces the earlier one.
@@ -261,6 +266,7 @@ class ResultsFolder:
         name = _field_file(step)
         if self.fields.vtu:
             self._replace(name, lambda path: vtu.write(path, state, self.fields.real))
+            self._write_walls(name, time, particles)
         if self.fields.vtkhdf:
             path = self.path / vtkhdf.NAME
             for file in (path, journal_of(path)):
@@ -271,16 +277,47 @@ class ResultsFolder:
             self._write_times()
         log(logging.DEBUG, "fields", f"fields at t = {time:.6g} s", {"t": time})
 
+    def _write_walls(self, name: str, time: float, particles: Particles) -> None:
+        """Write walls and bodies where they are when fields are written; those that never move once."""
+        case, tank = self._case, self._case.get("tank")
+        bodies = case.get("bodies", ())
+        poses = walls.poses_between(self._rows, time, [*(body["name"] for body in bodies), "tank"])
+        if not case or (tank and not bodies and not poses and any(self._walls())):
+            return
+        around = particles.position[particles.wall]
+        if case["dimension"] == 3:
+            found = walls.faces(around)
+        else:
+            loops = [np.array(loop["corners"]) for loop in tank["loops"]] if tank else []
+            if not tank and not case.get("period"):
+                loops = [walls.hull(around)]
+            outlines = [walls.Outline("tank", loop, tank["reference"] if tank else (0, 0), -1) for loop in loops]
+            outlines += [
+                walls.Outline(body["name"], np.array(body["corners"]), body["reference"], k)
+                for k, body in enumerate(bodies)
+            ]
+            found = walls.lines(outlines, poses)
+        if len(found[1]):
+            (self.path / "walls").mkdir(exist_ok=True)
+            self._replace(_walls_file(name), lambda path: walls.write(path, *found))
+
+    def _walls(self) -> dict[str, float]:
+        """The files of walls that are there, and their times [s]."""
+        there = {_walls_file(name): time for name, time in self._times.items()}
+        return {name: time for name, time in there.items() if (self.path / name).is_file()}
+
     def _write_times(self) -> None:
-        """Write fields.pvd."""
-        entries = "\n".join(
-            f'    <DataSet timestep="{t:.9g}" part="0" file="{file}"/>' for file, t in self._times.items()
-        )
-        text = (
-            '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n'
-            f"  <Collection>\n{entries}\n  </Collection>\n</VTKFile>\n"
-        )
-        self._replace("fields.pvd", lambda path: path.write_text(text, encoding="utf-8"))
+        """Write fields.pvd and walls.pvd."""
+        for collection, files in (("fields.pvd", self._times), ("walls.pvd", self._walls())):
+            entries = "\n".join(
+                f'    <DataSet timestep="{t:.9g}" part="0" file="{file}"/>' for file, t in files.items()
+            )
+            text = (
+                '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n'
+                f"  <Collection>\n{entries}\n  </Collection>\n</VTKFile>\n"
+            )
+            if files:
+                self.replace_lines(collection, text.splitlines())
 
     def write_summary(self, content: Mapping[str, Any]) -> None:
         """Write summary.json, with the versions of Python and of the packages used."""
@@ -421,6 +458,11 @@ def fill_columns(row: dict[str, float], columns: Mapping[str, Callable[[Any], fl
 
 def _field_file(step: int) -> str:
     return f"fields/step_{step:06d}.vtu"
+
+
+def _walls_file(name: str) -> str:
+    """The file of the walls beside one of fields."""
+    return f"walls/{Path(name).name}"
 
 
 def _step_of(name: str) -> int:

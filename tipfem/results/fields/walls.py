@@ -1,0 +1,97 @@
+"""Walls, and what moves between them, as lines, in three dimensions as faces: what ParaView shows beside the fields."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from tipfem.typing import Array
+
+Pose = tuple[float, float, float]
+
+
+def poses_between(rows: Sequence[Mapping[str, float]], time: float, names: Sequence[str]) -> dict[str, Pose]:
+    """Places (x, y) [m] and angles [rad] of what moves, by name, from the last rows of a history.
+
+    Args:
+        rows: two or fewer, in order of time.
+        time: [s]; between the rows places are linear in time.
+        names: of what moves; those without columns are left out.
+    """
+    moved = [name for name in names if rows and f"{name}_angle" in rows[-1]]
+    times = [row["time"] for row in rows]
+    found = {}
+    for name in moved:
+        x, y, angle = (float(np.interp(time, times, [row[f"{name}_{k}"] for row in rows])) for k in ("x", "y", "angle"))
+        found[name] = x, y, angle
+    return found
+
+
+class Outline(NamedTuple):
+    """A closed line that may move.
+
+    Attributes:
+        name: of what moves it, see `poses_between`.
+        corners: (K, 2) at t = 0 [m].
+        reference: (2,) the point that a pose places [m].
+        number: -1 for walls, else that of the body.
+    """
+
+    name: str
+    corners: Array
+    reference: Sequence[float]
+    number: int
+
+
+def lines(outlines: Sequence[Outline], poses: Mapping[str, Pose]) -> tuple[Array, Array, Array]:
+    """Outlines at one time.
+
+    Args:
+        outlines: of walls and of what moves between them.
+        poses: of what moves, see `poses_between`; all else is where it began.
+
+    Returns:
+        Points (P, 3) [m], lines (C, 2) between them, and (C,) the number of the outline that each belongs to.
+    """
+    points, ends, owners, count = [np.zeros((0, 3))], [np.zeros((0, 2), int)], [np.zeros(0, int)], 0
+    for name, corners, reference, number in outlines:
+        x, y, angle = poses.get(name, (*reference, 0.0))
+        turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+        points.append(np.pad((corners - reference) @ turn + (x, y), ((0, 0), (0, 1))))
+        own = count + np.arange(len(corners))
+        ends.append(np.stack([own, np.roll(own, -1)], axis=1))
+        owners.append(np.full(len(own), number))
+        count += len(corners)
+    return np.concatenate(points), np.concatenate(ends), np.concatenate(owners)
+
+
+def hull(walls: Array) -> Array:
+    """Corners of the convex hull of wall particles (W, 2), which is drawn where no outline is known."""
+    from scipy.spatial import ConvexHull
+
+    return np.asarray(walls[ConvexHull(walls).vertices])
+
+
+def faces(walls: Array) -> tuple[Array, Array, Array]:
+    """Triangles around wall particles (W, 3): points (P, 3) [m], triangles (C, 3), and their numbers, all -1."""
+    from scipy.spatial import ConvexHull
+
+    found = ConvexHull(walls)
+    used = np.sort(found.vertices)
+    return walls[used], np.searchsorted(used, found.simplices), np.full(len(found.simplices), -1)
+
+
+def write(path: Path, points: Array, cells: Array, body: Array) -> None:
+    """Write lines or faces as a VTU file.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    import meshio  # here, for it takes a while and not every run writes fields
+
+    kind = "line" if cells.shape[1] == 2 else "triangle"
+    content = meshio.Mesh(points, [(kind, cells)], cell_data={"body": [body.astype(np.int32)]})
+    meshio.write(path, content, file_format="vtu")
