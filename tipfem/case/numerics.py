@@ -35,7 +35,7 @@ class RelocationRule:
     too_close_to_wall: Annotated[float, Gt(0), Unit("spacings")] = 0.4
     long_edge: Annotated[float, Gt(0), Unit("spacings")] = 1.2
     long_mixed_edge: Annotated[float, Gt(0), Unit("spacings")] = 1.8
-    urgent: Annotated[float, Gt(0), Unit("spacings")] = 0.35
+    urgent: Annotated[float, Gt(0), Unit("spacings")] = 0.5
     at_surface: Annotated[float, Gt(0)] = 0.75
     along_surface: Annotated[float, Gt(0)] = 0.5
 
@@ -189,7 +189,7 @@ class Numerics:
     pressure: Literal["auto", "continuous", "two-sided"] = "auto"
     sliding: bool = True
     mass: Literal["lumped", "consistent", "interfaces"] = "lumped"
-    largest_move: Annotated[float, Ge(0.01), Le(0.8), Unit("spacings")] = 0.35
+    largest_move: Annotated[float, Ge(0.01), Le(0.8), Unit("spacings")] = 0.5
     smallest_jacobian: Annotated[float, Ge(0), Le(0.9)] = 0.05
     triangulation: Literal["repair", "rebuild"] = "repair"
     energy_balance: bool = True

@@ -79,7 +79,7 @@ def estimate(
     default = case.default_step()
     step = largest_step or (default if math.isfinite(default) else 1e-3)
     outputs = math.ceil(end / interval) if interval else 0
-    few = max(math.ceil(end / step - 1e-9), outputs)
+    few = math.ceil(end / step - 1e-9)
     move = case.numerics.largest_move * particles.spacing
     densities = [fluid.density for fluid in case.fluids]
     splash = SPLASH if not case.free_surface and min(densities) < GAS * max(densities) else 1.0
