@@ -103,7 +103,7 @@ def test_poiseuille_flow_between_inlet_and_outlet_is_of_second_order():
     (coarse, gradient, simulation), (fine, _, _) = poiseuille(8), poiseuille(12)
     assert np.log(coarse / fine) / np.log(12 / 8) > 1.9
     assert fine < 0.008
-    assert abs(gradient) < 0.03
+    assert abs(gradient) < 0.035
     assert total(simulation).sum() == pytest.approx(0.0, abs=1e-13)
     # What the pressure and the inlet do is dissipated: the flow is steady at the end.
     last = simulation.history[-1]

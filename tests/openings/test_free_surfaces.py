@@ -55,9 +55,9 @@ def test_a_jet_falls_through_an_empty_tank_and_leaves_it():
     ]
     simulation, passed = balanced(basin(openings, 0.04, more=((0.14, 0.26), (0.26, 0.3))), 0.4)
     assert passed[0] == pytest.approx(0.7 * 0.12 * (0.4 - 0.01), rel=1e-12)
-    last = simulation.history[-40:]
+    last = [row for row in simulation.history if row["time"] > 0.28]
     rate = -sum(row["through_outlet_bottom_water"] for row in last) / sum(row["time_step"] for row in last)
-    assert rate == pytest.approx(0.7 * 0.12, rel=0.15)  # the mean over some steps, from a jet that sways
+    assert rate == pytest.approx(0.7 * 0.12, rel=0.15)  # the mean from a jet that sways, after its first drop
     # As fast as by a free fall, and so much narrower.
     x, v = simulation.particles.position, simulation.particles.velocity
     low = (x[:, 1] < 0.05) & simulation.mesh.used & ~simulation.particles.wall

@@ -35,7 +35,7 @@ class RelocationRule:
     too_close_to_wall: Annotated[float, Gt(0), Unit("spacings")] = 0.4
     long_edge: Annotated[float, Gt(0), Unit("spacings")] = 1.2
     long_mixed_edge: Annotated[float, Gt(0), Unit("spacings")] = 1.8
-    urgent: Annotated[float, Gt(0), Unit("spacings")] = 0.5
+    urgent: Annotated[float, Gt(0), Unit("spacings")] = 0.35
     at_surface: Annotated[float, Gt(0)] = 0.75
     along_surface: Annotated[float, Gt(0)] = 0.5
 

@@ -122,15 +122,16 @@ class FlowProblem:
         e.density, e.viscosity = put("density", properties.density), put("viscosity", properties.viscosity)
         e.lumping, self._source = put("lumping", properties.lumped), put("source", properties.source)
         e.motion = put("motion", of_nodes(np.hstack([mesh.position, velocity, e.relative])))
-        e.scale = get("scale", self.size)
-        launch(vector_kernels.fill, e.scale, 0.0, self.size, work=(self.size, vector_kernels.ENTRY))
+        e.scale, self._r, self._dx = (get(name, self.size) for name in ("scale", "residual", "correction"))
+        # Entries of bodies' rows that have no equation are set by nothing else, and would be those of an earlier step.
+        for vector in (e.scale, self._r):
+            launch(vector_kernels.fill, vector, 0.0, self.size, work=(self.size, vector_kernels.ENTRY))
         e.local = get("local", self.elements * (d + 1), d + 1)
         e.record = get("record", self.elements, assembly.record_width(d))
         walls = particles.wall
         for term in terms:
             walls = walls if term.unheld is None else walls & ~term.unheld
         self._walls, self._wall = walls, put("wall", of_nodes(walls))
-        self._r, self._dx = get("residual", self.size), get("correction", self.size)
         self._linearised = self._corrected = False
         self._norm = self._smallest = math.nan
         self._limits: StepLimits | None = None  # of the present unknowns
