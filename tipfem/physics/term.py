@@ -233,7 +233,10 @@ class Term:
         """Take the equations of the step, whose device arrays exist, before the rows have their scale."""
 
     def follows(self) -> Follows | None:
-        """Relations of displacements at the last `residual`; always of the same nodes. None for none."""
+        """Relations of displacements at the last `residual`; always of the same nodes. None for none.
+
+        Where they have not changed, the same object spares the linear system to take them in again.
+        """
         return None
 
     def couplings(self, *, near: bool) -> tuple[Array, Array] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from typing import Any
 
@@ -200,14 +201,20 @@ class LinearSystem:
         self._no_mobility = get("no_bodies.lists", 1, integer=True), get("no_bodies.data", 1)
         self._mobility = found[0] if found else None
 
-    def _relations(self) -> Follows:
+    def _relations(self) -> list[Follows]:
         """Of the terms, as they are now."""
-        parts = [follows for term in self._terms if (follows := term.follows()) is not None]
-        return Follows.together(parts, self._equations.dimension)
+        return [follows for term in self._terms if (follows := term.follows()) is not None]
 
     def _condensation(self) -> Condensation:
         owner = np.concatenate([self._equations.owner, np.arange(self._nodes, self._rows)])
-        return Condensation(owner, self._relations(), self._buffers)
+        self._related = self._relations()
+        return Condensation(owner, Follows.together(self._related, self._equations.dimension), self._buffers)
+
+    def _relate(self) -> None:
+        """Take in the relations of the terms, where they have changed."""
+        before, self._related = self._related, self._relations()
+        if len(before) != len(self._related) or any(map(operator.is_not, before, self._related)):
+            self.condensation.set(Follows.together(self._related, self._equations.dimension))
 
     def _pattern(self, offsets: Any, columns: Any, count: int) -> Csr:
         """The rows of the matrix: those of the mesh, if they are stored, and further couplings."""
@@ -255,7 +262,7 @@ class LinearSystem:
             launch(jacobian.clear_rows, self.rows.row_offsets, self.rows.values, 0, self._rows, e.dimension)
         for term in self._terms:
             term.gather(self.rows)
-        self.condensation.set(self._relations())
+        self._relate()
         if self.stores_rows:
             self.condensation.condense(self.rows)
             for term in self._terms:

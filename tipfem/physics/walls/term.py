@@ -31,6 +31,7 @@ class WallTerm(Term):
             self.frame = Frame(walls.frame, walls.relative)
         self._curves = walls.curves
         self._displacement: Array | None = None  # at the last residual, with curves
+        self._follows: Follows | None = None
         self._columns = walls.columns.reshape(len(walls.sliding), *2 * [walls.frame.shape[1]]).copy()
 
     def held(self, displacement: Array, pressure: Array) -> None:
@@ -81,10 +82,13 @@ class WallTerm(Term):
         if self._curves is not None and self._displacement is not None:
             here, rows = walls.on_curves
             self._columns[here] = self._curves.projector_at(self._displacement)[rows]
+        elif self._follows is not None:
+            return self._follows
         rows_of = walls.rows.reshape(-1, d, d)
         order = np.argsort(walls.sliding, kind="stable")
         nodes = walls.sliding[order]
-        return Follows(nodes, nodes, rows_of[order], self._columns[order])
+        self._follows = Follows(nodes, nodes, rows_of[order], self._columns[order])
+        return self._follows
 
     def growth(self, x: Any) -> float | None:
         """The area that the boundary with curves encloses, in displacements along these, is to grow by."""
