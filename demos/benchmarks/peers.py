@@ -267,6 +267,7 @@ def keep(path: Path, rows: Sequence[Figures], command: str, commit: str) -> None
     path.parent.mkdir(parents=True, exist_ok=True)
     today = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
     units = {"seconds": "s CPU", "steps": "", "amplitude": "1", "period": "1", "front_rms": "1", "shift": "T"}
+    units |= {"step": "ms", "first_step": "s", "newton": "", "krylov": "", "memory": "MB"}
     with path.open("a", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         if begun:

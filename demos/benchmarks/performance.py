@@ -15,12 +15,13 @@ import json
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from tipfem.demos import harness
-from tipfem.demos.benchmarks import cases, states
+from tipfem.demos.benchmarks import cases, peers, states
 from tipfem.demos.support.figures import new_figure, save
 from tipfem.demos.support.options import Arch, Count, Flag
 
@@ -145,6 +146,23 @@ def table(found: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join([*lines, "", f"Copying, GB/s read and written: {speeds}.", ""])
 
 
+def kept(found: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The figures of a step that are kept from version to version, see `peers.keep`; wall-clock times."""
+    head = {"flow": "dam_break_step", "code": "tipfem", "code_version": version("tipfem")}
+    return [
+        {
+            **head,
+            "resolution": f"{f['particles']} particles, {_where(f)}",
+            "step": f["step"] * 1e3,
+            "first_step": f["first_step"],
+            "newton": f["newton"],
+            "krylov": f["krylov"],
+            "memory": f["memory"] / 1e6,
+        }
+        for f in found
+    ]
+
+
 def plot(path: Path, found: Sequence[Mapping[str, Any]]) -> None:
     """Time a particle of each part against the number of particles, and the rivals' times for one system."""
     from matplotlib.ticker import NullLocator
@@ -211,6 +229,7 @@ def main(
     steps: Count = STEPS,
     arch: Arch = "cpu",
     short: Flag = False,
+    keep_in: Path | None = None,
 ) -> int:
     """Measure everything.
 
@@ -220,7 +239,9 @@ def main(
         steps: time steps that are measured.
         arch: cuda or vulkan measure a GPU as well; both are untried.
         short: two small sizes only.
+        keep_in: a CSV file that the figures of steps are added to, such as demos/benchmarks/figures.csv.
     """
+    begun_with = peers.commit()  # the files may change while it runs
     found = measure(out, threads, steps, arch, short=short)
     tp.init()
     hard = states.hard_systems(short)
@@ -228,6 +249,9 @@ def main(
     (out / "performance.md").write_text(text)
     (out / "performance.json").write_text(json.dumps(found, indent=1))
     plot(out / "performance.png", found)
+    if keep_in is not None:
+        words = f"--threads {threads} --steps {steps} --arch {arch}" + " --short" * short
+        peers.keep(keep_in, kept(found), f"tipfem demo benchmarks/performance {words}", begun_with)
     print(text)
     return harness.conclude(out, missed)
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import json
 
 import numpy as np
 import pytest
-from tipfem.demos.benchmarks import cases, performance, states
+from tipfem.demos.benchmarks import cases, peers, performance, states
 
 from tipfem.mesh.mesh import Mesh, simplex_measure
 
@@ -47,7 +48,7 @@ def test_a_refined_state_runs_and_is_measured(state):
     json.dumps(figures)
 
 
-def test_direct_solvers_and_ours_solve_the_same_system(state):
+def test_direct_solvers_and_ours_solve_the_same_system(state, tmp_path):
     found = cases.measure_solvers(state, direct=True)
     assert found["iterations"] < 20
     assert found["superlu"] > 0
@@ -58,3 +59,8 @@ def test_direct_solvers_and_ours_solve_the_same_system(state):
     rows[0]["solvers"] = found | {"iterations": 99}
     assert "99 iterations" in performance.check(rows, {"hard": (100, 90)})[0]
     assert len(performance.check(rows, {"hard": (100, 90)})) == 2
+    peers.keep(tmp_path / "figures.csv", performance.kept(rows), "a command", "1234567")
+    with (tmp_path / "figures.csv").open(encoding="utf-8", newline="") as file:
+        figures = {row["figure"]: (float(row["value"]), row["unit"]) for row in csv.DictReader(file)}
+    assert figures["step"] == (pytest.approx(1e3 * rows[0]["step"], rel=1e-3), "ms")
+    assert set(figures) == {"step", "first_step", "newton", "krylov", "memory"}
