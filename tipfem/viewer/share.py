@@ -96,6 +96,8 @@ def share(
     script = script.replace(
         "@OUTLINES@", re.sub(r"^export ", "", page_file("outlines.js").decode(), flags=re.MULTILINE)
     )
+    lines = [line.strip() for line in script.splitlines()]
+    script = "\n".join(line for line in lines if line and not line.startswith("//"))
     script = script.replace("@FACTS@", json.dumps(facts, separators=(",", ":")).replace("<", "\\u003c"))
     script = script.replace("@DATA@", data)
     hashed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()

@@ -106,3 +106,48 @@ export class Cells {
     }
   }
 }
+
+// Lines between fluids over a field, with a pale rim that is seen on every colour; where the colours do not tell fluids
+// apart, sided: with stripes of their fills, and that of the fluid behind.
+export function drawInterfaces(pen, X, Y, state, { fills, behind, sided, drops }) {
+  const isDrop = ({ fixed }) => fixed.length === 4 && !fixed.some(Boolean);
+  const between = (loops, whole) => {
+    pen.beginPath();
+    for (const { points, fixed } of loops.filter((loop) => !isDrop(loop))) {
+      const count = fixed.length;
+      for (let k = 0, joined = false; k < count; k++) {
+        const next = (k + 1) % count, seen = whole || !(fixed[k] && fixed[next]);
+        if (seen && !joined) pen.moveTo(X(points[2 * k]), Y(points[2 * k + 1]));
+        if (seen) pen.lineTo(X(points[2 * next]), Y(points[2 * next + 1]));
+        joined = seen;
+      }
+    }
+  };
+  const stroke = (colour, width, chosen = fills.map((_, k) => k)) => {
+    pen.strokeStyle = colour;
+    pen.lineWidth = width;
+    for (const k of chosen) {
+      between(state[k], false);
+      pen.stroke();
+    }
+  };
+  pen.lineJoin = "round";
+  if (drops) fills.forEach((fill, k) => {
+    pen.fillStyle = fill;
+    for (const { points } of state[k].filter(isDrop)) {
+      pen.beginPath();
+      pen.arc((X(points[0]) + X(points[4])) / 2, (Y(points[1]) + Y(points[5])) / 2, Math.abs(X(points[0]) - X(points[4])) / 2, 0, 7);
+      pen.fill();
+    }
+  });
+  if (sided && behind) stroke(behind, 11);
+  if (sided) fills.forEach((fill, k) => {
+    pen.save();
+    between(state[k], true);
+    pen.clip("evenodd");
+    stroke(fill, 11, [k]);
+    pen.restore();
+  });
+  stroke("#ffffff", 4.2);
+  stroke("#0b2239", 2);
+}

@@ -1,8 +1,8 @@
 // One picture with its axes: it shows the last frame where it belongs while a new one is on its way, and turns what the
 // pointer does into places in metres.
 
-import { Cells } from "./cells.js";
-import { drawInterfaces, drawOutlines } from "./outlines.js";
+import { Cells, drawInterfaces } from "./cells.js";
+import { drawOutlines } from "./outlines.js";
 import { axes, colours, context } from "./plots.js";
 
 const MARGIN = 0.035; // of the domain, kept free around it when all of it is shown
