@@ -27,6 +27,7 @@ def flow_problem(
     pressure_jump=None,
     slip=None,
     tension=None,
+    holding=None,
 ):
     """A `FlowProblem`; walls are fixed and no-slip by default, and pressures continuous without a ``pressure_jump``."""
     walls = walls or FixedWalls(Boundary(particles, (), None), mesh, particles, scheme)
@@ -39,7 +40,7 @@ def flow_problem(
     if slip is not None:
         terms.append(SlidingLiquids(slip, cut))
     if tension is not None:
-        terms.append(SurfaceTension(tension))
+        terms.append(SurfaceTension(tension, None, holding, 0.1 * particles.spacing))
     return FlowProblem(
         mesh,
         particles,

@@ -129,11 +129,11 @@ def test_the_work_of_youngs_force_is_external():
 
 def test_energies_of_walls_follow_from_the_angles_and_contradictions_are_refused():
     sigma = np.array([[0, 3.0, 2.0], [3.0, 0, 4.0], [2.0, 4.0, 0]])
-    energy = wall_energies({(0, 1): 0.5, (2, 1): -0.25}, sigma)
+    energy = wall_energies({(0, 1): (0.5, 0), (2, 1): (-0.25, 0.1)}, sigma)
     assert energy[1] - energy[0] == pytest.approx(1.5)
     assert energy[1] - energy[2] == pytest.approx(-1.0)
     with pytest.raises(Invalid, match="contradict each other"):
-        wall_energies({(0, 1): 0.5, (1, 2): 0.25, (0, 2): 0.9}, sigma, "floor")
+        wall_energies({(0, 1): (0.5, 0), (1, 2): (0.25, 0), (0, 2): (0.9, 0)}, sigma, "floor")
 
 
 @pytest.mark.parametrize(
@@ -145,7 +145,8 @@ def test_energies_of_walls_follow_from_the_angles_and_contradictions_are_refused
         ),
         ({5: 60}, "it must be two names of fluids"),
         ({("drop", "outside"): 190}, "it is 190; it must be from 0 to 180 degrees"),
-        ({("drop", "outside"): (60, 90)}, "it is .60, 90.; it must be one number of degrees; angles that differ"),
+        ({("drop", "outside"): (90, 60)}, "it is .90, 60.; it must be from 0 to 180 degrees, the receding one first"),
+        ({("drop", "outside"): (60, 90, 100)}, "a number of degrees, or two: those at which"),
         ({("drop", "outside"): 60, ("outside", "drop"): 100}, "given twice"),
         (60, "it must be a dict"),
     ],
@@ -156,6 +157,64 @@ def test_wrong_angles_are_refused(given, text):
     tank.wall("left", contact_angle=given)
     with pytest.raises(Invalid, match=text):
         tp.Case(tank, fluids, (0, 0), surface_tension={("drop", "outside"): 1.0})
+
+
+@pytest.mark.parametrize(
+    ("wall", "given", "text"),
+    [
+        ({"velocity": (0.0, 0.1)}, {}, "one number of degrees on a wall that moves"),
+        ({}, {"tank_motion": tp.Motion(lambda t: (0.1 * t**2, 0))}, "is given with two contact angles of a wall"),
+    ],
+)
+def test_a_wall_that_moves_holds_no_contacts(wall, given, text):
+    fluids = [tp.Fluid("outside", 0.1, 0.02), tp.Fluid("drop", 1.0, 0.2)]
+    tank = tp.tank((1.0, 1.0), 0.1).fill(fluids[0]).fill(fluids[1], box=((0, 0), (1, 0.5)))
+    tank.wall("left", contact_angle={("drop", "outside"): (60, 90)}, **wall)
+    with pytest.raises(Invalid, match=text):
+        tp.Case(tank, fluids, (0, 0), surface_tension={("drop", "outside"): 1.0}, **given)
+
+
+def contacts(simulation):
+    """The two ends of the interface of a drop on the floor, from the left [m]."""
+    edges, position = simulation.state.part(TensionEdges), simulation.particles.position
+    ends = np.unique(np.concatenate([edges.one, edges.other]))
+    return np.sort(position[ends[simulation.particles.wall[ends]], 0])
+
+
+@pytest.mark.parametrize("wall", [{"slip": True}, {}])
+def test_a_wall_holds_contacts_between_two_angles(wall):
+    """A drop that begins with 90 degrees stays where it is between 60 and 120, and comes to 75 from above."""
+    h = RADIUS / 5
+    held, slid = (tp.Simulation(half_disc(angles, **wall)) for angles in ((60, 120), (40, 75)))
+    start = contacts(held)
+    for simulation in (held, slid):
+        for _ in range(120 if simulation is slid else 40):
+            simulation.step()
+            assert abs(simulation.history[-1]["energy_residual"]) < 1e-6
+    assert np.abs(contacts(held) - start).max() < 0.05 * h
+    assert held.particles.max_speed < 1e-3
+    assert abs(contacts(slid) - start).min() > 0.5 * h
+    assert fitted(slid)[1] == pytest.approx(75, abs=2 if wall else 5)
+
+
+def test_a_drop_on_an_incline_is_held_up_to_the_force_of_its_angles():
+    """It slides where gravity along the wall exceeds sigma (cos(receding) - cos(advancing)), and not below."""
+    receding, advancing, tension = 70.0, 110.0, 1.0
+    area = 0.5 * math.pi * RADIUS**2
+    most = tension * (math.cos(math.radians(receding)) - math.cos(math.radians(advancing))) / (0.9 * area)
+    moved = []
+    for part in (0.7, 1.25):
+        case = half_disc((receding, advancing), slip=True)
+        case = tp.Case(
+            case.particles, case.fluids, (part * most, 0), walls=case.walls, surface_tension={("drop", "outside"): 1.0}
+        )
+        simulation = tp.Simulation(case)
+        start = contacts(simulation)
+        for _ in range(100):
+            simulation.step()
+        moved.append(np.abs(contacts(simulation) - start).min() / (RADIUS / 5))
+    assert moved[0] < 0.1
+    assert moved[1] > 0.5
 
 
 CASE = (
@@ -179,6 +238,10 @@ def test_case_files_have_angles():
     assert wall.contact_angle == {("water", "air"): 60}
     again = read_case(describe(case, 0.1).text, "again.toml").case()
     assert again.contact_cosines == case.contact_cosines
+    both = read_case(CASE.replace("= 60", "= [50, 80]"), "case.toml").case()
+    ((mean, half),) = both.contact_cosines[[wall.name for wall in both.walls].index("left")].values()
+    assert [mean + half, mean - half] == pytest.approx(np.cos(np.radians([50, 80])))
+    assert read_case(describe(both, 0.1).text, "again.toml").case().contact_cosines == both.contact_cosines
     with pytest.raises(
         CaseFileError, match=r"contact_angle\.water\.air is 200 degrees; it must be a number from 0 to 180"
     ):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from drop_particles import RADIUS, drop_case
@@ -31,7 +33,7 @@ TABLE[[0, 1, 0, 2, 1, 2], [1, 0, 2, 0, 2, 1]] = 30.0, 30.0, 70.0, 70.0, 20.0, 20
 class Setting:
     """Water, oil with a drop of water in it, and air beside both, with tension at all three interfaces."""
 
-    def __init__(self, jacobian="rows", periodic=None):
+    def __init__(self, jacobian="rows", periodic=None, holds=False):
         tank = tp.tank((1.0, 1.0), SPACING, jitter=0.2, seed=4, periodic=periodic).fill(FLUIDS[0])
         tank = tank.fill(FLUIDS[1], box=((0, 0.5), (1, 1))).fill(FLUIDS[2], box=((0.6, 0.2), (1, 0.8)))
         case = tp.Case(tank.fill(FLUIDS[0], disc=((0.3, 0.75), 0.12)), FLUIDS, (0, 0))
@@ -41,6 +43,10 @@ class Setting:
         mesh = triangulate(self.particles.position, self.particles.wall, SPACING, period=case.period)
         self.mesh = with_fluids(mesh, self.particles, ranks(FLUIDS))
         self.edges = find_edges(self.mesh, self.particles, TABLE)
+        self.holding = None
+        if holds:  # of any particles, in any direction
+            self.edges = replace(self.edges, strain=0.1 * SPACING * rng.uniform(-0.9, 0.9, (n, 2)))
+            self.holding = 20.0 * rng.standard_normal((n, 2))
         density = np.array([f.density for f in FLUIDS])[self.mesh.fluid]
         self.problem, self.without = (
             flow_problem(
@@ -54,6 +60,7 @@ class Setting:
                 jacobian=jacobian,
                 pressure_jump=np.zeros((3, n)),
                 tension=tension,
+                holding=self.holding,
             )
             for tension in (self.edges, None)
         )
@@ -107,9 +114,23 @@ def test_forces_are_the_derivative_of_the_energy_at_the_intermediate_positions(p
         assert abs(forces[:, 1] @ x[:, 0] - forces[:, 0] @ x[:, 1]) < 1e-12
 
 
-@pytest.mark.parametrize("jacobian", ["rows", "matrix-free"])
-def test_products_are_the_derivative_of_the_rows(jacobian):
-    setting, rng = Setting(jacobian), np.random.default_rng(2)
+def test_what_holds_particles_is_a_spring_that_yields():
+    setting = Setting(holds=True)
+    largest = np.linalg.norm(setting.holding, axis=1)
+    along, stretch = setting.holding / largest[:, None], 0.1 * SPACING
+    ends = np.unique(np.concatenate([setting.edges.one, setting.edges.other]))
+    drawn = ((setting.edges.strain + setting.u) * along).sum(axis=1) / stretch
+    there = np.isin(np.arange(len(drawn)), ends)
+    assert (np.abs(drawn[there]) > 1).any()
+    assert (np.abs(drawn[there]) < 1).any()
+    force = (there * largest * np.clip(drawn, -1, 1))[:, None] * along
+    wanted = setting.moves * (setting.edges.gradient(setting.mesh.position + SCHEME.cf * setting.u) + force)
+    np.testing.assert_allclose(setting.added(setting.u), wanted, atol=1e-9)
+
+
+@pytest.mark.parametrize(("jacobian", "holds"), [("rows", False), ("matrix-free", False), ("rows", True)])
+def test_products_are_the_derivative_of_the_rows(jacobian, holds):
+    setting, rng = Setting(jacobian, holds=holds), np.random.default_rng(2)
     du = rng.standard_normal(setting.u.shape) * setting.moves * SPACING
     step = 1e-5
     expected = (setting.added(setting.u + step * du) - setting.added(setting.u - step * du)) / (2 * step)

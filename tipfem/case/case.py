@@ -162,6 +162,9 @@ class Case:
             self.walls = [*self.tank.walls(particles), *self.walls]
         self.period = self._checked_period(period)
         self.contact_cosines = [self.surface_tension.cosines(wall) for wall in self.walls]
+        if tank_motion is not None and any(half > 0 for each in self.contact_cosines for _, half in each.values()):
+            text = "is given with two contact angles of a wall; only a tank at rest holds contacts between them"
+            raise Invalid("tank_motion", text, "Case")
         self.gravity = self._checked_gravity(gravity)
         self.bodies = self._checked_bodies(bodies)
         self.body_label = self._labelled(particles)

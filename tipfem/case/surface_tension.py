@@ -68,13 +68,16 @@ class TensionTable:
         large = {pair: value for pair, value in self.given.items() if value > LARGEST}
         return [f"surface tension of {_in_words(pair)} is {value:g} N/m; {why}" for pair, value in large.items()]
 
-    def cosines(self, wall: Wall) -> dict[tuple[int, int], float]:
+    def cosines(self, wall: Wall) -> dict[tuple[int, int], tuple[float, float]]:
         """Cosines of a wall's contact angles by the numbers of the two fluids, the first one that they are measured in.
 
+        The first one is the mean of those at which a contact recedes and advances, the second one half their
+        difference: 0 where both are one.
+
         Raises:
-            Invalid: an interface has no tension, or an angle is no number from 0 to 180 degrees.
+            Invalid: an interface has no tension, or an angle is no number from 0 to 180 degrees, nor two of them.
         """
-        found: dict[tuple[int, int], float] = {}
+        found: dict[tuple[int, int], tuple[float, float]] = {}
         path, subject = ("walls", wall.name, "contact_angle"), f"wall {wall.name!r}"
         if not isinstance(wall.contact_angle or {}, Mapping):
             wanted = "a dict from two fluids to an angle, as {('water', 'air'): 60}"
@@ -91,16 +94,23 @@ class TensionTable:
                 raise Invalid(
                     (*path, *both), text + f"surface_tension gives it to {known}", f"{subject}: contact_angle"
                 )
-            if not is_number(angle):
-                why = "one number of degrees; angles that differ for contacts that advance and recede are not simulated"
+            angles = list(angle) if isinstance(angle, list | tuple) else [angle, angle]
+            if len(angles) != 2 or not all(map(is_number, angles)):
+                why = "a number of degrees, or two: those at which the contact recedes and advances"
                 raise Invalid((*path, *both), f": it is {angle!r}; it must be {why}", subject)
-            if not 0 <= angle <= 180:
-                raise Invalid((*path, *both), f": it is {angle!r}; it must be from 0 to 180 degrees", subject)
+            if not 0 <= angles[0] <= angles[1] <= 180:
+                why = "from 0 to 180 degrees, the receding one first"
+                raise Invalid((*path, *both), f": it is {angle!r}; it must be {why}", subject)
+            if angles[0] < angles[1] and not (wall.velocity is None and wall.motion is None):
+                why = "one number of degrees on a wall that moves; only a wall at rest holds contacts"
+                raise Invalid((*path, *both), f": it is {angle!r}; it must be {why}", subject)
             one, other = ([self._names.index(name) for name in both] + [len(self._names)])[:2]
             if (one, other) in found or (other, one) in found:
                 raise Invalid((*path, *both), ": the angle of this interface is given twice", subject)
-            found[one, other] = math.cos(math.radians(angle))
-        wall_energies(found, self.sigma, wall.name)
+            receding, advancing = (math.cos(math.radians(each)) for each in angles)
+            found[one, other] = 0.5 * (receding + advancing), 0.5 * (receding - advancing)
+        for part in range(2):
+            wall_energies(found, self.sigma, wall.name, part)
         return found
 
     def capillary_time(self, spacing: float) -> float:
@@ -124,7 +134,9 @@ class TensionTable:
         return [(float(total[i, j]), float(self.sigma[i, j])) for i, j in np.argwhere(np.triu(self.sigma) > 0)]
 
 
-def wall_energies(cosines: Mapping[tuple[int, int], float], sigma: Array, wall: str = "") -> Array:
+def wall_energies(
+    cosines: Mapping[tuple[int, int], tuple[float, float]], sigma: Array, wall: str = "", part: int = 0
+) -> Array:
     """Energies (F + 1,) per area of a wall that each fluid wets, the last one for a dry wall [N/m].
 
     By Young's law gamma_j - gamma_i = sigma_ij cos(theta), with the angle theta measured in fluid i; without an angle
@@ -134,6 +146,7 @@ def wall_energies(cosines: Mapping[tuple[int, int], float], sigma: Array, wall: 
         cosines: of the angles, see `TensionTable.cosines`.
         sigma: (F + 1, F + 1) tension [N/m].
         wall: for messages.
+        part: 0 for these energies; 1 for those by which contacts are held, of half the difference of the cosines.
 
     Raises:
         Invalid: angles between three fluids contradict each other.
@@ -141,7 +154,7 @@ def wall_energies(cosines: Mapping[tuple[int, int], float], sigma: Array, wall: 
     count = len(sigma)
     steps = np.full((count, count), np.nan)
     for (i, j), cosine in cosines.items():
-        steps[i, j] = sigma[i, j] * cosine
+        steps[i, j] = sigma[i, j] * cosine[part]
         steps[j, i] = -steps[i, j]
     energy = np.full(count, np.nan)
     for first in range(count):

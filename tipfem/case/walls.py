@@ -42,7 +42,8 @@ class Wall:
             of a tank of which nothing is said see `tipfem.case.default_laws`.
         contact_angle: of interfaces with surface tension [degrees], by the names of two fluids, the first one that it
             is measured in, as ``{("water", "air"): 60}``, or of one at a free surface. Contacts then slide along the
-            wall by the forces there, also along a no-slip wall, see docs/theory/surface-tension.md.
+            wall by the forces there, also along a no-slip wall, see docs/theory/surface-tension.md. Of two angles,
+            ``(50, 80)``, a contact recedes at the first one, advances at the second, and is held between.
         side: name of a side of the tank's shape, instead of ``between`` and ``particles``.
         velocity: of a wall that slides along itself, relative to the tank: (d,) [m/s], or a function of time
             [s] that returns it. The wall's particles do not move along with it. In 2-D it may be a number, the speed,

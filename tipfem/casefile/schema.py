@@ -40,17 +40,20 @@ from tipfem.results.fields import FieldOutput
 BODY = tuple(name for name in declared(Body) if name not in ("shape", "motion"))  # a table and a `Body` have them alike
 
 
-def _by_pair(limits: Any) -> Any:
-    """A number of an interface, by the names of two fluids or of one."""
-    number, tag = (
-        Annotated[float, limits],
-        Discriminator(lambda value: "table" if isinstance(value, dict) else "number"),
-    )
-    return dict[str, Annotated[Annotated[number, Tag("number")] | Annotated[dict[str, number], Tag("table")], tag]]
+def _by_pair(limits: Any, *, two: bool = False) -> Any:
+    """A number of an interface, or a list of ``two``, by the names of two fluids or of one."""
+    number: Any = Annotated[float, limits]
+    kinds: dict[Any, str] = {dict: "table", list: "list" if two else "number"}
+    tag = Discriminator(lambda value: kinds.get(type(value), "number"))
+    each = Annotated[number, Tag("number")]
+    if two:
+        each |= Annotated[list[number], Field(min_length=2, max_length=2), Tag("list")]
+        number = Annotated[each, tag]
+    return dict[str, Annotated[each | Annotated[dict[str, number], Tag("table")], tag]]
 
 
 Tensions = dict[str, Any] if TYPE_CHECKING else _by_pair(Field(ge=0))
-Angles = dict[str, Any] if TYPE_CHECKING else _by_pair(Field(ge=0, le=180))
+Angles = dict[str, Any] if TYPE_CHECKING else _by_pair(Field(ge=0, le=180), two=True)
 SCHEMA_ID = "case.schema.json"  # beside the case file; `tipfem schema --out case.schema.json` writes it
 
 
@@ -126,7 +129,7 @@ class WallTable(Model):
     )
     contact_angle: Angles = quantity(
         "contact angle by the names of the two fluids, measured in the first one, as water.air = 60, or by the one "
-        "at a free surface, as water = 60",
+        "at a free surface, as water = 60; [receding, advancing] where a contact is held between two angles",
         "degrees",
         {},
     )

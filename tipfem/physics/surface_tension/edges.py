@@ -34,6 +34,8 @@ class TensionEdges(Carried):
         lost: energy that films released that broke or merged, in the remeshing that made these edges [J/m].
         broken: how many of them there were.
         passed: area of their cells, which went to the fluid beside them [m^2].
+        strain: (N, 2) how far the contacts that walls hold have been drawn from where they are held [m]; None for no
+            wall that holds contacts.
     """
 
     one: Array
@@ -44,6 +46,7 @@ class TensionEdges(Carried):
     lost: float = 0.0
     broken: int = 0
     passed: float = 0.0
+    strain: Array | None = None
 
     def energy(self, position: Array) -> float:
         """E at positions (N, 2) [J, per metre of depth]."""

@@ -1,8 +1,9 @@
 """Kernels of surface tension in the equations of a step, see `tipfem.physics.surface_tension.term`; 2-D.
 
 The edges are listed by their ends: those of the particle ``rows[r]`` are offsets[r] to offsets[r + 1], each with the
-particle at its ``other`` end and its tension ``sigma``. So every row is summed by one thread, in one order. Unknowns
-are interleaved as in `tipfem.fem.residual`; the first two columns of ``motion`` are positions at the step's start.
+particle at its ``other`` end and its tension ``sigma``. The columns of ``held`` are those of `HELD`. So
+every row is summed by one thread, in one order. Unknowns are interleaved as in `tipfem.fem.residual`; the first two
+columns of ``motion`` are positions at the step's start.
 """
 
 import taichi as ti
@@ -14,6 +15,8 @@ from tipfem.fem.jacobian import block_entry
 from tipfem.linalg.sparsity import find_column
 
 ROW = 40.0  # nanoseconds of one thread for a row
+# What holds the particle of a row along a wall: direction (2), displacement so far, largest force, stiffness.
+DRAWN, LARGEST, STIFFNESS, HELD = 2, 3, 4, 5
 
 
 @ti.func
@@ -32,6 +35,7 @@ def add_diagonal(
     offsets: Ints1,
     other: Ints1,
     sigma: Reals1,
+    held: Reals2,
     scale: Reals1,
     cf: float,
     count: ti.i32,
@@ -48,7 +52,8 @@ def add_diagonal(
             total += ti.Vector([h[0], h[2]])
         for k in ti.static(range(2)):
             if scale[3 * i + k] > 0.0:
-                scale[3 * i + k] = 1.0 / (1.0 / scale[3 * i + k] + cf * total[k])
+                more = cf * total[k] + held[r, STIFFNESS] * held[r, k] ** 2
+                scale[3 * i + k] = 1.0 / (1.0 / scale[3 * i + k] + more)
 
 
 @kernel
@@ -60,9 +65,11 @@ def add_forces(
     other: Ints1,
     sigma: Reals1,
     pull: Reals2,
+    held: Reals2,
     scale: Reals1,
     x: Reals1,
     hessian: Reals2,
+    yielding: Reals1,
     out: Reals1,
     cf: float,
     count: ti.i32,
@@ -70,7 +77,8 @@ def add_forces(
 ):
     """Add dE / dx at the intermediate positions to ``out``, scaled, and set the ``hessian`` of each entry.
 
-    Each row has a constant force ``pull`` in addition. The hessian is c_f sigma / L (I - t t^T), its xx, xy and yy.
+    Each row has a constant force ``pull`` in addition, and one that holds it. The hessian is c_f sigma / L (I - t t^T),
+    its xx, xy and yy; ``yielding`` is 1 for rows that slide, whose holding force does not depend on ``x``.
     """
     ti.loop_config(serialize=serial)
     for r in range(count):
@@ -85,6 +93,11 @@ def add_forces(
             h = cf * stiffness(side, sigma[s])
             for k in ti.static(range(3)):
                 hessian[s, k] = h[k]
+        if held[r, LARGEST] > 0.0:
+            t, largest = ti.Vector([held[r, 0], held[r, 1]]), held[r, LARGEST]
+            drawn = held[r, STIFFNESS] * (held[r, DRAWN] + t[0] * x[3 * i] + t[1] * x[3 * i + 1])
+            yielding[r] = ti.cast(ti.abs(drawn) > largest, ti.f64)
+            force += ti.max(-largest, ti.min(largest, drawn)) * t
         for k in ti.static(range(2)):
             out[3 * i + k] = out[3 * i + k] + scale[3 * i + k] * force[k]
 
@@ -95,6 +108,8 @@ def add_blocks(
     offsets: Ints1,
     other: Ints1,
     hessian: Reals2,
+    held: Reals2,
+    yielding: Reals1,
     scale: Reals1,
     to_offsets: Ints1,
     to_columns: Ints1,
@@ -103,11 +118,16 @@ def add_blocks(
     count: ti.i32,
     serial: Template,
 ):
-    """Add the hessians of all entries to a Jacobian in rows of ``nodes`` that has its columns, scaled."""
+    """Add the hessians of all entries, and what holds rows, to a Jacobian of ``nodes`` that has its columns, scaled."""
     ti.loop_config(serialize=serial)
     for r in range(count):
         i, couplings = rows[r], to_offsets[nodes]
         own = find_column(to_columns, to_offsets[i], to_offsets[i + 1], i)
+        if held[r, LARGEST] > 0.0 and yielding[r] == 0.0:
+            for k in ti.static(range(2)):
+                for m in ti.static(range(2)):
+                    one = block_entry(couplings, own, k, m, 2)
+                    to[one] = to[one] + scale[3 * i + k] * held[r, STIFFNESS] * held[r, k] * held[r, m]
         for s in range(offsets[r], offsets[r + 1]):
             at = find_column(to_columns, to_offsets[i], to_offsets[i + 1], other[s])
             for k in ti.static(range(2)):

@@ -18,6 +18,9 @@ from tipfem.physics.surface_tension.edges import TensionEdges, find_edges, wetti
 from tipfem.physics.surface_tension.term import SurfaceTension
 from tipfem.typing import Array
 
+# Distance over which a contact that a wall holds can be drawn before it slides, in spacings.
+STRETCH = 0.05
+
 
 class Tension(Physics[TensionEdges]):
     """See the module; the edges are found anew on each mesh, with the tension that they had before.
@@ -25,26 +28,35 @@ class Tension(Physics[TensionEdges]):
     Args:
         table: (F + 1, F + 1) at the start, see `TensionEdges` [N/m].
         cosines: of the contact angles on each wall, see `tipfem.case.surface_tension.TensionTable.cosines`.
+        spacing: of the particles [m].
     """
 
     name = "surface_tension"
     columns = ("broken_films", "broken_film_volume")
     stored_columns = ("surface_energy", "remeshing_surface_energy", "tension_dissipation", "breakup_energy")
 
-    def __init__(self, table: Array, cosines: Sequence[Mapping[tuple[int, int], float]] = ()) -> None:
-        self._table, self._cosines = table, cosines
+    def __init__(
+        self, table: Array, cosines: Sequence[Mapping[tuple[int, int], tuple[float, float]]] = (), spacing: float = 0.0
+    ) -> None:
+        self._table, self._cosines, self._stretch = table, cosines, STRETCH * spacing
+        self._holds = any(half > 0 for wall in cosines for _, half in wall.values())
 
     @classmethod
     def of(cls, case: Case) -> Tension | None:
         """See `Physics.of`."""
-        return cls(case.surface_tension.sigma, case.contact_cosines) if case.surface_tension else None
+        if not case.surface_tension:
+            return None
+        return cls(case.surface_tension.sigma, case.contact_cosines, case.particles.spacing)
 
     def terms(self, part: TensionEdges | None, step: StepStart) -> tuple[SurfaceTension, ...]:
         """See `Physics.terms`."""
         if part is None:
             return ()
-        energies = [wall_energies(cosines, part.table) for cosines in self._cosines]
-        return (SurfaceTension(part, young_forces(part, step.mesh, step.particles, step.boundary, energies)),)
+        young, holding = (
+            young_forces(part, step.mesh, step.particles, step.boundary, energies)
+            for energies in ([wall_energies(each, part.table, "", k) for each in self._cosines] for k in range(2))
+        )
+        return (SurfaceTension(part, young, holding if self._holds else None, self._stretch),)
 
     def sides(self, part: TensionEdges | None, count: int, boundary: Boundary) -> SideEnergies | None:
         """See `Physics.sides`."""
@@ -61,6 +73,13 @@ class Tension(Physics[TensionEdges]):
         if sides is not None:
             lost = float(sides.length @ (table[tuple(sides.before.T)] - table[tuple(sides.now.T)]))
             edges = dataclasses.replace(edges, lost=lost, broken=sides.patches, passed=sides.area)
+        if self._holds:
+            strain = np.zeros((len(particles), 2))
+            if part is not None and part.strain is not None:
+                number = np.arange(len(part.strain)) if remap.renumbered is None else remap.renumbered
+                strain[number[number >= 0]] = part.strain[number >= 0]
+                strain[remap.relocated] = 0.0
+            edges = dataclasses.replace(edges, strain=strain)
         return edges, particles
 
     def row(self, part: TensionEdges | None) -> dict[str, float]:

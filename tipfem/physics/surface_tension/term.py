@@ -10,8 +10,14 @@ The derivative is exact, symmetric and never negative. Lengths are convex in the
 energy for c_f = 1, and is stable in steps of any length. The capillary time sqrt((rho_1 + rho_2) h^3 / (4 pi sigma)) is
 one of accuracy only, see `tipfem.case.surface_tension`.
 
-At contacts with walls Young's force is added, which is constant in a step. It is one of the walls on the fluids: its
-work is a part of the external work.
+At contacts with walls Young's force is added, which is constant in a step. Where a contact recedes at another angle
+than it advances, that of the mean of both cosines; and along the wall, with the unit vector t,
+
+    momentum:    clamp(k (e + t . u), -g, g) t . u',    g = sigma (cos(receding) - cos(advancing)) / 2
+
+Coulomb's friction: a spring holds the contact, which has been drawn by e and yields at g. Its potential is convex, so
+that Newton's method finds whether a contact slides. Both are forces of the walls on the fluids: their work is a part of
+the external work.
 
 Pressures on both sides of an interface balance it: the solve finds p_1 - p_2 = sigma / R, where R is that of a regular
 polygon, and nothing moves. At a free surface no pressure is prescribed, and the same follows from no traction.
@@ -19,6 +25,7 @@ polygon, and nothing moves. At a free surface no pressure is prescribed, and the
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -38,10 +45,14 @@ class SurfaceTension(Term):
     Args:
         edges: on the particles at the start of the step.
         pull: (N, 2) forces at contacts, see `tipfem.physics.surface_tension.edges.young_forces` [N]; None for none.
+        holding: (N, 2) the largest by which walls hold contacts, along the walls [N]; None where they slide freely.
+        stretch: displacement at which a contact that is held begins to slide [m].
     """
 
-    def __init__(self, edges: TensionEdges, pull: Array | None = None) -> None:
-        self._edges, self._pull = edges, pull
+    def __init__(
+        self, edges: TensionEdges, pull: Array | None = None, holding: Array | None = None, stretch: float = 0.0
+    ) -> None:
+        self._edges, self._pull, self._holding, self._stretch = edges, pull, holding, stretch
 
     def begin(self, equations: Equations, first_node: int) -> None:
         """See `Term.begin`."""
@@ -59,6 +70,15 @@ class SurfaceTension(Term):
         )
         pull = np.zeros((len(e.particles), 2)) if self._pull is None else self._pull
         self._young = put("tension.pull", pull[self._end[first]])
+        self._held = np.zeros((len(first), kernels.HELD))
+        if self._holding is not None and edges.strain is not None:
+            rows = self._end[first]
+            force = np.hypot(*self._holding[rows].T)
+            along = self._holding[rows] / np.maximum(force, 1e-300)[:, None]
+            drawn = (along * edges.strain[rows]).sum(axis=1)
+            self._held = np.column_stack([along, drawn, force, force / self._stretch])
+        self._holds = put("tension.held", self._held)
+        self._yielding = e.buffers.get("tension.yielding", len(first))
         self._sigma = put("tension.sigma", np.tile(edges.sigma, 2)[order])
         self._hessian = e.buffers.get("tension.hessian", len(ends), 3)
 
@@ -85,19 +105,31 @@ class SurfaceTension(Term):
     def diagonal(self) -> None:
         """See `Term.diagonal`."""
         e = self._equations
-        arrays = e.motion, e.mesh.period.array, *self._lists, self._sigma, e.scale
+        arrays = e.motion, e.mesh.period.array, *self._lists, self._sigma, self._holds, e.scale
         self._launch(kernels.add_diagonal, *arrays, e.scheme.cf)
 
     def residual(self, x: Any, out: Any) -> None:
         """See `Term.residual`."""
         e = self._equations
-        arrays = e.motion, e.mesh.period.array, *self._lists, self._sigma, self._young, e.scale, x, self._hessian, out
-        self._launch(kernels.add_forces, *arrays, e.scheme.cf)
+        arrays = e.motion, e.mesh.period.array, *self._lists, self._sigma, self._young, self._holds, e.scale, x
+        self._launch(kernels.add_forces, *arrays, self._hessian, self._yielding, out, e.scheme.cf)
 
     def gather(self, matrix: Csr) -> None:
         """See `Term.gather`."""
         e = self._equations
-        self._launch(kernels.add_blocks, *self._lists, self._hessian, e.scale, *matrix, e.rows)
+        arrays = *self._lists, self._hessian, self._holds, self._yielding, e.scale
+        self._launch(kernels.add_blocks, *arrays, *matrix, e.rows)
+
+    def carried(self, x: Any) -> TensionEdges | None:
+        """See `Term.carried`: the edges, with how far the contacts are drawn that walls hold."""
+        if self._holding is None or self._edges.strain is None:
+            return None
+        rows, held = self._end[np.flatnonzero(np.diff(self._end, prepend=-1))], self._held
+        moved = (self._equations.values(x)[rows, :2] * held[:, :2]).sum(axis=1)
+        drawn = np.clip(held[:, 2] + moved, -self._stretch, self._stretch) * (held[:, 3] > 0)
+        strain = np.zeros_like(self._edges.strain)
+        strain[rows] = drawn[:, None] * held[:, :2]
+        return dataclasses.replace(self._edges, strain=strain)
 
     def _gradient(self, displacement: Array) -> Array:
         """dE / dx (N, 2) at the intermediate positions of displacements (N, 2) [N]."""
