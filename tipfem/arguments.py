@@ -78,7 +78,7 @@ def rounded(values: Any) -> str:
 def meant(word: str, choices: Sequence[str]) -> str:
     """``; did you mean 'density'?`` where one of the choices is close to a word; else nothing."""
     lower = {choice.lower(): choice for choice in reversed(choices)}
-    close = difflib.get_close_matches(word.lower(), list(lower), 1, 0.6)
+    close = difflib.get_close_matches(word.lower(), list(lower), 1, 0.65)
     return f"; did you mean {lower[close[0]]!r}?" if close else ""
 
 

@@ -341,7 +341,8 @@ class Parts:
                 for key, names in known.items():
                     name = getattr(table, key, None)
                     if isinstance(name, str) and name and name not in names:
-                        why = f"is {name!r}; it must be one of the {key}s {listed(names)}{meant(name, names)}"
+                        there = listed(names) or "(there is none)"
+                        why = f"is {name!r}; it must be one of the {key}s {there}{meant(name, names)}"
                         self.report((section, k, key), why)
 
     def _function(self, path: Path, function: Any, size: int | None) -> Any:

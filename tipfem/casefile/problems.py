@@ -41,10 +41,14 @@ ELSEWHERE = {
     "wave waves wave_maker piston": "waves are the motion of a wall, as walls.left.motion = { form = 'waves', height = "
     "0.03, period = 1.0, depth = 0.2 }",
     "pump pumps fan fans": "a pump is an inlet, [[inlets]], whose key pump names the opening that draws off",
+    "flow_rate flowrate volume_flow flow flux": "what enters by an inlet is its discharge, in m^2/s, or its velocity",
+    "from to": "the two ends of an opening or a wall are between = [[x, y], [x, y]]",
+    "file_format output_format format": "how states are written is output.fields, 'vtu', 'vtkhdf' or 'both'",
     "sigma surface_tension tension": "surface tension is of two fluids; it is in the table surface_tension, as "
     "water.air = 0.0728",
 }
-NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?(?![\w.,:/-])")  # at the beginning of a text
+NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?(?![\d.,:/-])")  # at the beginning of a text
+SLIPS = ("slip", "free-slip", "free slip", "freeslip")  # no laws, though they sound so
 LONGEST = 60  # characters of a value that are shown
 
 
@@ -337,6 +341,8 @@ class Translator:
             hint = meant(value, choices) if isinstance(value, str) else ""
             return f"is {shown(value)}; it must be one of {listed(choices)}{hint}"
         hint = meant(value, node["enum"]) if "enum" in node and isinstance(value, str) else self._hint(path, node)
+        if path[-1:] == ("law",) and value in SLIPS:
+            hint = "; for a wall without friction say slip = true"
         number = isinstance(value, (int, float, list)) and not isinstance(value, bool)
         given = f"{shown(value)} {unit}" if unit and number else shown(value)
         return f"is {given}; it must be {self.reader.expected(node, unit)}{hint}"
@@ -350,6 +356,8 @@ class Translator:
             return f"; numbers have no quotes and no unit, as {number[0].strip()}" if number else ""
         if isinstance(value, Mapping) and len(path) == 1 and node.get("type") == "array":
             return f"; begin each with [[{path[0]}]]"
+        if node.get("type") == "object" and (about := node.get("description")):
+            return f": {about}"
         if isinstance(value, list) and (inner := node.get("items", {})).get("type") == "array":
             for width in range(inner.get("minItems", 2), inner.get("maxItems", 3) + 1):
                 rows = [value[k : k + width] for k in range(0, len(value), width)]
