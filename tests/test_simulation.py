@@ -295,12 +295,12 @@ def test_memory_is_flat_over_500_steps(water, air):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"time_step": 0.0}, "time step is 0.0 s; it must be > 0"),
+        ({"time_step": 0.0}, "time step is 0.0 s; it must be a number > 0"),
         ({"time_step": float("nan")}, "time step is nan s"),
-        ({"time_step": "a"}, "time step is 'a' s; it must be > 0"),
-        ({"output_interval": "a"}, "output_interval is 'a' s; it must be > 0"),
+        ({"time_step": "a"}, "time step is 'a' s; it must be a number > 0"),
+        ({"output_interval": "a"}, "output_interval is 'a' s; it must be a number > 0"),
         ({"time_step": 1e-3, "output_interval": 1e-9}, "output_interval is 1e-09 s, far below the time step"),
-        ({"output_interval": -1.0}, "output_interval is -1.0 s; it must be > 0"),
+        ({"output_interval": -1.0}, "output_interval is -1.0 s; it must be a number > 0"),
     ],
 )
 def test_bad_arguments_are_refused(water, air, arguments, message):

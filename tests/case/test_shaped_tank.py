@@ -189,7 +189,7 @@ def test_holes_and_arcs_that_do_not_fit_are_refused():
         tp.shapes.polygon([tp.shapes.arc((0, 0)), (2, 0), (2, 1)])
     with pytest.raises(ValueError, match="either its size, for a box, or its shape"):
         tp.tank((1, 1), 0.1, shape=BLOCK)
-    with pytest.raises(ValueError, match="spacing is None m; it must be > 0"):
+    with pytest.raises(ValueError, match="spacing is None; it must be a number > 0 in m"):
         tp.tank(shape=BLOCK)
 
 

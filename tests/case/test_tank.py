@@ -261,7 +261,7 @@ def test_impossible_tanks_are_refused(arguments, words):
 
 @pytest.mark.parametrize("jitter", [-0.1, 0.41, NAN, "much", None])
 def test_impossible_jitter_is_refused(jitter):
-    with pytest.raises(ValueError, match=f"jitter is {jitter!r}.*between 0 and 0.4"):
+    with pytest.raises(ValueError, match=f"jitter is {jitter!r}.*from 0 to 0.4"):
         tp.tank((1, 1), 0.1, jitter=jitter)
 
 

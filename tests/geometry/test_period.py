@@ -51,7 +51,7 @@ def test_a_face_between_the_two_ends_belongs_to_the_heavier_fluid():
 @pytest.mark.parametrize(
     ("size", "spacing", "periodic", "message"),
     [
-        ((1.0, 1.0), 0.1, "y", "periodic is 'y'; it must be 'x' or 'xy'"),
+        ((1.0, 1.0), 0.1, "y", "periodic is 'y'; it must be one of 'x', 'xy'"),
         ((1.0, 0.7), 0.1, "xy", "0.7 m high; with a spacing of 0.1 m it must be 0.8 m or more"),
         ((1.0, 1.0, 1.0), 0.1, "x", "only tanks in 2-D are periodic"),
         ((0.7, 1.0), 0.1, "x", "it must be 0.8 m or more, 8 spacings"),

@@ -170,7 +170,7 @@ def read_mesh(
     """
     here = f"read_mesh {str(path)!r}"
     if spacing is not None and not (is_number(spacing) and spacing > 0):
-        raise ValueError(f"{here}: spacing is {spacing!r} m; it must be > 0")
+        raise ValueError(f"{here}: spacing is {spacing!r} m; it must be a number > 0")
     mesh = _read(Path(path), here)
     points = np.asarray(mesh.points, dtype=float)
     if points.ndim != 2 or len(points) < 3 or not np.isfinite(points).all():

@@ -63,7 +63,7 @@ class Particles:
 
     def _require_spacing(self) -> None:
         if not (is_number(self.spacing) and self.spacing > 0):
-            raise Invalid("particles", f": spacing is {self.spacing!r} m; it must be > 0", "Particles")
+            raise Invalid("particles", f": spacing is {self.spacing!r} m; it must be a number > 0", "Particles")
         if (farthest := float(np.abs(self.position).max())) > FARTHEST * self.spacing:
             i = int(np.argmax(np.abs(self.position).max(axis=1)))
             raise Invalid(
@@ -102,7 +102,9 @@ class Particles:
         self.target = _shaped("target", target, (len(self),), np.float64)
         if not (self.target > 0).all():
             i = int(np.argmin(self.target > 0))
-            raise Invalid("particles", f": target of particle {i} is {self.target[i]} m; it must be > 0", "Particles")
+            raise Invalid(
+                "particles", f": target of particle {i} is {self.target[i]} m; it must be a number > 0", "Particles"
+            )
 
     @property
     def dimension(self) -> int:

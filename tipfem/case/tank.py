@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge, Gt, Le, Len
 
-from tipfem.arguments import explained, is_number, numbers, rounded
+from tipfem.arguments import explained, numbers, rounded
 from tipfem.case.body import Body
+from tipfem.case.declaration import Unit, require
 from tipfem.case.default_laws import Rule, Setting, default_body_law, default_law
 from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading, thinned
@@ -31,6 +34,36 @@ LEAST_WIDTH = 8  # of a periodic tank [spacings]: no cell may reach around a qua
 # By this part of the tank's size, what is filled in reaches beyond its faces. Less in tanks with a shape, because walls
 # along no axis meet the faces at round-off only.
 SLACK_OF_BOX, SLACK_OF_SHAPE = 1e-9, 1e-12
+
+
+@dataclass(frozen=True)
+class TankNumbers:
+    """The numbers of a tank, as `Tank` and case files take them.
+
+    Attributes:
+        size: edge lengths of a box, one corner of which is the origin.
+        spacing: target distance between particles.
+        jitter: random displacement of the particles off the walls; a tank in 3-D needs some, 0.1 for instance.
+        seed: of the random displacement.
+        periodic: "x": no walls on the left and right of a box in 2-D, what leaves there enters on the other side; "xy":
+            nor below and above.
+
+    Raises:
+        ValueError: a value is out of range.
+    """
+
+    size: Annotated[Sequence[Annotated[float, Gt(0)]], Len(2, 3), Unit("m")] | None
+    spacing: Annotated[float, Gt(0), Unit("m")]
+    jitter: Annotated[float, Ge(0), Le(0.4), Unit("spacings")] = 0.0
+    seed: Annotated[int, Ge(0)] = 0
+    periodic: Literal["x", "xy"] | None = None
+
+    def __post_init__(self) -> None:
+        require(self, ("tank",), "tank", ("size", "spacing", "jitter", "periodic"))
+        try:
+            np.random.default_rng(self.seed)
+        except (TypeError, ValueError):
+            raise Invalid("tank.seed", f"is {self.seed!r}; it must be a whole number >= 0") from None
 
 
 class Tank:
@@ -81,6 +114,7 @@ class Tank:
         periodic: str | None = None,
         shape: Shape | None = None,
     ) -> None:
+        TankNumbers(size, spacing, jitter, seed, periodic)  # type: ignore[arg-type]  # refuses bad values
         if shape is not None and size is None:
             self.lower, self.upper = shape.box
             self.size = self.upper - self.lower
@@ -88,9 +122,12 @@ class Tank:
             self.size = numbers(size)
             self.lower, self.upper = np.zeros_like(self.size), self.size
         self.spacing, self.jitter, self.seed, self.shape = spacing, jitter, seed, shape
-        if self.size.ndim != 1 or len(self.size) not in (2, 3) or not ((self.size > 0) & (self.size < np.inf)).all():
-            raise Invalid("tank.size", f"is {size!r}; it must be 2 or 3 lengths > 0 in metres")
-        self._check_numbers()
+        if spacing > self.size.min() / 2:
+            raise Invalid(
+                "tank.spacing",
+                f"is {spacing:g} m, too large for a tank of {self.size.tolist()} m; "
+                f"it must be at most half the smallest edge, {self.size.min() / 2:g} m",
+            )
         self.sides: tuple[str, ...] = tuple(name for name, (axis, _) in SIDES.items() if axis < self.size.size)
         self._regions: list[Region] = []
         self.bodies: list[Body] = []
@@ -108,28 +145,8 @@ class Tank:
             self.domain = domain_of(shape, spacing)
             self.domain.require_resolved(spacing)
 
-    def _check_numbers(self) -> None:
-        """See the class for errors."""
-        spacing, jitter, seed = self.spacing, self.jitter, self.seed
-        if not (is_number(spacing) and spacing > 0):
-            raise Invalid("tank.spacing", f"is {spacing!r} m; it must be > 0")
-        if spacing > self.size.min() / 2:
-            raise Invalid(
-                "tank.spacing",
-                f"is {spacing:g} m, too large for a tank of {self.size.tolist()} m; "
-                f"it must be at most half the smallest edge, {self.size.min() / 2:g} m",
-            )
-        if not (is_number(jitter) and 0 <= jitter <= 0.4):
-            raise Invalid("tank.jitter", f"is {jitter!r}; it must lie between 0 and 0.4 spacings")
-        try:
-            np.random.default_rng(seed)
-        except (TypeError, ValueError):
-            raise Invalid("tank.seed", f"is {seed!r}; it must be a whole number >= 0") from None
-
     def _make_periodic(self, periodic: str) -> None:
         """Leave out the walls across the periodic axes; see the class for errors."""
-        if periodic not in ("x", "xy"):
-            raise Invalid("tank.periodic", f"is {periodic!r}; it must be 'x' or 'xy', or left out for walls all around")
         if len(self.size) != 2:
             raise Invalid(
                 "tank.periodic", f"is {periodic!r} and size {self.size.tolist()} m; only tanks in 2-D are periodic"

@@ -18,6 +18,7 @@ from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import Numerics
 from tipfem.case.openings import Inlet, Opening, Outlet
+from tipfem.case.tank import TankNumbers
 from tipfem.case.walls import Motion, Wall
 from tipfem.casefile.forms import (
     Curve,
@@ -62,6 +63,7 @@ class FluidTable(Model):
     """An incompressible Newtonian fluid."""
 
 
+@declares(TankNumbers)
 class TankTable(Model):
     """A closed box with walls all around, one corner of which is the origin; or a tank of any shape in 2-D."""
 
@@ -69,19 +71,6 @@ class TankTable(Model):
         "edge lengths of a box", "m", None, min_length=2, max_length=3
     )
     shape: ShapeTable | None = Field(None, description="the shape of the tank in 2-D, in place of size")
-    spacing: float = quantity("distance between particles", "m", gt=0)
-    jitter: float = quantity(
-        "random displacement of the particles off the walls, in spacings; a tank in 3-D needs some",
-        default=0.0,
-        ge=0,
-        le=0.4,
-    )
-    seed: int = quantity("seed of the random displacement", default=0, ge=0)
-    periodic: Literal["x", "xy"] | None = quantity(
-        "x: no walls on the left and right of a box in 2-D, what leaves there enters on the other side; "
-        "xy: nor below and above",
-        default=None,
-    )
 
 
 class ParticlesTable(Model):

@@ -472,7 +472,7 @@ def _require_intervals(
         ("checkpoint_wall_interval", checkpoint_wall_interval),
     ):
         if value is not None and not (is_number(value) and value > 0):
-            raise ValueError(f"Simulation: {name} is {value!r} s; it must be > 0")
+            raise ValueError(f"Simulation: {name} is {value!r} s; it must be a number > 0")
 
 
 def _require_outputs_apart(output_interval: float | None, time_step: float | None) -> None:
