@@ -58,7 +58,8 @@ def folder_table() -> str:
     pages = {path.stem for path in (ROOT / "docs" / "api").glob("*.md")}
     rows = ["| folder | content |", "|---|---|"]
     for path, text in folders().items():
-        name = f"[{path}]({path}.md)" if path in pages else f"`{path}`"
+        page = path if path in pages else path.removeprefix("run/")
+        name = f"[{path}]({page}.md)" if page in pages else f"`{path}`"
         rows.append(f"| {name} | {text} |")
     return "\n".join(rows)
 

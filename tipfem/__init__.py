@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from tipfem.run.case_file import CaseFile, load_case
     from tipfem.run.live import live
     from tipfem.run.simulation import Simulation
-    from tipfem.steering import Discharge, Drop, Gravity, Poke, Release, SurfaceTension, Valve
+    from tipfem.run.steering import Discharge, Drop, Gravity, Poke, Release, SurfaceTension, Valve
     from tipfem.viewer.widget import View
 
 __version__ = "0.1.0"
@@ -118,7 +118,7 @@ _MODULES = {
     "CaseFile": "run.case_file",
     "CaseFileError": "casefile.problems",
     "CheckpointError": "errors",
-    "Drop": "steering",
+    "Drop": "run.steering",
     "DropProbe": "probes",
     "EnergyProbe": "probes",
     "FieldOutput": "results.fields",
@@ -127,7 +127,7 @@ _MODULES = {
     "Fluid": "case.fluid",
     "FrontProbe": "probes",
     "Grading": "case.grading",
-    "Gravity": "steering",
+    "Gravity": "run.steering",
     "Inlet": "case.openings",
     "LineProbe": "probes",
     "Motion": "case.walls",
@@ -135,16 +135,16 @@ _MODULES = {
     "Outlet": "case.openings",
     "Particles": "case.particles",
     "PointProbe": "probes",
-    "Poke": "steering",
-    "Release": "steering",
+    "Poke": "run.steering",
+    "Release": "run.steering",
     "RelocationRule": "case.numerics",
     "RunResults": "results.reader",
     "Simulation": "run.simulation",
     "SimulationError": "errors",
     "SurfaceRule": "case.numerics",
-    "SurfaceTension": "steering",
-    "Discharge": "steering",
-    "Valve": "steering",
+    "SurfaceTension": "run.steering",
+    "Discharge": "run.steering",
+    "Valve": "run.steering",
     "Table": "results.tables",
     "Tank": "case.tank",
     "Vent": "case.openings",

@@ -1,7 +1,7 @@
 """The commands that run: run and resume.
 
 Both return an exit code, see `tipfem.app.commands.EXIT_CODES`, and end in an orderly way when they are told to
-stop; see `tipfem.steering.stop_request.StopRequest`.
+stop; see `tipfem.run.steering.stop_request.StopRequest`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from tipfem.run.case_file import CaseFile
     from tipfem.run.liveview.control import LiveControl
     from tipfem.run.simulation import Simulation
-    from tipfem.steering import RunControl
+    from tipfem.run.steering import RunControl
 
 RESULTS = ("case.json", "history.csv", "summary.json")
 # Written by the harness of the demos: the words of the command that goes on with the run.

@@ -96,7 +96,7 @@ class Remesher(ABC):
 
     @abstractmethod
     def with_drop(self, state: State, at: Array, radius: float, fluid: int, acceleration: Array) -> State:
-        """A state with a drop of a fluid added, see `tipfem.steering.Drop`; the volumes of the start change with it.
+        """A state with a drop of a fluid added, see `tipfem.Drop`; the volumes of the start change with it.
 
         Args:
             state: between two steps.

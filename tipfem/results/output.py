@@ -7,7 +7,7 @@
     fields.vtkhdf   the fields in one file, see `tipfem.results.fields.FieldOutput`
     summary.json    settings, versions, and figures of the whole run
     probes/*.csv    what probes have measured; checkpoints/*.h5
-    steering.jsonl  commands given to the run, see `tipfem.steering`
+    steering.jsonl  commands given to the run, see `tipfem.run.steering`
     .tipfem         names of these files: a later run in the folder removes them, and nothing else
 
 Every file but the history, which grows row by row, is written under another name and then renamed:

@@ -45,7 +45,7 @@ class CaseFile(loading.CaseFile):
             CaseFileError: see `case`; or the particles cannot be meshed, or ``out`` cannot be written to.
         """
         from tipfem.run.simulation import Simulation  # here, for it starts Taichi
-        from tipfem.steering import read_records
+        from tipfem.run.steering import read_records
 
         commands = None if steering is None else read_records(steering)  # its mistakes are none of the case file
         made, written = case or self.case(), self.settings()

@@ -13,7 +13,7 @@ from tipfem.notebook import in_notebook
 from tipfem.run.liveview.control import RATE, LiveControl, describe, snapshot_of
 from tipfem.run.liveview.memory import Snapshot
 from tipfem.run.simulation import Simulation
-from tipfem.steering import Command, RunControl, command_from
+from tipfem.run.steering import Command, RunControl, command_from
 
 if TYPE_CHECKING:
     from tipfem.viewer.widget import View

@@ -29,8 +29,8 @@ from tipfem.run.liveview.control import LiveControl, WatchedControl
 from tipfem.run.observers import Checkpoints, Fields, History
 from tipfem.run.progress import RunProgress
 from tipfem.run.resume import KEPT, Kept, continuation, environment, leave_case, leave_changes, note_on_edits
-from tipfem.steering import Command, Record, RunControl, Steering
-from tipfem.steering.stop_request import StopRequest
+from tipfem.run.steering import Command, Record, RunControl, Steering
+from tipfem.run.steering.stop_request import StopRequest
 from tipfem.step.numerical_error import numerical_error, summary_line
 from tipfem.step.observer import Observer
 from tipfem.step.stepper import Row, Stepper, require_later
@@ -136,7 +136,7 @@ class Simulation(Stepper):
         super().step(until)
 
     def steer(self, command: Command) -> None:
-        """Give a command that changes the physics from the next step on; see `tipfem.steering` for them.
+        """Give a command that changes the physics from the next step on; see `tipfem.run.steering` for them.
 
         It is written to steering.jsonl in the results folder, with the number of steps taken.
 
@@ -158,7 +158,7 @@ class Simulation(Stepper):
         Args:
             until: [s].
             progress: show a progress bar when the error output is a terminal.
-            control: lets the run pause, and end before its time; see `tipfem.steering`.
+            control: lets the run pause, and end before its time; see `tipfem.run.steering`.
             view: show the run in a browser while it goes on, see `tipfem.live`, which has more options.
 
         Raises:

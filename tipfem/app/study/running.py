@@ -23,7 +23,7 @@ from tipfem.casefile.describing import write_case
 from tipfem.results.folder_lock import FolderLock
 from tipfem.results.output import CASE_FILE
 from tipfem.run.checkpoint import FOLDER
-from tipfem.steering.stop_request import StopRequest
+from tipfem.run.steering.stop_request import StopRequest
 
 LOG = "log.txt"
 MOST_STARTS = 4  # of a run that is killed again and again

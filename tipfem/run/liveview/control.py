@@ -23,8 +23,8 @@ from tipfem.physics.bodies.motion import BodyStates
 from tipfem.physics.state import State
 from tipfem.run.liveview.link import Door, Link, hand_over
 from tipfem.run.liveview.memory import Snapshot, StateMemory, slot_size
-from tipfem.steering import Command, Gravity, Poke, Release, RunControl, command_from, limits
-from tipfem.steering.stop_request import StopRequest
+from tipfem.run.steering import Command, Gravity, Poke, Release, RunControl, command_from, limits
+from tipfem.run.steering.stop_request import StopRequest
 from tipfem.step.stepper import Row, Stepper
 
 if TYPE_CHECKING:

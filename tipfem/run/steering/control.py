@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from tipfem.steering.commands import Advance, Again, Command, Go, Pause, Stop
+from tipfem.run.steering.commands import Advance, Again, Command, Go, Pause, Stop
 from tipfem.step.observer import Observer
 
 if TYPE_CHECKING:

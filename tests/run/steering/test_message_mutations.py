@@ -7,7 +7,7 @@ import random
 import pytest
 from mutations import mutated
 
-from tipfem.steering.record import Record
+from tipfem.run.steering.record import Record
 from tipfem.viewer.protocol import ProtocolError, parse
 
 MUTATIONS = 500

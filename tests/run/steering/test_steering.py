@@ -1,4 +1,4 @@
-"""tipfem/steering: what commands do to the flow and its budgets, and that a steered run is repeated to the bit."""
+"""tipfem/run/steering: what commands do to the flow and its budgets, and that a steered run is repeated to the bit."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tipfem as tp
-from tipfem.steering import FILE, Advance, Go, Pause, RunControl, Stop, command_from, read_records
+from tipfem.run.steering import FILE, Advance, Go, Pause, RunControl, Stop, command_from, read_records
 
 GRAVITY = (0.0, -9.81)
 

@@ -16,8 +16,8 @@ from tipfem.physics.openings.lines import Openings
 from tipfem.physics.openings.passed import Passed
 from tipfem.physics.surface_tension.edges import TensionEdges, find_edges
 from tipfem.results.output import ResultsFolder
-from tipfem.steering.commands import Command, Discharge, Drop, Gravity, Poke, Release, SurfaceTension, Valve
-from tipfem.steering.record import FILE, Record, read_records
+from tipfem.run.steering.commands import Command, Discharge, Drop, Gravity, Poke, Release, SurfaceTension, Valve
+from tipfem.run.steering.record import FILE, Record, read_records
 from tipfem.step.budget import AXES
 from tipfem.step.stepper import Row, Stepper
 from tipfem.typing import Array

@@ -29,7 +29,7 @@ from tipfem.run.liveview.link import Link
 from tipfem.run.liveview.memory import Snapshot, StateMemory, slot_size
 from tipfem.run.liveview.process import guest_of, serve_guest
 from tipfem.run.liveview.source import LiveSource
-from tipfem.steering import FILE, command_from
+from tipfem.run.steering import FILE, command_from
 from tipfem.viewer import protocol
 
 PATIENCE = 240.0  # longest wait for what must happen [s]
@@ -507,7 +507,7 @@ def drawing_process(run):
     ("name", "code"), [("SIGINT", 0), ("SIGTERM", 143), pytest.param("SIGHUP", 129, marks=pytest.mark.slow)]
 )
 def test_a_signal_while_the_viewer_starts_leaves_no_process(tmp_path, name, code):
-    play = Path(__file__).resolve().parents[2] / "demos" / "play.py"
+    play = Path(__file__).resolve().parents[3] / "demos" / "play.py"
     words = [
         sys.executable,
         str(play),

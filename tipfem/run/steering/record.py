@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from tipfem.arguments import brief, is_number
-from tipfem.steering.commands import Command, command_from
+from tipfem.run.steering.commands import Command, command_from
 
 FILE = "steering.jsonl"
 
