@@ -26,8 +26,8 @@ from tipfem.demos.support.options import Arch, Count, Positive, Rule
 
 import tipfem as tp
 from tipfem.app.commands import call
+from tipfem.app.options import Flag, Shown
 from tipfem.app.running import COMMAND_FILE, open_log, run_to, viewer_of
-from tipfem.casefile.options import Flag, Shown
 from tipfem.casefile.problems import CaseFileError
 from tipfem.run.case_file import CaseFile, load_case
 from tipfem.run.checkpoint import CheckpointFolder

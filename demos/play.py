@@ -14,7 +14,7 @@ from tipfem.demos import harness
 from tipfem.demos.support.options import Count, Positive
 
 import tipfem as tp
-from tipfem.casefile.options import Flag, Whole
+from tipfem.app.options import Flag, Whole
 
 
 def case(spacing: float) -> tp.Case:

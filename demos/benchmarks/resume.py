@@ -20,7 +20,7 @@ from pathlib import Path
 from tipfem.demos import harness
 from tipfem.demos.support.options import Count, Positive
 
-from tipfem.casefile.options import Whole
+from tipfem.app.options import Whole
 
 TIMING = """
 import sys, time

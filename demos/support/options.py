@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from cyclopts import Parameter
 
-from tipfem.casefile.options import Flag as Flag
+from tipfem.app.options import Flag as Flag
 
 T = TypeVar("T")
 

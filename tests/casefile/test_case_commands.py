@@ -18,8 +18,8 @@ from demo_runs import DEMOS
 from test_bad_input import GOOD
 
 import tipfem as tp
+from tipfem.app import inspection
 from tipfem.app.commands import main
-from tipfem.casefile import inspection
 from tipfem.run.case_file import load_case
 
 CASE = str(DEMOS / "cases" / "dam_break.toml")

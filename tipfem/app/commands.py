@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
+from tipfem.app.options import Flag, Overrides, Whole
 from tipfem.app.running import bad_input, loaded, resume, run, said
 from tipfem.casefile.openings import opening_lines
-from tipfem.casefile.options import Flag, Overrides, Whole
 
 if TYPE_CHECKING:
     from tipfem.run.simulation import Simulation
@@ -168,7 +168,7 @@ def info(out: Path, /) -> int:
     out
         The results folder.
     """
-    from tipfem.casefile.inspection import describe_results
+    from tipfem.app.inspection import describe_results
 
     with bad_input() as failed:
         print("\n".join(describe_results(out)))
@@ -197,7 +197,7 @@ def convert(out: Path, /, *, precision: Literal["double", "single"] = "double", 
 
 def doctor() -> int:
     """Say whether all that tipfem needs is there, and the command that brings what is missing."""
-    from tipfem.casefile.inspection import examine
+    from tipfem.app.inspection import examine
 
     findings = examine()
     for finding in findings:

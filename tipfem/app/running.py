@@ -14,8 +14,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tipfem.app.options import Flag, Number, Overrides, Shown, Whole
 from tipfem.arguments import is_number
-from tipfem.casefile.options import Flag, Number, Overrides, Shown, Whole
 from tipfem.casefile.problems import CaseFileError
 from tipfem.logs import log_json, log_lines
 from tipfem.results.output import CASE_FILE

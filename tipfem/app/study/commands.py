@@ -7,10 +7,10 @@ from typing import Any
 
 from cyclopts import App
 
+from tipfem.app.options import Flag, Whole
 from tipfem.app.running import bad_input, said
 from tipfem.app.study.study import Study, load_study
 from tipfem.casefile.describing import toml_value
-from tipfem.casefile.options import Flag, Whole
 
 
 def register(app: App) -> None:

@@ -16,8 +16,8 @@ import threading
 import time
 from pathlib import Path
 
+from tipfem.app.options import Shown
 from tipfem.app.running import resume
-from tipfem.casefile.options import Shown
 from tipfem.results.folder_lock import FolderLock
 
 PATIENCE = 60.0  # how long a run that is about to stop may still hold the folder [s]
