@@ -141,6 +141,11 @@ def test_few_files_name_a_physics(physics):
     assert len(found) > most - 4, f"only {len(found)} files name {physics}: lower its ceiling of {most}"
 
 
+def test_files_of_tests_have_names_of_their_own():
+    names = [path.name for path in (ROOT / "tests").rglob("test_*.py")]
+    assert [name for name in set(names) if names.count(name) > 1] == []
+
+
 def test_there_is_no_drawer_for_odds_and_ends():
     drawers = {"utils.py", "util.py", "helpers.py", "misc.py", "common.py"}
     assert not [name(path) for path in TIPFEM + RENDER + DEMOS if path.name in drawers]
