@@ -59,6 +59,8 @@ def test_other_arrays_shapes_and_numbers_are_read_at_each_start(monkeypatch):
             last = launch(weighted, *first[:5], f, first[6])
             assert last == pytest.approx(by_numpy(*second[:5], f, second[6]))
             np.testing.assert_allclose(first[3], second[3])
+    first = given(1, 2)
+    assert launch(weighted, *first[:4], True, *first[5:]) == pytest.approx(by_numpy(*given(1, 2)))
 
 
 def test_what_is_otherwise_goes_the_longer_way(monkeypatch):
@@ -90,6 +92,18 @@ def test_what_is_otherwise_goes_the_longer_way(monkeypatch):
             launch(weighted, *arguments)
 
 
+def test_a_few_kinds_of_arguments_take_turns(monkeypatch):
+    kinds = [(*given(3, 2)[:6], step) for step in range(2, 6)]
+    for arguments in kinds:
+        launch(weighted, *arguments)
+    monkeypatch.setattr(weighted, "_start", None)
+    for arguments in kinds:
+        launch(weighted, *arguments)
+        expected = arguments[3].copy()
+        by_numpy(*arguments[:3], expected, *arguments[4:])
+        np.testing.assert_allclose(arguments[3], expected)
+
+
 def test_an_array_in_the_place_of_one_that_is_gone_is_another():
     values, weights, counts, result, rows, f, step = given(4, 2)
     for factor in range(1, 30):
@@ -97,9 +111,9 @@ def test_an_array_in_the_place_of_one_that_is_gone_is_another():
         device = buffers.upload("values", factor * values)
         out = buffers.get("result", rows)
         launch(weighted, device, weights, counts, out, rows, f, step)
-        assert weighted._last is not None
+        assert weighted._recent
         by_numpy(factor * values, weights, counts, result, rows, f, step)
         np.testing.assert_allclose(download(out, rows), result)
         del buffers, device, out
         gc.collect()
-        assert weighted._last is None
+        assert not weighted._recent

@@ -14,6 +14,8 @@ from tipfem.backend.launch import copy, copy_rows, launch, parts
 from tipfem.backend.runtime import on_cpu, real, require_own_runtime, taichi_real
 from tipfem.backend.taichi_patches import ENABLED, host_view
 
+SPARE = 64  # rows that an array has more than are used, at least: for a new array, kernels are prepared anew
+
 
 class Buffers:
     """Device arrays by name, grown when needed and reused."""
@@ -36,7 +38,7 @@ class Buffers:
         require_own_runtime()
         array = self._arrays.get(name)
         if array is None or array.shape[0] < rows or (columns and array.shape[1] != columns):
-            capacity = max(rows + rows // 8, 16)
+            capacity = rows + max(rows // 8, SPARE)
             if array is not None and array.shape[0] >= rows:
                 capacity = array.shape[0]
             shape = (capacity, columns) if columns else (capacity,)

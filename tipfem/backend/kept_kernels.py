@@ -156,6 +156,8 @@ class Library:
         self._folder = folder / self._environment[:16]
         kernel_files.own_folder(self._folder)
         self._loaded: dict[str, tuple[Callable[[int], None], dict[str, Any]]] = {}
+        # As in Taichi, a process takes the constants that a kernel reads when it is first prepared for such arguments.
+        self._texts: dict[Any, str] = {}
         self._added = False
         self._threads = threads
         _, code = self._kept("threads", lambda: ({}, self._machine.compile(text)))
@@ -171,11 +173,15 @@ class Library:
         """
         function = kernel._primal.func
         try:
-            parameters, texts = [], [fingerprint(function)]
+            parameters, texts = [], []
             for kind, value in zip(kinds, arguments, strict=True):
                 text, parameter = _kind(kind, value)
                 texts.append(text)
                 parameters.append(parameter)
+            given = function, *texts
+            if given not in self._texts:
+                self._texts[given] = fingerprint(function)
+            texts.insert(0, self._texts[given])
             number = hashlib.sha256("\n".join(texts).encode()).hexdigest()[:40]
             places = [i for i, parameter in enumerate(parameters) if parameter]
             known = self._loaded.get(number)

@@ -43,6 +43,7 @@ PARTS, PARTS_OF_GPU = 16, 4096
 ITERATIONS = 512  # of a parallel loop that Taichi gives to one CPU thread at least
 WORTH_WAKING = 1.2e5  # [ns] of work of one thread above which waking the others, which takes 10 to 50 us, pays
 FEW_THREADS = 4  # with no more than these, atomic operations cost more than sharing a loop saves
+RECENT = 4  # launches of a kernel, with other arrays each, that are tried before the longer way
 _INTEGER = type(ti.i32)
 SCHEDULING: dict[str, Any] = {
     "parts": _INTEGER,
@@ -90,7 +91,7 @@ class Kernel:
         self._counts = "one_counts" in self.scheduling
         self.waits = "threads" in self.scheduling
         self._prepared: dict[Any, KeptLaunch | PreparedLaunch] = {}
-        self._last: KeptLaunch | None = None  # the last one that can be started by `quick_launch`
+        self._recent: list[KeptLaunch] = []  # those that can be started by `quick_launch`, the last first
         self._schedules: dict[Any, tuple[Any, ...]] = {}
         _kernels.add(self)
 
@@ -120,9 +121,10 @@ class Kernel:
 
     def start(self, arguments: tuple[Any, ...]) -> Any:
         """Start the kernel with all of its arguments; what it returns."""
-        last = self._last
-        if last is not None and last.program is program() and last.quick(arguments, last.plan) == 0:
-            return last.returned()
+        present = program()
+        for recent in self._recent:
+            if recent.program is present and recent.quick(arguments, recent.plan) == 0:
+                return recent.returned()
         if runtime.on_vulkan() and self not in (copy, copy_rows):
             return self._start_on_copies(arguments)
         return self._start(arguments)
@@ -164,7 +166,8 @@ class Kernel:
         prepared = self._prepared.get(key)
         if prepared is None or prepared.program is not program():
             prepared = self._prepare(key, arguments)
-        self._last = prepared if isinstance(prepared, KeptLaunch) and prepared.plan else None
+        if isinstance(prepared, KeptLaunch) and prepared.plan and prepared not in self._recent:
+            self._recent = [prepared, *self._recent[: RECENT - 1]]
         try:
             return prepared(arguments)
         except (TypeError, ValueError) as error:
@@ -200,14 +203,14 @@ def _forget(number: int, _: Any) -> None:
     _, users = _users.pop(number)
     for user, key in users:
         user._prepared.pop(key, None)
-        user._last = None
+        user._recent = []
 
 
 def _forget_all() -> None:
     """In a child process: prepare all launches anew, which is refused there; see `runtime.require_own_runtime`."""
     for each in list(_kernels):
         each._prepared.clear()
-        each._last = None
+        each._recent = []
 
 
 if hasattr(os, "register_at_fork"):

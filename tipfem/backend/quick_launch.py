@@ -38,6 +38,7 @@ class _Head(ctypes.Structure):
     _fields_ = (
         ("count", ctypes.c_int64),
         ("integer", ctypes.c_uint64),  # types that numbers and arrays may have
+        ("truth", ctypes.c_uint64),
         ("real", ctypes.c_uint64),
         ("real_of_numpy", ctypes.c_uint64),
         ("array", ctypes.c_uint64),
@@ -98,7 +99,11 @@ same:
 integer:
   %integer_at = add i64 %plan, {_Head.integer.offset}
   %integer_type = call i64 @word(i64 %integer_at)
-  %is_integer = icmp eq i64 %type, %integer_type
+  %is_whole = icmp eq i64 %type, %integer_type
+  %truth_at = add i64 %plan, {_Head.truth.offset}
+  %truth_type = call i64 @word(i64 %truth_at)
+  %is_truth = icmp eq i64 %type, %truth_type
+  %is_integer = or i1 %is_whole, %is_truth
   br i1 %is_integer, label %put_integer, label %other
 put_integer:
   %as_at = add i64 %plan, {_Head.as_integer.offset}
@@ -249,7 +254,7 @@ class Plan:
         count = len(arguments)
         self._memory = (ctypes.c_uint8 * (ctypes.sizeof(_Head) + count * ctypes.sizeof(_Entry)))()
         as_integer = ctypes.cast(ctypes.pythonapi.PyLong_AsUnsignedLongMask, ctypes.c_void_p).value
-        types = (id(kind) for kind in (int, float, np.float64, np.ndarray))
+        types = (id(kind) for kind in (int, bool, float, np.float64, np.ndarray))
         _Head.from_buffer(self._memory).__init__(count, *types, as_integer, kernel, context)  # type: ignore[misc]
         entries = (_Entry * count).from_buffer(self._memory, ctypes.sizeof(_Head))
         for entry, argument, place in zip(entries, arguments, places, strict=True):
