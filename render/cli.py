@@ -218,13 +218,13 @@ def render(
         }
         if strip is None and (columns or width):
             raise ValueError(f"--{'columns' if columns else 'width'} is of --strip, which is not given")
-        for line in moved(Results(out).times, strip or ()):
-            print(line)
         if svg or pdf:
             if width:
                 raise ValueError("--width is in pixels; SVG and PDF are as wide as a page")
             suffixes = [".svg"] * svg + [".pdf"] * pdf
             kept = {key: value for key, value in looks.items() if key not in ("backend", "samples")}
+            for line in moved(Results(out).times, strip or ()):
+                print(line)
             for path in draw_vectors(out, strip, suffixes, columns=columns, title=title, **kept):
                 print(path)
             if not movie:
@@ -232,6 +232,8 @@ def render(
             strip, no_frames = None, True
         if strip is not None:
             try:
+                for line in moved(Results(out).times, strip):
+                    print(line)
                 print(draw_strip(out, strip, columns=columns, width=width or WIDTH, **looks))
             except ValueError as error:
                 if no_frames and not movies:
