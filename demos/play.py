@@ -79,6 +79,7 @@ def main(
             paused=paused,
             say=lambda line: print(line, flush=True),
             hand=True,
+            pace=1.0,
             again=begun,
         )
     except KeyboardInterrupt:

@@ -175,6 +175,11 @@ def test_keys_tilt_push_and_drop_too(browser, run):
     shown.wait(lambda: commands(out)[-1]["command"] == "drop", "the drop")
     assert commands(out)[-1]["fluid"] == "water"
     assert commands(out)[-1]["at"] == pytest.approx([0.6, 0.67], abs=5e-3)
+    with shown.page.expect_download() as kept:
+        shown.key("G")
+    times = re.search(r'"times":\[([^]]*)\]', Path(kept.value.path()).read_text())[1].split(",")
+    assert len(times) > 2
+    assert sorted(times, key=float) == times
     shown.button("again").click()
     shown.wait(lambda: not commands(out), "the start without commands")
     shown.wait(lambda: step_of(shown) > 2, "the run that has begun anew")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -193,6 +194,10 @@ def test_pictures_and_movies_are_downloaded(shown):
         shown.key("g")
     assert picture.value.suggested_filename == "wave_0.0000s.png"
     assert Image.open(picture.value.path()).size == (1280, 720)
+    with shown.page.expect_download() as page:
+        shown.key("G")
+    assert page.value.suggested_filename == "wave.html"
+    assert '"times":[0.0,0.1,' in Path(page.value.path()).read_text()
     shown.key("r")
     shown.wait(lambda: shown.page.get_attribute('[data-do="record"]', "aria-pressed") == "true", "the recording")
     shown.key("ArrowRight")

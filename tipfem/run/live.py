@@ -32,6 +32,7 @@ def live(
     say: Callable[[str], None] = print,
     hand: bool = False,
     again: Callable[[], Simulation] | None = None,
+    pace: float | None = None,
 ) -> View | None:
     """Run a simulation, and show and steer it in a browser meanwhile; in a notebook, in a widget.
 
@@ -49,6 +50,7 @@ def live(
         paused: begin with a pause.
         say: takes lines of text: the address, and what becomes of the viewer.
         hand: let the pointer push the fluids at first, rather than move the picture.
+        pace: most simulated seconds per second while a page looks, 1 for real time; None for as fast as it can.
         again: makes the simulation with which the run begins anew when the page says so; None for no such button.
 
     Returns:
@@ -71,6 +73,7 @@ def live(
         say=say,
         hand=hand,
         again=again is not None,
+        pace=pace,
     )
     try:
         simulation.run(until, progress=math.isfinite(until), control=control)

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image
 
-from tipfem.render import Renderer, Scene, Stage, View
+from tipfem.render import Renderer, Results, Scene, Stage, View
 from tipfem.render.colours import fluid_colours, hex_code
 from tipfem.render.flow import Tracers, arrow_speed
 from tipfem.render.layers import is_muted
 from tipfem.render.openings import COLOURS as OPENING_COLOURS
-from tipfem.render.outlines import background_fluid, picture_loops, turning_marks
+from tipfem.render.outlines import Loop, background_fluid, picture_loops, turning_marks
 from tipfem.render.scales import MUTED_FIELD, MUTED_SHARE, FieldSample, colour_map_of, muted_fluids, round_limits
 from tipfem.typing import Array
 from tipfem.viewer.choices import Choices, Window
@@ -26,6 +27,7 @@ from tipfem.viewer.source import Source
 MOST_PIXELS = 2.6e6  # of a picture that is shown
 MOST_PIXELS_MOVING = 1.0e6  # while something moves
 PREPARED = 50  # stored times after the one that is shown, of which the outlines are made
+MOST_SEEN = 3000  # states of a run that are kept to be shared
 _SAMPLED = 24  # stored times that a fixed range is taken from
 _COLOURED = "pressure of the fluids that are coloured"
 _PICTURE = (1280, 720)  # a picture or a movie to keep [px]
@@ -82,6 +84,8 @@ class Pane:
         self._tracers: Tracers | None = None
         self._tracer_count = 0
         self._trails: list[Array] = []
+        self._first: tuple[Scene, int | None] | None = None  # that has been seen of a run, and the fluid behind all
+        self._seen: deque[tuple[float, list[list[Loop]]]] = deque(maxlen=MOST_SEEN)
         self._outlines: dict[tuple[int, float], tuple[dict[str, Any], bytes]] = {}  # of stored times
 
     def index_at(self, time: float) -> int:
@@ -185,7 +189,9 @@ class Pane:
             behind = background_fluid(scene)
             size = float((scene.upper - scene.lower).max())
             lower, scale = scene.lower - size, 3 * size / (2.0**32 - 1) * np.ones(2)
-            data = b"".join(packed(layer, lower, scale, wide=True) for layer in picture_loops(scene, behind))
+            drawn = picture_loops(scene, behind)
+            self._keep(scene, behind, drawn)
+            data = b"".join(packed(loops, lower, scale, wide=True) for loops in drawn)
             entry = {
                 "time": scene.time,
                 "index": index,
@@ -220,6 +226,37 @@ class Pane:
             if (number, times[number]) not in self._outlines:
                 return self.outlines(number) is not None
         return False
+
+    def page(self) -> Callable[[], str]:
+        """What makes the page to share of a results folder, or of what has been seen of a run; it may take a while.
+
+        Raises:
+            ValueError: nothing has been seen.
+        """
+        from tipfem.viewer.share import STATES_PER_SECOND, folder_page, page_of  # here: it needs the server's files
+
+        if not self.source.live:
+            folder = getattr(self.source, "folder", None)
+            if folder is None:
+                raise ValueError("share: there is no results folder")
+            return lambda: folder_page(Results(folder))
+        if self._first is None:
+            raise ValueError("share: nothing has been seen of the run yet")
+        (first, behind), states = self._first, list(self._seen)
+        passed = states[-1][0] - states[0][0]
+        rate = (len(states) - 1) / passed if passed > 0 else STATES_PER_SECOND
+        still = first.tank is None or not self.source.scene(-1).tank.moved
+        return lambda: page_of(first, behind, states, self.source.title or self.source.name, still, rate=rate)
+
+    def _keep(self, scene: Scene, behind: int | None, drawn: list[list[Loop]]) -> None:
+        """Keep what is seen of a run, for `page`; a run that begins anew is another."""
+        if not self.source.live:
+            return
+        if self._first is None or self._first[1] != behind or (self._seen and scene.time < self._seen[-1][0]):
+            self._first = scene, behind
+            self._seen.clear()
+        if not self._seen or scene.time > self._seen[-1][0]:
+            self._seen.append((scene.time, drawn))
 
     def framed(self, index: int, choices: Choices) -> Array:
         """The picture of a stored time with axes and legend, to keep; (H, W, 3) uint8."""

@@ -29,6 +29,7 @@ shape |
 | `{"type": "follow", "what": "front"}` | move the window with a front or a fluid, as `View.follow`; null to stop |
 | `{"type": "pick", "pane": 0, "at": [0.1, 0.2], "history": false}` * | ask for the values at a point |
 | `{"type": "picture"}` * | ask for the present picture with its axes, as a PNG file |
+| `{"type": "share"}` * | ask for the page that `tipfem share` makes, of results, or of what has been seen of a run |
 | `{"type": "alive"}` | asks for an answer, by which the page knows that the connection carries messages |
 | `{"type": "record", "on": true}` | begin a movie of what is seen, or end it and ask for the file |
 | `{"type": "command", "name": "poke", ...}` | a command to the simulation, see below |
@@ -89,7 +90,9 @@ from tipfem.arguments import brief, is_number
 VERSION = 1
 LARGEST = 16_384  # bytes of a message from a page
 AHEAD = 2  # frames sent before the first of them is acknowledged
-WATCHERS = frozenset({"ack", "alive", "visible", "vectors", "pick", "picture"})  # what is answered for every page
+WATCHERS = frozenset(
+    {"ack", "alive", "visible", "vectors", "pick", "picture", "share"}
+)  # what is answered for every page
 SIZES = (64, 4096)  # [px], sides of a picture
 LAYERS = ("mesh", "particles", "fill", "arrows", "streamlines", "contours", "tracers", "colour_all", "smooth")
 _FARTHEST = 1e9  # largest magnitude of a number [SI]
@@ -190,6 +193,7 @@ _MESSAGES: dict[str, dict[str, Check]] = {
     "follow": {"what": _or_null(_text)},
     "pick": {"pane": _whole(0, 1), "at": _POINT, "history?": _flag},
     "picture": {},
+    "share": {},
     "record": {"on": _flag},
 }
 _COMMANDS: dict[str, dict[str, Check]] = {

@@ -97,6 +97,7 @@ class Session:
         self._stale_vectors = True
         self._recording: Recording | None = None
         self._poking = False
+        self._sharing: asyncio.Task[None] | None = None
         self._sampling: Iterator[bool] | None = None
 
     # Pages
@@ -453,6 +454,20 @@ class Session:
                 [png(self.showing.framed())],
             )
         )
+
+    def _take_share(self, page: Page) -> None:
+        made = self.showing.panes[0].page()
+
+        async def send() -> None:
+            try:
+                data = (await asyncio.to_thread(made)).encode()
+            except (ValueError, OSError) as error:
+                page.say("error", text=str(error))
+                return
+            name = f"{self.showing.panes[0].source.name}.html"
+            page.send(protocol.pack({"type": "file", "name": name, "mime": "text/html"}, [data]))
+
+        self._sharing = asyncio.ensure_future(send())
 
     def _take_record(self, page: Page, on: bool) -> None:
         if on and self._recording is None:

@@ -12,15 +12,15 @@ import html
 import json
 import re
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from tipfem.render import Results, Stage, View, colours
+from tipfem.render import Results, Scene, Stage, View, colours
 from tipfem.render.colours import COLOUR_MAPS
 from tipfem.render.openings import COLOURS, kinds_of
-from tipfem.render.outlines import background_fluid, picture_loops, thin_solids
+from tipfem.render.outlines import Loop, background_fluid, picture_loops, thin_solids
 from tipfem.render.renderer import settled
 from tipfem.render.scales import colour_map_of, field_label
 from tipfem.render.strips import closest
@@ -32,6 +32,8 @@ from tipfem.viewer.server import page_file
 MARGIN = 0.04  # around the domain, of its longer side
 STATES_PER_SECOND = 25.0
 FIELD_WIDTH = 1000  # of the picture of a field [px]
+
+State = tuple[float, list[list[Loop]]]  # time [s], and its `picture_loops`
 
 
 def share(
@@ -61,37 +63,80 @@ def share(
         raise ValueError(f"the file {str(target)!r} cannot be written: there is no folder {str(target.parent)!r}")
     if (field is None) != (not times):
         raise ValueError("a field is shown at chosen times: name both the field and the times, or neither")
-    ends = results.scene(0), results.scene(-1)
+    pictures = None if field is None else _pictures(results, field, closest(results.times, times))
+    try:
+        target.write_text(folder_page(results, pictures), encoding="utf-8")
+    except OSError as error:
+        raise ValueError(f"the file {str(target)!r} cannot be written ({error.strerror})") from error
+    return target
+
+
+def folder_page(results: Results, field: Mapping[str, Any] | None = None) -> str:
+    """The page of a results folder.
+
+    Args:
+        results: the folder.
+        field: pictures of a field at some times, see `share`; None for none.
+    """
+    first = results.scene(0)
+    behind = background_fluid(first)
     scenes = (results.scene(k) for k in range(len(results)))
-    size = results.upper - results.lower
-    lower = results.lower - MARGIN * size.max()
+    states = ((scene.time, picture_loops(scene, behind)) for scene in scenes)
+    still = not any(scene.tank and scene.tank.moved for scene in (first, results.scene(-1)))
+    title = results.title or results.folder.resolve().name
+    return page_of(first, behind, states, title, still, field, series_of(results.folder))
+
+
+def page_of(
+    first: Scene,
+    behind: int | None,
+    states: Iterable[State],
+    title: str,
+    still: bool,
+    field: Mapping[str, Any] | None = None,
+    plots: Sequence[Mapping[str, Any]] = (),
+    rate: float = STATES_PER_SECOND,
+) -> str:
+    """The page that plays some states.
+
+    Args:
+        first: the first of them.
+        behind: the fluid that is not among their loops, see `background_fluid`.
+        states: in order of time.
+        title: above them.
+        still: whether the tank does not move.
+        field: pictures of a field.
+        plots: values over time, see `series_of`.
+        rate: states played in a second.
+    """
+    assert first.lower is not None, "a Scene fills in what was left out"
+    assert first.upper is not None, "a Scene fills in what was left out"
+    size = first.upper - first.lower
+    lower = first.lower - MARGIN * size.max()
     scale = (size + 2 * MARGIN * size.max()) / 65_535
-    fills = colours.fluid_colours(results.fluid_names, results.fluid_densities)
-    dropped: int | None = None
-    stream = bytearray()
-    for number, scene in enumerate(scenes):
-        if number == 0:
-            dropped = background_fluid(scene)
-        for layer in picture_loops(scene, dropped):
-            stream += packed(layer, lower, scale)
+    stream, times = bytearray(), list[float]()
+    for time, drawn in states:
+        times.append(float(f"{time:.7g}"))
+        for loops in drawn:
+            stream += packed(loops, lower, scale)
+    fills = colours.fluid_colours(first.fluid_names, first.fluid_densities)
     facts = {
-        "title": results.title or results.folder.resolve().name,
+        "title": title,
         "lower": lower.tolist(),
         "scale": scale.tolist(),
-        "box": [*results.lower.tolist(), *results.upper.tolist()],
-        "times": [float(f"{time:.7g}") for time in results.times],
-        "rate": STATES_PER_SECOND,
-        "fluids": [[name, colours.hex_code(fills[k]), k != dropped] for k, name in enumerate(results.fluid_names)],
-        "solids": [] if any(scene.tank and scene.tank.moved for scene in ends) else thin_solids(ends[0]),
-        "openings": [[gap.kind, *gap.ends.ravel().tolist(), *gap.inwards.tolist()] for gap in results.openings],
-        "marks": {kind: COLOURS[kind] for kind in kinds_of(results.openings)},
-        "field": None if field is None else _pictures(results, field, closest(results.times, times)),
-        "plots": series_of(results.folder),
+        "box": [*first.lower.tolist(), *first.upper.tolist()],
+        "times": times,
+        "rate": rate,
+        "fluids": [[name, colours.hex_code(fills[k]), k != behind] for k, name in enumerate(first.fluid_names)],
+        "solids": thin_solids(first) if still else [],
+        "openings": [[gap.kind, *gap.ends.ravel().tolist(), *gap.inwards.tolist()] for gap in first.openings],
+        "marks": {kind: COLOURS[kind] for kind in kinds_of(first.openings)},
+        "field": field,
+        "plots": plots,
     }
     squeezed = zlib.compressobj(9, zlib.DEFLATED, -15)
     data = base64.b64encode(squeezed.compress(bytes(stream)) + squeezed.flush()).decode()
-    page = page_file("share.html").decode()
-    page = page.replace("@TITLE@", html.escape(facts["title"]))
+    page = page_file("share.html").decode().replace("@TITLE@", html.escape(title))
     script = page[page.index("<script>") + 8 : page.index("</script>")]
     script = script.replace(
         "@OUTLINES@", re.sub(r"^export ", "", page_file("outlines.js").decode(), flags=re.MULTILINE)
@@ -102,11 +147,7 @@ def share(
     script = script.replace("@DATA@", data)
     hashed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     page = page[: page.index("<script>") + 8] + script + page[page.index("</script>") :]
-    try:
-        target.write_text(page.replace("@HASH@", hashed), encoding="utf-8")
-    except OSError as error:
-        raise ValueError(f"the file {str(target)!r} cannot be written ({error.strerror})") from error
-    return target
+    return page.replace("@HASH@", hashed)
 
 
 def _pictures(results: Results, field: str, numbers: Sequence[int]) -> dict[str, Any]:

@@ -225,6 +225,27 @@ def test_a_page_watches_and_steers_a_run_that_is_repeated_to_the_bit(tmp_path):
     assert plain == [{**row, "wall_seconds": 0} for row in again.history]
 
 
+def test_a_run_that_is_watched_is_no_faster_than_it_is_to_be(tmp_path):
+    passed = []
+
+    def script(page):
+        page.until(lambda: page.frames >= 2)
+        begun = time.monotonic()
+        page.until(lambda: time.monotonic() > begun + 1.5 and "pace" in page.status)
+        passed.append(page.status["pace"])
+        page.command("stop")
+        page.until(lambda: page.bye)
+
+    simulation = tp.Simulation(layers(0.1), time_step=0.01)
+    with pytest.raises(ValueError, match="pace is 0"):
+        LiveControl(simulation, port=0, browser=False, pace=0)
+    control, page = shown(simulation, script, pace=0.2)
+    simulation.run(1000.0, progress=False, control=control)
+    page.join(PATIENCE)
+    assert page.error is None or page.bye, page.error
+    assert 0 < passed[0] < 0.25  # over a second, of which it makes up for 0.2 s
+
+
 class OneState:
     """What a `LiveSource` reads, with one state."""
 

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 RATE = 5.0  # pictures per second, by default
 STARTS = 60.0  # longest wait for the process that draws [s]; with a cold cache Taichi compiles for a while
+_LATE = 0.2  # seconds that a run which was too slow makes up for
 _MEAN = 1.0  # seconds over which steps per second are taken
 
 
@@ -46,6 +47,7 @@ class WatchedControl(RunControl):
         rate: most pictures per second.
         paused: whether the run begins with a pause.
         say: takes lines of text: the address, and what becomes of the process.
+        pace: most simulated seconds per second while a page looks; None for as fast as it can.
 
     Attributes:
         address: of the page, with its token; "" while there is none.
@@ -58,6 +60,7 @@ class WatchedControl(RunControl):
         rate: float = RATE,
         paused: bool = False,
         say: Callable[[str], None] = lambda _: None,
+        pace: float | None = None,
     ) -> None:
         super().__init__(self._receive_commands, paused=paused, report=self._tell)
         self.address = ""
@@ -70,6 +73,7 @@ class WatchedControl(RunControl):
         self._published: tuple[State, Forces] | None = None
         self._when, self._prompt = -math.inf, False
         self._steps: list[tuple[float, int, float]] = []
+        self._pace, self._next = pace, -math.inf  # when the next step may be taken
 
     # What a run calls
 
@@ -101,10 +105,17 @@ class WatchedControl(RunControl):
         if self._link is None:
             return
         now, state = clock.monotonic(), flow.state
+        if self._pace is not None:
+            self._next = max(self._next, now - _LATE) + row["time_step"] / self._pace
         self._steps.append((now, state.step, state.time))
         while now - self._steps[0][0] > _MEAN and len(self._steps) > 2:
             self._steps.pop(0)
         self._publish_if_due(now)
+
+    def delay(self) -> float:
+        """See `RunControl.delay`."""
+        watched = self._memory is not None and self._memory.wanted
+        return max(0.0, self._next - clock.monotonic()) if watched else 0.0
 
     def idle(self, flow: Stepper) -> None:
         """Publish what a command has changed during a pause."""
@@ -282,6 +293,7 @@ class LiveControl(WatchedControl):
         say: takes lines of text: the address, and what becomes of the process.
         hand: let the pointer push the fluids at first, rather than move the picture.
         again: whether the run can begin anew.
+        pace: most simulated seconds per second while a page looks; None for as fast as it can.
 
     Raises:
         ValueError: an argument is not possible, the case is not in 2-D, or the process cannot serve a page.
@@ -299,7 +311,10 @@ class LiveControl(WatchedControl):
         say: Callable[[str], None] = print,
         hand: bool = False,
         again: bool = False,
+        pace: float | None = None,
     ) -> None:
+        if pace is not None and not (is_number(pace) and pace > 0):
+            raise ValueError(f"pace is {pace!r}; it must be a number of simulated seconds per second, above 0, or None")
         if simulation.case.particles.dimension != 2:
             raise ValueError("the viewer shows cases in 2-D only; this one is in 3-D")
         if not (is_number(rate) and 0 < rate <= 60):
@@ -308,7 +323,7 @@ class LiveControl(WatchedControl):
             raise ValueError(f"port is {port!r}; it must be a whole number from 0 to 65535")
         if importlib.util.find_spec("websockets") is None:
             raise ValueError("the viewer needs websockets, which is not installed: pip install 'tipfem[view]'")
-        super().__init__(simulation, rate=rate, paused=paused, say=say)
+        super().__init__(simulation, rate=rate, paused=paused, say=say, pace=pace)
         simulation.make_consistent()
         ours, theirs = socket.socketpair()
         with StopRequest() as request:  # obeyed only once the process is known: none is left behind

@@ -57,11 +57,16 @@ class RunControl(Observer):
         """
         if self.waits:
             self.idle(flow)
-        self._take(steer, WAIT if self.waits else 0.0)
-        if self.waits or self.stopped:
+        delay = 0.0 if self._steps_left else self.delay()
+        self._take(steer, WAIT if self.waits else min(delay, WAIT))
+        if self.waits or self.stopped or delay > WAIT:
             return False
         self._steps_left = max(self._steps_left - 1, 0)
         return True
+
+    def delay(self) -> float:
+        """Seconds by the clock for which the next step is to wait, so that a run is not faster than it is to be."""
+        return 0.0
 
     def idle(self, flow: Stepper) -> None:
         """The run waits; for what shows the run."""

@@ -154,7 +154,7 @@ export class Viewer {
   setRole(steers) {
     this.steers = steers;
     for (const control of this.root.querySelectorAll(CONTROLS)) {
-      if (!["picture", "history-field", "in", "out", "reset"].includes(control.dataset.do || control.dataset.name)) control.disabled = !steers;
+      if (!["picture", "share", "history-field", "in", "out", "reset"].includes(control.dataset.do || control.dataset.name)) control.disabled = !steers;
     }
     if (steers) {
       this.send({ type: "theme", dark: this.dark });
@@ -497,6 +497,7 @@ export class Viewer {
     this.on("out", () => this.zoom(ZOOM));
     this.on("reset", () => this.setWindow(null));
     this.on("picture", () => this.send({ type: "picture" }));
+    this.on("share", () => this.send({ type: "share" }));
     this.on("record", () => this.send({ type: "record", on: !(this.status && this.status.recording) }));
     this.on("help", () => this.showKeys());
     this.on("theme", () => this.toggleTheme());
@@ -622,6 +623,7 @@ export class Viewer {
       }],
       ["Escape", "let the point go", () => this.unpin()],
       ["g", "take a picture", () => this.send({ type: "picture" })],
+      ["G", "keep all as one page that plays", () => this.send({ type: "share" })],
       ["r", "record, end recording", () => this.button("record").click()],
       ["h", "light or dark", () => this.toggleTheme()],
       ["?", "these keys", () => this.showKeys()],
