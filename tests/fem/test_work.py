@@ -11,6 +11,7 @@ from test_element_residual import DIMENSIONS, HEAVY, LIGHT, SCHEMES, THICK, Sett
 import tipfem as tp
 from tipfem.backend.arrays import partials
 from tipfem.backend.launch import launch
+from tipfem.fem import step_limits
 from tipfem.fem import work as work_kernels
 from tipfem.mesh.delaunay import triangulate
 from tipfem.physics.state import lumped
@@ -110,6 +111,25 @@ def test_a_rigid_rotation_dissipates_nothing(dimension):
         dissipated.append(problem.work(unknowns).viscous_dissipation)
     assert dissipated[1] > 0.1
     assert abs(dissipated[0]) < 1e-20 * dissipated[1]
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("count", [5, 700])
+def test_largest_jumps_of_particles(dimension, count):
+    """Against NumPy, with more and with fewer particles than parts of the loop."""
+    tp.init()
+    rng, dt, full = np.random.default_rng(count), 0.1, 2.0
+    mass, target = rng.uniform(0.1, 3.0, (2, count))
+    wall, vectors = rng.uniform(size=count) < 0.3, rng.standard_normal((5, count, dimension))
+    inertia, force, acceleration, velocity, u = vectors
+    given = mass, target, wall.view(np.int8), *vectors
+    result, work = np.zeros(3), (count, 1e6)
+    launch(step_limits.jumps, *given, partials(3), result, full, dt, dimension, work=work)
+    weight = np.minimum(1.0, mass / (full * target**dimension))
+    change = np.linalg.norm(inertia + force - acceleration, axis=1)
+    speed = np.maximum(np.linalg.norm(velocity, axis=1), np.linalg.norm(u, axis=1) / dt)
+    largest = [(weight * change)[~wall].max(), (weight * speed).max(), np.linalg.norm(force, axis=1).max()]
+    np.testing.assert_allclose(result, largest, rtol=1e-14)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

@@ -2,12 +2,12 @@
 
 import taichi as ti
 
-from tipfem.backend.array_types import Ints2, Periods, Reals1, Reals2, Template
+from tipfem.backend.array_types import Flags1, Ints2, Periods, Reals1, Reals2, Template
 from tipfem.backend.launch import kernel, part_of
 from tipfem.fem.element import row, volume_ratio
 from tipfem.fem.residual import displacement_of
 
-ELEMENT = 15.0  # nanoseconds of one thread for an element in `step_limits`
+ELEMENT, PARTICLE = 15.0, 5.0  # nanoseconds of one thread for an element in `step_limits`, a particle in `jumps`
 
 
 @kernel
@@ -110,3 +110,53 @@ def add_correction(
         if k % (dim + 1) == dim:
             factor = pressure_factor
         x[k] = x[k] + factor * correction[k]
+
+
+@kernel
+def jumps(
+    mass: Reals1,
+    target: Reals1,
+    wall: Flags1,
+    inertia: Reals2,
+    force: Reals2,
+    acceleration: Reals2,
+    velocity: Reals2,
+    u: Reals2,
+    partial: Reals2,
+    result: Reals1,
+    full: float,
+    dt: float,
+    dim: Template,
+    parts: ti.i32,
+    stride: Template,
+    serial: Template,
+):
+    """Largest change of acceleration, speed and acceleration by ``force`` of a particle, in result (3,).
+
+    The change is that from ``acceleration`` to inertia + force, of particles off walls. Change and speed are
+    weighted by a particle's mass over that of target^d of the density ``full``, up to 1.
+    """
+    ti.loop_config(serialize=serial)
+    for t in range(parts * stride):
+        change, speed, largest = 0.0, 0.0, 0.0
+        first, last = part_of(t, parts, stride, mass.shape[0])
+        for i in range(first, last):
+            room = full
+            new, own, way, by_force = 0.0, 0.0, 0.0, 0.0
+            for k in ti.static(range(dim)):
+                room *= target[i]
+                new += (inertia[i, k] + force[i, k] - acceleration[i, k]) ** 2
+                own += velocity[i, k] ** 2
+                way += u[i, k] ** 2
+                by_force += force[i, k] ** 2
+            weight = ti.min(1.0, mass[i] / room)
+            if wall[i] == 0:
+                change = ti.max(change, weight * ti.sqrt(new))
+            speed = ti.max(speed, weight * ti.max(ti.sqrt(own), ti.sqrt(way) / dt))
+            largest = ti.max(largest, ti.sqrt(by_force))
+        if t % stride == 0:
+            partial[t // stride, 0], partial[t // stride, 1], partial[t // stride, 2] = change, speed, largest
+    ti.loop_config(serialize=True)
+    for c in range(parts):
+        for k in range(3):
+            result[k] = ti.max(result[k], partial[c, k])

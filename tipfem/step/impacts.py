@@ -18,7 +18,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from tipfem.backend import runtime
+from tipfem.backend.arrays import partials
+from tipfem.backend.launch import launch
 from tipfem.case.case import Case
+from tipfem.fem import step_limits
 from tipfem.fem.time_integration import GeneralizedAlpha
 from tipfem.physics.state import Solved, State
 from tipfem.step.budget import deviations, lumping_of
@@ -45,12 +48,27 @@ def velocity_jump(case: Case, solved: Solved) -> float:
     """
     before, dt = solved.before, solved.dt
     particles, dimension = before.particles, before.particles.dimension
-    full = FULL * max(fluid.density for fluid in case.fluids) * particles.target**dimension
-    weight = np.minimum(1.0, before.mass / full)
-    change = np.where(particles.wall, 0.0, _length(solved.acceleration - particles.acceleration))
-    speed = np.maximum(_length(particles.velocity), _length(solved.displacement) / dt)
-    least = dt * _length(solved.force).max() + SLOW * particles.spacing / dt
-    return float(dt * (weight * change).max() / ((weight * speed).max() + least))
+    full = FULL * max(fluid.density for fluid in case.fluids)
+    result, count = np.zeros(3), len(particles)
+    launch(
+        step_limits.jumps,
+        before.mass,
+        particles.target,
+        particles.wall.view(np.int8),
+        solved.inertia,
+        solved.force,
+        particles.acceleration,
+        particles.velocity,
+        solved.displacement,
+        partials(3),
+        result,
+        float(full),
+        float(dt),
+        dimension,
+        work=(count, step_limits.PARTICLE),
+    )
+    change, speed, force = result.tolist()
+    return float(dt * change / (speed + dt * force + SLOW * particles.spacing / dt))
 
 
 def without_gain(case: Case, solved: Solved) -> Solved | None:
@@ -101,11 +119,6 @@ def without_gain(case: Case, solved: Solved) -> Solved | None:
     particles.acceleration += more * change
     relaxed = GeneralizedAlpha(scheme.rho_inf, scheme.dt, relaxation=1 + more)
     return dataclasses.replace(solved, particles=particles, scheme=relaxed)
-
-
-def _length(vectors: Array) -> Array:
-    """(N,) lengths of vectors (N, d)."""
-    return np.asarray(np.sqrt(sum(axis * axis for axis in vectors.T)))
 
 
 def _products(state: State, kind: str, pairs: Sequence[tuple[Array, Array]]) -> Array:
