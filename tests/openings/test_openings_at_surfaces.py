@@ -31,7 +31,7 @@ def balanced(simulation, until):
         assert simulation.state.volume[0] - start == pytest.approx(passed.sum(), abs=1e-14)
         row = simulation.history[-1]
         given = abs(row["opening_work"]) + abs(row["opening_energy"]) + row["kinetic_energy"]
-        assert abs(row["energy_residual"]) < (5e-3 if row["impact"] else 1e-3) * given + 1e-9
+        assert abs(row["energy_residual"]) < (1e-2 if row["impact"] else 1e-3) * given + 1e-9
     return simulation, passed
 
 
@@ -60,8 +60,27 @@ def test_a_jet_falls_through_an_empty_tank_and_leaves_it():
     assert rate == pytest.approx(0.7 * 0.12, rel=0.15)  # the mean from a jet that sways, after its first drop
     # As fast as by a free fall, and so much narrower.
     x, v = simulation.particles.position, simulation.particles.velocity
-    low = (x[:, 1] < 0.05) & simulation.mesh.used & ~simulation.particles.wall
-    assert -v[low, 1].mean() == pytest.approx(np.sqrt(0.7**2 + 2 * 9.81 * 0.27), rel=0.05)
+    low = (x[:, 1] > 0.05) & (x[:, 1] < 0.15) & simulation.mesh.used & ~simulation.particles.wall
+    assert low.sum() > 5
+    fall = np.sqrt(0.7**2 + 2 * 9.81 * (0.3 - x[low, 1]))
+    assert (-v[low, 1] / fall).mean() == pytest.approx(1.0, rel=0.1)  # less than 1: in the contraction the inlet draws
+    assert np.ptp(x[low, 0]) == pytest.approx(0.12 * 0.7 / fall.mean(), rel=0.3)
+
+
+def test_a_channel_runs_uniformly():
+    openings = [
+        tp.Inlet(wall="left", between=((0, 0), (0, 0.1)), fluid=WATER, velocity=0.5),
+        tp.Outlet(wall="right", level=0.1, fluid=WATER),
+    ]
+    tank = tp.tank(SIZE, SPACING).fill(WATER, box=((0, 0), (0.4, 0.1)), velocity=(0.5, 0.0))
+    for side in tank.sides:
+        tank.wall(side, slip=True)
+    case = tp.Case(tank, [WATER], (0, -9.81), openings=openings, free_surface=True)
+    simulation = tp.Simulation(case, time_step=4.5e-3)
+    for _ in range(30):
+        simulation.step()
+    used = simulation.mesh.used
+    assert np.abs(simulation.particles.velocity[used] - [0.5, 0.0]).max() < 1e-8
 
 
 def test_an_inlet_fills_a_tank_without_a_vent():

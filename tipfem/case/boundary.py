@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -15,7 +14,7 @@ from scipy.spatial import ConvexHull
 from tipfem.arguments import is_number, numbers
 from tipfem.case.openings import Opening, OpenLine, check_openings, line_of
 from tipfem.case.particles import Particles
-from tipfem.case.passages import Passages, edges_named, opened
+from tipfem.case.passages import Passages, edges_named, opened, with_ends
 from tipfem.case.side_frames import frames, inverses
 from tipfem.case.walls import Motion, Pose, Wall, rates
 from tipfem.errors import Invalid, SimulationError
@@ -50,6 +49,7 @@ class Boundary:
         motion: rigid motion of the whole tank, or None.
         domain: that bounds the fluids; by default the convex hull of the particles.
         fixed_volume: whether the fluids fill the tank and cannot leave it, so that moving walls must keep its volume.
+        room: whether there is empty space in the tank.
         period: of the domain; none by default. Then there are no sides across its periodic axes.
         bodies: number of loops of the domain, the last ones, that are outlines of bodies at t = 0.
         openings: in the walls; 2-D. No wall holds the particles on them, but those at their ends.
@@ -96,6 +96,7 @@ class Boundary:
         domain: Domain | Polyhedron | None = None,
         *,
         fixed_volume: bool = True,
+        room: bool = False,
         period: Period | None = None,
         bodies: int = 0,
         openings: Sequence[Opening] = (),
@@ -103,16 +104,12 @@ class Boundary:
         normal: Sequence[bool] = (),
     ) -> None:
         self.period = period or no_period(particles.dimension)
-        self.walls, self.motion, self.dimension, self.fixed_volume = (
-            tuple(walls),
-            motion,
-            particles.dimension,
-            fixed_volume,
-        )
+        self.walls, self.motion, self.fixed_volume = tuple(walls), motion, fixed_volume
+        self.dimension = particles.dimension
         self.active = bool(self.walls) or motion is not None or bool(openings)
         self.lines: list[OpenLine] = []
         self.passages: Passages | None = None
-        self._normal = list(normal)
+        self._normal, self._room = list(normal), room
         self.curves: list[Curve] = []
         self.pieces: list[tuple[Array, Array | None]] = []
         self.endless: list[Array] = []
@@ -283,8 +280,9 @@ class Boundary:
         trial._assign()
         slides[trial.index[trial.slides]] = True
         assert trial.passages is not None
-        ends = [slides[on[[0, -1]]].tolist() for on in trial.passages.nodes]
-        self.lines = [dataclasses.replace(line, slips=tuple(at)) for line, at in zip(self.lines, ends, strict=True)]
+        slippery = {side for number, side, _ in self.members if self.walls[number].slip and self._room}
+        corners = self.index[self.on_side.sum(axis=1) > 1]
+        self.lines = with_ends(self.lines, trial.passages.nodes, slides, corners, slippery)
 
     def _open(self, count: int) -> None:
         """Let no wall hold the particles on openings, of ``count`` particles in all."""

@@ -180,6 +180,7 @@ class Case:
             self.tank_motion,
             self.domain,
             fixed_volume=not self.grounded,
+            room=self.has_room,
             period=self.period,
             bodies=len(self.bodies),
             openings=self.openings,

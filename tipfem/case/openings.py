@@ -114,8 +114,8 @@ class Inlet(Opening):
         ramp: time in which discharge or velocity rise smoothly from zero, at the start and where a valve opens, and
             fall where it closes.
         pump: name of another opening, in place of discharge and velocity: what leaves by that enters here. From an
-            inlet that draws off at the same time, so that a closed tank keeps its volume; from an outlet one step
-            later, by what has left in the last one.
+            inlet that draws off at the same time, so that a closed tank keeps its volume; from an outlet by the mean of
+            what has left in the last steps.
     """
 
     fluid: Fluid | str | OfPlace = ""
@@ -288,7 +288,10 @@ class OpenLine:
         opening: as given.
         side: number of the straight side of the domain.
         a, b: (2,) its ends, with the fluid on the left from a to b [m].
-        slips: whether the fluid slides, at a and at b, along another wall that ends there in a corner.
+        slips: whether the fluid slides, at a and at b, along another wall that ends there in a corner; or the wall
+            that goes on there, beside empty space.
+        beside: whether it is the latter.
+        wet: (K - 1,) mask of the edges between its K particles that have a fluid; None if all have.
     """
 
     opening: Opening
@@ -296,6 +299,8 @@ class OpenLine:
     a: Array
     b: Array
     slips: tuple[bool, bool] = (False, False)
+    beside: tuple[bool, bool] = (False, False)
+    wet: Array | None = None
 
     @cached_property
     def length(self) -> float:
@@ -335,7 +340,8 @@ class OpenLine:
         wanted = inlet.strength(time, self.length) if given is None else given(time)
         if math.isnan(wanted):
             return np.asarray(v * inlet.begun(time))
-        flux = float((0.5 * (v[1:] + v[:-1]) * np.diff(s)).sum())
+        across = np.diff(s) if self.wet is None else np.diff(s) * self.wet
+        flux = float((0.5 * (v[1:] + v[:-1]) * across).sum())
         if wanted and not abs(flux) > ENTERS * np.abs(v).max(initial=0.0) * self.length:
             raise inlet._invalid("profile", f"at t = {time:g} s lets nothing in, and {wanted:g} m^2/s are to enter")
         return np.asarray(v * (wanted / flux if flux else 0.0))

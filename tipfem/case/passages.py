@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import dataclasses
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,8 +91,8 @@ def opened(
             if on_side[end].sum() > 1:
                 left[end, line.side] = False
                 corners.append(end)
-                if slips and line.opening.velocities:
-                    free = np.append(free, end)
+            if slips and line.opening.velocities:
+                free = np.append(free, end)
         kept[free] = False
     number = np.cumsum(kept) - 1
     among, slides = list[Member](), list[tuple[int, int, int]]()
@@ -125,6 +126,28 @@ def opened(
     slides += [(row, side, owner.get(side, -1)) for row, side in ends]
     passages = Passages(nodes, is_open, is_free, next(across), next(across), y, on_side, members, slides)
     return passages, kept, left[kept], among
+
+
+def with_ends(
+    lines: Sequence[OpenLine], nodes: Sequence[Array], slides: Array, corners: Array, slippery: Collection[int]
+) -> list[OpenLine]:
+    """Openings with what their ends may do.
+
+    Under a free surface an inlet's end within a wall that slips is the foot of a jet.
+
+    Args:
+        lines: the openings.
+        nodes: their particles.
+        slides: (N,) mask of the particles that slide along walls in corners.
+        corners: the particles in corners.
+        slippery: numbers of the sides whose walls slip, where there is empty space.
+    """
+    result = []
+    for line, on in zip(lines, nodes, strict=True):
+        first, last = (line.side in slippery and end not in corners for end in on[[0, -1]])
+        one, other = slides[on[[0, -1]]].tolist()
+        result.append(dataclasses.replace(line, slips=(one or first, other or last), beside=(first, last)))
+    return result
 
 
 def edges_named(domain: Domain, sides: Mapping[str, Array], slack: float) -> dict[str, Array]:

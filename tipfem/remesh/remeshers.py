@@ -475,6 +475,7 @@ class FittedRemesher(Remesher):
         if passages is not None:
             slippery[passages.open] = passages.free[passages.open]
             slippery[passages.ends], fixed[passages.ends] = 0, True
+            fixed[passages.open & ~passages.free] = True
         whole, surface = start_mesh, start_mesh.surface
         if surface.empty is not None:
             density, spray = np.append(density, 0.0), Spray(particles, surface, len(density))

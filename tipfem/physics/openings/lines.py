@@ -18,6 +18,8 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.physics.openings.passed import Passed
 from tipfem.typing import Array
 
+ON_LINE = 1e-9  # distance from an opening of what is on its wall [widths]
+
 
 @dataclass(frozen=True)
 class Rates:
@@ -101,11 +103,11 @@ class Openings:
 
     def setting(self, part: Passed, time: float) -> Setting:
         """How the openings are set at a time [s], by the case and by what they were told."""
-        lines, closed = list(self.lines), np.zeros(len(self.lines), dtype=bool)
+        lines, closed = list(map(_beside_fluid, self.lines, part.wet.tolist())), np.zeros(len(self.lines), dtype=bool)
         given: list[Strength | None] = [None] * len(lines)
         setting = Setting(lines, given, closed, self._room)
         drains = {line.opening.name: k for k, line in enumerate(self.lines)}
-        for k, line in enumerate(self.lines):
+        for k, line in enumerate(lines):
             valve, told, opening = int(part.valve[k]), float(part.discharge[k]), line.opening
             if not isinstance(opening, Inlet):
                 closed[k] = valve == 0 or (valve < 0 and not opening.is_open(time))
@@ -126,14 +128,12 @@ class Openings:
                     given[k] = partial(_steady, line.opening, max(-float(part.rate[drain]), 0.0))
         return setting
 
-    def prescribed(
-        self, nodes: list[Array], position: Array, time: float, dt: float, setting: Setting, dry: Array
-    ) -> Rates:
+    def prescribed(self, nodes: list[Array], mesh: Mesh, time: float, dt: float, setting: Setting, dry: Array) -> Rates:
         """What inlets, and outlets where they are closed or dry, prescribe in a step.
 
         Args:
             nodes: the particles of each opening, see `tipfem.case.passages.Passages`.
-            position: (N, 2) of the particles at the step's start [m].
+            mesh: of the step's start.
             time: there [s].
             dt: length of the step [s].
             setting: of the step.
@@ -146,7 +146,9 @@ class Openings:
                     on = on[~np.isin(on, dry)]
                     parts.append((on, np.zeros((5, len(on), 2))))
                 continue
-            x, step, given = position[on], 0.25 * dt, setting.given[k]
+            x, step, given, wet = mesh.position[on], 0.25 * dt, setting.given[k], edge_fluids(mesh, on) >= 0
+            if not wet.all():
+                line = dataclasses.replace(line, wet=wet)
             values = [
                 line.displacements(x, time, time + dt, given),
                 *line.rates(x, time, step, given),
@@ -238,10 +240,29 @@ class Openings:
 
         return at(x), at(between)
 
+    def wet_beyond(self, nodes: list[Array], mesh: Mesh) -> Array:
+        """(K, 2) whether the walls in which openings end are wet beyond these ends."""
+        found = np.zeros((len(nodes), 2), dtype=bool)
+        if not any(any(line.beside) for line in self.lines):
+            return found
+        cell, k = np.nonzero(mesh.neighbours < 0)
+        one, other = mesh.cells[cell, (k + 1) % 3], mesh.cells[cell, (k + 2) % 3]
+        for number, (line, on) in enumerate(zip(self.lines, nodes, strict=True)):
+            for at, (end, mine, next_one) in enumerate(((on[0], other, one), (on[-1], one, other))):
+                there = mesh.position[next_one[mine == end]] - line.a
+                found[number, at] = (np.abs(there @ line.inwards) < ON_LINE * line.length).any()
+        return found
+
     def fluids_in(self, line: OpenLine, x: Array, time: float) -> Array:
         """Numbers (K,) of the fluids that enter by an inlet at places (K, 2) near its line [m]."""
         assert isinstance(line.opening, Inlet)
         return line.opening.entering(line.a + line.coordinates(x)[:, None] * line.along, time, self.names)
+
+
+def _beside_fluid(line: OpenLine, wet: Sequence[bool]) -> OpenLine:
+    """A line whose ends in walls move with what enters only where nothing stands beyond them."""
+    first, last = (s and not (b and w) for s, b, w in zip(line.slips, line.beside, wet, strict=True))
+    return dataclasses.replace(line, slips=(first, last)) if any(line.beside) else line
 
 
 def _steady(inlet: Inlet, discharge: float, time: float) -> float:

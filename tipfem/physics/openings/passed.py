@@ -10,6 +10,8 @@ import numpy as np
 from tipfem.physics.carried import Carried
 from tipfem.typing import Array
 
+LAG = 3.0  # time over which the discharge of a pump is a mean [longest steps]
+
 
 @dataclass(frozen=True)
 class Passed(Carried):
@@ -23,7 +25,9 @@ class Passed(Carried):
         discharge: (K,) that inlets were told to have [m^2/s], NaN for those of the case.
         valve: (K,) 1 for openings that were told to be open, 0 to be closed, -1 to be as the case says.
         closed: (K,) mask of those that were closed in the last step.
-        rate: (K,) what entered by each in the last step, over its length [m^2/s].
+        rate: (K,) what enters by each, a mean over `LAG` of the longest steps: that of short ones is noisy [m^2/s].
+        longest: step so far [s].
+        wet: (K, 2) whether the wall beyond its ends was wet.
     """
 
     volume: Array
@@ -34,15 +38,20 @@ class Passed(Carried):
     valve: Array
     closed: Array
     rate: Array
+    longest: float
+    wet: Array
 
     @classmethod
     def nothing(cls, openings: int, fluids: int) -> Passed:
         """That at the start."""
         none, passed = np.full(openings, -1, dtype=np.int8), np.zeros((openings, fluids))
         still = np.zeros(openings)
-        return cls(passed, passed, 0.0, np.zeros(2), np.full(openings, np.nan), none, none == 0, still)
+        told = np.full(openings, np.nan), none
+        return cls(passed, passed, 0.0, np.zeros(2), *told, none == 0, still, 0.0, np.zeros((openings, 2), dtype=bool))
 
     def and_then(self, volume: Array, energy: float, momentum: Array, dt: float) -> Passed:
         """The same after a step of length ``dt`` [s] in which ``volume`` (K, F) has passed."""
-        changes = {"energy_in": energy, "momentum_in": momentum, "rate": volume.sum(axis=1) / dt}
+        longest = max(self.longest, dt)
+        rate = self.rate + (volume.sum(axis=1) / dt - self.rate) * dt / (LAG * longest)
+        changes = {"energy_in": energy, "momentum_in": momentum, "rate": rate, "longest": longest}
         return dataclasses.replace(self, volume=volume, total=self.total + volume, **changes)

@@ -13,11 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from tipfem.case.case import Case
+from tipfem.case.openings import OpenLine
 from tipfem.case.particles import Particles
 from tipfem.errors import SimulationError
 from tipfem.fem.mass import lumped_part
 from tipfem.mesh.mesh import Mesh, corners_among, simplex_measure
-from tipfem.physics.openings.lines import Openings
+from tipfem.physics.openings.lines import Openings, edge_fluids
 from tipfem.physics.openings.passed import Passed
 from tipfem.physics.physics import Moved
 from tipfem.typing import Array
@@ -82,7 +83,9 @@ class Gate:
                 mask = np.zeros(len(position), dtype=bool)
                 mask[on] = True
                 at = np.flatnonzero(corners_among(mask, mesh.cells))
-                source[at] = self.openings.fluids_in(line, position[mesh.cells[at]].mean(axis=1), time)
+                source[at], mixed = self._entering(line, on, mesh.cells[at], position, time)
+                kept = (fluid[at] == mixed).any(axis=0)
+                source[at[kept]] = fluid[at[kept]]
                 mask[on[[0, -1]]] = False
                 inner = at[corners_among(mask, mesh.cells[at]) > 0]
                 empty = fluid[inner] >= self._fluids
@@ -94,6 +97,21 @@ class Gate:
                         raise SimulationError(f"at t = {time:.6g} s {line.opening.name} is dry: {text}")
                 fluid[inner] = source[inner]
         return fluid, source
+
+    def _entering(self, line: OpenLine, on: Array, cells: Array, position: Array, time: float) -> tuple[Array, Array]:
+        """Fluids (C,) that enter into cells (C, 3) at an inlet; and (2, C) the two that a cell between them may have.
+
+        Fluids enter by edges of the line. A cell that has but one corner on it, between edges of two fluids, is on one
+        side of the interface that begins there: it stays what it is.
+        """
+        here = self.openings.fluids_in(line, 0.5 * (position[on[1:]] + position[on[:-1]]), time)
+        place = np.full(len(position), -1)
+        place[on] = np.arange(len(on))
+        number = place[cells]
+        first, last = np.where(number < 0, len(on), number).min(axis=1), number.max(axis=1)
+        below, above = here[np.maximum(first - 1, 0)], here[np.minimum(first, len(here) - 1)]
+        alone = first == last
+        return np.where(alone, below, above), np.where(alone & (below != above), [below, above], -1)
 
     def put_back(self, end: Moved, nodes: list[Array], passed: Passed) -> PutBack:
         """Put back the particles of openings.
@@ -125,6 +143,14 @@ class Gate:
         fluid, source = self.flooded(mesh, nodes, goal, time)
         at = np.flatnonzero(gain)
         of = touches[mesh.cells[at]].max(axis=1)
+        for k, (line, on) in enumerate(zip(lines, nodes, strict=True)):
+            if any(line.beside):
+                # This cuts the surface at the foot of a jet: cells get what has passed, and remeshing restores it.
+                wide = np.diff(line.coordinates(before.position[on])) * (edge_fluids(mesh, on) >= 0)
+                moves = (x[on] - before.position[on]) @ line.inwards
+                mine = at[of == k]
+                cut, part = 0.5 * float((moves[1:] + moves[:-1]) @ wide) - gain[mine].sum(), np.abs(gain[mine])
+                gain[mine] += cut * part / max(part.sum(), 1e-300)
         volume = self._balanced(of, source[at], gain[at], after.sum() - mesh.measure.sum(), passed.closed)
         measure = mesh.measure + gain
         if gone.any() or (fluid != mesh.fluid).any():

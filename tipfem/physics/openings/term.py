@@ -46,7 +46,7 @@ class OpeningTerm(Term):
         part: what the openings carry.
 
     Raises:
-        SimulationError: all outlets are closed, and what enters does not leave.
+        SimulationError: all outlets are closed, and what enters does not leave; or no fluid is left.
     """
 
     def __init__(
@@ -64,6 +64,9 @@ class OpeningTerm(Term):
         self._passages: Passages = passages
         self.unheld: Array = passages.open
         self._walls, self._scheme, self._particles = walls, scheme, particles
+        if not len(mesh.cells):
+            raise SimulationError(f"the run stops at t = {time:.6g} s: all fluid has left the tank")
+        part = dataclasses.replace(part, wet=openings.wet_beyond(passages.nodes, mesh))
         setting = openings.setting(part, time + 0.5 * scheme.dt)
         self._part, self._free, self._shut = part, passages.free.copy(), np.zeros(len(passages.free), dtype=bool)
         for k in np.flatnonzero(setting.closed):
@@ -72,7 +75,7 @@ class OpeningTerm(Term):
         self._shut[dry] = True
         self._free[self._shut] = False
         self.grounds, self._closed = bool(self._free.any()), setting.closed
-        self._inlets = inlets = openings.prescribed(passages.nodes, particles.position, time, scheme.dt, setting, dry)
+        self._inlets = inlets = openings.prescribed(passages.nodes, mesh, time, scheme.dt, setting, dry)
         if text := setting.unbalanced(time):
             raise SimulationError(f"the run stops at t = {time:.6g} s: {text}")
         beyond = scheme.cf * scheme.predict(particles.velocity, particles.acceleration)
