@@ -36,6 +36,18 @@ def test_a_free_surface_has_one_fluid():
     assert read_case(describe(case, 0.1).text, "again.toml").case().surface_tension.given == {"water": 0.0728}
 
 
+@pytest.mark.parametrize("other", ["air", "oil"])
+def test_a_free_surface_with_two_names_is_one_mistake(other):
+    text = "free_surface = true\n" + CASE.replace("water.air", f"water.{other}").replace(
+        '[[fill]]\nfluid = "air"\n', ""
+    )
+    with pytest.raises(CaseFileError) as error:
+        read_case(text, "case.toml")
+    (found,) = error.value.problems
+    known = "there is no fluid 'oil'; the fluids are water, air" if other == "oil" else "name the one fluid that has it"
+    assert known in str(found)
+
+
 @pytest.mark.parametrize(
     ("line", "text"),
     [

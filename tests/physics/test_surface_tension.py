@@ -279,7 +279,7 @@ def test_wrong_tensions_are_refused(name, water, air):
     ("options", "text"),
     [
         ({"interface": "interpolated"}, "needs interface = 'sharp'"),
-        ({"free_surface": True}, "with a free surface"),
+        ({"free_surface": True}, "there is a free surface"),
         ({"numerics": tp.Numerics(pressure="continuous")}, "say 'auto'"),
     ],
 )

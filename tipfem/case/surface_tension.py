@@ -197,7 +197,7 @@ def _checked_pair(pair: Any, names: Sequence[str], *, empty: bool) -> tuple[str,
             text = f"there is no fluid {name!r}; the fluids are {', '.join(names)}{meant(name, names)}"
             raise _invalid(both, text)
     if len(both) == 1 and not empty:
-        raise _invalid(both, "there is no free surface; name the two fluids of an interface, as ('water', 'air')")
+        raise _invalid(both, "there is no free surface; name the two fluids of an interface")
     if both[0] == both[-1] and len(both) == 2:
         raise _invalid(both, "the same fluid twice has no interface")
     return both
@@ -215,12 +215,12 @@ def tension_contradictions(
         pairs: whether tension is given between two fluids.
         dimension: d; None where it is not known yet.
     """
-    found = []
     if dimension == 3:
-        found.append("is given in 3-D; surface tension is for 2-D only")
-    elif pairs and (empty or interface != "sharp"):
-        why = "with a free surface" if empty else f"with interface = {interface!r}"
-        found.append(f"is given between two fluids {why}; it needs interface = 'sharp' and no free surface")
-    elif pairs and pressure == "continuous":
-        found.append("is given with numerics.pressure = 'continuous'; the pressures on both sides differ: say 'auto'")
-    return found
+        return ["is given in 3-D; surface tension is for 2-D only"]
+    if pairs and empty:
+        return ["is given between two fluids, and there is a free surface; name the one fluid that has it there"]
+    if pairs and interface != "sharp":
+        return [f"is given between two fluids with interface = {interface!r}; it needs interface = 'sharp'"]
+    if pairs and pressure == "continuous":
+        return ["is given with numerics.pressure = 'continuous'; the pressures on both sides differ: say 'auto'"]
+    return []

@@ -446,7 +446,8 @@ class Parts:
         if None not in right and (whole := self._made((), TensionTable, given, fluids, empty=free)) is not None:
             for wall in walls:
                 self._made((), whole.cosines, wall)
-        return given
+            return given
+        return {}  # it has mistakes
 
     def _force(self) -> UniformForce | None:
         function = self._function(("body_force",), self.sections.get("body_force"), self.dimension)
