@@ -126,6 +126,12 @@ def test_a_run_is_paused_tilted_pushed_given_a_drop_and_stopped_by_pointer_and_k
     shown.wait(lambda: commands(out)[-1].get("at", 0) is None, "the end of the push")
     assert any(line["command"] == "poke" and line["at"] and line["acceleration"][0] > 5 for line in commands(out))
 
+    told = len(commands(out))
+    shown.key("]")
+    shown.wait(lambda: len(commands(out)) > told, "another tilt")
+    shown.key("z")
+    shown.wait(lambda: len(commands(out)) == told, "the tilt to be undone")
+
     page.get_by_label("moves the picture").check()
     page.mouse.click(*shown.point(0.9, 0.8))
     shown.read("values", "oil", "velocity x")

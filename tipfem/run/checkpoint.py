@@ -75,6 +75,12 @@ class CheckpointFolder:
                 old.unlink(missing_ok=True)
         return path
 
+    def remove_after(self, step: int) -> None:
+        """Remove the checkpoints of later steps."""
+        for path in self.files():
+            if path.name > file_name(step):
+                path.unlink(missing_ok=True)
+
     def read(self, case: Case, warn: Callable[[str], None]) -> dict[str, Any]:
         """The newest checkpoint that can be read.
 

@@ -106,7 +106,7 @@ class Fields(Observer):
         self._until = until
         if self.results and not self.results.has_fields(flow.step_number):
             self.write(flow)
-        self._plan(flow)
+        self.plan(flow)
 
     def next_time(self) -> float:
         """The next time that a step is to end at [s]."""
@@ -117,7 +117,7 @@ class Fields(Observer):
         """Write the fields if they are due."""
         if flow.time >= self._due - ROUND_OFF * self._largest:
             self.write(flow, self._due)
-            self._plan(flow)
+            self.plan(flow)
 
     def finish(self, flow: Stepper, until: float) -> None:
         """Write the present fields if the run ends before its time, unless some of its last step are written."""
@@ -143,7 +143,8 @@ class Fields(Observer):
             density = np.array([fluid.density for fluid in flow.case.fluids])[particles.fluid]
             self.results.write_fields(flow.step_number, time, mesh, particles, density)
 
-    def _plan(self, flow: Stepper) -> None:
+    def plan(self, flow: Stepper) -> None:
+        """Find the next time at which fields are written."""
         self._largest = flow.control.largest
         self._due = min(self._until, _next_multiple(flow.time + ROUND_OFF * self._largest, self.interval))
 

@@ -25,11 +25,12 @@ from tipfem.results.history_columns import history_columns
 from tipfem.results.output import ResultsFolder
 from tipfem.results.remeshing_table import Sums, remeshing_sums
 from tipfem.run.case_record import case_record
+from tipfem.run.checkpoint import CheckpointFolder
 from tipfem.run.liveview.control import LiveControl, WatchedControl
 from tipfem.run.observers import Checkpoints, Fields, History
 from tipfem.run.progress import RunProgress
 from tipfem.run.resume import KEPT, Kept, continuation, environment, leave_case, leave_changes, note_on_edits
-from tipfem.run.steering import Command, Record, RunControl, Steering
+from tipfem.run.steering import FILE, Command, Record, RunControl, Steering
 from tipfem.run.steering.stop_request import StopRequest
 from tipfem.step.numerical_error import numerical_error, summary_line
 from tipfem.step.observer import Observer
@@ -440,6 +441,45 @@ class Simulation(Stepper):
             "probes": self.probes.content(),
             "results": self.results.content(),
         }
+
+    def kept(self) -> dict[str, Any]:
+        """What `go_back` needs to return to the present state; it shares the arrays."""
+        return {
+            "state": self.state,
+            "forces": self.forces,
+            "control": dict(vars(self.control)),
+            "missing": self.volume_control.missing,
+            "steering": (len(self.steering.applied), list(self.steering.pending)),
+            "rows": len(self.history),
+            "probes": self.probes.content(),
+            "results": self.results.content() if self.results else {},
+        }
+
+    def go_back(self, kept: Mapping[str, Any]) -> None:
+        """Return to an earlier state of this run; what came after it is removed, in the results folder, too.
+
+        Args:
+            kept: see `kept`.
+
+        Raises:
+            ValueError: the results folder cannot be written to.
+        """
+        self.state, self.forces = kept["state"], kept["forces"]
+        vars(self.control).update(kept["control"])
+        self.volume_control.missing, self.volume_control.wanted = kept["missing"], self.state.wanted_volume
+        applied, self.steering.pending = kept["steering"][0], list(kept["steering"][1])
+        del self.steering.applied[applied:]
+        del self.history[kept["rows"] :]
+        self.probes.restore(kept["probes"], self.time)
+        self.fields.plan(self)
+        if self.results is None:
+            return
+        self.results.close()
+        results = ResultsFolder.continued(self.results.path, kept["results"], self.history, self.step_number)
+        results.fields = self.field_output
+        self._write_to(results)
+        results.replace_lines(FILE, [record.line() for record in self.steering.applied])
+        CheckpointFolder(results.path).remove_after(self.step_number)
 
     def _restore(self, content: Mapping[str, Any], out: Path) -> None:
         """Take over what a checkpoint in a results folder holds, and go on writing there; see `_content`."""

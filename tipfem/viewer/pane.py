@@ -249,14 +249,15 @@ class Pane:
         return lambda: page_of(first, behind, states, self.source.title or self.source.name, still, rate=rate)
 
     def _keep(self, scene: Scene, behind: int | None, drawn: list[list[Loop]]) -> None:
-        """Keep what is seen of a run, for `page`; a run that begins anew is another."""
+        """Keep what is seen of a run, for `page`; one that goes back loses what came later."""
         if not self.source.live:
             return
-        if self._first is None or self._first[1] != behind or (self._seen and scene.time < self._seen[-1][0]):
+        while self._seen and self._seen[-1][0] >= scene.time:
+            self._seen.pop()
+        if self._first is None or self._first[1] != behind or not self._seen:
             self._first = scene, behind
             self._seen.clear()
-        if not self._seen or scene.time > self._seen[-1][0]:
-            self._seen.append((scene.time, drawn))
+        self._seen.append((scene.time, drawn))
 
     def framed(self, index: int, choices: Choices) -> Array:
         """The picture of a stored time with axes and legend, to keep; (H, W, 3) uint8."""

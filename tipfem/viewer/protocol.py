@@ -40,6 +40,7 @@ shape |
 |---|---|
 | `pause`, `go`, `stop`, `again` | none. Pause after the present step; go on; end the run as an interrupt does; and \
 begin it anew |
+| `undo` | none. Go back to before the last command that changed the physics |
 | `step` | `count`: so many steps, then pause |
 | `gravity` | `value`: (2,) [m/s^2] |
 | `poke` | `at`: (2,) [m], `acceleration`: (2,) [m/s^2], `radius`: [m]. It acts until the next one; `at`: null ends \
@@ -201,6 +202,7 @@ _COMMANDS: dict[str, dict[str, Check]] = {
     "go": {},
     "stop": {},
     "again": {},
+    "undo": {},
     "step": {"count?": _whole(1, 1_000_000)},
     "gravity": {"value": _POINT},
     "poke": {"at": _or_null(_POINT), "acceleration?": _POINT, "radius?": _LENGTH},

@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import time as clock
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 RATE = 5.0  # pictures per second, by default
 STARTS = 60.0  # longest wait for the process that draws [s]; with a cold cache Taichi compiles for a while
+_STROKE, _UNDONE = 1.0, 30  # seconds between commands of one stroke; how many can be undone
 _LATE = 0.2  # seconds that a run which was too slow makes up for
 _MEAN = 1.0  # seconds over which steps per second are taken
 
@@ -73,6 +75,8 @@ class WatchedControl(RunControl):
         self._published: tuple[State, Forces] | None = None
         self._when, self._prompt = -math.inf, False
         self._steps: list[tuple[float, int, float]] = []
+        # By the kind of the command and when it came: what there was before.
+        self._kept: deque[tuple[type[Command], float, Mapping[str, Any]]] = deque(maxlen=_UNDONE)
         self._pace, self._next = pace, -math.inf  # when the next step may be taken
 
     # What a run calls
@@ -91,7 +95,7 @@ class WatchedControl(RunControl):
         guest = self._door.guest() if self._door is not None else None
         if guest is not None:
             self._welcome(guest)
-        goes_on = super().ready(flow, steer)
+        goes_on = super().ready(flow, lambda command: self._steer(steer, command))
         if self._memory is not None:
             self._memory.paused = self.waits
         poke = flow.forces.poke
@@ -111,6 +115,31 @@ class WatchedControl(RunControl):
         while now - self._steps[0][0] > _MEAN and len(self._steps) > 2:
             self._steps.pop(0)
         self._publish_if_due(now)
+
+    def go_back(self) -> None:
+        """Undo the last command, or the last stroke of the pointer or of gravity; see `RunControl.go_back`."""
+        if not self._kept:
+            raise ValueError("undo: there is nothing to undo")
+        _, _, kept = self._kept.pop()
+        self._simulation.go_back(kept)
+        if self._door is not None and self._simulation.results is not None:
+            self._simulation.results.show_door(self._door.path)
+        self._steps.clear()
+        self._prompt = True
+
+    def _steer(self, steer: Callable[[Command], None], command: Command) -> None:
+        """Keep the state for `go_back`, and carry out a command; what follows closely is a part of the same stroke."""
+        now, last = clock.monotonic(), self._kept[-1] if self._kept else None
+        if isinstance(command, Release) or (
+            last and isinstance(command, last[0]) and isinstance(command, Poke | Gravity) and now - last[1] < _STROKE
+        ):
+            if last:
+                self._kept[-1] = last[0], now, last[2]
+            steer(command)
+            return
+        kept = self._simulation.kept()
+        steer(command)
+        self._kept.append((type(command), now, kept))
 
     def delay(self) -> float:
         """See `RunControl.delay`."""
@@ -158,6 +187,7 @@ class WatchedControl(RunControl):
         self._simulation, self._published, self._prompt = simulation, None, True
         self.stopped, self.again, self.paused = False, False, False
         self._steps.clear()
+        self._kept.clear()
         if self._door is not None:
             self._door.close()
             self._door = None
@@ -208,7 +238,7 @@ class WatchedControl(RunControl):
         self._memory.paused = self.waits
         self._publish()
         results = self._simulation.results
-        facts = describe(case, results.path if results else None)
+        facts = {**describe(case, results.path if results else None), "undo": True}
         try:
             told = {"facts": {**facts, **settings}, **settings}
             self._link = hand_over(end, told, self._memory.descriptor)

@@ -82,7 +82,7 @@ class LiveSource:
         kinds = {one["kind"] for one in self.openings}
         self._tank = None if facts["tank"] is None else TankOutline(facts["tank"], self.spacing)
         self.tool = "poke" if facts.get("hand") else "look"
-        more = {"again": facts.get("again"), "valve": kinds, "discharge": "inlet" in kinds}
+        more = {"again": facts.get("again"), "undo": facts.get("undo"), "valve": kinds, "discharge": "inlet" in kinds}
         self.commands = COMMANDS | {name for name, there in more.items() if there}
         self._feed, self._send, self._messages = feed, send, messages
         self._seen: tuple[Any, ...] = ()

@@ -296,6 +296,13 @@ class Stop(_Timing):
 
 
 @dataclass(frozen=True)
+class Undo(_Timing):
+    """Go back to where the run was before the last command to its physics."""
+
+    name = "undo"
+
+
+@dataclass(frozen=True)
 class Again(_Timing):
     """End the run as `Stop` does, and begin it anew; for runs that are begun with a way to, see `tipfem.live`."""
 
@@ -303,7 +310,7 @@ class Again(_Timing):
 
 
 _PHYSICAL = (Gravity, Poke, Drop, SurfaceTension, Discharge, Valve)
-_KINDS: dict[str, type[Command]] = {kind.name: kind for kind in (*_PHYSICAL, Pause, Go, Advance, Stop, Again)}
+_KINDS: dict[str, type[Command]] = {kind.name: kind for kind in (*_PHYSICAL, Pause, Go, Advance, Stop, Again, Undo)}
 NAMES = tuple(_KINDS)
 
 

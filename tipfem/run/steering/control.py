@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from tipfem.run.steering.commands import Advance, Again, Command, Go, Pause, Stop
+from tipfem.run.steering.commands import Advance, Again, Command, Go, Pause, Stop, Undo
 from tipfem.step.observer import Observer
 
 if TYPE_CHECKING:
@@ -68,6 +68,14 @@ class RunControl(Observer):
         """Seconds by the clock for which the next step is to wait, so that a run is not faster than it is to be."""
         return 0.0
 
+    def go_back(self) -> None:
+        """Undo the last command to the physics.
+
+        Raises:
+            ValueError: there is none to be undone.
+        """
+        raise ValueError("undo: this run keeps no states to go back to")
+
     def idle(self, flow: Stepper) -> None:
         """The run waits; for what shows the run."""
 
@@ -80,6 +88,8 @@ class RunControl(Observer):
                     self.paused = False
                 elif isinstance(command, Advance):
                     self.paused, self._steps_left = True, self._steps_left + command.count
+                elif isinstance(command, Undo):
+                    self.go_back()
                 elif isinstance(command, Stop | Again):
                     self.stopped, self.again = True, isinstance(command, Again)
                 else:

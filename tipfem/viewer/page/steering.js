@@ -15,6 +15,7 @@ export class Steering {
     viewer.on("go", () => this.toggle());
     viewer.on("single", () => this.command("step", { count: 1 }));
     viewer.on("stop", () => this.command("stop"));
+    viewer.on("undo", () => this.command("undo"));
     viewer.on("again", () => this.command("again"));
     viewer.on("upright", () => this.tiltTo(-90));
     for (const radio of viewer.root.querySelectorAll('[name="tool"]')) {

@@ -594,6 +594,7 @@ export class Viewer {
       ["I", "push up", push(0, 1), "poke"],
       ["K", "push down", push(0, -1), "poke"],
       ["n", "add a drop at the point kept, or in the middle", () => this.steering.drop(middle()), "drop"],
+      ["z", "undo the last push, drop or tilt", () => this.steering.command("undo"), "undo"],
       ["R", "start the simulation again", () => this.steering.command("again"), "again"],
       ["X", "stop the simulation", () => this.steering.command("stop"), "stop"],
       ["+", "zoom in", () => this.zoom(1 / ZOOM)],
