@@ -96,7 +96,7 @@ def add_forces(
         if held[r, LARGEST] > 0.0:
             t, largest = ti.Vector([held[r, 0], held[r, 1]]), held[r, LARGEST]
             drawn = held[r, STIFFNESS] * (held[r, DRAWN] + t[0] * x[3 * i] + t[1] * x[3 * i + 1])
-            yielding[r] = ti.cast(ti.abs(drawn) > largest, ti.f64)
+            yielding[r] = 1.0 if ti.abs(drawn) > largest else 0.0
             force += ti.max(-largest, ti.min(largest, drawn)) * t
         for k in ti.static(range(2)):
             out[3 * i + k] = out[3 * i + k] + scale[3 * i + k] * force[k]
