@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import xml.etree.ElementTree as ElementTree
+import zlib
 
 import meshio
 import numpy as np
@@ -80,6 +81,16 @@ def test_fields_come_back_as_they_were(dimension, tmp_path, water, air):
     for name, expected in (("pressure", p.pressure), ("fluid", p.fluid), ("density", density), ("wall", p.wall)):
         np.testing.assert_array_equal(read.point_data[name], expected)
     assert read.point_data["fluid"].dtype.kind == read.point_data["wall"].dtype.kind == "i"
+
+
+def test_fields_are_compressed_quickly(tmp_path, water, air, monkeypatch):
+    levels, compress = [], zlib.compress
+    monkeypatch.setattr(zlib, "compress", lambda data, *level: levels.append(level) or compress(data, *level))
+    particles, mesh = state(water, air)
+    ResultsFolder(tmp_path).write_fields(12, 0.25, mesh, particles, np.ones(len(particles)))
+    assert set(levels) == {(1,)}
+    meshio.write(tmp_path / "own.vtu", meshio.read(tmp_path / "fields" / "step_000012.vtu"))  # as it does elsewhere
+    assert set(levels) == {(1,), ()}
 
 
 def test_the_collection_lists_every_time_and_its_file_in_order(tmp_path, water, air):
