@@ -19,17 +19,29 @@ class Gap:
         kind: "inlet", "outlet" or "vent".
         ends: (2, 2) of it [m].
         inwards: (2,) unit vector into the tank.
+        open: (K, 2) times in which its valve is open [s]; None for always.
     """
 
     kind: str
     ends: Array
     inwards: Array
+    open: Array | None = None
+
+    def is_open(self, time: float) -> bool:
+        """Whether it is open at a time [s]; a closed one is drawn as a wall."""
+        return self.open is None or bool(((self.open[:, 0] <= time) & (time < self.open[:, 1])).any())
 
 
 def gaps_of(facts: Iterable[Mapping[str, Any]]) -> tuple[Gap, ...]:
     """The openings that case.json describes, each by ``kind``, ``ends`` [m] and ``inwards``."""
     return tuple(
-        Gap(str(one["kind"]), np.asarray(one["ends"], float), np.asarray(one["inwards"], float)) for one in facts
+        Gap(
+            "outlet" if one.get("drains") else str(one["kind"]),
+            np.asarray(one["ends"], float),
+            np.asarray(one["inwards"], float),
+            np.asarray(one["open"], float) if "open" in one else None,
+        )
+        for one in facts
     )
 
 

@@ -192,7 +192,7 @@ class Results:
                 digits=max(3, digits_of(self.times)),
                 bodies=tuple(body.placed(*pose) for body, pose in zip(self._outlines, poses, strict=False)),
                 tank=None if self._tank is None else self._tank.placed(*poses[-1]),
-                openings=self.openings,
+                openings=tuple(gap for gap in self.openings if gap.is_open(self.times[i])),
                 period=self.period,
             )
         except ValueError as error:

@@ -9,6 +9,7 @@ from demo_runs import DEMOS
 
 import tipfem as tp
 from tipfem.app.commands import main
+from tipfem.casefile.estimate import largest_speed
 from tipfem.casefile.hints import hints, scales
 
 CASE = str(DEMOS / "cases" / "dam_break.toml")
@@ -87,3 +88,20 @@ def test_the_scales_are_those_of_the_column():
     assert f"Reynolds number up to {speed * 0.292 / (1.002e-3 / 998.2):.1e}" in line
     assert "15 spacings over 0.292 m of water, which does not resolve boundary layers" in line
     assert "which resolves boundary layers" in scales(made(**{"water.viscosity": 100.0}))
+
+
+def test_levels_above_the_tank_and_vents_in_liquids_are_noted():
+    water, air = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("air", 1.2, 1.8e-5)
+    tank = tp.tank((0.4, 0.4), 0.04).fill(air).fill(water, box=((0, 0), (0.4, 0.2)))
+    openings = [
+        tp.Outlet(wall="right", level=0.5, fluid=water),
+        tp.Vent(wall="bottom", between=((0.0, 0.0), (0.2, 0.0))),
+        tp.Vent(wall="top", between=((0.0, 0.4), (0.2, 0.4))),
+        tp.Inlet(wall="left", between=((0, 0), (0, 0.16)), fluid=water, velocity=9.0, ramp=0.1),
+    ]
+    case = tp.Case(tank, [water, air], (0, -9.81), openings=openings)
+    assert hints(case, 1.0, None) == [
+        "outlet_right has a level of 0.5 m; the tank ends at 0.4 m, so its fluid presses over all of the opening",
+        "vent_bottom is in water at the start, which leaves by it; vents are for gases",
+    ]
+    assert largest_speed(case) >= 9.0

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tipfem.render.openings import gaps_of
 
 import tipfem as tp
+from tipfem.case.outline import wall_openings
 
 WATER = tp.Fluid("water", 1000.0, 1e-3)
 AIR = tp.Fluid("air", 1.2, 1.8e-5)
@@ -210,3 +212,16 @@ def test_a_pump_refuses(drain, message):
 def test_a_valve_refuses(times):
     with pytest.raises(ValueError, match=r"open is .* it must be pairs of times \(start, end\) in s"):
         tp.Vent(wall="top", open=times)
+
+
+def test_drains_and_closed_valves_are_drawn_as_what_they_are():
+    tank = tp.tank((0.4, 0.2), 0.02).fill(SYRUP)
+    openings = [
+        tp.Inlet(wall="left", fluid=SYRUP, velocity=0.1, open=((0.2, 0.4),)),
+        tp.Inlet(wall="top", fluid=SYRUP, velocity=-0.1, between=((0.1, 0.2), (0.3, 0.2))),
+        tp.Outlet(wall="right"),
+    ]
+    case = tp.Case(tank, [SYRUP], (0, 0), openings=openings)
+    gaps = gaps_of(wall_openings(case))
+    assert [gap.kind for gap in gaps] == ["inlet", "outlet", "outlet"]
+    assert [[gap.is_open(time) for gap in gaps] for time in (0.1, 0.3)] == [[False, True, True], [True, True, True]]

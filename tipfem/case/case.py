@@ -535,6 +535,16 @@ class Case:
             raise ValueError(f"there is no fluid {name!r} in this case; it has {names}")
         return names.index(name)
 
+    def entering_speed(self) -> float:
+        """The largest speed with which fluids enter or are drawn off, by what is told for the start [m/s]."""
+        passages, fastest = self.boundary.passages, 0.0
+        for line, on in zip(self.boundary.lines, passages.nodes if passages is not None else [], strict=True):
+            if isinstance(line.opening, Inlet):
+                begins = [0.0] if line.opening.open is None else [start for start, _ in line.opening.open]
+                speeds = [line.speeds(self.particles.position[on], time + line.opening.ramp) for time in begins]
+                fastest = max([fastest, *(float(np.abs(speed).max()) for speed in speeds)])
+        return fastest
+
     @property
     def has_room(self) -> bool:
         """Whether there is empty space, into which fluids may enter though none leaves."""

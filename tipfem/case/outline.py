@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from tipfem.case.case import Case
+from tipfem.case.openings import Inlet
 from tipfem.geometry.domain import Domain
 
 
@@ -32,16 +33,19 @@ def tank_outline(case: Case) -> dict[str, Any] | None:
 
 
 def wall_openings(case: Case) -> list[dict[str, Any]]:
-    """The openings in the walls, as JSON: name, kind, ends (2, 2) [m], and the unit vector into the tank, inwards."""
-    return [
-        {
-            "name": line.opening.name,
-            "kind": line.opening.kind,
-            "ends": [line.a.tolist(), line.b.tolist()],
-            "inwards": line.inwards.tolist(),
-        }
-        for line in case.boundary.lines
-    ]
+    """The openings in the walls, as JSON: name, kind, ends (2, 2) [m], and the unit vector into the tank, inwards.
+
+    An inlet that draws off "drains"; those with a valve have the times in which it is "open" (K, 2) [s].
+    """
+    found: list[dict[str, Any]] = []
+    for line in case.boundary.lines:
+        one = line.opening
+        draws = isinstance(one, Inlet) and one.open is None and one.strength(one.ramp, line.length) < 0
+        fact = {"name": one.name, "kind": one.kind, "ends": [line.a.tolist(), line.b.tolist()]}
+        found.append({**fact, "inwards": line.inwards.tolist(), **({"drains": True} if draws else {})})
+        if one.open is not None:
+            found[-1]["open"] = [list(pair) for pair in one.open]
+    return found
 
 
 def tank_pose(case: Case, time: float) -> tuple[float, float, float]:

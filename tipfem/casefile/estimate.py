@@ -105,7 +105,7 @@ def _bytes_of_state(fields: FieldOutput, dimension: int) -> float:
 
 
 def largest_speed(case: Case) -> float:
-    """The speed of a free fall through the height of the fluids, or of a wall that is faster [m/s]."""
+    """The speed of a free fall through the height of the fluids, or of a wall or an inlet that is faster [m/s]."""
     particles = case.particles
     gravity = float(np.linalg.norm(case.gravity))
     fall = 0.0
@@ -118,7 +118,7 @@ def largest_speed(case: Case) -> float:
         elif case.free_surface:
             fall = math.sqrt(2 * gravity * float(np.ptp(height)))
     walls = [float(np.linalg.norm(wall.sliding(0.0, particles.dimension))) for wall in case.walls]
-    return max([fall, particles.max_speed, *walls])
+    return max([fall, particles.max_speed, case.entering_speed(), *walls])
 
 
 def duration(seconds: float) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from tipfem.case.case import Case
 from tipfem.case.waves import WaveMaker
 from tipfem.casefile.estimate import largest_speed
-from tipfem.casefile.openings import impacts
+from tipfem.casefile.openings import opening_hints
 from tipfem.typing import Array
 
 KINEMATIC = (1e-7, 1e-1)  # viscosities of fluids that flow [m^2/s]: liquid metals have the least, honey 1e-2
@@ -41,7 +41,7 @@ def hints(case: Case, end: float, interval: float | None) -> list[str]:
     found += case.doubts()
     found += _waves(case)
     found += _gravity(case)
-    found += impacts(case)
+    found += opening_hints(case)
     found += _upside_down(case)
     if interval is not None and interval > end:
         found.append(f"states are to be written every {interval:g} s, and the run is {end:g} s long")

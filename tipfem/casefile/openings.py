@@ -14,6 +14,9 @@ from tipfem.case.openings import Inlet, Opening, Outlet, Vent
 OPENINGS: dict[str, Callable[..., Opening]] = {"inlets": Inlet, "outlets": Outlet, "vents": Vent}
 
 
+LIQUID = 50.0  # density over that of the lightest fluid above which a fluid is no gas beside it
+
+
 def opening_name(kind: str, table: Any) -> str:
     """Name of the opening that a table describes, by default of its wall; empty for tables of other kinds."""
     return "" if kind not in OPENINGS else table.name or (f"{kind[:-1]}_{table.wall}" if table.wall else kind[:-1])
@@ -60,13 +63,26 @@ def opening_lines(case: Case) -> list[str]:
     return found
 
 
-def impacts(case: Case) -> list[str]:
-    """A line on each inlet that sets off at once while the fluids are at rest."""
-    passages, lines = case.boundary.passages, []
+def opening_hints(case: Case) -> list[str]:
+    """Lines on inlets that set off at once while the fluids are at rest, levels above the tank, vents in liquids."""
+    passages, particles, found = case.boundary.passages, case.particles, []
+    lightest = min(fluid.density for fluid in case.fluids)
     for line, on in zip(case.boundary.lines, passages.nodes if passages is not None else [], strict=True):
-        if line.opening.velocities and not case.particles.velocity[~case.particles.wall].any():
-            speed = float(np.abs(line.speeds(case.particles.position[on], 0.0)).max())
+        opening = line.opening
+        if isinstance(opening, Inlet) and not particles.velocity[~particles.wall].any():
+            speed = float(np.abs(line.speeds(particles.position[on], 0.0)).max())
             if speed > 0:
                 text = f"sets off at {speed:.3g} m/s at t = 0, an impact; ramp = 0.1 begins smoothly"
-                lines.append(f"{line.opening.name} {text}")
-    return lines
+                found.append(f"{opening.name} {text}")
+        if isinstance(opening, Outlet) and opening.level is not None and case.gravity[-1] < 0:
+            top, level = float(case.box[1, -1]), opening.level_at(0.0)
+            if level > top + 1e-9 * particles.spacing:
+                text = f"has a level of {level:g} m; the tank ends at {top:g} m"
+                found.append(f"{opening.name} {text}, so its fluid presses over all of the opening")
+        if isinstance(opening, Vent):
+            liquid = case.fluids[int(np.median(particles.fluid[on]))]
+            if liquid.density > LIQUID * lightest:
+                found.append(
+                    f"{opening.name} is in {liquid.name} at the start, which leaves by it; vents are for gases"
+                )
+    return found
