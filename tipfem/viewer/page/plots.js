@@ -109,7 +109,7 @@ export function colourBar(canvas, stops, low, high, paint) {
   draw.textAlign = "center";
   draw.fillStyle = paint.text;
   draw.strokeStyle = paint.subtle;
-  for (const { value, label } of ticks(low, high, width / 70)) {
+  for (const { value, label } of ticks(low, high, Math.max(3, width / 70))) { // with both ends of the colours on a phone
     const x = Math.round(left + ((value - low) / (high - low)) * (right - left)) + 0.5;
     line(draw, x, 2 + thick, x, 7 + thick);
     draw.fillText(label, x, 15 + thick);
