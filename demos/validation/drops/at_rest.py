@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 RADIUS = 0.4  # [m]; tension and the drop's density are 1
 LAPLACE = 12000.0  # sigma rho D / mu^2 of the drop that stays at rest
 OHNESORGE = 0.3  # mu / sqrt(rho sigma R) of those that come to rest
+HOLDING = 70.0, 110.0  # angles at which the contacts of a drop on an incline recede and advance [degrees]
 FALLEN = 2.5  # depth of the centre of a drop that drips [m]
 BOND = 1.0  # rho g R^2 / sigma of the meniscus, R half the gap
 
@@ -138,6 +139,45 @@ def hanging(part: float, across: int = 8, end: float = 25.0) -> dict[str, float]
         simulation.step()
         depth = height - probe.sample(simulation)[2]
     return {"depth": depth, "wrong": float((depth >= FALLEN) != (part > 1))}
+
+
+def incline(part: float, across: int = 10, end: float = 6.0) -> dict[str, float]:
+    """A half disc on a floor that slips, with the angles `HOLDING`, under a force along the floor: whether it slides.
+
+    It is held up to the acceleration sigma (cos(receding) - cos(advancing)) / ((rho_1 - rho_2) area).
+
+    Args:
+        part: the acceleration over that one; it grows in the first half of the run.
+        across: spacings in the drop's diameter.
+        end: of the run [s].
+
+    Returns:
+        moved: what the slower contact has moved [spacings].
+        wrong: 1 where it is held and theory says that it slides, or the other way round; else 0.
+    """
+    ratio, largest = 0.1, [0.0]
+    fluids, spacing = pair(ratio, OHNESORGE * math.sqrt(RADIUS)), 2 * RADIUS / across
+    tank = tp.tank((4 * RADIUS, 2.4 * RADIUS), spacing, jitter=0.12).fill(fluids[1])
+    tank.fill(fluids[0], disc=((2 * RADIUS, 0.0), RADIUS))
+    tank.wall("bottom", slip=True, contact_angle={("liquid", "around"): HOLDING})
+
+    def push(x: Array, t: float) -> Array:
+        return np.tile([largest[0] * min(2 * t / end, 1.0), 0.0], (len(x), 1))
+
+    simulation = simulated(tank, fluids, body_force=push)
+    receding, advancing = (math.cos(math.radians(angle)) for angle in HOLDING)
+    largest[0] = part * (receding - advancing) / ((1 - ratio) * simulation.volume("liquid"))
+    start = _on_floor(simulation)
+    while simulation.time < end:
+        simulation.step()
+    moved = float((_on_floor(simulation) - start).min()) / spacing
+    return {"moved": moved, "wrong": float((moved > 0.2) != (part > 1))}
+
+
+def _on_floor(simulation: tp.Simulation) -> Array:
+    """The two ends of the interface on the floor, from the left [m]."""
+    x = np.unique(np.concatenate(interface(simulation)), axis=0)
+    return np.asarray(np.sort(x[x[:, 1] == 0.0, 0])[[0, -1]])
 
 
 def rise(angle: float, half: int = 4, end: float = 22.0) -> dict[str, float]:

@@ -5,6 +5,7 @@ sessile          drops that come to rest on a floor, at angles from 30 to 150 de
 meniscus         between two plates: height of its contacts, and its order
 rise             a liquid in a narrow and a wide arm: difference of the heights
 hanging          drops under a ceiling, which hang or drip
+incline          drops that two contact angles hold on an incline, and that slide
 oscillating      a drop that swings: its frequency
 wave             a standing capillary wave, against Prosperetti's solution
 bubble           a bubble that rises, against the benchmark of Hysing et al.
@@ -54,6 +55,7 @@ RUNS: dict[str, dict[str, Callable[[], Figures]]] = {
     "meniscus": _named(lambda half: at_rest.meniscus(30.0, half), "{} spacings in half the gap", (8, 16)),
     "rise": _named(lambda half: at_rest.rise(30.0, half), "{} spacings in half the narrow arm", (4, 6)),
     "hanging": _named(at_rest.hanging, "{} of the largest", (0.9, 1.1)),
+    "incline": _named(at_rest.incline, "{} of the largest force", (0.98, 1.02)),
     "oscillating": _named(in_motion.oscillating, "density ratio {}", (0.001, 1.0)),
     "wave": _named(in_motion.wave, "{} spacings", (16, 32)),
     "bubble": _named(in_motion.bubble, "{} spacings", (40, 80)),
@@ -62,7 +64,7 @@ RUNS: dict[str, dict[str, Callable[[], Figures]]] = {
     "film": _named(in_motion.film, "{} spacings in the thickness", (4, 6)),
 }
 Flow = Literal[
-    "static", "sessile", "meniscus", "rise", "hanging", "oscillating", "wave", "bubble",
+    "static", "sessile", "meniscus", "rise", "hanging", "incline", "oscillating", "wave", "bubble",
     "rayleigh-taylor", "kelvin-helmholtz", "film",
 ]  # fmt: skip
 # The largest magnitude of each figure: in all runs of a flow, or in those whose names begin with a text.
@@ -72,6 +74,7 @@ LARGEST: dict[str, list[tuple[str, str, float]]] = {
     "meniscus": [("", "height", 0.01)],
     "rise": [("", "height", 0.01)],
     "hanging": [("", "wrong", 0.0)],
+    "incline": [("", "wrong", 0.0)],
     "oscillating": [("density ratio 0.001", "frequency", 0.005), ("density ratio 1.0", "frequency", 0.01)],
     "wave": [("16", "error", 0.018), ("32", "error", 0.005)],
     "bubble": [("80", "height", 2e-4), ("80", "velocity", 1e-3), ("80", "circularity", 5e-4)],
