@@ -19,7 +19,7 @@ RADIUS = 0.1
 
 def in_water(shape, *, spacing=RADIUS / 6, fluid=WATER, force=None, grading=None, slip=True, **options):
     """A body in the middle of a closed tank of 1 m x 1 m, whose walls slip."""
-    body = tp.Body(shape, name="b", **({"slip": True} if slip else {}), **options)
+    body = tp.Body(shape, name="b", **({"slip": True} if slip else {"law": "no-slip"}), **options)
     tank = tp.tank((1.0, 1.0), spacing).fill(fluid).add(body)
     for side in tank.sides:
         tank.wall(side, slip=True)

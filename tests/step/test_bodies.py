@@ -47,7 +47,7 @@ def test_the_jacobian_is_exact(monkeypatch, pressure, mass, hinge):
     """The body turns by 0.04 rad in the step; its springs, dampers and weight have their parts in the derivative."""
     moving = {"hinge": hinge} if hinge else {"velocity": (1.0, -0.5)}
     more = {"angular_velocity": 8.0, "stiffness": (1e3, 2e3, 50.0), "damping": (30.0, 40.0, 5.0)}
-    body = tp.Body(box(), density=500.0, **moving, **more)
+    body = tp.Body(box(), density=500.0, law="no-slip", **moving, **more)
     if pressure == "free surface":
         tank = tp.tank((1.0, 1.0), 0.1).fill(SYRUP, box=((0, 0), (1, 0.5))).add(body)
         numerics = tp.Numerics(rho_inf=0.5, mass=mass)
@@ -123,7 +123,8 @@ def test_all_threads_one_thread_and_staged_kernels_solve_alike(monkeypatch, pres
 
     def examine(problem, x, **_options):
         start = x.to_numpy().copy()
-        for single, fused in ((False, True), (True, True), (False, False)):
+        # The first time, relations are those of the prediction.
+        for single, fused in ((False, True), (False, True), (True, True), (False, False)):
             monkeypatch.setattr(launch, "is_serial", lambda count, cost, single=single: single)
             problem.system.multigrid.fused = fused
             assert (problem.system.iteration is not None) is fused
@@ -143,7 +144,7 @@ def test_all_threads_one_thread_and_staged_kernels_solve_alike(monkeypatch, pres
     monkeypatch.setattr(solve, "newton", examine)
     with pytest.raises(_Stop):
         simulation.step()
-    for all_threads, one, staged in zip(*found, strict=True):
+    for all_threads, one, staged in zip(*found[1:], strict=True):
         np.testing.assert_array_equal(all_threads, one)
         np.testing.assert_allclose(all_threads, staged, atol=1e-11 * abs(staged).max())
 
@@ -199,8 +200,13 @@ def test_iterations_do_not_grow_with_a_body(density):
         assert sum(row["refused_steps"] for row in run.history) == 0
         return [sum(row[f"{kind}_iterations"] for row in run.history) for kind in ("krylov", "newton")]
 
-    for with_body, without in zip(iterations(tp.Body(box(turn=0.0), density=density)), iterations(), strict=True):
-        assert with_body <= 1.3 * without
+    without = iterations()
+    held, slides = (iterations(tp.Body(box(turn=0.0), density=density, law=law)) for law in ("no-slip", "layer"))
+    assert held[0] <= 1.3 * without[0]
+    assert held[1] <= 1.3 * without[1]
+    # Fluid that slides around corners is predicted worse: more of Newton's iterations, of as many of Krylov's.
+    assert slides[0] / slides[1] <= 1.2 * without[0] / without[1]
+    assert slides[1] <= 1.6 * without[1]
 
 
 def test_a_body_of_the_fluid_s_density_hangs_in_it():
@@ -290,7 +296,7 @@ def test_a_box_that_falls_onto_water_is_an_impact_and_the_time_integration_gains
     assert sum(row["impact"] for row in history) > 0
     energy = history[0]["body_kinetic_energy"]
     assert sum(row["time_dissipation"] for row in history) > -1e-3 * energy
-    assert max(abs(row["energy_residual"]) for row in history) < 1e-5 * energy
+    assert max(abs(row["energy_residual"]) for row in history) < 3e-5 * energy
 
 
 def test_a_step_does_not_depend_on_what_an_earlier_one_left_in_the_residual():

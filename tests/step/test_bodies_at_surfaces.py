@@ -10,6 +10,7 @@ from resumed_runs import require_same_when_resumed
 
 import tipfem as tp
 from tipfem.physics.bodies.motion import body_pose, outline_of, stopped_by_bodies
+from tipfem.physics.bodies.outlines import Outline
 
 AIR, WATER = tp.Fluid("air", 1.2, 1.8e-5), tp.Fluid("water", 1000.0, 1e-3)
 GRAVITY = (0.0, -9.81)
@@ -43,7 +44,9 @@ def require_outside(simulation):
         middle = particles.position[mesh.cells].mean(axis=1)
         assert not outline.contains(pose.origin(middle)).any()
         mine = pose.origin(particles.position[states.label == number])
-        assert outline.distances(mine)[0].min(axis=1).max() < 1e-9
+        # Those that slide on an arc are on that, not on its chords; new ones are between two of them.
+        off = outline.distances(mine)[0].min(axis=1).max()
+        assert off < (0.15 * particles.spacing if Outline(body).curved else 1e-9)
     tank = simulation.case.boundary.tank.area
     covered = sum(body.area for body in simulation.case.bodies)
     if not simulation.case.grounded:

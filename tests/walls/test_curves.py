@@ -121,7 +121,7 @@ def test_product_is_the_derivative_of_the_residual_on_a_curve(water):
     scheme, m = GeneralizedAlpha(0.5, 0.01), len(state.mesh.cells)
     material = ElementProperties(*(np.full(m, value) for value in (1000.0, 50.0, 0.0)))
     walls = WallStep(state.boundary, state.mesh, state.particles, material.viscosity, scheme, 0.0, material.density)
-    assert len(walls.pressed)
+    assert len(walls.curves.pressed)
     problem = flow_problem(state.mesh, state.particles, material, scheme, np.zeros((n, 2)), 0.3, Workspace(), walls)
     start = np.concatenate([walls.constrain(u), p[:, None]], axis=1)
     problem.residual(problem.vector(u, p))

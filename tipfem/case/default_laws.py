@@ -77,5 +77,4 @@ def default_law(setting: Setting, *, curved: bool) -> Rule:
 
 def default_body_law(setting: Setting) -> str:
     """The law of outlines of bodies of which nothing is said."""
-    del setting
-    return "no-slip"
+    return "layer" if setting.sharp else "no-slip"

@@ -21,6 +21,7 @@ from tipfem.physics.walls.kernels import stick_to_layers
 from tipfem.physics.walls.layers import DRY, LAYER, LayerFaces, Layers, advance, begin
 from tipfem.typing import Array
 
+LEAST = 0.02  # slip length on a face with a resolved layer whose particles are held by no other [lengths of the face]
 MOST = 1000  # curves of an outline, for the numbers of parts
 
 
@@ -94,7 +95,7 @@ def friction_on_outlines(
         nodes = np.ascontiguousarray(faces[on][order], dtype=np.int32)
         arrays = nodes, near.part.astype(np.int32), viscosity[cell[on][order]], resolved.view(np.int8), weight
         launch(stick_to_layers, *arrays, stuck.view(np.int8), 2)
-    share = 0.5 * viscosity[cell] * measure / length
+    share = 0.5 * viscosity[cell] * measure / np.where(layered[of], np.maximum(length, LEAST * measure), length)
     for end in range(2):
         np.add.at(result, faces[:, end], share)
     return result, layers, stuck
@@ -117,18 +118,15 @@ def _layer_faces(
     part, home = np.zeros(len(faces), dtype=np.int32), np.zeros_like(middle)
     edge = particles.position[faces[:, 0]] - particles.position[faces[:, 1]]
     along = edge / np.linalg.norm(edge, axis=1)[:, None]
-    velocity = particles.velocity[apex] + half * particles.acceleration[apex]
-    r = particles.position[apex] - states.position[of, :2]
-    own = rigid_rates(r, states.velocity[of], states.acceleration[of])
-    outer = ((velocity - own[0] - half * own[1]) * along).sum(axis=1)
-    ends = [
-        particles.velocity[faces[:, k]]
-        - rigid_rates(
-            particles.position[faces[:, k]] - states.position[of, :2], states.velocity[of], states.acceleration[of]
-        )[0]
-        for k in range(2)
-    ]
-    inner = (0.5 * (ends[0] + ends[1]) * along).sum(axis=1)
+
+    def relative(index: Array) -> Array:
+        """Velocities (E, 2) relative to the bodies in the middle of the step."""
+        r = particles.position[index] - states.position[of, :2]
+        own = rigid_rates(r, states.velocity[of], states.acceleration[of])
+        return particles.velocity[index] - own[0] + half * (particles.acceleration[index] - own[1])
+
+    outer = (relative(apex) * along).sum(axis=1)
+    inner = (0.5 * (relative(faces[:, 0]) + relative(faces[:, 1])) * along).sum(axis=1)
     for b, outline in outlines.items():
         mine = np.flatnonzero(of == b)
         home[mine] = _home(states, b, outline, middle[mine])

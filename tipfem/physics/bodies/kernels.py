@@ -18,15 +18,11 @@ from tipfem.physics.bodies.layout import (
     A_HISTORY,
     ACCELERATION,
     ALONG,
-    ALONG_END,
     ALPHA_M,
-    ARM,
-    ARM_WIDTH,
     BODIES,
     CENTRE,
     CF,
     CM,
-    CURVED,
     CV,
     DA_ACROSS,
     DA_ALONG,
@@ -47,10 +43,12 @@ from tipfem.physics.bodies.layout import (
     RING_STARTS,
     ROW,
     ROWS,
+    SLID,
     SPRING,
     START,
     STIFFNESS,
     TERMS,
+    TURNED,
     UNIT,
     V_FREE,
     V_HISTORY,
@@ -79,13 +77,6 @@ def increment(bodies: Template, data: Template, x: Template, b, k: Template, bas
 def rotate(r, across, versed):
     """r turned by an angle with the sine ``across`` and 1 - cosine ``versed``."""
     return r - versed * r + across * ti.Vector([-r[1], r[0]])
-
-
-@kernel
-def set_directions(bodies: Ints1, data: Reals1, along: Reals2):
-    """Set the directions (S, 2) along which corrections of nodes on bodies slide."""
-    for s in range(bodies[NODES]):
-        set_arm(bodies, data, s, ALONG, ti.Vector([along[s, 0], along[s, 1]]))
 
 
 @kernel
@@ -121,26 +112,24 @@ def place(bodies: Ints1, data: Reals1, motion: Reals2, x: Reals1, base: ti.i32):
         for s in range(first, last):
             i, r = node_on_body(bodies, s), arm(bodies, data, s, START)
             d = -versed * r + across * ti.Vector([-r[1], r[0]])
-            t = rotate(arm(bodies, data, s, ALONG), across, versed)
-            slides = t.dot(t) > 0.0
-            if slides:
-                set_arm(bodies, data, s, ALONG_END, t)
+            set_arm(bodies, data, s, TURNED, r + d)
+            set_arm(bodies, data, s, MIDDLE, r + cf * (d + arm(bodies, data, s, SLID)))
+            t, row = rotate(arm(bodies, data, s, ALONG), across, versed), arm(bodies, data, s, ROW)
+            if row.dot(row) > 0.0:
                 slid = ti.Vector([x[3 * i] - ux, x[3 * i + 1] - uy]) - d
-                if data[bodies[ARM] + ARM_WIDTH * s + CURVED] == 0.0:
+                if t.dot(t) > 0.0:  # on a straight side, not on a curve
                     slid = t * t.dot(slid)
                 d += slid
             e = r + d
             set_arm(bodies, data, s, END, e)
-            set_arm(bodies, data, s, MIDDLE, r + cf * d)
             u = ti.Vector([ux, uy]) + d
             v = ti.Vector([v_alpha[0], v_alpha[1]]) + (1.0 - cf) * old_w * ti.Vector([-r[1], r[0]])
             v += cf * w * ti.Vector([-e[1], e[0]])
             a = ti.Vector([a_alpha[0], a_alpha[1]])
             a += alpha_m * (old_a * ti.Vector([-r[1], r[0]]) - old_w * old_w * r)
             a += (1.0 - alpha_m) * (turn * ti.Vector([-e[1], e[0]]) - w * w * e)
-            if slides:
-                v += t * t.dot(arm(bodies, data, s, V_FREE) + cv * u - v)
-                a += t * t.dot(arm(bodies, data, s, A_FREE) + cm * u - a)
+            v += row * row.dot(arm(bodies, data, s, V_FREE) + cv * u - v)
+            a += row * row.dot(arm(bodies, data, s, A_FREE) + cm * u - a)
             for k in ti.static(range(2)):
                 x[3 * i + k] = u[k]
                 if weighs > 0.0:
@@ -170,7 +159,7 @@ def collect_residual(bodies: Ints1, data: Reals1, x: Reals1, r: Reals1, base: ti
             along = t * t.dot(f)  # which moves the particle
             f -= along
             total += ti.Vector([f[0], f[1], moment(arm(bodies, data, s, MIDDLE), f)])
-            stretch += arm(bodies, data, s, END).dot(f)
+            stretch += arm(bodies, data, s, TURNED).dot(f)
             r[3 * i], r[3 * i + 1] = along[0], along[1]
         for k in ti.static(range(3)):
             for m in ti.static(range(3)):
@@ -240,7 +229,7 @@ def rotation_terms(
                     g_a = g
                 if (body_corners[t] >> c) & 1:
                     r = arm(bodies, data, slots[3 * t + c], END)
-                    along = arm(bodies, data, slots[3 * t + c], ALONG_END)
+                    along = arm(bodies, data, slots[3 * t + c], ROW)
                     a = da_along * r + da_across * ti.Vector([-r[1], r[0]])
                     a -= along * along.dot(a)
                     change += (dv_along * (r - along * along.dot(r))).outer_product(g)

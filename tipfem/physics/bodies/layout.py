@@ -36,11 +36,11 @@ CM, CV, CF, ALPHA_M, V_NEXT, WEIGHS = 0, 1, 2, 3, 4, 5
 # Columns of OWN: the derivative of a body's own equations row by row, and what the angle's unknown adds to the
 # derivatives of v_alpha and a_alpha along and across r.
 MATRIX, DV_ALONG, DA_ALONG, DA_ACROSS, OWN_WIDTH = 0, 9, 10, 11, 12
-# Columns of ARM: r of a node at the start of the step, at its end, and at the intermediate time. Of nodes that slide, 0
-# of others: direction along which corrections are, without the body's rotation in the step and with it; direction of
-# the forces that do not act on the body; v_alpha and a_alpha at u = 0 of a free particle. 1 for nodes on curves.
-START, END, MIDDLE, ALONG, ALONG_END, ROW, V_FREE, A_FREE, CURVED = range(0, 18, 2)
-ARM_WIDTH = 17
+# Columns of ARM: r of a node at the start of the step, at its end, turned with the body, and at the intermediate time.
+# Of nodes that slide, 0 of others: direction along a straight side, without the body's rotation in the step; direction
+# of the forces that do not act on the body; how far the node slides, as predicted; v_alpha and a_alpha at u = 0 of a
+# free particle.
+START, END, TURNED, MIDDLE, ALONG, ROW, SLID, V_FREE, A_FREE, ARM_WIDTH = range(0, 20, 2)
 
 
 def pack(lists: dict[int, Array], tables: dict[int, Array], rooms: dict[int, int]) -> tuple[Array, Array, int]:

@@ -287,8 +287,8 @@ class BodyMotion:
         along: (K, 2) directions in which the particles slide in the step, without R; 0 for those that do not.
         slid: (K, 2) s, at first as predicted [m].
         slides: (K,) mask of those that slide, curved: (K,) of those on curves of several edges.
-        middle: (N, 2) positions of particles, those that slide as predicted for the middle of the step, with the
-            bodies where they were [m].
+        middle, intermediate: (N, 2) positions of particles, those that slide as predicted for the middle of the step
+            and for its intermediate time, with the bodies where they were [m].
         faces: (E, 2) the faces on bodies, see `tipfem.physics.bodies.outlines.body_faces`; cell: (E,) their cells.
         after: the bodies at the end of the step; of those that float, see `solved`.
 
@@ -327,8 +327,9 @@ class BodyMotion:
         """Set how the particles slide, as predicted."""
         states, index, scheme = self.states, self.index, self.scheme
         start = states.along[index]
+        self._slid = np.zeros_like(start)
         self.slides, self.slid = np.asarray(start.any(axis=1)), np.zeros_like(start)
-        self.along, self.curved = start, np.zeros(len(index), dtype=bool)
+        self.along, self.curved = start.copy(), np.zeros(len(index), dtype=bool)
         self.faces, self.cell = np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64)
         if not self.slides.any():
             return
@@ -341,6 +342,8 @@ class BodyMotion:
         self.faces, self.cell = body_faces(mesh, states.label)
         self.middle = particles.position.copy()
         self.middle[index] += 0.5 * self.slid
+        self.intermediate = particles.position.copy()
+        self.intermediate[index] += scheme.cf * self.slid
         for b, outline in outlines.items():
             mine = np.flatnonzero((self.of == b) & self.slides)
             y = outline.reference + unturned(self.arm[mine], states.position[b, 2])
@@ -357,6 +360,12 @@ class BodyMotion:
             for name, values in zip(("velocity", "acceleration"), relative, strict=True)
         )
         self.slid += (self.slid * start).sum(axis=1)[:, None] * turn
+        self._slid = self.slid.copy()
+
+    @property
+    def row_slid(self) -> Array:
+        """(K, 2) how far they slide, as predicted at first, with the bodies' rotations then [m]."""
+        return self._slid + rotated(self._slid, self._predicted[self.of])
 
     def slip_history(self) -> Array:
         """(K,) v_alpha along `row_along` relative to the bodies, where nothing slides in the step [m/s]."""
@@ -384,9 +393,16 @@ class BodyMotion:
         """v_alpha and a_alpha (K, 2) at u = 0 of the particles on bodies, as if they were free."""
         return self.scheme.history(self._velocity, self._acceleration)
 
+    def hold(self, mask: Array) -> None:
+        """Let the particles of a mask (N,) not slide in the step."""
+        here = self.slides & mask[self.index]
+        for values in (self.along, self.slid, self._slid):
+            values[here] = 0.0
+        self.slides, self.curved = self.slides & ~here, self.curved & ~here
+
     def turned_along(self, angle: Array) -> Array:
         """(K, 2) the directions in which particles slide, turned by (B,) angles of the bodies [rad]."""
-        return self.along + rotated(self.along, angle[self.of])
+        return np.asarray(self.along + rotated(self.along, angle[self.of]))
 
     @property
     def row_along(self) -> Array:
@@ -426,7 +442,8 @@ class BodyMotion:
         """
         arm, u = np.zeros((2, len(self.states.label), 2))
         moved, slid = self.displacements(self.increment), self.slips()[:, None] * self.row_along
-        arm[self.index] = self.arm + self.scheme.cf * (moved - self.increment[self.of, :2])
+        turn = rotated(self.arm, self.increment[self.of, 2])
+        arm[self.index] = self.arm + self.scheme.cf * (turn + self.row_slid)
         u[self.index] = moved - slid  # what slides is not moved by the body
         r, of, count = arm[index], self.states.label[index], len(self.bodies)
         moment, work = r[:, 0] * force[:, 1] - r[:, 1] * force[:, 0], (force * u[index]).sum(axis=1)
@@ -455,7 +472,7 @@ class BodyMotion:
         own = rigid_rates(arm, middle[self.of], self._middle[self.of])[1]
         a_alpha = np.where(floats, a_alpha, own)
         if self.slides.any():
-            along = self.turned_along(self.increment[:, 2])
+            along = self.row_along
             v_own, a_own = self.free_histories()
             v_alpha = v_alpha + component(v_own + s.cv * u - v_alpha, along)
             a_alpha = a_alpha + component(a_own + s.cm * u - a_alpha, along)

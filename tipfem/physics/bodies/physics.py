@@ -61,14 +61,16 @@ class Bodies(Physics[BodyStates]):
         of_step = step.particles, step.time, step.mesh, self._outlines
         motion = BodyMotion(step.scheme, self._bodies, part, *of_step)
         # Where walls have curves, theirs is the area that the whole boundary encloses.
-        grows = step.walls.curves is None and not step.mesh.surface.exists and bool(motion.curved.any())
+        closed = step.walls.curves is None and not step.mesh.surface.exists
         friction, ended, stuck = friction_on_outlines(
             motion, self._outlines, step.mesh, step.particles, step.viscosity, step.density
         )
+        if stuck is not None:  # there the outline is as one without slip
+            motion.hold(stuck)
         motion.after = dataclasses.replace(motion.after, boundary_layers=ended, begun=True, stuck=stuck)
         if motion.floating.any():
-            return (FloatingBodies(motion, friction, step.mesh.surface.pinned, grows=grows),)
-        return (MovedBodies(motion, friction, grows=grows),)
+            return (FloatingBodies(motion, friction, step.mesh.surface.pinned, closed=closed),)
+        return (MovedBodies(motion, friction, closed=closed),)
 
     def before_repair(self, part: BodyStates | None, moved: Moved) -> tuple[BodyStates | None, Moved]:
         """See `Physics.before_repair`: particles on curves of outlines are put back there."""

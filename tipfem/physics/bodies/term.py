@@ -49,12 +49,12 @@ class MovedBodies(Term):
     Args:
         motion: of the bodies in the step.
         friction: (N,) over slip velocity, of the particles [kg/s, per metre of depth].
-        grows: whether the elements are to grow by what bodies with curves lose of their area in the iterates, as with
+        closed: whether the elements are to grow by what bodies with curves lose of their area in the iterates, as with
             curved walls, see `tipfem.physics.walls.curve_step`.
     """
 
-    def __init__(self, motion: BodyMotion, friction: Array, *, grows: bool = False) -> None:
-        self.motion, self._friction, self._grows = motion, friction, grows
+    def __init__(self, motion: BodyMotion, friction: Array, *, closed: bool = False) -> None:
+        self.motion, self._friction, self._closed = motion, friction, closed
         self._along: Array | None = None  # of curves at the last residual, if that has been
         self._chords: ChordPressures | None = None
 
@@ -86,7 +86,9 @@ class MovedBodies(Term):
             here = np.flatnonzero(on[motion.faces].any(axis=1))
             faces = motion.faces[here][:, ::-1]
             nodes = nodes_of(faces, motion.cell[here], e.nodes.cells, e.owner)
-            self._chords = ChordPressures(faces, nodes, motion.middle, motion.index[rows], motion.along[rows])
+            self._chords = ChordPressures(
+                "bodies", faces, nodes, motion.middle, motion.intermediate, motion.index[rows], motion.along[rows]
+            )
 
     def _put_chords(self) -> None:
         """Set their matrix, with friction."""
@@ -146,9 +148,9 @@ class MovedBodies(Term):
 
     def growth(self, x: Any) -> float | None:
         """See `Term.growth`: what bodies with curves lose of their area."""
-        if not self._grows:
-            return None
         e, motion = self._equations, self.motion
+        if not self._closed or not motion.curved.any():
+            return None
         u = e.values(x)[: len(e.mesh.position), :-1]
         b, a = motion.faces.T  # with the fluid on the left
         middle = e.mesh.position + 0.5 * u
@@ -158,10 +160,14 @@ class MovedBodies(Term):
         self._along = chain_directions(e.mesh.position + u, motion.faces, index, now)
         return 0.5 * float((side[:, 1] * (u[a, 0] + u[b, 0]) - side[:, 0] * (u[a, 1] + u[b, 1])).sum())
 
+    def _present(self) -> Array:
+        """(B, 3) the bodies' increments at the last residual."""
+        return self.motion.increment
+
     @property
     def angle(self) -> Array:
         """(B,) by which the bodies turn in the step [rad]."""
-        return np.asarray(self.motion.increment[:, 2])
+        return np.asarray(self._present()[:, 2])
 
     def directions(self) -> Array:
         """(K, 2) along which corrections of the bodies' particles slide at the end of the step."""
@@ -209,7 +215,7 @@ class FloatingBodies(MovedBodies):
     """Bodies in the fluids, of which some float.
 
     Args:
-        motion, friction, grows: see `MovedBodies`.
+        motion, friction, closed: see `MovedBodies`.
         pinned: (N,) mask of the particles whose pressure is prescribed.
 
     Attributes:
@@ -219,8 +225,8 @@ class FloatingBodies(MovedBodies):
         arrays: device arrays ``bodies`` and ``data``, see `tipfem.physics.bodies.layout`.
     """
 
-    def __init__(self, motion: BodyMotion, friction: Array, pinned: Array, *, grows: bool = False) -> None:
-        super().__init__(motion, friction, grows=grows)
+    def __init__(self, motion: BodyMotion, friction: Array, pinned: Array, *, closed: bool = False) -> None:
+        super().__init__(motion, friction, closed=closed)
         self._pinned, self.numbers = pinned, np.flatnonzero(motion.floating)
         self._count = len(self.numbers)
         self.extra_nodes = 2 * self._count
@@ -477,38 +483,38 @@ class FloatingBodies(MovedBodies):
         """The section `layout.ARM` at the start."""
         k, motion, at = layout, self.motion, self._in_motion
         table = np.zeros((len(r), k.ARM_WIDTH))
-        for column in (k.START, k.END, k.MIDDLE):
+        for column in (k.START, k.END, k.TURNED, k.MIDDLE):
             table[:, column : column + 2] = r
         if motion.slides.any():
             free = motion.free_histories()
             for column, values in zip(
-                (k.ALONG, k.ROW, k.V_FREE, k.A_FREE),
-                (motion.along, motion.row_along, *free),
+                (k.ALONG, k.ROW, k.SLID, k.V_FREE, k.A_FREE),
+                (np.where(motion.curved[:, None], 0.0, motion.along), motion.row_along, motion.row_slid, *free),
                 strict=True,
             ):
                 table[:, column : column + 2] = values[at]
-            table[:, k.CURVED] = motion.curved[at]
         return table
 
-    @property
-    def angle(self) -> Array:
-        """See `MovedBodies.angle`."""
-        angle = self.motion.increment[:, 2].copy()
-        angle[self.numbers] = self._increment[:, 2]
-        return np.asarray(angle)
+    def _present(self) -> Array:
+        """See `MovedBodies`."""
+        increment = self.motion.increment.copy()
+        increment[self.numbers] = self._increment
+        return np.asarray(increment)
 
     def follows(self) -> Follows:
         """The particles on the bodies follow their bodies' two nodes, those that slide themselves, too."""
         own = self._index < len(self._equations.particles)
         node, body, r, at = self._index[own], self._body[own], self._arm[own], self._in_motion[own]
-        change, slides = rotated(r, self._increment[body, 2]), np.flatnonzero(self.motion.slides[at])
+        turn, slides = rotated(r, self._increment[body, 2]), np.flatnonzero(self.motion.slides[at])
+        change = turn.copy()
         end_along, row_along = np.zeros((2, len(node), 2))
         if len(slides):
-            end_along, row_along = self._directions()[at], self.motion.row_along[at]
+            end_along, row_along = self.directions()[at], self.motion.row_along[at]
             if self._solution is not None:
                 u = self._equations.values(self._solution)[node[slides], :-1]
                 change[slides] = u - self._increment[body[slides], :2]
-        end, middle = turned(r + change), turned(r + self._scheme.cf * change)
+            turn = turn + self.motion.row_slid[at]
+        end, middle = turned(r + change), turned(r + self._scheme.cf * turn)
         column, sums = np.zeros((2, len(node), 2, 3))
         column[:, (0, 1), (0, 1)] = sums[:, (0, 1), (0, 1)] = 1.0
         column[..., 2], sums[..., 2] = end / self.lengths[body, None], middle / self.lengths[body, None]
@@ -533,15 +539,6 @@ class FloatingBodies(MovedBodies):
         )
         parts = [found, themselves, super().follows()]
         return Follows.together([part for part in parts if part is not None], 2)
-
-    def _directions(self) -> Array:
-        """See `directions`; the device has them, too."""
-        end = self.directions()
-        if self._along is not None:
-            values = end + rotated(end, -self.angle[self.motion.of])
-            device = self._buffers.upload("bodies.along", values[self._in_motion])
-            launch(kernels.set_directions, *self.arrays, device)
-        return end
 
     def start(self, x: Array) -> None:
         """See `Term.start`."""

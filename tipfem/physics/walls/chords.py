@@ -5,9 +5,11 @@ the mean of the normals of its two faces, not to each of them. So a pressure tha
 along the slip, t . int p n phi, which is no force on the fluid: it is added to momentum. With it, what is left of the
 row of a fluid at rest is int phi (grad p - rho b), which vanishes. The volumes that slip moves through the faces by the
 same coefficients, t . int q n phi, are those between chords and curve: they are no growth of the fluid, and are taken
-from continuity. So neither term does work together, and walls at rest give no energy. The volumes sum to zero.
+from continuity. So neither term does work together, and walls at rest give no energy.
 
-The faces are those predicted for the middle of the step, and all is linear.
+All is linear: the faces are those predicted for the middle of the step, to whose normals directions are at right
+angles, so that volumes sum to zero, and for the intermediate time, at which forces act. What both differ by is a part
+of the work of pressure between intermediate and last positions.
 """
 
 from __future__ import annotations
@@ -43,28 +45,33 @@ class ChordPressures:
     """See the module.
 
     Args:
+        name: of its device arrays.
         faces: (E, 2) particles along curves, with the fluid on their left, at most one of them off the curve.
         nodes: (E, 2) of the mesh that is solved on, with the pressures of that fluid.
-        middle: (N, 2) positions in the middle of the step [m].
+        middle: (N, 2) positions predicted for the middle of the step [m], of the volumes.
+        intermediate: (N, 2) those for the intermediate time [m], of the forces.
         index: (K,) the particles that slide.
         along: (K, 2) unit vectors along which they do.
     """
 
-    def __init__(self, faces: Array, nodes: Array, middle: Array, index: Array, along: Array) -> None:
+    def __init__(
+        self, name: str, faces: Array, nodes: Array, middle: Array, intermediate: Array, index: Array, along: Array
+    ) -> None:
+        self._name = name
         number = np.full(len(middle), -1)
         number[index] = np.arange(len(index))
-        edge = middle[faces[:, 1]] - middle[faces[:, 0]]
-        outwards = np.stack([edge[:, 1], -edge[:, 0]], axis=1)
-        slip, node, value = [], [], []
+        slip, node, volume, force = list[Array](), list[Array](), list[Array](), list[Array]()
         for one in range(2):
             of = number[faces[:, one]]
             here = np.flatnonzero(of >= 0)
-            across = (along[of[here]] * outwards[here]).sum(axis=1)
-            for other in range(2):
-                slip.append(of[here])
-                node.append(nodes[here, other])
-                value.append(across / (3.0 if one == other else 6.0))
-        self._slip, self._node, self._value = (np.concatenate(parts) for parts in (slip, node, value))
+            for position, values in ((middle, volume), (intermediate, force)):
+                edge = position[faces[here, 1]] - position[faces[here, 0]]
+                across = along[of[here], 0] * edge[:, 1] - along[of[here], 1] * edge[:, 0]
+                values += [across / (3.0 if one == other else 6.0) for other in range(2)]
+            slip += [of[here]] * 2
+            node += [nodes[here, other] for other in range(2)]
+        parts = slip, node, volume, force
+        self._slip, self._node, self._volume, self._force = (np.concatenate(part) for part in parts)
 
     def couplings(self, slips: Slip) -> tuple[Array, Array]:
         """Rows and columns of the nodes that are coupled."""
@@ -86,12 +93,11 @@ class ChordPressures:
             force: (K,) friction without slip in the step [N, per metre of depth].
         """
         of, part = _pairs(self._slip, slips.number)
-        value = self._value[of]
         one, other = _pairs(slips.number, slips.number)
         count, friction = len(of), np.broadcast_to(rate, len(given))
         blocks = np.zeros((2 * count + len(one), 3, 3))
-        blocks[:count, :, 2] = slips.row[part] * value[:, None]
-        blocks[count : 2 * count, 2, :] = -slips.column[part] * value[:, None]
+        blocks[:count, :, 2] = slips.row[part] * self._force[of][:, None]
+        blocks[count : 2 * count, 2, :] = -slips.column[part] * self._volume[of][:, None]
         drag = friction[slips.number[one]]
         blocks[2 * count :] = drag[:, None, None] * slips.row[one][:, :, None] * slips.column[other][:, None, :]
         row, column = self.couplings(slips)
@@ -103,17 +109,17 @@ class ChordPressures:
         row, column = np.divmod(key[order][first], size)
         rows, starts = np.unique(row, return_index=True)
         constant = np.zeros((size, 3))
-        np.add.at(constant[:, 2], self._node, -self._value * given[self._slip])
+        np.add.at(constant[:, 2], self._node, -self._volume * given[self._slip])
         drags = friction * given + force
         np.add.at(constant, slips.node, slips.row * drags[slips.number, None])
         up, self._count, self._equations = equations.buffers.upload, len(rows), equations
         self._matrix = (
-            up("chords.rows", rows.astype(np.int32)),
-            up("chords.offsets", np.append(starts, len(row)).astype(np.int32)),
-            up("chords.columns", column.astype(np.int32)),
-            up("chords.values", blocks.ravel()),
+            up(f"{self._name}.chords.rows", rows.astype(np.int32)),
+            up(f"{self._name}.chords.offsets", np.append(starts, len(row)).astype(np.int32)),
+            up(f"{self._name}.chords.columns", column.astype(np.int32)),
+            up(f"{self._name}.chords.values", blocks.ravel()),
         )
-        self._constant = up("chords.constant", constant[rows].ravel())
+        self._constant = up(f"{self._name}.chords.constant", constant[rows].ravel())
 
     def residual(self, x: Any, out: Any) -> None:
         """See `Term.residual`."""
@@ -134,7 +140,8 @@ class ChordPressures:
             pressure: (P,) of the nodes.
             slip: (K,) of the particles [m].
         """
-        return TermWork(walls=float((self._value * pressure[self._node]) @ slip[self._slip]))
+        forces, volumes = (float((v * pressure[self._node]) @ slip[self._slip]) for v in (self._force, self._volume))
+        return TermWork(walls=forces, geometry=volumes - forces)
 
 
 def _pairs(slip: Array, number: Array) -> tuple[Array, Array]:

@@ -38,7 +38,9 @@ class CurveStep:
 
     Attributes:
         rows: (K,) the particles on curves, as positions in `Boundary.index`.
-        projector: (K, 2, 2) on the directions in which they slide in the step.
+        particles: (K,) their numbers; along: (K, 2) unit vectors along which they slide in the step.
+        projector: (K, 2, 2) on these directions.
+        middle, intermediate: (N, 2) positions predicted for the middle of the step, and for the intermediate time [m].
         pressed: (E, 2) the faces of the mesh on curves, with the fluid on the left.
         cell: (E,) the cells at these faces.
         curve: (E,) the number of the curve.
@@ -56,7 +58,7 @@ class CurveStep:
         self._boundary, self._after, self._position = boundary, after, particles.position
         self._open = mesh.surface.exists
         self.rows = np.flatnonzero(boundary.on_curve >= 0)
-        self._particles = index = boundary.index[self.rows]
+        self.particles = index = boundary.index[self.rows]
         cell, i = np.nonzero(mesh.neighbours < 0)
         self._pairs = np.stack([mesh.cells[cell, (i + 1) % 3], mesh.cells[cell, (i + 2) % 3]], axis=1)
         on = np.zeros(len(particles), dtype=bool)
@@ -76,13 +78,17 @@ class CurveStep:
             before.place(before.pose.origin(middle[walls])) + after.place(before.pose.origin(middle[walls]))
         )
         middle[index] += 0.5 * along * self._start
+        end = after.place(before.pose.origin(particles.position[walls]))
+        self.intermediate = particles.position.copy()
+        self.intermediate[walls] += scheme.cf * (end - particles.position[walls])
+        self.intermediate[index] += scheme.cf * along * self._start
         chain = self._pairs
         if self._open:  # whose faces are no part of a wall: beside them, and where it is dry, as the curve
             chain = chain[particles.wall[chain].all(axis=1)]
         both = np.isin(index, chain[:, 0]) & np.isin(index, chain[:, 1])
-        self._middle = self._start.copy()
-        self._middle[both] = chain_tangents(middle, chain, index[both])
-        self.projector = self._middle[:, :, None] * self._middle[:, None, :]
+        self.middle, self.along = middle, self._start.copy()
+        self.along[both] = chain_tangents(middle, chain, index[both])
+        self.projector = self.along[:, :, None] * self.along[:, None, :]
 
     def growth(self, u: Array) -> float:
         """Change of the area that the boundary encloses by displacements u (N, 2) [m^2]."""
@@ -94,7 +100,7 @@ class CurveStep:
 
     def projector_at(self, u: Array) -> Array:
         """(K, 2, 2) on the directions along which displacements from u (N, 2) [m] keep that area."""
-        along = chain_tangents(self._position + u, self._pairs, self._particles)
+        along = chain_tangents(self._position + u, self._pairs, self.particles)
         return np.asarray(along[:, :, None] * along[:, None, :])
 
     def _tangents(self, y: Array) -> Array:
@@ -108,23 +114,23 @@ class CurveStep:
     def turned(self, vectors: Array) -> Array:
         """Vectors (N, 2) with those on curves turned from the direction at the start to that of the step."""
         result: Array = vectors.copy()
-        along = (vectors[self._particles] * self._start).sum(axis=1)[:, None]
-        result[self._particles] = along * self._middle
+        along = (vectors[self.particles] * self._start).sum(axis=1)[:, None]
+        result[self.particles] = along * self.along
         return result
 
     def finished(self, done: Particles) -> tuple[Particles, Array]:
         """The state ``done`` at the end of the step, moved along the curves; with the projectors (K, 2, 2) there."""
-        pose, index = self._after.pose, self._particles
+        pose, index = self._after.pose, self.particles
         tangent = self._tangents(pose.origin(done.position[index])) @ pose.rotation.T
         velocity, acceleration = done.velocity.copy(), done.acceleration.copy()
         for values in (velocity, acceleration):
-            values[index] = (values[index] * self._middle).sum(axis=1)[:, None] * tangent
+            values[index] = (values[index] * self.along).sum(axis=1)[:, None] * tangent
         moved = done.shallow_copy(velocity=velocity, acceleration=acceleration)
         return moved, tangent[:, :, None] * tangent[:, None, :]
 
     def on_curves(self, particles: Particles) -> Particles:
         """The particles put on their curves, in a closed tank so that the boundary encloses the area of the domain."""
-        pose, index = self._after.pose, self._particles
+        pose, index = self._after.pose, self.particles
         y, number = pose.origin(particles.position[index]), self._boundary.on_curve[self.rows]
         for k, curve in enumerate(self._boundary.curves):
             y[number == k] = curve.project(y[number == k])

@@ -1,4 +1,4 @@
-"""Kernels of friction along walls that slip, and of the pressure of curved walls.
+"""Kernels of friction along walls that slip.
 
 They add to the results of `tipfem.fem.residual` and `tipfem.fem.jacobian`; vectors of unknowns are laid out as there.
 """
@@ -80,71 +80,6 @@ def slip_scale(
                 diagonal += 1.0 / (dim * scale[i * (dim + 1) + k])
             for k in ti.static(range(dim)):
                 scale[i * (dim + 1) + k] = 1.0 / diagonal
-
-
-@kernel
-def pressure_residual(
-    faces: Ints2,
-    nodes: Ints2,
-    motion: Reals2,
-    x: Reals1,
-    scale: Reals1,
-    record: Reals2,
-    out: Reals1,
-    cf: float,
-    count: ti.i32,
-):
-    """Add the pressure of curved walls, int p n phi_a over their faces, to the scaled momentum rows (2-D).
-
-    A particle that slides on a curve moves at right angles to the mean of the normals of its two faces, not to each of
-    them, so that a pressure that varies along the wall has a part along it: with this term what is left of the
-    momentum row of a fluid at rest is int phi_a (grad p - rho b), which vanishes. faces (F, 2): particles, with the
-    fluid on the left; nodes (F, 2) of the mesh that is solved on, which have the pressures of that fluid.
-    record (F, 4): pressures for the two particles, and the normal times the length at the intermediate positions.
-    """
-    ti.loop_config(serialize=True)
-    for f in range(count):
-        a, b = faces[f, 0], faces[f, 1]
-        e = row(motion, b, 2) + cf * displacement_of(x, b, 2) - row(motion, a, 2) - cf * displacement_of(x, a, 2)
-        one, other = x[nodes[f, 0] * 3 + 2], x[nodes[f, 1] * 3 + 2]
-        record[f, 0], record[f, 1] = one / 3.0 + other / 6.0, one / 6.0 + other / 3.0
-        record[f, 2], record[f, 3] = e[1], -e[0]
-        for k in ti.static(range(2)):
-            out[a * 3 + k] += scale[a * 3 + k] * record[f, 0] * record[f, 2 + k]
-            out[b * 3 + k] += scale[b * 3 + k] * record[f, 1] * record[f, 2 + k]
-
-
-@kernel
-def add_pressures(
-    faces: Ints2,
-    record: Reals2,
-    scale: Reals1,
-    row_offsets: Ints1,
-    columns: Ints1,
-    blocks: Reals1,
-    cf: float,
-    rows: ti.i32,
-    count: ti.i32,
-):
-    """Add the derivative of `pressure_residual`, from its ``record``, to the blocks of the Jacobian.
-
-    faces (F, 2): nodes of the mesh that is solved on, which has ``rows`` nodes.
-    """
-    ti.loop_config(serialize=True)
-    for f in range(count):
-        couplings = row_offsets[rows]
-        for one in ti.static(range(2)):
-            i = faces[f, one]
-            for other in ti.static(range(2)):
-                s = block_of(row_offsets, columns, i, faces[f, other])
-                part = ti.static(1.0 / 3.0 if one == other else 1.0 / 6.0)
-                # e = x_b - x_a, turned: (e_y, -e_x)
-                turn = ti.static(1.0 if other == 1 else -1.0) * cf * record[f, one]
-                blocks[block_entry(couplings, s, 0, 1, 2)] += scale[i * 3] * turn
-                blocks[block_entry(couplings, s, 1, 0, 2)] -= scale[i * 3 + 1] * turn
-                for k in ti.static(range(2)):
-                    up = block_entry(couplings, s, k, 2, 2)
-                    blocks[up] += scale[i * 3 + k] * part * record[f, 2 + k]
 
 
 @kernel

@@ -34,8 +34,7 @@ class Walls(ABC):
         rows, columns: (K, d * d) projectors of the sliding particles, for momentum and for displacements.
         faces: those with friction.
         layers: the boundary layers at the end of the step on walls with that law; None without such walls.
-        pressed: (E, 2) the faces of curved walls that slip, two particles each with the fluid on the left.
-        pressed_cell: (E,) their cells.
+        rigid: (N, d) displacements of the tank where the particles are, of walls with curves [m].
         stuck: (N,) mask of the particles that slide, but next to nothing, for the layer there is resolved; None for no
             particle.
         curves: the curved walls that slip; None without any.
@@ -53,8 +52,7 @@ class Walls(ABC):
     columns: Array
     faces: Faces
     layers: Layers | None = None
-    pressed: Array = np.zeros((0, 2), dtype=np.int32)
-    pressed_cell: Array = np.zeros(0, dtype=np.int32)
+    rigid: Array
     stuck: Array | None = None
     curves: CurveStep | None = None
     on_curves: tuple[Array, Array]
@@ -224,7 +222,7 @@ class WallStep(Walls):
         x, v, a = particles.position, particles.velocity[index], particles.acceleration[index]
         self.tank_moves = boundary.motion is not None
         self.frame = self._before.pose.origin(x) if self.tank_moves else x
-        self._rigid = self._after.pose.place(self.frame) - x if self.tank_moves else np.zeros_like(x)
+        self.rigid = self._after.pose.place(self.frame) - x if self.tank_moves else np.zeros_like(x)
         self._home = self._after.place(self.frame[index])
         slid = self._slid(self.frame[index])
         self.curves = CurveStep(boundary, mesh, particles, self._before, self._after, scheme) if b_curves else None
@@ -259,7 +257,6 @@ class WallStep(Walls):
             here = np.flatnonzero(boundary.on_curve[slides] >= 0)
             self.rows[here] = self.columns[here]
             self.on_curves = here, np.searchsorted(self.curves.rows, slides[here])
-            self.pressed, self.pressed_cell = self.curves.pressed, self.curves.cell
         start = WallStart(
             boundary,
             scheme,
@@ -313,7 +310,7 @@ class WallStep(Walls):
 
     def relative(self, u: Array) -> Array:
         """See `Walls.relative`."""
-        return np.asarray(u - self._rigid)
+        return np.asarray(u - self.rigid)
 
     def finish(self, before: Particles, u: Array, moved: Particles) -> Particles:
         """See `Walls.finish`."""
@@ -379,7 +376,7 @@ class WallStep(Walls):
         if not len(here):
             return particles
         result, moved = particles.copy(), index[here]
-        result.position[moved] = before.position[moved] + self.constrain(self._rigid)[moved]
+        result.position[moved] = before.position[moved] + self.constrain(self.rigid)[moved]
         x = result.position[index]
         own = self._after.rates(x, np.zeros_like(x))[0]
         velocity, acceleration = self._after.rates(x, own)

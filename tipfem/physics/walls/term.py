@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from tipfem.fem.condensation import Follows
 from tipfem.linalg.sparsity import Csr
 from tipfem.physics.term import Equations, Frame, Term, TermWork
 from tipfem.physics.walls import kernels as kernels
+from tipfem.physics.walls.chords import ChordPressures, Slip
 from tipfem.physics.walls.layers import Layers
 from tipfem.physics.walls.step import Walls
 from tipfem.typing import Array
@@ -53,7 +55,7 @@ class WallTerm(Term):
         if e.mesh.surface.exists:  # its particles move by what curved walls do not
             self._curves = None
         count = len(walls.sliding)
-        self._faces, self._pressed = (len(faces.nodes), len(walls.pressed)) if count else (0, 0)
+        self._faces = len(faces.nodes) if count else 0
         put, cells, owner, self._lists = e.buffers.upload, e.nodes.cells, e.owner, list[Array]()
         self._free = ~walls.fixed[faces.nodes]  # friction does not act on particles in corners
         if self._faces:
@@ -62,11 +64,22 @@ class WallTerm(Term):
             self._of_rows = put("walls.of_rows", self._lists[-1])
             self._normal, self._velocity = put("walls.normal", faces.normal), put("walls.v", faces.wall_velocity)
             self._record = e.buffers.get("walls.record", self._faces, kernels.face_record_width(d))
-        if self._pressed:
-            self._curved = put("walls.curved", walls.pressed)
-            self._lists.append(nodes_of(walls.pressed, walls.pressed_cell, cells, owner))
-            self._of_pressures = put("walls.of_pressures", self._lists[-1])
-            self._pressures = e.buffers.get("walls.pressures", self._pressed, 4)
+        curves, self._chords = walls.curves, None
+        if count and curves is not None and len(curves.pressed):
+            nodes = nodes_of(curves.pressed, curves.cell, cells, owner)
+            self._chords = ChordPressures(
+                "walls",
+                curves.pressed,
+                nodes,
+                curves.middle,
+                curves.intermediate,
+                curves.particles,
+                curves.along,
+            )
+            along = np.append(curves.along, np.zeros((len(curves.along), 1)), axis=1)
+            self._slips = Slip(np.arange(len(along)), curves.particles, along, along)
+            self._given = -(walls.rigid[curves.particles] * curves.along).sum(axis=1)
+            self._chords.put(e, self._slips, self._given)
 
     def diagonal_done(self) -> None:
         """One scale for all momentum rows of a sliding particle, with the friction there."""
@@ -90,6 +103,10 @@ class WallTerm(Term):
         self._follows = Follows(nodes, nodes, rows_of[order], self._columns[order])
         return self._follows
 
+    def _slipped(self, displacement: Array) -> Array:
+        """(K,) slips along curves by displacements (N, 2) [m]."""
+        return np.asarray((displacement[self._slips.node] * self._slips.row[:, :2]).sum(axis=1) + self._given)
+
     def growth(self, x: Any) -> float | None:
         """The area that the boundary with curves encloses, in displacements along these, is to grow by."""
         if self._curves is None:
@@ -101,10 +118,12 @@ class WallTerm(Term):
     def couplings(self, *, near: bool) -> tuple[Array, Array] | None:
         """See `Term.couplings`: the nodes of faces."""
         lists = [nodes.astype(np.int64) for nodes in self._lists if near]
-        if not lists:
-            return None
         one = [np.repeat(nodes, nodes.shape[1], axis=1).ravel() for nodes in lists]
-        return np.concatenate(one), np.concatenate([np.tile(nodes, (1, nodes.shape[1])).ravel() for nodes in lists])
+        other = [np.tile(nodes, (1, nodes.shape[1])).ravel() for nodes in lists]
+        if self._chords is not None:
+            rows, columns = self._chords.couplings(self._slips)
+            one, other = [*one, rows], [*other, columns]
+        return (np.concatenate(one), np.concatenate(other)) if one else None
 
     def residual(self, x: Any, out: Any) -> None:
         """See `Term.residual`."""
@@ -127,9 +146,8 @@ class WallTerm(Term):
                 self._faces,
                 e.dimension,
             )
-        if self._pressed:
-            arrays = self._curved, self._of_pressures, e.motion, x, e.scale, self._pressures, out
-            launch(kernels.pressure_residual, *arrays, s.cf, self._pressed)
+        if self._chords is not None:
+            self._chords.residual(x, out)
 
     def gather(self, matrix: Csr) -> None:
         """See `Term.gather`."""
@@ -149,9 +167,8 @@ class WallTerm(Term):
                 self._faces,
                 e.dimension,
             )
-        if self._pressed:
-            arrays = self._of_pressures, self._pressures, e.scale, *matrix
-            launch(kernels.add_pressures, *arrays, s.cf, e.rows, self._pressed)
+        if self._chords is not None:
+            self._chords.gather(matrix)
 
     def finish(self, displacement: Array, particles: Particles) -> Particles:
         """See `Term.finish`."""
@@ -168,15 +185,20 @@ class WallTerm(Term):
         as all other work is, k s . (u - dt v_wall): where walls are still it is what their friction takes, and where
         the velocity changes in the step, another one than the first.
         """
+        pressed = TermWork()
+        if self._chords is not None:
+            pressed = self._chords.work(self._equations.values(x)[:, -1], self._slipped(displacement))
         if not self._faces:
-            return None
+            return pressed
         faces, d, dt = self.walls.faces, self._equations.dimension, self._scheme.dt
         record = download(self._record, self._faces).astype(float)
         slip = record[:, 1 : 1 + d * d].reshape(-1, d, d)
         slip -= np.einsum("fak,fk->fa", slip, faces.normal)[:, :, None] * faces.normal[:, None]
         moved = displacement[faces.nodes] - dt * faces.wall_velocity.reshape(-1, d, d)
         force = (record[:, 0] * faces.coefficient / d)[:, None, None] * slip * self._free[:, :, None]
-        return TermWork(friction_dissipation=float(dt * (force * slip).sum()), friction=float((force * moved).sum()))
+        return dataclasses.replace(
+            pressed, friction_dissipation=float(dt * (force * slip).sum()), friction=float((force * moved).sum())
+        )
 
 
 def nodes_of(faces: Array, cell: Array, cells: Array, owner: Array) -> Array:
