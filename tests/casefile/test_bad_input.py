@@ -174,6 +174,7 @@ MISTAKES = {
     ),
     "wall velocity as number": ("velocity = [1, 0]", "velocity = 1", "walls.top.velocity", "1 m/s", "or a table"),
     "law that is no law": ("velocity = [1, 0]", 'law = "slip"', "walls.top.law", "without friction say slip = true"),
+    "number with another unit": ("998.2", '"1 g/cm3"', "fluids.water.density", "no unit: give 1 g/cm3 in kg/m^3"),
     "number with its unit": ("998.2", '"998.2kg/m3"', "fluids.water.density", "no quotes and no unit, as 998.2"),
     "ends as a range": ("velocity = [1, 0]", "slip = true\nfrom = 0", "walls.top.from", "between = [[x, y], [x, y]]"),
     "walls in a list": ("[walls.top]", "[[walls]]", "walls", "it must be a table: walls that slip, slide or move, by"),

@@ -120,6 +120,17 @@ def test_all_mistakes_of_new_tables_are_told_at_once():
     assert hints == len(said)
 
 
+def test_a_probe_of_an_opening_with_a_mistake_is_no_mistake_of_its_own():
+    probe = '[[probes]]\ntype = "opening"\nname = "out"\nopening = "outlet_right"\nfluid = "water"\n[time]'
+    text = GOOD.replace("[time]", probe).replace("level = 0.1", "level = 0.1\nbetween = [[0.1, 0.1], [0.2, 0.2]]")
+    with pytest.raises(CaseFileError) as error:
+        read_case(text, "case.toml").case()
+    assert "outlets[0]" in str(error.value)
+    assert "outlet_right" not in str(error.value)
+    with pytest.raises(CaseFileError, match=r"'outlet_rihgt'; it must be one of .*; did you mean 'outlet_right'"):
+        read_case(GOOD.replace("[time]", probe.replace("right", "rihgt")), "case.toml").case()
+
+
 def test_what_flows_in_must_leave_before_particles_are_made():
     text = GOOD[: GOOD.index("[[outlets]]")] + "[time]\nend = 1.0\n"
     with pytest.raises(CaseFileError, match=r"inlets\[0\]: what flows in cannot leave; add a vent"):

@@ -46,9 +46,10 @@ def test_the_same_damping_everywhere_lets_waves_decay_as_theory_says():
     assert min(row["beach_dissipation"] for row in rows) >= 0
 
 
-def wave_tank(*bodies):
-    """A piston, a beach and a vent, above water of 0.12 m."""
-    tank = tp.tank((0.8, 0.24), 0.02).fill(AIR).fill(WATER, box=((0, 0), (0.8, 0.12)))
+def wave_tank(*bodies, air=True):
+    """A piston and a beach in water of 0.12 m, and a vent in the air above."""
+    tank = tp.tank((0.8, 0.24), 0.02)
+    tank = (tank.fill(AIR) if air else tank).fill(WATER, box=((0, 0), (0.8, 0.12)))
     for body in bodies:
         tank.add(body)
     for side in ("right", "top", "bottom"):
@@ -57,12 +58,15 @@ def wave_tank(*bodies):
     vent = tp.Vent(wall="top", between=((0.3, 0.24), (0.44, 0.24)))
     beach = tp.Beach(wall="right", length=0.4, period=0.6)
     numerics = tp.Numerics(newton_tolerance=1e-9)
+    if not air:
+        return tp.Case(tank, [WATER], (0, -9.81), beaches=[beach], free_surface=True, numerics=numerics)
     return tp.Case(tank, [WATER, AIR], (0, -9.81), openings=[vent], beaches=[beach], numerics=numerics)
 
 
-def test_a_wave_tank_with_a_float_a_vent_and_a_beach_closes_its_accounts():
+@pytest.mark.parametrize("air", [True, False], ids=["under air", "free surface"])
+def test_a_wave_tank_with_a_float_and_a_beach_closes_its_accounts(air):
     box = tp.Body([(0.3, 0.08), (0.4, 0.08), (0.4, 0.14), (0.3, 0.14)], name="float", density=600.0)
-    simulation = tp.Simulation(wave_tank(box), time_step=5e-3)
+    simulation = tp.Simulation(wave_tank(box, air=air), time_step=5e-3)
     while simulation.time < 0.5:
         simulation.step(0.5)
     rows = simulation.history

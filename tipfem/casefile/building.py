@@ -331,7 +331,9 @@ class Parts:
 
     def _check_names(self) -> None:
         """Report the names in tables that are those of no fluid, wall or opening."""
-        known = {"fluid": self.fluid_names, "opening": [opening.name for opening in self.openings]}
+        known = {"fluid": self.fluid_names}
+        if len(self.openings) == sum(len(self.sections.get(kind) or ()) for kind in OPENINGS):  # all could be made
+            known["opening"] = [opening.name for opening in self.openings]
         for section in ("fill", *OPENINGS, "beaches", "probes"):
             if self.sides is not None:
                 known["wall"] = self.sides + [wall.name for wall in self.walls if section == "probes"]

@@ -211,6 +211,8 @@ class SchemaReader:
         node = self._resolved(items)
         if node.get("type") == "array":
             return f"lists of {_count(node)}{self._plural(node.get('items', {}), unit)}"
+        if "enum" in node:
+            return "of " + listed(node["enum"])
         noun = {"number": "numbers", "integer": "whole numbers", "string": "texts"}.get(node.get("type", ""), "")
         if not noun:
             return "tables" if "properties" in node or "oneOf" in node else "values"
@@ -352,8 +354,15 @@ class Translator:
         value = child_at(self.data, path)
         kinds = [self.reader.node(path, self.data)[0], *(node.get("oneOf") or node.get("anyOf") or ())]
         if isinstance(value, str) and any(kind.get("type") in ("number", "integer") for kind in kinds):
-            number = NUMBER.match(value)
-            return f"; numbers have no quotes and no unit, as {number[0].strip()}" if number else ""
+            number, unit = NUMBER.match(value), self.reader.node(path, self.data)[1]
+            if not number:
+                return ""
+            other = value[number.end() :].strip()
+            same = not (other and unit) or re.sub(r"\W", "", other) == re.sub(r"\W", "", unit)
+            how = f", as {number[0].strip()}" if same else f": give {value} in {unit}"
+            return f"; numbers have no quotes and no unit{how}"
+        if path == ("gravity",) and is_number(value):
+            return f"; did you mean [0, {shown(-abs(value))}]?"
         if isinstance(value, Mapping) and len(path) == 1 and node.get("type") == "array":
             return f"; begin each with [[{path[0]}]]"
         if node.get("type") == "object" and (about := node.get("description")):
