@@ -157,6 +157,15 @@ def test_check_says_what_a_run_takes(tmp_path, monkeypatch, capsys):
     assert "walls       left, right, bottom, top: layer, because boundary layers may be thinner" in said
 
 
+def test_check_says_how_fluids_move_along_bodies(tmp_path, capsys):
+    text = (DEMOS / "cases" / "floating.toml").read_text("utf-8")
+    (tmp_path / "case.toml").write_text(text.replace('name = "log"', 'name = "log"\nslip = true'), "utf-8")
+    assert main(["check", str(tmp_path / "case.toml"), "--no-mesh"]) == 0
+    said = capsys.readouterr().out
+    assert "box: layer, along the outline" in said
+    assert "log: slip, along the outline" in said
+
+
 def test_check_draws_the_initial_state_where_it_is_told_to(tmp_path, capsys):
     assert main(["check", CASE, *COARSE, "--picture", str(tmp_path / "initial.png")]) == 0
     assert f"picture     {tmp_path / 'initial.png'}" in capsys.readouterr().out

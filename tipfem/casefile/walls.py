@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from tipfem.case.body import Body
 from tipfem.case.case import Case
 from tipfem.case.walls import Wall
 
@@ -18,13 +19,12 @@ def wall_lines(case: Case) -> list[str]:
     names = [*(case.tank.sides if case.tank else ()), *walls]
     for name in dict.fromkeys(names):
         rule = chosen.get(name)
-        text = f"{rule.law}, because {rule.why}" if rule else f"{_condition(walls.get(name))}, as given"
+        text = f"{rule.law}, because {rule.why}" if rule else _condition(walls.get(name))
         found.setdefault(text, []).append(name)
     if case.tank is None:
         found["no-slip, because nothing is said of them"] = ["all others" if names else "all"]
-    if case.bodies:
-        text = "no-slip, because the particles on outlines of bodies move with them"
-        found.setdefault(text, []).extend(body.name for body in case.bodies)
+    for body in case.bodies:
+        found.setdefault(f"{_friction(body)}, along the outline", []).append(body.name)
     lines = [f"{', '.join(names)}: {text}" for text, names in found.items()]
     return [f"{'' if number else 'walls':12s}{line}" for number, line in enumerate(lines)]
 
@@ -33,12 +33,13 @@ def _condition(wall: Wall | None) -> str:
     """What fluids do at a wall, in words; None for a wall that is fixed and no-slip."""
     if wall is None:
         return "no-slip"
-    if wall.slip:
-        condition = "slip"
-    elif wall.slip_length is not None:
-        condition = f"slip length {wall.slip_length:g} m"
-    else:
-        condition = wall.law or "no-slip"
+    condition = _friction(wall)
     if wall.velocity is not None:
         condition += ", slides"
     return condition + (", moves" if wall.motion is not None else "")
+
+
+def _friction(of: Wall | Body) -> str:
+    if of.slip:
+        return "slip"
+    return of.law or "no-slip" if of.slip_length is None else f"slip length {of.slip_length:g} m"
