@@ -64,7 +64,7 @@ class Stage:
         *,
         unit: float = 1.0,
         samples: int = 1,
-        dark: bool = False,
+        scheme: colours.Scheme = colours.LIGHT,
     ) -> tuple[Array, list[str]]:
         """A picture of the view's window, and lines of text on the scales of its layers.
 
@@ -77,7 +77,7 @@ class Stage:
             particles: draw the particles as dots.
             unit: size of a design pixel [px]; lines scale with it.
             samples: along a side of a pixel, 1 or 2, see `Renderer`.
-            dark: draw on a dark background.
+            scheme: the colours around the fluids.
 
         Returns:
             (H, W, 3) uint8, and the lines.
@@ -93,7 +93,6 @@ class Stage:
         width, height = map(float, self.size)
         lower, upper, box = np.array([x0, y0]), np.array([x1, y1]), (0.0, 0.0, width, height)
         layout = Layout(self.size, unit, lower, upper, width / (x1 - x0), box, True, box)
-        scheme = colours.DARK if dark else colours.LIGHT
         drawing, keys = draw_scene(
             scene,
             layout,

@@ -133,7 +133,8 @@ def draw_vectors(
             if number % columns == 0:
                 axes.set_ylabel("y [m]")
         if shades is not None and field is not None:
-            bar = figure.colorbar(shades, ax=panels, location="bottom", aspect=50, shrink=0.6, extend="both")
+            beyond = "max" if field_range and field_range[0] == 0 else "both"  # no speed is below zero
+            bar = figure.colorbar(shades, ax=panels, location="bottom", aspect=50, shrink=0.6, extend=beyond)
             bar.set_label(field_label(field).replace("^2", "²").replace("^3", "³"))
         handles = [_patch(fill, text) for text, fill in swatches_of(scenes[0], field, view, fills)]
         if view.smooth:

@@ -382,7 +382,7 @@ def test_a_stage_shows_its_window_from_edge_to_edge(tmp_path):
     assert water[2] > water[0] + 50  # blue
     assert (image[65, ::20] == grey).all()  # the wall below the fluid, at y = -0.005 m
     assert (image[75:] == 255).all()
-    dark, _ = stage.draw(scene, View(window=(0.1, 0.0, 0.3, 0.02)), dark=True)
+    dark, _ = stage.draw(scene, View(window=(0.1, 0.0, 0.3, 0.02)), scheme=colours.DARK)
     assert (dark[75:] == [0x15, 0x1A, 0x21]).all()
     values, notes = stage.draw(scene, View(window=(0.1, 0.0, 0.3, 0.02), arrows=True), "speed", samples=2)
     assert len(notes) == 1

@@ -22,7 +22,7 @@ def file(tmp_path_factory):
     out = write_results(tmp_path_factory.mktemp("share") / "run", times=TIMES)
     (out / "probes").mkdir()
     rows = "".join(f"{time},{1000 * time}\n" for time in np.linspace(0, 0.3, 50))
-    (out / "probes" / "wall.csv").write_text("time,pressure\n" + rows)
+    (out / "probes" / "wall.csv").write_text("time [s],pressure [Pa]\n" + rows)
     return share(out, field="speed", times=[0.2])
 
 
@@ -78,7 +78,7 @@ def test_it_opens_plays_and_zooms_without_anything_from_elsewhere(browser, file,
     assert (abs(picture("fluids") - coloured) > 20).any(axis=2).mean() > 0.2
     assert page.locator("#legend li").all_inner_texts() == ["water", "air"]
     assert page.locator("#lapse").inner_text() == "played 2.5 times faster"
-    assert page.locator("figcaption").all_inner_texts() == ["wall: pressure"]
+    assert page.locator("figcaption").all_inner_texts() == ["wall: pressure [Pa]"]
     assert complaints == []
     assert asked == [file.as_uri()]
     context.close()

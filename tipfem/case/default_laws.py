@@ -1,7 +1,8 @@
 """The law of walls of which nothing is said, by the kind of case.
 
 There are two: "layer", see `tipfem.physics.walls.layers`, and "no-slip". A tank's walls have the first unless a rule
-of `RULES` says otherwise; walls of particles that are given as arrays are no-slip walls. For outlines of bodies see `default_body_law`.
+of `RULES` says otherwise; walls of particles that are given as arrays are no-slip walls. For outlines of bodies see
+`default_body_law`.
 """
 
 from __future__ import annotations

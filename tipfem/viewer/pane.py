@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 
 from tipfem.render import Renderer, Results, Scene, Stage, View
-from tipfem.render.colours import fluid_colours, hex_code
+from tipfem.render.colours import DARK, LIGHT, fluid_colours, hex_code
 from tipfem.render.flow import Tracers, arrow_speed
 from tipfem.render.layers import is_muted
 from tipfem.render.openings import COLOURS as OPENING_COLOURS
@@ -136,7 +136,7 @@ class Pane:
             choices.layers["particles"],
             unit=0.9 * size[0] / choices.width,
             samples=1 if moving else 2,
-            dark=choices.dark,
+            scheme=DARK if choices.dark else LIGHT,
         )
         if choices.layers["tracers"] and scene.trails is None:
             notes = [*notes, "tracers: following them from the first time"]
@@ -466,7 +466,7 @@ def encode(image: Array, moving: bool) -> tuple[bytes, str]:
 
 
 def webp(image: Array, quality: int) -> bytes:
-    """A picture as WebP of a quality from 0 to 100; image is (H, W, 3) uint8."""
+    """A picture as WebP of a quality from 0 to 100; image is (H, W, 3), or (H, W, 4) with opacity, uint8."""
     buffer = io.BytesIO()
     Image.fromarray(image).save(buffer, "webp", quality=quality, method=6)
     return buffer.getvalue()

@@ -28,13 +28,14 @@ def series_of(folder: Path) -> list[dict[str, Any]]:
                 rows = list(csv.reader(file))
         except OSError:
             continue
-        if len(rows) < 3 or "time" not in rows[0]:
+        names = [name.split(" [")[0] for name in rows[0]] if rows else []  # without units
+        if len(rows) < 3 or "time" not in names:
             continue
         header, body = rows[0], [row for row in rows[1:] if len(row) == len(rows[0])]
         kept = np.unique(np.linspace(0, len(body) - 1, min(len(body), MOST_SAMPLES)).round().astype(int))
-        at, own = header.index("time"), path.stem != "history"
+        at, own = names.index("time"), path.stem != "history"
         for column, name in enumerate(header):
-            if name in ("time", "step") or not (own or name == ENERGY):
+            if names[column] in ("time", "step") or not (own or name == ENERGY):
                 continue
             try:
                 series = [(float(body[k][at]), float(body[k][column])) for k in kept]

@@ -7,6 +7,8 @@ compressed; the browser smooths and draws them.
 from __future__ import annotations
 
 import base64
+import dataclasses
+import functools
 import hashlib
 import html
 import json
@@ -18,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from tipfem.render import Results, Scene, Stage, View, colours
-from tipfem.render.colours import COLOUR_MAPS
+from tipfem.render.colours import COLOUR_MAPS, LIGHT, on_transparent
 from tipfem.render.openings import COLOURS, kinds_of
 from tipfem.render.outlines import Loop, background_fluid, picture_loops, thin_solids
 from tipfem.render.renderer import settled
@@ -158,7 +160,10 @@ def _pictures(results: Results, field: str, numbers: Sequence[int]) -> dict[str,
     stage = Stage((FIELD_WIDTH, max(2, round(FIELD_WIDTH * height / width))), "raster")
     pictures = {}
     for number, scene in zip(numbers, scenes, strict=True):
-        image, _ = stage.draw(scene, view, field, ends, samples=2)
+        # The page draws its background, in either theme, and the openings.
+        bare = dataclasses.replace(scene, openings=())
+        draw = functools.partial(stage.draw, bare, view, field, ends, samples=2)
+        image = on_transparent(lambda scheme, draw=draw: draw(scheme=scheme)[0], LIGHT)
         pictures[number] = base64.b64encode(webp(image, quality=80)).decode()
     stage.close()
     low, high = ends or (0.0, 1.0)
