@@ -59,7 +59,7 @@ class Body:
             ends the run with an error, "hold" fixes the body where it is from then on.
         slip: whether fluids slide along the outline without friction.
         slip_length: l [m] of Navier's condition on the outline, see `Wall`.
-        law: "layer" or "no-slip", see `Wall`; by default the first, with the interpolated interface the second.
+        law: "layer" or "no-slip", see `Wall`; by default the second. The first needs the sharp interface.
         outline: the shape.
         corners: (K, 2) of the outline as a polygon, anticlockwise [m].
 

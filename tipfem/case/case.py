@@ -12,7 +12,7 @@ from tipfem.arguments import numbers
 from tipfem.case.beaches import Beach, zones_of
 from tipfem.case.body import Body
 from tipfem.case.boundary import Boundary
-from tipfem.case.default_laws import Setting, default_body_law
+from tipfem.case.default_laws import BODY_LAW, Setting
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.largest_step import DEFAULT, RESOLVED
@@ -345,8 +345,7 @@ class Case:
             name = slipping[0].name
             text = ": fluids slip along it, which needs interface = 'sharp'; say law = 'no-slip'"
             raise Invalid(("bodies", name), text, f"body {name!r}")
-        setting = Setting(self.particles.dimension, sharp, self.free_surface, own_walls=False)
-        return [body.with_law(default_body_law(setting)) for body in result]
+        return [body.with_law(BODY_LAW) for body in result]
 
     def _checked_openings(self, given: Sequence[Opening]) -> list[Opening]:
         """The openings as a list; see the class for errors."""

@@ -1,8 +1,8 @@
 """The law of walls of which nothing is said, by the kind of case.
 
 There are two: "layer", see `tipfem.physics.walls.layers`, and "no-slip". A tank's walls have the first unless a rule
-of `RULES` says otherwise; walls of particles that are given as arrays are no-slip walls. For outlines of bodies see
-`default_body_law`.
+of `RULES` says otherwise; walls of particles that are given as arrays are no-slip walls, and so are outlines of
+bodies.
 """
 
 from __future__ import annotations
@@ -45,6 +45,9 @@ class Rule:
     why: str
 
 
+# Of outlines of bodies: where these slip, violent flows end more runs.
+BODY_LAW = "no-slip"
+
 # The first that applies decides.
 RULES = (
     Rule(
@@ -74,8 +77,3 @@ RULES = (
 def default_law(setting: Setting, *, curved: bool) -> Rule:
     """The rule for a wall of a tank of which nothing is said; ``curved`` tells whether the wall is."""
     return next(rule for rule in RULES if rule.applies(setting, curved))
-
-
-def default_body_law(setting: Setting) -> str:
-    """The law of outlines of bodies of which nothing is said."""
-    return "layer" if setting.sharp else "no-slip"

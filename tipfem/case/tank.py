@@ -12,7 +12,7 @@ from annotated_types import Ge, Gt, Le, Len
 from tipfem.arguments import explained, numbers, rounded
 from tipfem.case.body import Body
 from tipfem.case.declaration import Unit, require
-from tipfem.case.default_laws import Rule, Setting, default_body_law, default_law
+from tipfem.case.default_laws import BODY_LAW, Rule, Setting, default_law
 from tipfem.case.fluid import Fluid, ranks
 from tipfem.case.grading import Grading, thinned
 from tipfem.case.memory import too_many
@@ -91,7 +91,6 @@ class Tank:
         size: (d,) array, of the box around a shape [m].
         lower, upper: (d,) corners of its bounding box [m].
         sides: names of its walls.
-        body_law: the law of outlines of bodies of which nothing is said, once a case has chosen it.
         default_laws: the laws of the walls that `wall` does not describe, and why; none before a case has chosen them.
         domain: the polygon that bounds it, with corners on arcs where fills meet them, known once it has been sampled;
             None for a box without bodies.
@@ -133,7 +132,6 @@ class Tank:
         self.bodies: list[Body] = []
         self._walls: dict[str, dict[str, Any]] = {}
         self.default_laws: dict[str, Rule] = {}
-        self.body_law = "no-slip"
         self._sealed = False
         self.domain: Domain | None = None
         self.periodic, self.period = periodic, no_period(len(self.size))
@@ -166,7 +164,6 @@ class Tank:
         """Choose the laws of the walls that `wall` does not describe, for a case; see `tipfem.case.default_laws`."""
         names = [name for name in self.sides if name not in self._walls]
         self.default_laws = {name: default_law(setting, curved=self._is_curved(name)) for name in names}
-        self.body_law = default_body_law(setting)
 
     def _is_curved(self, side: str) -> bool:
         """Whether a side is a curve, or has one; those of a box are straight."""
@@ -405,7 +402,7 @@ class Tank:
         """Whether fluids slide along a wall, or along the outline of the body of that name."""
         for body in self.bodies:
             if body.name == side:
-                return body.with_law(self.body_law).slips
+                return body.with_law(BODY_LAW).slips
         return Wall(side, particles=[], **self._options(side)).slips
 
     def _meshed(self, part: Part | None) -> Domain:
