@@ -45,7 +45,7 @@ def floating_box(
         air: whether there is air above it; a free surface otherwise.
     """
     shape = rectangle((0.5, LEVEL + lift), *BOX)
-    body = tp.Body(shape, name="box", density=density, damping=(0.0, damping, 0.0))
+    body = tp.Body(shape, law="layer", name="box", density=density, damping=(0.0, damping, 0.0))
     tank = tp.tank((1.0, 1.0), 1.0 / across).add(body)
     if air:
         tank.fill(AIR)
@@ -83,6 +83,7 @@ def rolling_barge(spacing: float, *, length: float = 2.4, height: float = 1.2) -
     body = tp.Body(
         rectangle((0.5 * length, BARGE_DEPTH), *BARGE, BARGE_ANGLE),
         name="barge",
+        law="layer",
         mass=500.0 * BARGE[0] * BARGE[1],
         inertia=BARGE_INERTIA / BARGE_LENGTH,
         hinge=(0.5 * length, BARGE_DEPTH),
@@ -117,7 +118,9 @@ HEAVY = 1100.0  # its density [kg/m^3]
 def falling_cylinder(across: int) -> tp.Case:
     """A cylinder that falls in a closed channel; ``across`` spacings in its diameter."""
     height = 4 * CHANNEL
-    body = tp.Body(tp.shapes.circle((0.5 * CHANNEL, 0.6 * height), 0.5 * FALLING), name="cylinder", density=HEAVY)
+    body = tp.Body(
+        tp.shapes.circle((0.5 * CHANNEL, 0.6 * height), 0.5 * FALLING), law="layer", name="cylinder", density=HEAVY
+    )
     tank = tp.tank((CHANNEL, height), FALLING / across).fill(SYRUP).add(body)
     return tp.Case(tank, [SYRUP], (0, -GRAVITY), title="A cylinder falls in a channel")
 
@@ -142,7 +145,7 @@ def oscillating_cylinder(across: int, size: tuple[float, float] = (12.0, 10.0)) 
         return -amplitude * math.sin(frequency * time), 0.0
 
     centre = np.array([0.5 * size[0], 0.5 * size[1]])
-    body = tp.Body(tp.shapes.circle(centre, 0.5), name="cylinder", motion=tp.Motion(translation=shift))
+    body = tp.Body(tp.shapes.circle(centre, 0.5), law="layer", name="cylinder", motion=tp.Motion(translation=shift))
 
     def near(x: Array) -> Array:
         far = np.hypot(np.maximum(np.abs(x[:, 0] - centre[0]) - amplitude, 0.0), x[:, 1] - centre[1])
@@ -174,7 +177,7 @@ def stirred(across: int) -> tp.Case:
     def angle(time: float) -> float:
         return 2 * math.pi / TURN * (time - 0.2 * (1 - math.exp(-time / 0.2)))
 
-    paddle = tp.Body(rectangle((0.5, 0.5), 0.6, 0.08), name="paddle", motion=tp.Motion(angle=angle))
+    paddle = tp.Body(rectangle((0.5, 0.5), 0.6, 0.08), law="layer", name="paddle", motion=tp.Motion(angle=angle))
     tank = tp.tank((1.0, 1.0), 1.0 / across).fill(OIL).fill(BRINE, box=((0, 0), (1, 0.5))).add(paddle)
     return tp.Case(tank, [OIL, BRINE], (0, -GRAVITY), title="A paddle stirs oil and brine")
 

@@ -31,7 +31,7 @@ def heaving_cylinder(across: int) -> tp.Case:
     centre = np.array([0.5 * width, depth + LIFT * RADIUS])
     shape = tp.shapes.circle(centre, RADIUS)
     density = 0.5 * (WATER.density + AIR.density)
-    body = tp.Body(shape, name="cylinder", density=density, free=("y",))
+    body = tp.Body(shape, law="layer", name="cylinder", density=density, free=("y",))
 
     def near(x: Array) -> Array:
         far = np.maximum(np.hypot(*(x - centre).T) - 1.5 * RADIUS, 0.0)
