@@ -6,11 +6,8 @@ mkdocstrings reads sources without importing them, so each build begins with a c
 
 from __future__ import annotations
 
-import re
 import shutil
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "build" / "api" / "tipfem"
@@ -21,14 +18,3 @@ def on_startup(*, command: str, dirty: bool) -> None:
     shutil.rmtree(PACKAGE, ignore_errors=True)
     shutil.copytree(ROOT / "tipfem", PACKAGE, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(ROOT / "render", PACKAGE / "render", ignore=shutil.ignore_patterns("__pycache__"))
-
-
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Put the tables of declared values where a page has ``<!-- numbers of CLASS -->``."""
-    return re.sub(r"<!-- numbers of ([\w.]+)\.(\w+) -->", lambda found: _table(found[1], found[2]), markdown)
-
-
-def _table(module: str, name: str) -> str:
-    from tipfem.case.declaration import table
-
-    return table(getattr(import_module(module), name))

@@ -1,10 +1,11 @@
-"""Write the generated parts of pages: measured tables from docs/data, maps of the folders from their docstrings.
+"""Write the generated parts of pages: measured tables, maps of the folders, tables of declared values.
 
     python docs/write_generated.py
 
-A page has the markers ``<!-- generated: table NAME -->`` or ``<!-- generated: folders -->``, each ended by
-``<!-- end -->``; what stands between is replaced. A table is docs/data/NAME.csv, whose first lines name the commit that
-was measured and the commands. docs/images/layers.svg is drawn anew, too. tests/docs/test_site.py holds that all is up
+A page has the markers ``<!-- generated: table NAME -->``, ``<!-- generated: numbers CLASS -->`` or
+``<!-- generated: folders -->``, each ended by ``<!-- end -->``; what stands between is replaced. A table is
+docs/data/NAME.csv, whose first lines name the commit that was measured and the commands; numbers are the declared
+values of a class. docs/images/layers.svg is drawn anew, too. tests/docs/test_site.py holds that all is up
 to date.
 """
 
@@ -13,9 +14,12 @@ from __future__ import annotations
 import csv
 import re
 import textwrap
+from importlib import import_module
 from pathlib import Path
 
 from draw_layers import PICTURE, layers, picture, summary
+
+from tipfem.case.declaration import table as declared_table
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / "docs" / "data"
@@ -98,7 +102,10 @@ def generated(what: str) -> str:
         return folder_table()
     if what.startswith("table "):
         return table(what.removeprefix("table "))
-    raise ValueError(f"'{what}' is nothing that can be generated: folders, folder table, or table NAME")
+    if what.startswith("numbers "):
+        module, _, name = what.removeprefix("numbers ").rpartition(".")
+        return declared_table(getattr(import_module(module), name)).strip()
+    raise ValueError(f"'{what}' is nothing that can be generated: folders, folder table, table NAME or numbers CLASS")
 
 
 def renewed(text: str) -> str:

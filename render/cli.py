@@ -248,6 +248,8 @@ def render(
         )
         # Movies have the names that were given, whatever the options.
         named = [path.replace(path.with_name(given)) for path, given in zip(done.movies, movie or (), strict=False)]
+    except BrokenPipeError:  # the reader of the output, such as head, has closed it
+        raise
     except (ValueError, OSError, RuntimeError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -17,7 +17,7 @@ from .openings import Gap, kinds_of
 from .outlines import SMOOTHED, SPRAY_RADIUS, Loop, background_fluid, fluid_loops, smoothed, wall_loops
 from .renderer import settled, swatches_of
 from .results import Results
-from .scales import MUTED_FIELD, MUTED_SHARE, check_range, colour_map_of, field_label
+from .scales import MUTED_FIELD, MUTED_SHARE, check_range, colour_map_of, field_label, round_ticks, tick_labels
 from .scene import Scene
 from .strips import closest, label, usual_columns
 from .view import View
@@ -26,7 +26,7 @@ SUFFIXES = (".svg", ".pdf")
 WIDTH = 6.7  # of the whole, as wide as the text of a page [inch]
 _FIELD_DPI = 300  # of fields, which are pixels within the file
 _WALL, _LINE = 2.2, 0.7  # widths of lines [pt]
-_X_TICK, _Y_TICK = 0.45, 0.3  # what a tick and its label need [inch]
+_LETTER, _APART, _LEVEL = 0.065, 0.12, 0.3  # what a label of ticks needs: a letter, between two, and upwards [inch]
 
 
 def draw_vectors(
@@ -90,7 +90,6 @@ def draw_vectors(
     except ImportError:
         raise ValueError("SVG and PDF need matplotlib, which is not installed: pip install 'tipfem[plot]'") from None
     from matplotlib.figure import Figure
-    from matplotlib.ticker import MaxNLocator
 
     results = Results(out, frame=frame)
     chosen = [len(results) - 1] if times is None else closest(results.times, times)
@@ -114,7 +113,9 @@ def draw_vectors(
     style |= dict.fromkeys(("xtick.color", "ytick.color", "axes.edgecolor"), scheme.subtle)
     style["figure.facecolor"] = style["axes.facecolor"] = colours.hex_code(scheme.background)
     with matplotlib.rc_context(style):
-        size = (wide * columns + 0.5, (high + 0.3) * rows + 0.5 + 0.5 * (field is not None))
+        title = results.title if title is None else title
+        below = 0.65 + 0.5 * (field is not None) + 0.25 * bool(title)
+        size = (wide * columns + 0.5, (high + 0.3) * rows + below)
         figure = Figure(size, layout="compressed")
         panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
         shades = None
@@ -123,8 +124,8 @@ def draw_vectors(
                 axes.set_axis_off()
                 continue
             shades = _panel(axes, scenes[number], field, field_range, mesh, view, fills, scheme) or shades
-            axes.xaxis.set_major_locator(MaxNLocator(max(1, int(wide / _X_TICK)), steps=[1, 2, 5, 10]))
-            axes.yaxis.set_major_locator(MaxNLocator(max(2, int(high / _Y_TICK)), steps=[1, 2, 5, 10]))
+            axes.set_xticks(*_ticks(float(lower[0]), float(upper[0]), wide))
+            axes.set_yticks(*_ticks(float(lower[1]), float(upper[1]), high, upwards=True))
             if len(chosen) > 1 or results.times[-1] > 0:
                 axes.set_title(label(scenes[number].time, results.times), fontsize=8, pad=6)
             if number >= len(chosen) - columns:
@@ -138,9 +139,9 @@ def draw_vectors(
             bar.set_label(field_label(field).replace("^2", "²").replace("^3", "³"))
         handles = [_patch(fill, text) for text, fill in swatches_of(scenes[0], field, view, fills)]
         if view.smooth:
-            handles.append(_stroke(SMOOTHED, scheme.subtle if dark else colours.INTERFACE))
+            handles.append(_stroke(SMOOTHED, colours.INTERFACE))
         handles += [_stroke(kind, opening_colours[kind]) for kind in kinds_of(scenes[0].openings)]
-        if title := results.title if title is None else title:
+        if title:
             figure.suptitle(title, fontsize=9)
         if handles:
             figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
@@ -226,6 +227,17 @@ def _panel(
     return shades
 
 
+def _ticks(low: float, high: float, length: float, upwards: bool = False) -> tuple[Array, list[str]]:
+    """Round numbers along an axis [m], and their labels, as many as have room in its length [inch]."""
+    for most in range(8, 1, -1):
+        ticks = round_ticks(low, high, most)
+        labels = tick_labels(ticks)
+        each = _LEVEL if upwards else _LETTER * max(map(len, labels), default=0) + _APART
+        if len(ticks) * each <= length:
+            break
+    return ticks, labels
+
+
 def _fill(axes: Any, loops: list[Loop], fill: str, line: str, width: float) -> None:
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path as Curve
@@ -245,13 +257,16 @@ def _lines(axes: Any, segments: Array, colour: str, width: float) -> None:
 
 def _opening(axes: Any, gap: Gap, size: float) -> None:
     """The arrows of an opening, into the tank or out of it; ``size`` is that of the picture [m]."""
-    colour, apart, reach = opening_colours[gap.kind], 0.05 * size, 0.03 * size
+    from matplotlib.patheffects import withStroke
+
+    colour, apart, reach = opening_colours[gap.kind], 0.06 * size, 0.05 * size
     count = max(1, round(float(np.linalg.norm(gap.ends[1] - gap.ends[0])) / apart))
     for part in (np.arange(count) + 0.5) / count:
         at = gap.ends[0] + part * (gap.ends[1] - gap.ends[0])
         along = (1 if gap.kind == "inlet" else -1) * 0.5 * reach * gap.inwards
         tip, tail = at + along, at - along
-        style = {"arrowstyle": "-|>", "color": colour, "lw": _LINE, "mutation_scale": 6, "shrinkA": 0, "shrinkB": 0}
+        style = {"arrowstyle": "-|>", "color": colour, "lw": _LINE, "mutation_scale": 7, "shrinkA": 0, "shrinkB": 0}
+        style["path_effects"] = [withStroke(linewidth=_LINE + 0.9, foreground=colours.HALO)]
         axes.annotate("", tip, tail, arrowprops=style, annotation_clip=False)
 
 
@@ -263,5 +278,7 @@ def _patch(fill: Array, text: str) -> Any:
 
 def _stroke(text: str, colour: str = colours.INTERFACE) -> Any:
     from matplotlib.lines import Line2D
+    from matplotlib.patheffects import withStroke
 
-    return Line2D([], [], color=colour, lw=_LINE, label=text)
+    rim = [withStroke(linewidth=_LINE + 0.9, foreground=colours.HALO)]
+    return Line2D([], [], color=colour, lw=1.5 * _LINE, label=text, path_effects=rim)
