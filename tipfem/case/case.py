@@ -359,7 +359,6 @@ class Case:
             "budget is 'detailed'": self.numerics.budget == "detailed",
             "jacobian is 'matrix-free'": self.numerics.jacobian == "matrix-free",
             "volume_correction is 0": self.numerics.volume_correction == 0,
-            "there is surface tension": bool(self.surface_tension.given),
         }
         for opening in given:
             for what, there in refused.items():

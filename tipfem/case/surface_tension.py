@@ -99,7 +99,9 @@ class TensionTable:
                 why = "a number of degrees, or two: those at which the contact recedes and advances"
                 raise Invalid((*path, *both), f": it is {angle!r}; it must be {why}", subject)
             if not 0 <= angles[0] <= angles[1] <= 180:
-                why = "from 0 to 180 degrees, the receding one first"
+                why = "from 0 to 180 degrees"
+                if len(set(angles)) > 1:
+                    why = "two angles from 0 to 180 degrees, the one at which contacts recede first"
                 raise Invalid((*path, *both), f": it is {angle!r}; it must be {why}", subject)
             if angles[0] < angles[1] and not (wall.velocity is None and wall.motion is None):
                 why = "one number of degrees on a wall that moves; only a wall at rest holds contacts"

@@ -61,6 +61,11 @@ class StepStart:
         properties = self.viscosity, self.scheme, self.time, self.density
         return walls_in_step(self.boundary, self.mesh, self.particles, *properties, cast(Any, self.parts.get("walls")))
 
+    @property
+    def leaving(self) -> Array | None:
+        """(N,) mask of the particles of the hull that move freely, where fluids enter and leave; None for none."""
+        return None if self.boundary.passages is None else self.boundary.passages.free
+
     @cached_property
     def cut(self) -> CutMesh:
         """The mesh, cut along the interfaces between fluids."""
@@ -73,7 +78,7 @@ class Entered:
 
     Attributes:
         volume: (F,) of each fluid [m^2].
-        energy: kinetic and potential [J, per metre of depth].
+        energy: kinetic and potential, or that of the physics' part [J, per metre of depth].
         momentum: (d,) [N s].
     """
 
@@ -94,6 +99,7 @@ class Moved:
             what the solve has changed of them is still the difference to those at the end.
         time: at the end [s].
         dt: length of the step [s].
+        through: positions (N, d) before and after those where fluids enter and leave are put back; else None [m].
     """
 
     start: Particles
@@ -102,6 +108,7 @@ class Moved:
     mesh: Mesh
     time: float
     dt: float
+    through: tuple[Array, Array] | None = None
 
 
 @dataclass(frozen=True)

@@ -70,6 +70,7 @@ class Equations:
         stabilisation: c T / dt, see `tipfem.step.problem`.
         relative: (N, d) part of a_alpha - b that does not depend on the step's displacements [m/s^2].
         rows: number of nodes, with those of terms: each has d + 1 entries in vectors of unknowns.
+        walls: (N,) mask of the particles that walls and bodies hold, but not those where fluids enter and leave.
         buffers: device arrays by name.
         topology, motion, scale, density, viscosity, lumping, record, local: device arrays, see `tipfem.fem.residual`.
     """
@@ -84,6 +85,7 @@ class Equations:
     stabilisation: float
     relative: Array
     rows: int
+    walls: Array
     buffers: Buffers
     topology: Topology
     motion: Any = None
@@ -129,8 +131,8 @@ class TermWork:
         weight: of the volumes that the term moves; a part of ``geometry``.
         wall_force: (d,) resultant of these forces [N]; 0 for none.
         force: (d,) part of the sum of mass times acceleration [N]; 0 for none.
-        openings: of the pressures and inlets at openings.
-        opening_force: (d,) resultant of these [N]; 0 for none.
+        passing: of the forces where fluids enter and leave.
+        passing_force: (d,) resultant of these [N]; 0 for none.
     """
 
     inertia: float = 0.0
@@ -145,8 +147,8 @@ class TermWork:
     weight: float = 0.0
     wall_force: Array | float = 0.0
     force: Array | float = 0.0
-    openings: float = 0.0
-    opening_force: Array | float = 0.0
+    passing: float = 0.0
+    passing_force: Array | float = 0.0
 
 
 @dataclass(frozen=True)

@@ -19,12 +19,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class DropProbe(Probe):
-    """Number of drops of a fluid, and the place, velocity and shape of all of it together; 2-D, sharp interface.
+    """Number of drops of a fluid, and the place, velocity and shape of the largest one; 2-D, sharp interface.
 
-    The velocity is that of the centre of the fluid's area in the last step, NaN before the first one. (The mean of the
+    A drop is a connected part of the fluid. Where there are several, all but their number is of the one of the largest
+    area; after a break-up or a merging that may be another one than before.
+
+    The velocity is that of the centre of the area in the last step, NaN before the first one. (The mean of the
     particles' velocities would be another, where liquids slide.) The circularity is the circumference of the circle of
-    the same area over the length of the outline, 1 for one circle. The contact angle is that of the circle fitted to
-    the interface at the line through the two contacts with walls, through the fluid; NaN unless there are two.
+    the same area over the length of the outline, 1 for a circle. The contact angle is that of the circle fitted to
+    the interface at the line through the two contacts with walls, through the fluid; NaN unless there are two. Where
+    there is none of the fluid, the number is 0 and all else NaN.
 
     Attributes:
         fluid: name of the fluid.
@@ -43,37 +47,53 @@ class DropProbe(Probe):
             why = "between periodic sides" if case.period else f"with interface = {case.interface!r}"
             raise self.invalid("fluid", f": drops are not measured {why}")
         place = [("x", "m"), ("y", "m"), ("velocity_x", "m/s"), ("velocity_y", "m/s")]
-        return [("number", ""), *place, ("circularity", ""), ("contact_angle", "degrees")]
+        return [("number", ""), *place, ("circularity", ""), ("contact_angle", "degrees"), ("area", "m^2")]
 
     def sample(self, simulation: Stepper) -> list[float]:
         """The values at the present time."""
         mesh, index = simulation.mesh, simulation.case.fluid_index(self.fluid)
-        assert mesh.fluid is not None
-        assert mesh.components is not None
-        area, centre = _centre(mesh, index)
+        cells, number = _largest(mesh, index)
+        if not number:
+            return [0.0, *[math.nan] * 7]
+        area, centre = _centre(mesh, cells)
         velocity, solved = np.full(2, math.nan), simulation.solved
-        if solved is not None:
-            ends = (_centre(each, index)[1] for each in (solved.before.mesh, solved.mesh))
+        if solved is not None and len(moved := _largest(solved.mesh, index)[0]):
+            ends = (_centre(each, moved)[1] for each in (solved.before.mesh, solved.mesh))
             velocity = np.subtract(*reversed(list(ends))) / solved.dt
-        one, other, on_wall = _outline(mesh, index)
+        one, other, on_wall = _outline(mesh, cells)
         length = float(np.linalg.norm(mesh.sides(one, other), axis=1).sum())
-        number = float((mesh.components.fluid == index).sum())
         angle = _contact_angle(mesh, one[~on_wall], other[~on_wall], simulation.particles.wall)
-        return [number, *centre.tolist(), *velocity.tolist(), 2 * math.sqrt(math.pi * area) / length, angle]
+        return [
+            float(number),
+            *centre.tolist(),
+            *velocity.tolist(),
+            2 * math.sqrt(math.pi * area) / length,
+            angle,
+            area,
+        ]
 
 
-def _centre(mesh: Mesh, index: int) -> tuple[float, Array]:
-    """Area of a fluid [m^2] and its centre (2,) [m]."""
-    cells = np.flatnonzero(np.asarray(mesh.fluid) == index)
+def _largest(mesh: Mesh, index: int) -> tuple[Array, int]:
+    """The cells of the largest connected part of a fluid, and the number of such parts."""
+    assert mesh.components is not None
+    label = mesh.components.label
+    area = np.bincount(label, np.abs(mesh.measure), len(mesh.components))
+    own = np.flatnonzero((mesh.components.fluid == index) & (area > 0))
+    return (np.flatnonzero(label == own[np.argmax(area[own])]) if len(own) else own), len(own)
+
+
+def _centre(mesh: Mesh, cells: Array) -> tuple[float, Array]:
+    """Area of some cells [m^2] and its centre (2,) [m]."""
     area = mesh.measure[cells]
     return float(area.sum()), area @ mesh.corners(cells).mean(axis=1) / area.sum()
 
 
-def _outline(mesh: Mesh, index: int) -> tuple[Array, Array, Array]:
-    """Ends (E,) and (E,) of a fluid's outline, with the fluid on the left, and the mask (E,) of its sides on walls."""
-    fluid = np.asarray(mesh.fluid)
-    across = np.append(fluid, -1).take(mesh.neighbours)
-    cell, corner = np.nonzero((fluid == index)[:, None] & (across != index))
+def _outline(mesh: Mesh, cells: Array) -> tuple[Array, Array, Array]:
+    """Ends (E,) and (E,) of the outline of cells, with these on the left, and the mask (E,) of its sides on walls."""
+    inside = np.zeros(len(mesh.cells) + 1, dtype=bool)  # the last one for no neighbour
+    inside[cells] = True
+    row, corner = np.nonzero(~inside[mesh.neighbours[cells]])
+    cell = cells[row]
     one, other = (mesh.cells[cell, (corner + k) % 3] for k in (1, 2))
     return one, other, mesh.neighbours[cell, corner] < 0
 

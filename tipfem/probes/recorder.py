@@ -58,6 +58,10 @@ class ProbeRecorder:
         columns = [column for column, _ in self.columns[name]]
         return dict(zip(columns, np.array(self.rows[name], dtype=float).reshape(-1, len(columns)).T, strict=True))
 
+    def __contains__(self, name: object) -> bool:
+        """Whether there is a probe of that name."""
+        return name in self.probes
+
     def record(self, simulation: Stepper, row: Row) -> None:
         """Sample the probes that are due at the end of a step, and write their values; to be called after every step.
 

@@ -457,6 +457,7 @@ class FittedRemesher(Remesher):
                 parts[physics.name] = part
             if (entered := physics.entered(part)) is not None:
                 wanted = wanted + entered.volume
+        stored_before = sum(part.energy(end.particles.position) for part in parts.values())
         start_mesh, density, spray = with_components(end.mesh, len(self.density)), self.density, None
         count, sides = len(end.particles), before.boundary
         energies = [physics.sides(parts.get(physics.name), count, sides) for physics in self._physics]
@@ -550,7 +551,7 @@ class FittedRemesher(Remesher):
                 of = self.density, self._balance.gravity
                 stored += free_surface.spray_energy(particles, mesh.surface, *of)
                 stored -= free_surface.spray_energy(moved, surface, *of)
-            more = own_inertia(parts), stored - before.stored(moved.position)
+            more = own_inertia(parts), stored - stored_before
             particles, owed = self._balance.keep(change, particles, mesh, mass, before.owed, *more)
         return self._ended(
             solved,

@@ -189,8 +189,7 @@ class Budget:
         self._meshed = case.interface == "sharp"
         rough = self._roughness_columns(none.tolist(), 0.0) if self._meshed else {}
         self._open = any(physics.open for physics in self._physics)
-        entered = Entered(none, 0.0, zeros)
-        self.columns = (*self._row(nothing, balance, entered, nothing, none, {}), *rough)
+        self.columns = (*self._row(nothing, balance, {}, nothing, none, {}), *rough)
         self._last: tuple[State, Totals] | None = None
 
     def totals(self, state: State) -> Totals:
@@ -212,9 +211,11 @@ class Budget:
         """
         before = self.totals(solved.before)
         spray = spray_volumes(state.mesh, state.particles.fluid, len(self._names))
-        entered = Entered(np.zeros(len(self._names)), 0.0, np.zeros(len(self._gravity)))
-        for physics in self._physics:
-            entered = physics.entered(state.parts.get(physics.name)) or entered
+        entered = {
+            physics.name: each
+            for physics in self._physics
+            if (each := physics.entered(state.parts.get(physics.name))) is not None
+        }
         lost = {name: part.lost for name, part in state.parts.items()}
         row = self._row(before, self._balance(solved, before), entered, self.totals(state), spray, lost)
         return row | self._roughness_columns(*roughness(state, len(self._names))) if self._meshed else row
@@ -277,11 +278,11 @@ class Budget:
             geometry=-work.geometry,
             stabilisation=work.stabilisation,
             source=-work.source,
-            external=external + work.walls + work.friction + work.openings,
-            openings=work.openings,
-            opening_force=np.zeros(d) + work.opening_force,
+            external=external + work.walls + work.friction + work.passing,
+            openings=work.passing,
+            opening_force=np.zeros(d) + work.passing_force,
             wall_force=np.asarray(work.wall_force),
-            momentum_residual=change - scheme.dt * (weight + work.wall_force + work.opening_force),
+            momentum_residual=change - scheme.dt * (weight + work.wall_force + work.passing_force),
             source_volume=start.material.volumes(growth * start.mesh.measure) if growth.any() else np.zeros(count),
             stored={
                 name: self._work_of(name, solved) - (after.stored[name] - was) for name, was in before.stored.items()
@@ -307,16 +308,24 @@ class Budget:
         self,
         before: Totals,
         step: SolveBalance,
-        entered: Entered,
+        by_physics: Mapping[str, Entered],
         now: Totals,
         spray: Array,
         lost: Mapping[str, float],
     ) -> dict[str, float]:
         """Columns of the history, from the totals before the step, of its solve, what entered, and of the next state.
 
+        What entered is given by the names of the physics that tell of it.
+
         Of the next state also the volume (F,) of each fluid that flies as ``spray``, for flows with a free surface, and
         the energy that its parts have ``lost`` for good [J].
         """
+        volume, momentum = np.zeros(len(self._names)), np.zeros(len(self._gravity))
+        entered = Entered(
+            sum((each.volume for each in by_physics.values()), volume),
+            sum(each.energy for each in by_physics.values()),
+            sum((each.momentum for each in by_physics.values()), momentum),
+        )
         remeshing = step.after.energy + entered.energy - now.energy
         time = step.time + sum(own.numerical for own in step.own)
         numerical = time + sum(step.stored.values()) + step.geometry + step.stabilisation + step.source + remeshing
@@ -340,6 +349,8 @@ class Budget:
         }
         for name, names in self._stored.items():
             energies = [totals.stored.get(name, 0.0) for totals in (now, step.after)]
+            if name in by_physics:
+                energies[1] += by_physics[name].energy
             values = energies[0], energies[0] - energies[1], step.stored.get(name, 0.0), lost.get(name, 0.0)
             row.update(zip(names, values, strict=False))
         if self._open:

@@ -93,7 +93,7 @@ def without_gain(case: Case, solved: Solved) -> Solved | None:
     falls += work.weight
     for part in before.own_inertia:
         falls += part.work(solved.force, u, lumping_of(before, kind)[part.cell])
-    rise = 0.5 * (ends - starts) - falls + work.stored - work.walls - work.friction - work.openings
+    rise = 0.5 * (ends - starts) - falls + work.stored - work.walls - work.friction - work.passing
     height = -end.position @ case.potential_gravity
     energy = 0.5 * ends + float((mass * (height - height.min())).sum()) + abs(work.stored)
     if rise <= (RISE + 10 * runtime.round_off()) * energy:

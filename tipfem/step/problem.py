@@ -104,6 +104,9 @@ class FlowProblem:
         velocity, acceleration = scheme.history(particles.velocity, particles.acceleration)
         for term in terms:
             velocity, acceleration = term.histories(velocity, acceleration)
+        walls = particles.wall
+        for term in terms:
+            walls = walls if term.unheld is None else walls & ~term.unheld
         self.equations = e = Equations(
             mesh,
             solved,
@@ -115,6 +118,7 @@ class FlowProblem:
             self.stabilisation,
             acceleration - body_force,
             self.rows,
+            walls,
             buffers,
             workspace.topology(solved),
         )
@@ -128,10 +132,7 @@ class FlowProblem:
             launch(vector_kernels.fill, vector, 0.0, self.size, work=(self.size, vector_kernels.ENTRY))
         e.local = get("local", self.elements * (d + 1), d + 1)
         e.record = get("record", self.elements, assembly.record_width(d))
-        walls = particles.wall
-        for term in terms:
-            walls = walls if term.unheld is None else walls & ~term.unheld
-        self._walls, self._wall = walls, put("wall", of_nodes(walls))
+        self._wall = put("wall", of_nodes(walls))
         self._linearised = self._corrected = False
         self._norm = self._smallest = math.nan
         self._limits: StepLimits | None = None  # of the present unknowns
@@ -264,7 +265,7 @@ class FlowProblem:
         in 2-D].
         """
         wall = self.particles.wall
-        index, rank = self.equations.nodes_of(self._walls), np.cumsum(wall) - 1
+        index, rank = self.equations.nodes_of(self.equations.walls), np.cumsum(wall) - 1
         force, of = self._node_forces(x, index), rank[self.equations.owner[index]]
         return np.stack([np.bincount(of, axis, minlength=int(wall.sum())) for axis in force.T], axis=1)
 

@@ -126,7 +126,7 @@ def bubble(across: int, end: float = 3.0) -> dict[str, Any]:
     course, iterations = [], 0.0
     while simulation.time < end:
         simulation.step(until=end)
-        _, _, height, _, velocity, circularity, _ = probe.sample(simulation)
+        _, _, height, _, velocity, circularity, *_ = probe.sample(simulation)
         course.append((simulation.time, circularity, height, velocity))
         iterations += simulation.history[-1]["krylov_iterations"]
     found, wanted = np.array(course).T, theory.rising_bubble()

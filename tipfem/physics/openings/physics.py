@@ -61,7 +61,8 @@ class WallOpenings(Physics[Passed]):
         assert part is not None
         assert moved.boundary.passages is not None
         done = self._gate.put_back(moved, moved.boundary.passages.nodes, part)
-        return done.passed, dataclasses.replace(moved, particles=done.particles, mesh=done.mesh)
+        through = moved.particles.position, done.particles.position
+        return done.passed, dataclasses.replace(moved, particles=done.particles, mesh=done.mesh, through=through)
 
     def imposed(
         self, part: Passed | None, particles: Particles, boundary: Boundary, time: float, step: float

@@ -193,8 +193,8 @@ class OpeningTerm(Term):
         return TermWork(
             walls=-float((force[walls] * u[walls]).sum()),
             wall_force=-force[walls].sum(axis=0),
-            openings=float((force * u).sum() + (self._holding * u[self._held]).sum()),
-            opening_force=force.sum(axis=0) + self._holding.sum(axis=0),
+            passing=float((force * u).sum() + (self._holding * u[self._held]).sum()),
+            passing_force=force.sum(axis=0) + self._holding.sum(axis=0),
         )
 
     def _at_ends(self, x: Any) -> Array:

@@ -34,6 +34,7 @@ class TensionEdges(Carried):
         lost: energy that films released that broke or merged, in the remeshing that made these edges [J/m].
         broken: how many of them there were.
         passed: area of their cells, which went to the fluid beside them [m^2].
+        entered: energy of what has entered the tank in the last step [J/m].
         strain: (N, 2) how far the contacts that walls hold have been drawn from where they are held [m]; None for no
             wall that holds contacts.
     """
@@ -46,6 +47,7 @@ class TensionEdges(Carried):
     lost: float = 0.0
     broken: int = 0
     passed: float = 0.0
+    entered: float = 0.0
     strain: Array | None = None
 
     def energy(self, position: Array) -> float:

@@ -13,7 +13,7 @@ from tipfem.case.particles import Particles
 from tipfem.case.surface_tension import wall_energies
 from tipfem.mesh.relabelled import SideEnergies
 from tipfem.physics.carried import Remap
-from tipfem.physics.physics import Physics, StepStart
+from tipfem.physics.physics import Entered, Moved, Physics, StepStart
 from tipfem.physics.surface_tension.edges import TensionEdges, find_edges, wetting, young_forces
 from tipfem.physics.surface_tension.term import SurfaceTension
 from tipfem.typing import Array
@@ -56,7 +56,7 @@ class Tension(Physics[TensionEdges]):
             young_forces(part, step.mesh, step.particles, step.boundary, energies)
             for energies in ([wall_energies(each, part.table, "", k) for each in self._cosines] for k in range(2))
         )
-        return (SurfaceTension(part, young, holding if self._holds else None, self._stretch),)
+        return (SurfaceTension(part, young, holding if self._holds else None, self._stretch, step.leaving),)
 
     def sides(self, part: TensionEdges | None, count: int, boundary: Boundary) -> SideEnergies | None:
         """See `Physics.sides`."""
@@ -66,10 +66,26 @@ class Tension(Physics[TensionEdges]):
         none = [np.zeros(len(part.table))] if not energies else energies
         return SideEnergies(part.table, lambda one, other: wetting(one, other, count, boundary, none))
 
+    def before_repair(self, part: TensionEdges | None, moved: Moved) -> tuple[TensionEdges | None, Moved]:
+        """See `Physics.before_repair`: the edges that are left of what has entered and left."""
+        if part is None or moved.through is None:
+            return part, moved
+        solved, put_back = moved.through
+        edges = find_edges(moved.mesh, moved.particles, part.table)
+        entered = edges.energy(put_back) - part.energy(solved)
+        return dataclasses.replace(edges, strain=part.strain, entered=entered), moved
+
+    def entered(self, part: TensionEdges | None) -> Entered | None:
+        """See `Physics.entered`."""
+        if part is None:
+            return None
+        return Entered(np.zeros(len(part.table) - 1), part.entered, np.zeros(2))
+
     def remeshed(self, part: TensionEdges | None, particles: Particles, remap: Remap) -> tuple[TensionEdges, Particles]:
         """See `Physics.remeshed`."""
         table, sides = self._table if part is None else part.table, remap.relabelled
         edges = find_edges(remap.mesh, particles, table)
+        edges = dataclasses.replace(edges, entered=0.0 if part is None else part.entered)
         if sides is not None:
             lost = float(sides.length @ (table[tuple(sides.before.T)] - table[tuple(sides.now.T)]))
             edges = dataclasses.replace(edges, lost=lost, broken=sides.patches, passed=sides.area)

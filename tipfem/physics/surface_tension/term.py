@@ -19,6 +19,9 @@ Coulomb's friction: a spring holds the contact, which has been drawn by e and yi
 that Newton's method finds whether a contact slides. Both are forces of the walls on the fluids: their work is a part of
 the external work.
 
+An interface that leaves the tank where its particles are free goes on beyond in the same direction, and pulls there as
+it does inside: its last particle has no force.
+
 Pressures on both sides of an interface balance it: the solve finds p_1 - p_2 = sigma / R, where R is that of a regular
 polygon, and nothing moves. At a free surface no pressure is prescribed, and the same follows from no traction.
 """
@@ -47,12 +50,19 @@ class SurfaceTension(Term):
         pull: (N, 2) forces at contacts, see `tipfem.physics.surface_tension.edges.young_forces` [N]; None for none.
         holding: (N, 2) the largest by which walls hold contacts, along the walls [N]; None where they slide freely.
         stretch: displacement at which a contact that is held begins to slide [m].
+        goes_on: (N,) mask of the particles at which interfaces leave the tank, and go on beyond; None for none.
     """
 
     def __init__(
-        self, edges: TensionEdges, pull: Array | None = None, holding: Array | None = None, stretch: float = 0.0
+        self,
+        edges: TensionEdges,
+        pull: Array | None = None,
+        holding: Array | None = None,
+        stretch: float = 0.0,
+        goes_on: Array | None = None,
     ) -> None:
         self._edges, self._pull, self._holding, self._stretch = edges, pull, holding, stretch
+        self._beyond = np.zeros(0, dtype=np.int64) if goes_on is None else np.flatnonzero(goes_on)
 
     def begin(self, equations: Equations, first_node: int) -> None:
         """See `Term.begin`."""
@@ -60,12 +70,14 @@ class SurfaceTension(Term):
         self._equations = e
         ends, other = np.concatenate([edges.one, edges.other]), np.concatenate([edges.other, edges.one])
         order = np.lexsort((other, ends))
+        if len(self._beyond):
+            order = order[~np.isin(ends[order], self._beyond)]
         self._end, self._other = ends[order], other[order]
         first = np.flatnonzero(np.diff(self._end, prepend=-1))
         put, self._count = e.buffers.upload, len(first)
         self._lists = (
             put("tension.rows", self._end[first]),
-            put("tension.offsets", np.append(first, len(ends)).astype(np.int32)),
+            put("tension.offsets", np.append(first, len(order)).astype(np.int32)),
             put("tension.other", self._other),
         )
         pull = np.zeros((len(e.particles), 2)) if self._pull is None else self._pull
@@ -80,7 +92,7 @@ class SurfaceTension(Term):
         self._holds = put("tension.held", self._held)
         self._yielding = e.buffers.get("tension.yielding", len(first))
         self._sigma = put("tension.sigma", np.tile(edges.sigma, 2)[order])
-        self._hessian = e.buffers.get("tension.hessian", len(ends), 3)
+        self._hessian = e.buffers.get("tension.hessian", len(order), 3)
 
     def _launch(self, kernel: Any, *arguments: Any) -> None:
         if self._count:
@@ -140,14 +152,17 @@ class SurfaceTension(Term):
         """See `Term.forces`."""
         count, result = len(self._equations.particles), np.zeros((len(self._equations.owner), 2))
         result[:count] = self._gradient(self._equations.values(x)[:count, :2])
+        result[self._beyond] = 0.0
         return result
 
     def work(self, x: Any, displacement: Array) -> TermWork:
         """See `Term.work`."""
-        gradient, wall = self._gradient(displacement), self._equations.particles.wall
-        held = np.flatnonzero(wall & gradient.any(axis=1))
+        gradient, wall = self._gradient(displacement), self._equations.walls
+        held, beyond = np.flatnonzero(wall & gradient.any(axis=1)), self._beyond
         return TermWork(
             stored=float(np.einsum("ik,ik", gradient, displacement)),
             walls=float(np.einsum("ik,ik", gradient[held], displacement[held])),
             wall_force=gradient[held].sum(axis=0),
+            passing=float(np.einsum("ik,ik", gradient[beyond], displacement[beyond])),
+            passing_force=gradient[beyond].sum(axis=0),
         )
