@@ -128,7 +128,7 @@ def draw_openings(drawing: Drawing, openings: Sequence[Gap], layout: Layout, bac
         part = (np.arange(count) + 0.5)[:, None] / count
         at = one + part * (other - one)
         shafts = np.stack([at - WALL_THICKNESS * unit * inwards, at + GAP_REACH * unit * inwards], axis=1)
-        if gap.kind != "inlet":
+        if not gap.enters:
             shafts = shafts[:, ::-1]
         _arrows(drawing, shafts, np.full(count, GAP_HEAD * unit), unit, (OPENING_COLOURS[gap.kind], colours.HALO))
     return [Key(kind, OPENING_COLOURS[kind], colours.HALO, True) for kind in kinds_of(openings)]

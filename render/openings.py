@@ -1,6 +1,7 @@
 """Openings in the walls of a tank, to be drawn as gaps in their lines."""
 
-from collections.abc import Iterable, Mapping, Sequence
+import dataclasses
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,6 +9,8 @@ import numpy as np
 
 from .arrays import Array
 
+ON_LINE = 1e-5  # distance from an opening of the particles on it [widths]
+PASSES = 1e-3  # part of the largest speed of all from which on a mean speed is a flow through an opening
 COLOURS = {"inlet": "#007a5e", "outlet": "#b34700", "vent": "#5a6675"}
 
 
@@ -20,12 +23,16 @@ class Gap:
         ends: (2, 2) of it [m].
         inwards: (2,) unit vector into the tank.
         open: (K, 2) times in which its valve is open [s]; None for always.
+        name: of the opening.
+        enters: whether fluid comes in there, by its arrows.
     """
 
     kind: str
     ends: Array
     inwards: Array
     open: Array | None = None
+    name: str = ""
+    enters: bool = False
 
     def is_open(self, time: float) -> bool:
         """Whether it is open at a time [s]; a closed one is drawn as a wall."""
@@ -40,9 +47,39 @@ def gaps_of(facts: Iterable[Mapping[str, Any]]) -> tuple[Gap, ...]:
             np.asarray(one["ends"], float),
             np.asarray(one["inwards"], float),
             np.asarray(one["open"], float) if "open" in one else None,
+            str(one.get("name", "")),
+            one["kind"] == "inlet" and not one.get("drains"),
         )
         for one in facts
     )
+
+
+def seen_of(gaps: Iterable[Gap], shut: Collection[str], position: Array, velocity: Array | None) -> tuple[Gap, ...]:
+    """The openings that are not ``shut``, by name, with arrows that follow what passes.
+
+    Args:
+        gaps: the openings.
+        shut: names of those that are closed.
+        position: (N, 2) of the particles [m].
+        velocity: (N, 2) of them [m/s]; None where it is not known: then openings have their usual arrows.
+    """
+    found = [gap for gap in gaps if gap.name not in shut]
+    if velocity is None:
+        return tuple(found)
+    fastest = float(np.sqrt((velocity**2).sum(axis=1)).max(initial=0.0))
+    for k, gap in enumerate(found):
+        way = gap.ends[1] - gap.ends[0]
+        width = float(np.linalg.norm(way))
+        along, height = (position - gap.ends[0]) @ way / width**2, (position - gap.ends[0]) @ gap.inwards
+        speed = velocity[:, :2][(along > 0) & (along < 1) & (np.abs(height) < ON_LINE * width)] @ gap.inwards
+        if len(speed) and abs(float(speed.mean())) > PASSES * fastest:
+            found[k] = dataclasses.replace(gap, enters=bool(speed.mean() > 0))
+    return tuple(found)
+
+
+def rows_of(gaps: Iterable[Gap]) -> list[list[Any]]:
+    """Openings for a page: kind, ends x, y and x, y, the direction inwards x, y, and whether fluid comes in."""
+    return [[gap.kind, *gap.ends.ravel().tolist(), *gap.inwards.tolist(), gap.enters] for gap in gaps]
 
 
 def kinds_of(openings: Sequence[Gap]) -> list[str]:

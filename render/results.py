@@ -14,7 +14,7 @@ import numpy as np
 
 from .arrays import Array
 from .bodies import BodyOutline, Tracks
-from .openings import gaps_of
+from .openings import gaps_of, seen_of
 from .scales import digits_of
 from .scene import Scene
 from .tank import TankOutline
@@ -106,6 +106,7 @@ class Results:
                 self.lower, self.upper = walls.min(axis=0), walls.max(axis=0)
             self._tracks = Tracks(_moving(case), self.folder / "history.csv")
             self.openings = gaps_of(case.get("openings", ()))
+            self._valves = self._read_valves() if self.openings else []
             self._outlines = [BodyOutline(body) for body in case.get("bodies", ())]
         except KeyError as error:
             raise ResultsError(f"{self.folder / 'case.json'}: the entry {error} is missing") from None
@@ -192,11 +193,28 @@ class Results:
                 digits=max(3, digits_of(self.times)),
                 bodies=tuple(body.placed(*pose) for body, pose in zip(self._outlines, poses, strict=False)),
                 tank=None if self._tank is None else self._tank.placed(*poses[-1]),
-                openings=tuple(gap for gap in self.openings if gap.is_open(self.times[i])),
+                openings=seen_of(self.openings, self._shut(self.times[i]), points, data.get("velocity")),
                 period=self.period,
             )
         except ValueError as error:
             raise ResultsError(f"{path}: {error}") from None
+
+    def _shut(self, time: float) -> set[str]:
+        """Names of the openings that are closed at a time [s], by the case or by commands until then."""
+        told = {name: opened for at, name, opened in self._valves if at <= time}
+        return {gap.name for gap in self.openings if not told.get(gap.name, gap.is_open(time))}
+
+    def _read_valves(self) -> list[tuple[float, str, bool]]:
+        """Times [s] at which a run was told to open or to close an opening, the first one first."""
+        path, found = self.folder / "steering.jsonl", []
+        for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
+            try:
+                record = json.loads(line)
+                if record["command"] == "valve":
+                    found.append((float(record["time"]), str(record["opening"]), bool(record["open"])))
+            except (KeyError, TypeError, ValueError) as error:
+                raise ResultsError(f"{path}: {line[:60]!r} is no command ({error})") from None
+        return found
 
     def _read_case(self) -> dict[str, Any]:
         path = self.folder / "case.json"

@@ -263,7 +263,7 @@ def _opening(axes: Any, gap: Gap, size: float) -> None:
     count = max(1, round(float(np.linalg.norm(gap.ends[1] - gap.ends[0])) / apart))
     for part in (np.arange(count) + 0.5) / count:
         at = gap.ends[0] + part * (gap.ends[1] - gap.ends[0])
-        along = (1 if gap.kind == "inlet" else -1) * 0.5 * reach * gap.inwards
+        along = (1 if gap.enters else -1) * 0.5 * reach * gap.inwards
         tip, tail = at + along, at - along
         style = {"arrowstyle": "-|>", "color": colour, "lw": _LINE, "mutation_scale": 7, "shrinkA": 0, "shrinkB": 0}
         style["path_effects"] = [withStroke(linewidth=_LINE + 0.9, foreground=colours.HALO)]

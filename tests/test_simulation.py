@@ -189,7 +189,7 @@ def test_a_run_leaves_history_fields_and_summary(water, air, tmp_path, capfd):
         "impact,relocated,rebuilt,max_speed,"
         "kinetic_energy,potential_energy,viscous_dissipation,friction_dissipation,numerical_dissipation,"
         "time_dissipation,geometry_dissipation,stabilisation_dissipation,source_dissipation,"
-        "remeshing_dissipation,remeshing_potential_energy,external_work,energy_residual,"
+        "newton_dissipation,remeshing_dissipation,remeshing_potential_energy,external_work,energy_residual,"
         "momentum_x,momentum_y,wall_force_x,wall_force_y,"
         "remeshing_momentum_x,remeshing_momentum_y,momentum_residual_x,momentum_residual_y,"
         "volume_water,volume_air,solve_volume_water,solve_volume_air,"

@@ -111,7 +111,7 @@ def test_poiseuille_flow_between_inlet_and_outlet_is_of_second_order():
         last["viscous_dissipation"] + last["numerical_dissipation"] + 0.0, rel=0.05
     )
     for row in simulation.history:
-        assert abs(row["energy_residual"]) < 1e-3 * abs(row["opening_work"]) + 1e-12  # Newton's tolerance
+        assert abs(row["energy_residual"]) < 1e-9 * abs(row["opening_work"]) + 1e-12
         assert abs(row["momentum_residual_x"]) < 1e-6
 
 

@@ -31,7 +31,7 @@ def balanced(simulation, until):
         assert simulation.state.volume[0] - start == pytest.approx(passed.sum(), abs=1e-14)
         row = simulation.history[-1]
         given = abs(row["opening_work"]) + abs(row["opening_energy"]) + row["kinetic_energy"]
-        assert abs(row["energy_residual"]) < (1e-2 if row["impact"] else 1e-3) * given + 1e-9
+        assert abs(row["energy_residual"]) < 1e-9 * given + 1e-12
     return simulation, passed
 
 

@@ -13,6 +13,9 @@ from tipfem.render.renderer import contents
 from tipfem.render.vector import draw_vectors
 
 import tipfem as tp
+from tipfem.run.liveview.control import describe, snapshot_of
+from tipfem.run.liveview.memory import StateMemory, slot_size
+from tipfem.run.liveview.source import LiveSource
 from tipfem.viewer.share import share
 
 SIZE = (640, 480)
@@ -56,3 +59,50 @@ def test_openings_are_gaps_in_walls_with_arrows_and_a_legend(tmp_path):
     assert text.count("#007a5e") >= 2
     assert text.count("#5a6675") >= 3
     assert all(f"<!-- {word} -->" in text or f">{word}<" in text for word in ("inlet", "vent"))
+
+
+def test_arrows_follow_what_passes_and_closed_valves_are_walls(tmp_path):
+    """By times of the case, and by commands, in results, in shared pages, and on the page of a run."""
+    water, air = tp.Fluid("water", 1000.0, 1e-3), tp.Fluid("air", 1.2, 1.8e-5)
+    tank = tp.tank((0.3, 0.3), 0.02).fill(air).fill(water, box=((0, 0), (0.3, 0.1)))
+    openings = [
+        tp.Outlet(wall="bottom", between=((0.1, 0), (0.2, 0)), name="drain"),
+        tp.Vent(wall="top", between=((0.1, 0.3), (0.2, 0.3)), name="vent"),
+        tp.Vent(wall="left", between=((0, 0.2), (0, 0.28)), name="late", open=((0.01, 1.0),)),
+    ]
+    case = tp.Case(tank, [water, air], (0, -9.81), openings=openings)
+    simulation = tp.Simulation(case, tmp_path, time_step=4e-3, output_interval=4e-3)
+    source = LiveSource(describe(case, None), Latest(simulation), lambda *_: None)
+    seen = []
+    for step in range(5):
+        if step == 3:
+            simulation.steer(tp.Valve("vent", False))
+        simulation.run((step + 1) * 4e-3, progress=False)
+        source.refresh()
+        seen.append({gap.name: gap.enters for gap in source.scene(-1).openings})
+    assert seen[1] == {"drain": False, "vent": True}  # air comes in by the vent while water leaves by the drain
+    assert seen[4] == {"drain": False, "late": True}
+    results = Results(tmp_path)
+    assert [{gap.name: gap.enters for gap in results.scene(k).openings} for k in (-4, -1)] == [seen[1], seen[4]]
+    facts = json.loads(share(tmp_path).read_text().split("const facts = ", 1)[1].split(", data = ", 1)[0])
+    last = facts["openings"][facts["gaps"][-1]]
+    assert [(row[0], row[7]) for row in last] == [("outlet", False), ("vent", True)]
+    assert last != facts["openings"][facts["gaps"][2]]
+
+
+class Latest:
+    """What the process that draws has of a run: its latest state."""
+
+    published, ended, paused = 0, False, False
+
+    def __init__(self, simulation):
+        self.simulation = simulation
+
+    def latest(self):
+        self.published += 1
+        memory = StateMemory(room=slot_size(1, 1, 1))
+        try:
+            memory.publish(snapshot_of(self.simulation, 1.0))
+            return memory.latest()
+        finally:
+            memory.close()

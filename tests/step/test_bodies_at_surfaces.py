@@ -72,7 +72,7 @@ def test_energy_and_volumes_are_accounted_for(fluids):
     rows = simulation.history[1:]
     moved = max(row["body_kinetic_energy"] for row in rows)
     assert moved > 0.01
-    assert max(abs(row["energy_residual"]) for row in rows) < 1e-3 * moved
+    assert max(abs(row["energy_residual"]) for row in rows) < 1e-9 * moved
     balance = energies(rows[-1]) - start
     for name in ("viscous_dissipation", "numerical_dissipation", "damper_dissipation"):
         balance += sum(row[name] for row in rows)
@@ -115,7 +115,7 @@ def test_a_wave_maker_moves_the_water():
     moved = max(row["kinetic_energy"] for row in rows)
     assert moved > 0.5
     assert sum(row["external_work"] for row in rows) > moved
-    assert max(abs(row["energy_residual"]) for row in rows) < 1e-3 * moved
+    assert max(abs(row["energy_residual"]) for row in rows) < 1e-9 * moved
 
 
 def test_contacts_are_found_where_there_is_no_mesh():

@@ -90,6 +90,38 @@ def step_work(
 
 
 @kernel
+def left_over(
+    residual: Reals1,
+    scale: Reals1,
+    wall: Ints1,
+    x: Reals1,
+    partial: Reals2,
+    result: Reals1,
+    nodes: ti.i32,
+    dim: Template,
+    parts: ti.i32,
+    stride: Template,
+):
+    """Add to result (1,) the work of a scaled ``residual`` at the nodes, tested with their unknowns ``x``.
+
+    Without the momentum of those at walls: what is left there counts as the force of the wall.
+    """
+    for t in range(parts * stride):
+        total = 0.0
+        first, last = part_of(t, parts, stride, nodes)
+        for i in range(first, last):
+            for k in ti.static(range(dim + 1)):
+                at = i * (dim + 1) + k
+                if scale[at] != 0.0 and (k == dim or wall[i] == 0):
+                    total += residual[at] / scale[at] * x[at]
+        if t % stride == 0:
+            partial[t // stride, 0] = total
+    ti.loop_config(serialize=True)
+    for c in range(parts):
+        result[0] += partial[c, 0]
+
+
+@kernel
 def node_forces(
     index: Ints1,
     offsets: Ints1,

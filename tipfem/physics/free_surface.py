@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from tipfem.backend.launch import launch
@@ -47,6 +50,12 @@ class FreeSurface(Term):
         """See `Term.finish`: particles in no cell may have landed."""
         e = self._equations
         return e.mesh.surface.landed(e.particles, particles, e.force, e.scheme.dt)
+
+    def settle(self, x: Any, forces: Callable[[Any, Array], Array]) -> None:
+        """See `Term.settle`: what flies freely has the acceleration of gravity, whatever the time integration."""
+        e, loose = self._equations, self._equations.mesh.surface.loose
+        if loose.any():
+            e.relative[loose] = -e.scheme.cm * e.values(x)[: len(loose), :-1][loose]
 
     def schur_complement(self, laplacian: Csr) -> Csr:
         """See `Term.schur_complement`: the particles on the surface change the volume of the fluid."""

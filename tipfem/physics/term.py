@@ -133,6 +133,7 @@ class TermWork:
         force: (d,) part of the sum of mass times acceleration [N]; 0 for none.
         passing: of the forces where fluids enter and leave.
         passing_force: (d,) resultant of these [N]; 0 for none.
+        left: of the residual that Newton's method has left, but for that at walls, which counts as their force.
     """
 
     inertia: float = 0.0
@@ -149,6 +150,7 @@ class TermWork:
     force: Array | float = 0.0
     passing: float = 0.0
     passing_force: Array | float = 0.0
+    left: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,14 @@
 The momentum equation of the step, tested with its displacements u, and the continuity equation, tested with its
 pressures, give the energy balance (derived in docs/theory/energy.md):
 
-    dKE + dPE + dE + viscous + friction + (time + geometry + stabilisation + source + remeshing) - external = residual
+    dKE + dPE + dE + viscous + friction + (time + geometry + stabilisation + source + Newton + remeshing)
+        - external = residual
 
 E is the energy that parts of the state have by the places of the particles, as surfaces with tension do.
 What has unknowns of its own, as what floats, has a `Balance` that is included: its energy and what it
 dissipates on the left, work from outside in the external work.
 
-Every term is computed from its own definition; the residual is the error that Newton's method left.
+Every term is computed from its own definition, that of Newton from the equations' residual; what is left is round-off.
 """
 
 from __future__ import annotations
@@ -137,6 +138,7 @@ class SolveBalance:
         geometry: work of pressure on volume that changes between the intermediate and the last positions.
         stabilisation: of the stabilisation of pressure.
         source: of the volume source; a gain or a loss.
+        newton: of what Newton's method has left, a gain or a loss.
         external: work of the body force (gravity excepted), the walls and openings; positive when energy is gained.
         wall_force: (d,) of the walls on the fluids, at the intermediate time [N].
         openings: the part of ``external`` that is done at openings.
@@ -155,6 +157,7 @@ class SolveBalance:
     geometry: float
     stabilisation: float
     source: float
+    newton: float
     external: float
     wall_force: Array
     momentum_residual: Array
@@ -184,7 +187,7 @@ class Budget:
         zeros, none = np.zeros(len(self._gravity)), np.zeros(len(self._names))
         own = [Balance(columns=dict.fromkeys(physics.balance_columns, 0.0)) for physics in self._physics]
         nothing = Totals(0.0, 0.0, zeros, none)
-        balance = SolveBalance(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, none, own=own)
+        balance = SolveBalance(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, zeros, zeros, none, own=own)
         self._spray = case.free_surface
         self._meshed = case.interface == "sharp"
         rough = self._roughness_columns(none.tolist(), 0.0) if self._meshed else {}
@@ -278,6 +281,7 @@ class Budget:
             geometry=-work.geometry,
             stabilisation=work.stabilisation,
             source=-work.source,
+            newton=-work.left,
             external=external + work.walls + work.friction + work.passing,
             openings=work.passing,
             opening_force=np.zeros(d) + work.passing_force,
@@ -328,7 +332,8 @@ class Budget:
         )
         remeshing = step.after.energy + entered.energy - now.energy
         time = step.time + sum(own.numerical for own in step.own)
-        numerical = time + sum(step.stored.values()) + step.geometry + step.stabilisation + step.source + remeshing
+        solve = step.geometry + step.stabilisation + step.source + step.newton
+        numerical = time + sum(step.stored.values()) + solve + remeshing
         external = step.external + sum(own.external for own in step.own)
         change = now.energy - before.energy + sum(own.change for own in step.own)
         dissipated = step.viscous + step.friction + sum(own.dissipated for own in step.own)
@@ -342,6 +347,7 @@ class Budget:
             "geometry_dissipation": step.geometry,
             "stabilisation_dissipation": step.stabilisation,
             "source_dissipation": step.source,
+            "newton_dissipation": step.newton,
             "remeshing_dissipation": remeshing,
             "remeshing_potential_energy": now.potential - step.after.potential,
             "external_work": external,

@@ -302,6 +302,9 @@ class FlowProblem:
             self.dimension,
         )
         viscous_dissipation, viscous, geometry, stabilisation, source, walls, *force = result.tolist()
+        left, counts = np.zeros(1), (self.nodes, self.dimension)
+        given = self._r, e.scale, self._wall, x, self.buffers.partials("left", 1)
+        launch(work_kernels.left_over, *given, left, *counts, work=(self.nodes, work_kernels.SUM))
         elements = TermWork(
             viscous=viscous,
             viscous_dissipation=viscous_dissipation,
@@ -309,6 +312,7 @@ class FlowProblem:
             stabilisation=stabilisation,
             walls=walls,
             wall_force=np.array(force),
+            left=float(left[0]),
         )
         displacement = self.split(x)[0]
         return StepWork.of([elements, *(term.work(x, displacement) for term in self.terms)], source)

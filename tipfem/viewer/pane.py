@@ -16,6 +16,7 @@ from tipfem.render.colours import DARK, LIGHT, fluid_colours, hex_code
 from tipfem.render.flow import Tracers, arrow_speed
 from tipfem.render.layers import is_muted
 from tipfem.render.openings import COLOURS as OPENING_COLOURS
+from tipfem.render.openings import Gap, rows_of
 from tipfem.render.outlines import Loop, background_fluid, picture_loops, turning_marks
 from tipfem.render.scales import MUTED_FIELD, MUTED_SHARE, FieldSample, colour_map_of, muted_fluids, round_limits
 from tipfem.typing import Array
@@ -85,7 +86,7 @@ class Pane:
         self._tracer_count = 0
         self._trails: list[Array] = []
         self._first: tuple[Scene, int | None] | None = None  # that has been seen of a run, and the fluid behind all
-        self._seen: deque[tuple[float, list[list[Loop]]]] = deque(maxlen=MOST_SEEN)
+        self._seen: deque[tuple[float, list[list[Loop]], tuple[Gap, ...]]] = deque(maxlen=MOST_SEEN)
         self._outlines: dict[tuple[int, float], tuple[dict[str, Any], bytes]] = {}  # of stored times
 
     def index_at(self, time: float) -> int:
@@ -202,7 +203,7 @@ class Pane:
                 "lower": lower.tolist(),
                 "scale": scale.tolist(),
                 "behind": behind,
-                "openings": [[gap.kind, *gap.ends.ravel().tolist(), *gap.inwards.tolist()] for gap in scene.openings],
+                "openings": rows_of(scene.openings),
                 "marks": OPENING_COLOURS,
                 "turns": turning_marks(scene),
                 "still": scene.tank is None or not scene.tank.moved,
@@ -257,7 +258,7 @@ class Pane:
         if self._first is None or self._first[1] != behind or not self._seen:
             self._first = scene, behind
             self._seen.clear()
-        self._seen.append((scene.time, drawn))
+        self._seen.append((scene.time, drawn, scene.openings))
 
     def framed(self, index: int, choices: Choices) -> Array:
         """The picture of a stored time with axes and legend, to keep; (H, W, 3) uint8."""

@@ -21,7 +21,7 @@ from typing import Any
 
 from tipfem.render import Results, Scene, Stage, View, colours
 from tipfem.render.colours import COLOUR_MAPS, LIGHT, on_transparent
-from tipfem.render.openings import COLOURS, kinds_of
+from tipfem.render.openings import COLOURS, Gap, kinds_of, rows_of
 from tipfem.render.outlines import Loop, background_fluid, picture_loops, thin_solids
 from tipfem.render.renderer import settled
 from tipfem.render.scales import colour_map_of, field_label
@@ -35,7 +35,7 @@ MARGIN = 0.04  # around the domain, of its longer side
 STATES_PER_SECOND = 25.0
 FIELD_WIDTH = 1000  # of the picture of a field [px]
 
-State = tuple[float, list[list[Loop]]]  # time [s], and its `picture_loops`
+State = tuple[float, list[list[Loop]], tuple[Gap, ...]]  # time [s], its `picture_loops`, and its openings
 
 
 def share(
@@ -83,7 +83,7 @@ def folder_page(results: Results, field: Mapping[str, Any] | None = None) -> str
     first = results.scene(0)
     behind = background_fluid(first)
     scenes = (results.scene(k) for k in range(len(results)))
-    states = ((scene.time, picture_loops(scene, behind)) for scene in scenes)
+    states = ((scene.time, picture_loops(scene, behind), scene.openings) for scene in scenes)
     still = not any(scene.tank and scene.tank.moved for scene in (first, results.scene(-1)))
     title = results.title or results.folder.resolve().name
     return page_of(first, behind, states, title, still, field, series_of(results.folder))
@@ -116,9 +116,14 @@ def page_of(
     size = first.upper - first.lower
     lower = first.lower - MARGIN * size.max()
     scale = (size + 2 * MARGIN * size.max()) / 65_535
-    stream, times = bytearray(), list[float]()
-    for time, drawn in states:
+    stream, times, kinds = bytearray(), list[float](), set[str]()
+    openings, gaps = list[list[list[Any]]](), list[int]()  # as they are at some time, and the number of it at each
+    for time, drawn, there in states:
         times.append(float(f"{time:.7g}"))
+        kinds |= set(kinds_of(there))
+        if (rows := rows_of(there)) not in openings:
+            openings.append(rows)
+        gaps.append(openings.index(rows))
         for loops in drawn:
             stream += packed(loops, lower, scale)
     fills = colours.fluid_colours(first.fluid_names, first.fluid_densities)
@@ -131,8 +136,9 @@ def page_of(
         "rate": rate,
         "fluids": [[name, colours.hex_code(fills[k]), k != behind] for k, name in enumerate(first.fluid_names)],
         "solids": thin_solids(first) if still else [],
-        "openings": [[gap.kind, *gap.ends.ravel().tolist(), *gap.inwards.tolist()] for gap in first.openings],
-        "marks": {kind: COLOURS[kind] for kind in kinds_of(first.openings)},
+        "openings": openings,
+        "gaps": gaps,
+        "marks": {kind: colour for kind, colour in COLOURS.items() if kind in kinds},
         "field": field,
         "plots": plots,
     }

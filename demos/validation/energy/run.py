@@ -26,7 +26,7 @@ from tipfem.demos.validation.dam_break import case as dam_break
 
 import tipfem as tp
 
-PARTS = ("time", "geometry", "stabilisation", "source", "remeshing")
+PARTS = ("time", "geometry", "stabilisation", "source", "newton", "remeshing")
 SPACING = 0.01  # [m]
 END_TIME = 0.25  # [s], before the impact
 TIME_STEP = 1e-3  # [s]
@@ -171,7 +171,7 @@ def plot(path: Path, runs: Mapping[str, Sequence[Mapping[str, float]]]) -> None:
     """
     figure = new_figure(10.0, 4.2 * len(runs), dpi=120)
     axes = figure.subplots(len(runs), 2, squeeze=False)
-    colors = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, "#000000")
+    colors = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, "#888888", "#000000")
     for (energies, parts), (label, history) in zip(axes, runs.items(), strict=True):
         t = np.array([row["time"] for row in history])
         kinetic, potential, viscous, numerical = (
@@ -181,7 +181,7 @@ def plot(path: Path, runs: Mapping[str, Sequence[Mapping[str, float]]]) -> None:
         fallen = (potential + kinetic + np.cumsum(viscous + numerical))[0] - potential
         energies.plot(t, fallen, color=colors[0], label="potential energy given up")
         energies.plot(t, kinetic, color=colors[1], label="kinetic energy")
-        energies.plot(t, np.cumsum(viscous + numerical), color=colors[5], label="dissipated")
+        energies.plot(t, np.cumsum(viscous + numerical), color=colors[-1], label="dissipated")
         for name, color in zip((*PARTS, "viscous"), colors, strict=True):
             total = np.cumsum([row[f"{name}_dissipation"] for row in history])
             parts.plot(t, total, color=color, label=name if name != "viscous" else "viscosity")

@@ -60,7 +60,6 @@ def body_balance(
         body_force: (N, 2) acceleration by gravity and body force [m/s^2].
     """
     total = np.zeros(7)
-    velocity = scheme.alpha_f * old.velocity + scheme.cf * new.velocity
     for b, body in enumerate(bodies):
         if not body.floats or old.held[b]:
             continue
@@ -74,7 +73,8 @@ def body_balance(
         weight, further = (_weight(body, g, arm) @ increment for g in (gravity, force - gravity))
         stretched = scheme.alpha_f * old.position[b] + scheme.cf * new.position[b] - np.append(body.reference, 0.0)
         springs = (np.asarray(body.stiffness) * stretched) @ increment
-        dampers = (np.asarray(body.damping) * velocity[b]) @ increment
+        velocity = scheme.history(old.velocity[b], old.acceleration[b])[0] + scheme.cv * increment
+        dampers = (np.asarray(body.damping) * velocity) @ increment
         inertial = (inertia * new.middle[b]) @ increment
         numerical = inertial + springs - weight - change.sum() + new.work[b] - new.force[b] @ increment
         kinetic, potential = after[0], after[1:].sum()

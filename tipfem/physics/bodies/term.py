@@ -232,6 +232,7 @@ class FloatingBodies(MovedBodies):
         self.extra_nodes = 2 * self._count
         self.units, self._rows = np.ones((self._count, 3)), np.zeros((self._count, 3, 3))
         self._solution: Any = None  # at the last residual, if that has been
+        self._residual: Any = None
 
     def begin(self, equations: Equations, first_node: int) -> None:
         """See `Term.begin`."""
@@ -549,10 +550,20 @@ class FloatingBodies(MovedBodies):
 
     def increments(self, x: Any) -> Array:
         """Increments (B, 3) of the bodies that float [m, m, rad], from a vector of unknowns."""
-        tail = download(x, self._base + 6 * self._count)[self._base :].astype(np.float64).reshape(-1, 6)
-        q = tail[:, (0, 1, 3)] / self.units
+        q = self._own(x) / self.units
         q[:, 2] /= self.lengths
         return np.asarray(q)
+
+    def _own(self, vector: Any) -> Array:
+        """The entries (B, 3) of the bodies in a vector of unknowns or of a residual."""
+        tail = download(vector, self._base + 6 * self._count)[self._base :].astype(np.float64)
+        return np.asarray(tail.reshape(-1, 6)[:, (0, 1, 3)])
+
+    def work(self, x: Any, displacement: Array) -> TermWork:
+        """See `Term.work`; and what is left of the bodies' own equations."""
+        force = np.einsum("bkm,bm->bk", np.linalg.pinv(self._rows), self._own(self._residual))
+        left = float((force * self._own(x) / self.units).sum())
+        return dataclasses.replace(super().work(x, displacement) or TermWork(), left=left)
 
     def place(self, x: Any) -> None:
         """Displace the bodies' particles by the bodies' increments in ``x``, and set their rates."""
@@ -563,6 +574,7 @@ class FloatingBodies(MovedBodies):
         """See `Term.collect`: forces and moments on the bodies, and their own."""
         launch(kernels.collect_residual, *self.arrays, x, out, self._base)
         super().residual(x, out)  # after the bodies' rows are set
+        self._residual = out
 
     def residual(self, x: Any, out: Any) -> None:
         """See `Term.residual`: done by `collect`."""

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from tipfem.case.openings import Opening
 from tipfem.physics.carried import Carried
 from tipfem.typing import Array
 
@@ -48,6 +50,11 @@ class Passed(Carried):
         still = np.zeros(openings)
         told = np.full(openings, np.nan), none
         return cls(passed, passed, 0.0, np.zeros(2), *told, none == 0, still, 0.0, np.zeros((openings, 2), dtype=bool))
+
+    def shut(self, openings: Sequence[Opening], time: float) -> tuple[int, ...]:
+        """Numbers of the K openings of a case that are closed at a time [s], by their valves or by commands."""
+        told = dict(enumerate(self.valve.tolist()))
+        return tuple(k for k, one in enumerate(openings) if not (told[k] if told[k] >= 0 else one.is_open(time)))
 
     def and_then(self, volume: Array, energy: float, momentum: Array, dt: float) -> Passed:
         """The same after a step of length ``dt`` [s] in which ``volume`` (K, F) has passed."""

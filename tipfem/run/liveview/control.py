@@ -21,6 +21,7 @@ from tipfem.case.case import Case
 from tipfem.case.forces import Forces
 from tipfem.case.outline import tank_outline, tank_pose, wall_openings
 from tipfem.physics.bodies.motion import BodyStates
+from tipfem.physics.openings.passed import Passed
 from tipfem.physics.state import State
 from tipfem.run.liveview.link import Door, Link, hand_over
 from tipfem.run.liveview.memory import Snapshot, StateMemory, slot_size
@@ -404,7 +405,7 @@ def snapshot_of(simulation: Stepper, speed: float, pace: float = math.nan) -> Sn
     state, forces = simulation.state, simulation.forces
     particles, mesh = state.particles, state.mesh
     gravity = simulation.case.gravity if forces.gravity is None else forces.gravity
-    bodies = state.part(BodyStates)
+    bodies, passed = state.part(BodyStates), state.part(Passed)
     return Snapshot(
         step=state.step,
         time=state.time,
@@ -420,6 +421,9 @@ def snapshot_of(simulation: Stepper, speed: float, pace: float = math.nan) -> Sn
         cells=mesh.cells,
         cell_fluid=mesh.fluid,
         bodies=np.vstack([*([] if bodies is None else [bodies.position]), tank_pose(simulation.case, state.time)]),
+        shut=()
+        if passed is None
+        else passed.shut([line.opening for line in simulation.case.boundary.lines], state.time),
     )
 
 

@@ -44,6 +44,7 @@ class Snapshot:
         cell_fluid: (M,) int32; None where interfaces run through cells.
         bodies: (B, 3) of the rigid bodies and, last, of the tank: position x, y of the reference point [m] and angle
             [rad], float64.
+        shut: numbers of the valves that are closed, below 63.
     """
 
     step: int
@@ -60,6 +61,7 @@ class Snapshot:
     cells: Array
     cell_fluid: Array | None
     bodies: Array
+    shut: tuple[int, ...] = ()
 
     @staticmethod
     def layout(particles: int, cells: int, owned: bool, bodies: int) -> list[tuple[str, str, tuple[int, ...]]]:
@@ -165,7 +167,7 @@ class StateMemory:
         whole, real, start = self._slot(number % 2)
         whole[0] = 2 * number + 1  # odd: being written
         whole[1:5] = particles, cells, state.step, state.cell_fluid is not None
-        whole[5:7] = state.poked, bodies
+        whole[5:8] = state.poked, bodies, sum(1 << k for k in state.shut if k < 63)
         real[0:5] = state.time, *state.gravity, state.speed, state.pace
         for name, array in self._arrays(particles, cells, state.cell_fluid is not None, bodies, start).items():
             array[...] = getattr(state, name)
@@ -184,14 +186,15 @@ class StateMemory:
             before = 2 * number
             if int(whole[0]) != before:
                 continue
-            particles, cells, step, owned, poked, bodies = (int(value) for value in whole[1:7])
+            particles, cells, step, owned, poked, bodies, bits = (int(value) for value in whole[1:8])
             if slot_size(particles, cells, bodies) > self._header[_SIZE]:
                 continue
             time, gx, gy, speed, pace = (float(value) for value in real[:5])
             arrays = {n: a.copy() for n, a in self._arrays(particles, cells, bool(owned), bodies, start).items()}
             if int(whole[0]) == before:
                 owner = arrays.pop("cell_fluid", None)
-                return Snapshot(step, time, (gx, gy), speed, pace, bool(poked), cell_fluid=owner, **arrays)
+                shut, forces = tuple(k for k in range(63) if bits >> k & 1), ((gx, gy), speed, pace, bool(poked))
+                return Snapshot(step, time, *forces, cell_fluid=owner, shut=shut, **arrays)
         return None
 
     def close(self) -> None:

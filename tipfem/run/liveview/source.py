@@ -10,7 +10,7 @@ import numpy as np
 
 from tipfem.render import Scene
 from tipfem.render.bodies import BodyOutline
-from tipfem.render.openings import gaps_of
+from tipfem.render.openings import gaps_of, seen_of
 from tipfem.render.tank import TankOutline
 from tipfem.run.liveview.memory import Snapshot
 
@@ -141,6 +141,7 @@ class LiveSource:
             if owner is not None:
                 cell_fields = {"density": np.take(self.fluid_densities, owner)}
             lower, upper = self._box(latest)
+            shut = [self._openings[k].name for k in latest.shut]
             scene = Scene(
                 position=latest.position,
                 cells=latest.cells,
@@ -161,7 +162,7 @@ class LiveSource:
                     for body, pose in zip(self._bodies, latest.bodies[:-1], strict=True)
                 ),
                 tank=None if self._tank is None else self._tank.placed(*(float(value) for value in latest.bodies[-1])),
-                openings=self._openings,
+                openings=seen_of(self._openings, shut, latest.position, velocity),
                 period=self._period,
             )
             self._shown = latest, scene

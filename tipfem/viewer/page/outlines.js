@@ -122,10 +122,10 @@ export function drawOutlines(pen, X, Y, state, look) {
   pen.stroke();
 }
 
-// Arrows through the openings in walls, each [kind, x0, y0, x1, y1, inwards x, y].
+// Arrows through the openings in walls, each [kind, x0, y0, x1, y1, inwards x, y, whether fluid comes in].
 function drawOpenings(pen, X, Y, { openings = [], marks = {}, ground }) {
   pen.lineWidth = 2;
-  for (const [kind, x0, y0, x1, y1, u, v] of openings) {
+  for (const [kind, x0, y0, x1, y1, u, v, enters] of openings) {
     const count = Math.max(1, Math.round(Math.hypot(X(x1) - X(x0), Y(y1) - Y(y0)) / 26));
     pen.beginPath();
     for (const [px, py] of [[X(x0), Y(y0)], [X(x1), Y(y1)], [X(x1) - 5 * u, Y(y1) + 5 * v], [X(x0) - 5 * u, Y(y0) + 5 * v]]) pen.lineTo(px, py);
@@ -134,7 +134,7 @@ function drawOpenings(pen, X, Y, { openings = [], marks = {}, ground }) {
     pen.fillStyle = marks[kind];
     for (let k = 0; k < count; k++) {
       const part = (k + 0.5) / count, px = X(x0 + part * (x1 - x0)), py = Y(y0 + part * (y1 - y0));
-      const [from, to] = kind === "inlet" ? [-5, 13] : [13, -5], way = Math.sign(to - from);
+      const [from, to] = enters ? [-5, 13] : [13, -5], way = Math.sign(to - from);
       const at = (along, aside) => [px + along * u - aside * v, py - along * v - aside * u];
       pen.beginPath();
       for (const [along, aside] of [[from, 1], [to - 8 * way, 1], [to - 8 * way, 4], [to, 0], [to - 8 * way, -4], [to - 8 * way, -1], [from, -1]]) pen.lineTo(...at(along, aside));
