@@ -75,11 +75,17 @@ def rounded(values: Any) -> str:
     return f"{float(array):.6g}" if array.ndim == 0 else f"[{', '.join(rounded(value) for value in array)}]"
 
 
+def closest(word: str, choices: Sequence[str]) -> list[str]:
+    """The choices that are close to a word: the closest first, and at most two that are nearly as close."""
+    word, lower = word.lower(), {choice.lower(): choice for choice in reversed(choices)}
+    found = difflib.get_close_matches(word, list(lower), 3, 0.65)
+    near = [difflib.SequenceMatcher(None, choice, word).ratio() for choice in found]
+    return [lower[choice] for choice, ratio in zip(found, near, strict=True) if ratio > near[0] - 0.1]
+
+
 def meant(word: str, choices: Sequence[str]) -> str:
     """``; did you mean 'density'?`` where one of the choices is close to a word; else nothing."""
-    lower = {choice.lower(): choice for choice in reversed(choices)}
-    close = difflib.get_close_matches(word.lower(), list(lower), 1, 0.65)
-    return f"; did you mean {lower[close[0]]!r}?" if close else ""
+    return "".join(f"; did you mean {found!r}?" for found in closest(word, choices)[:1])
 
 
 def brief(value: Any) -> str:

@@ -30,6 +30,21 @@ class Invalid(ValueError):
             super().__init__(f"{subject}: {self.path[-1]} {text}")
 
 
+class Several(ValueError):
+    """Values that are refused together.
+
+    Args:
+        errors: on each.
+
+    Attributes:
+        errors: as given.
+    """
+
+    def __init__(self, errors: Sequence[Invalid]) -> None:
+        self.errors = tuple(errors)
+        super().__init__("\n".join(map(str, errors)))
+
+
 class SimulationError(RuntimeError):
     """A run cannot continue; all results up to that time are kept and written."""
 

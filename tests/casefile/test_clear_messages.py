@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 import tipfem as tp
+from tipfem.arguments import closest
 from tipfem.casefile.loading import read_case
 from tipfem.casefile.problems import CaseFileError
 
@@ -82,6 +83,38 @@ def test_a_motion_without_content_is_one_of_the_body():
 def test_a_misspelt_path_of_an_override_is_named(override, message):
     (found,) = messages("", "", override)
     assert found.startswith(message)
+
+
+def test_an_unknown_key_has_its_nearest_matches_and_all_keys_where_there_is_none():
+    (near,) = messages("largest_step = 1e-3", "largest_step = 1e-3\n[numerics]\nnewton_iteration = 3")
+    assert near.endswith("is no key that is known here; did you mean 'newton_iterations'?")
+    assert closest("colum", ["volume", "columns", "column"]) == ["column", "columns"]
+    (inner,) = messages("largest_step = 1e-3", "largest_step = 1e-3\n[numerics]\ntoo_close = 0.5")
+    assert inner.endswith("known here; there is one in numerics.relocation and numerics.fitting")
+    (none,) = messages("", "", "numerics.xyz=1")
+    assert "is no key that is known here; the keys here are rho_inf, stabilisation, " in none
+
+
+def test_all_bodies_without_room_are_told_together():
+    body = '[[bodies]]\nname = "{}"\nbox = [[{}, 0.4], [{}, 0.6]]\n'
+    close = "".join(body.format(*given) for given in (("a", 0.05, 0.3), ("b", 0.7, 0.95)))
+    with pytest.raises(CaseFileError) as error:
+        read_case(GOOD.replace("[walls.left]", f"{close}[walls.left]"), "case.toml").case()
+    first, second = map(str, error.value.problems)
+    assert first.startswith(
+        "case.toml:14: bodies[1]: it is 0.05 m away from the wall 'left' at [0.05, 0.4] m; it must be"
+    )
+    assert "0.15 m or more (3 spacings) off all walls and other bodies" in first
+    assert second == (
+        "case.toml:17: bodies[2]: it is 0.05 m away from the wall 'right' at [0.95, 0.4] m; it must be 0.15 m or more "
+        "off it"
+    )
+    water = tp.Fluid("water", density=1000.0, viscosity=1e-3)
+    tank = tp.tank((1, 1), 0.05).fill(water)
+    for name, x in (("a", 0.05), ("b", 0.75)):
+        tank.add(tp.Body(tp.shapes.rectangle((x, 0.4), (x + 0.2, 0.6)), name=name))
+    with pytest.raises(ValueError, match=r"tank: body 'a': .*\ntank: body 'b': "):
+        tp.Case(tank, [water], gravity=(0, -9.81))
 
 
 def test_new_names_in_overrides_stay_possible():

@@ -56,6 +56,18 @@ def test_check_notes_what_looks_wrong(words, expected, capsys):
     assert len(notes) <= 3
 
 
+def test_check_says_what_of_a_fill_is_outside(capsys):
+    box = "fill.1.box=[[0, 0], [0.146, 2]]"
+    assert main(["check", CASE, *COARSE, "--no-mesh"]) == 0
+    assert "left out" not in capsys.readouterr().out
+    assert main(["check", CASE, *COARSE, "--set", box, "--no-mesh"]) == 0
+    (note,) = (line for line in capsys.readouterr().out.splitlines() if "left out" in line)
+    assert note == (
+        "note: fill[1] of water reaches from [0, 0] to [0.146, 2] m, out of the tank from [0, 0] to [0.584, 0.584] m; "
+        "what is outside is left out"
+    )
+
+
 def test_tension_in_the_wrong_unit_is_noted():
     file = tp.load_case(CASE, ["tank.spacing=0.02", "surface_tension.water.air=72.8"])
     (note,) = hints(file.case(), 0.4, 0.004)

@@ -84,6 +84,22 @@ def test_the_line_names_what_is_above_one_per_cent():
     assert none.startswith("numerics lost 0 J of the flow's 40 J, changed")
 
 
+def test_the_line_says_what_openings_brought():
+    rows = [row(opening_work=3.0, opening_energy=-1.0, numerical_dissipation=0.05) for _ in range(2)]
+    found = numerical_error(rows, [WATER, AIR], np.array([0.5, 0.5]))
+    assert found["energy_of_through_flow"] == 4.0
+    assert found["energy"] == 0.1 / 4.0
+    line = summary_line(found)
+    assert line.startswith(
+        "warning: numerics lost 0.1 J of the flow's 4 J, to which through-flow added 4 J (0% of it before"
+    )
+    assert "above 1 %: energy" in line
+    more = summary_line({**found, "energy_of_through_flow": 36.0})  # 0.25 % of all
+    assert more.startswith("numerics lost 0.1 J of the flow's 4 J, to which through-flow added 36 J (")
+    less = summary_line({**found, "energy_of_through_flow": -36.0})
+    assert less.startswith("warning: numerics lost 0.1 J of the flow's 4 J, of which through-flow took 36 J (")
+
+
 def test_a_run_writes_the_figures_and_says_the_line_on_a_terminal(tmp_path, monkeypatch):
     class Terminal(io.StringIO):
         def isatty(self):

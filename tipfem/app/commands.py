@@ -6,9 +6,11 @@ Each returns its exit code; see `EXIT_CODES`. Taichi is imported by those that n
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
@@ -80,6 +82,7 @@ def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, 
         Do not make the first mesh; Taichi is not started then.
     """
     from tipfem.casefile.estimate import estimate
+    from tipfem.casefile.fills import cut_fills
     from tipfem.casefile.hints import hints, scales
     from tipfem.casefile.walls import wall_lines
 
@@ -103,7 +106,7 @@ def check(case: Path, /, *, set: Overrides = None, picture: Path | None = None, 
         needed = estimate(made, file.end, table.time.largest_step, table.output.interval, file.fields)
         for line in [*wall_lines(made), *needed.lines()]:
             print(line)
-        for hint in hints(made, file.end, table.output.interval):
+        for hint in [*cut_fills(made), *hints(made, file.end, table.output.interval)]:
             print(f"note: {hint}")
         simulation = None if no_mesh else file.simulation(case=made)  # which makes the first mesh
         if picture is not None and simulation is not None:
@@ -127,33 +130,14 @@ def draw_state(simulation: Simulation, path: Path) -> None:
     """
     import imageio.v3 as imageio
 
-    from tipfem.case.outline import tank_outline, wall_openings
-    from tipfem.render import Scene, render_frame
-    from tipfem.render.bodies import body_at_start
-    from tipfem.render.openings import gaps_of
-    from tipfem.render.tank import TankOutline
+    from tipfem.render import render_frame
+    from tipfem.run.liveview.control import describe, snapshot_of
+    from tipfem.run.liveview.source import LiveSource
 
-    case, particles, mesh = simulation.case, simulation.particles, simulation.mesh
-    outline = tank_outline(case)
-    scene = Scene(
-        position=particles.position,
-        cells=mesh.cells,
-        fluid=particles.fluid,
-        wall=particles.wall,
-        time=simulation.time,
-        fluid_names=tuple(fluid.name for fluid in case.fluids),
-        fluid_densities=tuple(fluid.density for fluid in case.fluids),
-        lower=case.box[0],
-        upper=case.box[1],
-        cell_fluid=mesh.fluid,
-        spacing=particles.spacing,
-        title=case.title,
-        bodies=tuple(body_at_start(body.corners) for body in case.bodies),
-        tank=None if outline is None else TankOutline(outline, particles.spacing).at_start(),
-        openings=gaps_of(wall_openings(case)),
-        period=case.period.width if case.period else None,
-    )
-    image = render_frame(scene, mesh=len(particles) < 5000, backend="raster")
+    state = snapshot_of(simulation, math.nan)
+    feed = SimpleNamespace(latest=lambda: state, published=1, wanted=True, ended=True, paused=True)
+    scene = LiveSource(describe(simulation.case, None), feed, lambda name, values: None).scene(0)
+    image = render_frame(scene, mesh=len(state.position) < 5000, backend="raster")
     try:
         imageio.imwrite(path, image)
     except OSError as error:

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import os
 import platform
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
 from tipfem.casefile.estimate import duration
+from tipfem.results.reader import read_results
 
 TIMEOUT = 60.0  # of an examination in a process of its own [s]
 
@@ -41,25 +38,21 @@ def describe_results(folder: Path) -> list[str]:
     Raises:
         ValueError: it is none, or a file in it cannot be read.
     """
-    if not folder.is_dir():
-        raise ValueError(f"{folder}: there is no such folder; give the results folder of a run")
-    case = _json(folder / "case.json")
-    if case is None:
-        raise ValueError(f"{folder}: it has no case.json and is no results folder; give that of a run")
-    summary = _json(folder / "summary.json")
+    results = read_results(folder)
+    case, history, summary = results.case, results.history, results.summary
     lines = [f"case        {case.get('title') or 'without a title'}"]
     fluids = [f"{f['name']} ({f['density']:g} kg/m^3, {f['viscosity']:g} Pa s)" for f in case.get("fluids", [])]
     lines.append(f"fluids      {', '.join(fluids)}")
     size = case.get("size") or [high - low for low, high in zip(case["lower"], case["upper"], strict=True)]
     lines.append(f"size        {' x '.join(f'{edge:g}' for edge in size)} m, spacing {case['spacing']:g} m")
     lines.append(f"interface   {case.get('interface')}{', free surface' if case.get('free_surface') else ''}")
-    count, last = _history(folder / "history.csv")
-    if last is None:
+    if not history.rows:
         lines.append("steps       none yet")
     else:
-        lines.append(f"steps       {count}, to t = {float(last['time']):g} s, {last['particles']} particles")
-        lines.append(f"speed       at most {float(last['max_speed']):.4g} m/s in the last step")
-    if summary is None:
+        time, particles, speed = (history[name][-1] for name in ("time", "particles", "max_speed"))
+        lines.append(f"steps       {history.rows}, to t = {time:g} s, {particles} particles")
+        lines.append(f"speed       at most {speed:.4g} m/s in the last step")
+    if not summary:
         lines.append("status      no summary: still running, or killed")
     else:
         lines.append(f"status      {summary.get('status')} after {duration(float(summary['wall_seconds']))}")
@@ -73,35 +66,8 @@ def describe_results(folder: Path) -> list[str]:
         versions = summary.get("versions", {})
         lines.append("versions    " + ", ".join(f"{name} {number}" for name, number in versions.items()))
     total = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-    probes = ", ".join(sorted(path.stem for path in (folder / "probes").glob("*.csv")))
-    lines += [f"probes      {probes}"] if probes else []
+    lines += [f"probes      {', '.join(results.probes)}"] if results.probes else []
     return [*lines, f"states      {_states(folder)}", f"on disk     {total / 1e6:.1f} MB"]
-
-
-def _json(path: Path) -> dict[str, Any] | None:
-    """The content of a JSON file; None where there is none."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError) as error:
-        raise ValueError(f"{path}: it cannot be read ({error}); it may be of another program, or damaged") from None
-    if not isinstance(content, dict):
-        raise ValueError(f"{path}: it holds no JSON object; it may be of another program")
-    return content
-
-
-def _history(path: Path) -> tuple[int, Mapping[str, str] | None]:
-    """The number of steps in a history and the last row that is whole."""
-    count, last = 0, None
-    try:
-        with open(path, encoding="utf-8", newline="") as file:
-            for row in csv.DictReader(file):
-                if None not in row.values():
-                    count, last = count + 1, row
-    except FileNotFoundError:
-        pass
-    return count, last
 
 
 @dataclass(frozen=True)

@@ -205,7 +205,7 @@ def resumed(
         return started(file, file.case(), out), file.end
     from tipfem.run.simulation import Simulation
 
-    newest = checkpoints.newest()
+    newest = checkpoints.read()
     before = newest["environment"]
     runtime.init(arch or before["arch"], before["precision"], threads)
     if file is None:

@@ -11,11 +11,12 @@ from functools import partial
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from tipfem.arguments import is_number, numbers
+from tipfem.arguments import is_number
 from tipfem.case.openings import Opening, OpenLine, check_openings, line_of
 from tipfem.case.particles import Particles
 from tipfem.case.passages import Passages, edges_named, opened, with_ends
 from tipfem.case.side_frames import frames, inverses
+from tipfem.case.wall_members import ON_LINE, members_of
 from tipfem.case.walls import Motion, Pose, Wall, rates
 from tipfem.errors import Invalid, SimulationError
 from tipfem.geometry.curves import Curve, curve_of, runs_of
@@ -24,9 +25,8 @@ from tipfem.geometry.period import Period, no_period
 from tipfem.geometry.polyhedron import Polyhedron
 from tipfem.typing import Array
 
-# A wall particle lies on a straight side if it is closer to it than this [spacings]; after remeshing, than the other:
-# new positions on the line have round-off.
-ON_LINE = 1e-6
+# A wall particle lies on a straight side if it is closer to it than this [spacings] after remeshing, which has given
+# it a position with round-off; before, if it is closer than `ON_LINE`.
 ON_SIDE = 1e-5
 # A wall particle off all straight walls is on a curve if it is closer to it than this [spacings]; others are of bodies.
 NEAR_CURVE = 0.5
@@ -180,7 +180,7 @@ class Boundary:
             why = "is given; a wall of a tank that is not convex, or has arcs, cannot move along its normal"
             raise Invalid(("walls", wall.name, "motion"), why, here)
         if wall.side is None:
-            return [(number, *self._members(wall, particles))]
+            return [(number, *members_of(wall, particles, self._y, self.on_side, self.side_normal))]
         if not isinstance(self.domain, Domain):
             why = f"is {wall.side!r}; in 3-D give its particles by index or mask"
             raise Invalid(("walls", wall.name, "side"), why, here)
@@ -208,60 +208,6 @@ class Boundary:
         self.normal[rows] = 0.0
         self.normal[rows, 0] = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
         self.inverse[rows] = np.linalg.pinv(self.normal[rows], rcond=1e-9)
-
-    def _members(self, wall: Wall, particles: Particles) -> tuple[int, Array]:
-        """The side of a wall, and its particles as positions in `index`, in order along the wall in 2-D."""
-        here, d = f"Case: wall {wall.name!r}", self.dimension
-        if wall.between is not None:
-            if d != 2:
-                raise Invalid(("walls", wall.name, "between"), "is for 2-D; give its particles by index or mask", here)
-            a, b = numbers(wall.between)
-            along = (self._y - a) @ (b - a) / ((b - a) @ (b - a))
-            off = np.linalg.norm(self._y - a - along[:, None] * (b - a), axis=1)
-            slack = 1e-6 * self._h / np.linalg.norm(b - a)
-            found = np.flatnonzero((off < ON_LINE * self._h) & (along > -slack) & (along < 1 + slack))
-        else:
-            given = np.asarray(wall.particles)
-            given = np.flatnonzero(given) if given.dtype == bool and given.shape == particles.wall.shape else given
-            if given.ndim != 1 or given.dtype.kind not in "iu" or (given < 0).any() or (given >= len(particles)).any():
-                raise Invalid(
-                    ("walls", wall.name, "particles"),
-                    f"must be indices from 0 to {len(particles) - 1}, or a mask of all",
-                    here,
-                )
-            if not particles.wall[given].all():
-                i = int(given[np.argmin(particles.wall[given])])
-                raise Invalid(
-                    ("walls", wall.name),
-                    f": particle {i} at {particles.position[i].tolist()} is not a wall particle",
-                    here,
-                )
-            found = np.searchsorted(self.index, np.unique(given))
-        if len(found) < d + 1:
-            raise Invalid(
-                ("walls", wall.name), f": only {len(found)} wall particles belong to it; it takes {d + 1} or more", here
-            )
-        common = self.on_side[found].all(axis=0)
-        if not common.any():
-            k = int(np.argmax(self.on_side[found].sum(axis=0)))
-            stray = self.index[found[np.argmin(self.on_side[found, k])]]
-            raise Invalid(
-                ("walls", wall.name),
-                f": particle {stray} at {particles.position[stray].tolist()} is not on one straight side of the "
-                "tank with the others; slip, velocity and motion are for straight walls, and for the sides of shapes",
-                here,
-            )
-        side = int(np.argmax(common))
-        if d == 2:
-            found = found[np.argsort(self._y[found] @ self._tangent(side))]
-        if (d == 3 or wall.motion is not None) and len(found) < self.on_side[:, side].sum():
-            raise Invalid(
-                ("walls", wall.name),
-                f": it is {len(found)} of the {self.on_side[:, side].sum()} particles of its side; a wall with a "
-                "motion, and any in 3-D, must be the whole side",
-                here,
-            )
-        return side, found
 
     def _tangent(self, side: int) -> Array:
         n = self.side_normal[side]

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from tipfem.arguments import numbers
 from tipfem.case.beaches import Beach, zones_of
@@ -18,6 +17,7 @@ from tipfem.case.grading import Grading
 from tipfem.case.largest_step import DEFAULT, RESOLVED
 from tipfem.case.numerics import Numerics, SurfaceRule
 from tipfem.case.openings import Inlet, Opening, Outlet, check_balance
+from tipfem.case.particle_checks import require_apart, require_labels, require_walls_around, require_walls_at_rest
 from tipfem.case.particles import Particles
 from tipfem.case.surface_tension import Pair, TensionTable, tension_contradictions
 from tipfem.case.tank import Tank
@@ -33,8 +33,6 @@ from tipfem.typing import Array
 # The names of the interface rules; `tipfem.mesh.interface` has their classes.
 INTERFACES = ("interpolated", "sharp")
 DEFAULT_INTERFACE = "sharp"
-# A wall particle of a closed case farther than this inside the convex hull is an inner wall [spacings].
-INNER_WALL = 0.1
 SAME_HEIGHT = 1e-9  # relative difference of heights by round-off
 # A wall particle closer than this to the outline of a body is on the body [spacings].
 ON_BODY = 1e-3
@@ -287,12 +285,8 @@ class Case:
                 outside = (position[:, k] < 0) | (position[:, k] >= width[k])
                 if outside.any():
                     i = int(np.argmax(outside))
-                    raise Invalid(
-                        "particles",
-                        f": particle {i} at {position[i].tolist()} is outside the period, "
-                        f"0 <= {'xy'[k]} < {width[k]:g} m",
-                        "Case",
-                    )
+                    text = f": particle {i} at {position[i].tolist()} is outside the period, 0 <= {'xy'[k]} < "
+                    raise Invalid("particles", f"{text}{width[k]:g} m", "Case")
         if period:
             self._check_periodic()
         return period
@@ -318,12 +312,9 @@ class Case:
         if given.shape != (d,) or not np.isfinite(given).all():
             raise Invalid("gravity", f"is {gravity!r}; it must be {d} finite accelerations in m/s^2", "Case")
         if given.any() and self.period.everywhere:
-            raise Invalid(
-                "gravity",
-                f"is {given.tolist()} m/s^2 in a domain that is periodic in all directions; no wall "
-                "holds the fluids there, and they would fall forever: set it to 0, or keep walls in one direction",
-                "Case",
-            )
+            text = f"is {given.tolist()} m/s^2 in a domain that is periodic in all directions; no wall holds the "
+            text += "fluids there, and they would fall forever: set it to 0, or keep walls in one direction"
+            raise Invalid("gravity", text, "Case")
         return given
 
     def _checked_bodies(self, bodies: Sequence[Body]) -> list[Body]:
@@ -422,87 +413,12 @@ class Case:
             largest = self.grading.of_fluids([f.name for f in self.fluids], particles.spacing)
             inside = np.zeros(len(particles), dtype=bool)
             self.grading.sizing(particles.position, particles.fluid, inside, largest, particles.spacing)
-        lowest = np.where(particles.wall & self.free_surface, -1, 0)  # -1: a wall where there is no fluid
-        bad = (particles.fluid < lowest) | (particles.fluid >= len(self.fluids))
-        if bad.any():
-            i = int(np.argmax(bad))
-            raise Invalid(
-                "particles",
-                f": particle {i} has fluid {int(particles.fluid[i])}; with {len(self.fluids)} fluid(s) it "
-                f"must lie between 0 and {len(self.fluids) - 1}",
-                "Case",
-            )
+        require_labels(particles, len(self.fluids), dry_walls=self.free_surface)
         self._check_interface(particles.dimension)
-        median = particles.require_distinct()
-        if not 0.1 <= particles.spacing / median <= 10:
-            raise Invalid(
-                "particles",
-                f": spacing is {particles.spacing:g} m, but the particles stand {median:g} m apart (median); "
-                "the two may differ by a factor of 10 at most",
-                "Case",
-            )
-        if not self.walls and self.tank_motion is None and (particles.velocity[particles.wall] != 0).any():
-            i = int(np.flatnonzero(particles.wall & (particles.velocity != 0).any(axis=1))[0])
-            raise Invalid(
-                "particles",
-                f": wall particle {i} has velocity {particles.velocity[i].tolist()} m/s; walls are fixed, "
-                "it must be zero",
-                "Case",
-            )
-        if particles.wall.all():
-            raise Invalid("particles", ": all particles are wall particles; there is no fluid to move", "Case")
-        self._check_walls_surround(particles)
-
-    def _check_walls_surround(self, particles: Particles) -> None:
-        if self.period.everywhere:
-            if particles.wall.any():
-                i = int(np.argmax(particles.wall))
-                raise Invalid(
-                    "particles",
-                    f": particle {i} at {particles.position[i].tolist()} is a wall particle; a domain that is "
-                    "periodic in all directions has no walls",
-                    "Case",
-                )
-            return
-        if self.domain is not None:
-            self.domain.require_surrounds(particles.position, particles.wall, particles.spacing)
-            return
-        centred = (particles.position - particles.position.mean(axis=0)) / particles.spacing
-        try:
-            facets = ConvexHull(centred).equations
-        except QhullError as error:
-            raise Invalid(
-                "particles",
-                f": the {len(particles)} particles enclose no space; {particles.dimension + 1} or more are "
-                "needed, not all on one line or in one plane",
-                "Case",
-            ) from error
-        # Facets of one straight wall have the same equation up to round-off; one of them is enough.
-        facets = facets[np.unique(facets.round(12), axis=0, return_index=True)[1]]
-        depth = np.full(len(particles), np.inf)  # below the nearest facet [spacings]
-        for facet in facets[
-            ~facets[:, self.period.axes].any(axis=1)
-        ]:  # one by one: all at once would take facets x particles of memory
-            depth = np.minimum(depth, -(centred @ facet[:-1] + facet[-1]))
-        outside = ~particles.wall & (depth < 1e-9)
-        if outside.any():
-            i = int(np.argmax(outside))
-            raise Invalid(
-                "particles",
-                f": particle {i} at {particles.position[i].tolist()} lies outside the walls (or on them); "
-                "wall particles must surround all others",
-                "Case",
-            )
-        inner = particles.wall & (depth > INNER_WALL) & (self.body_label < 0)
-        if not self.free_surface and inner.any():
-            i = int(np.argmax(inner))
-            raise Invalid(
-                "particles",
-                f": wall particle {i} at {particles.position[i].tolist()} lies {depth[i]:.2g} spacings inside the "
-                "convex hull of all particles; a closed case has outer walls only, unless shape=... gives what the "
-                "walls enclose",
-                "Case",
-            )
+        require_apart(particles)
+        require_walls_at_rest(particles, moving=bool(self.walls) or self.tank_motion is not None)
+        inner = (self.body_label >= 0) | self.free_surface
+        require_walls_around(particles, self.period, self.domain, inner)
 
     def _repr_html_(self) -> str:
         """For notebooks."""

@@ -18,8 +18,8 @@ from tipfem.case.grading import Grading, thinned
 from tipfem.case.memory import too_many
 from tipfem.case.particles import Particles
 from tipfem.case.region import Filling, Region, region_of
-from tipfem.case.walls import Wall
-from tipfem.errors import Invalid
+from tipfem.case.walls import OPTIONS, Wall
+from tipfem.errors import Invalid, Several
 from tipfem.geometry.box_points import SIDES, BoxPoints
 from tipfem.geometry.curves import has_curve
 from tipfem.geometry.domain import LEAST_GAP, Domain, domain_of, gap_between
@@ -122,11 +122,8 @@ class Tank:
             self.lower, self.upper = np.zeros_like(self.size), self.size
         self.spacing, self.jitter, self.seed, self.shape = spacing, jitter, seed, shape
         if spacing > self.size.min() / 2:
-            raise Invalid(
-                "tank.spacing",
-                f"is {spacing:g} m, too large for a tank of {self.size.tolist()} m; "
-                f"it must be at most half the smallest edge, {self.size.min() / 2:g} m",
-            )
+            text = f"is {spacing:g} m, too large for a tank of {self.size.tolist()} m; it must be at most half the "
+            raise Invalid("tank.spacing", f"{text}smallest edge, {self.size.min() / 2:g} m")
         self.sides: tuple[str, ...] = tuple(name for name, (axis, _) in SIDES.items() if axis < self.size.size)
         self._regions: list[Region] = []
         self.bodies: list[Body] = []
@@ -146,17 +143,14 @@ class Tank:
     def _make_periodic(self, periodic: str) -> None:
         """Leave out the walls across the periodic axes; see the class for errors."""
         if len(self.size) != 2:
-            raise Invalid(
-                "tank.periodic", f"is {periodic!r} and size {self.size.tolist()} m; only tanks in 2-D are periodic"
-            )
+            text = f"is {periodic!r} and size {self.size.tolist()} m; only tanks in 2-D are periodic"
+            raise Invalid("tank.periodic", text)
         width = np.where(["x" in periodic, "y" in periodic], self.size, 0.0)
         for length, name in zip(width.tolist(), ("wide", "high"), strict=True):
             if 0 < length < LEAST_WIDTH * self.spacing * (1 - 1e-9):
-                raise Invalid(
-                    "tank.periodic",
-                    f"is {periodic!r} and the tank {length:g} m {name}; with a spacing of "
-                    f"{self.spacing:g} m it must be {LEAST_WIDTH * self.spacing:g} m or more, {LEAST_WIDTH} spacings",
-                )
+                text = f"is {periodic!r} and the tank {length:g} m {name}; with a spacing of {self.spacing:g} m it"
+                least = LEAST_WIDTH * self.spacing
+                raise Invalid("tank.periodic", f"{text} must be {least:g} m or more, {LEAST_WIDTH} spacings")
         self.period = Period(width)
         self.sides = tuple(name for name in self.sides if SIDES[name][0] not in self.period.axes)
 
@@ -268,11 +262,9 @@ class Tank:
             raise ValueError(f"wall: {side!r} is no wall of this tank; it has {has}")
         if side in self._walls:
             raise ValueError(f"wall {side!r} is described twice; give all of its properties in one call")
-        options = {"law", "slip", "slip_length", "velocity", "motion", "contact_angle"}
-        if not what or set(what) - options:
-            raise Invalid(
-                ("walls", side), f": {sorted(what)} given; it takes one or more of {sorted(options)}", f"wall {side!r}"
-            )
+        if not what or set(what) - set(OPTIONS):
+            text = f": {sorted(what)} given; it takes one or more of {sorted(OPTIONS)}"
+            raise Invalid(("walls", side), text, f"wall {side!r}")
         Wall(side, particles=[], **what)  # refuses bad values here
         self._walls[side] = what
         return self
@@ -376,17 +368,11 @@ class Tank:
     def _check_3d(self, *, fitted: bool) -> None:
         """See `sample` for errors."""
         if fitted:
-            raise Invalid(
-                "interface",
-                ": the sharp interface (the default) is for 2-D only; for a 3-D tank say interface='interpolated'",
-                "tank",
-            )
+            text = ": the sharp interface (the default) is for 2-D only; for a 3-D tank say interface='interpolated'"
+            raise Invalid("interface", text, "tank")
         if not self.jitter:
-            raise Invalid(
-                "tank.jitter",
-                "is 0; a regular lattice in 3-D cannot be meshed, its cubes are cut into simplices "
-                "without volume; set jitter, to 0.1 for instance",
-            )
+            text = "is 0; a regular lattice in 3-D cannot be meshed, its cubes are cut into simplices without volume; "
+            raise Invalid("tank.jitter", f"{text}set jitter, to 0.1 for instance")
 
     def _placed(
         self, filling: Filling, part: Part | None, is_empty: Part | None, *, fitted: bool
@@ -413,13 +399,13 @@ class Tank:
                 shape = cut_out(shape, [body.outline])
             except ValueError as error:
                 text = f": it must be inside the tank and off all walls: {error}"
-                raise self._crowded() or _body_invalid(body, text) from error
+                raise self._crowded(_body_invalid(body, text)) from error
         domain = domain_of(shape, self.spacing, part)
         if self.bodies:
             try:
                 domain.require_resolved(self.spacing)
             except ValueError as error:
-                raise self._crowded() or error from error
+                raise self._crowded(error) from error
         first = len(outline.loops)
         loops = [domain.start[domain.loop == first + k][::-1] for k in range(len(self.bodies))]
         self.bodies = [body.meshed(loop) for body, loop in zip(self.bodies, loops, strict=True)]
@@ -429,27 +415,26 @@ class Tank:
     def _outline(self) -> Shape:
         return rectangle(self.lower, self.upper.tolist()) if self.shape is None else self.shape
 
-    def _crowded(self) -> Invalid | None:
-        """The error on the first body that is too close to a wall or to another; None where none is."""
-        tank, least = domain_of(self._outline, self.spacing), LEAST_GAP * self.spacing
+    def _crowded(self, other: ValueError) -> ValueError:
+        """The errors on all bodies that are too close to a wall or to a body before them; another where none is."""
+        found, tank, least = list[Invalid](), domain_of(self._outline, self.spacing), LEAST_GAP * self.spacing
+        why = f"{least:.4g} m or more ({LEAST_GAP:g} spacings) off all walls and other bodies, for fluid is between "
+        why += "them: move it, or choose a smaller spacing. A body cannot stand on a wall, or close a gap"
         outlines = [domain_of(body.outline, self.spacing) for body in self.bodies]
         for b, outline in enumerate(outlines):
             gap, place, edge = gap_between(outline, tank, outside=False)
-            other = f"the wall {tank.sides[tank.side[edge]]!r}"
+            beside = f"the wall {tank.sides[tank.side[edge]]!r}"
             for k in range(b):
                 both = (outline, outlines[k]), (outlines[k], outline)
-                found = min((gap_between(*pair, outside=True) for pair in both), key=lambda gap: gap[0])
-                if found[0] < gap:
-                    gap, place, other = found[0], found[1], f"body {self.bodies[k].name!r}"
+                nearest = min((gap_between(*pair, outside=True) for pair in both), key=lambda gap: gap[0])
+                if nearest[0] < gap:
+                    gap, place, beside = nearest[0], nearest[1], f"body {self.bodies[k].name!r}"
             if gap < least * (1 - 1e-6):
                 distance = f"{gap:.4g} m away from" if gap > 0 else "on, or on the wrong side of,"
-                return _body_invalid(
-                    self.bodies[b],
-                    f": it is {distance} {other} at {rounded(place)} m; it must be inside the tank and {least:.4g} m "
-                    f"or more ({LEAST_GAP:g} spacings) off all walls and other bodies, for fluid is between them: move "
-                    "it, or choose a smaller spacing. A body cannot stand on a wall, or close a gap",
-                )
-        return None
+                text = f": it is {distance} {beside} at {rounded(place)} m; it must be"
+                text += f" {least:.4g} m or more off it" if found else f" inside the tank and {why}"
+                found.append(_body_invalid(self.bodies[b], text))
+        return found[0] if len(found) == 1 else Several(found) if found else other
 
 
 def _body_invalid(body: Body, text: str) -> Invalid:

@@ -15,6 +15,7 @@ from tipfem.errors import Invalid
 from tipfem.typing import Array
 
 Function = Callable[[float], Any]
+OPTIONS = ("law", "slip", "slip_length", "velocity", "motion", "contact_angle")  # of a wall, beside name and place
 
 # Weights of finite differences of fourth order for f' (divided by the step) and f'' (divided by its square): central,
 # and one-sided for the start of a run, before which functions need not be defined.

@@ -23,7 +23,7 @@ from tipfem.case.openings import check_balance
 from tipfem.case.particles import Particles
 from tipfem.case.surface_tension import Pair, TensionTable
 from tipfem.case.tank import Tank
-from tipfem.case.walls import Motion, Wall
+from tipfem.case.walls import OPTIONS, Motion, Wall
 from tipfem.casefile.bodies import read_bodies
 from tipfem.casefile.fills import shape_of, shapes_of
 from tipfem.casefile.forms import FORMS, Limits, Model, Polyline, Ramp, Table, UniformForce, WaveForm
@@ -275,8 +275,7 @@ class Parts:
                 continue
             place = {key: options.pop(key) for key in ("between", "particles") if key in options} or {"particles": []}
             if not options:
-                keys = "law, slip, slip_length, velocity, motion and contact_angle"
-                self.report(path, f"has nothing to say; give one or more of {keys}, or leave the table out")
+                self.report(path, f"has nothing to say; give one of {', '.join(OPTIONS)}, or leave the table out")
                 continue
             if "contact_angle" in options:
                 options["contact_angle"] = _by_pairs(options["contact_angle"])

@@ -18,19 +18,10 @@ from tipfem.case.mesh_file import MeshTank
 from tipfem.case.particles import Particles
 from tipfem.case.region import Region
 from tipfem.case.tank import Tank
-from tipfem.case.walls import Wall
+from tipfem.case.walls import OPTIONS, Wall
 from tipfem.case.waves import WaveMaker
 from tipfem.casefile.bodies import body_content
-from tipfem.casefile.forms import (
-    FORMS,
-    HalfSpace,
-    Limits,
-    Model,
-    Polygon,
-    Side,
-    Table,
-    UniformForce,
-)
+from tipfem.casefile.forms import FORMS, HalfSpace, Limits, Model, Polygon, Side, Table, UniformForce
 from tipfem.casefile.outlines import shape_content
 from tipfem.casefile.schema import SCHEMA_ID, CheckpointTable
 from tipfem.casefile.source import BARE
@@ -40,7 +31,6 @@ from tipfem.results.whole_file import replaced
 
 NOT_KEPT = "not kept: "  # begins what stands in place of a part that a case file cannot keep
 ARRAYS = ("position", "fluid", "wall", "velocity", "acceleration", "pressure")
-WALL = ("law", "slip", "slip_length", "velocity", "motion", "contact_angle")
 FUNCTIONS = tuple(FORMS.values())
 
 
@@ -298,7 +288,7 @@ class _Writer:
         elif wall.side is None:
             particles = np.asarray(wall.particles)
             place["particles"] = (np.flatnonzero(particles) if particles.dtype == bool else particles).tolist()
-        options = {key: getattr(wall, key) for key in WALL}
+        options = {key: getattr(wall, key) for key in OPTIONS}
         options = {key: value for key, value in options.items() if value is not None and value is not False}
         content = {**place, **(self.wall_options(wall.name, options) or {"slip": False})}
         self.table(("walls", wall.side or wall.name), content)

@@ -18,6 +18,7 @@ from tipfem.casefile.describing import NOT_KEPT
 from tipfem.casefile.problems import CaseFileError, Problem, Translator, child_at
 from tipfem.casefile.schema import CaseTable, json_schema
 from tipfem.casefile.source import Key, Path, Source, SyntaxProblem, keys_of, parse, value_of
+from tipfem.errors import Several
 from tipfem.geometry.box_points import SIDES
 from tipfem.results.fields import FieldOutput
 from tipfem.results.output import CASE_FILE
@@ -179,8 +180,8 @@ class CaseFile:
         except CaseFileError:
             raise
         except ValueError as error:
-            path, text = self.parts.place_of(error)
-            raise CaseFileError([self._findings.problem(path, text)]) from None
+            errors = error.errors if isinstance(error, Several) else (error,)
+            raise CaseFileError(self._findings.problem(*self.parts.place_of(each)) for each in errors) from None
 
 
 class _Findings:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import datetime
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from tipfem.arguments import is_number, meant
+from tipfem.arguments import closest, is_number, meant
 from tipfem.casefile.source import BARE, Path
 
 TAGS = ("form", "type")  # keys by which tables of several forms are told apart
@@ -163,12 +163,10 @@ class SchemaReader:
     def keys(self, path: Path, data: Any) -> list[str]:
         """The keys that the table at a path may have."""
         node, _ = self.node(path, data)
-        for key in path:
-            data = _child(data, key)
-        return list(self._chosen(node, data).get("properties", {}))
+        return list(self._chosen(node, child_at(data, path)).get("properties", {}))
 
     def tables_with(self, key: str) -> list[str]:
-        """Tables of the top level that have a key of this name."""
+        """Tables of the top level, and tables in them, that have a key of this name."""
         found = []
         for name, node in self.schema["properties"].items():
             table = self._resolved(node)
@@ -178,6 +176,8 @@ class SchemaReader:
             choices = [self._resolved(choice) for choice in table.get("oneOf", ())] or [table]
             if any(key in choice.get("properties", {}) for choice in choices):
                 found.append(name)
+            parts = {part: self._resolved(node) for part, node in table.get("properties", {}).items()}
+            found += [f"{name}.{part}" for part, node in parts.items() if key in node.get("properties", {})]
         return found
 
     def expected(self, node: Mapping[str, Any], unit: str = "") -> str:
@@ -267,9 +267,10 @@ class Translator:
             path = self._path(error)
             if error["type"] == "extra_forbidden":
                 found[path] = self._unknown(path)
-            elif error["type"] == "missing" or (error["type"] == "union_tag_not_found" and self._is_table(path)):
-                if error["type"] == "union_tag_not_found":
-                    path = (*path, self._tag(path))
+            elif error["type"] == "missing":
+                found[path] = self._missing(path)
+            elif error["type"] == "union_tag_not_found" and isinstance(child_at(self.data, path), Mapping):
+                path = (*path, self._tag(path))
                 found[path] = self._missing(path)
             else:
                 if error["type"] == "union_tag_invalid":
@@ -280,16 +281,13 @@ class Translator:
             # A key that is missing because it is misspelt is one mistake.
             missing = {key: (*path[:-1], key) for key in self.reader.keys(path[:-1], self.data)}
             lacking = [key for key, place in missing.items() if found.get(place, "").startswith("is missing")]
-            if hint := meant(str(path[-1]), lacking):
-                found.pop((*path[:-1], hint.split("'")[1]))
+            for key in closest(str(path[-1]), lacking)[:1]:
+                found.pop(missing[key])
         return found
 
     def _tag(self, path: Path) -> str:
         node, _ = self.reader.node(path, self.data)
         return str(node.get("discriminator", {}).get("propertyName", TAGS[0]))
-
-    def _is_table(self, path: Path) -> bool:
-        return isinstance(child_at(self.data, path), Mapping)
 
     def _path(self, error: Mapping[str, Any]) -> Path:
         """The path in the content: pydantic's has names of forms in between."""
@@ -316,17 +314,17 @@ class Translator:
     def _unknown(self, path: Path) -> str:
         name = str(path[-1])
         keys, table = self.reader.keys(path[:-1], self.data), child_at(self.data, path[:-1])
-        hint = meant(name, keys)
         if why := cannot(name):
             return why
         if place := _found(ELSEWHERE, name):
             return f"is no key that is known here; {place}"
-        if tag := next((tag for tag in TAGS if tag in keys and tag in table), ""):
-            return f"is no key of the {tag} {table[tag]!r}{hint}; its keys are {', '.join(keys)}"
-        tables = [table for table in self.reader.tables_with(name) if not hint]
-        if tables:
-            hint = f"; there is one in {' and '.join(tables)};"
-        return f"is no key that is known here{hint or ';'} the keys here are {', '.join(keys)}"
+        tag = next((tag for tag in TAGS if tag in keys and tag in table), "")
+        where = f"of the {tag} {table[tag]!r}" if tag else "that is known here"
+        if near := closest(name, keys):
+            return f"is no key {where}; did you mean {' or '.join(map(repr, near))}?"
+        if not tag and (tables := self.reader.tables_with(name)):
+            return f"is no key {where}; there is one in {' and '.join(tables)}"
+        return f"is no key {where}; {'its keys' if tag else 'the keys here'} are {', '.join(keys)}"
 
     def _missing(self, path: Path) -> str:
         node, unit = self.reader.node(path, self.data)
@@ -371,13 +369,9 @@ class Translator:
             for width in range(inner.get("minItems", 2), inner.get("maxItems", 3) + 1):
                 rows = [value[k : k + width] for k in range(0, len(value), width)]
                 least, most = node.get("minItems", 1), node.get("maxItems", len(rows))
-                if not len(value) % width and least <= len(rows) <= most and _all_numbers(value):
+                if not len(value) % width and least <= len(rows) <= most and all(map(is_number, value)):
                     return f"; did you mean {shown(rows)}?"
         return ""
-
-
-def _all_numbers(values: Sequence[Any]) -> bool:
-    return all(map(is_number, values))
 
 
 def _child(value: Any, key: str | int) -> Any:

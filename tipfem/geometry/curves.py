@@ -50,6 +50,12 @@ class Curve:
         edge = np.argmin(distance, axis=1)
         return distance[np.arange(len(y)), edge], edge
 
+    def _foot(self, y: Array) -> tuple[Array, Array]:
+        """The nearest edge (K,) of points (K, 2), and the part (K,) of its length where it is nearest."""
+        _, edge = self.nearest(y)
+        start, side = self.start[edge], (self.end - self.start)[edge]
+        return edge, np.clip(((y - start) * side).sum(axis=1) / (side**2).sum(axis=1), 0.0, 1.0)
+
     def at_ends(self, y: Array, slack: float) -> Array:
         """Mask (K,) of the points (K, 2) [m] at its two ends, up to ``slack`` [m]; a closed curve has none."""
         ends = np.stack([self.start[0], self.end[-1]])
@@ -57,10 +63,9 @@ class Curve:
 
     def project(self, y: Array) -> Array:
         """The points (K, 2) of the curve nearest to points (K, 2) near it [m]: on the arc where an edge has one."""
-        _, edge = self.nearest(y)
-        start, side = self.start[edge], (self.end - self.start)[edge]
-        part = np.clip(((y - start) * side).sum(axis=1) / (side**2).sum(axis=1), 0.0, 1.0)
-        straight = start + part[:, None] * side
+        edge, part = self._foot(y)
+        start = self.start[edge]
+        straight = start + part[:, None] * (self.end - self.start)[edge]
         centre = self.centre[edge]
         off = y - centre
         radius = np.linalg.norm(start - centre, axis=1)
@@ -71,9 +76,8 @@ class Curve:
 
     def along(self, y: Array) -> Array:
         """Places (K,) of points (K, 2) along the curve, in edges."""
-        _, edge = self.nearest(y)
-        start, side = self.start[edge], (self.end - self.start)[edge]
-        return np.asarray(edge + np.clip(((y - start) * side).sum(axis=1) / (side**2).sum(axis=1), 0.0, 1.0))
+        edge, part = self._foot(y)
+        return np.asarray(edge + part)
 
     def tangent(self, y: Array) -> Array:
         """Unit vectors (K, 2) along the curve at points (K, 2) of it, in the direction of its edges."""

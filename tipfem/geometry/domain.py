@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, cKDTree
 
 from tipfem.errors import Invalid
+from tipfem.geometry.lattice import bisected
 from tipfem.geometry.period import Period
 from tipfem.geometry.shapes import Piece, Shape
 from tipfem.typing import Array
@@ -26,7 +27,6 @@ LEAST_EDGE = 0.2
 LEAST_GAP = 3.0
 # Two points of the boundary are across a gap if the way between them along the boundary is this many times as long.
 ROUND_ABOUT = 4.0
-BISECTIONS = 52
 # A particle is on the boundary if it is closer to it than this [spacings].
 ON_BOUNDARY = 1e-6
 
@@ -258,23 +258,18 @@ class Domain:
         on = self.on_edges(x[wall], ON_BOUNDARY * h)
         if not on.any(axis=1).all():
             i = int(np.flatnonzero(wall)[np.argmin(on.any(axis=1))])
-            raise Invalid(
-                "particles", f": wall particle {i} at {x[i].tolist()} is not on the boundary of the domain", "Case"
-            )
+            text = f": wall particle {i} at {x[i].tolist()} is not on the boundary of the domain"
+            raise Invalid("particles", text, "Case")
         corner = cKDTree(x[wall]).query(self.start)[0] < ON_BOUNDARY * h
         if not corner.all():
             k = int(np.argmin(corner))
-            raise Invalid(
-                "particles", f": the corner of the domain at {self.start[k].tolist()} has no wall particle", "Case"
-            )
+            text = f": the corner of the domain at {self.start[k].tolist()} has no wall particle"
+            raise Invalid("particles", text, "Case")
         inside = self.contains(x) & (self.depth(x, 1e-6 * h) == np.inf)
         if (~inside & ~wall).any():
             i = int(np.argmax(~inside & ~wall))
-            raise Invalid(
-                "particles",
-                f": particle {i} at {x[i].tolist()} is not inside the domain, or is on its boundary",
-                "Case",
-            )
+            text = f": particle {i} at {x[i].tolist()} is not inside the domain, or is on its boundary"
+            raise Invalid("particles", text, "Case")
 
     def require_resolved(self, spacing: float) -> None:
         """Check that particles of a spacing can resolve the domain.
@@ -470,12 +465,8 @@ def _arc_points(run: Sequence[Piece], spacing: float, part: Callable[[Array], Ar
             label[-1] = label[0]
         moved = where.copy()
         for k in np.flatnonzero(label[1:] != label[:-1]):
-            low, high = where[k], where[k + 1]
-            for _ in range(BISECTIONS):
-                middle = 0.5 * (low + high)
-                same = part(at(np.array([middle])))[0] == label[k]
-                low, high = (middle, high) if same else (low, middle)
-            crossing = 0.5 * (low + high)
+            ends = where[k : k + 1], where[k + 1 : k + 2]
+            (crossing,) = bisected(*ends, lambda place: part(at(place)))
             nearer = int(k if crossing * count - k < 0.5 else k + 1)
             if whole:
                 moved[nearer % count] = crossing - (nearer - nearer % count) / count

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
 from tipfem.geometry.domain import Domain
-from tipfem.geometry.lattice import BISECTIONS, Part
+from tipfem.geometry.lattice import Part, bisected
 from tipfem.geometry.shape_points import triangles_inside
 from tipfem.typing import Array
 
@@ -118,12 +118,7 @@ def _even(x: Array, around: bool, spacing: float, part: Part) -> Array | None:
         normal = np.stack([before[:, 1] - after[:, 1], after[:, 0] - before[:, 0]], axis=1)
         normal *= REACH * spacing / np.linalg.norm(normal, axis=1)[:, None]
         low, high = x[1:-1] - normal, x[1:-1] + normal
-        start = part(low)
-        if (start == part(high)).any():
+        if (part(low) == part(high)).any():
             return None
-        for _bisection in range(BISECTIONS):
-            middle = 0.5 * (low + high)
-            same = (part(middle) == start)[:, None]
-            low, high = np.where(same, middle, low), np.where(same, high, middle)
-        x[1:-1] = 0.5 * (low + high)
+        x[1:-1] = bisected(low, high, part)
     return x

@@ -13,10 +13,29 @@ from tipfem.typing import Array
 
 # Function of positions (K, d) [m] to the number (K,) of the part of a tank that each is in, or to a mask.
 Part = Callable[[Array], Array]
-# Bisections of an edge between two parts, down to round-off.
-BISECTIONS = 52
+BISECTIONS = 52  # down to round-off
 # Distance from a face at which the parts on its two sides are sampled [spacings].
 BESIDE = 1e-4
+
+
+def bisected(low: Array, high: Array, label: Callable[[Array], Array]) -> Array:
+    """Where between two places or points (K, ...) the label (K,) changes that places have, from that of the first."""
+    if not len(low):
+        return low
+    before = label(low)
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        same = (label(middle) == before).reshape(-1, *[1] * (low.ndim - 1))
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    return np.asarray(0.5 * (low + high))
+
+
+def crossings(start: Array, edge: Array, part: Part) -> Array:
+    """At which part (K,) of edges (K, 2) from points (K, 2) [m] they leave the part of the tank that they begin in."""
+    ends = np.zeros(len(start)), np.ones(len(start))
+    fraction = bisected(*ends, lambda where: part(start + where[:, None] * edge))
+    # Parts overlap by round-off. A face along a lattice line crosses an edge exactly at its end.
+    return np.where(fraction < 1e-7, 0.0, np.where(fraction > 1 - 1e-7, 1.0, fraction))
 
 
 def snap_to_faces(position: Array, shape: tuple[int, int], size: Array, part: Part) -> tuple[Array, Array]:
@@ -44,14 +63,7 @@ def snap_to_faces(position: Array, shape: tuple[int, int], size: Array, part: Pa
     mixed = label[one] != label[other]
     one, other = one[mixed], other[mixed]
     start, edge = position[one], position[other] - position[one]
-    low, high = np.zeros(len(one)), np.ones(len(one))
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        same = part(start + middle[:, None] * edge) == label[one]
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    fraction = 0.5 * (low + high)
-    # Parts overlap by round-off. A face along a lattice line crosses an edge exactly at its end.
-    fraction = np.where(fraction < 1e-7, 0.0, np.where(fraction > 1 - 1e-7, 1.0, fraction))
+    fraction = crossings(start, edge, part)
     crossing = start + fraction[:, None] * edge
     mover = np.where(fraction <= 0.5, one, other)
     on_wall = (position == 0.0) | (position == size)

@@ -11,7 +11,7 @@ from scipy.spatial import Delaunay, cKDTree
 
 from tipfem.geometry.curves import SMOOTH
 from tipfem.geometry.domain import ON_BOUNDARY, Domain
-from tipfem.geometry.lattice import BISECTIONS, CLOSEST, Part, faces_of_part, fitted_lines, lines
+from tipfem.geometry.lattice import CLOSEST, Part, bisected, crossings, faces_of_part, fitted_lines, lines
 from tipfem.typing import Array
 
 # The least distance of the points inside to a wall at the start, and of two points on a wall [spacings].
@@ -236,12 +236,8 @@ def _with_crossings(a: Array, b: Array, where: Array, part: Part, room: float) -
     result = where.copy()
     more = []
     for k in np.flatnonzero(label[1:] != label[:-1]):
-        low, high = where[k], where[k + 1]
-        for _ in range(BISECTIONS):
-            middle = 0.5 * (low + high)
-            same = part((a + middle * (b - a))[None])[0] == label[k]
-            low, high = (middle, high) if same else (low, middle)
-        crossing = 0.5 * (low + high)
+        ends = where[k : k + 1], where[k + 1 : k + 2]
+        (crossing,) = bisected(*ends, lambda at: part(a + at[:, None] * (b - a)))
         nearer = int(k if crossing - where[k] < where[k + 1] - crossing else k + 1)
         if abs(crossing - where[nearer]) < 1e-6 * room:
             continue
@@ -289,13 +285,7 @@ def fitted_to_faces(
         if not len(one):
             break
         start, edge = x[one], x[other] - x[one]
-        low, high = np.zeros(len(one)), np.ones(len(one))
-        for _bisection in range(BISECTIONS):
-            middle = 0.5 * (low + high)
-            same = part(start + middle[:, None] * edge) == label[one]
-            low, high = np.where(same, middle, low), np.where(same, high, middle)
-        fraction = 0.5 * (low + high)
-        fraction = np.where(fraction < 1e-7, 0.0, np.where(fraction > 1 - 1e-7, 1.0, fraction))  # as in `snap_to_faces`
+        fraction = crossings(start, edge, part)
         crossing = start + fraction[:, None] * edge
         mover = np.where((fraction <= 0.5) & ~wall[one] | wall[other], one, other)
         length = np.linalg.norm(edge, axis=1)

@@ -65,18 +65,9 @@ def depth(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
     Raises:
         ValueError: the line does not cross the mesh.
     """
-    left, right = ends(mesh)
-    if not left <= place <= right:
-        raise ValueError(f"depth: the line x = {place:g} m does not cross the mesh of {left:g} to {right:g} m")
-    # A line along the left wall would be in no element's interior.
-    line = max(place, left + 1e-9 * (right - left))
-    mesh, fluid = _around(mesh, fluid, line)
-    x, y = mesh.position[:, 0] - line, mesh.position[:, 1]
-    before = (x < 0).take(mesh.cells.T)
-    crossed = np.flatnonzero(before.any(axis=0) & ~before.all(axis=0))
-    cells = mesh.cells[crossed]
-    if mesh.fluid is not None:
-        return float(_chord(x[cells], y[cells])[mesh.fluid[crossed] == index].sum())
+    fluid, x, y, cells, owner = _crossed(mesh, fluid, place, "depth")
+    if owner is not None:
+        return float(_chord(x[cells], y[cells])[owner == index].sum())
     total = 0.0
     for triangle, label in _mid_edge_pieces(cells, fluid):
         px = np.stack([x[a] / 2 + x[b] / 2 for a, b in triangle], axis=1)
@@ -93,17 +84,9 @@ def surface_height(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
     Raises:
         ValueError: the line does not cross the mesh.
     """
-    left, right = ends(mesh)
-    if not left <= place <= right:
-        raise ValueError(f"height: the line x = {place:g} m does not cross the mesh of {left:g} to {right:g} m")
-    line = max(place, left + 1e-9 * (right - left))  # as in `depth`
-    mesh, fluid = _around(mesh, fluid, line)
-    x, y = mesh.position[:, 0] - line, mesh.position[:, 1]
-    before = (x < 0).take(mesh.cells.T)
-    crossed = np.flatnonzero(before.any(axis=0) & ~before.all(axis=0))
-    cells = mesh.cells[crossed]
-    if mesh.fluid is not None:
-        own = cells[mesh.fluid[crossed] == index]
+    fluid, x, y, cells, owner = _crossed(mesh, fluid, place, "height")
+    if owner is not None:
+        own = cells[owner == index]
         return _highest(x[own], y[own])
     highest = math.nan
     for triangle, label in _mid_edge_pieces(cells, fluid):
@@ -111,6 +94,25 @@ def surface_height(mesh: Mesh, fluid: Array, index: int, place: float) -> float:
         py = np.stack([y[a] / 2 + y[b] / 2 for a, b in triangle], axis=1)[label == index]
         highest = float(np.fmax(highest, _highest(px, py)))
     return highest
+
+
+def _crossed(mesh: Mesh, fluid: Array, place: float, what: str) -> tuple[Array, Array, Array, Array, Array | None]:
+    """What of a mesh a vertical line crosses.
+
+    Returns:
+        Of N nodes, maybe copies of particles, the fluid (N,), and places (N,) off the line and (N,) along it [m]; of K
+        cells the nodes (K, 3) and, where cells have fluids, these (K,).
+    """
+    left, right = ends(mesh)
+    if not left <= place <= right:
+        raise ValueError(f"{what}: the line x = {place:g} m does not cross the mesh of {left:g} to {right:g} m")
+    # A line along the left wall would be in no element's interior.
+    line = max(place, left + 1e-9 * (right - left))
+    mesh, fluid = _around(mesh, fluid, line)
+    x, y = mesh.position[:, 0] - line, mesh.position[:, 1]
+    before = (x < 0).take(mesh.cells.T)
+    crossed = np.flatnonzero(before.any(axis=0) & ~before.all(axis=0))
+    return fluid, x, y, mesh.cells[crossed], None if mesh.fluid is None else mesh.fluid[crossed]
 
 
 def ends(mesh: Mesh) -> tuple[float, float]:

@@ -37,6 +37,7 @@ from tipfem.mesh.mesh import Mesh
 from tipfem.results.fields import FieldOutput, FieldState, vtkhdf, vtu, walls
 from tipfem.results.fields.atomic_file import journal_of
 from tipfem.results.folder_lock import FolderLock
+from tipfem.results.tables import last_row
 from tipfem.results.whole_file import replaced
 from tipfem.typing import Array
 
@@ -163,10 +164,8 @@ class ResultsFolder:
     def _wall_seconds(self) -> float:
         """How long the run in the folder took, by the last whole row of its history [s]; 0 without one."""
         try:
-            with open(self.path / "history.csv", encoding="utf-8", newline="") as file:
-                rows = [row for row in csv.DictReader(file) if row.get("wall_seconds")]
-            return float(rows[-1]["wall_seconds"])
-        except (OSError, ValueError, KeyError, IndexError, csv.Error):
+            return float(last_row(self.path / "history.csv")["wall_seconds"])
+        except (ValueError, KeyError):
             return 0.0
 
     def list_file(self, name: str) -> None:

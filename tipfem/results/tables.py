@@ -7,6 +7,7 @@ import html
 import importlib
 import io
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -134,6 +135,16 @@ class Table(Mapping[str, Array]):
             f"<p>{html.escape(self.name)}: {count}</p>"
             f'<div style="overflow-x: auto"><table><tr>{head}</tr>{body}</table></div>'
         )
+
+
+def last_row(path: Path) -> dict[str, str]:
+    """The last row of a CSV file that is whole, by column; empty where there is none."""
+    last: dict[str, str] = {}
+    with suppress(OSError, ValueError, csv.Error), open(path, encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            if None not in row.values():
+                last = row
+    return last
 
 
 def package(name: str, method: str) -> Any:

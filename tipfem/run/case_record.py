@@ -15,13 +15,12 @@ from tipfem.case.declaration import declared, made, plain
 from tipfem.case.fluid import Fluid
 from tipfem.case.grading import Grading
 from tipfem.case.numerics import Numerics
-from tipfem.case.openings import Inlet, Opening, Outlet, Vent
+from tipfem.case.openings import Opening
 from tipfem.case.particles import Particles
 from tipfem.case.walls import Wall
 from tipfem.case.waves import WAVE_MAKERS, WaveMaker
+from tipfem.casefile.openings import OPENINGS
 from tipfem.errors import CheckpointError
-
-OPENINGS = {kind.kind: kind for kind in (Inlet, Outlet, Vent)}
 
 
 def case_record(case: Case) -> dict[str, Any]:
@@ -78,7 +77,7 @@ def case_from(record: Mapping[str, Any]) -> Case:
         bodies=[Body(**body) for body in record.get("bodies", [])],
         period=record.get("period"),
         surface_tension=_from_interfaces(record["surface_tension"]),
-        openings=[OPENINGS[given["kind"]](**given["values"]) for given in record["openings"]],
+        openings=[OPENINGS[f"{given['kind']}s"](**given["values"]) for given in record["openings"]],
         beaches=[Beach(**beach) for beach in record.get("beaches", [])],
     )
     case.walls_have_fluids = record["walls_have_fluids"]

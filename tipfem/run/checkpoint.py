@@ -81,20 +81,16 @@ class CheckpointFolder:
             if path.name > file_name(step):
                 path.unlink(missing_ok=True)
 
-    def read(self, case: Case, warn: Callable[[str], None]) -> dict[str, Any]:
+    def read(self, case: Case | None = None, warn: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
         """The newest checkpoint that can be read.
 
         Args:
-            case: that of the run; its walls and their functions are those of the state.
+            case: that of the run; its walls and their functions are those of the state, which is left out without it.
             warn: told of each file that cannot be read, in one line.
 
         Raises:
             CheckpointError: there is none.
         """
-        return self._newest(case, warn)
-
-    def _newest(self, case: Case | None, warn: Callable[[str], None]) -> dict[str, Any]:
-        """See `read` and `newest`."""
         newest = ""
         for path in self.files():
             try:
@@ -104,24 +100,11 @@ class CheckpointFolder:
                 raise CheckpointError(f"{path} is the checkpoint of step {content['step']}")
             except CheckpointError as error:
                 warn(f"{error}; the one before is tried")
-                newest = newest or f": {error}; the run can only be started again"
-        raise self._none(newest)
-
-    def _none(self, why: str) -> CheckpointError:
+                newest = newest or f"{error}; the run can only be started again"
         folder = self.path.parent
-        if not folder.is_dir():
-            why = ": there is no such folder"
-        elif not why:
-            why = f": {folder} has none; is it the results folder of a run?"
-        return CheckpointError(f"{self.path} holds no checkpoint that can be read{why}")
-
-    def newest(self) -> dict[str, Any]:
-        """The content of the newest checkpoint that can be read, without its state.
-
-        Raises:
-            CheckpointError: there is none.
-        """
-        return self._newest(None, lambda _: None)
+        why = newest or f"{folder} has none; is it the results folder of a run?"
+        why = why if folder.is_dir() else "there is no such folder"
+        raise CheckpointError(f"{self.path} holds no checkpoint that can be read: {why}")
 
 
 def file_name(step: int) -> str:

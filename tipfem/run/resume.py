@@ -60,7 +60,7 @@ def continuation(
     """
     folder = CheckpointFolder(out)
     notes: list[str] = []
-    newest = folder.newest()
+    newest = folder.read()
     case = _kept_case(out, newest["case"]) if case is None else case
     if not runtime.settings():
         runtime.init(newest["environment"]["arch"], newest["environment"]["precision"])

@@ -37,7 +37,8 @@ def numerical_error(
         ``volume_<fluid>``, part of each fluid's volume, where it is largest in the run.
         To ``energy`` also: numerator ``energy_lost`` and denominator ``energy_of_flow`` [J, in 2-D per metre of depth];
         ``early_time``, a quarter of the last time, and ``early_loss`` until then, a part of ``energy_lost``; and
-        ``time_of_loss``, the middle of the fiftieth of the run with the largest loss [s].
+        ``time_of_loss``, the middle of the fiftieth of the run with the largest loss [s]; of through-flow
+        also ``energy_of_through_flow``, what it has brought in, by its pressure and with what has passed [J].
         With the sharp interface: ``roughness_<fluid>`` and ``interface_turning`` [degrees] of the last step, see
         `tipfem.step.roughness.roughness`. Empty without steps; 0 where the flow has nothing of its own but round-off.
     """
@@ -77,12 +78,17 @@ def numerical_error(
         "early_loss": float(losses[times <= EARLY * end].sum()) / energy if energy else 0.0,
         "time_of_loss": (int(np.argmax(parts * np.sign(energy))) + 0.5) * end / PARTS,
     }
+    if "opening_energy" in history[0]:
+        result["energy_of_through_flow"] = float((column("opening_work") + column("opening_energy")).sum())
     rough = [name for name in history[-1] if name.startswith("roughness_") or name == "interface_turning"]
     return result | {name: history[-1][name] for name in rough}
 
 
 def summary_line(errors: Mapping[str, float]) -> str:
-    """The figures of `numerical_error` in one line, with a warning that names those above 1 %."""
+    """The figures of `numerical_error` in one line, with a warning that names those above 1 %.
+
+    The energy that through-flow has brought in counts as the flow's own.
+    """
     parts = {name: e for name, e in errors.items() if name in ("energy", "momentum") or name.startswith("volume_")}
     texts = [_energy(errors)]
     for name, value in parts.items():
@@ -93,6 +99,9 @@ def summary_line(errors: Mapping[str, float]) -> str:
     line = f"numerics {', '.join(texts)}" + (
         f"; roughness of velocities at the end {', '.join(rough)}" if rough else ""
     )
+    brought = max(errors.get("energy_of_through_flow", 0.0), 0.0)
+    if brought > 0 and errors["energy_of_flow"] > 0:
+        parts["energy"] /= 1 + brought / errors["energy_of_flow"]
     large = [name.replace("volume_", "volume of ") for name, value in parts.items() if not abs(value) <= LARGE]
     return (
         f"warning: {line}; above 1 %: {', '.join(large)} (the documentation's page on warnings says what helps)"
@@ -106,6 +115,10 @@ def _energy(errors: Mapping[str, float]) -> str:
     lost, own = errors["energy_lost"], errors["energy_of_flow"]
     verb, of = ("lost", "of") if lost >= 0 else ("added", "to")
     text = f"{verb} {abs(lost):.2g} J {of} the flow's {own:.2g} J"
+    if brought := errors.get("energy_of_through_flow", 0.0):
+        text += (
+            f", {'to which through-flow added' if brought > 0 else 'of which through-flow took'} {abs(brought):.2g} J"
+        )
     if not abs(errors["energy"]) > TELLING:
         return text
     early, time, worst = (errors[name] for name in ("early_loss", "early_time", "time_of_loss"))

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+
+from tipfem.results.tables import last_row
+from tipfem.results.whole_file import replaced
 
 TABLE = "study.csv"
 # Of summary.json, beside the figures of validation.
@@ -35,10 +37,10 @@ def figures_of(folder: Path) -> dict[str, Any]:
     summary = _json(folder / "summary.json")
     figures = {key: summary[key] for key in SUMMARY if key in summary}
     figures.update({f"figure.{key}": value for key, value in dict(summary.get("validation", {})).items()})
-    last = _last_row(folder / "history.csv")
+    last = last_row(folder / "history.csv")
     figures.update({f"last.{key}": value for key, value in last.items() if key not in ("time", "wall_seconds")})
     for path in sorted((folder / "probes").glob("*.csv")):
-        figures.update({f"probe.{path.stem}.{key}": value for key, value in _last_row(path).items()})
+        figures.update({f"probe.{path.stem}.{key}": value for key, value in last_row(path).items()})
     return figures
 
 
@@ -51,20 +53,17 @@ def write_table(folder: Path, rows: Sequence[Mapping[str, Any]]) -> list[Path]:
     """
     columns = list(dict.fromkeys(key for row in rows for key in row))
     path = folder / TABLE
-    temporary = path.with_name(path.name + ".part")
-    with open(temporary, "w", encoding="utf-8", newline="") as file:
+    with replaced(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
         lines = csv.DictWriter(file, columns, lineterminator="\n")
         lines.writeheader()
         lines.writerows(rows)
-    os.replace(temporary, path)
     if find_spec("pandas") is None or find_spec("pyarrow") is None:
         return [path]
     import pandas as pd
 
     parquet = path.with_suffix(".parquet")
-    temporary = parquet.with_name(parquet.name + ".part")
-    pd.read_csv(path).to_parquet(temporary, engine="pyarrow")
-    os.replace(temporary, parquet)
+    with replaced(parquet) as temporary:
+        pd.read_csv(path).to_parquet(temporary, engine="pyarrow")
     return [path, parquet]
 
 
@@ -74,16 +73,3 @@ def _json(path: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return content if isinstance(content, dict) else {}
-
-
-def _last_row(path: Path) -> dict[str, str]:
-    """The last row of a table that is whole; empty if there is none."""
-    last: dict[str, str] = {}
-    try:
-        with open(path, encoding="utf-8", newline="") as file:
-            for row in csv.DictReader(file):
-                if None not in row.values():
-                    last = row
-    except OSError:
-        pass
-    return last

@@ -1,0 +1,74 @@
+"""Which particles belong to a wall that is given by its two ends, or by particles, and on which side it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from tipfem.arguments import numbers
+from tipfem.case.particles import Particles
+from tipfem.case.walls import Wall
+from tipfem.errors import Invalid
+from tipfem.typing import Array
+
+ON_LINE = 1e-6  # a wall particle lies on a straight side if it is closer to it than this [spacings]
+
+
+def members_of(wall: Wall, particles: Particles, y: Array, on_side: Array, normal: Array) -> tuple[int, Array]:
+    """The side that a wall is on, and the rows of its particles, in order along the wall in 2-D.
+
+    Args:
+        wall: with ``between`` or ``particles``.
+        particles: the initial state, W of them on walls.
+        y: (W, d) positions of these [m].
+        on_side: (W, S) mask of the sides that they are on.
+        normal: (S, d) of the sides, inwards.
+
+    Raises:
+        Invalid: it has too few particles, others than those of walls, or they are not on one side.
+    """
+    d, slack = particles.dimension, ON_LINE * particles.spacing
+
+    def invalid(text: str, *key: str) -> Invalid:
+        return Invalid(("walls", wall.name, *key), text, f"Case: wall {wall.name!r}")
+
+    if wall.between is not None:
+        if d != 2:
+            raise invalid("is for 2-D; give its particles by index or mask", "between")
+        a, b = numbers(wall.between)
+        length = np.linalg.norm(b - a)
+        along = (y - a) @ (b - a) / ((b - a) @ (b - a))
+        off = np.linalg.norm(y - a - along[:, None] * (b - a), axis=1)
+        found = np.flatnonzero((off < slack) & (along > -slack / length) & (along < 1 + slack / length))
+    else:
+        found = np.searchsorted(np.flatnonzero(particles.wall), np.unique(_given(wall, particles, invalid)))
+    if len(found) < d + 1:
+        raise invalid(f": only {len(found)} wall particles belong to it; it takes {d + 1} or more")
+    common = on_side[found].all(axis=0)
+    if not common.any():
+        k = int(np.argmax(on_side[found].sum(axis=0)))
+        stray = found[np.argmin(on_side[found, k])]
+        text = f": particle {np.flatnonzero(particles.wall)[stray]} at {y[stray].tolist()} is not on one straight side "
+        text += "of the tank with the others; slip, velocity and motion are for straight walls, and for the sides of "
+        raise invalid(f"{text}shapes")
+    side = int(np.argmax(common))
+    if d == 2:
+        found = found[np.argsort(y[found] @ np.array([-normal[side, 1], normal[side, 0]]))]
+    count = on_side[:, side].sum()
+    if (d == 3 or wall.motion is not None) and len(found) < count:
+        text = f": it is {len(found)} of the {count} particles of its side; a wall with a motion, and any in 3-D, must"
+        raise invalid(f"{text} be the whole side")
+    return side, found
+
+
+def _given(wall: Wall, particles: Particles, invalid: Callable[..., Invalid]) -> Array:
+    """The particles of a wall by their numbers, given as these or as a mask."""
+    given = np.asarray(wall.particles)
+    given = np.flatnonzero(given) if given.dtype == bool and given.shape == particles.wall.shape else given
+    if given.ndim != 1 or given.dtype.kind not in "iu" or (given < 0).any() or (given >= len(particles)).any():
+        raise invalid(f"must be indices from 0 to {len(particles) - 1}, or a mask of all", "particles")
+    if not particles.wall[given].all():
+        i = int(given[np.argmin(particles.wall[given])])
+        raise invalid(f": particle {i} at {particles.position[i].tolist()} is not a wall particle")
+    return given
