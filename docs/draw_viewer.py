@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 PICTURES = Path(__file__).resolve().parent / "images"
-STILL = '.tipfem-viewer[data-moving="false"]'
 
 
 @contextmanager
@@ -56,7 +55,6 @@ def place(page: Any, x: float, y: float) -> tuple[float, float]:
 def draw_results(out: Path) -> None:
     """Take viewer.png: speed with arrows, and the history of a point in the water's tongue."""
     with opened(["view", str(out)], 1360, 930) as page:
-        page.wait_for_selector(STILL)
         page.select_option('[data-name="field"]', "speed")
         for key in ("v", *["PageDown"] * 6):
             page.keyboard.press(key)
@@ -64,7 +62,6 @@ def draw_results(out: Path) -> None:
         page.mouse.click(*place(page, 0.62, 0.86))
         page.wait_for_selector('.tipfem-viewer[data-history="1"]')
         page.wait_for_timeout(3000)  # the range of the colours grows until all times have been looked at
-        page.wait_for_selector(STILL)
         page.evaluate("document.activeElement.blur()")
         page.screenshot(path=str(PICTURES / "viewer.png"))
 
@@ -72,7 +69,6 @@ def draw_results(out: Path) -> None:
 def draw_play(out: Path) -> None:
     """Take play.png: gravity is tilted, a drop falls, and the water is pushed."""
     with opened(["demo", "play", "--paused", "--out", str(out)], 1360, 930) as page:
-        page.wait_for_selector(STILL)
         for _ in range(4):
             page.keyboard.press("]")
         page.wait_for_selector('[data-name="gravity-is"] >> text=20°')

@@ -9,7 +9,6 @@ from .animation import Animation, animate
 from .renderer import Renderer, render_frame
 from .results import Results, ResultsError
 from .scene import Scene
-from .stage import Stage
 from .strips import strip
 from .vector import draw_vectors
 from .view import View
@@ -20,7 +19,6 @@ __all__ = [
     "Results",
     "ResultsError",
     "Scene",
-    "Stage",
     "View",
     "animate",
     "draw_vectors",

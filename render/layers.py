@@ -48,27 +48,38 @@ class Key(NamedTuple):
     length: float | None = None
 
 
-def draw_layers(
-    drawing: Drawing, scene: Scene, seen: Array | slice, layout: Layout, view: View, on_field: bool
-) -> list[Key]:
-    """Add the layers that a view asks for.
+class Layer(NamedTuple):
+    """Lines over the fluids.
+
+    Attributes:
+        kind: "contours", "streamlines", "arrows" or "tracers".
+        paths: points (K, 2) of each line [m]: an array (P, K, 2) but for streamlines, which have any number of them.
+        key: its entry of the legend.
+    """
+
+    kind: str
+    paths: Array | Sequence[Array]
+    key: Key
+
+
+def layers_of(
+    scene: Scene, seen: Array | slice, lower: Array, upper: Array, pixel: float, view: View, on_field: bool
+) -> list[Layer]:
+    """The layers that a view asks for, in the order in which they are drawn.
 
     Args:
-        drawing: to which they are added.
         scene: what is drawn.
         seen: numbers of its cells that are seen.
-        layout: of the picture.
+        lower: (2,) lower corner of the part shown [m].
+        upper: (2,) upper corner of it [m].
+        pixel: size of a design pixel [m].
         view: what is shown.
         on_field: whether the cells have the colours of a field, dark ones and light ones.
-
-    Returns:
-        An entry of the legend for each layer.
 
     Raises:
         ValueError: a field that a layer needs is missing.
     """
-    keys, cells = [], scene.cells[seen]
-    unit, lower, upper = layout.unit, layout.lower, layout.upper
+    found, cells = [], scene.cells[seen]
     if view.contours is not None:
         interval = view.interval or FieldSample([scene], view.contours).interval()
         low, high = field_ends(scene, view.contours)
@@ -77,31 +88,57 @@ def draw_layers(
         if view.muted and view.contours == MUTED_FIELD and scene.cell_fluid is not None:
             # The light fluid is at about zero, and so is its interface: the contour of zero would be noise.
             cells, levels = cells[~is_muted(scene, view, interval)[seen]], levels[levels != 0]
-        segments = layout.pixels(flow.contour_segments(scene.position, cells, values, levels[:MOST_LEVELS]))
-        keys.append(Key(contour_text(view.contours, interval), colours.CONTOUR, colours.HALO))
-        _rimmed(drawing, segments, keys[-1], CONTOUR_WIDTH * unit, 0.5 * unit)
+        segments = flow.contour_segments(scene.position, cells, values, levels[:MOST_LEVELS])
+        key = Key(contour_text(view.contours, interval), colours.CONTOUR, colours.HALO)
+        found.append(Layer("contours", segments, key))
     if view.streamlines:
         line, rim = (colours.HALO, colours.RIM) if on_field else (colours.STREAMLINE, colours.HALO)
-        keys.append(Key("streamlines", line, rim, True))
-        lines = [
-            layout.pixels(path) for path in streamlines(scene, lower, upper, STREAMLINES_APART * unit / layout.scale)
-        ]
-        if lines:
-            segments = np.concatenate([np.stack([path[:-1], path[1:]], axis=1) for path in lines])
-            _rimmed(drawing, segments, keys[-1], LINE_WIDTH * unit, 0.7 * unit)
-            tips, along = _heads_on(lines, HEADS_APART * unit)
-            _heads(drawing, tips, along, 10 * unit, 0.7 * unit, colours.rgb(rim))
-            _heads(drawing, tips, along, 10 * unit, 0.0, colours.rgb(line))
+        lines = streamlines(scene, lower, upper, STREAMLINES_APART * pixel)
+        found.append(Layer("streamlines", lines, Key("streamlines", line, rim, True)))
     if view.arrows:
         speed = view.arrow_speed or flow.arrow_speed([scene], view)
-        shafts = layout.pixels(flow.arrows(scene, lower, upper, ARROWS_APART * unit / layout.scale, speed))
-        length = np.linalg.norm(shafts[:, 1] - shafts[:, 0], axis=1)
+        shafts = flow.arrows(scene, lower, upper, ARROWS_APART * pixel, speed)
         line, rim = (colours.HALO, colours.INTERFACE) if on_field else (colours.INTERFACE, colours.HALO)
-        _arrows(drawing, shafts, np.minimum(9 * unit, 0.6 * length), unit, (line, rim))
-        keys.append(Key(arrow_text(speed), line, rim, True, flow.ARROW_SHARE * ARROWS_APART))
+        key = Key(arrow_text(speed), line, rim, True, flow.ARROW_SHARE * ARROWS_APART)
+        found.append(Layer("arrows", shafts, key))
     if scene.trails is not None and scene.trails.size:
-        _tails(drawing, layout.pixels(scene.trails), unit)
-        keys.append(Key("paths of tracers", colours.TRACER, colours.HALO))
+        found.append(Layer("tracers", scene.trails, Key("paths of tracers", colours.TRACER, colours.HALO)))
+    return found
+
+
+def draw_layers(
+    drawing: Drawing, scene: Scene, seen: Array | slice, layout: Layout, view: View, on_field: bool
+) -> list[Key]:
+    """Add the layers that a view asks for; returns an entry of the legend for each.
+
+    Args:
+        drawing: to which they are added.
+        scene: see `layers_of`, like the others.
+        seen: numbers of cells.
+        layout: of the picture.
+        view: what is shown.
+        on_field: whether the cells have the colours of a field.
+    """
+    unit, keys = layout.unit, []
+    for kind, paths, key in layers_of(scene, seen, layout.lower, layout.upper, unit / layout.scale, view, on_field):
+        keys.append(key)
+        lines = [layout.pixels(path) for path in paths]
+        if not lines:
+            continue
+        if kind == "contours":
+            _rimmed(drawing, np.stack(lines), key, CONTOUR_WIDTH * unit, 0.5 * unit)
+        elif kind == "streamlines":
+            segments = np.concatenate([np.stack([path[:-1], path[1:]], axis=1) for path in lines])
+            _rimmed(drawing, segments, key, LINE_WIDTH * unit, 0.7 * unit)
+            tips, along = _heads_on(lines, HEADS_APART * unit)
+            _heads(drawing, tips, along, 10 * unit, 0.7 * unit, colours.rgb(key.rim))
+            _heads(drawing, tips, along, 10 * unit, 0.0, colours.rgb(key.line))
+        elif kind == "arrows":
+            shafts = np.stack(lines)
+            length = np.linalg.norm(shafts[:, 1] - shafts[:, 0], axis=1)
+            _arrows(drawing, shafts, np.minimum(9 * unit, 0.6 * length), unit, (key.line, key.rim))
+        else:
+            _tails(drawing, np.stack(lines), unit)
     return keys
 
 

@@ -19,7 +19,7 @@ from tipfem.demos import harness
 from tipfem.demos.support.options import Count, Several
 
 SIZE = {"width": 1600, "height": 900}
-READY = '.tipfem-viewer[data-moving="false"]'
+READY = '.tipfem-viewer:not([data-frame="0"])'
 # Each runs in the page; a frame is on the screen when the browser has painted after its number has changed.
 SCRIPTS = {
     # Milliseconds from a key to the frame that it brings.

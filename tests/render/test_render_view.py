@@ -1,7 +1,6 @@
 """Windows, layers and colour maps: where they are, against formulas."""
 
 import os
-import re
 import subprocess
 import sys
 
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from render_results import SIDE, sharp_tank, write_results
-from tipfem.render import Renderer, Results, Scene, Stage, View, animate, colours, flow, render_frame, renderer, vulkan
+from tipfem.render import Renderer, Results, Scene, View, animate, colours, flow, render_frame, renderer, vulkan
 from tipfem.render.animation import picture_name
 from tipfem.render.annotation import panel_width
 from tipfem.render.colours import COLOUR_MAPS, colour_table, luminance, map_values
@@ -371,25 +370,6 @@ def test_what_lies_outside_a_window_is_left_out_and_the_picture_is_the_same(shar
     for field, image in zip((None, "pressure"), part, strict=True):
         assert np.array_equal(render_frame(scene, field=field, **options), image)
     assert few < 0.2 * sum(counts)
-
-
-def test_a_stage_shows_its_window_from_edge_to_edge(tmp_path):
-    scene = Results(write_results(tmp_path, times=(0.0,))).scene(0)
-    stage = Stage((200, 100), "raster")
-    image, _ = stage.draw(scene, View(window=(0.1, 0.0, 0.3, 0.02)))  # 0.1 m high from the middle of the window
-    assert image.shape == (100, 200, 3)
-    water, grey = image[0, 0], np.array([0x3D, 0x46, 0x53])
-    assert water[2] > water[0] + 50  # blue
-    assert (image[65, ::20] == grey).all()  # the wall below the fluid, at y = -0.005 m
-    assert (image[75:] == 255).all()
-    dark, _ = stage.draw(scene, View(window=(0.1, 0.0, 0.3, 0.02)), scheme=colours.DARK)
-    assert (dark[75:] == [0x15, 0x1A, 0x21]).all()
-    values, notes = stage.draw(scene, View(window=(0.1, 0.0, 0.3, 0.02), arrows=True), "speed", samples=2)
-    assert len(notes) == 1
-    metres, speed = re.fullmatch(r"arrows: (.*) m long at (.*) m/s", notes[0]).groups()
-    assert float(metres) == pytest.approx(0.9 * ARROWS_APART / 1000, rel=0.06)  # 1000 pixels a metre; two digits
-    assert float(speed) > 0
-    assert not np.array_equal(values[:50], image[:50])
 
 
 def test_the_picture_is_cropped_to_its_tank():

@@ -47,7 +47,7 @@ def page(server):
     opened.hello = opened.until("hello")[0]
     if not opened.hello["steers"]:  # the page before is still on its way out
         opened.until("role")
-    opened.send("size", width=480, height=320, ratio=1)
+    opened.send("size", width=480, height=320)
     for kind, content in (
         ("show", {"time": 0}),
         ("field", {"name": None}),
@@ -57,6 +57,7 @@ def page(server):
         ("layers", {"mesh": False, "tracers": 0, "fill": True, "arrows": False, "colour_all": False}),
     ):
         opened.send(kind, **content)
-    opened.until("frame", lambda frame: not frame["moving"] and frame["panes"][0]["width"] == 480)
+    opened.until("frame", lambda frame: frame["field"] is None and "fills" not in frame["panes"][0])
+    opened.until_status(lambda now: now["size"] == [480, 320] and now["window"] is None and now["time"] == 0)
     yield opened
     opened.close()

@@ -27,13 +27,15 @@ class ShownPage:
         width: of the page [px].
         height: of the page [px].
         scheme: "light" or "dark".
+        before: script that runs before those of the page.
     """
 
-    def __init__(self, browser, address, domain, width=1280, height=760, scheme="light"):
+    def __init__(self, browser, address, domain, width=1280, height=760, scheme="light", before=""):
         context = browser.new_context(
             viewport={"width": width, "height": height}, color_scheme=scheme, accept_downloads=True
         )
         self.domain = domain
+        context.add_init_script(before)
         self.page = context.new_page()
         self.page.set_default_timeout(1000 * PATIENCE)
         self.complaints, self.asked = [], []

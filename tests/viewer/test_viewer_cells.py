@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
+import re
 
 import numpy as np
 import pytest
-from conftest import BROWSERS
 from render_results import SIDE, write_results
 from shown_page import ShownPage
 from tipfem.render import Results
@@ -14,7 +13,10 @@ from tipfem.render import Results
 from tipfem.viewer.choices import Choices
 from tipfem.viewer.packing import packed_cells
 from tipfem.viewer.pane import Pane
+from tipfem.viewer.probe import values_at
 from tipfem.viewer.source import ResultsSource
+
+HIDE = "WebGL2RenderingContext.prototype.getExtension = () => null"
 
 
 def unpacked(head, data):
@@ -65,9 +67,36 @@ def test_pages_draw_what_they_can_and_are_told_which_fluid_keeps_its_colour(fold
     choices.field = "pressure"
     entry, _ = pane.vectors(0, choices)
     assert [fluid for _, fluid in entry["cells"]["parts"]] == [-1, *map(pane.source.fluid_names.index, entry["muted"])]
-    for name, value in (("arrows", True), ("contours", "pressure"), ("fill", False)):
-        choices.layers |= {"arrows": False, "contours": None, "fill": True, name: value}
-        assert pane.vectors(0, choices) is None
+    choices.layers["fill"] = False
+    entry, _ = pane.vectors(0, choices)
+    assert [fluid for _, fluid in entry["cells"]["parts"]] == [0, 1]
+    assert set(entry["fills"]) == {"#ffffff"}
+
+
+def test_layers_are_sent_as_lines(folder):
+    """Contours lie where the field has their values; particles are all there, those of the interface in its colour."""
+    pane, choices = Pane(ResultsSource(folder), "raster"), Choices((0.0, 0.0), (SIDE, SIDE))
+    choices.layers |= {"contours": "pressure", "particles": True, "streamlines": True, "tracers": 20}
+    while pane.tracing(0, choices) is not None:
+        pass
+    entry, data = pane.vectors(0, choices)
+    head, at, found = entry["lines"], 0, {}
+    for sort in head["sorts"]:
+        count = sum(sort["points"]) if "points" in sort else sort["count"] * sort["each"]
+        points = np.frombuffer(data, "<f4", 2 * count, at).reshape(-1, 2) + np.array(head["origin"])
+        found.setdefault(sort["kind"], []).append((sort["line"], points))
+        at += 8 * count
+    assert at == head["bytes"]
+    assert list(found) == ["particles", "contours", "streamlines", "tracers"]
+    scene = Results(folder).scene(0)
+    assert sum(len(points) for _, points in found["particles"]) == len(scene.position)
+    assert [colour for colour, _ in found["particles"]][-1] == "#0b2239"
+    interface = {tuple(point) for point in scene.geometry.regions.segments.reshape(-1, 2).round(5)}
+    assert {tuple(point) for point in found["particles"][-1][1].round(5)} == interface
+    interval = float(re.search(r"pressure, every (\S+) Pa", entry["notes"][0])[1])
+    values = [values_at(scene, tuple(point))[0]["pressure"] for point in found["contours"][0][1]]
+    assert len(values) > 100
+    assert np.array(values) / interval == pytest.approx(np.round(np.array(values) / interval), abs=1e-3)
 
 
 def test_a_field_looks_alike_with_and_without_webgl_and_zooms_without_the_viewer(browser, server):
@@ -87,17 +116,13 @@ def test_a_field_looks_alike_with_and_without_webgl_and_zooms_without_the_viewer
     assert abs(shown.colour(*places[-1]) - own[-1]).max() < 8  # where the pointer is
     assert shown.frame == frame
     shown.key("0")
-    plain = browser.browser_type.launch(
-        executable_path=next(filter(None, map(shutil.which, BROWSERS))), args=["--no-sandbox", "--disable-3d-apis"]
-    )
-    other = ShownPage(plain, server.address, (SIDE, SIDE))
-    other.wait(lambda: other.page.locator(".legend canvas").is_visible(), "the picture")
-    assert not other.page.locator(".pane .cells").is_visible()
+    # The page is not told that the browser's card is emulated, so that it uses it.
+    other = ShownPage(browser, server.address, (SIDE, SIDE), before=HIDE)
+    other.wait(lambda: other.page.locator(".pane .cells").is_visible(), "the cells")
     other.wait(
         lambda: all(abs(other.colour(*place) - one).max() < 8 for place, one in zip(places, own, strict=True)),
         "the same colours",
     )
     other.close()
-    plain.close()
     shown.part("field").select_option("")
     shown.close()

@@ -113,11 +113,16 @@ def test_fluids_are_drawn_by_each_page_from_outlines(browser, server, shown):
     shown.key("h")
     shown.page.wait_for_timeout(300)
     assert (shown.frame, other.frame) == frames
-    shown.key("x")
+    shown.key("o")
     shown.wait(lambda: "--outlines mesh" in shown.command, "the edges of the mesh")
-    shown.key("x", "f")
+    shown.key("o")
+    shown.wait(lambda: "--outlines" not in shown.command, "smooth outlines")
+    smooth = shown.page.locator('[data-layer="smooth"]')
+    assert smooth.is_checked()
+    shown.key("f")
     shown.read("legend", "pressure")
     shown.wait(lambda: min(shown.frame, other.frame) > max(frames), "the cells")
+    shown.wait(lambda: not (smooth.is_checked() or smooth.is_enabled()), "no smooth outlines over a field")
     other.close()
 
 

@@ -131,8 +131,8 @@ BAD = [
     '{"type": "window", "window": [0, 0, 1e999, 1]}',
     '{"type": "window", "window": [1, 0, 0, 1]}',
     '{"type": "window", "window": [0, 0, 1e-11, 1e-11]}',
-    '{"type": "size", "width": 100000, "height": 10, "ratio": 1}',
-    '{"type": "size", "width": true, "height": 100, "ratio": 1}',
+    '{"type": "size", "width": 100000, "height": 10}',
+    '{"type": "size", "width": true, "height": 100}',
     '{"type": "speed", "value": -1}',
     '{"type": "show", "time": "0"}',
     '{"type": "show"}',
@@ -179,25 +179,33 @@ def test_a_message_that_is_too_long_ends_its_connection_alone(server, page):
 # What a page is sent
 
 
-def test_a_frame_is_the_picture_of_its_window(page):
-    page.send("window", window=[0.1, 0.1, 0.4, 0.3])
-    frame, data = page.until("frame", lambda frame: not frame["moving"] and frame["panes"][0]["window"][2] < 0.5)
+def test_layers_are_those_of_the_window_of_the_page_that_steers(page):
+    """Arrows have one distance on the screen, so they are as many in a part of the domain, and stand in it."""
+    page.send("layers", arrows=True)
+    frame, data = page.until("frame", lambda frame: "lines" in frame["panes"][0])
     (pane,) = frame["panes"]
-    assert pane["window"] == pytest.approx([0.1, 0.1, 0.4, 0.3])
-    image = np.asarray(Image.open(io.BytesIO(data))).astype(int)
-    assert image.shape == (320, 480, 3)
     assert pane["bytes"] == len(data)
-    assert pane["format"] == "image/webp"  # without loss
-    assert (image[300, 20] == [0x00, 0x72, 0xB2]).all()
-    assert (image[10, 460] == [0xE8, 0xF3, 0xFA]).all()
+    page.send("window", window=[0.1, 0.1, 0.4, 0.3])
+    frame, data = page.until("frame", lambda frame: frame["panes"][0]["notes"] != pane["notes"])
+    head = frame["panes"][0]["lines"]
+    (sort,) = head["sorts"]
+    assert (sort["kind"], sort["each"]) == ("arrows", 2)
+    ends = np.frombuffer(data[: head["bytes"]], "<f4").reshape(-1, 2, 2) + np.array(head["origin"])
+    assert 20 < len(ends) == sort["count"]
+    middles = ends.mean(axis=1)
+    assert (middles > [0.1, 0.1]).all()
+    assert (middles < [0.4, 0.3]).all()
+    scale = (ends[:, 1, 0] - ends[:, 0, 0]) / middles[:, 1]  # the velocity is (y, -x)
+    assert scale == pytest.approx(np.full(len(ends), scale.mean()), rel=0.02)
 
 
-def test_the_window_takes_the_shape_of_the_picture(page):
-    page.send("window", window=[0.2, 0.2, 0.3, 0.3])
-    frame, _ = page.until("frame", lambda frame: frame["panes"][0]["window"][2] < 0.4)
+def test_a_frame_that_follows_the_flow_says_its_window(page):
+    page.send("follow", what="water")
+    frame, _ = page.until("frame", lambda frame: "window" in frame["panes"][0])
     x0, y0, x1, y1 = frame["panes"][0]["window"]
-    assert (x1 - x0) / (y1 - y0) == pytest.approx(1.5)
-    assert (y0, y1) == pytest.approx((0.2, 0.3))
+    assert (x1 - x0, y1 - y0) == pytest.approx((SIDE / 3, SIDE / 3))
+    assert (x0 + x1) / 2 == pytest.approx(SIDE / 2, abs=0.05)
+    page.send("follow", what=None)
 
 
 def test_a_page_that_does_not_acknowledge_gets_no_queue_and_then_the_newest(page):
@@ -249,8 +257,6 @@ def test_playing_goes_through_the_times_and_stops_at_the_end(page):
     seen = [frame["panes"][0]["index"] for frame in page.frames]
     assert seen == sorted(seen)
     assert any(0 < index < len(TIMES) - 1 for index in seen)
-    while page.frames[-1]["moving"]:  # the still frame may have come before the status
-        page.until("frame")
     assert page.frames[-1]["panes"][0]["index"] == len(TIMES) - 1
 
 

@@ -74,7 +74,7 @@ def test_it_opens_plays_and_zooms_without_anything_from_elsewhere(browser, file,
     assert clock.inner_text() == "t = 0.200 s"
     assert page.locator("#bar").inner_text().startswith("speed [m/s]: 0")
     coloured = picture("speed")
-    page.keyboard.press("c")
+    page.keyboard.press("f")
     assert (abs(picture("fluids") - coloured) > 20).any(axis=2).mean() > 0.2
     assert page.locator("#legend li").all_inner_texts() == ["water", "air"]
     assert page.locator("#lapse").inner_text() == "played 2.5 times faster"

@@ -32,7 +32,6 @@ class Choices:
         follow: what the window follows, as in `View.follow`, or None.
         width: of a picture [CSS px].
         height: of it [CSS px].
-        ratio: pixels per CSS pixel.
         dark: whether to draw on a dark background.
     """
 
@@ -59,24 +58,24 @@ class Choices:
     follow: str | None = None
     width: int = 960
     height: int = 600
-    ratio: float = 1.0
     dark: bool = False
 
     @property
-    def drawable(self) -> bool:
-        """Whether nothing but the fluids, a field and the mesh is seen, which pages can draw by themselves."""
+    def plain(self) -> bool:
+        """Whether nothing is seen that follows the mesh, so that outlines may be smoothed."""
         layers = self.layers
-        beside = ("particles", "arrows", "streamlines", "contours", "tracers")
-        return self.follow is None and layers["fill"] and not any(layers[k] for k in beside)
+        beside = self.field is not None or any(layers[name] for name in ("mesh", "particles", "contours"))
+        return bool(layers["fill"]) and not beside
 
     @property
-    def plain(self) -> bool:
+    def bare(self) -> bool:
         """Whether nothing but the fluids is seen, for which their outlines do."""
-        return self.drawable and self.field is None and not self.layers["mesh"]
+        beside = self.follow or any(self.layers[name] for name in ("arrows", "streamlines", "tracers"))
+        return self.plain and not beside
 
     @property
     def smooth(self) -> bool:
-        """Whether the outlines of the fluids are smoothed, where nothing else is seen."""
+        """Whether the outlines of the fluids are smoothed."""
         return self.plain and bool(self.layers["smooth"])
 
     @property
@@ -110,16 +109,6 @@ class Choices:
                 )
         self.window = window
 
-    def pixels(self, ratio: float, most: float) -> tuple[int, int]:
-        """Size of a picture [px].
-
-        Args:
-            ratio: pixels per CSS pixel that are wanted.
-            most: number of pixels that it must not exceed.
-        """
-        ratio = min(ratio, (most / (self.width * self.height)) ** 0.5)
-        return max(1, round(self.width * ratio)), max(1, round(self.height * ratio))
-
     def view(self, framed: bool = False) -> View:
         """What `tipfem.render` is to draw.
 
@@ -128,7 +117,7 @@ class Choices:
         """
         layers = self.layers
         return View(
-            window=self.window if framed else self.shown,
+            window=self.window if framed or self.follow else self.shown,
             follow=self.follow,
             fill=layers["fill"],
             arrows=layers["arrows"],
@@ -177,6 +166,7 @@ class Choices:
             "range": {"mode": self.range_mode, "low": self.given[0], "high": self.given[1]},
             "map": self.colour_map,
             "layers": dict(self.layers),
+            "plain": self.plain,
             "window": self.window,
             "follow": self.follow,
             "size": [self.width, self.height],

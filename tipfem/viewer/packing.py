@@ -72,3 +72,28 @@ def packed_cells(scene: Scene, field: str | None, plain: Array) -> tuple[dict[st
     }
     parts = [(scene.position - scene.lower).astype("<f4"), values.astype("<f4"), loose]
     return head, b"".join(part.tobytes() for part in [*parts, scene.cells[order].astype("<u4" if wide else "<u2")])
+
+
+def packed_lines(given: Sequence[tuple[str, str, str, Any]], lower: Array) -> tuple[dict[str, Any], bytes]:
+    """Lines over the fluids: their kind, colour, that of their rim, and points (K, 2) of each [m].
+
+    Args:
+        given: of which each has an array (P, K, 2), or any number of points in each line.
+        lower: (2,) place that points are relative to [m].
+
+    Returns:
+        What the page needs to read the bytes: of each sort ``count`` lines of ``each`` points, or ``points`` of each
+        line; and places as floats of 32 bits.
+    """
+    heads, parts = [], []
+    for kind, line, rim, paths in given:
+        head: dict[str, Any] = {"kind": kind, "line": line, "rim": rim}
+        if isinstance(paths, np.ndarray):
+            head |= {"count": paths.shape[0], "each": paths.shape[1]}
+        else:
+            head["points"] = [len(path) for path in paths]
+            paths = np.concatenate([np.empty((0, 2)), *paths])
+        heads.append(head)
+        parts.append((paths - lower).astype("<f4").tobytes())
+    data = b"".join(parts)
+    return {"origin": lower.tolist(), "bytes": len(data), "sorts": heads}, data

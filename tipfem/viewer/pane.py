@@ -6,27 +6,37 @@ import io
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from PIL import Image
 
-from tipfem.render import Renderer, Results, Scene, Stage, View
-from tipfem.render.colours import DARK, LIGHT, fluid_colours, hex_code
+from tipfem.render import Renderer, Results, Scene, View
+from tipfem.render.colours import (
+    HALO,
+    INTERFACE,
+    SUBTLE,
+    dot_colours,
+    dot_colours_on_field,
+    fluid_colours,
+    hex_code,
+    mix,
+)
 from tipfem.render.flow import Tracers, arrow_speed
-from tipfem.render.layers import is_muted
+from tipfem.render.interface import particle_fluids
+from tipfem.render.layers import is_muted, layers_of
 from tipfem.render.openings import COLOURS as OPENING_COLOURS
 from tipfem.render.openings import Gap, rows_of
 from tipfem.render.outlines import Loop, background_fluid, picture_loops, turning_marks
 from tipfem.render.scales import MUTED_FIELD, MUTED_SHARE, FieldSample, colour_map_of, muted_fluids, round_limits
 from tipfem.typing import Array
-from tipfem.viewer.choices import Choices, Window
-from tipfem.viewer.packing import packed, packed_cells
+from tipfem.viewer.choices import Choices
+from tipfem.viewer.packing import packed, packed_cells, packed_lines
 from tipfem.viewer.probe import values_at
 from tipfem.viewer.source import Source
 
-MOST_PIXELS = 2.6e6  # of a picture that is shown
-MOST_PIXELS_MOVING = 1.0e6  # while something moves
+LAYER_PIXEL = 0.9  # a design pixel of layers, in CSS pixels
+PALE = 0.62  # share of white in fluids under particles
 PREPARED = 50  # stored times after the one that is shown, of which the outlines are made
 MOST_SEEN = 3000  # states of a run that are kept to be shared
 _SAMPLED = 24  # stored times that a fixed range is taken from
@@ -37,43 +47,18 @@ _HISTORY_POINTS = 200
 Range = tuple[float, float]
 
 
-class Picture(NamedTuple):
-    """A source drawn at one time.
-
-    Attributes:
-        image: encoded.
-        kind: its type, such as "image/jpeg".
-        time: [s].
-        number: of the stored time.
-        window: the part shown [m].
-        size: (width, height) [px].
-        notes: lines of text on the scales of layers.
-        muted: names of the fluids that have their own colour, although a field is shown.
-    """
-
-    image: bytes
-    kind: str
-    time: float
-    number: int
-    window: Window
-    size: tuple[int, int]
-    notes: list[str]
-    muted: tuple[str, ...]
-
-
 class Pane:
     """One source in a viewer.
 
     Args:
         source: what is shown.
-        backend: of the pictures, see `tipfem.render.Renderer`.
+        backend: of the pictures that are kept, see `tipfem.render.Renderer`.
     """
 
     def __init__(self, source: Source, backend: str) -> None:
         self.source = source
         self._backend = backend
-        self._stages: dict[tuple[int, int], Stage] = {}
-        self._renderer: Renderer | None = None
+        self._renderers: dict[bool, Renderer] = {}  # of light pictures and of dark ones
         self._ends: dict[str, Range] = {}  # of fields; of the pressure of coloured fluids as _COLOURED
         self._samples: dict[int, dict[str, FieldSample]] = {}  # of stored times, until ranges are settled
         self._settled_for = 0  # number of stored times that the ranges have been settled for
@@ -110,70 +95,66 @@ class Pane:
             self._widen(choices.field, scene)
         return scene
 
-    def draw(self, index: int, choices: Choices, moving: bool) -> Picture:
-        """The picture of a stored time for a page.
-
-        Args:
-            index: number of the stored time.
-            choices: what is seen.
-            moving: whether something moves, and the picture is to be quick rather than smooth.
-
-        Raises:
-            ValueError: it cannot be drawn.
-        """
-        scene = self.scene(index, choices)
-        ratio = min(choices.ratio, 1.0) if moving else choices.ratio
-        size = choices.pixels(ratio, MOST_PIXELS_MOVING if moving else MOST_PIXELS)
-        stage = self._stage(size)
-        view = self._settled(choices.view(), scene, choices)
-        if choices.follow is not None and choices.window is None:
-            view = replace(view, window=None)
-        image, notes = stage.draw(
-            scene,
-            view,
-            choices.field,
-            self.field_range(scene, choices),
-            choices.layers["mesh"],
-            choices.layers["particles"],
-            unit=0.9 * size[0] / choices.width,
-            samples=1 if moving else 2,
-            scheme=DARK if choices.dark else LIGHT,
-        )
-        if choices.layers["tracers"] and scene.trails is None:
-            notes = [*notes, "tracers: following them from the first time"]
-        muted = (view.muted or ()) if choices.field == MUTED_FIELD else ()
-        return Picture(*encode(image, moving), scene.time, index, stage.window(scene, view), size, notes, muted)
-
-    def vectors(self, index: int, choices: Choices) -> tuple[dict[str, Any], bytes] | None:
-        """What a page needs to draw a stored time by itself; None where it cannot.
+    def vectors(self, index: int, choices: Choices) -> tuple[dict[str, Any], bytes]:
+        """What a page needs to draw a stored time.
 
         Args:
             index: number of the stored time.
             choices: what is seen.
 
         Returns:
-            The entry of the frame's message, and the cells, where more than fluids is seen, and outlines as bytes.
+            The entry of the frame's message; and as bytes the cells, where a field or the mesh is seen, the lines of
+            layers, and outlines.
 
         Raises:
             ValueError: a field cannot be drawn.
         """
-        found = self.outlines(index) if choices.drawable else None
-        if found is None or choices.plain:
-            return found and ({**found[0], "smooth": choices.smooth}, found[1])
-        scene, field = self.scene(index, choices), choices.field
-        if field is None and scene.cell_fluid is None:  # whose interface cuts cells
-            return None
-        plain, muted = np.full(len(scene.cells), field is None), ()
-        if field == MUTED_FIELD:
-            view = self._settled(choices.view(), scene, choices)
-            low, high = self.field_range(scene, choices) or (0.0, 1.0)
-            plain, muted = is_muted(scene, view, MUTED_SHARE * (high - low)), view.muted or ()
-        head, data = packed_cells(scene, field, plain)
-        entry = {"smooth": False, "muted": muted, "cells": {**head, "bytes": len(data), "mesh": choices.layers["mesh"]}}
-        return {**found[0], **entry, "bytes": len(data) + len(found[1])}, data + found[1]
+        head, outlines = self.outlines(index)
+        if choices.bare:
+            return {**head, "smooth": choices.smooth, "bytes": len(outlines)}, outlines
+        scene, layers = self.scene(index, choices), choices.layers
+        view = self._settled(choices.view(), scene, choices)
+        field = choices.field if layers["fill"] else None
+        fills = fluid_colours(scene.fluid_names, scene.fluid_densities)
+        dots = dot_colours(fills) if field is None else dot_colours_on_field(fills)
+        if not layers["fill"]:
+            fills = np.ones_like(fills)
+        elif layers["particles"] and field is None:
+            fills = mix(fills, 1.0, PALE)
+        muted = (view.muted or ()) if choices.field == MUTED_FIELD else ()
+        entry = {**head, "smooth": choices.smooth, "muted": muted, "fills": [hex_code(fill) for fill in fills]}
+        cut = field is None and scene.cell_fluid is None  # by its interfaces, which edges of cells are not
+        data: list[bytes] = []
+        if field is not None or (layers["mesh"] and not cut):
+            plain = np.full(len(scene.cells), field is None)
+            if field == MUTED_FIELD:
+                low, high = self.field_range(scene, choices) or (0.0, 1.0)
+                plain = is_muted(scene, view, MUTED_SHARE * (high - low))
+            cells, bytes_ = packed_cells(scene, field, plain)
+            entry["cells"] = {**cells, "bytes": len(bytes_), "mesh": layers["mesh"]}
+            data.append(bytes_)
+        lower, upper = view.bounds(scene)
+        if choices.follow is not None:
+            entry["window"] = [*lower.tolist(), *upper.tolist()]
+        pixel = LAYER_PIXEL * max((upper - lower) / (choices.width, choices.height))
+        there = layers_of(scene, slice(None), lower, upper, pixel, view, field is not None and not muted)
+        lines = [(layer.kind, layer.key.line, layer.key.rim, layer.paths) for layer in there]
+        if layers["mesh"] and cut:
+            lines.insert(0, ("mesh", SUBTLE, HALO, scene.position[scene.geometry.edges.pairs]))
+        if layers["particles"]:
+            lines = [*_beads(scene, dots), *lines]
+        entry["lines"], bytes_ = packed_lines(lines, scene.lower)
+        entry["notes"] = [
+            key.text if key.length is None else f"arrows: {key.length * pixel:.2g} m long at {key.text}"
+            for _, _, key in there
+        ]
+        if layers["tracers"] and scene.trails is None:
+            entry["notes"].append("tracers: following them from the first time")
+        data += [bytes_, outlines]
+        return {**entry, "bytes": sum(map(len, data))}, b"".join(data)
 
-    def outlines(self, index: int) -> tuple[dict[str, Any], bytes] | None:
-        """The outlines of a stored time for `vectors`; None of a domain without ends.
+    def outlines(self, index: int) -> tuple[dict[str, Any], bytes]:
+        """The outlines of a stored time for `vectors`.
 
         Args:
             index: number of the stored time.
@@ -185,8 +166,6 @@ class Pane:
             scene = self.source.scene(index)
             assert scene.lower is not None, "a Scene fills in what was left out"
             assert scene.upper is not None, "a Scene fills in what was left out"
-            if scene.period is not None:
-                return None
             behind = background_fluid(scene)
             size = float((scene.upper - scene.lower).max())
             lower, scale = scene.lower - size, 3 * size / (2.0**32 - 1) * np.ones(2)
@@ -196,8 +175,6 @@ class Pane:
             entry = {
                 "time": scene.time,
                 "index": index,
-                "format": "outlines",
-                "bytes": len(data),
                 "notes": [],
                 "muted": [],
                 "lower": lower.tolist(),
@@ -225,7 +202,8 @@ class Pane:
         times = self.source.times
         for number in range(index, min(index + PREPARED, len(times))):
             if (number, times[number]) not in self._outlines:
-                return self.outlines(number) is not None
+                self.outlines(number)
+                return True
         return False
 
     def page(self) -> Callable[[], str]:
@@ -263,10 +241,10 @@ class Pane:
     def framed(self, index: int, choices: Choices) -> Array:
         """The picture of a stored time with axes and legend, to keep; (H, W, 3) uint8."""
         scene = self.scene(index, choices)
-        if self._renderer is None:
-            self._renderer = Renderer(_PICTURE, self._backend)
+        if choices.dark not in self._renderers:
+            self._renderers[choices.dark] = Renderer(_PICTURE, self._backend, dark=choices.dark)
         return np.asarray(
-            self._renderer.frame(
+            self._renderers[choices.dark].frame(
                 scene,
                 choices.field,
                 self.field_range(scene, choices),
@@ -374,18 +352,9 @@ class Pane:
 
     def close(self) -> None:
         """Free the buffers and the source."""
-        for stage in self._stages.values():
-            stage.close()
-        if self._renderer is not None:
-            self._renderer.close()
+        for renderer in self._renderers.values():
+            renderer.close()
         self.source.close()
-
-    def _stage(self, size: tuple[int, int]) -> Stage:
-        stage = self._stages.pop(size, None) or Stage(size, self._backend)
-        self._stages[size] = stage
-        while len(self._stages) > 2:  # moving and still
-            self._stages.pop(next(iter(self._stages))).close()
-        return stage
 
     def _settle(self, samples: list[dict[str, FieldSample]], count: int) -> None:
         """Take fixed ranges and muted fluids from samples by field of stored times, of which there are ``count``."""
@@ -448,22 +417,14 @@ class Pane:
         self._trails.append(self._tracers.advance(scene))
 
 
-def encode(image: Array, moving: bool) -> tuple[bytes, str]:
-    """A picture and its type: JPEG, which takes the least time, while something moves; else WebP without loss.
-
-    At 1184x660 with field and mesh JPEG takes 2 ms and 80 to 110 kB; lossless WebP takes 20 ms and 90 to 160 kB, less
-    than a JPEG without visible loss.
-
-    Args:
-        image: (H, W, 3) uint8.
-        moving: see above.
-    """
-    buffer = io.BytesIO()
-    if moving:
-        Image.fromarray(image).save(buffer, "jpeg", quality=80)
-        return buffer.getvalue(), "image/jpeg"
-    Image.fromarray(image).save(buffer, "webp", lossless=True, quality=0, method=0)
-    return buffer.getvalue(), "image/webp"
+def _beads(scene: Scene, dots: Array) -> list[tuple[str, str, str, Array]]:
+    """The particles as layers of single points, by the colours (F, 3) of their fluids; those of interfaces are dark."""
+    fluid, between = scene.fluid, np.zeros(len(scene.position), bool)
+    if scene.cell_fluid is not None:
+        fluid, between = particle_fluids(scene.cells, fluid, scene.cell_fluid)
+    own = ~between & ~scene.geometry.surroundings.dry
+    chosen = [(hex_code(dot), own & (fluid == number)) for number, dot in enumerate(dots)] + [(INTERFACE, between)]
+    return [("particles", colour, HALO, scene.position[mask][:, None]) for colour, mask in chosen]
 
 
 def webp(image: Array, quality: int) -> bytes:

@@ -1,4 +1,4 @@
-"""The messages between a viewer and its pages, version 1.
+"""The messages between a viewer and its pages, version 2.
 
 A page sends JSON text. The viewer sends JSON text, and frames and files as binary messages: a length L as an unsigned
 32-bit integer, little-endian; L bytes of JSON; then the images or the file. Everything is in SI units and in the
@@ -11,10 +11,8 @@ first page steers; of the others' messages, those marked * are answered, and the
 |---|---|
 | `{"type": "ack", "frame": 7}` * | the frame is on the screen; at most `AHEAD` frames are sent before it |
 | `{"type": "visible", "on": false}` * | no frames are wanted: the page is hidden |
-| `{"type": "vectors", "on": true, "fields": true}` * | frames of nothing but fluids are wanted as outlines, which the \
-page draws; with `fields` those of fields and the mesh, too, as cells |
-| `{"type": "size", "width": 900, "height": 600, "ratio": 1.0}` | of a picture [CSS px], and pixels per CSS pixel |
-| `{"type": "theme", "dark": true}` | colours around the fluids |
+| `{"type": "size", "width": 900, "height": 600}` | of a picture [CSS px], by which layers are spaced |
+| `{"type": "theme", "dark": true}` | colours around the fluids, for pictures and movies that are kept |
 | `{"type": "play", "on": true}` | go through the stored times, or stop |
 | `{"type": "speed", "value": 0.05}` | simulated seconds per second |
 | `{"type": "show", "time": 0.12}` | the stored time nearest to this one [s] |
@@ -62,13 +60,13 @@ that commands take |
 | `status` | all that the controls show: `times` (first, last, count, interval), `playing`, `speed`, `field`, `range`, \
 `map`, `layers`, `window`, `follow`, `recording`, `size`, `live`, and `runs`: of each source what \
 `Source.status` returns |
-| a frame | JSON: `type` "frame", `frame`: its number, `window` [m], `width`, `height` [px], `field`, `low`, `high`, \
-`moving`, `notes`, and `panes`: `time`, `index`, `format`, `bytes`, `muted`: names of the fluids that have their own \
-colour; then the images, one after another. With outlines `format` is "outlines", and of each pane there are `lower`, \
-`scale`, `behind`: the fluid behind all others or null, `smooth`, `openings`, `still`: whether the \
-tank is where it was at first, and `turns`: lines that show what turns; \
-see page/outlines.js. Where more than fluids is seen, `cells` tells of the triangles that stand before them; see \
-page/cells.js |
+| a frame | JSON: `type` "frame", `frame`: its number, `field`, `low`, `high`, `map`, and `panes`: `time`, `index`, \
+`bytes`, `notes`: lines on the scales of layers, `muted`: names of the fluids that have their own colour, `lower`, \
+`scale`, `behind`: the fluid behind all others or null, `smooth`, `openings`, `still`: whether the tank is where it \
+was at first, and `turns`: lines that show what turns; then the outlines of each pane, which page/outlines.js reads. \
+Where more than fluids is seen, there are `fills`: colours of the fluids; `cells`: of the triangles that stand before \
+the outlines, see page/cells.js; `lines`: of the layers between them, see page/lines.js; and `window`: the part that \
+follows the flow |
 | `picked` | `pane`, `at`, `time`, `inside`, `fluid`, `values` at the point, `particle` (`index`, `position`, `wall`, \
 `values`), the nearest one |
 | `history` | `pane`, `at`, `times`, `values`: lists by field at the point, null outside the fluids; `done`, the share |
@@ -88,12 +86,10 @@ from typing import Any
 
 from tipfem.arguments import brief, is_number
 
-VERSION = 1
+VERSION = 2
 LARGEST = 16_384  # bytes of a message from a page
 AHEAD = 2  # frames sent before the first of them is acknowledged
-WATCHERS = frozenset(
-    {"ack", "alive", "visible", "vectors", "pick", "picture", "share"}
-)  # what is answered for every page
+WATCHERS = frozenset({"ack", "alive", "visible", "pick", "picture", "share"})  # what is answered for every page
 SIZES = (64, 4096)  # [px], sides of a picture
 LAYERS = ("mesh", "particles", "fill", "arrows", "streamlines", "contours", "tracers", "colour_all", "smooth")
 _FARTHEST = 1e9  # largest magnitude of a number [SI]
@@ -175,8 +171,7 @@ _MESSAGES: dict[str, dict[str, Check]] = {
     "ack": {"frame": _whole(0, 2**53)},
     "alive": {},
     "visible": {"on": _flag},
-    "vectors": {"on": _flag, "fields?": _flag},
-    "size": {"width": _whole(*SIZES), "height": _whole(*SIZES), "ratio": _number(0.25, 8)},
+    "size": {"width": _whole(*SIZES), "height": _whole(*SIZES)},
     "theme": {"dark": _flag},
     "play": {"on": _flag},
     "speed": {"value": _number(1e-9, 1e6)},

@@ -46,6 +46,7 @@ FILES = {
     "viewer.js": "text/javascript; charset=utf-8",
     "outlines.js": "text/javascript; charset=utf-8",
     "cells.js": "text/javascript; charset=utf-8",
+    "lines.js": "text/javascript; charset=utf-8",
     "stage.js": "text/javascript; charset=utf-8",
     "steering.js": "text/javascript; charset=utf-8",
     "plots.js": "text/javascript; charset=utf-8",
@@ -157,8 +158,7 @@ class ViewServer:
         outbox = Outbox(connection.transport.abort)
         self._outboxes.add(outbox)
         passing = asyncio.ensure_future(outbox.pass_on(connection.send))
-        told = connection.request is None or "vectors=" not in connection.request.path
-        page = self.session.attach(outbox.put, told)
+        page = self.session.attach(outbox.put)
         try:
             async for text in connection:
                 self.session.receive(page, text)

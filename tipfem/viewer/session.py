@@ -24,7 +24,6 @@ from tipfem.viewer.series import series_of
 from tipfem.viewer.showing import Showing
 from tipfem.viewer.source import Source
 
-SETTLES = 0.25  # seconds after the last change, then a still picture is drawn smoothly
 STATUS_EVERY = 0.1  # seconds between messages of status while time goes on
 SERIES_EVERY = 3.0  # seconds between looks at what a run records over time
 HISTORY_EVERY = 0.2  # seconds between parts of a history
@@ -43,17 +42,14 @@ class Page:
     Attributes:
         steers: whether it is the one that steers.
         visible: whether it wants frames.
-        vectors: whether it draws fluids by itself, from their outlines.
-        fields: whether it draws fields and the mesh, too.
         waiting: numbers of the frames that it has been sent and has not acknowledged.
         frame: number of the last frame that it was sent.
     """
 
-    def __init__(self, send: Send, told: bool) -> None:
+    def __init__(self, send: Send) -> None:
         self.send = send
         self.steers = False
-        self.visible = told
-        self.vectors = self.fields = False
+        self.visible = True
         self.waiting: list[int] = []
         self.frame = -1
         self.histories: dict[int, Iterator[dict[str, Any] | None]] = {}  # by pane
@@ -73,7 +69,7 @@ class Session:
 
     Args:
         sources: one, or two that are compared at equal times.
-        backend: of the pictures, see `tipfem.render.Renderer`.
+        backend: of the pictures that are kept, see `tipfem.render.Renderer`.
 
     Raises:
         ValueError: a source cannot be drawn.
@@ -84,17 +80,13 @@ class Session:
         self.pages: list[Page] = []
         self._wake = asyncio.Event()
         self._closing: str | None = None
-        self._changed = time.monotonic()  # when what is seen changed last
         self._clock = time.monotonic()
         self._looked = [time.monotonic()] * len(sources)
-        self._stale, self._smooth, self._new_status = True, False, True
+        self._stale, self._new_status = True, True
         self._told = 0.0
         self._series: tuple[float, Any] = -SERIES_EVERY, None  # when they were read, and of which file
         self._message = 0, b""  # number of the last frame, and the frame
-        # The same as outlines, for pages that draw them, and what was in it.
-        self._vectors: tuple[int, bytes] = 0, b""
-        self._drawn: Any = None
-        self._stale_vectors = True
+        self._drawn: Any = None  # what was in it
         self._recording: Recording | None = None
         self._poking = False
         self._sharing: asyncio.Task[None] | None = None
@@ -102,14 +94,13 @@ class Session:
 
     # Pages
 
-    def attach(self, send: Send, told: bool = True) -> Page:
+    def attach(self, send: Send) -> Page:
         """A page has come; the first one steers.
 
         Args:
             send: takes a message for it, and does not wait.
-            told: send it frames at once, before it tells with `vectors` what it can draw.
         """
-        page = Page(send, told)
+        page = Page(send)
         page.steers = not self.pages
         self.pages.append(page)
         page.say("hello", steers=page.steers, **self.showing.hello())
@@ -196,8 +187,6 @@ class Session:
                 due.append(looked + pane.source.interval)
         if self._watched and self.showing.playing:
             due.append(now + self.showing.until_next())
-        if self._watched and not self._smooth and not self._stale:
-            due.append(self._changed + SETTLES)
         if self._new_status and self.pages:
             due.append(self._told + STATUS_EVERY)
         return max(0.0, min(due) - now) if due else None
@@ -234,52 +223,32 @@ class Session:
                 self._told = 0.0  # the end of playing is told at once: a key would otherwise pause what rests
 
     def _draw_if_wanted(self) -> bool:
-        """Draw if something has changed and a page takes it, and send what pages lack; whether a picture was drawn."""
+        """Make a frame if something has changed and a page takes it, and send what pages lack; whether one was made."""
         takers = [page for page in self.pages if page.takes_frames]
-        # While time goes on, pictures are quick; once all rests, one is drawn smoothly.
-        moves = self.showing.playing or (self.showing.live and self.showing.running)
-        rested = not (self._stale or self._smooth or moves) and time.monotonic() - self._changed >= SETTLES
-        plain = self.showing.choices.plain
-        able = [page for page in takers if (page.vectors if plain else page.fields)]
-        if able and not self._draw_vectors():
-            able = []
-        drawn = len(able) < len(takers) and (self._stale or rested)
+        drawn = bool(takers) and self._stale
         if drawn:
-            self._draw(moving=not rested)
+            self._draw()
+        number, message = self._message
         for page in takers:
-            number, message = self._vectors if page in able else self._message
             if page.frame != number and message:
                 page.frame = number
                 page.waiting.append(number)
                 page.send(message)
         return drawn
 
-    def _draw_vectors(self) -> bool:
-        """Make what pages draw by themselves, if it has changed; whether they can."""
-        if self._stale_vectors:
-            self._stale_vectors = False
-            try:
-                found = self.showing.vectors()
-            except (ValueError, OSError) as error:
-                self.showing.playing, self._new_status, found = False, True, None
-                self._complain(error)
-            if found is not None and found != self._drawn:
-                self.showing.frames += 1
-                self._vectors = self.showing.frames, protocol.pack({**found[0], "frame": self.showing.frames}, found[1])
-                if self._recording is not None:
-                    self._recording.add(self.showing.framed())
-            self._drawn = found
-        return self._drawn is not None
-
-    def _draw(self, moving: bool) -> None:
-        self._stale, self._smooth = False, not moving
+    def _draw(self) -> None:
+        self._stale = False
         try:
-            message = self.showing.frame(moving)
-            self._message = self.showing.frames, message
-            if self._drawn is None and self._recording is not None and moving:
+            found = self.showing.vectors()
+            if found == self._drawn:
+                return
+            self.showing.frames += 1
+            head = {**found[0], "frame": self.showing.frames}
+            self._message, self._drawn = (self.showing.frames, protocol.pack(head, found[1])), found
+            if self._recording is not None:
                 self._recording.add(self.showing.framed())
         except (ValueError, OSError) as error:
-            self.showing.playing, self._new_status, self._smooth = False, True, True
+            self.showing.playing, self._new_status = False, True
             self._complain(error)
 
     def _work(self) -> bool:
@@ -317,7 +286,7 @@ class Session:
                 return True
             except (StopIteration, ValueError):
                 self._sampling = None
-        if self._drawn is not None and not self.showing.live:
+        if not self.showing.live:
             with contextlib.suppress(ValueError):  # it is told when that time is shown
                 panes = zip(self.showing.panes, self.showing.indices(), strict=True)
                 return any(pane.prepare(index) for pane, index in panes if not pane.source.live)
@@ -360,16 +329,12 @@ class Session:
         page.waiting.clear()
         self._clock = time.monotonic()
 
-    def _take_vectors(self, page: Page, on: bool, fields: bool = False) -> None:
-        page.vectors, page.fields, page.visible = on, on and fields, True
-
-    def _take_size(self, page: Page, width: int, height: int, ratio: float) -> None:
-        self.showing.choices.width, self.showing.choices.height, self.showing.choices.ratio = width, height, ratio
+    def _take_size(self, page: Page, width: int, height: int) -> None:
+        self.showing.choices.width, self.showing.choices.height = width, height
         self._change()
 
     def _take_theme(self, page: Page, dark: bool) -> None:
         self.showing.choices.dark = dark
-        self._change()
 
     def _take_play(self, page: Page, on: bool) -> None:
         first, last = self.showing.ends()
@@ -489,9 +454,7 @@ class Session:
 
     def _change(self) -> None:
         """What is seen has changed."""
-        self._stale, self._smooth, self._new_status = True, False, True
-        self._stale_vectors = True
-        self._changed = time.monotonic()
+        self._stale = self._new_status = True
         self._wake.set()
 
     def _known(self, name: str) -> str:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import base64
 import dataclasses
-import functools
 import hashlib
 import html
 import json
@@ -19,13 +18,16 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from tipfem.render import Results, Scene, Stage, View, colours
+from tipfem.render import Results, Scene, View, colours
 from tipfem.render.colours import COLOUR_MAPS, LIGHT, on_transparent
+from tipfem.render.layout import Layout
 from tipfem.render.openings import COLOURS, Gap, kinds_of, rows_of
 from tipfem.render.outlines import Loop, background_fluid, picture_loops, thin_solids
-from tipfem.render.renderer import settled
+from tipfem.render.picture import draw_scene
+from tipfem.render.renderer import make_canvas, settled
 from tipfem.render.scales import colour_map_of, field_label
 from tipfem.render.strips import closest
+from tipfem.typing import Array
 from tipfem.viewer.packing import packed
 from tipfem.viewer.pane import webp
 from tipfem.viewer.series import series_of
@@ -163,15 +165,24 @@ def _pictures(results: Results, field: str, numbers: Sequence[int]) -> dict[str,
     scenes = [results.scene(number) for number in numbers]
     view, ends = settled(View(window=(*results.lower, *results.upper)), results.sampled(), field, None)
     width, height = results.upper - results.lower
-    stage = Stage((FIELD_WIDTH, max(2, round(FIELD_WIDTH * height / width))), "raster")
+    size = FIELD_WIDTH, max(2, round(FIELD_WIDTH * height / width))
+    canvas, box = make_canvas(size, "raster", 2), (0.0, 0.0, float(size[0]), float(size[1]))
+    layout = Layout(size, 1.0, results.lower, results.upper, size[0] / float(width), box, True, box)
+    fills = colours.fluid_colours(results.fluid_names, results.fluid_densities)
     pictures = {}
     for number, scene in zip(numbers, scenes, strict=True):
         # The page draws its background, in either theme, and the openings.
-        bare = dataclasses.replace(scene, openings=())
-        draw = functools.partial(stage.draw, bare, view, field, ends, samples=2)
-        image = on_transparent(lambda scheme, draw=draw: draw(scheme=scheme)[0], LIGHT)
+
+        def drawn(scheme: colours.Scheme, scene: Scene = scene) -> Array:
+            looks: dict[str, Any] = {"field": field, "field_range": ends, "view": view, "scheme": scheme}
+            bare = dataclasses.replace(scene, openings=())
+            drawing, _ = draw_scene(bare, layout, fills, bare=True, **looks)
+            painted: Array = canvas.paint(drawing, scheme.background)
+            return painted
+
+        image = on_transparent(drawn, LIGHT)
         pictures[number] = base64.b64encode(webp(image, quality=80)).decode()
-    stage.close()
+    canvas.close()
     low, high = ends or (0.0, 1.0)
     return {
         "name": field_label(field),

@@ -123,58 +123,21 @@ class Showing:
                 wait = min(wait, ((times[index] + times[index + 1]) / 2 - self.time) / self.speed)
         return max(wait, 1e-3)
 
-    def frame(self, moving: bool) -> bytes:
-        """The present frame as a message.
-
-        Args:
-            moving: whether something moves, and it is to be quick rather than smooth.
-
-        Raises:
-            ValueError: it cannot be drawn.
-        """
-        choices = self.choices
-        pictures = [pane.draw(index, choices, moving) for pane, index in zip(self.panes, self.indices(), strict=True)]
-        self.frames += 1
-        head = {
-            **self._head(),
-            "frame": self.frames,
-            "moving": moving,
-            "dark": choices.dark,
-            "panes": [
-                {
-                    "time": picture.time,
-                    "index": picture.number,
-                    "window": picture.window,
-                    "width": picture.size[0],
-                    "height": picture.size[1],
-                    "format": picture.kind,
-                    "bytes": len(picture.image),
-                    "notes": picture.notes,
-                    "muted": picture.muted,
-                }
-                for picture in pictures
-            ],
-        }
-        return protocol.pack(head, [picture.image for picture in pictures])
-
-    def vectors(self) -> tuple[dict[str, Any], list[bytes]] | None:
-        """The present frame for pages that draw it by themselves, without its number; None where they cannot.
+    def vectors(self) -> tuple[dict[str, Any], list[bytes]]:
+        """The present frame, without its number.
 
         Raises:
             ValueError: a stored time cannot be read, or not be drawn.
         """
-        found = [pane.vectors(index, self.choices) for pane, index in zip(self.panes, self.indices(), strict=True)]
-        there = [each for each in found if each is not None]
-        if len(there) < len(found):
-            return None
-        return {**self._head(), "moving": False, "panes": [entry for entry, _ in there]}, [data for _, data in there]
-
-    def _head(self) -> dict[str, Any]:
-        """What is told of the colours of the present frame."""
         choices, pane = self.choices, self.panes[0]
-        low, high = pane.field_range(pane.source.scene(self.indices()[0]), choices) or (0.0, 0.0)
-        colours = choices.colour_map or (usual_map(choices.field) if choices.field else None)
-        return {"type": "frame", "field": choices.field, "low": low, "high": high, "map": colours}
+        found = [pane.vectors(index, choices) for pane, index in zip(self.panes, self.indices(), strict=True)]
+        field = choices.field
+        low, high = 0.0, 0.0
+        if field is not None:
+            low, high = pane.field_range(pane.source.scene(self.indices()[0]), choices) or (0.0, 1.0)
+        colours = choices.colour_map or (usual_map(field) if field else None)
+        head = {"type": "frame", "field": field, "low": low, "high": high, "map": colours}
+        return {**head, "panes": [entry for entry, _ in found]}, [data for _, data in found]
 
     def framed(self) -> Array:
         """The present picture with axes; two are side by side."""

@@ -18,7 +18,7 @@ from tipfem.viewer.share import share
 from tipfem.viewer.source import ResultsSource, Source
 
 # In the order in which each uses only what comes before it.
-_SCRIPTS = ("plots.js", "outlines.js", "cells.js", "stage.js", "steering.js", "viewer.js", "widget.js")
+_SCRIPTS = ("plots.js", "outlines.js", "cells.js", "lines.js", "stage.js", "steering.js", "viewer.js", "widget.js")
 
 
 class View:

@@ -1,4 +1,5 @@
-// Triangles coloured by a field or by their fluid, and the edges between them: drawn by WebGL 2 on a canvas of its own.
+// Triangles coloured by a field or by their fluid, and the edges between them, on a canvas of its own: drawn by WebGL 2
+// where a graphics card does it, else here, which is faster than a card that is emulated.
 
 const PLACE = `#version 300 es
 in vec2 at; in float value; uniform vec2 origin, scale; uniform float size; out float v; out vec3 corner;
@@ -26,10 +27,16 @@ void main() {
 const FINEST = [3, 7]; // lengths of edges [px] between which they appear: a finer mesh would only be a grey veil
 const rgb = (code) => [1, 3, 5].map((at) => parseInt(code.slice(at, at + 2), 16) / 255);
 
+// Whether WebGL 2 is there, and no processor stands in for its card.
+function hasCard() {
+  const gl = document.createElement("canvas").getContext("webgl2"), named = gl && gl.getExtension("WEBGL_debug_renderer_info");
+  return Boolean(gl) && !/swiftshader|llvmpipe|software|basic render/i.test(gl.getParameter(named ? named.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
+}
+
 export class Cells {
   constructor() {
     this.canvas = document.createElement("canvas");
-    const gl = (this.gl = this.canvas.getContext("webgl2", { antialias: false, depth: false }));
+    const gl = (this.gl = hasCard() ? this.canvas.getContext("webgl2", { antialias: false, depth: false }) : null);
     if (!gl) return;
     const program = gl.createProgram();
     for (const [kind, text] of [[gl.VERTEX_SHADER, PLACE], [gl.FRAGMENT_SHADER, COLOUR]]) {
@@ -53,16 +60,15 @@ export class Cells {
     }
   }
 
-  get there() {
-    return Boolean(this.gl) && !this.gl.isContextLost();
-  }
-
   // Take the cells of a state: places, values and triangles, of which each gets corners of its own.
   show(buffer, head) {
     const { nodes, loose, by_cell: byCell, wide, parts } = head, count = parts.reduce((sum, [size]) => sum + size, 0);
     const at = new Float32Array(buffer, 0, 2 * nodes), values = new Float32Array(buffer, 8 * nodes, byCell ? count : nodes);
     const dots = new Uint32Array(buffer, 8 * nodes + 4 * values.length, loose);
     const corners = new (wide ? Uint32Array : Uint16Array)(buffer, 8 * nodes + 4 * (values.length + loose), 3 * count);
+    this.head = head;
+    this.state = { at, values, dots, corners };
+    if (!this.gl) return;
     const all = new Float32Array(3 * (3 * count + loose));
     const put = (k, node, value) => {
       all[3 * k] = at[2 * node];
@@ -71,21 +77,22 @@ export class Cells {
     };
     for (let k = 0; k < 3 * count; k++) put(k, corners[k], byCell ? values[(k / 3) | 0] : values[corners[k]]);
     for (let k = 0; k < loose; k++) put(3 * count + k, dots[k], byCell ? 0 : values[dots[k]]);
-    this.head = head;
     this.gl.bufferData(this.gl.ARRAY_BUFFER, all, this.gl.DYNAMIC_DRAW);
   }
 
   // Draw a window [m] into a box [CSS px] of a canvas that lies on this one. look: stops of the colour map, low, high,
   // fills of the fluids, mesh, spacing.
-  draw(over, box, [x0, y0, x1, y1], { stops, low, high, fills, mesh, spacing }) {
+  draw(over, box, shown, look) {
     const { gl, place, head } = this, [left, bottom] = head.origin, ratio = window.devicePixelRatio || 1, width = box.width * ratio;
+    const [x0, y0, x1, y1] = shown, { stops, low, high, fills, mesh, spacing } = look;
     if (this.canvas.width !== over.width || this.canvas.height !== over.height) [this.canvas.width, this.canvas.height] = [over.width, over.height];
+    const pixels = width / (x1 - x0), fine = Math.min(1, Math.max(0, (spacing * pixels - FINEST[0]) / (FINEST[1] - FINEST[0])));
+    if (!gl) return this.paint(box, shown, look, ratio, mesh ? fine : 0);
     if (stops !== this.stops) {
       this.stops = stops;
       const texels = new Uint8Array(stops.flatMap((stop) => [...rgb(stop).map((part) => Math.round(255 * part)), 255]));
       gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, stops.length, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, texels);
     }
-    const pixels = width / (x1 - x0), fine = Math.min(1, Math.max(0, (spacing * pixels - FINEST[0]) / (FINEST[1] - FINEST[0])));
     gl.viewport(box.left * ratio, over.height - (box.top + box.height) * ratio, width, box.height * ratio);
     gl.uniform2f(place("origin"), x0 - left, y0 - bottom);
     gl.uniform2f(place("scale"), 2 / (x1 - x0), 2 / (y1 - y0));
@@ -105,6 +112,71 @@ export class Cells {
       gl.drawArrays(gl.POINTS, 3 * first, head.loose);
     }
   }
+  // The same without a graphics card: pixel by pixel, by the distances to the sides of each triangle.
+  paint(box, [x0, y0, x1, y1], { stops, low, high, fills, spacing }, ratio, mesh) {
+    const { at, values, dots, corners } = this.state, { origin, parts, by_cell: byCell } = this.head;
+    const wide = Math.round(box.width * ratio), tall = Math.round(box.height * ratio), pen = (this.pen ||= this.canvas.getContext("2d"));
+    if (!this.image || this.image.width !== wide || this.image.height !== tall) {
+      this.image = pen.createImageData(wide, tall);
+      this.pixels = new Uint32Array(this.image.data.buffer);
+    }
+    const out = this.pixels.fill(0), sx = wide / (x1 - x0), sy = tall / (y1 - y0), ox = origin[0] - x0, oy = origin[1] - y0;
+    const code = ([r, g, b]) => (255 << 24) | (Math.round(255 * b) << 16) | (Math.round(255 * g) << 8) | Math.round(255 * r);
+    const table = new Uint32Array(256), colours = stops.map(rgb), far = stops.length - 1;
+    for (let k = 0; k < 256; k++) {
+      const n = Math.min(Math.floor((k / 255) * far), Math.max(far - 1, 0)), share = (k / 255) * far - n;
+      table[k] = code(colours[n].map((part, c) => part + share * (colours[Math.min(n + 1, far)][c] - part)));
+    }
+    const scale = 255 / (high - low || 1), index = (value) => Math.max(0, Math.min(255, (value - low) * scale + 0.5)) | 0;
+    const reach = 0.45 * ratio + 0.5;
+    let t = 0;
+    for (const [count, fluid] of parts) {
+      const flat = fluid < 0 ? 0 : code(rgb(fills[fluid]));
+      for (const end = t + count; t < end; t++) {
+        const a = corners[3 * t];
+        let b = corners[3 * t + 1], c = corners[3 * t + 2];
+        const ax = (at[2 * a] + ox) * sx, ay = tall - (at[2 * a + 1] + oy) * sy;
+        let bx = (at[2 * b] + ox) * sx, by = tall - (at[2 * b + 1] + oy) * sy, cx = (at[2 * c] + ox) * sx, cy = tall - (at[2 * c + 1] + oy) * sy;
+        let area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax);
+        if (area < 0) [b, c, bx, by, cx, cy, area] = [c, b, cx, cy, bx, by, -area];
+        const left = Math.max(0, Math.ceil(Math.min(ax, bx, cx) - 0.5)), right = Math.min(wide - 1, Math.floor(Math.max(ax, bx, cx) - 0.5));
+        const top = Math.max(0, Math.ceil(Math.min(ay, by, cy) - 0.5)), bottom = Math.min(tall - 1, Math.floor(Math.max(ay, by, cy) - 0.5));
+        if (!area || left > right || top > bottom) continue;
+        const va = byCell ? values[t] : values[a], vb = byCell ? va : values[b], vc = byCell ? va : values[c];
+        const la = Math.hypot(cx - bx, cy - by), lb = Math.hypot(ax - cx, ay - cy), lc = Math.hypot(bx - ax, by - ay);
+        const dudx = (by - cy), dudy = (cx - bx), dvdx = (cy - ay), dvdy = (ax - cx);
+        for (let y = top; y <= bottom; y++) {
+          let u = (left + 0.5 - bx) * dudx + (y + 0.5 - by) * dudy, v = (left + 0.5 - cx) * dvdx + (y + 0.5 - cy) * dvdy;
+          for (let x = left; x <= right; x++, u += dudx, v += dvdx) {
+            const w = area - u - v;
+            if (u < 0 || v < 0 || w < 0) continue;
+            let found = flat || table[byCell ? index(va) : index((u * va + v * vb + w * vc) / area)];
+            if (mesh) {
+              const near = (reach - Math.min(u / la, v / lb, w / lc)) * mesh;
+              if (near > 0) found = toned(found, Math.min(near, mesh));
+            }
+            out[y * wide + x] = found;
+          }
+        }
+      }
+    }
+    const radius = Math.max(0.4 * spacing * sx, 1);
+    for (const k of !byCell && stops.length > 1 ? dots : []) {
+      const px = (at[2 * k] + ox) * sx, py = tall - (at[2 * k + 1] + oy) * sy, colour = table[index(values[k])];
+      for (let y = Math.max(0, Math.ceil(py - radius)); y <= Math.min(tall - 1, py + radius); y++) {
+        const half = Math.sqrt(Math.max(0, radius ** 2 - (y - py) ** 2));
+        for (let x = Math.max(0, Math.ceil(px - half)); x <= Math.min(wide - 1, px + half); x++) out[y * wide + x] = colour;
+      }
+    }
+    pen.putImageData(this.image, Math.round(box.left * ratio), Math.round(box.top * ratio));
+  }
+}
+
+// A colour of a pixel where a line of the mesh passes: darker on light ones, lighter on dark ones, as the shader has it.
+function toned(colour, near) {
+  const r = colour & 255, g = (colour >> 8) & 255, b = (colour >> 16) & 255;
+  const mix = 0.2126 * r + 0.7152 * g + 0.0722 * b > 114.75 ? (part) => part * (1 - 0.38 * near) : (part) => part + 0.38 * near * (255 - part);
+  return (255 << 24) | (mix(b) << 16) | (mix(g) << 8) | mix(r);
 }
 
 // Lines between fluids over a field, with a pale rim that is seen on every colour; where the colours do not tell fluids

@@ -8,7 +8,7 @@ let wanted = new URLSearchParams(rest.join("&"));
 const address = new URL("socket", location.href);
 address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
 address.hash = "";
-address.search = new URLSearchParams({ token, vectors: "asked" }).toString();
+address.search = new URLSearchParams({ token }).toString();
 
 const ASK_EVERY = 2000, PATIENCE = 5000; // [ms] until a viewer that does not answer is said to be silent
 

@@ -1,7 +1,8 @@
-// One picture with its axes: it shows the last frame where it belongs while a new one is on its way, and turns what the
-// pointer does into places in metres.
+// One picture with its axes: it draws the last frame in the window that is to be seen, and turns what the pointer does
+// into places in metres.
 
 import { Cells, drawInterfaces } from "./cells.js";
+import { drawLines } from "./lines.js";
 import { drawOutlines } from "./outlines.js";
 import { axes, colours, context } from "./plots.js";
 
@@ -21,18 +22,16 @@ export class Stage {
   // The label stands above pictures that are compared; "" for a single one.
   constructor(root, number, label, domain, fluids, events) {
     this.fluids = fluids;
-    this.outlines = null; // what the page draws itself, in place of the bitmap
-    this.cells = new Cells(); // with them, where more than fluids is seen
+    this.outlines = null; // of the frame
+    this.cells = new Cells(); // with them, where a field or the mesh is seen
     this.cells.canvas.className = "cells";
-    this.cells.canvas.addEventListener("webglcontextlost", () => events.lost());
     this.label = label;
     this.domain = domain;
     this.root = root;
     this.number = number;
     this.events = events;
-    this.bitmap = null;
-    this.frame = null; // what the bitmap shows
-    this.window = null; // what is to be seen [m]; null for what the frame shows
+    this.frame = null; // what is shown
+    this.window = null; // what is to be seen [m]; null for all, or for what follows the flow
     this.marks = { point: null, cross: false, push: null };
     this.element = document.createElement("figure");
     this.element.className = "pane";
@@ -51,8 +50,7 @@ export class Stage {
 
   get shown() {
     const { width, height } = this.box;
-    const wanted = this.window || (this.outlines ? this.whole : this.frame && this.frame.window);
-    return wanted ? fit(wanted, width, height) : [0, 0, 1, 1];
+    return fit((this.frame && this.frame.window) || this.window || this.whole, width, height);
   }
 
   get whole() {
@@ -75,33 +73,22 @@ export class Stage {
     return px >= box.left && px <= box.left + box.width && py >= box.top && py <= box.top + box.height;
   }
 
-  // A bitmap, or outlines that are drawn here, with the bytes of cells and their colours.
-  show(bitmap, frame, outlines = null, cells = null, look = null) {
-    if (this.bitmap) this.bitmap.close();
-    if (cells && this.cells.there) this.cells.show(cells, frame.cells);
-    this.look = look;
-    this.bitmap = bitmap;
-    this.outlines = outlines;
-    this.frame = frame;
+  // Take a frame: its outlines, the bytes of its cells and of its lines, and its colours.
+  show(frame, outlines, cells, lines, look) {
+    if (cells) this.cells.show(cells, frame.cells);
+    Object.assign(this, { frame, outlines, lines, look });
     this.paint();
   }
 
   paint() {
+    if (!this.outlines) return;
     const { draw } = context(this.canvas);
     const paint = colours(this.root), box = this.box, shown = this.shown;
-    if (!this.bitmap && !this.outlines) return;
-    this.cells.canvas.hidden = true;
     draw.save();
     draw.beginPath();
     draw.rect(box.left, box.top, box.width, box.height);
     draw.clip();
-    if (this.outlines) this.paintOutlines(draw, paint, box, shown);
-    else {
-      const [x0, y0, x1, y1] = this.frame.window;
-      const [left, top] = this.toPixels([x0, y1]), [right, bottom] = this.toPixels([x1, y0]);
-      draw.imageSmoothingEnabled = Math.abs((right - left) * (window.devicePixelRatio || 1) - this.frame.width) > 1;
-      draw.drawImage(this.bitmap, left, top, right - left, bottom - top);
-    }
+    this.paintFlow(draw, paint, box, shown);
     this.paintMarks(draw, paint, box);
     draw.restore();
     axes(draw, box, shown, (at) => this.toPixels(at), paint, this.frame.notes.join(", "), this.domain);
@@ -113,18 +100,23 @@ export class Stage {
     }
   }
 
-  paintOutlines(draw, paint, box, [x0, y0, x1, y1]) {
+  paintFlow(draw, paint, box, [x0, y0, x1, y1]) {
     const across = box.width / (x1 - x0), up = box.height / (y1 - y0), { behind, smooth, turns, openings, marks } = this.frame;
     const X = (x) => box.left + (x - x0) * across, Y = (y) => box.top + (y1 - y) * up;
-    const fills = this.fluids.filter((_, k) => k !== behind).map(({ colour }) => colour), rest = behind === null ? null : this.fluids[behind].colour;
-    const cells = this.cells.there && this.frame.cells, byField = this.look && this.look.stops.length > 1;
+    const all = this.frame.fills || this.fluids.map(({ colour }) => colour), fills = all.filter((_, k) => k !== behind);
+    const rest = behind === null ? null : all[behind], cells = this.frame.cells, byField = this.look.stops.length > 1;
     this.cells.canvas.hidden = !cells;
-    if (cells) this.cells.draw(this.canvas, box, [x0, y0, x1, y1], { ...this.look, fills: this.fluids.map(({ colour }) => colour), mesh: cells.mesh, spacing: this.domain.spacing });
+    if (cells) {
+      draw.fillStyle = paint.stage; // beyond periodic sides
+      draw.fillRect(box.left, box.top, box.width, box.height);
+      this.cells.draw(this.canvas, box, [x0, y0, x1, y1], { ...this.look, fills: all, mesh: cells.mesh, spacing: this.domain.spacing });
+    }
     drawOutlines(draw, X, Y, this.outlines, {
       wall: this.root.dataset.theme === "dark" ? "#8793a3" : "#3d4653", body: "#c3c8cf", ground: paint.stage, line: "#0b2239",
       fills, behind: rest, smooth, openings, marks, solids: this.frame.still ? this.domain.solids : [],
       over: cells && (() => drawInterfaces(draw, X, Y, this.outlines, { fills, behind: rest, sided: byField && this.fluids.length > 2, drops: !byField })),
     });
+    if (this.frame.lines) drawLines(draw, X, Y, this.frame.lines, this.lines, this.domain.spacing);
     draw.strokeStyle = draw.fillStyle = "#3d4653";
     draw.lineWidth = 2.6;
     for (const [[ax, ay], [bx, by]] of turns) {

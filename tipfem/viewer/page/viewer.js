@@ -24,7 +24,6 @@ export class Viewer {
     this.found = []; // the values at the place, by pane
     this.place = null; // the point under the pointer, or kept: {pane, at, kept}
     this.histories = new Map();
-    this.decoding = Promise.resolve();
     this.dark = window.matchMedia("(prefers-color-scheme: dark)").matches;
     try {
       const kept = localStorage.getItem("tipfem-theme");
@@ -72,40 +71,28 @@ export class Viewer {
     const head = JSON.parse(new TextDecoder().decode(bytes.subarray(4, 4 + length)));
     const rest = bytes.subarray(4 + length);
     if (head.type === "file") return this.keep(head, rest);
-    this.decoding = this.decoding.then(() => this.showFrame(head, rest)).catch((error) => this.note(String(error)));
+    this.showFrame(head, rest);
   }
 
-  async showFrame(head, bytes) {
-    let at = 0;
-    const images = [];
-    for (const pane of head.panes) {
-      const own = bytes.slice(at, at + pane.bytes);
-      images.push(pane.format === "outlines" ? own.buffer : createImageBitmap(new Blob([own], { type: pane.format })));
-      at += pane.bytes;
-    }
-    const bitmaps = await Promise.all(images);
+  showFrame(head, bytes) {
     this.send({ type: "ack", frame: head.frame });
+    let at = 0;
+    const take = (count) => bytes.slice(at, (at += count)).buffer;
+    const { low, high, map } = head, look = { low, high, stops: map ? this.hello.maps[map] : ["#000000"] };
     head.panes.forEach((pane, k) => {
+      const first = at, cells = pane.cells && take(pane.cells.bytes), lines = pane.lines && take(pane.lines.bytes);
+      const outlines = new OutlineReader(take(first + pane.bytes - at), pane, true);
       if (!this.stages[k]) return;
-      if (pane.format === "outlines") {
-        const fluids = this.hello.panes[k].fluids.length - (pane.behind === null ? 0 : 1);
-        const state = new OutlineReader(bitmaps[k], pane, true, pane.cells ? pane.cells.bytes : 0).state(fluids);
-        const { low, high, map } = head, stops = map ? this.hello.maps[map] : ["#000000"];
-        return this.stages[k].show(null, pane, state, pane.cells && bitmaps[k], { low, high, stops });
-      }
-      if (!this.steers || (this.status && this.status.follow)) this.stages[k].window = null;
-      this.stages[k].show(bitmaps[k], pane);
+      const fluids = this.hello.panes[k].fluids.length - (pane.behind === null ? 0 : 1);
+      this.stages[k].show(pane, outlines.state(fluids), cells, lines, look);
     });
     this.frame = head;
     this.root.dataset.frame = head.frame;
-    this.root.dataset.moving = head.moving;
     this.showLegend();
     if (this.place) this.ask(this.place);
-    if (!head.moving) {
-      const what = head.field ? this.fieldLabel(head.field) : "Fluids";
-      this.stages.forEach((stage, k) => stage.canvas.setAttribute("aria-label",
-        `${what} of ${this.hello.panes[k].name} at t = ${number(head.panes[k].time)} s`));
-    }
+    const what = head.field ? this.fieldLabel(head.field) : "Fluids";
+    this.stages.forEach((stage, k) => stage.canvas.setAttribute("aria-label",
+      `${what} of ${this.hello.panes[k].name} at t = ${number(head.panes[k].time)} s`));
   }
 
   meet(hello) {
@@ -118,7 +105,7 @@ export class Viewer {
       window: (window, pane) => this.setWindow(window, pane), hover: (at, pane) => this.hover(at, pane), pick: (at, pane) => this.pin(at, pane),
       reset: () => this.setWindow(null), tool: () => (this.steers ? this.root.dataset.tool || "look" : "look"),
       push: (from, to, stage) => this.steering.push(from, to, stage), release: (stage) => this.steering.release(stage),
-      drop: (at) => this.steering.drop(at), lost: () => this.tellWhatIsDrawn(),
+      drop: (at) => this.steering.drop(at),
     };
     this.stages = hello.panes.map(({ name, ...domain }, k) => new Stage(this.root, k, hello.panes.length > 1 ? name : "", domain, hello.panes[k].fluids, events));
     const heads = this.root.querySelectorAll(".values thead th");
@@ -138,17 +125,12 @@ export class Viewer {
     this.setRole(hello.steers);
     this.showValues();
     if (this.met) this.met();
-    this.tellWhatIsDrawn();
     this.send({ type: "visible", on: !document.hidden });
     if (hello.steers) {
       this.send({ type: "theme", dark: this.dark });
       this.sized = "";
       requestAnimationFrame(() => this.resize());
     }
-  }
-
-  tellWhatIsDrawn() {
-    this.send({ type: "vectors", on: true, fields: this.stages.every((stage) => stage.cells.there) });
   }
 
   setRole(steers) {
@@ -182,7 +164,11 @@ export class Viewer {
     part("map").value = status.map || "";
     part("follow").value = status.follow || "";
     part("contours").value = status.layers.contours || "";
-    for (const box of this.root.querySelectorAll("[data-layer]")) box.checked = Boolean(status.layers[box.dataset.layer]);
+    for (const box of this.root.querySelectorAll("[data-layer]")) {
+      const { layer } = box.dataset, fits = layer !== "smooth" || status.plain;
+      box.checked = fits && Boolean(status.layers[layer]);
+      box.disabled = !this.steers || !fits;
+    }
     for (const element of this.root.querySelectorAll(".of-field")) element.hidden = !status.field;
     part("given").hidden = !status.field || status.range.mode !== "given";
     this.button("record").setAttribute("aria-pressed", status.recording);
@@ -270,19 +256,13 @@ export class Viewer {
   // The window
 
   setWindow(window, pane = 0) {
-    const own = this.stages.every((stage) => stage.outlines); // drawn here: each page has its own view
-    if (!this.steers && !own) return;
     const panned = window && this.stages[pane] && this.sameSize(window, this.stages[pane].shown);
     if (this.status && this.status.follow && (panned || window === null)) this.send({ type: "follow", what: null });
     for (const stage of this.stages) {
       stage.window = window;
-      if (window) stage.paint();
+      stage.paint();
     }
-    if (!this.steers) {
-      for (const stage of this.stages) stage.paint();
-      return;
-    }
-    if (own && !window) for (const stage of this.stages) stage.paint();
+    if (!this.steers) return; // each page has its own view
     this.moved = performance.now();
     this.wanted = window;
     if (this.pending) return;
@@ -299,7 +279,7 @@ export class Viewer {
   resize() {
     if (!this.hello || !this.stages.length) return;
     const { width, height } = this.stages[0].box;
-    const size = { type: "size", width: Math.min(4096, Math.round(width)), height: Math.min(4096, Math.round(height)), ratio: window.devicePixelRatio || 1 };
+    const size = { type: "size", width: Math.min(4096, Math.round(width)), height: Math.min(4096, Math.round(height)) };
     for (const stage of this.stages) stage.paint();
     if (this.frame) this.showLegend();
     this.plotHistory();
@@ -614,8 +594,8 @@ export class Viewer {
       ["v", "arrows", layer("arrows")],
       ["l", "streamlines", layer("streamlines")],
       ["t", "tracers", layer("tracers")],
-      ["o", "fill", layer("fill")],
-      ["x", "smooth outlines of the fluids", layer("smooth")],
+      ["x", "fill", layer("fill")],
+      ["o", "smooth outlines of the fluids", () => this.status.plain && layer("smooth")()],
       ["b", "colour all fluids", layer("colour_all")],
       ["c", "contours of the next field", () => cycle("contours", 1)],
       ["k", "keep the point in the middle", () => {
