@@ -150,6 +150,23 @@ def test_a_drop_comes_to_its_angle(wall, within):
     assert simulation.volume("drop") == pytest.approx(area, rel=1e-12)
 
 
+@pytest.mark.parametrize("interface", ["sharp", "interpolated"])
+@pytest.mark.parametrize(("angle", "way"), [(60, 1), (120, -1)])
+def test_contacts_of_a_free_surface_slide_to_their_angle(interface, angle, way):
+    drop = tp.Fluid("drop", 1.0, 0.2)
+    tank = tp.tank((6.0, 3.0), 0.25).fill(drop, disc=((3.0, 0.0), 1.0))
+    tank.wall("bottom", slip=True, contact_angle={"drop": angle})
+    options = {"free_surface": True, "interface": interface, "surface_tension": {"drop": 1.0}}
+    simulation = tp.Simulation(tp.Case(tank, [drop], (0, 0), **options))
+    for _ in range(20):
+        simulation.step()
+    x = simulation.particles.position[simulation.mesh.used & (simulation.particles.position[:, 1] < 1e-9), 0]
+    assert way * (x.max() - x.min() - 2) > 0.1
+    # The wall's energy falls by cos(angle) times the way of both contacts.
+    work = sum(row["external_work"] for row in simulation.history)
+    assert work == pytest.approx(math.cos(math.radians(angle)) * (x.max() - x.min() - 2), rel=0.05)
+
+
 def test_the_work_of_youngs_force_is_external():
     case = half_disc(70, slip=True)
     simulation = tp.Simulation(case)

@@ -60,6 +60,8 @@ class Body:
         slip: whether fluids slide along the outline without friction.
         slip_length: l [m] of Navier's condition on the outline, see `Wall`.
         law: "layer" or "no-slip", see `Wall`; by default the second. The first needs the sharp interface.
+        contact_angle: of interfaces with surface tension [degrees], as of `Wall`, one number each. Contacts then slide
+            along the outline, also where it is no-slip; needs the sharp interface.
         outline: the shape.
         corners: (K, 2) of the outline as a polygon, anticlockwise [m].
 
@@ -84,6 +86,7 @@ class Body:
     slip: bool = False
     slip_length: Annotated[float, Gt(0), Unit("m")] | None = None
     law: Literal["no-slip", "layer"] | None = None
+    contact_angle: Any | None = None
     outline: Shape = field(init=False, repr=False, compare=False)
     corners: Array = field(init=False, repr=False, compare=False)
     _moments: tuple[float, Array, float] = field(init=False, repr=False, compare=False)
@@ -146,7 +149,12 @@ class Body:
 
     @property
     def slips(self) -> bool:
-        """Whether fluids slide along the outline."""
+        """Whether fluids slide along the outline; along one without slip only where contacts slide."""
+        return bool(self.contact_angle) or self.slips_everywhere
+
+    @property
+    def slips_everywhere(self) -> bool:
+        """Whether fluids slide along the whole outline."""
         return any(getattr(self, name) not in (None, False, "no-slip") for name in CONDITIONS)
 
     @property
@@ -163,7 +171,7 @@ class Body:
 
     def with_law(self, law: str) -> Body:
         """The body with a law for its outline where nothing is said of that."""
-        if self.slips or self.law is not None:
+        if self.slips_everywhere or self.law is not None:
             return self
         new = copy.copy(self)
         object.__setattr__(new, "law", law)

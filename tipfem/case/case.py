@@ -85,6 +85,7 @@ class Case:
         openings: list of the openings.
         beaches: list of the zones in which fluids are damped.
         contact_cosines: cosines of the contact angles on each of ``walls``, see `TensionTable.cosines`.
+        body_cosines: the same on each of ``bodies``.
         body_label: (N,) number of the body that each particle is on, -1 for none.
         tank: the tank that the particles were sampled from; None for particles given as arrays.
         walls_have_fluids: whether the wall particles' fluids are known (from a tank) and need not be taken from
@@ -165,6 +166,7 @@ class Case:
             raise Invalid("tank_motion", text, "Case")
         self.gravity = self._checked_gravity(gravity)
         self.bodies = self._checked_bodies(bodies)
+        self.body_cosines = [self.surface_tension.cosines(body, "bodies") for body in self.bodies]
         self.body_label = self._labelled(particles)
         if self.bodies and self.domain is None:
             self.domain = around_bodies(particles.position, particles.spacing, [body.corners for body in self.bodies])
@@ -335,6 +337,8 @@ class Case:
         if not sharp and (slipping := [body for body in result if body.slips]):
             name = slipping[0].name
             text = ": fluids slip along it, which needs interface = 'sharp'; say law = 'no-slip'"
+            if not slipping[0].slips_everywhere:
+                text = ": it has a contact_angle, which needs interface = 'sharp' on a body"
             raise Invalid(("bodies", name), text, f"body {name!r}")
         return [body.with_law(BODY_LAW) for body in result]
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from tipfem.arguments import is_number, meant
 from tipfem.case.fluid import Fluid
-from tipfem.case.walls import Wall
 from tipfem.errors import Invalid
 from tipfem.typing import Array
 
@@ -68,17 +67,24 @@ class TensionTable:
         large = {pair: value for pair, value in self.given.items() if value > LARGEST}
         return [f"surface tension of {_in_words(pair)} is {value:g} N/m; {why}" for pair, value in large.items()]
 
-    def cosines(self, wall: Wall) -> dict[tuple[int, int], tuple[float, float]]:
-        """Cosines of a wall's contact angles by the numbers of the two fluids, the first one that they are measured in.
+    def cosines(self, wall: Any, kind: str = "walls") -> dict[tuple[int, int], tuple[float, float]]:
+        """Cosines of the contact angles of a wall, or of what is of another kind, by the numbers of the two fluids.
+
+        The angles are measured in the first fluid.
 
         The first one is the mean of those at which a contact recedes and advances, the second one half their
         difference: 0 where both are one.
+
+        Args:
+            wall: a `Wall`, or what has a name and contact angles as one.
+            kind: where case files have it; only walls may have two angles.
 
         Raises:
             Invalid: an interface has no tension, or an angle is no number from 0 to 180 degrees, nor two of them.
         """
         found: dict[tuple[int, int], tuple[float, float]] = {}
-        path, subject = ("walls", wall.name, "contact_angle"), f"wall {wall.name!r}"
+        what = "wall" if kind == "walls" else "body"
+        path, subject = (kind, wall.name, "contact_angle"), f"{what} {wall.name!r}"
         if not isinstance(wall.contact_angle or {}, Mapping):
             wanted = "a dict from two fluids to an angle, as {('water', 'air'): 60}"
             text = f"is {wall.contact_angle!r}; it must be {wanted}"
@@ -103,8 +109,9 @@ class TensionTable:
                 if len(set(angles)) > 1:
                     why = "two angles from 0 to 180 degrees, the one at which contacts recede first"
                 raise Invalid((*path, *both), f": it is {angle!r}; it must be {why}", subject)
-            if angles[0] < angles[1] and not (wall.velocity is None and wall.motion is None):
-                why = "one number of degrees on a wall that moves; only a wall at rest holds contacts"
+            if angles[0] < angles[1] and not (kind == "walls" and wall.velocity is None and wall.motion is None):
+                why = f"one number of degrees on a {what}{' that moves' * (kind == 'walls')}; "
+                why += "only a wall at rest holds contacts"
                 raise Invalid((*path, *both), f": it is {angle!r}; it must be {why}", subject)
             one, other = ([self._names.index(name) for name in both] + [len(self._names)])[:2]
             if (one, other) in found or (other, one) in found:
@@ -112,7 +119,7 @@ class TensionTable:
             receding, advancing = (math.cos(math.radians(each)) for each in angles)
             found[one, other] = 0.5 * (receding + advancing), 0.5 * (receding - advancing)
         for part in range(2):
-            wall_energies(found, self.sigma, wall.name, part)
+            wall_energies(found, self.sigma, wall.name, part, kind)
         return found
 
     def capillary_time(self, spacing: float) -> float:
@@ -137,7 +144,11 @@ class TensionTable:
 
 
 def wall_energies(
-    cosines: Mapping[tuple[int, int], tuple[float, float]], sigma: Array, wall: str = "", part: int = 0
+    cosines: Mapping[tuple[int, int], tuple[float, float]],
+    sigma: Array,
+    wall: str = "",
+    part: int = 0,
+    kind: str = "walls",
 ) -> Array:
     """Energies (F + 1,) per area of a wall that each fluid wets, the last one for a dry wall [N/m].
 
@@ -149,6 +160,7 @@ def wall_energies(
         sigma: (F + 1, F + 1) tension [N/m].
         wall: for messages.
         part: 0 for these energies; 1 for those by which contacts are held, of half the difference of the cosines.
+        kind: for messages, see `TensionTable.cosines`.
 
     Raises:
         Invalid: angles between three fluids contradict each other.
@@ -171,7 +183,8 @@ def wall_energies(
                         ahead.append(j)
                     elif abs(energy[j] - wanted) > 1e-6 * sigma.max():
                         text = ": the angles contradict each other; two of three interfaces decide the third (Young)"
-                        raise Invalid(("walls", wall, "contact_angle"), text, f"wall {wall!r}")
+                        what = "wall" if kind == "walls" else "body"
+                        raise Invalid((kind, wall, "contact_angle"), text, f"{what} {wall!r}")
     return energy
 
 

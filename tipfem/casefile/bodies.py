@@ -10,6 +10,7 @@ import numpy as np
 from tipfem.case.body import Body
 from tipfem.case.declaration import changed
 from tipfem.case.walls import Motion
+from tipfem.casefile.pairs import by_names, by_pairs
 from tipfem.casefile.schema import BODY, BodyTable
 from tipfem.casefile.source import Path
 from tipfem.geometry import shapes
@@ -43,6 +44,8 @@ def read_bodies(
             report((*path, "name"), f"is {table.name!r} as that of another body; every body needs a name of its own")
             continue
         options = {key: value for key, value in table.given().items() if key in BODY}
+        if table.contact_angle:
+            options["contact_angle"] = by_pairs(table.contact_angle)
         if table.motion is not None:
             motion = given((*path, "motion"), table.motion, translation=2)
             if motion is None:
@@ -89,5 +92,7 @@ def body_content(
         content["polygon"] = lost(f"bodies.{body.name}.shape", "an outline with straight edges and arcs")
     if body.motion is not None:
         content["motion"] = kept(f"bodies.{body.name}.motion", body.motion)
+    if body.contact_angle:
+        content["contact_angle"] = by_names(body.contact_angle)
     given = changed(body)
     return {**content, **{key: given[key] for key in BODY if key in given}}

@@ -28,6 +28,7 @@ from tipfem.casefile.bodies import read_bodies
 from tipfem.casefile.fills import shape_of, shapes_of
 from tipfem.casefile.forms import FORMS, Limits, Model, Polyline, Ramp, Table, UniformForce, WaveForm
 from tipfem.casefile.openings import OPENINGS, opening_name
+from tipfem.casefile.pairs import by_pairs
 from tipfem.casefile.problems import cannot, listed
 from tipfem.casefile.schema import FillTable, MotionTable
 from tipfem.casefile.source import Path
@@ -278,7 +279,7 @@ class Parts:
                 self.report(path, f"has nothing to say; give one of {', '.join(OPTIONS)}, or leave the table out")
                 continue
             if "contact_angle" in options:
-                options["contact_angle"] = _by_pairs(options["contact_angle"])
+                options["contact_angle"] = by_pairs(options["contact_angle"])
             if not self._has_velocity(path, options):
                 continue
             wall = self._made(path, Wall, name, **place, **options)
@@ -441,12 +442,14 @@ class Parts:
 
     def _tension(self, walls: list[Wall]) -> dict[Pair, float]:
         """Surface tension by interface, checked with the contact angles of all walls."""
-        given = _by_pairs(self.sections.get("surface_tension") or {})
+        given = by_pairs(self.sections.get("surface_tension") or {})
         fluids, free = [Fluid(name, 1.0, 0.0) for name in self.fluid_names], bool(self.sections.get("free_surface"))
         right = [self._made((), TensionTable, {pair: value}, fluids, empty=free) for pair, value in given.items()]
         if None not in right and (whole := self._made((), TensionTable, given, fluids, empty=free)) is not None:
             for wall in walls:
                 self._made((), whole.cosines, wall)
+            for body in self.bodies:
+                self._made((), whole.cosines, body, "bodies")
             return given
         return {}  # it has mistakes
 
@@ -506,13 +509,3 @@ class Parts:
             arrays["spacing"] = arrays["spacing"].item()
         particles: Particles | None = self._made(("particles", "file"), Particles, **arrays)
         return particles
-
-
-def _by_pairs(table: Mapping[str, Any]) -> dict[Pair, float]:
-    """Values by the names of two fluids, or of one at a free surface, of a table of tables of the second names."""
-    found: dict[Pair, float] = {}
-    for one, value in table.items():
-        if value is None:  # it has mistakes
-            continue
-        found.update({(one, other): each for other, each in value.items()} if isinstance(value, dict) else {one: value})
-    return found

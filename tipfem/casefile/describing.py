@@ -23,6 +23,7 @@ from tipfem.case.waves import WaveMaker
 from tipfem.casefile.bodies import body_content
 from tipfem.casefile.forms import FORMS, HalfSpace, Limits, Model, Polygon, Side, Table, UniformForce
 from tipfem.casefile.outlines import shape_content
+from tipfem.casefile.pairs import by_names
 from tipfem.casefile.schema import SCHEMA_ID, CheckpointTable
 from tipfem.casefile.source import BARE
 from tipfem.probes import Probe, probe_record
@@ -300,7 +301,7 @@ class _Writer:
             if callable(value):
                 result[key] = self.function(f"walls.{name}.{key}", value)
             elif key == "contact_angle":
-                result[key] = _by_names(value)
+                result[key] = by_names(value)
             elif key == "velocity" and is_number(value):
                 result["speed"] = float(value)
             else:
@@ -344,23 +345,12 @@ class _Writer:
                 limits = {"where": self.lost("grading.where", _named(where))}
             largest = {name: float(value) for name, value in case.grading.largest.items()}
             self.table(("grading",), {"largest": largest or None, "growth": float(case.grading.growth), **limits})
-        self.table(("surface_tension",), _by_names(case.surface_tension.given))
+        self.table(("surface_tension",), by_names(case.surface_tension.given))
         numerics = changed(case.numerics)
         rules = {key: numerics.pop(key) for key in list(numerics) if isinstance(numerics[key], dict)}
         self.table(("numerics",), numerics)
         for key, rule in rules.items():
             self.table(("numerics", key), rule)
-
-
-def _by_names(pairs: Mapping[Any, float]) -> dict[str, Any]:
-    """Values of interfaces as a table of tables: by the first fluid's name, and by the second's."""
-    result: dict[str, Any] = {}
-    for pair, value in pairs.items():
-        if isinstance(pair, str):
-            result[pair] = value
-        else:
-            result.setdefault(pair[0], {})[pair[1]] = value
-    return result
 
 
 def _plain(model: Model) -> dict[str, Any]:

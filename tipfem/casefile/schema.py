@@ -38,7 +38,8 @@ from tipfem.casefile.outlines import ShapeTable
 from tipfem.probes import KINDS, Probe
 from tipfem.results.fields import FieldOutput
 
-BODY = tuple(name for name in declared(Body) if name not in ("shape", "motion"))  # a table and a `Body` have them alike
+# What a table and a `Body` have alike.
+BODY = tuple(name for name in declared(Body) if name not in ("shape", "motion", "contact_angle"))
 
 
 def _by_pair(limits: Any, *, two: bool = False) -> Any:
@@ -164,6 +165,7 @@ class BodyTable(Model):
     disc: Disc | None = Field(None, description="a circular body")
     polygon: list[Point] | None = quantity("corners (x, y) of its outline, in order", "m", None, min_length=3)
     motion: MotionTable | None = Field(None, description="prescribed motion")
+    contact_angle: Angles = quantity("contact angle by the names of fluids, as of a wall, one number", "degrees", {})
 
 
 @declares(Grading, "growth")

@@ -7,9 +7,9 @@ so that checkpoints hold it as it is. `tipfem.physics.physics.Physics` moves it 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -34,6 +34,19 @@ class Carried:
     def imposed(self, particles: Particles) -> Particles:
         """The particles with the velocities and accelerations that the part prescribes."""
         return particles
+
+    def wetting_forces(
+        self, mesh: Mesh, particles: Particles, cosines: Sequence[Any], on: Callable[[Array, Array], Array]
+    ) -> Array | None:
+        """Forces (N, 2) by which contacts are drawn along what lies in the fluids [N/m]; None for none.
+
+        Args:
+            mesh: of the particles.
+            particles: on it.
+            cosines: of the contact angles of each such thing, see `tipfem.case.case.Case.contact_cosines`.
+            on: which of them the sides of the hull between particles (K,) and (K,) are on, -1 for none.
+        """
+        return None
 
 
 class OwnInertia(Carried, ABC):

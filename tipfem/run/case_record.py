@@ -40,7 +40,10 @@ def case_record(case: Case) -> dict[str, Any]:
         "tank_motion": _plain(case.tank_motion),
         "grading": _plain(case.grading),
         # As polygons, which a body in a tank has.
-        "bodies": [{**_plain(body), "shape": body.corners} for body in case.bodies],
+        "bodies": [
+            {**_plain(body), "shape": body.corners, "contact_angle": _by_interface(body.contact_angle)}
+            for body in case.bodies
+        ],
         "surface_tension": _by_interface(case.surface_tension.given),
         "openings": [_opening(opening) for opening in case.openings],
         "beaches": [_plain(zone.beach) for zone in case.beaches],
@@ -74,7 +77,10 @@ def case_from(record: Mapping[str, Any]) -> Case:
         title=record["title"],
         walls=[_wall_from(wall) for wall in record["walls"]],
         grading=None if grading is None else Grading(**grading),
-        bodies=[Body(**body) for body in record.get("bodies", [])],
+        bodies=[
+            Body(**{**body, "contact_angle": _from_interfaces(body.get("contact_angle"))})
+            for body in record.get("bodies", [])
+        ],
         period=record.get("period"),
         surface_tension=_from_interfaces(record["surface_tension"]),
         openings=[OPENINGS[f"{given['kind']}s"](**given["values"]) for given in record["openings"]],

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tipfem.demos.validation.drops import theory
 
 import tipfem as tp
+from tipfem.physics.bodies.motion import BodyStates
 from tipfem.physics.surface_tension.edges import TensionEdges
 
 Array = NDArray[np.float64]
@@ -172,6 +173,80 @@ def incline(part: float, across: int = 10, end: float = 6.0) -> dict[str, float]
         simulation.step()
     moved = float((_on_floor(simulation) - start).min()) / spacing
     return {"moved": moved, "wrong": float((moved > 0.2) != (part > 1))}
+
+
+def floating(angle: float, density: float, law: str, across: int = 10, end: float = 18.0) -> dict[str, float]:
+    """A disc that floats where interfaces meet it at an angle: height of its centre above the level far from it.
+
+    Its radius is sqrt(sigma / (rho g)), 1 m, with the difference of the densities. It moves up and down.
+
+    Args:
+        angle: of the contacts, through the liquid [degrees].
+        density: of the disc, over the liquid's.
+        law: of its outline, "slip" or "no-slip".
+        across: spacings in its diameter.
+        end: of the run [s].
+
+    Returns:
+        height, contact: error of the heights of its centre and of the contacts [radii].
+    """
+    width, height, level, ratio = 12.0, 7.0, 3.5, 0.01
+    fluids, gravity = pair(ratio, OHNESORGE), 1 / (1 - ratio)
+    tank = tp.tank((width, height), 2 / across).fill(fluids[1]).fill(fluids[0], box=((0, 0), (width, level)))
+    for side in ("left", "right"):
+        tank.wall(side, slip=True)
+    wanted, contact = theory.floating_disc(1.0, math.radians(angle), (density - ratio) * gravity * math.pi)
+    outline = {"slip": True} if law == "slip" else {"law": law}
+    disc = tp.shapes.circle((width / 2, level + wanted + 0.3), 1.0)
+    kept = {"free": ("y",), "damping": (0, 2.0, 0), "contact_angle": {("liquid", "around"): angle}}
+    tank.add(tp.Body(disc, name="disc", density=density, **kept, **outline))
+    simulation = simulated(tank, fluids, gravity)
+    while simulation.time < end:
+        simulation.step()
+    far, here = _levels(simulation)
+    return {"height": simulation.history[-1]["disc_y"] - far - wanted, "contact": here - far - contact}
+
+
+def plate(angle: float, law: str, half: int = 8, end: float = 18.0) -> dict[str, float]:
+    """A fixed plate that stands in a liquid: the force on it by tension, 2 sigma cos(angle) downwards; its meniscus.
+
+    Args:
+        angle: of the contacts, through the liquid [degrees].
+        law: of the plate, "slip" or "no-slip".
+        half: spacings in sqrt(sigma / (rho g)), which is 1 m.
+        end: of the run [s].
+
+    Returns:
+        force: error over 2 sigma.
+        contact: error of the contacts' height above the level far from the plate [m].
+    """
+    width, height, level, ratio, wide, deep = 9.0, 6.0, 3.0, 0.01, 1.0, 1.5
+    fluids, gravity = pair(ratio, OHNESORGE), 1 / (1 - ratio)
+    tank = tp.tank((width, height), 1 / half).fill(fluids[1]).fill(fluids[0], box=((0, 0), (width, level)))
+    for side in ("left", "right"):
+        tank.wall(side, slip=True)
+    outline = {"slip": True} if law == "slip" else {"law": law}
+    shape = tp.shapes.rectangle(((width - wide) / 2, level - deep), ((width + wide) / 2, level + deep))
+    tank.add(tp.Body(shape, name="plate", contact_angle={("liquid", "around"): angle}, **outline))
+    simulation = simulated(tank, fluids, gravity)
+    while simulation.time < end:
+        simulation.step()
+    far, here = _levels(simulation)
+    cosine = math.cos(math.radians(angle))
+    climbs = math.copysign(math.sqrt(2 - 2 * math.sqrt(1 - cosine**2)), cosine)
+    floats = wide * (far - level + deep) + ratio * gravity * 2 * wide * deep
+    force = simulation.history[-1]["plate_force_y"]
+    return {"force": (force - floats) / 2 + cosine, "contact": here - far - climbs}
+
+
+def _levels(simulation: tp.Simulation) -> tuple[float, float]:
+    """Mean heights of the interface's ends on the sides of the tank, and on the body in it [m]."""
+    edges, particles = simulation.state.part(TensionEdges), simulation.particles
+    ends = np.unique(np.concatenate([edges.one, edges.other]))
+    ends = ends[particles.wall[ends]]
+    on = simulation.state.part(BodyStates).label[ends] >= 0
+    y = particles.position[ends, 1]
+    return float(y[~on].mean()), float(y[on].mean())
 
 
 def _on_floor(simulation: tp.Simulation) -> Array:

@@ -4,6 +4,8 @@ static           a drop at rest: capillary number over 1000 steps, jump of the p
 sessile          drops that come to rest on a floor, at angles from 30 to 150 degrees
 meniscus         between two plates: height of its contacts, and its order
 rise             a liquid in a narrow and a wide arm: difference of the heights
+floating         discs that float by tension: their height, and that of their contacts
+plate            a plate that stands in a liquid: the force on it
 hanging          drops under a ceiling, which hang or drip
 incline          drops that two contact angles hold on an incline, and that slide
 oscillating      a drop that swings: its frequency
@@ -54,6 +56,14 @@ RUNS: dict[str, dict[str, Callable[[], Figures]]] = {
     },
     "meniscus": _named(lambda half: at_rest.meniscus(30.0, half), "{} spacings in half the gap", (8, 16)),
     "rise": _named(lambda half: at_rest.rise(30.0, half), "{} spacings in half the narrow arm", (4, 6)),
+    "floating": {
+        "heavy, 120 degrees, no-slip": lambda: at_rest.floating(120.0, 1.1, "no-slip"),
+        "light, 60 degrees, slip": lambda: at_rest.floating(60.0, 0.7, "slip"),
+    },
+    "plate": {
+        "60 degrees, no-slip": lambda: at_rest.plate(60.0, "no-slip"),
+        "120 degrees, slip": lambda: at_rest.plate(120.0, "slip"),
+    },
     "hanging": _named(at_rest.hanging, "{} of the largest", (0.9, 1.1)),
     "incline": _named(at_rest.incline, "{} of the largest force", (0.98, 1.02)),
     "oscillating": _named(in_motion.oscillating, "density ratio {}", (0.001, 1.0)),
@@ -64,8 +74,8 @@ RUNS: dict[str, dict[str, Callable[[], Figures]]] = {
     "film": _named(in_motion.film, "{} spacings in the thickness", (4, 6)),
 }
 Flow = Literal[
-    "static", "sessile", "meniscus", "rise", "hanging", "incline", "oscillating", "wave", "bubble",
-    "rayleigh-taylor", "kelvin-helmholtz", "film",
+    "static", "sessile", "meniscus", "rise", "floating", "plate", "hanging", "incline", "oscillating", "wave",
+    "bubble", "rayleigh-taylor", "kelvin-helmholtz", "film",
 ]  # fmt: skip
 # The largest magnitude of each figure: in all runs of a flow, or in those whose names begin with a text.
 LARGEST: dict[str, list[tuple[str, str, float]]] = {
@@ -73,6 +83,8 @@ LARGEST: dict[str, list[tuple[str, str, float]]] = {
     "sessile": [("", "radius", 0.005), ("60 degrees, layer", "angle", 1.0), ("120 degrees, no-slip", "angle", 1.0)],
     "meniscus": [("", "height", 0.01)],
     "rise": [("", "height", 0.01)],
+    "floating": [("", "height", 0.03), ("", "contact", 0.03)],
+    "plate": [("", "force", 0.01), ("", "contact", 0.03)],
     "hanging": [("", "wrong", 0.0)],
     "incline": [("", "wrong", 0.0)],
     "oscillating": [("density ratio 0.001", "frequency", 0.005), ("density ratio 1.0", "frequency", 0.01)],

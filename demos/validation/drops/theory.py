@@ -89,6 +89,30 @@ def meniscus(half_width: float, length: float, angle: float) -> float:
     return float(end(curvature)[1])
 
 
+def floating_disc(radius: float, angle: float, weight: float) -> tuple[float, float]:
+    """Heights of the centre of a disc that floats, and of its contacts, above the level far from it.
+
+    Lengths are in sqrt(sigma / (rho g)), forces in sigma. At the polar angle phi of the contacts, from below, the
+    interface rises outwards at alpha = angle + phi - pi, from the height -2 sin(alpha / 2). It carries 2 sin(alpha),
+    and the pressure of the liquid the weight of that between the wetted arc and the level.
+
+    Args:
+        radius: of the disc.
+        angle: of the contacts [radians].
+        weight: of the disc, less that of as much light fluid.
+    """
+
+    def carried(phi: float) -> tuple[float, float]:
+        rises = angle + phi - math.pi
+        contact = -2 * math.sin(rises / 2)
+        displaced = radius**2 * (phi - math.sin(phi) * math.cos(phi)) - 2 * radius * math.sin(phi) * contact
+        return 2 * math.sin(rises) + displaced, contact
+
+    phi = brentq(lambda each: carried(each)[0] - weight, 0.05, math.pi - 0.05)
+    contact = carried(phi)[1]
+    return contact + radius * math.cos(phi), contact
+
+
 def largest_hanging_drop() -> float:
     """Area of the largest drop that hangs under a ceiling at 90 degrees, over sigma / (rho g).
 

@@ -14,6 +14,7 @@ import numpy as np
 from tipfem.backend.launch import launch
 from tipfem.case.body import Body
 from tipfem.case.particles import Particles
+from tipfem.mesh.components import ON_HULL, ON_INTERFACE
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.bodies.motion import BodyMotion, BodyStates, rigid_rates, unturned
 from tipfem.physics.bodies.outlines import Outline
@@ -79,9 +80,12 @@ def friction_on_outlines(
     of = states.label[motion.faces[:, 0]]
     lengths = np.array([body.slip_length or 0.0 for body in motion.bodies])
     layered = np.array([body.law == LAYER for body in motion.bodies])
-    here = np.flatnonzero((lengths > 0)[of] | layered[of])
+    holds = np.array([not body.slips_everywhere for body in motion.bodies])  # all but contacts
+    angled = np.array([bool(body.contact_angle) for body in motion.bodies])
+    here = np.flatnonzero((lengths > 0)[of] | layered[of] | (holds & angled)[of])
     if not len(here):
         return result, layers, stuck
+    contact = _contacts(mesh, motion.faces, count)
     faces, cell, of = motion.faces[here], motion.cell[here], of[here]
     edge = particles.position[faces[:, 0]] - particles.position[faces[:, 1]]
     measure, length = np.linalg.norm(edge, axis=1), lengths[of]
@@ -95,10 +99,24 @@ def friction_on_outlines(
         nodes = np.ascontiguousarray(faces[on][order], dtype=np.int32)
         arrays = nodes, near.part.astype(np.int32), viscosity[cell[on][order]], resolved.view(np.int8), weight
         launch(stick_to_layers, *arrays, stuck.view(np.int8), 2)
-    share = 0.5 * viscosity[cell] * measure / np.where(layered[of], np.maximum(length, LEAST * measure), length)
+    if (holds & angled)[of].any():
+        stuck = np.zeros(count, dtype=bool) if stuck is None else stuck
+        stuck[faces[(holds & angled)[of]]] = True
+    if stuck is not None:
+        stuck &= ~(contact & (states.label >= 0) & angled[states.label])
+    length = np.where((layered | holds)[of], np.maximum(length, LEAST * measure), length)
+    beside = (angled & (lengths == 0))[of] & contact[faces].any(axis=1)
+    length = np.where(beside, np.maximum(length, particles.target[faces].mean(axis=1)), length)
+    share = 0.5 * viscosity[cell] * measure / length
     for end in range(2):
         np.add.at(result, faces[:, end], share)
     return result, layers, stuck
+
+
+def _contacts(mesh: Mesh, faces: Array, count: int) -> Array:
+    """Mask (``count``,) of the particles at which interfaces, or the fluids, end on outlines with faces (E, 2)."""
+    ends = np.bincount(faces.ravel(), minlength=count) == 1
+    return np.asarray(ends if mesh.components is None else ends | (mesh.components.mark == ON_INTERFACE + ON_HULL))
 
 
 def _layer_faces(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -31,12 +32,13 @@ class Bodies(Physics[BodyStates]):
         bodies: of the case.
         label: (N,) number of the body that each of the case's particles is on, -1 for none.
         gravity: (2,) [m/s^2].
+        cosines: of the contact angles on each body, see `tipfem.case.case.Case.body_cosines`.
     """
 
     name = "bodies"
 
-    def __init__(self, bodies: Sequence[Body], label: Array, gravity: Array) -> None:
-        self._bodies, self._label, self._gravity = bodies, label, gravity
+    def __init__(self, bodies: Sequence[Body], label: Array, gravity: Array, cosines: Sequence[Any] = ()) -> None:
+        self._bodies, self._label, self._gravity, self._cosines = bodies, label, gravity, cosines
         self._outlines = {b: Outline(body) for b, body in enumerate(bodies) if body.slips}
         self._floats = np.array([body.floats for body in bodies])
         self.columns = tuple(f"{body.name}_{name}" for body in bodies for name in COLUMNS)
@@ -46,7 +48,8 @@ class Bodies(Physics[BodyStates]):
     @classmethod
     def of(cls, case: Case) -> Bodies | None:
         """See `Physics.of`."""
-        return cls(case.bodies, case.body_label, case.potential_gravity) if case.bodies else None
+        given = case.bodies, case.body_label, case.potential_gravity, case.body_cosines
+        return cls(*given) if case.bodies else None
 
     def start(self, particles: Particles, step: float) -> BodyStates:
         """See `Physics.start`."""
@@ -68,9 +71,22 @@ class Bodies(Physics[BodyStates]):
         if stuck is not None:  # there the outline is as one without slip
             motion.hold(stuck)
         motion.after = dataclasses.replace(motion.after, boundary_layers=ended, begun=True, stuck=stuck)
+        young = self._young(motion.states.label, step)
         if motion.floating.any():
-            return (FloatingBodies(motion, friction, step.mesh.surface.pinned, closed=closed),)
-        return (MovedBodies(motion, friction, closed=closed),)
+            return (FloatingBodies(motion, friction, step.mesh.surface.pinned, closed=closed, young=young),)
+        return (MovedBodies(motion, friction, closed=closed, young=young),)
+
+    def _young(self, label: Array, step: StepStart) -> Array | None:
+        """(N, 2) Young's forces on the fluids at contacts with the bodies [N/m]; None without contact angles."""
+        if not any(self._cosines):
+            return None
+
+        def on(one: Array, other: Array) -> Array:
+            return np.where(label[one] == label[other], label[one], -1)
+
+        given = step.mesh, step.particles, self._cosines, on
+        found = (part.wetting_forces(*given) for part in step.parts.values())
+        return next((each for each in found if each is not None), None)
 
     def before_repair(self, part: BodyStates | None, moved: Moved) -> tuple[BodyStates | None, Moved]:
         """See `Physics.before_repair`: particles on curves of outlines are put back there."""

@@ -51,10 +51,13 @@ class MovedBodies(Term):
         friction: (N,) over slip velocity, of the particles [kg/s, per metre of depth].
         closed: whether the elements are to grow by what bodies with curves lose of their area in the iterates, as with
             curved walls, see `tipfem.physics.walls.curve_step`.
+        young: (N, 2) forces along outlines on the fluids at contacts [N, per metre of depth]; None for none.
     """
 
-    def __init__(self, motion: BodyMotion, friction: Array, *, closed: bool = False) -> None:
-        self.motion, self._friction, self._closed = motion, friction, closed
+    def __init__(
+        self, motion: BodyMotion, friction: Array, *, closed: bool = False, young: Array | None = None
+    ) -> None:
+        self.motion, self._friction, self._closed, self._young = motion, friction, closed, young
         self._along: Array | None = None  # of curves at the last residual, if that has been
         self._chords: ChordPressures | None = None
 
@@ -96,8 +99,10 @@ class MovedBodies(Term):
             motion, rows = self.motion, np.flatnonzero(self.motion.slides)
             self._drag = self._friction[motion.index[rows]]
             self._start_slip = motion.slip_history()[rows]
-            drag = motion.scheme.cv * self._drag, self._drag * self._start_slip
-            self._chords.put(self._equations, self._slips(), self._given(), *drag)
+            force = self._drag * self._start_slip
+            if self._young is not None:
+                force = force - (self._young[motion.index] * motion.row_along).sum(axis=1)[rows]
+            self._chords.put(self._equations, self._slips(), self._given(), motion.scheme.cv * self._drag, force)
 
     def _slips(self) -> Slip:
         """The unknown parts of slips."""
@@ -215,7 +220,7 @@ class FloatingBodies(MovedBodies):
     """Bodies in the fluids, of which some float.
 
     Args:
-        motion, friction, closed: see `MovedBodies`.
+        motion, friction, closed, young: see `MovedBodies`.
         pinned: (N,) mask of the particles whose pressure is prescribed.
 
     Attributes:
@@ -225,8 +230,16 @@ class FloatingBodies(MovedBodies):
         arrays: device arrays ``bodies`` and ``data``, see `tipfem.physics.bodies.layout`.
     """
 
-    def __init__(self, motion: BodyMotion, friction: Array, pinned: Array, *, closed: bool = False) -> None:
-        super().__init__(motion, friction, closed=closed)
+    def __init__(
+        self,
+        motion: BodyMotion,
+        friction: Array,
+        pinned: Array,
+        *,
+        closed: bool = False,
+        young: Array | None = None,
+    ) -> None:
+        super().__init__(motion, friction, closed=closed, young=young)
         self._pinned, self.numbers = pinned, np.flatnonzero(motion.floating)
         self._count = len(self.numbers)
         self.extra_nodes = 2 * self._count

@@ -8,13 +8,15 @@ the other sign, so no momentum and no angular momentum is made, and their work i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from tipfem.case.boundary import Boundary
 from tipfem.case.particles import Particles
+from tipfem.case.surface_tension import wall_energies
 from tipfem.geometry.period import Period
 from tipfem.mesh.mesh import Mesh
 from tipfem.physics.carried import Carried
@@ -61,6 +63,13 @@ class TensionEdges(Carried):
         pull = (self.sigma / np.hypot(side[:, 0], side[:, 1]))[:, None] * side
         count = len(position)
         return np.stack([np.bincount(self.other, p, count) - np.bincount(self.one, p, count) for p in pull.T], axis=1)
+
+    def wetting_forces(
+        self, mesh: Mesh, particles: Particles, cosines: Sequence[Any], on: Callable[[Array, Array], Array]
+    ) -> Array | None:
+        """See `Carried.wetting_forces`: those of Young."""
+        energies = np.stack([*(wall_energies(each, self.table) for each in cosines), np.zeros(len(self.table))])
+        return -_wetting_gradient(self, mesh, particles, lambda one, other: energies[on(one, other)])
 
 
 def find_edges(mesh: Mesh, particles: Particles, table: Array) -> TensionEdges:
@@ -119,10 +128,18 @@ def young_forces(
         boundary: which of them lie on which walls.
         energies: gamma (F + 1,) of each fluid on each wall, the last one for empty space, see `wall_energies` [N/m].
     """
-    result = np.zeros((len(particles), 2))
     if not any(energy.any() for energy in energies):
-        return result
-    contact = np.zeros(len(particles), dtype=bool)
+        return np.zeros((len(particles), 2))
+    count = len(particles)
+    return _wetting_gradient(edges, mesh, particles, lambda a, b: wetting(a, b, count, boundary, energies))
+
+
+def _wetting_gradient(
+    edges: TensionEdges, mesh: Mesh, particles: Particles, gamma_of: Callable[[Array, Array], Array]
+) -> Array:
+    """`young_forces` by a function of the ends of sides of the hull to the energies of each fluid there [N/m]."""
+    count, result = len(particles), np.zeros((len(particles), 2))
+    contact = np.zeros(count, dtype=bool)
     contact[edges.one], contact[edges.other] = True, True
     contact &= particles.wall
     cell, corner = np.divmod(np.flatnonzero(mesh.neighbours < 0), 3)
@@ -130,12 +147,11 @@ def young_forces(
     there = np.flatnonzero(contact[one] | contact[other])
     cell, one, other = cell[there], one[there], other[there]
     fluid = particles.fluid[one] if mesh.fluid is None else np.asarray(mesh.fluid)[cell]
-    gamma = wetting(one, other, len(particles), boundary, energies)
-    gamma = (gamma - gamma[:, -1:] if mesh.fluid is None else gamma)[np.arange(len(cell)), fluid]
+    gamma = gamma_of(one, other)
+    gamma = (gamma - gamma[:, -1:])[np.arange(len(cell)), fluid]  # over that of a dry wall, 0 without empty space
     side = mesh.sides(one, other)
     pull = (gamma / np.hypot(side[:, 0], side[:, 1]))[:, None] * side
     for k in range(2):
-        count = len(particles)
         result[:, k] = np.bincount(other, pull[:, k], count) - np.bincount(one, pull[:, k], count)
     result[~contact] = 0.0
     return result
