@@ -70,6 +70,8 @@ def init(arch: str = "cpu", precision: str = "f64", threads: int | None = None) 
     keep = arch == "cpu" and kept_kernels.chosen()
     options: dict[str, Any] = {"default_fp": _PRECISIONS[precision], "log_level": ti.ERROR}
     options["cpu_max_num_threads"] = threads or cores
+    # What is computed is what is written: with "fast math" the order of sums would depend on how a kernel is compiled.
+    options["fast_math"] = False
     # On CPUs, LLVM does the same again, in a tenth of the time.
     options["cfg_optimization"] = arch != "cpu"
     _provide_cache()
